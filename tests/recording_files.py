@@ -6,6 +6,7 @@ from pathlib import Path
 
 import msgspec
 
+from cogrip.protocol.recording.derived import DERIVED
 from cogrip.protocol.recording.header import Header
 from cogrip.protocol.recording.reader import Message, open_recording
 from cogrip.protocol.recording.records import kind_of
@@ -34,7 +35,8 @@ def same(kind: str, message: Message) -> bytes | None:
 def rewrite(path: Path, alter: Alter = same, closed: bool = True, late_ns: int = 0, **header: object) -> None:
     """Write a recording anew: other payloads, later, other fields of the header, perhaps not closed."""
     recording = open_recording(path)
-    messages = list(recording.messages())
+    derived = {number for number, topic in enumerate(recording.topics) if kind_of(topic) in DERIVED}
+    messages = [message for message in recording.messages() if message.topic not in derived]
     with written(path, msgspec.structs.replace(recording.header, **header), closed) as writer:
         for message in messages:
             payload = alter(kind_of(recording.topics[message.topic]), message)

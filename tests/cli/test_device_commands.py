@@ -16,8 +16,7 @@ import pytest
 import cogrip.cli.devices.find as find
 from cogrip.cli.devices.listing import NOT_RUN
 from cogrip.devices.device import DeviceError
-from cogrip.devices.hid.enumeration import Found
-from cogrip.devices.hid.variants import MBED_ID, TEENSY_ID, USAGE, VARIANTS
+from cogrip.devices.hid.enumeration import MBED_ID, TEENSY_ID, USAGE, VARIANTS, Found
 from cogrip.devices.io.plugged_in import (
     ARDUINO_VID,
     HAPLY_BOARDS,

@@ -32,8 +32,8 @@ from cogrip.server.tokens import Token
 from cogrip.sim.experiments.methods.table import TABLE
 from cogrip.sim.runs.comparison import differences
 from cogrip.sim.runs.listing import ListedRun
-from cogrip.sim.session.configured_link import configured_link
 from cogrip.sim.session.io.relay_loop import LiveRelay
+from cogrip.sim.session.link import configured_link
 from cogrip.sim.session.relay import Relay
 
 WIDTHS = [80, 120]

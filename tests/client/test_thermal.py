@@ -227,3 +227,18 @@ def test_each_tick_says_whether_a_limit_held_its_force() -> None:
     safety.limit((8.001, 0.0, 0.0))
     assert safety.limited
     assert not safety.derated
+
+
+def test_the_force_that_acted_counts_for_heat_and_slope() -> None:
+    """A device that gives less than it was told: the next step starts from there, and only that warms the motors."""
+    told, other = live(), live()
+    given = told.limit((0.9,))
+    other.limit((0.9,))
+    told.applied((0.25,))
+    assert given == (0.9,)
+    assert told.counts["force limited by the device"] == 1
+    assert 0.0 < told.thermal.rise < other.thermal.rise
+    assert told.thermal.rise == pytest.approx((1.0 - DECAY) * 0.25**2 / PHANTOM[1] ** 2)
+    slope_n = 1000.0 * T_C
+    assert told.limit((3.0,))[0] == pytest.approx(0.25 + slope_n)
+    assert other.limit((3.0,))[0] == pytest.approx(0.9 + slope_n)

@@ -1,13 +1,12 @@
 """An arm's driver on its emulated firmware, both at hand. Virtual time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import hypot
 
 from cogrip.devices.arm.pose import Calibration
 from cogrip.devices.device import DeviceError, Sample
 from cogrip.devices.emulated.device import EmulatedDevice, Notebook
+from cogrip.devices.emulated.firmware import Firmware
 from cogrip.devices.emulated.hfab_firmware import HfabFirmware
 from cogrip.devices.emulated.machines import make_firmware
 from cogrip.devices.emulated.port import EmulatedPort
@@ -71,3 +70,13 @@ def opened(*arguments, **keys) -> Bench:
     bench = Bench(*arguments, **keys)
     bench.open(RATE_HZ)
     return bench
+
+
+def least_force_n(arm: Firmware) -> float:
+    """Force of one milliampere of every motor here: truncation may leave out so much."""
+    least = 0.0
+    for currents in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
+        arm.mechanics.drive(currents)
+        least += hypot(*arm.mechanics.force_n)
+    arm.mechanics.drive(NO_FORCE)
+    return least

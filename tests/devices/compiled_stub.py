@@ -1,7 +1,5 @@
 """Stand-ins for the vendors' C libraries, compiled where the tests run."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

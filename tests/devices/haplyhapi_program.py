@@ -4,8 +4,6 @@ Arguments: the port, a model, exchanges a force. Prints a JSON list, one entry a
 that it asked for, all as HaplyHAPI has them.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 

@@ -1,7 +1,5 @@
 """The real package hidapi on a stub of the C library beneath it, in a scenario's hands; scenarios assert."""
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Callable
 from pathlib import Path
@@ -11,8 +9,8 @@ import pytest
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.device import Notebook
+from cogrip.devices.hid.enumeration import VARIANTS
 from cogrip.devices.hid.family import drive
-from cogrip.devices.hid.variants import VARIANTS
 from cogrip.devices.io.hid_port import HidPort
 from cogrip.devices.settings import parse_address
 

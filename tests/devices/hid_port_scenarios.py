@@ -1,13 +1,14 @@
 """Scenarios of a HID port and its reports, by hidapi on its stub."""
 
-from __future__ import annotations
-
+from cogrip.devices.arm.driver import ArmDevice
+from cogrip.devices.arm.models import MODELS
 from cogrip.devices.hid.frames import CODECS
 from cogrip.devices.io import hid_port
 
 from tests.devices.hid_bench import LONG_S, NOTHING, WAITED, Bench, Scenarios, fails, fails_at_last
 
 scenario = Scenarios()
+MODEL = MODELS["woodenhaptics"]
 
 
 @scenario
@@ -21,7 +22,6 @@ def a_request_has_one_reply(bench: Bench) -> None:
         assert report == bytes.fromhex("9001d4fe38182e270c00fbff0100")
         [reading] = codec.feed(report)
         assert reading.raw == (400, -300, 6200)
-        assert reading.buttons == 1
         assert bench.currents == (number, -number, 0)
         assert bench["length_written"] == 15
         assert port.read() == b""
@@ -112,21 +112,6 @@ def a_longer_report_is_not_cut_to_a_right_one(bench: Bench) -> None:
     port.close()
 
 
-# which device
-
-
-@scenario
-def none_is_there(bench: Bench) -> None:
-    bench.set(devices=0)
-    fails(bench.open, "no device 1234:0006 is there; plug it in", "99-cogrip.rules")
-
-
-@scenario
-def another_product(bench: Bench) -> None:
-    bench.say(product="Balance Toy")
-    fails(bench.open, "'Balance Toy', not 'HID DEVICE'")
-
-
 @scenario
 def two_are_told_apart(bench: Bench) -> None:
     bench.set(devices=2)
@@ -170,9 +155,6 @@ def the_one_interface_of_a_teensy(bench: Bench) -> None:
 def it_cannot_be_opened(bench: Bench) -> None:
     bench.set(open_fails=1)
     fails(bench.open, "/dev/hidraw7 cannot be opened", "close the program that uses it", "99-cogrip.rules")
-
-
-# what goes wrong
 
 
 @scenario
@@ -248,3 +230,44 @@ def the_last_report_goes_before_it_is_closed(bench: Bench) -> None:
         port.close()
         assert bench.currents == (number, 0, 0)
         assert not bench["is_open"]
+
+
+def centre() -> tuple[int, int, int]:
+    angles = MODEL.kinematics.inverse((0.0, 0.0, 0.0))
+    a, b, c = (round(count - home) for count, home in zip(MODEL.drive.counts(angles), MODEL.home_counts, strict=True))
+    return a, b, c
+
+
+def step(bench: Bench, device: ArmDevice, tick: int, force=(0.0, 0.0, 0.0)):
+    """A tick, and then time for the wire."""
+    sample = device.read(tick)
+    device.write(force)
+    while not bench["left_in_queue"]:
+        pass
+    return sample
+
+
+@scenario
+def an_arm_is_opened_read_pushed_and_let_go(bench: Bench) -> None:
+    bench.set(stale=1)
+    bench.stand_at(centre())
+    device = bench.device()
+    device.open(1000)
+    assert bench.currents == (0, 0, 0)
+    samples = [step(bench, device, tick, (1.0, 0.0, 0.0)) for tick in range(5)]
+    assert samples[0] is None
+    position = samples[-1].position_m
+    assert max(map(abs, position)) < MODEL.record.resolution_m, position
+    assert samples[-1].age_ticks == 1
+    expected, _ = MODEL.currents(device.angles, (-1.0, 0.0, 0.0))
+    assert bench.currents == expected
+    assert expected != (0, 0, 0)
+    fails(lambda: (device.read(5), device.write((float("nan"), 0.0, 0.0))), "not finite")
+    while not bench["left_in_queue"]:
+        pass
+    assert bench.currents == (0, 0, 0)
+    step(bench, device, 6, (1.0, 0.0, 0.0))
+    assert bench.currents == expected
+    device.close()
+    assert bench.currents == (0, 0, 0)
+    assert not bench["is_open"]

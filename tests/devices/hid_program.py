@@ -1,7 +1,5 @@
 """Plays all scenarios on one backend of hidapi and prints, as JSON, what went wrong. It runs below `LD_PRELOAD`."""
 
-from __future__ import annotations
-
 import ctypes
 import json
 import sys
@@ -10,10 +8,10 @@ from pathlib import Path
 
 from cogrip.devices.io import hid_port
 
-from tests.devices import hid_arm_scenarios, hid_port_scenarios
+from tests.devices import hid_port_scenarios
 from tests.devices.hid_bench import LONG_S, Bench
 
-SCENARIOS = {**hid_port_scenarios.scenario, **hid_arm_scenarios.scenario}
+SCENARIOS = hid_port_scenarios.scenario
 
 
 def main(stub: str, backend: str, folder: str) -> None:

@@ -1,7 +1,5 @@
 """The library libHD in a test's hands: a stand-in of its own for each test, and devices on it."""
 
-from __future__ import annotations
-
 import ctypes
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +41,19 @@ class Bench:
 
     def move(self, number: int, *position_mm: float) -> None:
         self.lib.stub_position(number, *map(ctypes.c_double, position_mm))
+
+    def place(self, x_m: float, y_m: float, z_m: float) -> None:
+        """Device 0 is there, in the common axes."""
+        self.move(0, 1e3 * y_m, 1e3 * z_m, 1e3 * x_m)
+
+    def load(self, axes: int = 3) -> tuple[float, ...]:
+        """Force with which device 0 loads the hand [N], in the common axes."""
+        right, up, near = self.force()
+        return (-near, -right, -up)[:axes]
+
+    def become(self, model: str) -> None:
+        if model != "touch":
+            self.lib.stub_model(0, b"Phantom Premium 1.5", *map(ctypes.c_double, (8.5, 1.4, 3.5)))
 
     def journal(self) -> list[str]:
         return self.lib.stub_journal().decode().splitlines()

@@ -29,15 +29,25 @@ def write_recording(
     path: Path, places: Sequence[tuple[int, Place]], address: str = "sim:phantom", axes: int = 1, name: str = "anna"
 ) -> None:
     """A client's recording of these (tick, position), None where there was no sample; its velocity is the tick's number."""
-    device = make(address, axes=axes)
+    rows = []
+    for tick, place in places:
+        row = (float(tick),) * (len(place) if place else axes)
+        rows.append((tick, place, row, row))
+    write_rows(path, rows, address, axes, name)
+
+
+def write_rows(
+    path: Path, rows: Sequence[tuple[int, Place, Place, Place]], address: str, axes: int = 1, name: str = "anna", **keys: float
+) -> None:  # fmt: skip
+    """A client's recording of these (tick, position, velocity, force)."""
+    device = make(address, axes=axes, **keys)
     hello = make_hello(software="x", nonce=1, room="r", name=name, digest="", device=address, axes=axes, rate_hz=1e3)
     start = start_text(hello, device.capability)
     header = Header("client", name, start, RATE_HZ, 1, 0, True, versions_here(), client_topics(name))
     with written(path, header) as writer:
-        for tick, place in places:
-            size = len(place) if place else axes
-            row = (float(tick),) * size
-            record = Tick(tick, 0, 0, tuple(place) if place else None, row, row, 0.0, 0.0, (), (), (0.0,) * size)
+        for tick, place, velocity, force in rows:
+            zero = (0.0,) * len(force)
+            record = Tick(tick, 0, 0, tuple(place) if place else None, velocity, force, 0.0, 0.0, (), (), zero)
             writer.put(0, due_ns(0, tick, RATE_HZ), encode(record))
 
 
@@ -59,7 +69,6 @@ def played(address: str, ticks: int, axes: int = 1, rate_hz: int = RATE_HZ) -> N
     rows = []
     for tick in range(ticks):
         sample = device.read(tick)
-        assert sample is not None
         rows.append(sample.position_m)
         device.write((0.5,) * axes)
     device.close()

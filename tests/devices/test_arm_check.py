@@ -1,7 +1,5 @@
 """The verdict on an arm before it is held: from both sides of every bound, and the measurement in virtual time."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import ceil
 
@@ -15,7 +13,7 @@ from cogrip.devices.arm.check import (
     Measured,
     Row,
     verdict,
-)
+)  # fmt: skip
 from cogrip.devices.arm.exchange import Exchange
 from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.hfab_firmware import HfabFirmware
@@ -36,9 +34,6 @@ WELL = Measured(
 
 def bad(measured: Measured) -> dict[str, Row]:
     return {row.what: row for row in verdict(measured, 200.0) if not row.good}
-
-
-# the verdict
 
 
 def test_a_well_arm_has_a_line_for_everything_and_all_are_good() -> None:
@@ -89,13 +84,6 @@ def test_what_is_wrong_with_a_sign(forward: int, backward: int, cure: str) -> No
     assert list(rows) == ["sign, axis b"]
     assert cure in rows["sign, axis b"].cure
     assert rows["sign, axis b"].found == f"{forward:+d}, {backward:+d} counts"
-
-
-def test_nothing_asked_is_nothing_missed() -> None:
-    assert "requests answered" not in bad(replace(WELL, requests=0))
-
-
-# the measurement
 
 
 class Clock:
@@ -154,6 +142,14 @@ LOOSE = "hold&hand_stiffness_npm=20&hand_damping_nspm=2&friction_n=0.01"
 ON_A_THREAD = f"{LOOSE}&x0_m=-0.0304,0,0.04877"  # which holds the weight of a Polhem at its centre
 
 
+def wrong(check: ArmCheck, moving_s: float) -> dict[str, Row]:
+    """The lines of a measurement that are not good."""
+    check.begin()
+    rows = bad(check.measured(lambda _: None, moving_s))
+    check.end()
+    return rows
+
+
 @pytest.mark.parametrize("name", NUMBERS.values())
 def test_a_well_arm_is_found_well(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     check, port = checked(monkeypatch, name, ON_A_THREAD if name == "polhem" else LOOSE)
@@ -209,34 +205,29 @@ def test_a_motor_that_is_wired_the_other_way_round_is_found(
         mechanics.currents_ma = currents
 
     monkeypatch.setattr(mechanics, "drive", swapped)
-    check.begin()
-    rows = bad(check.measured(lambda _: None, 0.2))
-    check.end()
+    rows = wrong(check, 0.2)
     assert list(rows) == [f"sign, axis {'abc'[axis]}"]
     assert "wired the other way round" in rows[f"sign, axis {'abc'[axis]}"].cure
 
 
-def test_an_encoder_that_counts_the_other_way_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("sense", "found"), [(-1, ["sign, axis b"]), (0, ["sign, axis b", "range seen, encoder b"])])
+def test_an_encoder_that_counts_the_other_way_or_not_at_all(
+    monkeypatch: pytest.MonkeyPatch, sense: int, found: list[str]
+) -> None:
     right = Mechanics.counters.fget
 
     def turned(mechanics: Mechanics) -> tuple[int, int, int]:
         a, b, c = right(mechanics)  # type: ignore[misc]
-        return a, -b, c
+        return a, sense * b, c
 
     monkeypatch.setattr(Mechanics, "counters", property(turned))
-    check, _ = checked(monkeypatch, hand=LOOSE)
-    check.begin()
-    rows = bad(check.measured(lambda _: None, 0.2))
-    check.end()
-    assert list(rows) == ["sign, axis b"]
+    assert list(wrong(checked(monkeypatch, hand=LOOSE)[0], 0.2)) == found
 
 
 def test_an_amplifier_that_is_off_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     check, port = checked(monkeypatch, hand=LOOSE)
     monkeypatch.setattr(port.arm.mechanics, "drive", lambda currents: None)
-    check.begin()
-    rows = bad(check.measured(lambda _: None, 0.0))
-    check.end()
+    rows = wrong(check, 0.0)
     assert [row for row in rows if row.startswith("sign")] == [f"sign, axis {axis}" for axis in "abc"]
     assert all("it did not move" in rows[f"sign, axis {axis}"].cure for axis in "abc")
 
@@ -247,15 +238,6 @@ def test_a_hand_on_the_arm_is_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     noise = check.noise()
     check.end()
     assert min(noise) > MOST_NOISE_COUNTS
-
-
-def test_an_encoder_that_stands_still_has_no_range(monkeypatch: pytest.MonkeyPatch) -> None:
-    check, port = checked(monkeypatch, hand=LOOSE)
-    port.arm.mechanics._frozen[1] = port.arm.mechanics.counters[1]
-    check.begin()
-    rows = bad(check.measured(lambda _: None, 0.2))
-    check.end()
-    assert list(rows) == ["sign, axis b", "range seen, encoder b"]
 
 
 def test_a_slow_wire_is_found_slow(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -289,29 +271,20 @@ def test_refused_requests_are_missed(monkeypatch: pytest.MonkeyPatch) -> None:
     check.end()
 
 
-def test_a_device_that_answers_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("fault", ["", "silence", "unplug"])
+def test_a_device_is_let_go_whatever_goes_wrong(monkeypatch: pytest.MonkeyPatch, fault: str) -> None:
     check, port = checked(monkeypatch)
-    check.begin()
-    port.arm.fault("silence")
-    with pytest.raises(DeviceError, match="serial:test: answered none of 5 requests"):
-        check.speed(5)
-    check.end()
-    port.open()  # it was let go
-
-
-def test_a_device_that_cannot_be_met_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
-    check, port = checked(monkeypatch)
-    port.arm.fault("silence")
-    with pytest.raises(DeviceError, match="no reply to 10 requests"):
+    if not fault:
+        port.arm.fault("silence")
+        with pytest.raises(DeviceError, match="no reply to 10 requests"):
+            check.begin()
+    else:
         check.begin()
-    port.open()
-
-
-def test_a_device_that_is_gone_in_the_end_is_let_go_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    check, port = checked(monkeypatch)
-    check.begin()
-    port.arm.fault("unplug")
-    check.end()
+        port.arm.fault(fault)
+        if fault == "silence":
+            with pytest.raises(DeviceError, match="serial:test: answered none of 5 requests"):
+                check.speed(5)
+        check.end()
     port.arm.mend()
     port.open()
 

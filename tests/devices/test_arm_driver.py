@@ -1,7 +1,5 @@
 """The driver of an arm on a serial line, over the emulated firmware, in virtual time. Its pose: test_arm_pose."""
 
-from __future__ import annotations
-
 from math import hypot, inf, nan
 
 import pytest
@@ -13,28 +11,14 @@ from cogrip.devices.arm.driver import GOODBYES, HEADROOM, SILENT_S
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.faults import VERBS
-from cogrip.devices.emulated.hfab_firmware import HfabFirmware
 from cogrip.devices.serial.family import family, make
 from cogrip.devices.serial.frames import MODELS as NUMBERS
 from cogrip.devices.settings import parse_address
 
-from tests.devices.arm_bench import NO_FORCE, RATE_HZ, Bench, opened
+from tests.devices.arm_bench import NO_FORCE, RATE_HZ, Bench, least_force_n, opened
 
 NAMES = tuple(NUMBERS.values())
 every_model = pytest.mark.parametrize("name", NAMES)
-
-
-def least_force_n(arm: HfabFirmware) -> float:
-    """Force of one milliampere of every motor here: truncation may leave out so much."""
-    least = 0.0
-    for currents in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
-        arm.mechanics.drive(currents)
-        least += hypot(*arm.mechanics.force_n)
-    arm.mechanics.drive(NO_FORCE)
-    return least
-
-
-# where it is
 
 
 @every_model
@@ -55,10 +39,6 @@ def test_the_position_is_the_true_one_within_a_count(name: str, axes: int) -> No
         assert error <= 3**0.5 * 0.5 * bench.capability.resolution_m * 1.1
     assert len({sample.position_m for sample in seen[1:]}) > 20
     assert bench.counts == {}
-    bench.close()
-
-
-# what it pushes with
 
 
 @every_model
@@ -74,7 +54,6 @@ def test_the_hand_is_loaded_with_what_was_asked_for_within_a_milliampere(name: s
     along = sum((new - old) * part for new, old, part in zip(pushed, at_m, force, strict=True))
     assert along < 0.0  # the arm pushes the hand with -F
     assert "force limited to the motors" not in bench.counts
-    bench.close()
 
 
 @pytest.mark.parametrize("axes", [1, 2])
@@ -85,7 +64,6 @@ def test_axes_that_nobody_uses_get_no_force(axes: int) -> None:
     bench.open(RATE_HZ)
     bench.hold(force, 60)
     assert [-part for part in bench.arm.mechanics.force_n] == pytest.approx([*force, 0.0, 0.0][:3], abs=least + 2e-3)
-    bench.close()
 
 
 def test_the_numbers_on_the_wire_are_the_printed_ones() -> None:
@@ -100,7 +78,6 @@ def test_the_numbers_on_the_wire_are_the_printed_ones() -> None:
     assert bench.driver.reading.raw == (400, -300, 200)
     bench.driver.write((-1.0, 2.0, -0.5))
     assert bench.sent[-1] == b"[1217,-328,-693]\n"
-    bench.close()
 
 
 @given(force=st.tuples(*[st.floats(-60.0, 60.0)] * 3))
@@ -123,7 +100,6 @@ def test_limits_hold_and_keep_the_direction(force) -> None:
         assert acting is not None
     if acting is not None:
         assert acting == pytest.approx(given_n, abs=0.02)
-    bench.close()
 
 
 def test_both_sides_of_the_peak_force() -> None:
@@ -145,7 +121,6 @@ def test_what_acts_is_said_where_it_is_another_force() -> None:
     assert bench.write(held) is None
     held[0] = 0.3
     assert bench.write(held) == (0.1, 0.0, 0.0)  # what was sent, not what the caller made of it
-    bench.close()
 
 
 @pytest.mark.parametrize("wrong", [nan, inf, -inf])
@@ -161,10 +136,6 @@ def test_no_current_for_what_is_no_number(wrong: float) -> None:
     bench.tick += 1
     bench.hold((0.5, 0.0, 0.0), 3)
     assert any(bench.arm.mechanics.force_n)
-    bench.close()
-
-
-# who it is
 
 
 @pytest.mark.parametrize("stated", NAMES)
@@ -190,7 +161,6 @@ def test_a_device_that_is_not_named_is_asked(name: str) -> None:
     assert bench.capability.axes == 3
     assert len(bench.sent) == 1  # once
     bench.open(RATE_HZ)
-    bench.close()
 
 
 def test_a_device_nobody_knows_is_refused() -> None:
@@ -203,26 +173,22 @@ def test_a_device_nobody_knows_is_refused() -> None:
     bench.port.open()
 
 
-def test_another_device_in_its_place_is_refused() -> None:
-    bench = opened()
-    bench.hold(NO_FORCE, 3)
-    bench.close()
-    bench.arm.number = 3
-    with pytest.raises(DeviceError, match="is woodenhaptics-serial now, and was vintage"):
-        bench.open(RATE_HZ)
-
-
-def test_a_device_that_turns_into_another_one_gets_no_force_any_more() -> None:
-    bench = opened()
+@pytest.mark.parametrize("open_", [True, False])
+def test_a_device_that_turns_into_another_one_gets_no_force_any_more(open_: bool) -> None:
+    bench, said = opened(), "is woodenhaptics-serial now, and was vintage"
     bench.hold((0.5, 0.0, 0.0), 10)
     bench.arm.fault("model", 0.08)
-    said, when, sizes = bench.fails((0.5, 0.0, 0.0), 100)
-    assert "is woodenhaptics-serial now, and was vintage" in said
-    assert when <= 2
-    assert not any(sizes[60:])
+    if open_:
+        found, when, sizes = bench.fails((0.5, 0.0, 0.0), 100)
+        assert said in found
+        assert when <= 2
+        assert not any(sizes[60:])
     bench.close()
+    if not open_:
+        with pytest.raises(DeviceError, match=said):
+            bench.open(RATE_HZ)
+        bench.arm.mend()
     bench.open(RATE_HZ)
-    bench.close()
 
 
 def test_unknown_keys_and_axes_are_refused_and_a_port_must_be_named() -> None:
@@ -238,9 +204,6 @@ def test_unknown_keys_and_axes_are_refused_and_a_port_must_be_named() -> None:
         assert make(parse_address(address), 3, {}).capability.axes == 3
 
 
-# its end
-
-
 def test_a_device_that_is_silent_has_no_current_after_50_ms() -> None:
     """It hears, but does not answer; where it is deaf too its own watchdog lets go."""
     bench = opened()
@@ -254,20 +217,11 @@ def test_a_device_that_is_silent_has_no_current_after_50_ms() -> None:
     assert 30 < last < SILENT_S * RATE_HZ
     assert bench.counts["reply late"] == 199
     assert bench.counts["reply missed"] > 10
+    bench.read(bench.tick)
+    assert bench.write((0.5, 0.0, 0.0)) == (0.0, 0.0, 0.0)  # what acts
     bench.arm.mend()
     bench.hold((0.5, 0.0, 0.0), 15)
     assert hypot(*bench.arm.mechanics.force_n) == pytest.approx(0.5, abs=0.01)
-    bench.close()
-
-
-def test_it_says_that_no_force_acts_while_it_is_silent() -> None:
-    bench = opened()
-    bench.hold((0.5, 0.0, 0.0), 20)
-    bench.arm.fault("silence")
-    bench.hold((0.5, 0.0, 0.0), 60)
-    bench.read(bench.tick)
-    assert bench.write((0.5, 0.0, 0.0)) == (0.0, 0.0, 0.0)
-    bench.close()
 
 
 @pytest.mark.parametrize("when", ["idle", "reply outstanding", "silent"])
@@ -289,14 +243,6 @@ def test_closing_asks_twice_for_no_current(when: str) -> None:
     assert len(bench.sent) - before == GOODBYES
 
 
-def test_closing_a_device_that_is_gone_is_counted() -> None:
-    bench = opened()
-    bench.hold((0.5, 0.0, 0.0), 5)
-    bench.arm.fault("unplug")
-    bench.close()
-    assert bench.counts["not reached when closed"] == 1
-
-
 def test_what_went_wrong_is_said_again_until_it_is_opened_anew() -> None:
     bench = opened()
     bench.hold((0.5, 0.0, 0.0), 5)
@@ -306,6 +252,7 @@ def test_what_went_wrong_is_said_again_until_it_is_opened_anew() -> None:
             bench.read(bench.tick)
         bench.write(NO_FORCE)  # waits for its turn
     bench.close()
+    assert bench.counts["not reached when closed"] == 1
     with pytest.raises(DeviceError, match="is not there; plug it in"):
         bench.open(RATE_HZ)
 
@@ -318,7 +265,6 @@ def test_complaints_of_the_firmware_are_counted_and_old_counts_are_no_sample(err
     samples = bench.hold(NO_FORCE, 10)[1:]
     assert [sample is None for sample in samples] == [error >= 8] * 9
     assert [name for name in bench.counts if name.endswith(f"(error {error})") and name.startswith("device: ")]
-    bench.close()
 
 
 FAULTS = st.lists(st.tuples(st.sampled_from(VERBS), st.integers(1, 120), st.integers(0, 200)), min_size=1, max_size=6)

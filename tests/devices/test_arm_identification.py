@@ -4,8 +4,6 @@ The emulated mechanism has viscous damping b and, on each axis, Coulomb friction
 Virtual time.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from math import hypot, inf
 
@@ -49,14 +47,10 @@ def identified(device: EmulatedDevice) -> tuple[Bounds, float]:
 @pytest.mark.parametrize(
     ("name", "b", "c"),
     [
-        long("vintage", 0.8, 0.02),
-        long("woodenhaptics", 0.3, 0.04),
-        long("woodenhaptics-serial", 1.0, 0.1),
-        long("aluhaptics", 0.5, 0.05),
-        ("2diy-metal", 0.5, 0.1),
-        long("pantograph", 0.5, 0.15),
+        long("vintage", 0.8, 0.02), long("woodenhaptics", 0.3, 0.04), long("woodenhaptics-serial", 1.0, 0.1),
+        long("aluhaptics", 0.5, 0.05), long("2diy-metal", 0.5, 0.1), long("pantograph", 0.5, 0.15),
     ],
-)
+)  # fmt: skip
 def test_the_bounds_hold_and_are_worth_something(name: str, b: float, c: float) -> None:
     found, _ = identified(free_arm(name, f"damping_nspm={b}&friction_n={c}"))
     assert 0.2 * b < found.damping_nspm <= b
@@ -73,7 +67,9 @@ def test_the_bounds_hold_for_any_mechanism(b: float, c: float, mass_kg: float) -
 
 
 @pytest.mark.parametrize("name", ["vintage", long("woodenhaptics"), long("2diy"), long("pantograph")])
-def test_nothing_is_found_where_there_is_nothing(name: str) -> None:
+def test_nothing_is_found_where_there_is_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The slowest of the three frequencies, which takes half of the time, adds nothing to that."""
+    monkeypatch.setattr(identification, "FREQUENCIES_HZ", identification.FREQUENCIES_HZ[1:])
     found, _ = identified(free_arm(name, "damping_nspm=0&friction_n=0"))
     assert found.friction_n == 0.0
     assert found.damping_nspm == 0.0
@@ -149,8 +145,6 @@ def test_an_arm_without_force_is_refused() -> None:
         force_within(make("hid:woodenhaptics?variant=mbed8", axes=3).model, MOST_MA)  # type: ignore[attr-defined]
 
 
-# --- the line, and the least of all directions ------------------------------------------------------------------------
-
 S = np.repeat([0.05, 0.09, 0.13], 3)
 PATH = np.full(9, 0.04)
 
@@ -203,9 +197,6 @@ def test_losses_in_the_joints_are_bounded_in_every_direction(b: list[float], c: 
     assert (least.friction_n * speeds <= np.abs(rates) @ np.array(c) * (1 + 1e-9)).all()
 
 
-# --- into the record, and from there to the ledger --------------------------------------------------------------------
-
-
 def test_what_was_identified_is_in_the_record_and_credited_by_the_device_port() -> None:
     device, found = free_arm("vintage", VINTAGE), watched_vintage()[0]
     assert device.store is not None
@@ -229,11 +220,9 @@ def test_what_was_identified_is_in_the_record_and_credited_by_the_device_port() 
 def test_losses_found_with_other_motors_are_left_out_and_counted() -> None:
     device = free_arm("vintage", "seed=1")
     losses: OwnLosses = device.driver.losses(0.1, 0.02, "today")
-    assert device.store is not None
     device.store.keep_losses(losses)
     assert device.capability.own_friction_n == 0.02
     other = free_arm("vintage", "motor_nm_per_a=0.03,0.03,0.03")
-    assert other.store is not None
     other.store.keep_losses(losses)
     assert other.capability.own_friction_n == 0.0
     assert other.counts["own damping left out: identified with other settings"] == 1

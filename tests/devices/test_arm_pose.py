@@ -1,7 +1,5 @@
 """An arm gives force where its pose is known, and inside its workspace. Virtual time."""
 
-from __future__ import annotations
-
 from math import hypot
 
 import pytest
@@ -11,7 +9,11 @@ from cogrip.devices.device import DeviceError
 
 from tests.devices.arm_bench import NAME, NO_FORCE, RATE_HZ, Bench, opened
 
-# its pose
+
+def kept(**changed) -> Calibration:
+    """A calibration of this arm as it stands, but for what is changed."""
+    keys = {"model": "vintage", "offset_counts": (0, 7700, 0), "stamp": "plugging 1", "made": "before", **changed}
+    return Calibration(device=NAME, **keys)
 
 
 def test_without_a_calibration_there_is_no_force() -> None:
@@ -34,7 +36,6 @@ def test_a_calibration_makes_up_for_where_it_was_powered_up() -> None:
     bench.hold(NO_FORCE, 400)  # the hand pulls it back from there
     assert bench.read(bench.tick).position_m == pytest.approx(bench.position_m, abs=3e-5)
     assert hypot(*bench.position_m) < 1e-3
-    bench.close()
 
 
 def test_a_refused_request_does_not_spoil_a_calibration() -> None:
@@ -63,14 +64,11 @@ def test_a_calibration_holds_until_it_is_plugged_in_again() -> None:
     bench.go_home()
     bench.calibrate()
     bench.open(RATE_HZ)
-    bench.close()
 
 
 def test_a_calibration_of_another_model_is_not_taken() -> None:
     bench = Bench(keys="")
-    bench.notebook.keep(
-        Calibration(device=NAME, model="polhem", offset_counts=(0, 0, 0), stamp="plugging 1", made="today")
-    )
+    bench.notebook.keep(kept(model="polhem"))
     with pytest.raises(DeviceError, match="was calibrated as polhem, but is vintage now"):
         bench.open(RATE_HZ)
 
@@ -117,16 +115,13 @@ def test_without_a_pose_there_are_positions_but_no_current() -> None:
     assert all(samples[1:])
     assert bench.arm.mechanics.peak_force_n == 0.0
     assert bench.write((1.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
-    bench.close()
 
 
 @pytest.mark.parametrize("keys", ["pose=home", "pose=stored"])
 def test_after_a_jump_it_must_be_calibrated(keys: str) -> None:
     bench = Bench(keys=keys, hand="reach&amplitude_m=0.02&direction=0,1,0")
     if keys == "pose=stored":
-        bench.notebook.keep(
-            Calibration(device=NAME, model="vintage", offset_counts=(0, 7700, 0), stamp="plugging 1", made="before")
-        )
+        bench.notebook.keep(kept())
     bench.open(RATE_HZ)
     bench.hold((0.3, 0.0, 0.0), 300)
     bench.arm.fault("jump")
@@ -157,8 +152,7 @@ def test_after_a_jump_it_must_be_calibrated(keys: str) -> None:
 
 def test_a_loss_that_cannot_be_kept_is_counted() -> None:
     bench = Bench(keys="pose=stored")
-    kept = Calibration(device=NAME, model="vintage", offset_counts=(0, 7700, 0), stamp="plugging 1", made="before")
-    bench.notebook.keep(kept)
+    bench.notebook.keep(kept())
 
     def keep(calibration: Calibration) -> None:
         raise DeviceError("full")
@@ -174,21 +168,16 @@ def test_a_loss_that_cannot_be_kept_is_counted() -> None:
 
 def test_a_newer_calibration_is_not_overwritten_by_an_older_loss() -> None:
     bench = Bench(keys="pose=stored")
-    kept = Calibration(device=NAME, model="vintage", offset_counts=(0, 7700, 0), stamp="plugging 1", made="before")
-    bench.notebook.keep(kept)
+    bench.notebook.keep(kept())
     bench.open(RATE_HZ)
     bench.hold(NO_FORCE, 30)
     bench.arm.fault("jump")
     bench.fails(NO_FORCE, 3)
-    newer = Calibration(device=NAME, model="vintage", offset_counts=(-400, 7700, 0), stamp="plugging 1", made="after")
+    newer = kept(offset_counts=(-400, 7700, 0), made="after")
     bench.notebook.keep(newer)
     bench.close()
     assert bench.notebook.find(NAME) == newer
     bench.open(RATE_HZ)
-    bench.close()
-
-
-# its workspace
 
 
 @pytest.mark.parametrize(("y_m", "inside"), [(0.0999, True), (0.1001, False)])
@@ -219,7 +208,6 @@ def test_both_sides_of_the_workspace(y_m: float, inside: bool) -> None:
         bench.open(RATE_HZ)
     bench.arm.mechanics.carry(NO_FORCE)
     bench.open(RATE_HZ)  # its pose was never in doubt
-    bench.close()
 
 
 def test_counts_at_which_no_linkage_closes_are_wrong() -> None:

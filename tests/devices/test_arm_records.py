@@ -1,7 +1,5 @@
 """The records of the arms, worked out again: force, resolution and mass from geometry, drives and links."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import atan2, cos, hypot, inf, pi, sin
 
@@ -147,17 +145,3 @@ def test_records_are_complete_and_agree_with_their_models(name) -> None:
     assert record.rate_hz == 1024
     assert all(0.0 < limit <= model.drive.full_scale_ma for limit in model.drive.limit_ma)
     assert model.kinematics.forward(model.drive.angles(model.home_counts)) is not None
-
-
-def test_tables_of_the_arms() -> None:
-    stated = {
-        name: (m.record.stiffness_npm, m.record.damping_nspm, m.reach_m, m.drive.direction)
-        for name, m in MODELS.items()
-    }
-    assert stated["woodenhaptics"] == (1000.0, 8.0, 0.10, (1.0, 1.0, 1.0))
-    assert stated["woodenhaptics-serial"] == (1000.0, 8.0, 0.10, (1.0, -1.0, -1.0))
-    assert stated["vintage"] == (800.0, 8.0, 0.10, (-1.0, 1.0, -1.0))
-    assert stated["polhem"] == (2000.0, 1.0, 0.15, (1.0, -1.0, 1.0))
-    assert {name: m.drive.limit_ma[0] for name, m in MODELS.items() if m.drive.limit_ma[0] != 2000.0} == {
-        "vintage": 1000.0
-    }

@@ -1,7 +1,6 @@
 """The Polhem's own weight, which its motors hold as with its maker's software: on the hand, in the limits, in the ledger."""
 
-from __future__ import annotations
-
+from itertools import pairwise
 from math import hypot
 
 import pytest
@@ -9,11 +8,9 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from cogrip.devices.arm.driver import SILENT_S
-from cogrip.devices.arm.weight import FALL_S, RISE_S, WeightCompensation
+from cogrip.devices.arm.driver import FALL_S, RISE_S, SILENT_S, WeightCompensation
 
-from tests.devices.arm_bench import NO_FORCE, RATE_HZ, Bench, opened
-from tests.devices.test_arm_driver import least_force_n
+from tests.devices.arm_bench import NO_FORCE, RATE_HZ, Bench, least_force_n, opened
 
 RISE = round(RISE_S * RATE_HZ) + 1
 HELD = RISE + 100  # and the hand has come to rest
@@ -50,12 +47,15 @@ def test_ticks_that_were_skipped_make_it_fall_but_not_rise_in_one_step() -> None
 def test_the_hand_does_not_carry_the_arm_unless_it_is_told_to() -> None:
     """Gravity compensation is on by default; with gravity=off the motors carry nothing of (-0.61, 0, 0.98) N."""
     held, off = opened("polhem"), opened("polhem", "pose=home&gravity=off")
+    sizes = [hypot(*held.arm.mechanics.force_n) for _ in range(HELD) if held.hold(NO_FORCE, 1)]
+    off.hold(NO_FORCE, HELD)
     for bench in (held, off):
-        bench.hold(NO_FORCE, HELD)
         bench.read(bench.tick)
         assert bench.write(NO_FORCE) is None  # what was asked for acts
         assert bench.counts == {}
     least = least_force_n(Bench("polhem").arm)
+    steps = [abs(new - old) for new, old in pairwise(sizes)]
+    assert max(steps) < 1.2 / RISE + least, "of 1.15 N, which do not come in one step"
     assert held.arm.mechanics.force_n == pytest.approx((-0.608, 0.0, 0.975), abs=least)
     assert felt(held) == pytest.approx(NO_FORCE, abs=least)
     assert hypot(*held.position_m) < 3e-4
@@ -64,29 +64,11 @@ def test_the_hand_does_not_carry_the_arm_unless_it_is_told_to() -> None:
     assert off.position_m[2] < -2e-3
 
 
-def test_it_does_not_step_when_the_device_is_opened() -> None:
-    bench = opened("polhem")
-    sizes = []
-    for _ in range(HELD):
-        bench.hold(NO_FORCE, 1)
-        sizes.append(hypot(*bench.arm.mechanics.force_n))
-    step_n = 1.2 / RISE  # of 1.15 N
-    assert sizes[-1] == pytest.approx(1.15, abs=0.01)
-    least = least_force_n(Bench("polhem").arm)
-    assert max(abs(new - old) for new, old in zip(sizes[1:], sizes, strict=False)) < step_n + least
-
-
-def test_without_a_known_pose_nothing_is_held() -> None:
-    bench = opened("polhem", "pose=none")
+@pytest.mark.parametrize(("name", "keys"), [("polhem", "pose=none"), ("vintage", "pose=home")])
+def test_nothing_is_held_without_a_known_pose_nor_where_the_maker_holds_nothing(name: str, keys: str) -> None:
+    bench = opened(name, keys)
     bench.hold(NO_FORCE, HELD)
-    assert bench.arm.mechanics.peak_force_n == 0.0
-
-
-def test_other_arms_hold_no_weight_as_with_their_maker_s_tables() -> None:
-    bench = opened("vintage")
-    bench.hold(NO_FORCE, HELD)
-    assert bench.arm.mechanics.peak_force_n == 0.0
-    assert bench.driver.weight_fraction == 0.0
+    assert bench.arm.mechanics.peak_force_n == bench.driver.weight_fraction * (name == "vintage") == 0.0
 
 
 def test_a_limit_below_what_it_weighs_holds_it_in_part_and_says_so() -> None:
@@ -119,7 +101,6 @@ def test_the_force_that_acts_is_the_one_that_is_told_whatever_the_weight_takes(f
     assert [-part for part in felt(bench)] == pytest.approx(acting, abs=tolerance)
     assert hypot(*acting) <= hypot(*force) + 1e-9
     assert sum(a * f for a, f in zip(acting, force, strict=True)) >= (1.0 - 1e-9) * hypot(*acting) * hypot(*force)
-    bench.close()
 
 
 @pytest.mark.parametrize(("gravity", "booked_well"), [("maker", True), ("off", False)])

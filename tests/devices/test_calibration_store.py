@@ -1,7 +1,5 @@
 """Calibrations as files: kept, found again, told apart, and never half there."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path
@@ -14,28 +12,23 @@ from cogrip.devices.arm.pose import Calibration, OwnLosses
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.calibration_store import FOLDER, CalibrationStore, calibration_folder
 
+DEVICE = "serial:/dev/ttyACM0"
 
-def made(device: str = "serial:/dev/ttyACM0", **keys) -> Calibration:
+
+def made(device: str = DEVICE, **keys) -> Calibration:
     keys = {"model": "vintage", "offset_counts": (1.0, -7700.0, 0.5), "stamp": "boot:1:2", "made": "today", **keys}
     return Calibration(device=device, **keys)
 
 
 def test_what_is_kept_is_found_by_another_program(tmp_path: Path) -> None:
     store = CalibrationStore(tmp_path / "a" / "b")
-    assert store.find("serial:/dev/ttyACM0") is None
+    assert store.find(DEVICE) is None
     path = store.keep(made(lost="encoder a jumped"))
     assert path.parent == tmp_path / "a" / "b"
-    assert CalibrationStore(tmp_path / "a" / "b").find("serial:/dev/ttyACM0") == made(lost="encoder a jumped")
+    assert CalibrationStore(tmp_path / "a" / "b").find(DEVICE) == made(lost="encoder a jumped")
     assert [file.name for file in path.parent.iterdir()] == [path.name]
     assert path.name.startswith("serial-dev-ttyACM0-")
     assert json.loads(path.read_text())["offset_counts"] == [1.0, -7700.0, 0.5]
-
-
-def test_the_last_one_counts(tmp_path: Path) -> None:
-    store = CalibrationStore(tmp_path)
-    for name in ("first", "second"):
-        store.keep(made(made=name))
-    assert store.find("serial:/dev/ttyACM0") == made(made="second")
 
 
 def test_a_file_from_before_losses_were_kept_is_read(tmp_path: Path) -> None:
@@ -44,7 +37,7 @@ def test_a_file_from_before_losses_were_kept_is_read(tmp_path: Path) -> None:
     fields = json.loads(path.read_text())
     del fields["lost"]
     path.write_text(json.dumps(fields))
-    assert store.find("serial:/dev/ttyACM0") == made()
+    assert store.find(DEVICE) == made()
 
 
 def test_a_node_is_the_same_device_by_any_link_to_it(tmp_path: Path) -> None:
@@ -93,14 +86,14 @@ def test_different_devices_have_different_files(names: list[str]) -> None:
 )
 def test_a_file_that_is_none_of_ours_is_refused(tmp_path: Path, text: str) -> None:
     store = CalibrationStore(tmp_path)
-    path = store.path_of("serial:/dev/ttyACM0")
+    path = store.path_of(DEVICE)
     path.write_text(text)
     with pytest.raises(
         DeviceError, match=r"cannot be read as a calibration .*; delete it and calibrate serial:/dev/ttyACM0"
     ):
-        store.find("serial:/dev/ttyACM0")
+        store.find(DEVICE)
     store.keep(made())
-    assert store.find("serial:/dev/ttyACM0") == made()
+    assert store.find(DEVICE) == made()
 
 
 def test_a_folder_that_cannot_be_written_is_named_with_its_cure(tmp_path: Path) -> None:
@@ -109,7 +102,7 @@ def test_a_folder_that_cannot_be_written_is_named_with_its_cure(tmp_path: Path) 
     with pytest.raises(DeviceError, match=rf"cannot be written: .*; name another folder in {FOLDER}"):
         store.keep(made())
     with pytest.raises(DeviceError, match="cannot be read as a calibration"):
-        store.find("serial:/dev/ttyACM0")
+        store.find(DEVICE)
 
 
 def test_a_write_that_is_cut_off_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,7 +115,7 @@ def test_a_write_that_is_cut_off_leaves_the_old_one(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(Path, "replace", full)
     with pytest.raises(DeviceError, match="No space left on device"):
         store.keep(made(made="second"))
-    assert store.find("serial:/dev/ttyACM0") == made(made="first")
+    assert store.find(DEVICE) == made(made="first")
 
 
 def test_the_folder_is_the_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,18 +130,18 @@ def test_the_folder_is_the_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 def losses(**keys) -> OwnLosses:
     keys = {"drive": (1.0,) * 6, "own_damping_nspm": 0.3, "own_friction_n": 0.02, **keys}
-    return OwnLosses(device="serial:/dev/ttyACM0", model="vintage", made="today", **keys)
+    return OwnLosses(device=DEVICE, model="vintage", made="today", **keys)
 
 
 def test_losses_are_kept_beside_the_calibration_and_outlive_it(tmp_path: Path) -> None:
     store = CalibrationStore(tmp_path)
     store.keep(made())
-    assert store.find_losses("serial:/dev/ttyACM0") is None, "a folder from before they were identified"
+    assert store.find_losses(DEVICE) is None, "a folder from before they were identified"
     path = store.keep_losses(losses())
     assert json.loads(path.read_text())["version"] == 1
     store.keep(made(made="later"))
-    assert CalibrationStore(tmp_path).find_losses("serial:/dev/ttyACM0") == losses()
-    assert store.find("serial:/dev/ttyACM0") == made(made="later")
+    assert CalibrationStore(tmp_path).find_losses(DEVICE) == losses()
+    assert store.find(DEVICE) == made(made="later")
     assert store.find_losses("haply:/dev/ttyACM0") is None
 
 
@@ -161,4 +154,4 @@ def test_losses_of_another_version_or_that_none_can_be_are_refused(tmp_path: Pat
     path = store.keep_losses(losses())
     path.write_text(json.dumps({**json.loads(path.read_text()), field: value}))
     with pytest.raises(DeviceError, match=r"-damping\.json: cannot be read as a calibration .*; delete it"):
-        store.find_losses("serial:/dev/ttyACM0")
+        store.find_losses(DEVICE)

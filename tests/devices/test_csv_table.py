@@ -64,11 +64,7 @@ def test_as_spreadsheets_write_it(tmp_path: Path, encoding: str) -> None:
 @pytest.mark.parametrize(
     ("text", "keys", "said"),
     [
-        (
-            "t;x [V]\n0;1\n1;2\n",
-            "time=t&x=x",
-            ["line 1, column 'x [V]'", "the unit 'V' is none of m, cm, mm", "scale=..."],
-        ),
+        ("t;x [V]\n0;1\n1;2\n", "time=t&x=x", ["line 1, column 'x [V]'", "'V' is none of m, cm, mm", "scale=..."]),
         ("t [min];x\n0;1\n1;2\n", "time=t&x=x", ["line 1, column 't [min]'", "none of s, ", "time_scale=..."]),
         ("t;x\n0,5;1,5\n1,5;1.234,5\n", "time=t&x=x", ["line 3: x='1.234,5' is not a finite number"]),
         ("t;x\n0,5;1,5\n1,5;n/a\n", "time=t&x=x", ["line 3: x='n/a' is not a finite number"]),

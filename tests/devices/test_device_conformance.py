@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.devices import Capability, Device, DeviceError, Sample, make
+from cogrip.devices import Capability, Device, Sample, make
 from cogrip.devices.conformance import (
     CHECKS,
     Subject,
@@ -22,7 +22,7 @@ from cogrip.devices.conformance import (
     samples_are_metres,
     velocity_agrees_with_position,
     write_tells_what_acts,
-)
+)  # fmt: skip
 from cogrip.devices.registry import axes_of, is_real, schemes, stand_ins
 
 HANDS = ("hold", "push", "reach&direction=1", "sine", "tremor&seed=3")
@@ -30,7 +30,7 @@ ELSEWHERE = {
     "replay",
     "openhaptics",
     "forcedimension",
-}  # on recordings that are made below; on stub libraries, in their own tests
+}  # on recordings made below; on stub libraries, in their own tests
 FOUND = sorted({address for addresses in stand_ins().values() for address in addresses})
 EVERY = [
     (held, axes)
@@ -125,32 +125,6 @@ def test_positive_force_moves_the_device_towards_minus_x(address: str) -> None:
     assert loaded.position_m[0] < free.position_m[0] - 1e-3  # type: ignore[attr-defined]
 
 
-class Broken:
-    """A device that breaks one promise: its samples are millimetres."""
-
-    def __init__(self) -> None:
-        self._device = make("sim:ideal?hand=hold&x0_m=0.1")
-
-    @property
-    def capability(self) -> Capability:
-        return self._device.capability
-
-    def read(self, tick: int) -> Sample | None:
-        sample = self._device.read(tick)
-        assert sample is not None
-        return Sample(tuple(1000.0 * at for at in sample.position_m), sample.velocity_mps)
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self._device, name)
-
-
-def test_a_device_that_breaks_a_promise_is_found() -> None:
-    with pytest.raises(UnfitError, match="inside the workspace"):
-        samples_are_metres(Subject(Broken))  # type: ignore[arg-type]
-    with pytest.raises(DeviceError, match="unknown device scheme"):
-        make("nosuch:thing")
-
-
 class Liar:
     """A device that is well but for one verb."""
 
@@ -193,7 +167,10 @@ class SlowClock:
         return sample
 
 
+MILLIMETRES = "sim:ideal?hand=hold&x0_m=0.1"
 LIES: list[tuple[Callable[[Subject], None], str, Callable[[], Liar]]] = [
+    (samples_are_metres, "inside the workspace",
+     lambda: Liar(lambda t, s: Sample((1000.0 * s.position_m[0],), s.velocity_mps), address=MILLIMETRES)),
     (ages_stay_small, "an age of 0 or a few ticks", lambda: Liar(lambda t, s: Sample(s.position_m, s.velocity_mps, t))),
     (ages_stay_small, "an age of 0 or a few ticks", lambda: Liar(lambda t, s: Sample(s.position_m, s.velocity_mps, -1000))),
     (ages_stay_small, "newer than those before", lambda: Liar(lambda t, s: Sample(s.position_m, s.velocity_mps, t % 4))),

@@ -1,7 +1,5 @@
 """Addresses: what is understood, and what is said about what is not."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from contextlib import suppress
@@ -81,7 +79,6 @@ def test_address_wins_over_defaults() -> None:
     device = make("sim:ideal", axes=2, hand="reach", direction=(1.0, 0.5), x0_m=(0.1, 0.2))
     device.open(1000)
     sample = device.read(0)
-    assert sample is not None
     assert sample.position_m == (0.1, 0.2)
 
 

@@ -1,7 +1,5 @@
 """Encoders that lie are found, and hands that do not lie are left alone. Counts of every model, 1024 readings a second."""
 
-from __future__ import annotations
-
 import csv
 from functools import cache
 from math import hypot, pi, sin, sqrt
@@ -19,6 +17,8 @@ from cogrip.devices.arm.encoder_watch import QUICK_COUNTS, SLACK_COUNTS, STUCK_S
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.plausibility import GAP_S
 from cogrip.devices.registry import make
+
+from tests.extent import every
 
 RATE_HZ = 1024
 STUCK = round(STUCK_S * RATE_HZ)
@@ -46,9 +46,6 @@ def counts(name: str, positions) -> list[tuple[int, ...]]:
 def alarms(name: str, readings) -> list[str]:
     judge = watch(name)
     return [said for said in (judge.check(reading, 1) for reading in readings) if said]
-
-
-# no false alarms
 
 
 @cache
@@ -111,7 +108,7 @@ HANDS = {
 
 
 @every_model
-@pytest.mark.parametrize("hand", HANDS)
+@pytest.mark.parametrize("hand", every(3, HANDS))
 def test_recorded_hands_are_believed(name: str, hand: str) -> None:
     read, *arguments = HANDS[hand]
     positions = read(*arguments)
@@ -214,9 +211,6 @@ def test_a_reading_again_says_nothing() -> None:
     assert judge.check((0, 0, 0), 1) == ""
 
 
-# jumps
-
-
 @every_model
 @given(
     joint=st.integers(0, 2),
@@ -282,23 +276,13 @@ def test_a_jump_of_400_counts_in_a_silence_is_found(name: str, hand: str, silenc
             for size in (400, -400):
                 judge = watch(name)
                 assert all(judge.check(reading, 1) == "" for reading in readings[begin - 30 : begin])
-                assert watch_off_m(name, readings[begin + gap - 1], joint, size) > 0.007
                 slipped = list(readings[begin + gap - 1])
                 slipped[joint] += size
                 assert "jumped by" in judge.check(slipped, gap)
 
 
-def watch_off_m(name: str, reading: tuple[int, ...], joint: int, size: int) -> float:
-    """Return the distance by which a jump displaces the tip."""
-    model = MODELS[name]
-    slipped = list(reading)
-    slipped[joint] += size
-    true, said = (model.kinematics.forward(model.drive.angles(raw)) for raw in (reading, tuple(slipped)))
-    return hypot(*(a - b for a, b in zip(true, said, strict=True)))
-
-
 @every_model
-@pytest.mark.parametrize("hand", HANDS)
+@pytest.mark.parametrize("hand", every(3, HANDS))
 def test_recorded_hands_are_believed_where_readings_are_missing(name: str, hand: str) -> None:
     read, *arguments = HANDS[hand]
     random, tick = Random(hand), 0
@@ -309,9 +293,6 @@ def test_recorded_hands_are_believed_where_readings_are_missing(name: str, hand:
         tick += gap
         for reading in readings[tick : tick + 1]:
             assert judge.check(reading, gap) == ""
-
-
-# stuck encoders
 
 
 def sliding(name: str, speed_counts: float, joint: int, ticks: int = 200) -> list[list[float]]:
@@ -339,23 +320,13 @@ def test_an_encoder_that_stands_still_on_the_way_is_found_within_20_ms(joint: in
     assert 1e3 * STUCK / RATE_HZ <= 20.0
 
 
-@pytest.mark.parametrize("flicker", [1, -1])
-def test_one_count_shows_that_it_is_not_stuck(flicker: int) -> None:
-    judge = watch("vintage")
-    readings = sliding("vintage", 4.0, 1)
-    for tick, reading in enumerate(readings):
-        if tick > 100:
-            reading[1] = readings[100][1] + flicker * (tick // 15 % 2)
-        assert judge.check(reading, 1) == ""
-
-
-@pytest.mark.parametrize("speed", [0.3, 0.7 * QUICK_COUNTS])
-def test_one_that_hardly_moved_may_stop(speed: float) -> None:
+@pytest.mark.parametrize(("speed", "flicker"), [(4.0, 1), (4.0, -1), (0.3, 0), (0.7 * QUICK_COUNTS, 0)])
+def test_one_that_shows_a_count_or_hardly_moved_is_not_stuck(speed: float, flicker: int) -> None:
     judge = watch("vintage")
     readings = sliding("vintage", speed, 1)
     for tick, reading in enumerate(readings):
         if tick > 100:
-            reading[1] = readings[100][1]
+            reading[1] = readings[100][1] + flicker * (tick // 15 % 2)
         assert judge.check(reading, 1) == ""
 
 

@@ -20,8 +20,6 @@ EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "wheel_driver.py"
 @pytest.fixture(scope="module")
 def example() -> ModuleType:
     spec = importlib.util.spec_from_file_location("wheel_driver", EXAMPLE)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

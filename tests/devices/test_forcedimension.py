@@ -1,112 +1,14 @@
 """`forcedimension:` through the real package `forcedimension_core`, on a stand-in for libdrd compiled here."""
 
-from __future__ import annotations
-
-import ctypes
-import importlib.util
-import platform
-import re
-import shutil
 import subprocess
 import sys
-from dataclasses import dataclass
-from math import hypot, inf, nan
-from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from cogrip.devices.conformance import CHECKS, Subject
 from cogrip.devices.device import DeviceError
-from cogrip.devices.forcedimension.family import family
-from cogrip.devices.forcedimension.models import RECORDS, TYPES, confirm
-from cogrip.devices.settings import parse_address
+from cogrip.devices.forcedimension.models import RECORDS, TYPES
 
-from tests.devices.moved_evenly import ends_softly, forces_over_a_jump
-
-SOURCE = Path(__file__).parent / "stubs" / "libdrd.c"
-PACKAGE = "forcedimension_core"
-RATE_HZ = 1024
-POWER, RESET, FORCE = 0, 3, 5
-
-needs_package = pytest.mark.skipif(
-    importlib.util.find_spec(PACKAGE) is None, reason="forcedimension-core is not installed"
-)
-
-
-def make(address: str, axes: int = 3):
-    return family().make(parse_address(address), axes, {})
-
-
-def forget_package() -> None:
-    for name in [name for name in sys.modules if name.partition(".")[0] == PACKAGE]:
-        del sys.modules[name]
-
-
-@dataclass
-class Sdk:
-    """The SDK in the test's hands: device 0 is an omega.3, device 1 a Falcon."""
-
-    folder: Path
-    lib: ctypes.CDLL
-
-    def device(self, number: int = 0, axes: int = 3, keys: str = "&model=omega3"):
-        return make(f"forcedimension:{number}?sdk={self.folder}{keys}", axes)
-
-    def opened(self, number: int = 0, axes: int = 3, keys: str = "&model=omega3"):
-        device = self.device(number, axes, keys)
-        device.open(RATE_HZ)
-        return device
-
-    def force(self, number: int = 0) -> tuple[float, ...]:
-        force = (ctypes.c_double * 3)()
-        self.lib.stub_force(number, force)
-        return tuple(force)
-
-    def move(self, number: int, *position_m: float) -> None:
-        self.lib.stub_position(number, *map(ctypes.c_double, position_m))
-
-    def journal(self) -> list[str]:
-        return self.lib.stub_journal().decode().splitlines()
-
-
-@pytest.fixture(scope="module")
-def built(tmp_path_factory) -> Path:
-    """The library, with a filler for every function that the package looks up and the stand-in does not have."""
-    compiler = shutil.which("gcc") or shutil.which("cc")
-    if compiler is None:
-        pytest.skip("no C compiler: the stand-in for libdrd cannot be made")
-    if sys.platform != "linux":
-        pytest.skip("the SDK's folders are laid out differently here")
-    folder = tmp_path_factory.mktemp("libdrd")
-    root = Path(importlib.util.find_spec(PACKAGE).submodule_search_locations[0])
-    wanted = set(re.findall(r"_lib(?:dhd|drd)\.(\w+)", "".join(path.read_text() for path in root.rglob("*.py"))))
-    fillers = wanted - set(re.findall(r"\b(d[hr]d\w+)\(", SOURCE.read_text()))
-    (folder / "fillers.h").write_text("".join(f"int {name}(void) {{ return -1; }}\n" for name in sorted(fillers)))
-    flags = ["-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{folder}"]
-    subprocess.run([compiler, *flags, "-o", str(folder / "libdrd.so.3"), str(SOURCE), "-lm"], check=True)
-    return folder / "libdrd.so.3"
-
-
-@pytest.fixture
-def sdk(built, tmp_path):
-    """An SDK of its own for each test, in the folders the vendor's has."""
-    folder = tmp_path / "lib" / "release" / f"lin-{platform.machine()}-gcc"
-    folder.mkdir(parents=True)
-    path = shutil.copy(built, folder / "libdrd.so.3.16.0")
-    lib = ctypes.CDLL(str(path))
-    lib.stub_journal.restype = lib.stub_wrongs.restype = ctypes.c_char_p
-    forget_package()
-    yield Sdk(tmp_path, lib)
-    forget_package()
-    assert lib.stub_wrongs().decode() == ""
-
-
-pytestmark = needs_package
-
-
-# -- opening and closing ---------------------------------------------------------------------------------------------
+from tests.devices.forcedimension_bench import FORCE, PACKAGE, POWER, RATE_HZ, RESET, forget_package, make
 
 
 def test_order_of_use(sdk) -> None:
@@ -119,18 +21,6 @@ def test_order_of_use(sdk) -> None:
     assert device.counts == {}
 
 
-def test_closed_device_refuses_and_reopens(sdk) -> None:
-    device = sdk.device()
-    for _ in range(2):
-        for verb in (lambda: device.read(0), lambda: device.write((0.0,) * 3)):
-            with pytest.raises(DeviceError, match=r"while it is closed; call open\(rate_hz\) first"):
-                verb()
-        device.open(RATE_HZ)
-        with pytest.raises(DeviceError, match="open already"):
-            device.open(RATE_HZ)
-        device.close()
-
-
 def test_a_device_is_opened_once_in_a_process(sdk) -> None:
     """The SDK would give it to both."""
     first, second = sdk.opened(), sdk.device()
@@ -141,13 +31,6 @@ def test_a_device_is_opened_once_in_a_process(sdk) -> None:
     first.close()
     second.open(RATE_HZ)
     second.close()
-
-
-@pytest.mark.parametrize("rate_hz", [0, 249, 4097])
-def test_rates_out_of_bounds(sdk, rate_hz) -> None:
-    with pytest.raises(DeviceError, match=f"rate_hz={rate_hz} is out of 250 to 4096"):
-        sdk.device().open(rate_hz)
-    assert sdk.journal() == []
 
 
 @pytest.mark.parametrize(
@@ -166,8 +49,7 @@ def test_another_device_is_refused(sdk, number, keys, words) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "words"),
-    [(-1, "does not say what it is"), (77, "does not say"), (81, "type 81, which is not known")],
+    ("kind", "words"), [(-1, "does not say what it is"), (77, "does not say"), (81, "type 81, which is not known")]
 )
 def test_unknown_devices_are_refused(sdk, kind, words) -> None:
     sdk.lib.stub_type(0, kind)
@@ -198,14 +80,11 @@ def test_no_force_before_it_is_on_and_calibrated(sdk, which, value, words) -> No
 @pytest.mark.parametrize(
     ("verb", "words"),
     [
-        ("open", "is not to be had"),
-        ("status", "its state cannot be read"),
-        ("limit", "its force cannot be limited"),
-        ("force", "its force cannot be set"),
-        ("enable", "its forces cannot be enabled"),
-        ("type", "does not say what it is"),
+        ("open", "is not to be had"), ("status", "its state cannot be read"),
+        ("limit", "its force cannot be limited"), ("force", "its force cannot be set"),
+        ("enable", "its forces cannot be enabled"), ("type", "does not say what it is"),
     ],
-)
+)  # fmt: skip
 def test_whatever_fails_at_opening_leaves_it_closed(sdk, verb, words) -> None:
     device = sdk.device()
     sdk.lib.stub_fail(verb.encode())
@@ -218,98 +97,23 @@ def test_whatever_fails_at_opening_leaves_it_closed(sdk, verb, words) -> None:
     device.close()
 
 
-def test_a_device_without_watchdog_is_counted(sdk) -> None:
+def test_what_the_controller_could_not_do_is_counted(sdk) -> None:
     sdk.lib.stub_fail(b"watchdog")
     device = sdk.opened()
-    assert device.counts == {"watchdog not available": 1}
+    sdk.lib.stub_fail(b"")
     assert sdk.lib.stub_expert() == 0
-    device.close()
-
-
-# -- samples and forces ----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("axes", [1, 2, 3])
-def test_samples_and_forces_on_fewer_axes(sdk, axes) -> None:
-    """The SDK's axes are the common ones."""
-    device = sdk.opened(axes=axes)
-    sdk.move(0, 0.01, -0.02, 0.03)
-    sample = device.read(1)
-    assert sample.position_m == (0.01, -0.02, 0.03)[:axes]
-    assert (sample.velocity_mps, sample.age_ticks) == (None, device.capability.latency_ticks)
-    device.write((0.5, 1.0, -1.5)[:axes])
-    assert sdk.force() == (-0.5, -1.0, 1.5)[:axes] + (0.0,) * (3 - axes)
-    with pytest.raises(DeviceError, match="read\\(tick=0\\) after tick 1; ticks must not fall"):
-        device.read(0)
-    device.close()
-    assert sdk.force() == (0.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_positive_force_moves_the_device_towards_minus(sdk, axis) -> None:
-    sdk.lib.stub_mass(0, ctypes.c_double(0.1))
-    device = sdk.opened()
-    for tick in range(100):
+    sdk.lib.stub_status(0, FORCE, 0)
+    for tick in range(300):
         device.read(tick)
-        device.write([1.0 if i == axis else 0.0 for i in range(3)])
-    moved = device.read(100).position_m
-    assert moved[axis] == pytest.approx(-0.5 * 1.0 / 0.1 * 0.1**2, rel=0.02)
-    assert [value for i, value in enumerate(moved) if i != axis] == [0.0, 0.0]
-    device.close()
-
-
-@given(force=st.tuples(*[st.floats(-100.0, 100.0)] * 3))
-@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
-def test_force_is_limited_and_keeps_its_direction(sdk, force) -> None:
-    """The library fails the test at its end for a force above the limit that it was given."""
-    device = sdk.opened()
-    acting = device.write(force)
-    assert tuple(-f for f in sdk.force()) == (acting or force)
-    fraction = min(1.0, 12.0 / max(hypot(*force), 1e-300))
-    assert sdk.force() == pytest.approx([-fraction * f for f in force], abs=1e-12)
-    assert device.counts.get("force limited", 0) == (hypot(*force) > 12.0)
-    device.close()
-
-
-@pytest.mark.parametrize(
-    "bad", [(nan, 0.0, 0.0), (0.0, inf, 0.0), (0.0, 0.0, -inf), (1.7e308,) * 3, (1.0, 1.0), (1.0,) * 4]
-)
-def test_a_force_that_is_none_makes_it_zero(sdk, bad) -> None:
-    device = sdk.opened()
-    device.write((1.0, 1.0, 1.0))
-    with pytest.raises(DeviceError, match="axes" if len(bad) != 3 else "not finite"):
-        device.write(bad)
-    assert sdk.force() == (0.0, 0.0, 0.0)
-    device.write((0.0, 0.0, 1.0))
-    assert sdk.force() == (0.0, 0.0, -1.0)
-    device.close()
-
-
-@pytest.mark.parametrize("bad", [(nan, 0.0, 0.0), (0.0, -inf, 0.0)])
-def test_position_that_is_no_number_is_no_sample_and_no_force(sdk, bad) -> None:
-    device = sdk.opened()
-    device.write((1.0, 0.0, 0.0))
-    sdk.move(0, *bad)
-    assert device.read(1) is None
-    assert sdk.force() == (0.0, 0.0, 0.0)
-    device.write((1.0, 0.0, 0.0))
-    assert sdk.force() == (0.0, 0.0, 0.0)
-    assert device.counts == {"position not finite": 1}
-    sdk.move(0, 0.01, 0.0, 0.0)
-    assert device.read(2).position_m == (0.01, 0.0, 0.0)
-    device.write((1.0, 0.0, 0.0))
-    assert sdk.force() == (-1.0, 0.0, 0.0)
-    device.close()
-
-
-def test_time_guard_and_saturation_are_successes_and_counted(sdk) -> None:
-    device = sdk.opened()
+    sdk.lib.stub_status(0, FORCE, 1)
     sdk.lib.stub_guarded(0, 1)
     sdk.lib.stub_saturated(0, 1)
-    assert device.read(0) is not None
+    assert device.read(300) is not None
     device.write((1.0, 0.0, 0.0))
+    assert device.counts == {
+        "watchdog not available": 1, "forces off": 2, "position read again too soon": 1, "motor saturated": 1
+    }  # fmt: skip
     device.close()
-    assert device.counts == {"position read again too soon": 1, "motor saturated": 1}
 
 
 @pytest.mark.parametrize("verb", ["position", "force", "status"])
@@ -333,15 +137,6 @@ def test_lost_device_says_so_and_has_no_force(sdk, verb) -> None:
     device.close()
     device.open(RATE_HZ)
     assert device.read(0) is not None
-    device.close()
-
-
-def test_forces_that_the_controller_turned_off_are_counted(sdk) -> None:
-    device = sdk.opened()
-    sdk.lib.stub_status(0, FORCE, 0)
-    for tick in range(300):
-        device.read(tick)
-    assert device.counts == {"forces off": 2}
     device.close()
 
 
@@ -374,28 +169,6 @@ def test_process_that_ends_without_closing(sdk, end) -> None:
     command = [sys.executable, "-c", SCRIPT, str(sdk.folder), str(path), end]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.stdout.endswith("b'stop', b'0', b'close', b'0'] b''\n")
-
-
-@pytest.mark.parametrize("axes", [1, 2, 3])
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
-def test_it_keeps_what_every_device_promises(sdk, check, axes) -> None:
-    def acting(_) -> tuple[float, ...]:
-        return tuple(-f for f in sdk.force()[:axes])
-
-    check(Subject(lambda: sdk.device(0, axes), RATE_HZ, acting=acting))
-
-
-@pytest.mark.parametrize("model", ["omega3", "delta3"])
-@pytest.mark.parametrize("jump_m", [0.03, -0.03])
-def test_a_jump_of_30_mm_is_no_kick(sdk, model, jump_m) -> None:
-    """Before, a step of 24 N (omega.3) or 40 N (delta.3), from one limit to the other."""
-    sdk.lib.stub_type(0, next(kind for kind, name in TYPES.items() if name == model))
-    device = sdk.device(0, 1, f"&model={model}")
-    client, forces = forces_over_a_jump(device, lambda x: sdk.move(0, x, 0.0, 0.0), jump_m)
-    ends_softly(client, forces)
-
-
-# -- the SDK and the package ---------------------------------------------------------------------------------------------
 
 
 def test_sdk_that_is_too_old(sdk, capfd) -> None:
@@ -437,59 +210,9 @@ def test_environment_is_left_as_it_was(sdk, monkeypatch) -> None:
     assert os.environ["FDSDK"] == "/elsewhere"
 
 
-# -- addresses -----------------------------------------------------------------------------------------------------------
-
-
 def test_types_are_those_of_the_package(sdk) -> None:
     sdk.opened().close()
     kinds = {int(kind): kind.name for kind in sys.modules[f"{PACKAGE}.constants"].DeviceType}
     for number, model in TYPES.items():
         assert kinds[number].replace("_RIGHT", "").replace("_LEFT", "").lower() == model
     assert set(TYPES.values()) == set(RECORDS)
-
-
-def test_confirm_on_both_sides() -> None:
-    for number, model in TYPES.items():
-        confirm(number, "", "here")
-        confirm(number, model, "here")
-        for other in RECORDS.keys() - {model}:
-            with pytest.raises(DeviceError, match=f"model={model}, not {other}"):
-                confirm(number, other, "here")
-
-
-@pytest.mark.parametrize(
-    ("address", "axes", "words"),
-    [
-        ("forcedimension:", 3, "'' is no number from 0 to 15: write forcedimension:0"),
-        ("forcedimension:16", 3, "'16' is no number from 0 to 15"),
-        ("forcedimension:-1", 3, "'-1' is no number"),
-        ("forcedimension:²", 3, "is no number"),
-        ("forcedimension:0?modle=omega3", 3, "unknown key 'modle'; did you mean 'model'"),
-        ("forcedimension:0?model=touch", 3, "model: expects one of falcon, omega3"),
-        ("forcedimension:0?peak_force_n=-1", 3, "peak_force_n: expects a number"),
-        ("forcedimension:0", 0, "axes=0 is out of 1 to 3"),
-        ("forcedimension:0", 4, "axes=4 is out of 1 to 3"),
-    ],
-)
-def test_addresses_that_are_wrong(address, axes, words) -> None:
-    with pytest.raises(DeviceError, match=words):
-        make(address, axes)
-
-
-@pytest.mark.parametrize("example", family().examples)
-@pytest.mark.parametrize("axes", [1, 2, 3])
-def test_capability_is_there_before_opening_and_makes_sense(example, axes) -> None:
-    record = make(example, axes).capability
-    assert record.axes == axes == len(record.workspace_m)
-    assert all(low < high for low, high in record.workspace_m)
-    assert 0.0 < record.continuous_force_n <= record.peak_force_n < inf
-    assert (
-        min(record.stiffness_npm, record.damping_nspm, record.slew_nps, record.speed_mps, record.apparent_mass_kg) > 0.0
-    )
-    assert record.resolution_m > 0.0
-    assert record.rate_hz >= 1024
-
-
-def test_peak_force_key_lowers_and_never_raises() -> None:
-    assert make("forcedimension:0?model=omega3&peak_force_n=0.5").capability.continuous_force_n == 0.5
-    assert make("forcedimension:0?model=omega3&peak_force_n=30").capability.peak_force_n == 12.0

@@ -1,16 +1,13 @@
 """The emulated board, held to what is known of its firmware; no driver is involved."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest
 
 from cogrip.devices import make
-from cogrip.devices.emulated.body import Body
 from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.haply_firmware import HaplyFirmware, Joint
-from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.devices.emulated.mechanics import Body, Mechanics
 from cogrip.devices.haply.models import MODELS
 
 MS = 1_000_000
@@ -52,15 +49,10 @@ def test_torques_go_to_the_motors_of_their_ports_within_twelve_bits() -> None:
 @pytest.mark.parametrize(
     ("asked_nm", "given_nm"),
     [
-        (0.123, 0.123),
-        (0.2, 0.123),
-        (-50.0, -0.123),
-        (float("inf"), 0.123),
-        (float("-inf"), -0.123),
-        (float("nan"), 0.0),
-        (1e-5, 0.0),
+        (0.123, 0.123), (0.2, 0.123), (-50.0, -0.123), (float("inf"), 0.123), (float("-inf"), -0.123),
+        (float("nan"), 0.0), (1e-5, 0.0),
     ],
-)
+)  # fmt: skip
 def test_torque_is_clamped(asked_nm: float, given_nm: float) -> None:
     firmware = board()
     ask(firmware, SETUP, 1)

@@ -1,7 +1,5 @@
 """hAPI's bytes in both directions, and what is made of bytes that are no reply."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import replace
 
@@ -9,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.devices.haply.frames import Encoder, HaplyCodec, Wiring, reset_frame, setup_frame, torque_frame
+from cogrip.devices.haply.frames import HaplyCodec, reset_frame
 from cogrip.devices.haply.models import MODELS
 
 V3 = MODELS["2diy"].wiring
@@ -24,30 +22,13 @@ def reply(device_id: int, first: int, second: int, turn: float = 4880.0) -> byte
     return struct.pack("<Bff", device_id, 360.0 * first / turn, 360.0 * second / turn)
 
 
-def test_reset_frame() -> None:
+def test_frames_of_the_plastic_2diy_are_those_of_haplys_python_host() -> None:
+    """The host states angles at setup; here the counters begin at zero."""
     assert reset_frame(0) == bytes.fromhex("00 00")
-
-
-def test_setup_frame_of_the_plastic_2diy_is_that_of_haplys_python_host() -> None:
-    assert V3.setup(5, V3.home_deg) == SETUP_V3
-    ports = {1: Encoder(True, 12.0, 4880.0), 2: Encoder(True, 168.0, 4880.0)}
-    assert setup_frame(5, {2: True, 1: True}, ports) == SETUP_V3
-
-
-def test_setup_frame_lists_pins_and_directions_in_port_order() -> None:
-    frame = setup_frame(3, {2: True, 1: False}, {1: Encoder(False, 0.0, 360.0)}, (54, 65), (13,))
-    assert frame == bytes.fromhex("01 03 03 00 01 01 00 02 36 41 01 0d") + struct.pack("<ff", 0.0, 360.0)
-
-
-@pytest.mark.parametrize("ports", [(2,), (1, 3), (1, 2, 3, 4, 5)])
-def test_ports_with_a_gap_are_refused(ports: tuple[int, ...]) -> None:
-    with pytest.raises(ValueError, match="no gap"):
-        setup_frame(5, dict.fromkeys(ports, True), {})
-
-
-def test_torque_frame() -> None:
-    assert torque_frame(5, {2: -0.025, 1: 0.05}) == TORQUES
-    assert torque_frame(5, {1: 0.05}, (255, 0)) == bytes.fromhex("02 05 ff 00 cd cc 4c 3d")
+    assert V3.setup(5) == SETUP_V3.replace(struct.pack("<f", 12.0), bytes(4)).replace(
+        struct.pack("<f", 168.0), bytes(4)
+    )
+    assert replace(V3, ports=(1, 2), ccw=(False, True)).setup(5)[2:8] == bytes((3, 0, 1, 3, 0, 1))
 
 
 def test_commands_of_joints_become_torques_of_ports() -> None:
@@ -120,9 +101,3 @@ def test_one_byte_answer_of_a_board_that_was_not_set_up_is_no_reply() -> None:
     assert [codec.feed(b"\7") for _ in range(9)] == [[]] * 9
     codec.reset()
     assert codec.skipped == 9
-
-
-def test_wiring_of_every_model_can_be_set_up() -> None:
-    for model in MODELS.values():
-        assert isinstance(model.wiring, Wiring)
-        assert len(model.wiring.setup(9)) == len(SETUP_V3)

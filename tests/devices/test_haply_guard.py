@@ -5,8 +5,6 @@ busy machine stalls a driver by itself: so a guard sees one after NEVER_NS, but 
 at any moment, and the test holds for any.
 """
 
-from __future__ import annotations
-
 import os
 import pty
 import select
@@ -22,10 +20,9 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.devices import DeviceError, make
-from cogrip.devices.emulated.body import Body
 from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.haply_firmware import HaplyFirmware, Joint
-from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.devices.emulated.mechanics import Body, Mechanics
 from cogrip.devices.haply import line
 from cogrip.devices.haply.family import goodbye
 from cogrip.devices.haply.family import make as make_haply

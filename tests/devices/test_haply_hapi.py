@@ -1,7 +1,5 @@
 """`haply:` and its emulated board held against Haply's own host, HaplyHAPI, over a pseudo-terminal: places, torques, forces."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

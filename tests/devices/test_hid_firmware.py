@@ -1,26 +1,23 @@
 """The emulated HID firmware by itself, and the driver on it, in virtual time."""
 
-from __future__ import annotations
-
 from math import hypot
 from struct import pack, unpack
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.arm.pose import Calibration
 from cogrip.devices.device import DeviceError
-from cogrip.devices.emulated.body import Body
 from cogrip.devices.emulated.device import EmulatedDevice, Notebook
 from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.hid_firmware import BYTES, WATCHDOG_NS, HidFirmware
-from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.devices.emulated.mechanics import Body, Mechanics
 from cogrip.devices.emulated.port import EmulatedPort
 from cogrip.devices.hid.family import ARMS, NAMES, drive
 from cogrip.devices.registry import make
 from cogrip.devices.settings import parse_address
+
+from tests.devices.arm_bench import least_force_n
 
 RATE_HZ = 1000
 NOTHING = bytes(15)
@@ -48,9 +45,6 @@ def answer(arm: HidFirmware, data: bytes) -> tuple[int, ...]:
     arm.receive(data, arm.now_ns)
     [report] = arm.due(arm.now_ns)
     return unpack("<7h", report)
-
-
-# the firmware
 
 
 def test_the_first_report_is_filled_at_power_up_and_there_is_no_second_without_a_request() -> None:
@@ -103,17 +97,6 @@ def test_the_watchdog_lets_go_after_half_a_second() -> None:
     assert arm.enabled
 
 
-@pytest.mark.parametrize("axis", range(3))
-def test_a_positive_current_raises_the_count_of_its_own_axis(axis: int) -> None:
-    arm = firmware(hand="hold")
-    before = arm.mechanics.counters[axis]
-    currents = [0, 0, 0]
-    currents[axis] = 500
-    arm.receive(request(*currents), 0)
-    arm.advance(50_000_000)
-    assert arm.mechanics.counters[axis] > before + 2
-
-
 @pytest.mark.parametrize(
     ("ma", "full_scale_a", "duty"),
     [(3000, 3.0, 0.9), (-3000, 3.0, 0.1), (5999, 3.0, 1.2998667), (6000, 6.0, 0.9), (1, 3.0, 0.5001333)],
@@ -136,15 +119,6 @@ def test_command_1_loads_the_counters_without_current_and_clears_the_button() ->
     assert arm.duty == [0.5] * 3
     arm.button = True
     assert answer(arm, NOTHING) == (8327, -10926, 27140, 10000, 30, 7, 0)
-
-
-@given(st.integers(-(10**6), 10**6))
-def test_counters_are_cut_to_16_bits(slipped: int) -> None:
-    arm = firmware()
-    arm.due(0)
-    arm.mechanics.slip(1, slipped)
-    count = arm.mechanics.counters[1]
-    assert (answer(arm, NOTHING)[1] - count) % 65536 == 0
 
 
 @pytest.mark.parametrize(("count", "sent"), [(32767, 32767), (32768, -32768), (-32768, -32768), (-32769, 32767)])
@@ -179,9 +153,6 @@ def test_plugged_in_again_it_begins_anew() -> None:
     assert [unpack("<7h", report) for report in arm.due(0)] == [(0,) * 7]
 
 
-# the driver on it
-
-
 def hold(device: EmulatedDevice, force_n, ticks: int, begin: int = 0) -> list:
     samples = []
     for tick in range(begin, begin + ticks):
@@ -190,61 +161,17 @@ def hold(device: EmulatedDevice, force_n, ticks: int, begin: int = 0) -> list:
     return samples
 
 
-@pytest.mark.parametrize("force_x", [0.8, -0.8])
-def test_a_force_loads_the_hand(force_x: float) -> None:
-    """x points towards the user: a force F > 0 resists the way there, so the arm pushes away from the user."""
-    device = emulated(firmware())
-    device.open(RATE_HZ)
-    hold(device, (force_x, 0.0, 0.0), 100)
-    x, y, z = device.position_m
-    assert x * force_x < 0.0
-    assert abs(x) > 1e-4
-    assert hypot(y, z) < 0.2 * abs(x)
-    device.close()
-
-
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("force", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 0.7), (-0.5, 0.4, 0.3)])
-def test_the_hand_feels_what_was_asked_for_within_a_milliampere(name: str, force) -> None:
-    arm = firmware(name=name)
-    least = 0.0  # what a milliampere of every motor makes: so much, truncation may leave out
-    for currents in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
-        arm.mechanics.drive(currents)
-        least += hypot(*arm.mechanics.force_n)
+def test_the_tip_is_where_it_is_read_and_the_hand_feels_what_was_asked_for(name: str) -> None:
+    arm, force = firmware(name=name), (-0.5, 0.4, 0.3)
+    least = least_force_n(arm)
     device = emulated(arm, name=name)
     device.open(RATE_HZ)
-    hold(device, force, 400)  # until the weight of a Polhem is held too
+    sample = hold(device, force, 400)[-1]  # until the weight of a Polhem is held too
+    assert sample.position_m == pytest.approx(device.position_m, abs=MODEL.record.resolution_m)
     assert device.force_n == pytest.approx(force, abs=least + 1e-3)  # 1 mN: the sample is a tick old
     assert hypot(*force) > 10 * least
-    assert "force limited to the motors" not in device.counts
-    device.close()
-
-
-def test_a_unit_force_at_home_takes_the_currents_of_the_table() -> None:
-    """Towards the user 659.588 mA on b, to the right 591.216 on a, up 788.288 on c."""
-    home = MODEL.drive.angles(MODEL.home_counts)
-    for force, currents in (((1, 0, 0), (0, 659, 0)), ((0, 1, 0), (591, 0, 0)), ((0, 0, 1), (0, 0, 788))):
-        assert MODEL.currents(home, force) == (currents, False)
-
-
-def test_the_position_is_the_true_one_within_a_count() -> None:
-    device = emulated(firmware(hand="tremor"))
-    device.open(RATE_HZ)
-    count_m = 0.5 * MODEL.record.resolution_m  # a count is rounded to the nearest
-    true = []
-    samples = []
-    for tick in range(400):
-        samples.append(device.read(tick))
-        device.write((0.0, 0.0, 0.0))
-        true.append(device.position_m)
-    assert samples[0] is None  # nothing was asked for yet
-    for tick, sample in enumerate(samples[1:], 1):
-        assert sample.age_ticks == 1
-        error = hypot(*(seen - there for seen, there in zip(sample.position_m, true[tick - 1], strict=True)))
-        assert error < 3**0.5 * count_m * 1.05
-    assert len({sample.position_m for sample in samples[1:]}) > 10
     assert device.counts == {}
-    device.close()
 
 
 def test_the_report_from_power_up_is_not_where_the_arm_is() -> None:
@@ -255,7 +182,6 @@ def test_the_report_from_power_up_is_not_where_the_arm_is() -> None:
     device.open(RATE_HZ)
     assert device.driver.reading.raw == arm.mechanics.counters
     assert [sample and sample.age_ticks for sample in hold(device, (0.0, 0.0, 0.0), 3)] == [None, 1, 1]
-    device.close()
 
 
 def test_a_device_that_was_closed_is_opened_again_where_it_is_now() -> None:
@@ -268,49 +194,6 @@ def test_a_device_that_was_closed_is_opened_again_where_it_is_now() -> None:
         assert device.driver.reading.raw == pytest.approx(arm.mechanics.counters, abs=30)
         device.close()
     assert arm.due(arm.now_ns) != []
-
-
-@pytest.mark.parametrize("end", ["close", "not finite", "silence"])
-def test_force_goes_to_zero(end: str) -> None:
-    arm = firmware()
-    device = emulated(arm)
-    device.open(RATE_HZ)
-    hold(device, (1.0, 0.0, 0.0), 20)
-    assert hypot(*arm.mechanics.force_n) > 0.9
-    if end == "close":
-        device.close()
-    elif end == "not finite":
-        device.read(20)
-        with pytest.raises(DeviceError, match="not finite"):
-            device.write((float("nan"), 0.0, 0.0))
-    else:
-        device.firmware.fault("silence")
-        hold(device, (1.0, 0.0, 0.0), 60, 20)
-    assert arm.mechanics.force_n == (0.0, 0.0, 0.0)
-    device.close()
-    device.close()
-
-
-def test_force_is_off_again_when_the_host_dies() -> None:
-    arm = firmware()
-    device = emulated(arm)
-    device.open(RATE_HZ)
-    hold(device, (1.0, 0.0, 0.0), 20)
-    arm.advance(arm.now_ns + WATCHDOG_NS + 1)
-    assert arm.mechanics.force_n == (0.0, 0.0, 0.0)
-
-
-def test_two_reports_at_once_do_not_leave_the_driver_a_report_behind() -> None:
-    device = emulated(firmware(hand="tremor"))
-    device.open(RATE_HZ)
-    hold(device, (0.0, 0.0, 0.0), 50)
-    device.firmware.fault("stale")
-    for tick in range(50, 90):
-        before = device.firmware.mechanics.counters
-        assert device.read(tick).age_ticks == 1
-        assert device.driver.reading.raw == before
-        device.write((0.0, 0.0, 0.0))
-    device.close()
 
 
 @pytest.mark.parametrize(
@@ -326,20 +209,6 @@ def test_reports_that_are_none_are_counted_and_take_the_force_off(verb: str, cou
     assert samples[1:] == [None] * 699
     assert device.counts[count] >= 1
     assert arm.mechanics.force_n == (0.0, 0.0, 0.0)
-    device.close()
-
-
-def test_limits_hold_whatever_is_asked_for() -> None:
-    arm = firmware()
-    device = emulated(arm, "pose=home&limit_ma=400,400,400")
-    device.open(RATE_HZ)
-    hold(device, (50.0, -30.0, 20.0), 30)
-    assert 390 < max(map(abs, arm.mechanics.currents_ma)) <= 400
-    assert device.counts["force limited to the motors"] == 30
-    fx, fy, fz = device.force_n
-    assert fy / fx == pytest.approx(-0.6, abs=0.02)
-    assert fz / fx == pytest.approx(0.4, abs=0.02)
-    device.close()
 
 
 def test_the_firmware_of_2016_is_followed_but_never_pushed() -> None:
@@ -350,7 +219,6 @@ def test_the_firmware_of_2016_is_followed_but_never_pushed() -> None:
     assert samples[-1].position_m == pytest.approx(device.position_m, abs=1e-3)
     assert arm.mechanics.peak_force_n == 0.0
     assert device.counts["force limited to the motors"] >= 99
-    device.close()
 
 
 def test_a_teensy_is_driven_alike() -> None:
@@ -379,13 +247,10 @@ def test_calibration_of_a_polhem_loads_its_gimbal_s_home_counts_too() -> None:
     assert arm.gimbal == [0, 30, 0]
     assert arm.mechanics.counters == (8327, -10926, 27140)
     assert [unpack("<B7h", frame) for frame in sent if frame[7]] == [(0, 0, 30, 0, 1, 8327, -10926, 27140)]
-
-
-def test_an_arm_without_a_gimbal_has_its_gimbal_counters_made_zero() -> None:
-    arm = firmware()
-    arm.gimbal = [7, -11, 300]
-    emulated(arm, "pose=stored").driver.calibrate("today")
-    assert arm.gimbal == [0, 0, 0]
+    other = firmware()
+    other.gimbal = [7, -11, 300]
+    emulated(other, "pose=stored").driver.calibrate("today")
+    assert other.gimbal == [0, 0, 0], "of an arm without one they are made zero"
 
 
 def test_calibration_loads_the_home_counts_and_holds_until_it_is_unplugged() -> None:
@@ -398,13 +263,9 @@ def test_calibration_loads_the_home_counts_and_holds_until_it_is_unplugged() -> 
         device.open(RATE_HZ)
     calibration = device.driver.calibrate("today")
     assert calibration == Calibration(
-        device="hid:woodenhaptics",
-        model="woodenhaptics",
-        offset_counts=(0, 0, 0),
-        stamp="plugging 1",
-        made="today",
+        device="hid:woodenhaptics", model="woodenhaptics", offset_counts=(0, 0, 0), stamp="plugging 1", made="today",
         home_counts=MODEL.home_counts,
-    )
+    )  # fmt: skip
     assert arm.mechanics.counters == MODEL.home_counts
     notebook.keep(calibration)
     arm.fault("unplug")

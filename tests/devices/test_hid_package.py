@@ -1,33 +1,35 @@
 """The package hidapi: which of its modules is loaded, and what is said of one that is not there."""
 
-from __future__ import annotations
-
 import sys
 from types import ModuleType
 
 import pytest
 
 from cogrip.devices.device import DeviceError
-from cogrip.devices.hid.variants import VARIANTS
+from cogrip.devices.hid.enumeration import VARIANTS
 from cogrip.devices.io.hid_port import HidPort, load_hidapi
 
 from tests.devices.hid_bench import NAME
 
 
+def put(monkeypatch: pytest.MonkeyPatch, **keys: object) -> None:
+    """Have modules `hid` and `hidraw` with these names in them; none: they are not there."""
+    for name in ("hid", "hidraw"):
+        module = ModuleType(name) if keys else None
+        vars(module).update(keys) if module else None
+        monkeypatch.setitem(sys.modules, name, module)
+
+
 @pytest.mark.parametrize("backend", ["auto", "hidraw", "libusb"])
 def test_the_other_package_of_the_same_name_is_told_apart(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("hid", "hidraw"):
-        other = ModuleType(name)
-        other.Device = object  # type: ignore[attr-defined]
-        monkeypatch.setitem(sys.modules, name, other)
+    put(monkeypatch, Device=object)
     monkeypatch.setattr(sys, "platform", "linux")
     with pytest.raises(DeviceError, match=r"not of `hidapi`.*pip uninstall hid"):
         HidPort(NAME, VARIANTS["mbed14"], backend).open()
 
 
 def test_without_the_package_its_name_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("hid", "hidraw"):
-        monkeypatch.setitem(sys.modules, name, None)
+    put(monkeypatch)
     with pytest.raises(
         DeviceError, match=r"hid:woodenhaptics: needs module .* of the package hidapi.*pip install hidapi"
     ):
@@ -37,18 +39,12 @@ def test_without_the_package_its_name_is_said(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize(
     ("platform", "backend", "module"),
     [
-        ("linux", "auto", "hidraw"),
-        ("linux", "hidraw", "hidraw"),
-        ("linux", "libusb", "hid"),
-        ("darwin", "auto", "hid"),
-        ("win32", "libusb", "hid"),
+        ("linux", "auto", "hidraw"), ("linux", "hidraw", "hidraw"), ("linux", "libusb", "hid"),
+        ("darwin", "auto", "hid"), ("win32", "libusb", "hid"),
     ],
-)
+)  # fmt: skip
 def test_each_system_has_its_module(platform: str, backend: str, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("hid", "hidraw"):
-        hidapi = ModuleType(name)
-        hidapi.device = object  # type: ignore[attr-defined]
-        monkeypatch.setitem(sys.modules, name, hidapi)
+    put(monkeypatch, device=object)
     monkeypatch.setattr(sys, "platform", platform)
     assert load_hidapi(backend, NAME).__name__ == module
 

@@ -3,8 +3,6 @@
 The scenarios run in a program of their own below `LD_PRELOAD`, once for each backend; the tests ask what came of each.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,9 +1,5 @@
 """`openhaptics:`: what the library reports and what it leaves out; force is zero, and the error says why."""
 
-from __future__ import annotations
-
-from math import inf, nan
-
 import pytest
 
 from cogrip.devices.device import DeviceError
@@ -71,21 +67,6 @@ def test_error_of_no_device_is_everybodys(bench) -> None:
         with pytest.raises(DeviceError, match="0x304"):
             device.read(1)
         device.close()
-
-
-@pytest.mark.parametrize("bad", [(nan, 0.0, 0.0), (0.0, inf, 0.0)])
-def test_position_that_is_no_number_is_no_sample_and_no_force(bench, bad) -> None:
-    device = bench.opened()
-    device.write((1.0, 0.0, 0.0))
-    bench.move(0, *bad)
-    bench.step(2)
-    assert device.read(1) is None
-    assert bench.force() == (0.0, 0.0, 0.0)
-    assert device.counts == {"position not finite": 2}
-    bench.move(0, 1.0, 2.0, 3.0)
-    bench.step()
-    assert device.read(2).position_m == pytest.approx((0.003, 0.001, 0.002))
-    device.close()
 
 
 def test_a_frame_that_fails_is_reported_and_sends_zero(bench, monkeypatch) -> None:

@@ -1,39 +1,16 @@
-"""`openhaptics:`: samples and forces of one device, round by round of the library's scheduler."""
+"""`openhaptics:`: what one frame of the servo reads and sends, by mailbox alone and round by round of the scheduler."""
 
-from __future__ import annotations
-
-import ctypes
-from math import hypot, inf, nan
+from collections import Counter
+from math import nan
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.devices.conformance import CHECKS, Subject
 from cogrip.devices.device import DeviceError
-from cogrip.devices.openhaptics.axes import to_library
-from cogrip.devices.openhaptics.mailbox import HOLD_FRAMES, Mailbox
+from cogrip.devices.openhaptics.mailbox import HOLD_FRAMES, ZERO, Mailbox, to_common, to_library
 
-from tests.devices.moved_evenly import ends_softly, forces_over_a_jump
-from tests.devices.openhaptics_bench import RATE_HZ, make
-
-
-@pytest.mark.parametrize("axes", [1, 2, 3])
-def test_samples_and_forces_on_fewer_axes(bench, axes) -> None:
-    device = bench.opened(axes=axes)
-    assert device.capability.axes == axes == len(device.capability.workspace_m)
-    bench.move(0, 10.0, -20.0, 30.0)
-    bench.lib.stub_buttons(0, 2)
-    bench.step()
-    sample = device.read(1)
-    assert sample.position_m == pytest.approx((0.030, 0.010, -0.020)[:axes])
-    assert (sample.velocity_mps, sample.age_ticks) == (None, device.capability.latency_ticks)
-    assert device.buttons == 2
-    device.write((0.5, 1.0, -1.5)[:axes])
-    bench.step()
-    want = (0.5, 1.0, -1.5)[:axes] + (0.0,) * (3 - axes)
-    assert bench.force() == tuple(-f for f in to_library(want))
-    device.close()
+three = st.tuples(*[st.floats(-5.0, 5.0)] * 3)
 
 
 def test_each_frame_is_read_once(bench) -> None:
@@ -46,70 +23,6 @@ def test_each_frame_is_read_once(bench) -> None:
     assert device.read(2) is not None
     with pytest.raises(DeviceError, match="read\\(tick=1\\) after tick 2; ticks must not fall"):
         device.read(1)
-    device.close()
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_positive_force_moves_the_device_towards_minus(bench, axis) -> None:
-    """The sign of P eq. 9, m x'' = F_hand - F, felt through mapping, callback and library."""
-    bench.lib.stub_mass(0, ctypes.c_double(0.1))
-    device = bench.opened()
-    for tick in range(100):
-        device.read(tick)
-        device.write([1.0 if i == axis else 0.0 for i in range(3)])
-        bench.step()
-    moved = device.read(100).position_m
-    assert moved[axis] == pytest.approx(-0.5 * 1.0 / 0.1 * 0.1**2, rel=0.02)
-    assert [value for i, value in enumerate(moved) if i != axis] == [0.0, 0.0]
-    device.close()
-
-
-@given(force=st.tuples(*[st.floats(-100.0, 100.0)] * 3))
-@settings(max_examples=50)
-def test_force_is_limited_and_keeps_its_direction(force) -> None:
-
-    device = make("openhaptics:x")
-    device._link = _NoLink()
-    device._mailbox = Mailbox({})
-    acting = device.write(force)
-    sent = device._mailbox.order.force_n
-    assert tuple(-f for f in sent) == (acting or force)
-    assert hypot(*sent) <= 3.3 * (1 + 1e-12)
-    fraction = min(1.0, 3.3 / max(hypot(*force), 1e-300))
-    assert sent == pytest.approx([-fraction * f for f in force], abs=1e-12)
-    assert device.counts.get("force limited", 0) == (hypot(*force) > 3.3)
-
-
-class _NoLink:
-    def close(self) -> None: ...
-
-
-def test_both_sides_of_the_limit(bench) -> None:
-    device = bench.opened(keys="&peak_force_n=2")
-    device.write((2.0, 0.0, 0.0))
-    assert device.counts == {}
-    device.write((2.0000001, 0.0, 0.0))
-    assert device.counts == {"force limited": 1}
-    bench.step()
-    assert bench.force() == (0.0, 0.0, -2.0)
-    device.close()
-
-
-@pytest.mark.parametrize(
-    "bad", [(nan, 0.0, 0.0), (0.0, inf, 0.0), (0.0, 0.0, -inf), (1.7e308,) * 3, (1.0, 1.0), (1.0,) * 4]
-)
-def test_a_force_that_is_none_makes_it_zero(bench, bad) -> None:
-    device = bench.opened()
-    device.write((1.0, 1.0, 1.0))
-    bench.step()
-    assert bench.force() == (-1.0, -1.0, -1.0)
-    with pytest.raises(DeviceError, match="axes" if len(bad) != 3 else "not finite"):
-        device.write(bad)
-    bench.step()
-    assert bench.force() == (0.0, 0.0, 0.0)
-    device.write((0.0, 0.0, 1.0))
-    bench.step()
-    assert bench.force() == (0.0, -1.0, 0.0)
     device.close()
 
 
@@ -135,27 +48,52 @@ def test_close_sends_zero_within_a_frame_of_its_own(bench) -> None:
     assert bench.lib.stub_frames(0) == frames + 1
 
 
-@pytest.mark.parametrize("axes", [1, 2, 3])
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
-def test_it_keeps_what_every_device_promises(bench, check, axes) -> None:
-    def acting(_) -> tuple[float, ...]:
-        right, up, near = bench.force()
-        return (-near, -right, -up)[:axes]
-
-    def pace(_) -> None:
-        bench.step()
-
-    check(Subject(lambda: bench.device(0, axes), RATE_HZ, pace, acting))
+def test_axes_of_the_vectors() -> None:
+    assert to_common((10.0, -20.0, 30.0)) == pytest.approx((0.030, 0.010, -0.020))
+    assert to_library((1.0, 2.0, 3.0)) == (2.0, 3.0, 1.0)
 
 
-@pytest.mark.parametrize("model", ["touch", "premium1.5"])
-@pytest.mark.parametrize("jump_m", [0.03, -0.03])
-def test_a_jump_of_30_mm_is_no_kick(bench, model, jump_m) -> None:
-    def move(x_m: float) -> None:
-        bench.move(0, 0.0, 0.0, 1e3 * x_m)
-        bench.step()
+@given(force=three, step_mm=three)
+def test_work_is_the_same_in_both_frames(force, step_mm) -> None:
+    """F dx does not depend on how axes are named: force and position are mapped alike."""
+    there = sum(f * s for f, s in zip(to_library(force), step_mm, strict=True))
+    here = sum(f * s for f, s in zip(force, to_common(step_mm), strict=True))
+    assert 1e-3 * there == pytest.approx(here, abs=1e-12)
 
-    if model != "touch":
-        bench.lib.stub_model(0, b"Phantom Premium 1.5", *map(ctypes.c_double, (8.5, 1.4, 3.5)))
-    client, forces = forces_over_a_jump(bench.device(0, 1), move, jump_m)
-    ends_softly(client, forces)
+
+@given(
+    st.lists(
+        st.one_of(
+            three.map(lambda force: ("say", force)),
+            st.sampled_from([("frame", None), ("nan", None), ("skip", None), ("fatal", None), ("drop", None)]),
+            st.integers(1, 60).map(lambda many: ("frames", many)),
+        ),
+        max_size=30,
+    )
+)
+@settings(max_examples=200)
+def test_what_is_sent_is_the_newest_force_or_zero(events) -> None:
+    """An independent account of the rule: zero when lost, dropped, untrusted, or not renewed for HOLD_FRAMES frames."""
+    mailbox = Mailbox(Counter())
+    newest, since, drop, lost = ZERO, HOLD_FRAMES, False, False
+    for event, argument in events:
+        if event == "say":
+            newest, since = argument, 0
+            mailbox.say(argument)
+        elif event == "fatal":
+            lost = True
+            mailbox.trouble(0x302, "gone")
+        elif event == "drop":
+            drop = True
+            mailbox.trouble(0x201, "")
+        else:
+            for _ in range(argument or 1):
+                good = event in ("frame", "frames") and not drop and not lost and since < HOLD_FRAMES
+                sent = (
+                    mailbox.skip("why")
+                    if event == "skip"
+                    else mailbox.frame((nan if event == "nan" else 0.0, 0.0, 0.0))
+                )
+                assert sent == (to_library(newest) if good else ZERO)
+                drop, since = False, since + 1
+    assert bool(mailbox.lost) == lost

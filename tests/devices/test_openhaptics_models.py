@@ -1,7 +1,5 @@
 """`openhaptics:`: which model it is, by address and by what the library says, and what that allows."""
 
-from __future__ import annotations
-
 import ctypes
 from math import inf, nan
 
@@ -10,27 +8,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.devices.device import DeviceError
-from cogrip.devices.openhaptics.family import family
 from cogrip.devices.openhaptics.models import RECORDS, Facts, lowered, model_of
 
-from tests.devices.openhaptics_bench import RATE_HZ, make
+from tests.devices.openhaptics_bench import RATE_HZ
 
 
 @pytest.mark.parametrize(
     ("said", "model"),
     [
-        ("Touch", "touch"),
-        ("Geomagic Touch", "touch"),
-        ("Touch X", "desktop"),
-        ("PHANTOM Omni", "omni"),
-        ("PHANTOM Desktop", "desktop"),
-        ("PHANTOM Premium 1.0", "premium1.0"),
-        ("PHANTOM Premium 1.5 6DOF", "premium1.5"),
-        ("PHANTOM Premium 3.0 6DOF", "premium3.0"),
-        ("Falcon", None),
+        ("Touch", "touch"), ("Geomagic Touch", "touch"), ("Touch X", "desktop"), ("PHANTOM Omni", "omni"),
+        ("PHANTOM Desktop", "desktop"), ("PHANTOM Premium 1.0", "premium1.0"),
+        ("PHANTOM Premium 1.5 6DOF", "premium1.5"), ("PHANTOM Premium 3.0 6DOF", "premium3.0"), ("Falcon", None),
         ("", None),
     ],
-)
+)  # fmt: skip
 def test_models_by_what_they_call_themselves(said, model) -> None:
     assert model_of(said) == model
 
@@ -42,47 +33,6 @@ def test_a_device_can_only_lower_its_record(peak, continuous, stiffness) -> None
         assert low.peak_force_n == min(record.peak_force_n, peak)
         assert low.continuous_force_n == min(record.continuous_force_n, continuous, low.peak_force_n)
         assert low.stiffness_npm == min(record.stiffness_npm, 1000.0 * stiffness)
-
-
-# -- by address --------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("address", "axes", "words"),
-    [
-        ("openhaptics:x?modle=touch", 3, "unknown key 'modle'; did you mean 'model'"),
-        ("openhaptics:x?model=falcon", 3, "model: expects one of touch, omni"),
-        ("openhaptics:x?peak_force_n=0", 3, "peak_force_n: expects a number"),
-        ("openhaptics:x?peak_force_n=41", 3, "peak_force_n: expects a number"),
-        ("openhaptics:x", 0, "axes=0 is out of 1 to 3"),
-        ("openhaptics:x", 4, "axes=4 is out of 1 to 3"),
-    ],
-)
-def test_addresses_that_are_wrong(address, axes, words) -> None:
-    with pytest.raises(DeviceError, match=words):
-        make(address, axes)
-
-
-@pytest.mark.parametrize("example", family().examples)
-@pytest.mark.parametrize("axes", [1, 2, 3])
-def test_capability_is_there_before_opening_and_makes_sense(example, axes) -> None:
-    record = make(example, axes).capability
-    assert record.axes == axes == len(record.workspace_m)
-    assert all(low < high for low, high in record.workspace_m)
-    assert 0.0 < record.continuous_force_n <= record.peak_force_n < inf
-    assert (
-        min(record.stiffness_npm, record.damping_nspm, record.slew_nps, record.speed_mps, record.apparent_mass_kg) > 0.0
-    )
-    assert record.resolution_m > 0.0
-    assert record.rate_hz >= 1024
-
-
-def test_peak_force_key_lowers_and_never_raises() -> None:
-    assert make("openhaptics:x?peak_force_n=0.5").capability.continuous_force_n == 0.5
-    assert make("openhaptics:x?peak_force_n=30").capability.peak_force_n == 3.3
-
-
-# -- by what the library says ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,6 @@
 """`openhaptics:`: the library is bound, asked in its order, and calibrated before any force."""
 
-from __future__ import annotations
-
 import ctypes
-from pathlib import Path
 
 import pytest
 
@@ -12,8 +9,6 @@ from cogrip.devices.io.hd_library import SIGNATURES, ErrorInfo, load
 
 from tests.devices.compiled_stub import compile_stub
 from tests.devices.openhaptics_bench import RATE_HZ, make
-
-# -- the binding -------------------------------------------------------------------------------------------------------
 
 
 def test_types_are_those_of_the_headers(bench) -> None:
@@ -32,19 +27,11 @@ def test_library_that_is_not_there_or_another_one(tmp_path) -> None:
     device = make(f"openhaptics:x?library={tmp_path}/libHD.so")
     with pytest.raises(DeviceError, match=r"cannot be loaded.*library=PATH"):
         device.open(RATE_HZ)
-    other = compile_stub(
-        _write(tmp_path / "other.c", "int hdInitDevice(void) { return 0; }"), tmp_path / "libother.so", "-Werror"
-    )
+    source = tmp_path / "other.c"
+    source.write_text("int hdInitDevice(void) { return 0; }")
+    other = compile_stub(source, tmp_path / "libother.so", "-Werror")
     with pytest.raises(DeviceError, match="has no hdDisableDevice: it is not the OpenHaptics HD library"):
         make(f"openhaptics:x?library={other}").open(RATE_HZ)
-
-
-def _write(path: Path, text: str) -> Path:
-    path.write_text(text)
-    return path
-
-
-# -- opening and closing -----------------------------------------------------------------------------------------------
 
 
 def test_order_of_use(bench) -> None:
@@ -72,34 +59,6 @@ def test_no_name_is_the_default_device(bench) -> None:
     assert bench.journal()[0] == "init NULL"
 
 
-def test_closed_device_refuses_and_closes_twice(bench) -> None:
-    device = bench.device()
-    for _ in range(2):
-        for verb in (lambda: device.read(0), lambda: device.write((0.0,) * 3)):
-            with pytest.raises(DeviceError, match=r"while it is closed; call open\(rate_hz\) first"):
-                verb()
-        device.close()
-        device.close()
-        device.open(RATE_HZ)
-        with pytest.raises(DeviceError, match="open already"):
-            device.open(RATE_HZ)
-        device.close()
-
-
-@pytest.mark.parametrize("rate_hz", [0, 249, 1025])
-def test_rates_out_of_bounds(bench, rate_hz) -> None:
-    with pytest.raises(DeviceError, match=f"rate_hz={rate_hz} is out of 250 to 1024"):
-        bench.device().open(rate_hz)
-    assert bench.journal() == []
-
-
-@pytest.mark.parametrize("rate_hz", [250, 1024])
-def test_rates_within_bounds(bench, rate_hz) -> None:
-    device = bench.device()
-    device.open(rate_hz)
-    device.close()
-
-
 def test_name_that_the_vendors_settings_do_not_have(bench) -> None:
     device = make(f"openhaptics:Nobody?library={bench.path}")
     with pytest.raises(DeviceError, match=r"openhaptics:Nobody: is not to be had: No such device.*0x303.*GTDD_HOME"):
@@ -118,9 +77,6 @@ def test_device_that_is_open_already_stays_open(bench) -> None:
     assert first.read(1) is not None
     assert bench.force() == (0.0, 0.0, -1.0)
     first.close()
-
-
-# -- calibration -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("styles", "style"), [(2, 2), (4, 4), (6, 2), (5, 4)])

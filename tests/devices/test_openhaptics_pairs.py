@@ -1,7 +1,5 @@
 """`openhaptics:`: two devices on one servo, which has one current device and one stack of errors."""
 
-from __future__ import annotations
-
 import ctypes
 
 import pytest

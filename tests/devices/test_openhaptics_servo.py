@@ -1,7 +1,5 @@
 """`openhaptics:` with the servo's own thread running: whole values, no deadlock, zero force however the process ends."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """Stamps of devices: a new one when it was plugged in again, none where nothing is known."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

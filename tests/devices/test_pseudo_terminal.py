@@ -3,8 +3,6 @@
 Nothing sleeps: what is waited for is a line that is said, or a byte that comes, with an end to every wait.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import select

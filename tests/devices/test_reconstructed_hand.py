@@ -1,7 +1,5 @@
 """A recorded person's effort behind an impedance: the same world moves it as it was moved, another one makes it give way."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from math import sin
@@ -15,21 +13,15 @@ from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 from scipy.signal import savgol_coeffs
 
-from cogrip.client.recorder import client_topics, start_text
 from cogrip.devices import Device, DeviceError, Sample, make
 from cogrip.devices.simulated.hands import ImpedanceSettings
-from cogrip.devices.simulated.reconstructed_hand import make_reconstructed
-from cogrip.protocol.rates import due_ns
-from cogrip.protocol.recording.header import Header, versions_here
-from cogrip.protocol.recording.records import Tick
-from cogrip.protocol.recording.sink import encode
-from cogrip.protocol.recording.writer import RecordingWriter
-from cogrip.protocol.session import make_hello
+from cogrip.devices.simulated.reconstructed_hand import ReconstructedHand
 from cogrip.protocol.settings import resolve
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import RunRecords, open_run
 from cogrip.sim.runs.replay.what_if import what_if
 
+from tests.devices.replayed_hands import write_rows
 from tests.extent import long
 
 RATE_HZ = 1024
@@ -53,26 +45,9 @@ def largest_stray() -> float:
 STRAY = largest_stray()
 
 
-def write_recording(
-    path: Path,
-    rows: list[tuple[int, Row, Row, Row]],
-    axes: int = 1,
-    rate_hz: int = RATE_HZ,
-    mass_kg: float = MASS_KG,
-) -> None:
-    """A client's recording of these (tick, position, velocity, force)."""
-    device = make("sim:ideal", axes=axes, mass_kg=mass_kg)
-    hello = make_hello(software="x", nonce=1, room="r", name="anna", digest="", device="sim:", axes=axes, rate_hz=1e3)
-    header = Header(
-        "client", "anna", start_text(hello, device.capability), rate_hz, 1, 0, True, versions_here(),
-        client_topics("anna"),
-    )  # fmt: skip
-    with path.open("wb") as file:
-        writer = RecordingWriter(file, header)
-        for tick, position, velocity, force in rows:
-            record = Tick(tick, 0, 0, position, velocity, force, 0.0, 0.0, (), (), position)
-            writer.put(0, due_ns(0, tick, rate_hz), encode(record))
-        writer.finish()
+def write_recording(path: Path, rows: list[tuple[int, Row, Row, Row]], axes: int = 1, mass_kg: float = MASS_KG) -> None:
+    """A client's recording of these (tick, position, velocity, force), held by an ideal device."""
+    write_rows(path, rows, "sim:ideal", axes, mass_kg=mass_kg)
 
 
 def held(device: Device, force: Force, ticks: int) -> list[tuple[int, Row, Row, Row]]:
@@ -81,7 +56,6 @@ def held(device: Device, force: Force, ticks: int) -> list[tuple[int, Row, Row, 
     rows = []
     for tick in range(ticks):
         sample = device.read(tick)
-        assert sample is not None
         assert sample.velocity_mps is not None
         rows.append((tick, sample.position_m, sample.velocity_mps, force(tick)))
         device.write(force(tick))
@@ -104,9 +78,6 @@ def positions(rows: list[tuple[int, Row, Row, Row]]) -> Numbers:
     return np.array([position for _, position, _, _ in rows])
 
 
-# The drive -----------------------------------------------------------------------------------------------------------
-
-
 @given(
     samples=st.lists(
         st.tuples(st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), st.floats(-8.0, 8.0)), min_size=2, max_size=WINDOW - 1
@@ -127,7 +98,7 @@ def test_the_drive_is_what_the_hand_must_have_exerted(
     path = tmp_path_factory.mktemp("drive") / "client-anna.mcap"
     write_recording(path, [(tick, (x,), (v,), (f,)) for tick, (x, v, f) in enumerate(samples)])
     settings = ImpedanceSettings(hand_stiffness_npm=stiffness, hand_damping_nspm=damping)
-    hand = make_reconstructed(settings, 1, f"{path}#user=anna")
+    hand = ReconstructedHand(settings, 1, f"{path}#user=anna")
     assert (hand.stiffness_npm, hand.damping_nspm) == (stiffness, damping)
     assert hand.open(RATE_HZ, None) == (samples[0][0],)
     for tick, (x, v, f) in enumerate(samples):
@@ -164,7 +135,7 @@ def test_the_drive_moves_the_mass_as_well(
     ]
     write_recording(path, rows, mass_kg=mass_kg)
     settings = ImpedanceSettings(hand_stiffness_npm=stiffness, hand_damping_nspm=damping)
-    hand = make_reconstructed(settings, 1, f"{path}#user=anna")
+    hand = ReconstructedHand(settings, 1, f"{path}#user=anna")
     hand.open(RATE_HZ, None)
     drive = np.array([hand.drive(tick)[0] for tick in range(ticks)])
     expected = mass_kg * acceleration + damping * speed + stiffness * place + force
@@ -178,9 +149,6 @@ def test_the_start_is_the_recorded_one_and_the_run_may_begin_late(tmp_path: Path
     device = make(f"sim:ideal?hand=recording:{path}")
     device.open(RATE_HZ)
     assert device.read(0) == Sample((0.02 + 5e-6,), (0.0,))
-
-
-# The same world ------------------------------------------------------------------------------------------------------
 
 
 @given(
@@ -226,11 +194,11 @@ def test_at_rest_nothing_is_missing(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module", params=[long("sim:ideal"), "sim:phantom"])
 def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, RunRecords]:
-    """The demo's world and hands, ten seconds, on one of the machines."""
+    """The demo's world and hands, six seconds, on one of the machines."""
     folder = tmp_path_factory.mktemp("demo")
     device = str(request.param)
     table = tomllib.loads(DEMO.read_text())
-    run_laboratory(resolve(table, {"seconds": 10, "users.0.device": device, "users.1.device": device}), folder)
+    run_laboratory(resolve(table, {"seconds": 6, "users.0.device": device, "users.1.device": device}), folder)
     return device, open_run(folder)
 
 
@@ -265,9 +233,6 @@ def test_the_same_world_moves_it_as_it_was_moved(demo: tuple[str, RunRecords], t
     assert min(strokes) > 0.03, "or there is nothing to compare"
 
 
-# Another world -------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("more_n", [-2.0, 0.5, 1.0, 3.0])
 @pytest.mark.parametrize("stiffness_npm", [300.0, 900.0])
 def test_it_gives_way_as_its_impedance_lets_it(tmp_path: Path, more_n: float, stiffness_npm: float) -> None:
@@ -299,9 +264,6 @@ def test_another_world_is_felt_in_the_laboratory(demo: tuple[str, RunRecords], t
     assert min(found.values()) > 4.0 * WORST_MM[device], found
     firm = deviation_mm(run, relived(run, tmp_path / "firm", coupling__stiffness_npm=4000.0))
     assert max(firm.values()) > 2.0 * WORST_MM[device], firm
-
-
-# What cannot be relived ----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -1,14 +1,17 @@
-"""A replayed person is a device like all others: it promises, refuses and ends as they do."""
+"""A replayed person is a device like all others; one of a CSV file passes through every row, at the time that stands there."""
 
-from math import inf, nan
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from cogrip.devices import Capability, DeviceError, Sample, make
+from cogrip.devices import make
 
 from tests.devices.replayed_hands import RATE_HZ, TICKS, played
+
+DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 
 
 @pytest.fixture(params=["run", "run at another speed", "table"])
@@ -21,72 +24,11 @@ def address(request: pytest.FixtureRequest, run: Path, table: Path) -> str:
     return found[request.param]
 
 
-def test_capability_is_there_before_opening_and_makes_sense(address: str) -> None:
-    record = make(address, axes=2).capability
-    assert isinstance(record, Capability)
-    assert record.axes == 2 == len(record.workspace_m)
-    assert all(low < high for low, high in record.workspace_m)
-    assert 0.0 < record.continuous_force_n <= record.peak_force_n < inf
-    for limit in (record.stiffness_npm, record.damping_nspm, record.slew_nps, record.speed_mps):
-        assert limit > 0.0
-    assert record.resolution_m >= 0.0
-    assert record.apparent_mass_kg > 0.0
-    assert record.rate_hz >= RATE_HZ
-
-
 def test_the_motion_stays_inside_the_workspace_of_the_record(address: str) -> None:
     device = make(address, axes=2)
     shown = played(address, 3 * TICKS, axes=2)
     for axis, (low, high) in enumerate(device.capability.workspace_m):
         assert low < shown[:, axis].min() <= shown[:, axis].max() < high
-
-
-def test_closed_device_refuses_and_says_what_to_do(address: str) -> None:
-    device = make(address, axes=2)
-    device.close()
-    for _ in range(2):
-        with pytest.raises(DeviceError, match="call open"):
-            device.read(0)
-        with pytest.raises(DeviceError, match="call open"):
-            device.write((0.0, 0.0))
-        device.open(RATE_HZ)
-        device.close()
-        device.close()
-
-
-def test_samples_have_the_stated_shape_at_every_tick(address: str) -> None:
-    device = make(address, axes=2)
-    device.open(RATE_HZ)
-    for tick in (*range(20), 25, 100, 100, 10_000):
-        sample = device.read(tick)
-        assert isinstance(sample, Sample)
-        assert len(sample.position_m) == 2
-        assert (sample.velocity_mps is not None) == device.capability.gives_velocity
-        if sample.velocity_mps is not None:
-            assert len(sample.velocity_mps) == 2
-        device.write((0.1, 0.1))
-
-
-def test_bad_calls_are_errors_and_leave_the_device_working(address: str) -> None:
-    device = make(address, axes=2)
-    for rate_hz in (0, -1, device.capability.rate_hz + 1):
-        with pytest.raises(DeviceError, match=f"rate_hz={rate_hz}"):
-            device.open(rate_hz)
-    device.open(RATE_HZ)
-    with pytest.raises(DeviceError, match="open already"):
-        device.open(RATE_HZ)
-    device.read(5)
-    with pytest.raises(DeviceError, match="tick=4"):
-        device.read(4)
-    for few_or_many in ((0.0,), (0.0,) * 3):
-        with pytest.raises(DeviceError, match="axes"):
-            device.write(few_or_many)
-    device.write((1.0, 2.0))
-    for bad in (nan, inf, -inf):
-        with pytest.raises(DeviceError, match="not finite"):
-            device.write((0.0, bad))
-    assert device.force_n == (1.0, 2.0)  # type: ignore[attr-defined]
-    assert device.read(6) is not None
 
 
 def test_the_same_samples_again_after_reopening_whatever_the_force(address: str) -> None:
@@ -97,7 +39,6 @@ def test_the_same_samples_again_after_reopening_whatever_the_force(address: str)
         rows = []
         for tick in range(2000):
             sample = device.read(tick)
-            assert sample is not None
             rows.append(sample.position_m)
             device.write((force, -force))
         device.close()
@@ -122,3 +63,33 @@ def test_a_replay_has_played_out_at_its_last_sample_and_a_loop_never(run: Path) 
             if device.played_out:  # type: ignore[attr-defined]
                 over.append(each)
         assert (over[0] if over else None) == (tick if tick is None else pytest.approx(tick, abs=2)), keys
+
+
+@pytest.mark.parametrize(("origin", "off"), [("start", 1.0), ("keep", 0.0)])
+def test_a_table_shows_its_own_samples(table: Path, origin: str, off: float) -> None:
+    """1024 Hz is four ticks a row; `start` plays the motion from where the device is."""
+    shown = played(f"replay:{table}#time=t_s&x=x_mm&y=y_mm&scale=0.001&origin={origin}", 4 * 299 + 1, axes=3)
+    rows = np.loadtxt(table, delimiter=",", skiprows=1)[:, 1:] * 1e-3
+    assert shown[::4, :2] == pytest.approx(rows - off * rows[0], abs=1e-12)
+    assert np.all(shown[:, 2] == 0.0), "an axis without a column does not move"
+    assert np.abs(np.diff(shown[:, 1])).max() < 0.006, "monotone between the samples"
+
+
+def test_a_real_hand_is_played_as_it_was_measured() -> None:
+    path = DATA / "tue_1dof_PP_kp8.csv"
+    if not path.exists():
+        pytest.skip(f"../shared/data/{path.name} is not here")
+    text = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
+    angle = text[text["run"] == "spring"]["theta_m_rad"]
+    address = f"replay:{path}#time=t_s&x=theta_m_rad&scale=0.075&where=run:spring&origin=keep"
+    assert played(address, len(angle), rate_hz=2000)[:, 0] == pytest.approx(0.075 * angle, abs=1e-9)
+
+
+@given(st.integers(2, 4000))
+def test_the_last_row_of_a_table_is_played(tmp_path_factory: pytest.TempPathFactory, rows: int) -> None:
+    path = tmp_path_factory.mktemp("last") / "hand.csv"
+    path.write_text(f"t,x\n0,0\n{(rows - 1) / 1000},1\n")
+    device = make(f"replay:{path}#time=t&x=x")
+    device.open(1000)
+    end = device.read(rows - 1)
+    assert end.position_m[0] == pytest.approx(1.0, abs=1e-9)

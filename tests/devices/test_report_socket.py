@@ -1,7 +1,5 @@
 """`cogrip devices emulate hid` as a process of its own, on a real socket: the driver of `hid:` on it, and what may go wrong."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -12,7 +10,7 @@ from struct import pack, unpack
 import pytest
 
 from cogrip.devices.device import DeviceError
-from cogrip.devices.hid.variants import VARIANTS
+from cogrip.devices.hid.enumeration import VARIANTS
 from cogrip.devices.io.hid_port import HidPort
 from cogrip.devices.io.report_socket import OFFERED, is_socket
 from cogrip.devices.registry import make

@@ -1,7 +1,5 @@
 """The serial port on real pseudo-terminals: whatever a cable can do, as an error with its cure; no wait is without end."""
 
-from __future__ import annotations
-
 import os
 import select
 import threading
@@ -109,12 +107,6 @@ def test_a_wait_for_nothing_ends(port: SerialPort, wait_s: float) -> None:
     assert port.read(wait_s) == b""
 
 
-def test_a_frame_is_written_at_once(line: Line, port: SerialPort) -> None:
-    for _ in range(3):
-        port.write(ZERO)
-        assert line.heard(len(ZERO)) == ZERO
-
-
 def test_what_was_on_the_line_before_is_not_read(line: Line) -> None:
     line.send(b"old")
     assert select.select([line.slave], [], [], LONG_S)[0]
@@ -124,24 +116,16 @@ def test_what_was_on_the_line_before_is_not_read(line: Line) -> None:
     port.close()
 
 
-# who may open it
-
-
-def test_it_is_not_opened_twice(port: SerialPort) -> None:
-    with pytest.raises(DeviceError, match="is open already; close it first"):
-        port.open()
-    port.close()
-    port.close()
-    port.open()
-
-
 def test_it_is_exclusive(line: Line, port: SerialPort) -> None:
     other = SerialPort(line.path, "haply")
     with pytest.raises(
         DeviceError, match=rf"haply:{line.path}: cannot be opened: .*lock.*; close the program that uses it"
     ):
         other.open()
+    with pytest.raises(DeviceError, match="is open already; close it first"):
+        port.open()
     port.write(ZERO)
+    port.close()
     port.close()
     other.open()
     other.close()
@@ -184,9 +168,6 @@ def test_every_reason_has_its_cure(line: Line, monkeypatch: pytest.MonkeyPatch, 
         SerialPort(line.path, "serial").open()
     assert os.strerror(number) in str(caught.value)
     assert str(caught.value).endswith(f"; {cure}")
-
-
-# what becomes of it
 
 
 @pytest.mark.parametrize("verb", ["read", "wait", "write"])

@@ -6,6 +6,7 @@ from typing import Any
 from cogrip.protocol.settings import resolve
 from cogrip.sim.experiments.experiment import Measure, Result, run_case
 from cogrip.sim.experiments.methods.query import Comparison, prepare
+from cogrip.sim.experiments.methods.table import TABLE
 
 TWO: dict[str, Any] = {
     "name": "two",
@@ -30,3 +31,11 @@ def small(
     methods: Sequence[str] = ("wave", "coupling"), networks: Sequence[str] = ("wifi",), seeds: int = 2
 ) -> Comparison:
     return prepare(resolve(TWO), methods, networks, seeds)
+
+
+def row_of(network: str = "wan", method: str = "wave", **changes: Any) -> dict[str, Any]:
+    """Return a row of the table of results: twenty stable sessions."""
+    numbers = {column.measure: {"median": 1.0, "q1": 1.0, "q3": 1.0, "worst": 2.0, "n": 5, "of": 5} for column in TABLE}
+    counts = dict.fromkeys(("failed", "diverged", "oscillates", "active", "not_passive", "not_felt"), 0)
+    known = {"network": network, "method": method, "runs": 20, "errors": {}, "diverged_s": None, "felt": []}
+    return {**known, **counts, **numbers, **changes}

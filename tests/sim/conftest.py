@@ -1,12 +1,15 @@
-"""Fixtures of a finished run."""
+"""Fixtures of a finished run, and of comparisons."""
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from cogrip.protocol.settings import resolve
+from cogrip.sim.experiments.methods import query
 from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.plots import style
 
 from tests.sim.reported_runs import SETTINGS
 
@@ -23,3 +26,19 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def folder(finished: Path, tmp_path: Path) -> Path:
     """A copy to spoil."""
     return Path(shutil.copytree(finished, tmp_path / "run"))
+
+
+@pytest.fixture(scope="module")
+def felt_once() -> Iterator[None]:
+    """Probe the felt stiffness with one seed: it takes longer than a session."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(query, "FELT_SEEDS", 1)
+        yield
+
+
+@pytest.fixture(scope="module")
+def coarse() -> Iterator[None]:
+    """Draw pictures of few pixels, where only their number and names are asked for."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "DPI", 30)
+        yield

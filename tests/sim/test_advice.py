@@ -13,6 +13,8 @@ from cogrip.sim.analysis.advice import AMPLE, HEAVY_KG, Advice, advise, advise_s
 from cogrip.sim.analysis.advice_change import Change, ranked_changes
 from cogrip.sim.analysis.linear_session import ModelError, scheme_overrides
 
+from tests.extent import long
+
 
 def settings_of(scheme: Any = "passive", **overrides: Any) -> Settings:
     people = [{"name": name, "device": "sim:ideal", "hand": "hold"} for name in ("a", "b")]
@@ -116,8 +118,6 @@ def test_compensation_that_would_not_be_stable_is_not_called_possible() -> None:
     people = {f"users__{number}__device": device for number in (0, 1)}
     near, far = (advise(settings_of(link__delay_ms=20.0, coupling__stiffness_npm=K, **people)) for K in (300.0, 620.0))
     assert "compensation is possible" in words(near, "feel")
-    assert far.users[0].compensated_npm is not None
-    assert far.limit.stiffness_npm is not None
     assert far.users[0].compensated_npm > far.limit.stiffness_npm
     assert "which is not stable" in words(far, "feel")
 
@@ -145,7 +145,6 @@ def test_the_change_that_helps_most_is_one_that_was_tried(scheme: Any, overrides
     settings = settings_of(scheme, **keys)
     before = advise(settings)
     change = best_change(settings, before)
-    assert change is not None
     assert change.key == key
     after = advise(settings_of(scheme, **{**keys, key.replace(".", "__"): change.value}))
     assert change.after.warnings <= change.before.warnings
@@ -158,7 +157,6 @@ def test_slack_against_jitter_is_given_up_last(b: float, key: str) -> None:
     people = [{"name": name, "device": "sim:phantom?hand=hold"} for name in ("a", "b")]
     table = {"coupling": {"impedance_nspm": b}, "link": {"delay_ms": 20.0}, "playout": {"frames": 1}, "users": people}
     change = best_change(resolve(table), advise(resolve(table)))
-    assert change is not None
     assert change.setting == {"coupling.impedance_nspm": "coupling.impedance_nspm=25.6"}.get(key, "playout.frames=0")
 
 
@@ -181,7 +179,7 @@ def test_words_name_the_bound(device: str, b: float, bound: str) -> None:
     [
         {"coupling.kind": "coupling", "link.delay_ms": 20.0},
         {"coupling.decimator": "none", "users.0.device": "sim:ideal"},
-        {"coupling.impedance_nspm": 45.0, "link.profile": "wan"},
+        long({"coupling.impedance_nspm": 45.0, "link.profile": "wan"}),
     ],
 )
 def test_who_looks_at_the_most_hopeful_first_finds_what_who_looks_at_all_finds(overrides: dict[str, Any]) -> None:

@@ -1,5 +1,6 @@
 """The traced outline against a dense grid, against symmetry, and on both of its sides."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.analysis.boundary import ASIDE
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import ModelError, linear_session, scheme_overrides
-from cogrip.sim.analysis.region import grid_axes, regions, stiffnesses
+from cogrip.sim.analysis.region import Region, dense_grid, grid_axes, regions, stiffnesses
 from cogrip.sim.analysis.stability import largest_stable, radius
 
 from tests.extent import long
@@ -27,8 +28,17 @@ UNALIKE: dict[str, Any] = {
 }
 
 
+TABLES = {"alike": ALIKE, "unalike": UNALIKE}
+
+
 def settings_of(table: dict[str, Any], scheme: Any) -> Settings:
     return resolve(table, scheme_overrides(scheme))
+
+
+@cache
+def traced(table: str, scheme: str) -> tuple[list[Region], tuple[float, float]]:
+    """Return the regions at all DELAYS, and the box that holds them."""
+    return regions(settings_of(TABLES[table], scheme), DELAYS, estimated=False)
 
 
 def border_of(stable: NDArray[np.bool_]) -> Array:
@@ -52,18 +62,27 @@ def distances(points: Array, line: Array) -> Array:
 
 
 @pytest.mark.parametrize(
-    ("table", "scheme", "cells"), [(ALIKE, "paper", 120), long(UNALIKE, "paper", 200), (UNALIKE, "coupling", 120)]
+    ("table", "scheme", "delays", "cells"),
+    [
+        ("alike", "paper", (1,), 120),
+        ("unalike", "coupling", (4,), 120),
+        long("alike", "paper", DELAYS, 120),
+        long("unalike", "paper", DELAYS, 200),
+        long("unalike", "coupling", DELAYS, 120),
+    ],
 )
 def test_the_boundary_lies_within_half_a_percent_of_that_of_a_dense_grid(
-    table: dict[str, Any], scheme: str, cells: int
+    table: str, scheme: str, delays: tuple[int, ...], cells: int
 ) -> None:
     """The border that a grid shows is known to half a cell: a quarter of a percent, or four tenths."""
-    found, box = regions(settings_of(table, scheme), DELAYS, grid_cells=cells, estimated=False)
+    found, box = traced(table, scheme)
     for region in found:
         assert region.boundary.verified
         assert not region.boundary.open.any()
-        assert region.grid is not None
-        edges = border_of(region.grid < 1.0)
+        if region.delay_frames not in delays:
+            continue
+        grid = dense_grid(LiftedModel(region.session), box, cells)
+        edges = border_of(grid < 1.0)
         assert distances(edges, region.boundary.points_npm / box).max() < 0.005
         # and the other way round: from every point of the outline to the nearest edge, which is half a cell long each way
         nearest = np.abs(region.boundary.points_npm[:, None] / box - edges).max(axis=2).min(axis=1)
@@ -72,8 +91,7 @@ def test_the_boundary_lies_within_half_a_percent_of_that_of_a_dense_grid(
 
 @pytest.mark.parametrize("scheme", ["paper", "coupling"])
 def test_just_inside_is_stable_and_just_outside_is_not(scheme: str) -> None:
-    found, _ = regions(settings_of(UNALIKE, scheme), DELAYS, estimated=False)
-    for region in found:
+    for region in traced("unalike", scheme)[0]:
         model = LiftedModel(region.session)
         points = region.boundary.points_npm
         assert (radius(model, stiffnesses(region.session, points * (1.0 - ASIDE))) < 1.0).all()
@@ -87,12 +105,10 @@ def test_two_people_alike_have_a_region_alike() -> None:
 
 
 def test_the_diagonal_point_is_the_largest_stable_stiffness() -> None:
-    found, _ = regions(settings_of(ALIKE, "paper"), DELAYS, estimated=False)
-    for region in found:
+    for region in traced("alike", "paper")[0]:
         points = region.boundary.points_npm
         middle = points[np.abs(points[:, 0] - points[:, 1]).argmin()]
         limit = largest_stable(LiftedModel(region.session)).stiffness_npm
-        assert limit is not None
         np.testing.assert_allclose(middle, limit, rtol=1e-4)
 
 
@@ -101,15 +117,13 @@ def test_the_passive_scheme_is_stable_to_the_edge_of_the_picture() -> None:
     for region in found:
         assert region.boundary.open.all()
         assert region.boundary.verified
-        assert region.grid is not None
         assert (region.grid < 1.0).all()
         np.testing.assert_allclose(region.boundary.points_npm.max(axis=0), box)
 
 
 def test_a_box_of_its_own_holds_every_boundary() -> None:
-    found, box = regions(settings_of(UNALIKE, "paper"), DELAYS, estimated=False)
-    for region in found:
-        assert (region.boundary.points_npm < np.array(box)).all()
+    found, box = traced("unalike", "paper")
+    assert all((region.boundary.points_npm < np.array(box)).all() for region in found)
 
 
 def test_a_region_that_goes_on_beyond_the_box_is_open_there() -> None:
@@ -134,7 +148,6 @@ def test_the_grid_has_the_first_person_across_and_the_second_one_up() -> None:
     found, box = regions(settings_of(UNALIKE, "paper"), (1,), to_npm=(3000.0, 1500.0), grid_cells=7, estimated=False)
     k1, k2 = grid_axes(box, 7)
     grid = found[0].grid
-    assert grid is not None
     model = LiftedModel(found[0].session)
     assert grid[5, 2] == pytest.approx(radius(model, np.array([[k1[2], k2[5]]]))[0], abs=1e-12)
 

@@ -1,33 +1,24 @@
-"""Tests of recorded delays: values over time, repetition, and errors of files."""
+"""Tests of recorded delays: values over time, repetition, errors of files, and the example that makes one of a recorded run."""
 
+import runpy
 from pathlib import Path
 
 import pytest
 
+from cogrip.protocol.settings import resolve
+from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.session.delay_trace import LOST_NS, DelayTrace, TraceError, read_trace
 from cogrip.sim.session.link import LinkEmulator
 
-from tests.sim.test_link import MS, Profile
+from tests.sim.test_link import MS, Profile, S
 
-S = 1_000_000_000
 ROWS = [(10.0, 5.0), (11.0, 50.0), (11.5, None), (12.0, 10.0)]
 
 
 def test_a_row_holds_until_the_next_and_the_trace_begins_again() -> None:
     trace = DelayTrace(ROWS)
-    assert trace.period_s == 2.5, "the last row holds as long as the one before it"
-    expected = {
-        0.0: 5,
-        0.999: 5,
-        1.0: 50,
-        1.499: 50,
-        1.5: LOST_NS / MS,
-        1.999: LOST_NS / MS,
-        2.0: 10,
-        2.499: 10,
-        2.5: 5,
-        3.5: 50,
-    }
+    lost = LOST_NS / MS
+    expected = {0.0: 5, 0.999: 5, 1.0: 50, 1.499: 50, 1.5: lost, 1.999: lost, 2.0: 10, 2.499: 10, 2.5: 5, 3.5: 50}
     for at_s, delay_ms in expected.items():
         for turn in (0, 4):
             assert trace.delay_ns(round((at_s + turn * 2.5) * S)) == delay_ms * MS
@@ -120,3 +111,54 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path) -> None:
 
 def test_the_longest_delay_is_taken() -> None:
     assert DelayTrace([(0.0, 10_000.0)]).delay_ns(0) == 10_000 * MS
+
+
+# The example
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "docs" / "examples" / "record_a_trace.py"
+FRAME_NS = 7_812_500
+LINK = {"delay_ms": 31.25, "loss": 0.3, "burst_frames": 3.0}
+EXAMPLE_MAIN = runpy.run_path(str(EXAMPLE))["main"]
+
+
+@pytest.mark.parametrize(("kind", "direction"), [("wave", "up"), ("wave", "down"), ("tdpa", "up"), ("tdpa", "down")])
+def test_a_recorded_network_can_be_played(tmp_path, capsys, kind: str, direction: str) -> None:
+    run_laboratory(resolve({"seconds": 1.0, "seed": 4, "link": LINK, "coupling": {"kind": kind}}), tmp_path)
+    assert EXAMPLE_MAIN([str(tmp_path), "anna", direction]) == 0
+    told = capsys.readouterr().out
+    (tmp_path / "trace.csv").write_text(told)
+    delays = [row.partition(",")[2] for row in told.splitlines()[1:]]
+    assert set(delays) == {"", "31.250"}
+    assert 10 < delays.count("") < 100
+    assert 100 < len(delays) <= 124, "of 128 frames the last four were under way when the session ended"
+    assert delays[-1], "nothing follows the newest that came"
+    link = LinkEmulator(Profile(), "", trace=read_trace(tmp_path / "trace.csv"))
+    for number in range(len(delays)):
+        link.send(number.to_bytes(1, "big"), 5 + number * FRAME_NS)
+    came = []
+    while (next_ns := link.next_ns) is not None:
+        for payload in link.due(next_ns):
+            came.append(payload[0])
+            assert next_ns == 5 + payload[0] * FRAME_NS + 31.25 * MS
+    assert came == [number for number, delay in enumerate(delays) if delay]
+
+
+def test_bad_arguments_and_incomplete_runs_are_refused(tmp_path, capsys) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    run_laboratory(resolve({"seconds": 0.1, "link": {"delay_ms": 500.0}}), run)
+    for arguments, words in (
+        ([], "usage: record_a_trace.py RUN PERSON up|down"),
+        ([str(run), "anna"], "usage"),
+        ([str(run), "anna", "left"], "'left' is no direction: up is from the client to the server"),
+        ([str(run), "zoe", "up"], "no recording of 'zoe'; there is: anna\n"),
+        ([str(run), "anna", "up"], "nothing of anna up arrived"),
+        ([str(tmp_path / "none"), "anna", "up"], "none"),
+    ):
+        assert EXAMPLE_MAIN(arguments) == 2
+        told = capsys.readouterr()
+        assert words in told.err
+        assert not told.out
+    (run / "server.mcap").unlink()
+    assert EXAMPLE_MAIN([str(run), "anna", "up"]) == 2
+    assert "no recording of the server; bring both together by `cogrip merge`" in capsys.readouterr().err

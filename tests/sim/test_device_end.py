@@ -77,14 +77,12 @@ def assert_calm(one: Felt) -> None:
     assert one.largest_step_n < 1.0
     device = one.account.device
     assert not device.oscillates
-    assert device.margin_j is not None
     assert device.margin_j >= 0.0
     assert one.core.safety.state == "live"
     assert np.abs(one.forces).max() > 0.1, "a force is felt"
 
 
-@pytest.mark.parametrize("impedance", [50.0, 100.0])
-@pytest.mark.parametrize("axes", [1, 3])
+@pytest.mark.parametrize(("impedance", "axes"), every(3, product((50.0, 100.0), (1, 3))))
 def test_an_impedance_far_beyond_what_the_device_carries_is_calm(impedance: float, axes: int) -> None:
     """Without the port, at 1 axis: +-8.5 N, 140 changes of sign a second, steps of 16 and 17 N."""
     hands = ({"hand": "reach&amplitude_m=0.04"}, {"hand": "reach&amplitude_m=0.03&delay_s=0.25"})
@@ -170,7 +168,7 @@ def test_what_the_record_does_not_say_is_found_out(
 
 GOOD: dict[str, Callable[[], Settings]] = {
     **{
-        name: lambda name=name: replace_seconds(CONFIGS / f"{name}.toml")  # type: ignore[misc]
+        name: lambda name=name: replace_seconds(CONFIGS / f"{name}.toml")
         for name in ("demo", "lan", "wan", "three-users", "five-users")
     },
     "wifi": lambda: room(link={"profile": "wifi"}, playout={"frames": "auto"}),
@@ -189,25 +187,25 @@ GOOD: dict[str, Callable[[], Settings]] = {
 }
 
 
+SELDOM = ("five-users", "three-users", "lan", "wifi", "3 axes", "faces of 20000 N/m", "tremor")
+
+
 def replace_seconds(path: Path) -> Settings:
     return resolve({**tomllib.loads(path.read_text()), "seconds": 4.0})
 
 
-@pytest.mark.parametrize(
-    "name", [long(name) if name in ("five-users", "three-users", "lan") else name for name in GOOD]
-)
+@pytest.mark.parametrize("name", [long(name) if name in SELDOM else name for name in GOOD])
 def test_within_what_devices_carry_the_port_is_idle(name: str) -> None:
     """The port changes no force by a bit: nothing controlled, nothing deflected, the reserve hardly touched."""
     for one in felt(GOOD[name]()):
-        port, coupling = one.core.port, one.core.coupling
-        assert port._controlled == 0
+        port = one.core.port
+        assert one.account.device.controlled == 0.0
         assert port.carried_nspm == largest_impedance(one.core.capability, one.core.seat.rates.tick_s).impedance_nspm
-        assert not getattr(coupling, "_deflected", False)
         assert not port.oscillates
         assert one.account.device.leak_j < 0.1 * port.reserve_j
 
 
-@pytest.mark.parametrize(("stiffness", "ends"), [(500.0, "fault"), (1000.0, "fault"), (2000.0, "live")])
+@pytest.mark.parametrize(("stiffness", "ends"), [long(500.0, "fault"), (1000.0, "fault"), (2000.0, "live")])
 def test_a_law_that_oscillates_over_the_network_is_let_go_and_ends_in_a_fault_if_it_goes_on(
     stiffness: float, ends: str
 ) -> None:
@@ -236,7 +234,6 @@ def test_virtual_coupling_keeps_its_spring_whatever_its_damping(damping: float) 
     [one] = felt(
         room(1.0, users=({"hand": "hold"},), object={"kind": "wall"}, coupling=coupling, link={"delay_ms": 0.0})
     )
-    assert one.core.coupling._rendered_npm == 1000.0
     assert not one.core.coupling.reduced
 
 
@@ -255,19 +252,16 @@ def test_a_hand_that_overpowers_the_motors_gives_the_line_no_more_than_it_gave()
     people = felt(room(users=({"hand": "sine&amplitude_m=0.05&frequency_hz=4"}, {"hand": "hold"})))
     for one in people:
         assert one.core.port.balance_j >= -one.core.port.reserve_j
-        assert one.core.port._forgiven_j < 20.0, "what ramps left to the line"
     assert people[0].core.safety.counts["force clipped"] > 0
 
 
-@pytest.mark.parametrize("kind", ["cube", "wall"])
-@pytest.mark.parametrize("force_n", [1.0, 1.5, 2.0])
+@pytest.mark.parametrize(("kind", "force_n"), every(5, product(("cube", "wall"), (1.0, 1.5, 2.0))))
 def test_a_hand_that_pushes_from_the_start_is_not_thrown_back(kind: str, force_n: float) -> None:
     """The line takes what the hand gives while its force is ramped in, and 50 mJ; before, 2 N loaded it with 2.8 J."""
     hands = ({"hand": f"push&force_n={force_n}"}, {"hand": "hold"})
     settings = room(users=hands, object={"kind": kind}, link={"delay_ms": 20.0}, playout={"frames": 1})
     for one in felt(settings):
         assert one.core.safety.state == "live"
-        assert one.account.device.margin_j is not None
         assert one.account.device.margin_j > 0.0
         assert abs(one.core.position_m[0]) < 0.03
 
@@ -277,5 +271,4 @@ def test_whoever_leaves_a_push_alone_is_followed_by_no_energy() -> None:
     laboratory = Laboratory(room(users=({"hand": "push&force_n=1.6"}, {"hand": "hold"})))
     laboratory.run(None, lambda lab: lab.leave(1) if lab.seconds >= 1.5 and not lab.people[1].going else None)
     margin_j = laboratory.people[0].core.port.account().margin_j
-    assert margin_j is not None
     assert margin_j > 0.0

@@ -12,13 +12,12 @@ from random import Random
 
 import pytest
 
-from cogrip.devices.emulated.device import EmulatedDevice
 from cogrip.devices.emulated.faults import VERBS
 from cogrip.devices.emulated.firmware import JUMP_COUNTS, Firmware
 from cogrip.protocol.settings import resolve
 from cogrip.sim.session.laboratory import Laboratory, Person
 
-from tests.extent import every
+from tests.extent import every, long
 
 RATE_HZ = 1024
 HANDS = ("reach&amplitude_m=0.03&delay_s=0.3&stroke_s=0.3", "hold")
@@ -74,7 +73,6 @@ def session(wire: str, seconds: float, hands: tuple[str, str], pose: str = "home
 
 
 def firmware(person: Person) -> Firmware:
-    assert isinstance(person.device, EmulatedDevice)
     return person.device.firmware
 
 
@@ -118,7 +116,7 @@ def faults(*left_out: str) -> list[tuple[str, str]]:
 SLIPS = [(wire, f"slip {joint}") for wire in WIRES for joint in "bc" if (wire, joint) != ("emulated:2diy", "c")]
 
 
-@pytest.mark.parametrize(("wire", "verb"), [*faults(), *SLIPS])
+@pytest.mark.parametrize(("wire", "verb"), every(2, [*faults(), *SLIPS]))
 def test_the_force_ends_and_the_other_goes_on(wire: str, verb: str) -> None:
     """A `jump` is a slip of encoder a; a 2diy has no encoder c."""
     laboratory = session(wire, BEGIN_S + AFTER_S, HANDS)
@@ -152,7 +150,7 @@ def test_the_force_ends_and_the_other_goes_on(wire: str, verb: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("begin_s", "silence_s", "wire"), every(4, product((BEGIN_S, 0.7, 0.93), (0.002, 0.006, 0.009), WIRES))
+    ("begin_s", "silence_s", "wire"), every(5, product((BEGIN_S, 0.7, 0.93), (0.002, 0.006, 0.009), WIRES))
 )
 def test_an_encoder_that_jumps_in_a_silence_is_found(wire: str, silence_s: float, begin_s: float) -> None:
     """Before, after 6 ms the pose was wrong by 9.6 to 17 mm and nobody noticed."""
@@ -173,7 +171,7 @@ def test_an_encoder_that_jumps_in_a_silence_is_found(wire: str, silence_s: float
     assert passive(laboratory)
 
 
-@pytest.mark.parametrize(("wire", "verb"), every(2, faults(*TOLERATED)))
+@pytest.mark.parametrize(("wire", "verb"), every(4, faults(*TOLERATED)))
 def test_re_arming_works_once_the_cause_is_gone(wire: str, verb: str) -> None:
     laboratory = session(wire, BEGIN_S + 0.6 + AFTER_S, HANDS, pose="stored")
     anna = laboratory.people[0]
@@ -212,26 +210,29 @@ def test_re_arming_works_once_the_cause_is_gone(wire: str, verb: str) -> None:
 def calibrate(person: Person) -> None:
     """The person puts the arm into its home pose, runs `cogrip devices calibrate`, and takes it somewhere else."""
     device = person.device
-    assert isinstance(device, EmulatedDevice)
-    assert device.store is not None
     mechanics = device.firmware.mechanics
     before = mechanics.body.position_m
     mechanics.carry(mechanics.home_m)
-    device.store.keep(device.driver.calibrate("now"))  # type: ignore[attr-defined]
+    device.store.keep(device.driver.calibrate("now"))
     x, y, z = before
     mechanics.carry((x - 0.02, y, z))
 
 
-@pytest.mark.parametrize("seed", every(2, range(4)))
-def test_no_force_is_ever_above_the_limit_whatever_goes_wrong(seed: int) -> None:
-    """Fifty faults a seed, any verbs, one into another, at any time, mended and re-armed at any time."""
+@pytest.mark.parametrize(("seed", "seconds", "count"), [(0, 7.0, 25), *(long(seed, 16.0, 50) for seed in range(4))])
+def test_no_force_is_ever_above_the_limit_whatever_goes_wrong(seed: int, seconds: float, count: int) -> None:
+    """Three faults a second, any verbs, one into another, at any time, mended and re-armed at any time."""
     random = Random(seed)
     wire = WIRES[seed % len(WIRES)]
     hands = ("reach&amplitude_m=0.04&stroke_s=0.3", "tremor&amplitude_m=0.02&seed=5")
-    laboratory = session(wire, 16.0, hands, pose=f"stored&peak_force_n={WEAK_N}")
+    laboratory = session(wire, seconds, hands, pose=f"stored&peak_force_n={WEAK_N}")
     plan = sorted(
-        (random.uniform(0.5, 15.5), random.choice(VERBS), random.choice((0.002, 0.01, 0.05, 0.3)), random.random())
-        for _ in range(50)
+        (
+            random.uniform(0.5, seconds - 0.5),
+            random.choice(VERBS),
+            random.choice((0.002, 0.01, 0.05, 0.3)),
+            random.random(),
+        )
+        for _ in range(count)
     )
     limits = [person.device.capability.peak_force_n for person in laboratory.people]
     drives = [firmware(person).mechanics for person in laboratory.people]

@@ -160,13 +160,11 @@ def test_a_resumed_seat_goes_on_and_a_kicked_one_keeps_what_was_known() -> None:
     run_until(laboratory, lambda: core.session.resumed == 1)
     frames(laboratory, 30)
     resumed_j = laboratory.room.seat_account(0).line_reserve_j
-    assert resumed_j is not None
     assert resumed_j <= least_j, "the same line"
     laboratory.server.handle(Kick("anna"), laboratory.now_ns)
     frames(laboratory, 5)
     assert seat.port is None
     kicked_j = laboratory.room.seat_account(0).line_reserve_j
-    assert kicked_j is not None
     assert kicked_j <= resumed_j
     lawful(of_laboratory(laboratory))
 
@@ -177,7 +175,6 @@ def test_a_new_server_begins_a_new_line_and_the_client_keeps_the_least_of_all() 
     core = laboratory.people[0].core
     least_j, margin_j = core.ledger.down_reserve_j, core.coupling.down_margin_j
     assert least_j is not None
-    assert margin_j is not None
     checkpoints = laboratory.kill()
     frames(laboratory, 20)
     laboratory.restart(checkpoints)
@@ -186,7 +183,6 @@ def test_a_new_server_begins_a_new_line_and_the_client_keeps_the_least_of_all() 
         laboratory.frame(watch)
     frames(laboratory, 20)
     assert core.ledger.down_reserve_j == least_j, "the new line has no second yet"
-    assert core.coupling.down_margin_j is not None
     assert core.coupling.down_margin_j <= margin_j
     assert laboratory.room.seat_account(0).line_reserve_j is None
     lawful(of_laboratory(laboratory))
@@ -203,7 +199,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 def test_the_recorded_reserves_lead_to_the_margins_and_to_the_least_in_the_summary(run: Run) -> None:
-    assert run.room is not None
     for number, user in enumerate(run.summary["users"]):
         ticks = run.clients[user["name"]].columns
         traces = {
@@ -229,7 +224,6 @@ def columns_without(run: Run, *names: str) -> Run:
             key: np.full_like(columns[key], np.nan) if key.endswith(names) else columns[key] for key in list(columns)
         }
 
-    assert run.room is not None
     clients = {name: replace(trace, columns=older(trace.columns)) for name, trace in run.clients.items()}
     return replace(run, clients=clients, room=replace(run.room, columns=older(run.room.columns)))
 

@@ -139,7 +139,6 @@ def test_datagrams_only_when_asked_for_and_whole(folder: Path, tmp_path: Path) -
     run = open_run(folder)
     export(run, "csv", tmp_path, datagrams=True)
     columns = read_csv(tmp_path / "server.datagram_in.csv")
-    assert run.server is not None
     recorded = [timed.record for timed in run.server.records("datagram_in")]
     assert [bytes.fromhex(text) for text in columns["data_hex"]] == [datagram.data for datagram in recorded]
     assert columns["address"] == [json.loads(datagram.address) for datagram in recorded]

@@ -177,11 +177,7 @@ def test_the_budget_adds_up_to_the_delay_of_slow_motion(
     assert total_s(budget(which, 0)) == pytest.approx(float(-np.angle(path)[0] / w[0]), abs=1e-7)
 
 
-def test_the_budget_of_a_boxcar_is_the_time_of_theory_4() -> None:
-    which = session("passive", 3)
-    assert total_s(budget(which, 0)) == pytest.approx(7 * which.people[0].rates.frame_s, abs=1e-12)
-
-
-def test_the_budget_of_virtual_coupling() -> None:
-    which = session("coupling", 2)
-    assert total_s(budget(which, 0)) == pytest.approx(5.5 * which.people[0].rates.frame_s, abs=1e-12)
+@pytest.mark.parametrize(("scheme", "frames", "expected"), [("passive", 3, 7.0), ("coupling", 2, 5.5)])
+def test_the_budget_of_a_boxcar_is_the_time_of_theory_4(scheme: str, frames: int, expected: float) -> None:
+    which = session(scheme, frames)
+    assert total_s(budget(which, 0)) == pytest.approx(expected * which.people[0].rates.frame_s, abs=1e-12)

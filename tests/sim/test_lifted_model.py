@@ -23,7 +23,7 @@ from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.lagged import PaperWorld
-from cogrip.server.worlds.world import HandWorld, World
+from cogrip.server.worlds.world import World
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import (
     LinearSession,
@@ -131,7 +131,7 @@ class CoresFrame:
             client, plant = WaveCoupling(seat), self.plant(person, own[0], own[1])
             client.returning = (float(down[-1]),)
             if person.decimator == "lowpass":
-                client._decimator._state = [float(own[-1])]  # type: ignore[attr-defined]
+                client._decimator._state = [float(own[-1])]
             extra = self.run_ticks(client, person, plant, *(own[2:4] if person.estimated else (0.0, 0.0)))
             (sent,) = client._decimator.take()
             after = [plant.position_m[0], plant.velocity_mps[0], *extra]
@@ -183,7 +183,6 @@ class CoresFrame:
         if isinstance(world, GripWorld):
             world.stretch = server[:N, None].copy()
         else:
-            assert isinstance(world, HandWorld)
             world.hand = server[:N, None] + place
         if isinstance(world, PaperWorld):
             world.force = server[-N:, None].copy()
@@ -193,7 +192,7 @@ class CoresFrame:
         return world
 
     def read(self, world: World) -> Array:
-        stretch = world.stretch if isinstance(world, GripWorld) else world.hand - world.position  # type: ignore[attr-defined]
+        stretch = world.stretch if isinstance(world, GripWorld) else world.hand - world.position
         parts = [stretch[:, 0]]
         if not self.session.fixed:
             parts += [world.position, world.velocity]
@@ -205,7 +204,7 @@ class CoresFrame:
 def both(scheme: str, stiffness: float, delay: int, **coupling: Any) -> tuple[Settings, LiftedModel]:
     """Return theory section 6's two users."""
     table: dict[str, Any] = {"coupling": coupling, "users": [{"name": "a"}, {"name": "b"}]}
-    resolved = resolve(table, {**scheme_overrides(scheme), "coupling.stiffness_npm": float(stiffness)})  # type: ignore[arg-type]
+    resolved = resolve(table, {**scheme_overrides(scheme), "coupling.stiffness_npm": float(stiffness)})
     return resolved, LiftedModel(linear_session(resolved, delay_frames=delay, estimated=False))
 
 
@@ -347,12 +346,9 @@ def test_each_direction_has_its_own_delay_in_ticks() -> None:
     assert (down.tick_wait_ticks, down.frame_wait_ticks, down.frames) == (pytest.approx(0.52), 3.0, 4)
     notes = rounding_notes(session)
     assert len(notes) == 2
+    assert rounding_notes(both("paper", 1000, 3)[1].session) == (), "whole frames need no note"
     assert "8.78906 ms is 9 device ticks; it is played at the next frame border, after 16 ticks or 2 frames" in notes[0]
     assert "20.48 device ticks, no whole number: taken as 21" in notes[1]
-
-
-def test_whole_frames_need_no_note() -> None:
-    assert rounding_notes(both("paper", 1000, 3)[1].session) == ()
 
 
 def test_virtual_coupling_has_no_playout() -> None:
@@ -364,16 +360,10 @@ def test_virtual_coupling_has_no_playout() -> None:
 def test_a_scheme_that_does_not_fit_the_object_is_refused(scheme: str) -> None:
     table = {"object": {"kind": "faces"}, "users": [{"name": "a"}]}
     with pytest.raises(ModelError, match=r'does not fit object\.kind = "faces"'):
-        linear_session(resolve(table, scheme_overrides(scheme)), estimated=False)  # type: ignore[arg-type]
+        linear_session(resolve(table, scheme_overrides(scheme)), estimated=False)
 
 
 @pytest.mark.parametrize("frames", [-0.1, 256.1])
 def test_a_delay_out_of_bounds_is_refused(frames: float) -> None:
     with pytest.raises(ModelError, match="out of 0 to 256"):
         linear_session(resolve({}), delay_frames=frames, estimated=False)
-
-
-def test_one_frame_is_no_frames() -> None:
-    session = linear_session(resolve({"link": {"delay_ms": 1.0}, "users": [{"name": "a"}]}), estimated=False)
-    (note,) = rounding_notes(session)
-    assert note.endswith("or 1 frame")

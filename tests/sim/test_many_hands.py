@@ -15,10 +15,10 @@ from cogrip.protocol.messages import MAX_MESSAGE_BYTES, VIEWED_SEATS, Stamp, Vie
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.world import World
-from cogrip.sim.runs.plots.style import colour
 from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.runs.traces import MOST_PEOPLE
 from cogrip.sim.session.laboratory import Laboratory
+
+from tests.extent import long
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 T = 1.0 / 128.0
@@ -116,8 +116,11 @@ def hands(count: int, kind: str, dimensions: int) -> list[dict[str, Any]]:
 
 @pytest.mark.parametrize(
     ("count", "kind", "dimensions", "K"),
-    [(16, "cube", 1, 1e5), (16, "cube", 3, 1e3), (16, "faces", 3, 1e4), (9, "faces", 1, 1e5), (5, "cube", 3, 1e5)],
-)
+    [
+        long(16, "cube", 1, 1e5), long(16, "cube", 3, 1e3), (16, "faces", 3, 1e4), long(9, "faces", 1, 1e5),
+        (5, "cube", 3, 1e5),
+    ],
+)  # fmt: skip
 def test_many_hands_make_no_energy(count: int, kind: str, dimensions: int, K: float) -> None:
     laboratory = Laboratory(resolve({
         "seconds": 0.8, "object": {"kind": kind, "axes": dimensions}, "coupling": {"stiffness_npm": K},
@@ -147,7 +150,7 @@ def test_the_same_people_on_other_seats_move_it_in_the_same_way() -> None:
             "users": [*people[turn:], *people[:turn]],
         }
         laboratory, path = Laboratory(resolve(table)), []
-        laboratory.run(None, lambda lab, path=path: path.append(lab.room.world.motion()[:3]))  # type: ignore[misc]
+        laboratory.run(None, lambda lab, path=path: path.append(lab.room.world.motion()[:3]))
         paths.append(np.array(path))
     assert np.abs(paths[0]).max() > 1e-3
     np.testing.assert_allclose(paths[0], paths[1], atol=1e-9)
@@ -161,11 +164,6 @@ def test_a_view_has_room_for_sixteen_in_three_axes() -> None:
     largest = View(2**63 - 1, 2**53, row[:6], (255,) * VIEWED_SEATS, row, row, Stamp(2**63 - 1, 2**63 - 1, 2**63 - 1))
     assert VIEWED_SEATS >= 16
     assert len(encode(largest)) <= MAX_MESSAGE_BYTES
-
-
-def test_sixteen_people_have_colours_of_their_own() -> None:
-    assert MOST_PEOPLE == 16
-    assert len({colour(number) for number in range(MOST_PEOPLE)}) == MOST_PEOPLE
 
 
 @pytest.mark.parametrize(("name", "people"), [("five-users.toml", 5), ("sixteen-users.toml", 16)])

@@ -15,6 +15,7 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory, Person
 from cogrip.sim.session.link import LinkEmulator
 
+from tests.extent import long
 from tests.sim.session_measures import FRAME_MS, Table, least_margin
 
 TICK_MS = 1000.0 / 1024.0
@@ -51,7 +52,6 @@ def test_both_ends_find_the_others_clock_up_to_half_the_difference_of_path_delay
     assert delay["uncertainty_ms"] == pytest.approx(0.5 * (up_ms + down_ms), abs=slack_ms)
     for direction in ("up_ms", "down_ms"):
         assert delay[direction]["p50"] == pytest.approx(0.5 * (up_ms + down_ms), rel=1 / 31)  # of a histogram's bin
-    assert seat.clock.offset_ns is not None
     assert seat.clock.offset_ns * 1e-6 == pytest.approx(ahead_ms - wrong_ms, abs=slack_ms)
     assert core.session.clock.contradictions == seat.clock.contradictions == 0
 
@@ -68,7 +68,6 @@ def test_through_jitter_loss_repetition_and_disorder_the_clock_is_found_within_w
         clock = core.session.clock
         if clock.offset_ns is not None and laboratory.seconds > 1.0:
             truth_ns = -ahead_ns - laboratory.now_ns // 5000
-            assert clock.uncertainty_ns is not None
             assert abs(clock.offset_ns - truth_ns) <= clock.uncertainty_ns + 1_000_000  # it was read up to a frame ago
             wrong_ms.append(abs(clock.offset_ns - truth_ns) * 1e-6)
 
@@ -161,10 +160,10 @@ def reroute(person: Person, delay_ms: float, seconds: float) -> None:
     ("kind", "axes", "before_ms", "after_ms"),
     [
         ("wall", 1, 20.0, 40.0),
-        ("wall", 1, 40.0, 20.0),
-        ("wall", 3, 20.0, 40.0),
+        long("wall", 1, 40.0, 20.0),
+        long("wall", 3, 20.0, 40.0),
         ("cube", 3, 20.0, 40.0),
-        ("cube", 3, 40.0, 20.0),
+        long("cube", 3, 40.0, 20.0),
         ("faces", 1, 40.0, 20.0),
     ],
 )
@@ -172,7 +171,7 @@ def test_the_stiffness_is_felt_as_asked_before_and_after_the_delay_changes(
     kind: str, axes: int, before_ms: float, after_ms: float
 ) -> None:
     """The playout is fixed: it takes its 4 s to follow, and so the loop. Then the spring does."""
-    session = Felt(kind, axes, [(0.0, before_ms), (3.5, after_ms)], 15.3)
+    session = Felt(kind, axes, [(0.0, before_ms), (3.5, after_ms)], 11.3)
     felt, summary = session.felt_npm, session.summary
     assert felt[0] == pytest.approx(K_NPM, rel=0.01)
     assert felt[-1] == pytest.approx(K_NPM, rel=0.02)
@@ -188,7 +187,7 @@ def test_the_stiffness_is_felt_as_asked_before_and_after_the_delay_changes(
 
 
 def test_without_compensation_the_spring_is_the_one_that_was_asked_for_and_the_prediction_follows_the_loop() -> None:
-    session = Felt("wall", 1, [(0.0, 20.0), (3.5, 40.0)], 15.3, coupling={"compensate": False})
+    session = Felt("wall", 1, [(0.0, 20.0), (3.5, 40.0)], 11.3, coupling={"compensate": False})
     [user] = session.summary["users"]
     assert user["rendered_npm"] == K_NPM
     compliances = [1.0 / K_NPM + (2 * frames + 1) * FRAME_MS * 1e-3 / 120.0 for frames in (3, 6)]
@@ -199,7 +198,7 @@ def test_without_compensation_the_spring_is_the_one_that_was_asked_for_and_the_p
 
 
 def test_a_delay_that_puts_the_stiffness_out_of_reach_is_said_and_the_hand_feels_what_the_line_allows() -> None:
-    session = Felt("wall", 1, [(0.0, 20.0), (3.5, 60.0)], 19.3, stroke_s=0.8)
+    session = Felt("wall", 1, [(0.0, 20.0), (3.5, 60.0)], 15.3, stroke_s=0.8)
     [user] = session.summary["users"]
     line_npm = 120.0 / (17 * FRAME_MS * 1e-3)  # 903.5: softer than what is asked for
     assert user["rendered_npm"] == pytest.approx(100.0 * K_NPM)
@@ -212,10 +211,9 @@ def test_a_delay_that_puts_the_stiffness_out_of_reach_is_said_and_the_hand_feels
 
 
 def test_a_playout_that_finds_its_own_depth_is_part_of_what_is_measured() -> None:
-    session = Felt("wall", 1, [(0.0, 15.0), (3.5, 30.0)], 15.3, playout={"frames": "auto"})
+    session = Felt("wall", 1, [(0.0, 15.0), (3.5, 30.0)], 11.3, playout={"frames": "auto"})
     [user] = session.summary["users"]
     loop = session.laboratory.people[0].core.coupling.loop_frames()
-    assert loop is not None
     compliance = loop * FRAME_MS * 1e-3 / 120.0
     assert user["rendered_npm"] == pytest.approx(K_NPM / (1.0 - K_NPM * compliance), rel=1e-9)
     table = people_table(session.summary)

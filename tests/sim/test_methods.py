@@ -1,7 +1,6 @@
 """Tests of the measures of compared methods, against known traces and theory."""
 
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import msgspec
@@ -11,11 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.devices.registry import make
-from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.protocol.settings import coupling_of, rates_of, resolve
 from cogrip.sim.experiments.experiment import Result, run_case
 from cogrip.sim.experiments.methods import case
-from cogrip.sim.experiments.methods import query as query
 from cogrip.sim.experiments.methods.case import measure_case, run_session
 from cogrip.sim.experiments.methods.felt import LOAD_N, Felt, balanced_loads, furthest_off, measure_felt
 from cogrip.sim.experiments.methods.hand import FADE_S, RestingHand, let_rest
@@ -53,13 +50,7 @@ from cogrip.sim.experiments.methods.trace import Trace, sketch
 from tests.sim.compared_methods import FREE, TWO, small
 from tests.sim.session_measures import FRAME_MS
 
-
-@pytest.fixture(scope="module", autouse=True)
-def _felt_once() -> Iterator[None]:
-    """The probe takes longer than a session of these."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(query, "FELT_SEEDS", 1)
-        yield
+pytestmark = pytest.mark.usefixtures("felt_once")
 
 
 # Measures of known traces
@@ -200,8 +191,6 @@ def test_a_hand_comes_to_rest_where_it_began(hand: str, x0: float) -> None:
     """Put back into the equation: drive = K x_int + B v_int (+ push), and v_int is the slope of x_int."""
     rate = 1024
     bare, device = (make(f"sim:ideal?hand={hand}&x0_m={x0}", axes=1) for _ in range(2))
-    assert isinstance(bare, SimulatedDevice)
-    assert isinstance(device, SimulatedDevice)
     for each in (bare, device):
         each.open(rate)
     assert let_rest(device, rate, 1.0) == (x0,)
@@ -226,7 +215,7 @@ def test_a_hand_comes_to_rest_where_it_began(hand: str, x0: float) -> None:
 def test_only_a_simulated_hand_can_be_made_to_rest() -> None:
     with pytest.raises(TypeError, match="no simulated device"):
         let_rest(object(), 1024, 1.0)
-    hand = RestingHand(make("sim:ideal?hand=hold", axes=1).hand, (0.0,), 1024, 1.0)  # type: ignore[attr-defined]
+    hand = RestingHand(make("sim:ideal?hand=hold", axes=1).hand, (0.0,), 1024, 1.0)
     assert hand.open(1024, None) == (0.0,)
 
 

@@ -2,21 +2,15 @@
 
 import csv
 import json
-import signal
-import subprocess
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from cogrip.cli.session.settings_file import load
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import resolve
 from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.folder import CELLS, TABLE, ExperimentFolder, FolderError
-from cogrip.sim.experiments.methods import query as query
 from cogrip.sim.experiments.methods.measures import COLUMNS
 from cogrip.sim.experiments.methods.query import prepare
 from cogrip.sim.experiments.methods.report import LATEX, MARKDOWN, PEOPLE, PLOTS, REPORT, render, write_outcome
@@ -35,15 +29,9 @@ from cogrip.sim.experiments.runner import run_experiment
 from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.folder import SUMMARY
 
-from tests.sim.compared_methods import InProcess, small
+from tests.sim.compared_methods import InProcess, row_of, small
 
-
-@pytest.fixture(scope="module", autouse=True)
-def _felt_once() -> Iterator[None]:
-    """The probe takes longer than a session of these."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(query, "FELT_SEEDS", 1)
-        yield
+pytestmark = pytest.mark.usefixtures("felt_once", "coarse")
 
 
 # A whole comparison
@@ -58,14 +46,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert run_experiment(asked, folder, InProcess()).computed == asked.cases
     write_outcome(path, asked, folder.finished)
     return path
-
-
-def test_the_same_numbers_whoever_computes_them(whole: Path, tmp_path: Path) -> None:
-    asked = small()
-    folder = ExperimentFolder(tmp_path, asked)
-    with LocalWorkers(2) as workers:
-        run_experiment(asked, folder, workers)
-    assert (tmp_path / TABLE).read_bytes() == (whole / TABLE).read_bytes()
 
 
 def test_a_seed_changes_the_numbers(whole: Path) -> None:
@@ -149,10 +129,9 @@ def test_a_recorded_hand_that_has_changed_makes_another_comparison(tmp_path: Pat
         folder(["own"])
 
 
-def test_a_stop_keeps_what_is_finished_and_it_goes_on(whole: Path, tmp_path: Path) -> None:
+def test_a_stop_keeps_what_is_finished_and_other_workers_go_on_to_the_same_numbers(whole: Path, tmp_path: Path) -> None:
     stop = Stop()
-    asked = small()
-    folder = ExperimentFolder(tmp_path, asked)
+    folder = ExperimentFolder(tmp_path, asked := small())
 
     def stop_early(finished: int) -> None:
         if finished:
@@ -166,7 +145,8 @@ def test_a_stop_keeps_what_is_finished_and_it_goes_on(whole: Path, tmp_path: Pat
     assert "were not run: it was interrupted" in render(summary, [])
     folder = ExperimentFolder(tmp_path, asked)
     assert len(folder.finished) == run
-    assert run_experiment(asked, folder, InProcess()).computed == asked.cases - run
+    with LocalWorkers(2) as workers:
+        assert run_experiment(asked, folder, workers).computed == asked.cases - run
     assert (tmp_path / TABLE).read_bytes() == (whole / TABLE).read_bytes()
 
 
@@ -177,54 +157,7 @@ def test_another_comparison_is_not_touched(whole: Path) -> None:
     assert {path: path.read_bytes() for path in whole.rglob("*") if path.is_file()} == before
 
 
-KILLED_AT_TWO = """
-import os, signal, sys
-from cogrip.cli.main import main
-from cogrip.sim.experiments.folder import ExperimentFolder
-whole = ExperimentFolder.add
-def add(self, *told):
-    whole(self, *told)
-    if len(self.finished) == 2:
-        os.kill(os.getpid(), signal.SIGKILL)
-ExperimentFolder.add = add
-main(sys.argv[1:])
-"""
-
-
-def test_a_killed_comparison_goes_on_where_it_was(tmp_path: Path) -> None:
-    """The whole parent by SIGKILL once two cells are finished; then the same question runs the rest alone."""
-    config = tmp_path / "two.toml"
-    config.write_text(
-        'name = "two"\nseconds = 2.0\n[rates]\ndevice_hz = 512\n[coupling]\nimpedance_nspm = 15\n'
-        '[[users]]\nname = "a"\n[[users]]\nname = "b"\nhand = "hold"\n'
-    )
-    out = tmp_path / "out"
-    command = [
-        sys.executable, "-c", KILLED_AT_TWO, "compare", str(config), "--profiles", "lan", "--methods", "wave", "--seeds", "4",
-        "--workers", "1", "--out", str(out),
-    ]  # fmt: skip
-    killed = subprocess.run(command, capture_output=True)
-    assert killed.returncode == -signal.SIGKILL
-    cases = out / CELLS
-    kept = cases.read_text().splitlines(keepends=True)
-    assert len(kept) == 2
-    asked = prepare(load(config), ["wave"], ["lan"], 4)
-    folder = ExperimentFolder(out, asked)
-    assert run_experiment(asked, folder, InProcess()).computed == 8 - len(kept)
-    assert cases.read_text().splitlines(keepends=True)[: len(kept)] == kept
-    assert len(folder.finished) == 8
-
-
 # The table
-
-
-def row_of(**changes: Any) -> dict[str, Any]:
-    row: dict[str, Any] = {
-        "network": "wan", "method": "wave", "runs": 20, "failed": 0, "errors": {}, "diverged": 0, "diverged_s": None,
-        "oscillates": 0, "active": 0, "not_passive": 0, "not_felt": 0, "felt": [],
-        **{column.measure: {"median": 1.0, "worst": 2.0, "n": 5, "of": 5} for column in COLUMNS_SHOWN},
-    }  # fmt: skip
-    return {**row, **changes}
 
 
 @pytest.mark.parametrize(

@@ -4,26 +4,16 @@ import re
 from typing import Any
 
 import pytest
+from matplotlib.mathtext import MathTextParser
 
 from cogrip.sim.experiments.methods.latex import latex
 from cogrip.sim.experiments.methods.query import FELT_SEEDS
 from cogrip.sim.experiments.methods.table import TABLE, note
 
+from tests.sim.compared_methods import row_of as row
+
+TEX = MathTextParser("path")
 MEASURES = [column.measure for column in TABLE]
-
-
-def row(network: str, method: str, **changes: Any) -> dict[str, Any]:
-    numbers = {measure: {"median": 1.0, "q1": 1.0, "q3": 1.0, "worst": 2.0, "n": 5, "of": 5} for measure in MEASURES}
-    counts = {
-        "runs": 20,
-        "failed": 0,
-        "diverged": 0,
-        "diverged_s": None,
-        "oscillates": 0,
-        "active": 0,
-        "not_passive": 0,
-    }
-    return {"network": network, "method": method, **counts, **numbers, **changes}
 
 
 def of(median: float, q1: float | None = None, q3: float | None = None, n: int = 5) -> dict[str, float]:
@@ -50,7 +40,6 @@ def parse(text: str) -> list[list[str]]:
         assert text.count(opening) == text.count(closing)
     assert text.isascii()
     body = re.search(r"\\begin\{tabular\}\{@\{\}([lrc]+)@\{\}\}\n(.*)\n\\end\{tabular\}", text, re.DOTALL)
-    assert body is not None
     rows = []
     for line in body[2].splitlines():
         if line in ("\\toprule", "\\midrule", "\\bottomrule"):
@@ -62,42 +51,11 @@ def parse(text: str) -> list[list[str]]:
         for case in cases:
             assert case.count("$") % 2 == 0
             for mathematics in case.split("$")[1::2]:
-                assert_scripts(mathematics)
+                TEX.parse(f"${mathematics}$")  # which refuses a second index, or exponent, of a symbol
             assert not re.search(r"(?<!\\)[%#]", case)
             if "$" not in case:
                 assert not re.search(r"(?<!\\)[_^]", case)
     return rows
-
-
-def assert_scripts(text: str) -> None:
-    """Check that no symbol has two indices, or two exponents."""
-    levels = [set()]  # type: list[set[str]]
-    script = False  # whether what comes next is one
-    for token in re.findall(r"\\[A-Za-z]+|\\.|.", text):
-        if token in "_^":
-            assert token not in levels[-1]
-            assert not script
-            levels[-1].add(token)
-            script = True
-        elif token == "{":
-            if not script:
-                levels[-1].clear()
-            levels.append(set())
-            script = False
-        elif token == "}":
-            levels.pop()
-        else:
-            if not script:
-                levels[-1].clear()
-            script = False
-    assert len(levels) == 1
-
-
-@pytest.mark.parametrize("text", ["10^{7}_{1}^{2}", "x_{1}_2", "x^2^3", "x^_2"])
-def test_scripts_that_tex_refuses(text: str) -> None:
-    with pytest.raises(AssertionError):
-        assert_scripts(text)
-    assert_scripts("\\mathbf{1.2}_{1.1{\\cdot}10^{7}}^{1.3} + x_i^2")
 
 
 def case(text: str, line: int, measure: str) -> str:

@@ -6,10 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.client.passivity_control import PassivityControl
 from cogrip.protocol.passivity_control import LENT_J
 from cogrip.protocol.settings import SettingsError, resolve, seat_settings
-from cogrip.server.worlds.power import PowerWorld
 from cogrip.sim.analysis.linear_session import ModelError, linear_session
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
@@ -35,14 +33,8 @@ def margins(summary: dict[str, Any], key: str) -> list[float]:
     return [user["energy"][key] for user in summary["users"]]
 
 
-def control(laboratory: Laboratory, number: int) -> PassivityControl:
-    coupling = laboratory.people[number].core.coupling
-    assert isinstance(coupling, PassivityControl)
-    return coupling
-
-
 @pytest.mark.parametrize(
-    ("frames", "stiffness"), every(2, [(0, 4000.0), (1, 2000.0), (2, 2000.0), (4, 2000.0), (4, 10000.0)])
+    ("frames", "stiffness"), every(3, [(0, 4000.0), (1, 2000.0), (2, 2000.0), (4, 2000.0), (4, 10000.0)])
 )
 def test_it_holds_where_virtual_coupling_does_not(frames: int, stiffness: float) -> None:
     """Run rows of theory section 6's table in which virtual coupling has an eigenvalue outside the unit circle."""
@@ -101,11 +93,8 @@ def test_what_passivity_does_not_promise_is_seen() -> None:
     """Position drift and intermittent forces grow with the delay; neither grows on."""
     near, far = session(4.0, link__delay_ms=FRAME_MS), session(4.0, link__delay_ms=8 * FRAME_MS)
     for laboratory in (near, far):
-        assert isinstance(laboratory.room.world, PowerWorld)
         assert of_laboratory(laboratory)["passive"]
-        assert control(laboratory, 0).controlled > 0
-    assert isinstance(near.room.world, PowerWorld)
-    assert isinstance(far.room.world, PowerWorld)
+        assert laboratory.people[0].core.coupling.controlled > 0
     assert 0 < near.room.world.controlled < far.room.world.controlled
 
 
@@ -132,8 +121,6 @@ def test_a_person_who_returns_begins_without_deficit() -> None:
     run_frames(laboratory, 128)
     seat = laboratory.room.seats[0]
     assert seat.on_object
-    assert seat.port is not None
-    assert seat.port.up_margin_j is not None
     assert -LENT_J - 1e-12 <= seat.port.up_margin_j <= 0.0
     assert seat.port.used_j > 0.0
     assert not laboratory.diverged
@@ -167,7 +154,6 @@ def test_e0_is_all_that_a_passive_session_may_have_lent_itself() -> None:
     assert of_laboratory(laboratory)["passive"]
     assert -LENT_J <= energy["up_margin_j"] < 0.0, "it was used"
     port = laboratory.room.seats[0].port
-    assert port is not None
     for margin, passive in ((-LENT_J, True), (-LENT_J - 1e-6, False)):
         port.up_margin_j = margin
         assert of_laboratory(laboratory)["passive"] is passive

@@ -13,16 +13,7 @@ from cogrip.protocol.rates import Rates
 from cogrip.protocol.settings import Playout, resolve
 from cogrip.sim.session.laboratory import Laboratory
 
-from tests.bench.playout_trial import (
-    Arrivals,
-    arrivals,
-    beaten,
-    best_fixed,
-    fixed_delays,
-    lateness,
-    play,
-    ratio,
-)
+from tests.bench.playout_trial import Arrivals, arrivals, beaten, best_fixed, fixed_delays, lateness, play, ratio
 from tests.extent import every
 
 BOUND = 1.2
@@ -30,7 +21,7 @@ PROFILES = get_args(ProfileName)
 
 
 def link_of(name: str, direction: Any) -> LinkProfile:
-    return Link(profile=name).direction(direction)  # type: ignore[arg-type]
+    return Link(profile=name).direction(direction)
 
 
 @pytest.mark.parametrize("direction", ["up", "down"])
@@ -114,22 +105,14 @@ def test_a_session_stays_passive_and_comes_to_the_depth_that_is_expected(name: s
     lab.run()
     assert not lab.diverged
     for seat, person in enumerate(lab.people):
-        assert person.core.coupling.down_margin_j is not None
         assert person.core.coupling.down_margin_j >= -1e-12
         up = lab.room.seat_account(seat)
-        assert up.up_margin_j is not None
         assert up.up_margin_j >= -1e-12
         down = person.core.handle(CloseLedger(lab.ticks()), person.core.now_ns)
         for direction, account in (("up", up.playout), ("down", down.playout)):
-            assert account is not None
             expected = expected_frames(Playout(frames="auto"), link_of(name, direction), Rates(1024, 128))
             assert account.depth_frames == pytest.approx(expected, abs=1.5)
             assert account.most_frames >= account.depth_frames >= account.least_frames
-
-
-def test_auto_is_a_setting_like_any_other() -> None:
-    settings = resolve({}, {"playout.frames": "auto"})
-    assert settings.playout.frames == "auto"
 
 
 def test_without_jitter_auto_plays_what_no_playout_plays() -> None:

@@ -7,7 +7,9 @@ from typing import Any
 
 import pytest
 
+from cogrip.protocol.recording.derived import DERIVED
 from cogrip.protocol.recording.reader import open_recording
+from cogrip.protocol.recording.records import kind_of
 from cogrip.sim.runs.replay.comparison import Comparison
 from cogrip.sim.runs.replay.verify import verify
 
@@ -46,7 +48,8 @@ def test_the_laboratory_still_comes_to_the_same_numbers(tmp_path):
         for message in old.messages():
             comparison.expect(message)
         for message in new.messages():
-            comparison.put(*message)
+            if kind_of(new.topics[message.topic]) not in DERIVED:
+                comparison.put(*message)
         comparison.finish()
         assert comparison.difference is None, name
 
@@ -74,7 +77,6 @@ def test_each_message_of_a_session_validates_against_the_schema_beside_it(tmp_pa
         with path.open("rb") as file:
             validators: dict[int, Any] = {}
             for schema, channel, message in make_reader(file).iter_messages():
-                assert schema is not None
                 if schema.id not in validators:
                     table = json.loads(schema.data)
                     plain.check_schema(table)

@@ -114,29 +114,6 @@ def test_recording_without_a_whole_header_is_left_out(folder: Path, missing: int
     assert any(re.search(r"client-ben\.mcap (is not a|ends before)", note) for note in run.notes)
 
 
-@pytest.mark.parametrize(
-    ("good", "bad"),
-    [
-        (b"\x07\x00\x00\x00rate_hz", b"\x07\x00\x00\x00hate_hz"),
-        (b"1024", b"10x4"),
-        (b"client", b"cl\xffent"),
-        (b"\x06\x00\x00\x00topics", b"\x06\x00\x00\x7ftopics"),
-        (b"\x06\x00\x00\x00format\x01\x00\x00\x001", b"\x06\x00\x00\x00format\x01\x00\x00\x009"),
-    ],
-    ids=["a field is missing", "no number", "no text", "a length beyond the end", "a newer format"],
-)
-def test_recording_with_a_damaged_header_is_left_out(folder: Path, good: bytes, bad: bytes) -> None:
-    path = folder / client_recording("ben")
-    body = path.read_bytes()
-    head = body[: _header_end(body)]
-    assert good in head
-    path.write_bytes(head.replace(good, bad, 1) + body[len(head) :])
-    with pytest.raises(RecordingError, match="client-ben"):
-        open_recording(path)
-    assert set(load_run(folder).clients) == {"anna"}
-    assert "client-ben.mcap" in text_of(folder)
-
-
 def test_recording_without_ticks_is_said(folder: Path) -> None:
     rewrite(folder / client_recording("ben"), lambda kind, message: None if kind == "tick" else message.payload)
     run = load_run(folder)
@@ -205,7 +182,6 @@ def test_recordings_of_one_clock_begin_with_the_first_client(tmp_path: Path) -> 
     _person(tmp_path, "ben", 10_500_000_000)
     _server(tmp_path, 9_000_000_000)
     run = load_run(tmp_path)
-    assert run.room is not None
     first = [run.clients["anna"].time_s[0], run.clients["ben"].time_s[0], run.room.time_s[0]]
     assert first == pytest.approx([0.0, 0.5, -1.0])
 
@@ -215,7 +191,6 @@ def test_recordings_of_other_clocks_keep_their_own_zero_and_it_is_said(tmp_path:
     _person(tmp_path, "anna", 10_000_000_000)
     _server(tmp_path, 9_000_000_000_000)
     run = load_run(tmp_path)
-    assert run.room is not None
     assert run.room.time_s[0] == run.clients["anna"].time_s[0] == 0.0
     assert any("clock" in note and "cogrip merge" in note for note in run.notes)
 

@@ -65,7 +65,6 @@ def test_a_fault_in_the_first_seat_session_counts(where: str) -> None:
     summary = summarise(name="lab", seed=1, seconds=1.0, tank_mj=0.0, users=[user], room=None, dropped={})
     assert not summary["passive"]
     worst = worst_margin(summary["users"])
-    assert worst is not None
     assert worst[0] == -0.5
     assert "gave out 0.5 J more" in verdict(summary)[0][1].replace("500 mJ", "0.5 J")
     gone = UserRecord("anna", CLIENT, SEAT, (UserRecord("anna", msgspec.structs.replace(CLIENT, diverged=True), SEAT),))

@@ -34,7 +34,7 @@ def growth(settings: Settings, frames: int) -> float:
     """Return the logarithm of the growth per frame of the force, from the slope of its envelope over `frames` frames."""
     laboratory = Laboratory(settings)
     for person, kick in zip(laboratory.people, KICKS_MPS, strict=True):
-        person.device.plant.velocity_mps = [kick]  # type: ignore[attr-defined]
+        person.device.plant.velocity_mps = [kick]
     forces = []
     for _ in range(SKIPPED + frames):
         laboratory.frame()
@@ -53,10 +53,9 @@ def long_enough(rate: float) -> int:
     return int(min(24 * 128, max(6 * 128, 4.0 / abs(rate))))
 
 
-@pytest.mark.parametrize(("scheme", "frames"), every(3, product(("paper", "coupling"), (0, 1, 2, 4))))
+@pytest.mark.parametrize(("scheme", "frames"), every(6, product(("paper", "coupling"), (0, 1, 2, 4))))
 def test_a_session_grows_beyond_its_limit_and_decays_before(scheme: str, frames: int) -> None:
     limit = largest_stable(LiftedModel(linear_session(settings_at(scheme, frames, 1.0), estimated=False))).stiffness_npm
-    assert limit is not None
     for share, sign in ((0.98, -1.0), (1.02, 1.0)):
         settings = settings_at(scheme, frames, share * limit)
         rate = float(np.log(verdict(LiftedModel(linear_session(settings, estimated=False))).decaying))

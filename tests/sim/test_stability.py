@@ -34,7 +34,6 @@ def with_person(which: LinearSession, number: int, **changes: Any) -> LinearSess
 def test_just_below_the_limit_is_stable_and_just_above_is_not(scheme: str, delay: int) -> None:
     model = LiftedModel(session(scheme, delay))
     limit = largest_stable(model)
-    assert limit.stiffness_npm is not None
     sides = limit.stiffness_npm * np.array([[1.0 - 1e-4] * 2, [1.0 + 1e-4] * 2])
     below, above = radius(model, sides)
     assert below < 1.0 < above
@@ -53,7 +52,6 @@ def test_the_limit_goes_along_the_ray_of_the_settings() -> None:
     model = LiftedModel(uneven)
     limit = largest_stable(model)
     assert limit == largest_stable(model, (1.0, 4.0))
-    assert limit.stiffness_npm is not None
     K = limit.stiffness_npm * np.array([[0.25, 1.0]])
     assert radius(model, K * 0.9999)[0] < 1.0 < radius(model, K * 1.0001)[0]
 
@@ -111,7 +109,6 @@ def test_whoever_differs_makes_the_session_one_part() -> None:
 def test_a_search_that_ends_early_finds_the_same(scheme: str) -> None:
     model = LiftedModel(session(scheme, 2))
     whole = largest_stable(model, relative=1e-5)
-    assert whole.stiffness_npm is not None
     assert largest_stable(model, relative=1e-5, beyond=False).stiffness_npm == whole.stiffness_npm
     further = largest_stable(model, relative=1e-5, to_npm=1.01 * whole.stiffness_npm, beyond=False)
     assert further.stiffness_npm == pytest.approx(whole.stiffness_npm, rel=2e-5)
@@ -123,7 +120,6 @@ def test_a_search_that_ends_early_finds_the_same(scheme: str) -> None:
 def test_a_few_looks_say_what_the_limit_is_at_most() -> None:
     model = LiftedModel(session("coupling", 2))
     limit = largest_stable(model).stiffness_npm
-    assert limit is not None
     assert optimistic_limit(model, [0.5 * limit, 1.1 * limit, 2.0 * limit]).stiffness_npm == 1.1 * limit
     assert optimistic_limit(model, [0.5 * limit, 0.99 * limit]).stiffness_npm is None
 

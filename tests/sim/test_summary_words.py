@@ -160,8 +160,7 @@ def said(client_margin_j: float, seat_margin_j: float, other: float = 0.0) -> di
 
 
 @pytest.mark.parametrize(
-    ("margin_j", "passive"),
-    [(-1e-3, True), (-1.01e-3, False), (0.0, True), (math.nan, False), (-math.inf, False)],
+    ("margin_j", "passive"), [(-1e-3, True), (-1.01e-3, False), (0.0, True), (math.nan, False), (-math.inf, False)]
 )
 def test_a_margin_that_is_no_number_is_not_passive(margin_j: float, passive: bool) -> None:
     assert said(margin_j, 0.0)["passive"] is passive

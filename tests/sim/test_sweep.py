@@ -15,14 +15,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.io.stop import Stop
+from cogrip.cli.main import main
 from cogrip.protocol.settings import Settings, resolve
-from cogrip.sim.analysis.measures import LIFTED
 from cogrip.sim.experiments.experiment import Measure, Result, run_case
 from cogrip.sim.experiments.folder import CELLS, TABLE, ExperimentFolder, FolderError
 from cogrip.sim.experiments.runner import run_experiment
 from cogrip.sim.experiments.sweep.grid import Axis, Grid, GridError, parse_axis
-from cogrip.sim.experiments.sweep.measures import MeasureError, expanded, read
+from cogrip.sim.experiments.sweep.measures import LIFTED, MeasureError, expanded, read
 from cogrip.sim.experiments.sweep.picture import draw_measure
 from cogrip.sim.experiments.sweep.query import MANIFEST, Job, measure_case, prepare
 from cogrip.sim.experiments.worker_pool import LocalWorkers
@@ -180,18 +179,6 @@ def test_lifted_measures_need_no_session(tmp_path: Path) -> None:
     assert float(rows[1]["lifted.felt_stiffness_npm"]) == pytest.approx(1.0 / (1.0 / 2000.0 + 7.8125e-3 / 40.0))
 
 
-def test_workers_give_what_one_process_gives_in_the_grids_order(tmp_path: Path) -> None:
-    vary = ("coupling.stiffness_npm=100:1000:3log", "seed=1:2:2")
-    for name, workers in (("here", InProcess()), ("there", LocalWorkers(2))):
-        sweep, folder = sweep_of(resolve({**TWO, "link": {"loss": 0.2}}), tmp_path / name, *vary)
-        if isinstance(workers, LocalWorkers):
-            with workers:
-                run_experiment(sweep, folder, workers)
-        else:
-            run_experiment(sweep, folder, workers)
-    assert (tmp_path / "here" / TABLE).read_bytes() == (tmp_path / "there" / TABLE).read_bytes()
-
-
 def test_a_case_that_fails_is_kept_as_failed_and_run_again(tmp_path: Path) -> None:
     class Failing(InProcess):
         def run(self, measure: Measure, jobs: Sequence[Job], batch: int = 1) -> Iterator[Result]:
@@ -258,20 +245,6 @@ def test_dead_workers_cost_their_cases_a_second_run(tmp_path: Path) -> None:
     assert sorted(cases) == list(range(8))
 
 
-def test_a_stop_keeps_what_is_finished(tmp_path: Path) -> None:
-    stop = Stop()
-    sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:8:8")
-
-    def stop_at_half(finished: int) -> None:
-        if finished >= 4:
-            stop.reason = "interrupted"
-
-    with LocalWorkers(1, stop) as workers:
-        report = run_experiment(sweep, folder, workers, stop_at_half)
-    assert 4 <= report.computed < 8
-    assert len(table(tmp_path)) == report.computed
-
-
 KILLED_AT_FIVE = """
 import os, signal, sys
 from cogrip.cli.main import main
@@ -286,10 +259,10 @@ main(sys.argv[1:])
 """
 
 
-def test_a_sweep_that_was_killed_goes_on_where_it_was(tmp_path: Path) -> None:
+def test_a_sweep_that_was_killed_goes_on_where_it_was(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The whole parent process by SIGKILL at its fifth cell; then the same command: no finished cell is run again."""
     config = tmp_path / "two.toml"
-    config.write_text('name = "two"\nseconds = 2.0\n[[users]]\nname = "a"\n[[users]]\nname = "b"\n')
+    config.write_text('name = "two"\nseconds = 0.3\n[[users]]\nname = "a"\n[[users]]\nname = "b"\n')
     arguments = [
         "sweep", str(config), "--vary", "seed=1:12:12", "--measure", "passive", "--out", str(tmp_path / "out"), "--jobs", "1",
         "--json", "-",
@@ -299,9 +272,8 @@ def test_a_sweep_that_was_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     cases = tmp_path / "out" / CELLS
     kept = cases.read_text().splitlines(keepends=True)
     assert len(kept) == 5
-    command = [sys.executable, "-m", "cogrip.cli.main", *arguments]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    answer = json.loads(done.stdout)
+    assert main(arguments) == 0
+    answer = json.loads(capsys.readouterr().out)
     assert answer["kept"] == 5
     assert answer["computed"] == 12 - 5
     assert cases.read_text().splitlines(keepends=True)[:5] == kept

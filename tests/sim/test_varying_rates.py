@@ -18,7 +18,6 @@ from cogrip.protocol.settings import digest, resolve, seat_settings
 from cogrip.sim.analysis.feel import held, impedance
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import linear_session
-from cogrip.sim.analysis.session_impedance import measure, static_stiffness
 from cogrip.sim.analysis.stability import verdict
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import open_run
@@ -27,6 +26,8 @@ from cogrip.sim.runs.replay.what_if import what_if
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory, moments_of
 
+from tests.extent import long
+from tests.sim.measured_impedance import measure, static_stiffness
 from tests.sim.session_measures import least_margin, summary_of
 
 NOTHING_J = -1e-12
@@ -203,7 +204,7 @@ def test_no_passive_session_has_a_growing_mode_at_any_rate(network_hz: int) -> N
     assert verdict(model).stable
 
 
-@pytest.mark.parametrize(("scheme", "user"), [("wave", 0), ("wave", 1), ("coupling", 1)])
+@pytest.mark.parametrize(("scheme", "user"), [long("wave", 0), ("wave", 1), ("coupling", 1)])
 def test_the_linear_model_of_unlike_rates_is_that_of_their_session(scheme: str, user: int) -> None:
     """The analysis goes by each person's own rate: the rendered impedance agrees to 1e-3."""
     table = world(128, [1024, 4096], coupling={"kind": scheme}, link={"delay_ms": 7.8125 if scheme == "wave" else 0.0})

@@ -76,49 +76,6 @@ def test_a_reset_forgets(name: str) -> None:
     assert estimator.update((7.0,)) == [0.0]
 
 
-# The adaptive window -------------------------------------------------------------------------------------------------
-
-
-@given(st.floats(-0.3, 0.3), st.floats(0.0, 1.0), st.sampled_from((4, 8, 16)))
-def test_uniform_motion_in_whole_counts_fills_the_window(speed_mps: float, phase: float, most: int) -> None:
-    """Ends are off by half a count each: the slope by a count over the whole window."""
-    estimator = AdaptiveWindow(1, T_C, Q, most)
-    for tick in range(60):
-        (velocity,) = estimator.update((np.floor(speed_mps * tick * T_C / Q + phase) * Q,))
-        if tick >= most:
-            assert abs(velocity - speed_mps) <= Q / (most * T_C) * (1.0 + 1e-6)
-
-
-def test_the_window_ends_where_the_motion_turned() -> None:
-    """Rest, then 10 counts a tick: the samples of the rest do not fit, and the estimate is that of the motion at once."""
-    estimator = AdaptiveWindow(1, T_C, Q, 16)
-    found = [estimator.update((max(0, tick - 20) * 10 * Q,))[0] for tick in range(26)]
-    assert found[:21] == [0.0] * 21
-    assert found[21:] == pytest.approx([10 * Q * HZ] * 5)
-
-
-@pytest.mark.parametrize(("jump", "window"), [(1, 16), (2, 2), (3, 1)])
-def test_one_count_fits_a_long_window_and_more_do_not(jump: int, window: int) -> None:
-    """Two counts in two ticks leave the sample between them one count off the line, the most that is allowed."""
-    estimator = AdaptiveWindow(1, T_C, Q, 16)
-    for _ in range(20):
-        estimator.update((0.0,))
-    (velocity,) = estimator.update((jump * Q,))
-    assert velocity == pytest.approx(jump * Q * HZ / window)
-
-
-def test_a_following_memory_is_between_its_two() -> None:
-    """The first jump of a count is that of the slow one; at a count a tick the lag is that of the fast one."""
-    estimator = FollowingAlphaBeta(1, T_C, Q, slow=0.8, fast=0.4)
-    estimator.update((0.0,))
-    assert estimator.update((Q,))[0] == pytest.approx(0.04 * Q * HZ)
-    fast, twin = AlphaBeta(1, T_C, 0.4), FollowingAlphaBeta(1, T_C, Q, slow=0.8, fast=0.4)
-    for tick in range(400):
-        place = (5 * Q * tick + 1e-3 * np.sin(0.02 * tick),)
-        wanted, got = fast.update(place)[0], twin.update(place)[0]
-    assert got == pytest.approx(wanted, rel=1e-3)
-
-
 # Motions -------------------------------------------------------------------------------------------------------------
 
 
@@ -233,7 +190,7 @@ def test_on_a_real_hand_the_client_is_near_the_best_of_its_kind() -> None:
     assert [len(motion.position_m) // HZ for motion in motions] == [27, 27, 27]
     rows: dict[str, Any] = {}
     for memory in (0.0, 0.4, memory_for(VINTAGE, T_C), 0.6, 0.8):
-        rows[f"{memory:.2f}"] = measure("", VINTAGE, lambda memory=memory: AlphaBeta(1, T_C, memory), motions, T_C, 0.0)  # type: ignore[misc]
+        rows[f"{memory:.2f}"] = measure("", VINTAGE, lambda memory=memory: AlphaBeta(1, T_C, memory), motions, T_C, 0.0)
     noises = [row.noise_mps for row in rows.values()]
     assert noises == sorted(noises, reverse=True)
     own = rows["0.50"]

@@ -208,6 +208,15 @@ def test_a_stiffness_is_predicted_only_where_the_line_was_linear(user: UserRecor
     assert row["predicted_stiffness_npm"] == (None if why else 363.0)
 
 
+def test_a_person_who_was_kicked_is_named() -> None:
+    kicked = summary_of(person(state="idle", reason="the server said goodbye: kicked by the administrator"))
+    left = summary_of(person(state="idle", reason="stopped (SIGINT)"))
+    assert ("warn", "anna did not leave by choice: the server said goodbye: kicked by the administrator.") in verdict(
+        kicked
+    )
+    assert not any("by choice" in text for _, text in verdict(left))
+
+
 # Whole sessions, as a user would run them -------------------------------------------------------------------------------
 
 

@@ -67,7 +67,7 @@ def is_exact(world: Settings, verdicts: dict[str, Verdict]) -> None:
 
 @pytest.mark.parametrize(
     ("config", "axes", "coupling"),
-    every(5, product(FEW, (1, 3), COUPLINGS)),
+    every(11, product(FEW, (1, 3), COUPLINGS)),
     ids=lambda value: getattr(value, "stem", value),
 )
 def test_every_shipped_session_over_a_bad_link_is_exact(config: Path, axes: int, coupling: str, tmp_path: Path) -> None:
@@ -76,7 +76,7 @@ def test_every_shipped_session_over_a_bad_link_is_exact(config: Path, axes: int,
     is_exact(world, verdicts_of(world, tmp_path))
 
 
-@pytest.mark.parametrize("config", CONFIGS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("config", every(2, CONFIGS), ids=lambda path: path.stem)
 def test_every_shipped_session_is_exact_for_longer(config: Path, tmp_path: Path) -> None:
     world = load(config, ("seconds=1.5",) if config in FEW else ("seconds=0.5", *BAD_LINK))
     is_exact(world, verdicts_of(world, tmp_path))
@@ -199,7 +199,6 @@ def test_one_digit_of_a_force_is_found(anna: Recorded, data: st.DataObject) -> N
     other = text[:place] + bytes([text[place] % 9 + 49 if text[place] < 57 else 49]) + text[place + 1 :]
     verdict = anna.altered(at, payload[:start] + other + payload[start + len(text) :])
     found = verdict.difference
-    assert found is not None
     assert (found.time_ns, found.topic, found.field) == (anna.messages[at].time_ns, "/anna/tick", "force_n[0]")
     assert (float(found.recorded), float(found.replayed)) == (float(other), float(text))
     assert verdict.messages == at
@@ -227,7 +226,6 @@ def test_files_that_leave_out_defaults_play_again_and_what_differs_in_them_is_fo
 
     rewrite(tmp_path / "client-anna.mcap", one_lost)
     found = verify(open_recording(tmp_path / "client-anna.mcap")).difference
-    assert found is not None
     assert (found.topic, found.field, found.recorded) == ("/anna/tick", "lost", "77")
 
 
@@ -239,7 +237,6 @@ def test_one_byte_of_a_datagram_that_was_sent_is_found(recorded: Recorded, data:
     bytes_ = bytearray(sent.data)
     bytes_[data.draw(st.integers(0, len(bytes_) - 1))] ^= data.draw(st.integers(1, 255))
     found = recorded.altered(at, encode(Datagram(bytes(bytes_), sent.address))).difference
-    assert found is not None
     assert (found.time_ns, found.topic, found.field) == (
         message.time_ns,
         f"/{recorded.header.who}/datagram_out",
@@ -260,7 +257,6 @@ def test_the_seventh_digit_of_a_wave_that_was_heard_is_found(recorded: Recorded,
     waves[place] *= 1.0 + 1e-6
     other = messages.encode(msgspec.structs.replace(said, waves=tuple(waves)))
     found = recorded.altered(at, encode(Datagram(other, heard.address))).difference
-    assert found is not None
     assert 0 <= found.time_ns - recorded.messages[at].time_ns < 100_000_000, "once it is played"
     assert found.topic in ("/anna/tick", "/anna/datagram_out", "/server/datagram_out", "/room/session/step")
     assert found.recorded != found.replayed
@@ -302,7 +298,6 @@ def test_two_messages_that_changed_places_are_found(recorded: Recorded, data: st
     at = data.draw(st.sampled_from(pairs))
     one, other = recorded.messages[at : at + 2]
     found = verify(recorded.written([*recorded.messages[:at], other, one, *recorded.messages[at + 2 :]])).difference
-    assert found is not None
     assert found.time_ns >= one.time_ns
 
 

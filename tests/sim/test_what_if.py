@@ -19,11 +19,13 @@ from cogrip.protocol.recording.reader import Message, RecordingError, open_recor
 from cogrip.protocol.settings import Settings, User, resolve
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.server.recorder import start_of as server_start
+from cogrip.sim.runs.comparison import settings_differences
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import RunRecords, open_run
 from cogrip.sim.runs.replay.verify import verify
 from cogrip.sim.runs.replay.what_if import Hands, World, folder_name, label, what_if
 
+from tests.extent import every, long
 from tests.recording_files import rewrite
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -72,20 +74,9 @@ def streams(run: RunRecords) -> dict[str, list[Message]]:
 
 def differences(one: Settings, other: Settings) -> dict[str, Any]:
     """Return the dotted names of what differs, with the other's value."""
-    found: dict[str, Any] = {}
-
-    def descend(left: Any, right: Any, where: str) -> None:
-        if isinstance(left, dict) and isinstance(right, dict):
-            for key in {**left, **right}:
-                descend(left.get(key), right.get(key), f"{where}.{key}".lstrip("."))
-        elif isinstance(left, tuple) and isinstance(right, tuple) and len(left) == len(right):
-            for number, pair in enumerate(zip(left, right, strict=True)):
-                descend(*pair, f"{where}.{number}")
-        elif left != right:
-            found[where] = right
-
-    descend(msgspec.to_builtins(one), msgspec.to_builtins(other), "")
-    return found
+    return {
+        row.key: row.values[1] for row in settings_differences([msgspec.to_builtins(one), msgspec.to_builtins(other)])
+    }
 
 
 def with_start(path: Path, alter: Callable[[Hello, Capability], tuple[Hello, Capability]]) -> None:
@@ -101,7 +92,7 @@ def joined_with(path: Path, device: str) -> None:
 # The same world ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("config", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("config", every(3, sorted(CONFIGS.glob("*.toml"))), ids=lambda path: path.stem)
 def test_the_same_hands_in_the_same_world_are_the_same_run_bit_for_bit(config: Path, tmp_path: Path) -> None:
     first = lab(resolve(tomllib.loads(config.read_text()), {"seconds": 1.5}), tmp_path / "first")
     again = lab(what_if(first, {}), tmp_path / "again")
@@ -112,7 +103,7 @@ def test_the_same_hands_in_the_same_world_are_the_same_run_bit_for_bit(config: P
 @pytest.mark.parametrize(
     "changes",
     [
-        {"coupling.kind": "coupling"},
+        long({"coupling.kind": "coupling"}),
         {"link.loss": 0.4, "link.rate_kbps": 200},
         {"object.kind": "faces"},
         {"seconds": 0.7},  # 89.6 frames
@@ -146,18 +137,17 @@ def test_what_if_of_what_if(run: RunRecords, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("coupling.impedance_nspm", 50.0),
+        long("coupling.impedance_nspm", 50.0),
         ("coupling.kind", "coupling"),
-        ("link.loss", 0.35),
-        ("object.mass_kg", 2.0),
-        ("playout.frames", 4),
+        long("link.loss", 0.35),
+        long("object.mass_kg", 2.0),
+        long("playout.frames", 4),
         ("users.1.stiffness_npm", 250.0),
-        ("seed", 9),
+        long("seed", 9),
     ],
 )
 def test_only_what_is_set_is_changed_and_it_is_run(run: RunRecords, tmp_path: Path, key: str, value: object) -> None:
     recorded = run.settings()
-    assert recorded is not None
     other = what_if(run, {key: value})
     assert differences(recorded, other.settings) == {key: value}
     made = lab(other, tmp_path / "other")
@@ -176,26 +166,14 @@ def test_several_settings_at_once_and_their_heading(run: RunRecords) -> None:
     assert folder_name(run) == "pair-what-if"
 
 
-def test_loss_is_really_lost(run: RunRecords, tmp_path: Path) -> None:
-    made = lab(what_if(run, {"link.loss": 0.6}), tmp_path / "other")
-    lost = {}
-    for records in (run, made):
-        summary = json.loads((records.folder / "summary.json").read_text())
-        lost[records.folder] = sum(
-            user["link"][direction]["sent"] - user["link"][direction]["applied"]
-            for user in summary["users"]
-            for direction in ("up", "down")
-        )
-    assert lost[made.folder] > 2 * lost[run.folder] > 0
-
-
-@pytest.mark.parametrize("changes", [{}, {"object.mass_kg": 3.0}, {"link.loss": 0.5, "coupling.stiffness_npm": 200.0}])
+@pytest.mark.parametrize(
+    "changes", [{}, long({"object.mass_kg": 3.0}), {"link.loss": 0.5, "coupling.stiffness_npm": 200.0}]
+)
 def test_positions_are_the_recorded_ones_whatever_the_world(
     run: RunRecords, tmp_path: Path, changes: dict[str, Any]
 ) -> None:
     other = what_if(run, changes, "positions")
     recorded = run.settings()
-    assert recorded is not None
     assert differences(recorded, other.settings) == {
         "users.0.device": f"replay:{run.folder}#user=anna", "users.1.device": f"replay:{run.folder}#user=ben", **changes,
     }  # fmt: skip
@@ -217,7 +195,7 @@ def test_a_live_session_can_be_asked_as_well(tmp_path: Path, hands: Hands) -> No
         assert np.ptp(after) == pytest.approx(np.ptp(before), rel=0.2)
 
 
-@pytest.mark.parametrize("late_ns", [0, 3_000_000, 125_000_000, 700_000_000])
+@pytest.mark.parametrize("late_ns", [long(0), 3_000_000, long(125_000_000), 700_000_000])
 def test_people_begin_when_they_began(run: RunRecords, spoiled: Path, tmp_path: Path, late_ns: int) -> None:
     """People begin at the nearest frame and keep their seats until then; the result replays bit by bit."""
     rewrite(spoiled / "client-ben.mcap", late_ns=late_ns)
@@ -243,7 +221,7 @@ def test_an_impedance_is_the_recorded_hands_own(run: RunRecords, tmp_path: Path)
     assert (anna.device, ben.device) == ("sim:phantom", "sim:ideal")
     assert anna.hand == f"recording:{run.folder}#user=anna&hand_stiffness_npm=450&hand_damping_nspm=8"
     assert ben.hand == f"recording:{run.folder}#user=ben"
-    hand = make_for(anna, 2).hand  # type: ignore[attr-defined]
+    hand = make_for(anna, 2).hand
     assert (hand.stiffness_npm, hand.damping_nspm) == (450.0, 8.0)
     made = lab(other, tmp_path / "other")
     assert all(np.abs(before - after).max() < 1e-3 for before, after in positions(run, made))
@@ -277,7 +255,7 @@ def test_a_simulated_hand_that_was_joined_with_is_taken_as_it_was(spoiled: Path)
     joined_with(spoiled / "client-anna.mcap", "sim:ideal?hand=hold")
     assert who(spoiled).device == "sim:ideal?hand=hold"
     made = make_for(who(spoiled), 2)
-    assert (made.capability.model, type(made.hand).__name__) == ("ideal", "DirectedHand")  # type: ignore[attr-defined]
+    assert (made.capability.model, type(made.hand).__name__) == ("ideal", "DirectedHand")
 
 
 @pytest.mark.parametrize(
@@ -354,6 +332,5 @@ def test_a_person_who_is_missing_is_named(spoiled: Path, hands: Hands) -> None:
 
 def test_the_recorded_settings_are_those_of_the_server(run: RunRecords) -> None:
     """settings.json is not read: anybody may have edited it."""
-    assert run.server is not None
     (room,), _ = server_start(run.server.recording.header.start)
     assert run.settings() == room == resolve(TABLE)

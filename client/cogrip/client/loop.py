@@ -17,7 +17,7 @@ from cogrip.client.recorder import RecordedClient, client_topics
 from cogrip.client.safety import FAULT_OUT_S, State
 from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.device import Capability, Device, DeviceError
-from cogrip.devices.first_axes import first_axes
+from cogrip.devices.for_user import first_axes
 from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.realtime import NAMES, Measure, engage, release

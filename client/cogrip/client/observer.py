@@ -5,13 +5,15 @@ from collections import deque
 from cogrip.client.inputs import Connect, Leave, Poll, SessionInput
 from cogrip.protocol.histogram import DurationHistogram
 from cogrip.protocol.messages import Person, View
-from cogrip.protocol.session import LOST_NS, ClientSession
+from cogrip.protocol.session import ClientSession
+
+GONE_NS = 1_000_000_000  # without a message about somebody, of whom there are 16 a second at least
 
 
 class ObserverCore:
     """`view` is the newest one, None before the first; `age_ns` says how old it is.
 
-    people   seat -> newest message about who has it; those heard last before LOST_NS are left out. An older server sends none
+    people   seat -> newest message about who has it; those heard last before GONE_NS are left out. An older server sends none
     """
 
     def __init__(self, session: ClientSession) -> None:
@@ -59,7 +61,7 @@ class ObserverCore:
         else:
             self.view, self._session_id, self._seen_ns = message, message.session, now_ns
             self.views += 1
-            for seat in [seat for seat, heard_ns in self._heard_ns.items() if now_ns - heard_ns > LOST_NS]:
+            for seat in [seat for seat, heard_ns in self._heard_ns.items() if now_ns - heard_ns > GONE_NS]:
                 del self.people[seat], self._heard_ns[seat]
 
     def _receive_person(self, person: Person, now_ns: int) -> None:

@@ -193,6 +193,12 @@ class Safety:
         self._warm(slewed)
         return slewed
 
+    def applied(self, force_n: tuple[float, ...]) -> None:
+        """Enter the force that the device applies in place of the one that `limit` returned: slope and heat go by this one."""
+        self.note("force limited by the device")
+        self.thermal.correct(*[sum([value * value for value in force]) for force in (self._out, force_n)])
+        self._out = force_n
+
     def _hold(self, ticks: int) -> None:
         """Enter ticks that were skipped: the last force was held over them, too."""
         for _ in range(1, min(ticks, self._watchdog_ticks)):

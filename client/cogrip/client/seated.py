@@ -137,7 +137,7 @@ class SeatedClient:
 
     def applied(self, force_n: tuple[float, ...]) -> None:
         """Enter the force that the device applies in place of the one that `act` returned: the hand feels this one."""
-        self.safety.note("force limited by the device")
+        self.safety.applied(force_n)
         self.force_n = force_n
 
     def receive(self, message: Frame | View, now_ns: int) -> None:

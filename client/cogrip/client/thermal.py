@@ -47,6 +47,11 @@ class ThermalLimit:
         self.limit_n = self._limit()
         self.warm = self.rise > (CALM_SHARE * self._warm_from if self.warm else self._warm_from)
 
+    def correct(self, entered: float, square: float) -> None:
+        """Replace the square that was entered last by the one of the force that acted [N^2]."""
+        self.rise += self._share * (square - entered) / self._square
+        self.limit_n = self._limit()
+
     def _limit(self) -> float:
         if self.rise <= self._acts_from:
             return self._peak_n

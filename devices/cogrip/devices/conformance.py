@@ -4,9 +4,7 @@ A check raises UnfitError, which says what was expected and what was found. The 
 family of the registry; `cogrip devices conform ADDRESS` runs them on any one device.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import hypot, inf, isfinite, nan
@@ -53,13 +51,10 @@ def record_is_complete(subject: Subject) -> None:
     record = device.capability
     _expect(isinstance(record, Capability), f"capability is a Capability, not {type(record).__name__}")
     _expect(bool(record.family) and bool(record.model), "family and model have names")
-    _expect(
-        1 <= record.axes <= 3 and len(record.workspace_m) == record.axes, "workspace_m has a (low, high) for each axis"
-    )
-    _expect(all(low < high for low, high in record.workspace_m), f"workspace_m is low to high: {record.workspace_m}")
-    _expect(
-        all(high - low < 5.0 for low, high in record.workspace_m), f"workspace_m is in metres: {record.workspace_m}"
-    )
+    bounds = record.workspace_m
+    _expect(1 <= record.axes <= 3 and len(bounds) == record.axes, "workspace_m has a (low, high) for each axis")
+    _expect(all(low < high for low, high in bounds), f"workspace_m is low to high: {bounds}")
+    _expect(all(high - low < 5.0 for low, high in bounds), f"workspace_m is in metres: {bounds}")
     forces = (record.continuous_force_n, record.peak_force_n)
     _expect(0.0 < forces[0] <= forces[1] < inf, f"0 < continuous_force_n <= peak_force_n < inf: {forces}")
     for name in ("stiffness_npm", "damping_nspm", "slew_nps", "speed_mps", "apparent_mass_kg"):
@@ -120,9 +115,8 @@ def samples_are_metres(subject: Subject) -> None:
                 (sample.velocity_mps is not None) == record.gives_velocity, f"a velocity as the record says: {sample}"
             )
             _expect(all(map(isfinite, sample.position_m + (sample.velocity_mps or ()))), f"finite: {sample}")
-            inside = all(
-                low <= at <= high for at, (low, high) in zip(sample.position_m, record.workspace_m, strict=True)
-            )
+            places = zip(sample.position_m, record.workspace_m, strict=True)
+            inside = all(low <= at <= high for at, (low, high) in places)
             _expect(inside, f"inside the workspace {record.workspace_m} m: {sample.position_m}")
             _expect(sample.age_ticks >= 0, f"an age of at least 0: {sample.age_ticks}")
 
@@ -130,10 +124,7 @@ def samples_are_metres(subject: Subject) -> None:
 def ticks_do_not_fall(subject: Subject) -> None:
     """They may jump after an overrun."""
     with _opened(subject) as device:
-        for tick in (0, 1, 2, 9, 30):
-            subject.pace(tick)
-            device.read(tick)
-            device.write(_zero(device))
+        _run(subject, device, (0, 1, 2, 9, 30))
         _refuses(lambda: device.read(29), "read(29) after read(30)", "tick=29")
         subject.pace(31)
         device.read(31)
@@ -147,10 +138,7 @@ def refuses_wrong_forces(subject: Subject) -> None:
         _refuses(lambda: device.write((0.0,) * (axes + 1)), "a force of one axis more", "axes")
         for wrong in (nan, inf, -inf):
             _refuses(lambda wrong=wrong: device.write((wrong,) * axes), f"a force of {wrong}", "not finite")  # type: ignore[misc]
-        for tick in range(1, 6):
-            subject.pace(tick)
-            device.read(tick)
-            device.write(_zero(device))
+        _run(subject, device, range(1, 6))
 
 
 def force_keeps_to_the_record(subject: Subject) -> None:
@@ -183,10 +171,7 @@ def lets_go_when_closed(subject: Subject) -> None:
     device = subject.make()
     device.open(subject.rate_hz)
     push = (min(subject.push_n, 0.2 * device.capability.peak_force_n),) * device.capability.axes
-    for tick in range(SETTLE_TICKS + 1):
-        subject.pace(tick)
-        device.read(tick)
-        device.write(push)
+    _run(subject, device, range(SETTLE_TICKS + 1), push)
     _expect(hypot(*subject.acting(device)) > 0.0, "force flows after open")
     device.close()
     _expect(not any(subject.acting(device)), f"no force after close: {subject.acting(device)}")
@@ -240,10 +225,7 @@ def raises_device_errors_alone(subject: Subject) -> None:
         _refuses(lambda: device.read(-1), "read(-1)", "tick=-1")
         for count in {0, axes - 1, axes + 2}:
             _refuses(lambda count=count: device.write((0.0,) * count), f"a force of {count} axes", "axes")  # type: ignore[misc]
-        for tick in range(1, 6):
-            subject.pace(tick)
-            device.read(tick)
-            device.write(_zero(device))
+        _run(subject, device, range(1, 6))
 
 
 def calls_do_not_block(subject: Subject) -> None:
@@ -293,31 +275,28 @@ def _opened(subject: Subject) -> Iterator[Device]:
         device.close()
 
 
-def _run(subject: Subject, device: Device) -> list[Sample | None]:
+def _run(
+    subject: Subject, device: Device, ticks: Iterable[int] = range(FEW_TICKS), force_n: Sequence[float] | None = None
+) -> list[Sample | None]:
+    """Samples of these ticks, at each of which `force_n` is written; None: no force."""
     samples = []
-    for tick in range(FEW_TICKS):
+    for tick in ticks:
         subject.pace(tick)
         samples.append(device.read(tick))
-        device.write(_zero(device))
+        device.write(_zero(device) if force_n is None else force_n)
     return samples
 
 
 def _judged(subject: Subject) -> tuple[dict[str, list[Sample]], int]:
     """The samples of a run that are not plausible, by the name of what is wrong with them, and how many there were in all."""
     found: dict[str, list[Sample]] = {}
-    samples = 0
     with _opened(subject) as device:
         judge = Plausibility(device.capability, 1.0 / subject.rate_hz)
-        for tick in range(JUDGED_TICKS):
-            subject.pace(tick)
-            sample = device.read(tick)
-            device.write(_zero(device))
-            if sample is not None:
-                samples += 1
-                wrong = judge.judge(tick, sample)
-                if wrong:
-                    found.setdefault(wrong, []).append(sample)
-    return found, samples
+        samples = _run(subject, device, range(JUDGED_TICKS))
+    for tick, sample in enumerate(samples):
+        if sample is not None and (wrong := judge.judge(tick, sample)):
+            found.setdefault(wrong, []).append(sample)
+    return found, len(samples) - samples.count(None)
 
 
 def _zero(device: Device) -> tuple[float, ...]:

@@ -135,6 +135,27 @@ _FORMERLY_UNBOUNDED = {
 """Limits that could be infinite in early recordings -> what stands there instead as they are read."""
 
 
+def encoder_record(
+    family: str, model: str, workspace_m: tuple[tuple[float, float], ...], force_n: tuple[float, float],
+    limits: tuple[float, float], numbers: tuple[float, float], *, rate_hz: int, speed_mps: float = SPEED_MPS,
+    latency_ticks: int = 0,
+) -> Capability:  # fmt: skip
+    """The record of a device whose encoders give positions alone; nobody states its slope.
+
+    force_n: (peak, continuous); limits: (stiffness [N/m], damping [N s/m]); numbers: (resolution [m], apparent mass [kg])
+    """
+    return Capability(
+        family, model, len(workspace_m), workspace_m, *force_n, *limits, SLEW_NPS, speed_mps, *numbers, rate_hz,
+        gives_velocity=False, latency_ticks=latency_ticks,
+    )  # fmt: skip
+
+
+def at_most(record: Capability, peak_force_n: float | None) -> Capability:
+    """The record with no more force than `peak_force_n` [N]; None: as it is."""
+    peak = record.peak_force_n if peak_force_n is None else min(peak_force_n, record.peak_force_n)
+    return replace(record, peak_force_n=peak, continuous_force_n=min(peak, record.continuous_force_n))
+
+
 def check_rate(rate_hz: int, record: Capability, where: str) -> None:
     """Raises DeviceError for a loop rate that this device is too slow for, or at which a force is held for too long."""
     if not LEAST_DEVICE_HZ <= rate_hz <= record.rate_hz:
@@ -167,19 +188,16 @@ class Device(Protocol):
 
         Where the address leaves open what the device is, the device is asked: raises DeviceError.
         """
-        ...
 
     @property
     def counts(self) -> Mapping[str, int]:
         """Errors that were handled, counted by name: replies missed, garbage skipped, currents limited."""
-        ...
 
     def open(self, rate_hz: int) -> None:
         """Acquire the device for a loop of `rate_hz` ticks a second.
 
         Raises DeviceError when it is open already, cannot be had, or `check_rate` refuses `rate_hz`.
         """
-        ...
 
     def read(self, tick: int) -> Sample | None:
         """The newest sample at `tick`, or None when there is nothing new since the last call.
@@ -187,7 +205,6 @@ class Device(Protocol):
         `tick` is the integer index of the loop's tick, due at t0 + tick * 10**9 // rate_hz nanoseconds. It never falls;
         it may jump after an overrun. Raises DeviceError when not open or when the device is lost.
         """
-        ...
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         """Hold `force_n` [N], shape (axes,), until the next write. It is F of P eq. 9 (see above): the hand gets -F.
@@ -195,8 +212,6 @@ class Device(Protocol):
         Returns the force that acts where that is another one: its motors cannot give more, or it could not be told yet.
         Raises DeviceError when not open, when the number of axes differs, or when a force is not finite.
         """
-        ...
 
     def close(self) -> None:
         """Write zero force and let go. Closing twice, or before opening, does nothing."""
-        ...

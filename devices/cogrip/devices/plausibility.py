@@ -12,8 +12,6 @@ Symbols: x position [m], v velocity [m/s], T tick [s], t time since the last sam
 Loops are uneven: a tick may run up to one period late, so every step may be one tick longer than counted.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from math import hypot, isfinite, sqrt

@@ -1,8 +1,7 @@
 """A person's motion out of a recording: positions, velocities and forces on the grid of the device ticks."""
 
-from __future__ import annotations
-
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -66,33 +65,33 @@ def capability_of(recording: Recording) -> Capability:
         raise DeviceError(f"replay: {recording.path} does not say what device was recorded: {error}") from None
 
 
-def axes_of(recording: Recording) -> int:
-    """Return the number of recorded axes: the room's, where the device had more. Raises DeviceError."""
+def _ticks(recording: Recording) -> Iterator[Tick]:
+    """A client's ticks. Raises DeviceError where the file cannot be read."""
     topic = next(number for number, name in enumerate(recording.topics) if kind_of(name) == "tick")
+    decode = msgspec.json.Decoder(Tick).decode
     try:
         for message in recording.messages():
             if message.topic == topic:
-                return len(msgspec.json.decode(message.payload, type=Tick).force_n)
+                yield decode(message.payload)
     except (OSError, msgspec.MsgspecError) as error:
         raise DeviceError(f"replay: {recording.path} cannot be read: {error}") from None
+
+
+def axes_of(recording: Recording) -> int:
+    """Return the number of recorded axes: the room's, where the device had more. Raises DeviceError."""
+    for tick in _ticks(recording):
+        return len(tick.force_n)
     raise DeviceError(f"replay: {recording.path} holds no ticks")
 
 
 def read_motion(recording: Recording) -> Motion:
     """Read a client's ticks. Raises DeviceError where fewer than two samples are there."""
-    topic = next(number for number, name in enumerate(recording.topics) if kind_of(name) == "tick")
-    decode = msgspec.json.Decoder(Tick).decode
     numbers: list[int] = []
     rows: list[tuple[Row, Row, Row]] = []
-    try:
-        for message in recording.messages():
-            if message.topic == topic:
-                tick = decode(message.payload)
-                if tick.position_m is not None:
-                    numbers.append(tick.tick)
-                    rows.append((tick.position_m, tick.velocity_mps, tick.force_n))
-    except (OSError, msgspec.MsgspecError) as error:
-        raise DeviceError(f"replay: {recording.path} cannot be read: {error}") from None
+    for tick in _ticks(recording):
+        if tick.position_m is not None:
+            numbers.append(tick.tick)
+            rows.append((tick.position_m, tick.velocity_mps, tick.force_n))
     if len(rows) < 2:
         raise DeviceError(f"replay: {recording.path} holds {len(rows)} samples; a motion needs at least 2")
     most = round(MOST_S * recording.header.rate_hz)

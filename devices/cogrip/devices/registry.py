@@ -1,7 +1,5 @@
 """Devices by address. One table of names; the module behind a name is imported when it is asked for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -9,7 +7,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 
 from cogrip.devices.device import Capability, Device, DeviceError, defects_named
-from cogrip.devices.settings import Address, Setting, parse_address, unknown
+from cogrip.devices.settings import MOST_AXES, Address, Setting, parse_address, unknown
 
 FAMILIES: dict[str, str] = {
     "emulated": "cogrip.devices.emulated.family:family",
@@ -24,8 +22,6 @@ FAMILIES: dict[str, str] = {
 }
 """scheme -> "module:function"; the function takes nothing and gives a `Family`."""
 
-
-MOST_AXES = 3
 GROUP = "cogrip.devices"
 
 

@@ -3,9 +3,8 @@
 Nothing is percent-decoded: a value may hold any character but `&`, so that a file name stands as it is.
 """
 
-from __future__ import annotations
-
 import difflib
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
@@ -23,6 +22,7 @@ Finite = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Positive = Annotated[float, Meta(ge=1e-9, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 
+MOST_AXES = 3
 _Settings = TypeVar("_Settings", bound=msgspec.Struct)
 
 
@@ -44,9 +44,9 @@ def parse_address(text: str) -> Address:
     scheme, colon, remainder = text.partition(":")
     if not colon or not scheme:
         raise DeviceError(f"device address {text!r} has no scheme: write scheme:name, such as sim:phantom?hand=reach")
-    name, tail = _cut(remainder)
+    name, *tail = re.split("[?#]", remainder, maxsplit=1)
     query: dict[str, str] = {}
-    for item in tail.split("&") if tail else ():
+    for item in tail[0].split("&") if any(tail) else ():
         key, equals, value = item.partition("=")
         if not equals or not key or not value:
             raise DeviceError(f"{text!r}: {item!r} is not key=value")
@@ -54,12 +54,6 @@ def parse_address(text: str) -> Address:
             raise DeviceError(f"{text!r}: key {key!r} is given twice ({query[key]!r} and {value!r}); give it once")
         query[key] = value
     return Address(text, scheme, name, query)
-
-
-def _cut(text: str) -> tuple[str, str]:
-    """Name and query, which begins at whichever mark comes first."""
-    at = min((place for mark in "?#" if (place := text.find(mark)) >= 0), default=len(text))
-    return text[:at], text[at + 1 :]
 
 
 def unknown(what: str, given: str, known: Iterable[str], where: str) -> DeviceError:
@@ -100,6 +94,33 @@ def read_settings(settings: type[_Settings], query: Mapping[str, Setting], where
         raise DeviceError(f"{where}: {expects(key, what, query[key])}")
     needed = message.rpartition("field `")[2].rstrip("`")
     raise DeviceError(f"{where}: needs the key {needed!r}; add {needed}=...")
+
+
+def read_query(settings: type[_Settings], query: Mapping[str, Setting], where: str) -> _Settings:
+    """Check `query` against the record `settings`, unknown keys too. Raises DeviceError."""
+    for key in query:
+        if key not in keys_of(settings):
+            raise unknown("key", key, keys_of(settings), where)
+    return read_settings(settings, query, where)
+
+
+def check_axes(axes: int, where: str, most: int = MOST_AXES, why: str = "") -> None:
+    """Raises DeviceError for a number of axes out of 1 to `most`. why: what is said besides."""
+    if not 1 <= axes <= most:
+        raise DeviceError(f"{where}: axes={axes} is out of 1 to {most}{why}")
+
+
+def bounded(
+    given: tuple[float, ...], count: int, key: str, where: str, bounds: tuple[float, float], *, whole: bool = False
+) -> tuple[float, ...]:
+    """`given` itself, empty or `count` numbers within `bounds`; whole: each is one of the bounds. Raises DeviceError."""
+    low, high = bounds
+    good = len(given) == count and all((value in bounds) if whole else (low <= value <= high) for value in given)
+    if given and not good:
+        kind = f"{low:g} or {high:g}" if whole else f"{low:g} to {high:g}"
+        said = ",".join(f"{value:g}" for value in given)
+        raise DeviceError(f"{where}: {key}={said}: give {('one', 'two', 'three')[count - 1]} numbers, each {kind}")
+    return given
 
 
 def fit_axes(vector: Sequence[float], axes: int, key: str) -> tuple[float, ...]:

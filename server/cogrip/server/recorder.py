@@ -12,6 +12,7 @@ import msgspec
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Hello
+from cogrip.protocol.recording.derived import derived_topics
 from cogrip.protocol.recording.records import Answer, Datagram, Event, Ledger, SeatStep, Step
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, topics
@@ -30,8 +31,9 @@ DATAGRAM_IN, DATAGRAM_OUT, INPUT, ANSWER, EVENT, ACCOUNT = range(6)
 
 
 def server_topics(rooms: Sequence[str]) -> tuple[str, ...]:
-    """Return the topics of a server's recording: its own, then the steps of each room."""
-    return topics(WHO, KINDS) + tuple(step_topic(room) for room in rooms)
+    """Return the topics of a server's recording: its own, the steps of each room, then what its writer derives of these."""
+    steps = tuple(step_topic(room) for room in rooms)
+    return topics(WHO, KINDS) + steps + tuple(topic for room in rooms for topic in derived_topics(room))
 
 
 def step_topic(room: str) -> str:

@@ -9,7 +9,9 @@ from typing import IO, cast
 import msgspec
 
 from cogrip.protocol.io.recording_process import FLUSH_EVERY_S, WholePieces
+from cogrip.protocol.recording.derived import DERIVED
 from cogrip.protocol.recording.reader import Message, open_recording
+from cogrip.protocol.recording.records import kind_of
 from cogrip.protocol.recording.writer import RecordingWriter
 
 from tests.bench.loads.process_memory import own_memory_kb
@@ -31,7 +33,8 @@ class HoursWritten(msgspec.Struct, frozen=True):
 def write_hours(path: Path, seconds: float) -> HoursWritten:
     """Write the messages of `path` to nowhere, again and again for so long of their own time, flushed as in a live session."""
     recording = open_recording(path)
-    messages = list(recording.messages())
+    kinds = [kind_of(topic) for topic in recording.topics]
+    messages = [message for message in recording.messages() if kinds[message.topic] not in DERIVED]
     fd = os.open(os.devnull, os.O_WRONLY)
     try:
         stream = WholePieces(fd)

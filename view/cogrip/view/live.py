@@ -5,6 +5,7 @@ from math import nan
 
 from cogrip.client.observer import ObserverCore
 from cogrip.devices.web.messages import ZERO, State, Vector, vector
+from cogrip.protocol.drawing import LEAST_DRAWN_N, anchors_m, object_size_m
 from cogrip.protocol.messages import Person, View
 from cogrip.protocol.settings import SeatSettings
 from cogrip.sim.runs.verdict import least_margin
@@ -12,8 +13,6 @@ from cogrip.view import frames
 from cogrip.view.frames import Frame, PersonFrame
 from cogrip.view.scene import Geometry, Scene, SceneEvent, SceneObject, ScenePerson, colour
 
-SIZE_M = 0.04  # of the object as it is drawn: the settings give a mass, not a size
-WALL_M = (0.004, 0.2, 0.2)
 KEPT_STEPS = 512  # of the object's path, for what a person far away is still shown
 LOSS_S = 1.0
 OLD_SERVER = "this server is an older one: it tells observers neither names nor delays; update it to see them"
@@ -22,23 +21,7 @@ OLD_AFTER = 64  # views with hands, and without a message about anybody
 
 def scene_object(kind: str, mass_kg: float) -> SceneObject:
     """Return the object of a kind as it is drawn."""
-    if kind == "wall":
-        return SceneObject(kind, "wall", WALL_M, mass_kg)
-    return SceneObject(kind, "box", (SIZE_M, SIZE_M, SIZE_M), mass_kg)
-
-
-def held_at(seat: int, seats: int) -> Vector:
-    """Return where on the object a seat holds it: left and right face first, then around."""
-    half = 0.5 * SIZE_M
-    sides = (
-        (-half, 0.0, 0.0),
-        (half, 0.0, 0.0),
-        (0.0, half, 0.0),
-        (0.0, -half, 0.0),
-        (0.0, 0.0, half),
-        (0.0, 0.0, -half),
-    )
-    return sides[seat % len(sides)] if seats > 1 else sides[0]
+    return SceneObject(kind, "wall" if kind == "wall" else "box", object_size_m(kind), mass_kg)
 
 
 class LiveScene:
@@ -110,7 +93,7 @@ class LiveScene:
         if seat in view.seats:
             at = view.seats.index(seat)
             proxy, force = (vector(row[axes * at : axes * (at + 1)]) for row in (view.proxies_m, view.forces_n))
-            flags = frames.PUSHES if any(force) else 0
+            flags = frames.PUSHES if sum(each * each for each in force) >= LEAST_DRAWN_N**2 else 0
         person = self.people.get(seat)
         if person is None:  # an older server, or the message is on its way
             return PersonFrame(seat, "live", flags, 0, proxy, proxy, force, self._path[-1][1])
@@ -152,8 +135,9 @@ class LiveScene:
         axes, wall = given.object.axes, given.object.kind == "wall"
         geometry = (Geometry("plane", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.2, 0.2)),) if wall else ()
         people = []
+        held_at = anchors_m(given.object.kind, ["left"] * (1 + max(self.people, default=0)))
         for seat, person in sorted(self.people.items()):
-            held, offset = held_at(seat, len(self.people)), vector(person.offset_m)
+            held, offset = held_at[seat], vector(person.offset_m)
             anchor = (held[0] - offset[0], held[1] - offset[1], held[2] - offset[2])
             people.append(ScenePerson(seat, person.name, colour(seat), anchor))
         return Scene(

@@ -6,11 +6,10 @@ from typing import Literal
 import msgspec
 
 from cogrip.devices.web.messages import Vector
+from cogrip.protocol.drawing import colour as colour
 
 Mode = Literal["live", "recording"]
 EventKind = Literal["joined", "left", "lost", "kicked", "fault", "marker", "other"]
-# Okabe and Ito's palette, as in the reports; darker from the seventh person on, paler from the thirteenth.
-_PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 
 class SceneEvent(msgspec.Struct, frozen=True, tag_field="type", tag="event"):
@@ -68,18 +67,6 @@ class Scene(msgspec.Struct, frozen=True, tag_field="type", tag="scene"):
     chunks: int = 0
     events: tuple[SceneEvent, ...] = ()
     version: int = 1
-
-
-def colour(seat: int) -> str:
-    """Return a person's colour as #rrggbb: the one that the plots of a report have."""
-    base = _PALETTE[seat % len(_PALETTE)]
-    parts = [int(base[each : each + 2], 16) / 255 for each in (1, 3, 5)]
-    round_ = seat // len(_PALETTE) % 3
-    if round_ == 1:
-        parts = [0.55 * part for part in parts]
-    elif round_ == 2:
-        parts = [0.45 + 0.55 * part for part in parts]
-    return "#" + "".join(f"{round(255 * part):02X}" for part in parts)
 
 
 def to_json(message: Scene | SceneEvent | Sequence[SceneEvent]) -> str:

@@ -15,7 +15,6 @@ from cogrip.cli.terminal.tables import say
 from cogrip.devices.device import Capability, DeviceError
 from cogrip.devices.registry import (
     FAMILIES,
-    MOST_AXES,
     Listing,
     axes_of,
     broken,
@@ -25,7 +24,7 @@ from cogrip.devices.registry import (
     make,
     record_of,
 )  # fmt: skip
-from cogrip.devices.settings import parse_address
+from cogrip.devices.settings import MOST_AXES, parse_address
 
 NOT_RUN = "not yet run on hardware"
 _LAST = ("emulated", "replay")  # in a list, behind real devices; sim: stands first

@@ -22,11 +22,10 @@ from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, split_place
 from cogrip.protocol.link_profile import Direction, Link
 from cogrip.protocol.network_profiles import ProfileName
-from cogrip.sim.session.configured_link import configured_link
 from cogrip.sim.session.delay_trace import TraceError, read_trace
 from cogrip.sim.session.io.relay_loop import LiveRelay, PlaceError, RelayError
-from cogrip.sim.session.link import LinkEmulator
-from cogrip.sim.session.outage_script import ScriptError, read_script
+from cogrip.sim.session.link import LinkEmulator, configured_link
+from cogrip.sim.session.outages import ScriptError, read_script
 from cogrip.sim.session.relay import Relay
 
 RELAY_PORT = DEFAULT_PORT + 1

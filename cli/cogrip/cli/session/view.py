@@ -2,19 +2,24 @@
 
 import socket
 from contextlib import closing
+from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
+from rich.console import Console
 
 from cogrip.cli.session.join_target import target_of, typed
 from cogrip.cli.terminal.output import make_console
-from cogrip.cli.terminal.problem import Problem, above_zero, within
+from cogrip.cli.terminal.problem import BadInput, Problem, above_zero, within
 from cogrip.client.io.paths import JoinError
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.session import ClientSession
-from cogrip.view.io.feed import LiveFeed
+from cogrip.view.io.feed import Feed, LiveFeed, RecordedFeed
 from cogrip.view.io.hand_link import HandLink
 from cogrip.view.io.process import PortError, ViewProcess
+from cogrip.view.page import self_contained
+from cogrip.view.recording import RecordedView, ViewError, open_view
+from cogrip.view.scene import to_json
 
 
 def view(
@@ -27,17 +32,18 @@ def view(
     foxglove: Annotated[bool, Parameter(negative="")] = False,
     insecure: Annotated[bool, Parameter(negative="")] = False,
     seconds: float | None = None,
+    out: Path | None = None,
     hand: Annotated[int | None, Parameter(show=False)] = None,
 ) -> int:
-    """Show a running session in the browser: object, hands, forces and the state of the network.
+    """Show a running session in the browser, or a recorded one: object, hands, forces and the state of the network.
 
     The page is served on this machine alone, at the address that is printed.
 
     Parameters
     ----------
     target
-        The join link that the server printed, in quotes, or HOST:PORT of a server without encryption. - reads it from
-        standard input.
+        The join link that the server printed, in quotes, or HOST:PORT of a server without encryption; - reads it from
+        standard input. Or the folder of a run.
     room
         Room to show; any if not given.
     port
@@ -50,22 +56,50 @@ def view(
         View a HOST:PORT that is not this machine without encryption: everyone on the path can read it.
     seconds
         End after this time.
+    out
+        Write the page with the recording into this file, instead of serving it: it opens anywhere, without a network.
     hand
         File descriptor of the link to a `web:` device.
     """
     above_zero("--seconds", seconds)
     within("--port", port, 0, 65535)
     console = make_console(soft_wrap=True)
+    if (run := Path(target)).exists() or out is not None:
+        with BadInput.of(ViewError):
+            recorded = open_view(run)
+        if out is not None:
+            return _write(recorded, out, console)
+        return _serve(RecordedFeed(recorded), None, console, port, browser, foxglove, seconds)
     joined = target_of(typed(target, more), room, insecure, "", "")
-    stop = Stop()
-    with on_signals(stop), closing(joined.paths(insecure)) as paths, Problem.of(JoinError), Problem.of(PortError):
+    with closing(joined.paths(insecure)) as paths, Problem.of(JoinError):
         feed = LiveFeed(ClientSession(joined.observer()), paths, console.print)
         feed.connect()
-        link = None if hand is None else HandLink(socket.socket(fileno=hand))
-        process = ViewProcess(feed, stop, console.print, port, browser, foxglove, hand=link, seconds=seconds)
+        link = None if hand is None else HandLink(socket.socket(fileno=hand), feed.tell_hands)
+        return _serve(feed, link, console, port, browser, foxglove, seconds)
+
+
+def _serve(
+    feed: Feed, hand: HandLink | None, console: Console, port: int, browser: bool, foxglove: bool, seconds: float | None
+) -> int:
+    """Serve a feed until it is stopped or over. Return the exit code."""
+    stop = Stop()
+    process = ViewProcess(feed, stop, console.print, port, browser, foxglove, hand=hand, seconds=seconds)
+    with on_signals(stop), Problem.of(PortError):
         ended = process.run()
     if counts := {name: count for name, count in sorted(process.counts.items()) if count}:
         console.print("view: " + ", ".join(f"{name} {count}" for name, count in counts.items()))
     if ended:
         console.print(f"view: the session is over: {ended}")
+    return 0
+
+
+def _write(recorded: RecordedView, out: Path, console: Console) -> int:
+    """Write a recording's page into one file. Return the exit code."""
+    scene = recorded.scene
+    text = self_contained(to_json(scene), [recorded.chunk(number) for number in range(scene.chunks)])
+    try:
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise Problem(f"--out {out}: {error.strerror}; name a file in a folder that you can write to") from None
+    console.print(f"{out}: {scene.duration_s or 0.0:.1f} s of {scene.room}, {len(text) / 1e6:.1f} MB")
     return 0

@@ -1,7 +1,5 @@
 """The verdict on an arm before anyone holds it: measurements against its model. Pure; `io.arm_check` measures."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 LEAST_RATE_HZ = 1000.0
@@ -48,9 +46,13 @@ def verdict(measured: Measured, current_ma: float) -> list[Row]:
     """Line by line."""
     rows = _wire(measured)
     for joint, name in enumerate(JOINTS):
-        rows += [_noise(name, measured.noise[joint])]
-        rows += [_sign(name, measured.forward[joint], measured.backward[joint], current_ma)]
-        rows += [_range(name, measured.lowest[joint], measured.highest[joint])]
+        noise, low, high = measured.noise[joint], measured.lowest[joint], measured.highest[joint]
+        cure = "let nobody touch the arm while it is measured; else check the encoder's cable and its supply"
+        good, most = noise <= MOST_NOISE_COUNTS, f"at most {MOST_NOISE_COUNTS}"
+        rows.append(Row(f"noise at rest, encoder {name}", f"{noise} counts", most, good, cure))
+        rows.append(_sign(name, measured.forward[joint], measured.backward[joint], current_ma))
+        cure = "this encoder did not move: move the arm through its range when asked to, or check its cable"
+        rows.append(Row(f"range seen, encoder {name}", f"{low} to {high}", "more than one count", high > low, cure))
     return rows
 
 
@@ -79,17 +81,6 @@ def _wire(measured: Measured) -> list[Row]:
             "see `cogrip doctor`; on Linux keep ModemManager off the port (docs/devices.md)",
         ),
     ]
-
-
-def _noise(name: str, counts: int) -> Row:
-    cure = "let nobody touch the arm while it is measured; else check the encoder's cable and its supply"
-    good = counts <= MOST_NOISE_COUNTS
-    return Row(f"noise at rest, encoder {name}", f"{counts} counts", f"at most {MOST_NOISE_COUNTS}", good, cure)
-
-
-def _range(name: str, low: int, high: int) -> Row:
-    cure = "this encoder did not move: move the arm through its range when asked to, or check its cable"
-    return Row(f"range seen, encoder {name}", f"{low} to {high}", "more than one count", high > low, cure)
 
 
 def _sign(name: str, forward: int, backward: int, current_ma: float) -> Row:

@@ -4,8 +4,6 @@ closed --open: met, model as stated, pose known, tip inside--> open --close: zer
 open --lost, jumped, stuck, out of the workspace--> every verb raises until it is closed and opened again
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -14,19 +12,42 @@ from math import hypot, isfinite
 from cogrip.devices.arm.encoder_watch import EncoderWatch
 from cogrip.devices.arm.exchange import RETRY_S, Exchange, Reading, meet
 from cogrip.devices.arm.kinematics import Vector
-from cogrip.devices.arm.model import ArmModel
+from cogrip.devices.arm.model import ArmModel, Pose
 from cogrip.devices.arm.pose import Calibration, KnownPose, OwnLosses, Store, drive_of
-from cogrip.devices.arm.weight import WeightCompensation
-from cogrip.devices.device import Capability, DeviceError, Sample, check_rate
+from cogrip.devices.device import Capability, DeviceError, Sample
+from cogrip.devices.driver import Driver
 
 HEADROOM = 0.92  # of the peak force: currents are those of where the arm was, and hold while it moves on
 SILENT_S = 0.05  # so long after the last reading the arm is where nobody knows: by then there is no current
 ZERO: Vector = (0.0, 0.0, 0.0)
 TREMBLE_COUNTS = 20  # of a hand that holds the arm while its counters are loaded
 GOODBYES = 2  # requests for no current when it is closed
+RISE_S = 0.3  # of the weight that is held
+FALL_S = 0.04  # gone before the 50 ms after which no force may be left
 
 
-class ArmDevice:
+class WeightCompensation:
+    """Compensation of an arm's own weight. fraction: of it that the motors hold, 0 to 1; active: whether it is to be held.
+
+    The torque for it is the gradient of the arm's potential energy (`Kinematics.gravity`), so that the hand feels none of it.
+    It rises when the device is opened, as no force may step, and falls when the device has failed: the hand takes over.
+    """
+
+    def __init__(self, rate_hz: int, *, active: bool) -> None:
+        self.fraction = 0.0
+        self._rise = 1.0 / (RISE_S * rate_hz) if active else 0.0
+        self._fall = 1.0 / (FALL_S * rate_hz)
+        self._tick = 0
+
+    def step(self, tick: int, *, failed: bool) -> float:
+        """The fraction at `tick`, which does not fall. Ticks that were skipped do not make it rise in one step."""
+        ticks, self._tick = tick - self._tick, tick
+        change = -self._fall * ticks if failed else self._rise * min(1, ticks)
+        self.fraction = min(1.0, max(0.0, self.fraction + change))
+        return self.fraction
+
+
+class ArmDevice(Driver):
     """See `Device`. axes: how many of x, y, z the room uses; the others are free.
 
     identify: asks the wire what it is, where the address leaves that open; gives the model.
@@ -34,28 +55,24 @@ class ArmDevice:
     """
 
     def __init__(
-        self, name: str, axes: int, exchange: Exchange, known: Callable[[str], ArmModel], pose: Callable[[ArmModel], KnownPose],
+        self, name: str, axes: int, exchange: Exchange, known: Callable[[str], ArmModel], pose: Pose,
         model: ArmModel | None, store: Store,
     ) -> None:  # fmt: skip
-        self._name = name
-        self._axes = axes
-        self._exchange = exchange
+        super().__init__(name, axes)
+        self.exchange = exchange  # its wire, also for whoever makes the arm ready while it is closed
         self._known = known
-        self._make_pose = pose
-        self._model = model
+        self._pose_kind: Pose = pose
         self._store = store
+        self._model: ArmModel | None = None
+        self._pose: KnownPose | None = None
+        if model is not None:
+            self._take(model)
         self._own: tuple[float, float] | None = None  # damping [N s/m] and friction [N], once looked for
-        self._pose = pose(model) if model is not None else None
-        self._counts: dict[str, int] = {}
-        self._open = False
-        self._broken = ""
-        self._said = ""
-        self._stamp = ""
+        self._broken = self._said = self._stamp = ""
         self._silent_ticks = 0
-        self._tick = 0
         self._read_at = 0  # when the newest reading was taken
         self._received_at = 0  # and when it came
-        self._angles: Vector | None = None
+        self.angles: Vector | None = None  # of the joints, at the last reading [rad]
         self._acting: Sequence[float] = ()
         self._offset: Vector = ZERO
         self._weight = WeightCompensation(1, active=False)
@@ -70,18 +87,18 @@ class ArmDevice:
 
     def _identified(self) -> tuple[float, float]:
         """Bounds of this arm's own damping [N s/m] and friction [N]; 0 where they are not known. Raises DeviceError."""
-        losses = self._store.find_losses(self._name)
+        losses = self._store.find_losses(self._where)
         if losses is None:
             return 0.0, 0.0
         if not losses.holds_for(self.model):
-            self._count("own damping left out: identified with other settings")
+            self._counts["own damping left out: identified with other settings"] += 1
             return 0.0, 0.0
         return losses.own_damping_nspm, losses.own_friction_n
 
     def losses(self, damping_nspm: float, friction_n: float, made: str) -> OwnLosses:
         """Return what is to be kept of an identification of this arm."""
         return OwnLosses(
-            device=self._name, model=self.model.record.model, drive=drive_of(self.model), own_damping_nspm=damping_nspm,
+            device=self._where, model=self.model.record.model, drive=drive_of(self.model), own_damping_nspm=damping_nspm,
             own_friction_n=friction_n, made=made,
         )  # fmt: skip
 
@@ -89,23 +106,18 @@ class ArmDevice:
     def model(self) -> ArmModel:
         """Return the device's model, asking the device where the address does not say. Raises DeviceError."""
         if self._model is None:
-            port = self._exchange.port
+            port = self.exchange.port
             port.open()
             try:
-                self._recognise(meet(self._exchange, ZERO))
+                self._recognise(meet(self.exchange, ZERO))
             finally:
                 port.close()
         assert self._model is not None
         return self._model
 
     @property
-    def exchange(self) -> Exchange:
-        """Its wire, for whoever makes the arm ready while it is closed."""
-        return self._exchange
-
-    @property
     def counts(self) -> Mapping[str, int]:
-        return {**self._exchange.port.counts, **self._exchange.counts, **self._counts}
+        return {**self.exchange.port.counts, **self.exchange.counts, **self._counts}
 
     @property
     def reads_only(self) -> bool:
@@ -117,20 +129,14 @@ class ArmDevice:
         """Fraction of the arm's own weight that its motors were last commanded to hold."""
         return self._weight.fraction if self._open else 0.0
 
-    @property
-    def angles(self) -> Vector | None:
-        """Joint angles of the last reading [rad]."""
-        return self._angles
-
     def open(self, rate_hz: int) -> None:
-        if self._open:
-            raise DeviceError(f"{self._name}: is open already; close it first")
-        port = self._exchange.port
-        self._own = None  # it may have been identified anew
-        check_rate(rate_hz, self.capability, self._name)
+        port = self.exchange.port
+        if not self._open:
+            self._own = None  # it may have been identified anew
+        self._check_open(rate_hz, self.capability)
         port.open()
         try:
-            reading = meet(self._exchange, ZERO)
+            reading = meet(self.exchange, ZERO)
             self._recognise(reading)
             assert self._pose is not None
             self._stamp = port.stamp()
@@ -139,13 +145,13 @@ class ArmDevice:
         except DeviceError:
             port.close()
             raise
-        self._exchange.start(rate_hz)
+        self.exchange.start(rate_hz)
         self._watch = EncoderWatch(3, self.model.record.resolution_m, rate_hz, self._tip)
         # a request may have to wait for RETRY_S, and it is to say zero
         self._silent_ticks = max(1, int((SILENT_S - RETRY_S) * rate_hz) - 1)
         self._weight = WeightCompensation(rate_hz, active=self.model.holds_weight and self._pose.kind != "none")
         self._tick = self._read_at = self._received_at = 0
-        self._acting = (0.0,) * self._axes
+        self._acting = self._zero
         self._broken = ""
         self._open = True
 
@@ -158,39 +164,39 @@ class ArmDevice:
         """Raises DeviceError where the device is another one than it should be."""
         found = self._known(reading.model)
         if self._model is not None and found.record.model != self._model.record.model:
-            raise DeviceError(
-                f"{self._name}: is {found.record.model} now, and was {self._model.record.model}; another device was plugged in"
+            raise self._error(
+                f"is {found.record.model} now, and was {self._model.record.model}; another device was plugged in"
             )
         self._said = reading.model
         if self._model is None:
-            self._model = found
-            self._pose = self._make_pose(found)
+            self._take(found)
+
+    def _take(self, model: ArmModel) -> None:
+        self._model = model
+        self._pose = KnownPose(self._pose_kind, self._where, model.record.model, model.home_counts, self._store)
 
     def calibrate(self, made: str) -> Calibration:
         """The arm stands in its home pose now, and whoever calls this confirms it. Not while it is open. Raises DeviceError."""
         if self._open:
-            raise DeviceError(f"{self._name}: is open; close it before it is calibrated")
-        port, codec = self._exchange.port, self._exchange.codec
+            raise self._error("is open; close it before it is calibrated")
+        port, codec = self.exchange.port, self.exchange.codec
         port.open()
         try:
-            reading = meet(self._exchange, ZERO)
+            reading = meet(self.exchange, ZERO)
             self._recognise(reading)
             home = self.model.home_counts
-            gimbal = self.model.gimbal
-            load = codec.load((*home, *(gimbal.home_counts if gimbal is not None else ZERO)))
+            load = codec.load((*home, *self.model.gimbal_home_counts))
             if load is not None:
                 self._forget(port.stamp())
                 port.write(load)
                 codec.feed(port.read(0.1))
-                reading = meet(self._exchange, ZERO)
+                reading = meet(self.exchange, ZERO)
                 if any(abs(count - there) > TREMBLE_COUNTS for count, there in zip(reading.raw, home, strict=True)):
-                    raise DeviceError(
-                        f"{self._name}: its counters read {reading.raw} after {home} were loaded; try again"
-                    )
+                    raise self._error(f"its counters read {reading.raw} after {home} were loaded; try again")
                 reading = Reading(home)
             a, b, c = (there - count for there, count in zip(home, reading.raw, strict=True))
             return Calibration(
-                device=self._name, model=self.model.record.model, offset_counts=(a, b, c), home_counts=home,
+                device=self._where, model=self.model.record.model, offset_counts=(a, b, c), home_counts=home,
                 stamp=port.stamp(), made=made,
             )  # fmt: skip
         finally:
@@ -223,25 +229,21 @@ class ArmDevice:
             raise self._lost(f"the linkage does not close at counts {reading.raw}, so they are wrong")
         if not model.inside(position) and self._pose is not None and self._pose.kind != "none":
             where = ", ".join(f"{value:.3f}" for value in position)
-            raise DeviceError(
-                f"{self._name}: the tip is at ({where}) m, outside its workspace of {model.reach_m:g} m; "
-                "move it inside, and arm again"
+            raise self._error(
+                f"the tip is at ({where}) m, outside its workspace of {model.reach_m:g} m; move it inside, and arm again"
             )
-        self._angles, self.reading = angles, reading
+        self.angles, self.reading = angles, reading
         return position
 
     def _lost(self, why: str) -> DeviceError:
         if self._pose is not None:
             self._pose.lose(why)
-        return DeviceError(f"{self._name}: {why}; calibrate, then re-arm")
+        return self._error(f"{why}; calibrate, then re-arm")
 
     def read(self, tick: int) -> Sample | None:
-        self._need("read")
-        if tick < self._tick:
-            raise DeviceError(f"{self._name}: read(tick={tick}) after tick {self._tick}; ticks must not fall")
-        self._tick = tick
+        self._check_read(tick)
         try:
-            answer = self._exchange.reply(tick)
+            answer = self.exchange.reply(tick)
             if self._broken:
                 raise DeviceError(self._broken)
             return None if answer is None else self._sample(*answer)
@@ -251,7 +253,7 @@ class ArmDevice:
 
     def _sample(self, reading: Reading, age: int) -> Sample | None:
         if reading.error:
-            self._count(f"device: {reading.error}")
+            self._counts[f"device: {reading.error}"] += 1
             if reading.rejected:
                 return None
         if reading.model != self._said:
@@ -266,18 +268,18 @@ class ArmDevice:
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         """A device that has failed takes a force that fades out, as long as it can be reached."""
-        self._need("write")
+        self._need_open("write")
         if len(force_n) != self._axes:
-            raise DeviceError(f"{self._name}: write of {len(force_n)} forces to {self._axes} axes")
+            raise self._wrong_force(force_n)
         finite = isfinite(sum(force_n))
         currents, fraction = self._currents(force_n) if finite else (ZERO, 0.0)
         try:
-            reported = self._exchange.ask(currents, self._tick)
+            reported = self.exchange.ask(currents, self._tick)
         except DeviceError as error:
             self._break(error)
             raise
         if not finite:
-            raise DeviceError(f"{self._name}: write of {tuple(force_n)} N: not finite; no current is sent instead")
+            raise self._wrong_force(force_n, "; no current is sent instead")
         if reported:
             self._acting = tuple(force_n) if fraction == 1.0 else tuple([fraction * part for part in force_n])
         return None if reported and fraction == 1.0 else self._acting
@@ -290,29 +292,29 @@ class ArmDevice:
         assert self._pose is not None
         silent = self._tick - self._received_at > self._silent_ticks
         weight = self._weight.step(self._tick, failed=silent or bool(self._broken))
-        if self._pose.kind == "none" or self._angles is None or silent or not (weight or any(force_n)):
+        if self._pose.kind == "none" or self.angles is None or silent or not (weight or any(force_n)):
             return ZERO, 0.0 if any(force_n) else 1.0
         x, y, z = (*force_n, 0.0, 0.0)[:3]
         size, most = hypot(x, y, z), HEADROOM * self.model.record.peak_force_n
         fraction = -1.0 if size <= most else -most / size  # the arm pushes the hand with -F
         push = (fraction * x, fraction * y, fraction * z)
         try:
-            held, too_heavy = self.model.weight_currents(self._angles, weight) if weight else (ZERO, False)
-            currents, limited = self.model.currents(self._angles, push, held)
+            held, too_heavy = self.model.weight_currents(self.angles, weight) if weight else (ZERO, False)
+            currents, limited = self.model.currents(self.angles, push, held)
         except DeviceError as error:
             self._broken = self._broken or str(error)
             return ZERO, 0.0
         if limited:
-            fraction *= self.model.fraction_given(self._angles, push, currents, held)
+            fraction *= self.model.fraction_given(self.angles, push, currents, held)
         if too_heavy:
-            self._count("weight of the arm held in part only")
+            self._counts["weight of the arm held in part only"] += 1
         if fraction != -1.0:
-            self._count("force limited to the motors")
+            self._counts["force limited to the motors"] += 1
         return currents, -fraction
 
     def close(self) -> None:
         """Zero current is asked for more than once: a request may be lost, or one may still be under way."""
-        exchange, was_open = self._exchange, self._open
+        exchange, was_open = self.exchange, self._open
         self._open = False
         if was_open:
             for _ in range(GOODBYES):
@@ -320,23 +322,16 @@ class ArmDevice:
                     exchange.port.read(0.02)
                     exchange.port.write(exchange.codec.encode(ZERO))
                 except DeviceError:
-                    self._count("not reached when closed")
+                    self._counts["not reached when closed"] += 1
                     break
         exchange.port.close()
         if was_open and self._pose is not None:
             try:
                 self._pose.settle()
             except DeviceError:
-                self._count("loss of the pose not kept")
+                self._counts["loss of the pose not kept"] += 1
 
     def _break(self, error: DeviceError) -> None:
         self._broken = str(error)
         if not self._stamp and self._pose is not None:  # nobody would notice that it was plugged in again
             self._pose.lose("it may have been without power")
-
-    def _need(self, verb: str) -> None:
-        if not self._open:
-            raise DeviceError(f"{self._name}: {verb} while it is closed; call open(rate_hz) first")
-
-    def _count(self, name: str) -> None:
-        self._counts[name] = self._counts.get(name, 0) + 1

@@ -10,8 +10,6 @@ what a hand holds seldom stands still to a count after a blow. (It may have hit 
 that hardly moved when its encoder was lost is not found before it moves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from math import dist
 

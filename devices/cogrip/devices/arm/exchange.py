@@ -7,8 +7,7 @@ force it leads to acts one tick after it was taken. That is all a blocking excha
     asked --reply--> idle        asked --no reply for RETRY_S--> asked again --all replies, or no more for RETRY_S--> idle
 """
 
-from __future__ import annotations
-
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
@@ -31,9 +30,6 @@ class Reading(msgspec.Struct, frozen=True, gc=False):
     error: str = ""
     rejected: bool = False
     model: str = ""
-    gimbal: tuple[float, ...] = ()
-    buttons: int = 0
-    calibrate: bool = False  # the calibration button was pressed
 
 
 class Port(Protocol):
@@ -45,30 +41,24 @@ class Port(Protocol):
     @property
     def name(self) -> str:
         """Name for people: a device node, a HID path."""
-        ...
 
     def open(self) -> None: ...
 
     def write(self, frame: bytes) -> None:
         """The whole frame at once."""
-        ...
 
     def read(self, wait_s: float = 0.0) -> bytes:
         """Return the bytes received, b"" for none; wait at most `wait_s` for the first one."""
-        ...
 
     def close(self) -> None:
         """Twice, or before opening, does nothing."""
-        ...
 
     @property
     def counts(self) -> Mapping[str, int]:
         """Errors on the wire that were handled, counted by name."""
-        ...
 
     def stamp(self) -> str:
         """Names this plugging-in of the device, and no other one; "" where that cannot be known."""
-        ...
 
 
 class Codec(Protocol):
@@ -76,27 +66,22 @@ class Codec(Protocol):
 
     def encode(self, commands: Sequence[float]) -> bytes:
         """The request that applies these motor commands."""
-        ...
 
     def load(self, counts: Sequence[float]) -> bytes | None:
         """The request that makes the device's counters these, with no current; None where the wire has none.
 
         counts: of the joints a, b, c, then of the gimbal's d, e, f.
         """
-        ...
 
     def feed(self, data: bytes) -> list[Reading]:
         """The replies that are complete, oldest first. What is no reply is skipped and counted, never raised."""
-        ...
 
     def reset(self) -> None:
         """Forget a reply that is half there."""
-        ...
 
     @property
     def skipped(self) -> int:
         """Bytes, or reports, that were no part of a good reply."""
-        ...
 
 
 class Exchange:
@@ -105,7 +90,7 @@ class Exchange:
     def __init__(self, port: Port, codec: Codec) -> None:
         self.port = port
         self.codec = codec
-        self.counts: dict[str, int] = {}
+        self.counts: Counter[str] = Counter()
         self._skipped = 0
         self.start(1024)
 
@@ -128,7 +113,7 @@ class Exchange:
         if self._asked is not None:
             lets_go = self._pushes and not any(commands)
             if not lets_go or tick - self._asked < self._retry_ticks:
-                self._count("request held back")
+                self.counts["request held back"] += 1
                 return False
             self._given_up += 1
         self._pushes = any(commands)
@@ -148,19 +133,19 @@ class Exchange:
         readings = self._read()
         received = len(readings)
         if received > 1:
-            self._count("reply too many", received - 1)
+            self.counts["reply too many"] += received - 1
         if received > self._given_up:
             return self._answered(readings[-1], tick - asked)
         if received:
             self._given_up -= received
             self._kept, self._since = readings[-1], tick
             return None
-        self._count("reply late")
+        self.counts["reply late"] += 1
         if tick - self._since >= self._retry_ticks:
             self.codec.reset()
             if self._kept is not None:
                 return self._answered(self._kept, tick - asked)
-            self._count("reply missed")
+            self.counts["reply missed"] += 1
             self._given_up += 1
             self._asked = None
         return None
@@ -169,10 +154,10 @@ class Exchange:
         data = self.port.read(self._patience_s)
         readings = self.codec.feed(data)
         if data and not readings:  # a part of it: the rest is on its way
-            self._count("reply in parts")
+            self.counts["reply in parts"] += 1
             readings = self.codec.feed(self.port.read(self._patience_s))
         if self.codec.skipped != self._skipped:
-            self._count("bytes skipped", self.codec.skipped - self._skipped)
+            self.counts["bytes skipped"] += self.codec.skipped - self._skipped
             self._skipped = self.codec.skipped
         return readings
 
@@ -180,9 +165,6 @@ class Exchange:
         self._given_up = 0
         self._asked = self._kept = None
         return reading, age
-
-    def _count(self, name: str, by: int = 1) -> None:
-        self.counts[name] = self.counts.get(name, 0) + by
 
 
 def meet(exchange: Exchange, zero: Sequence[float], patience_s: float = 0.1, tries: int = 10) -> Reading:
@@ -199,15 +181,12 @@ def meet(exchange: Exchange, zero: Sequence[float], patience_s: float = 0.1, tri
             _drain(port)  # replies to earlier tries
             codec.reset()
             return good[-1]
-        complaint = (
-            readings[-1].error if readings else complaint
-        )  # half a request stood before ours, and its counts are old
+        if readings:  # half a request stood before ours, and its counts are old
+            complaint = readings[-1].error
     if complaint:
         raise DeviceError(f"{port.name}: refuses every request: {complaint}; is it the right device? Power it up anew")
-    raise DeviceError(
-        f"{port.name}: no reply to {tries} requests in {tries * patience_s:g} s; "
-        "is this the right port, and is the device powered?"
-    )
+    took = f"no reply to {tries} requests in {tries * patience_s:g} s"
+    raise DeviceError(f"{port.name}: {took}; is this the right port, and is the device powered?")
 
 
 def _drain(port: Port) -> None:

@@ -24,8 +24,6 @@ Jacobian J, of length 1), and the axes. Losses are in the joints, P = sum of B_j
               r = min over p of 1 / |J_p J^-1|: friction is at least r c, damping r^2 b
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -109,9 +107,8 @@ def identify(
         rounding_n = _rounding_n(model, jacobian)
         found = []
         for number, direction in enumerate((*joints.T, *axes)):
-            progress(
-                f"direction {number + 1} of {record.axes + len(axes)}, at most {force_n:.2g} N: do not touch the arm"
-            )
+            where = f"direction {number + 1} of {record.axes + len(axes)}"
+            progress(f"{where}, at most {force_n:.2g} N: do not touch the arm")
             speed_mps, resistance_n, path_m = loop.swing(direction)
             found.append(fit(speed_mps, resistance_n, path_m, force_n, rounding_n, record.resolution_m))
         loop.fade()
@@ -194,8 +191,8 @@ class _Loop:
         self._held: Sequence[float] = [0.0] * len(middle_m)
         self._forces: list[Sequence[float]] = []  # tick by tick
 
-    def swing(self, direction: Array) -> tuple[Array, Array, Array]:
-        """s [m/s], y [N] and the path [m] of each measured period."""
+    def swing(self, direction: Array) -> Array:
+        """s [m/s], y [N] and the path [m] of each measured period, shape (3, periods)."""
         self._begun, windows = self._tick, []
         self._seen, self._forces = [self._recent[-1]], []
         u = [float(part) for part in direction]
@@ -210,12 +207,11 @@ class _Loop:
             windows += [(first + number * period, period) for number in range(PERIODS)]
         ticks = np.array([tick - self._begun for tick, _ in self._seen], dtype=float)
         positions = np.array([position for _, position in self._seen])
-        path = np.column_stack(
-            [np.interp(np.arange(self._tick - self._begun), ticks, column) for column in positions.T]
-        )
+        every = np.arange(self._tick - self._begun)
+        path = np.column_stack([np.interp(every, ticks, column) for column in positions.T])
         return self._points(path, np.array(self._forces), windows)
 
-    def _points(self, path: Array, forces: Array, windows: Sequence[tuple[int, int]]) -> tuple[Array, Array, Array]:
+    def _points(self, path: Array, forces: Array, windows: Sequence[tuple[int, int]]) -> Array:
         rows = []
         for first, period in windows:
             places = path[first : first + period + 1]
@@ -224,8 +220,7 @@ class _Loop:
             path_m = float(steps_m.sum()) or 1e-9
             square = float(steps_m @ steps_m) * self._rate_hz * FRAMES / period
             rows.append((square / path_m, work_j / path_m, path_m))
-        speed_mps, resistance_n, path_m_ = np.array(rows).T
-        return speed_mps, resistance_n, path_m_
+        return np.array(rows).T
 
     def fade(self) -> None:
         """Hold the middle ever less: the force ends at zero."""

@@ -4,8 +4,6 @@ x toward the user, y to the user's right, z up. Joint angles t = (tA, tB, tC), f
 its own module what they are measured from.
 """
 
-from __future__ import annotations
-
 from typing import Protocol, TypeAlias
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -20,23 +18,15 @@ class Kinematics(Protocol):
 
     def forward(self, angles: Vector) -> Vector | None:
         """Tip position [m] at joint angles [rad]; None where the linkage does not close."""
-        ...
 
     def inverse(self, position: Vector) -> Vector | None:
         """Joint angles [rad] with the tip at `position` [m]; None out of reach."""
-        ...
 
     def jacobian(self, angles: Vector) -> Matrix | None:
         """d position / d angles [m/rad]; None where the linkage does not close, or only just."""
-        ...
 
     def gravity(self, angles: Vector) -> Vector:
         """Joint torques [Nm] against the arm's own weight; zeros where that is balanced, not known, or left out."""
-        ...
-
-    def carrier(self, angles: Vector) -> Matrix | None:
-        """Rotation of the body that carries the gimbal, gimbal axes to common frame; None where the linkage does not close."""
-        ...
 
 
 def joint_torque(jacobian: Matrix, force: Vector) -> Vector:

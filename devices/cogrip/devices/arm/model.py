@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import hypot, inf
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
 
-from cogrip.devices.arm.gimbal import IDENTITY, Gimbal
-from cogrip.devices.arm.kinematics import NO_TORQUE, Kinematics, Matrix, Vector, joint_torque
+from cogrip.devices.arm.kinematics import NO_TORQUE, Kinematics, Vector, joint_torque
 from cogrip.devices.arm.motors import NO_CURRENT, CableDrive, Currents
 from cogrip.devices.device import Capability, DeviceError
+from cogrip.devices.settings import bounded
 
 Pose = Literal["stored", "home", "none"]
 
@@ -53,7 +52,7 @@ class ArmModel:
     home_counts those that the home pose has
     record      for three axes, with the drive as it is here
     reach_m     radius about the origin where force is meant to be given [m]
-    gimbal      None: the handle does not turn, or has no encoders
+    gimbal_home_counts  those that the three counters of the handle have in the home pose
     holds_weight the motors hold the arm's own weight, as with its maker's software
     """
 
@@ -62,7 +61,7 @@ class ArmModel:
     home_counts: Vector
     record: Capability
     reach_m: float
-    gimbal: Gimbal | None = None
+    gimbal_home_counts: Vector = (0.0, 0.0, 0.0)
     holds_weight: bool = False
 
     def with_settings(self, settings: ArmSettings, where: str) -> ArmModel:
@@ -72,25 +71,20 @@ class ArmModel:
         """
         full_scale = self.drive.full_scale_ma if settings.full_scale_ma is None else settings.full_scale_ma
         own = {
-            "direction": _three(settings.dir, "dir", where, (-1.0, 1.0), whole=True),
-            "counts_per_turn": _three(settings.turn, "turn", where, (1.0, 1e6)),
-            "capstan_m": _three(settings.capstan_m, "capstan_m", where, (1e-4, 1.0)),
-            "body_m": _three(settings.body_m, "body_m", where, (1e-3, 10.0)),
-            "motor_nm_per_a": _three(settings.motor_nm_per_a, "motor_nm_per_a", where, (1e-4, 10.0)),
-            "limit_ma": _three(settings.limit_ma, "limit_ma", where, (2.0, full_scale)) or self._limits(full_scale),
+            "direction": bounded(settings.dir, 3, "dir", where, (-1.0, 1.0), whole=True),
+            "counts_per_turn": bounded(settings.turn, 3, "turn", where, (1.0, 1e6)),
+            "capstan_m": bounded(settings.capstan_m, 3, "capstan_m", where, (1e-4, 1.0)),
+            "body_m": bounded(settings.body_m, 3, "body_m", where, (1e-3, 10.0)),
+            "motor_nm_per_a": bounded(settings.motor_nm_per_a, 3, "motor_nm_per_a", where, (1e-4, 10.0)),
+            "limit_ma": bounded(settings.limit_ma, 3, "limit_ma", where, (2.0, full_scale))
+            or tuple(min(limit, full_scale) for limit in self.drive.limit_ma),
         }
-        home = _three(settings.home, "home", where, (-1e6, 1e6))
-        given = {key: value for key, value in own.items() if value is not None}
+        home: Any = bounded(settings.home, 3, "home", where, (-1e6, 1e6)) or self.home_counts
+        given: dict[str, Any] = {key: value for key, value in own.items() if value}
         drive = replace(self.drive, full_scale_ma=full_scale, **given)
         record = self._record(drive, settings.peak_force_n)
         holds_weight = self.holds_weight and settings.gravity == "maker"
-        return replace(
-            self, drive=drive, home_counts=home or self.home_counts, record=record, holds_weight=holds_weight
-        )
-
-    def _limits(self, full_scale_ma: float) -> Vector:
-        a, b, c = self.drive.limit_ma
-        return min(a, full_scale_ma), min(b, full_scale_ma), min(c, full_scale_ma)
+        return replace(self, drive=drive, home_counts=home, record=record, holds_weight=holds_weight)
 
     def _record(self, drive: CableDrive, peak_force_n: float | None) -> Capability:
         """The record with another drive: the joint that changes for the worst decides, so both numbers are on the safe side.
@@ -116,13 +110,6 @@ class ArmModel:
     def inside(self, position: Vector) -> bool:
         """Return True if `position` [m] is finite and within reach_m of the origin."""
         return hypot(*position) <= self.reach_m
-
-    def rotation(self, angles: Vector, gimbal_counts: Sequence[float]) -> Matrix | None:
-        """Handle to common frame, of joint angles [rad] and the gimbal's calibrated counts; None where no position is."""
-        if self.gimbal is None:
-            return IDENTITY
-        carrier = self.kinematics.carrier(angles)
-        return None if carrier is None else self.gimbal.rotation(carrier, gimbal_counts)
 
     def weight_currents(self, angles: Vector, fraction: float) -> tuple[Vector, bool]:
         """Motor currents [mA] that hold `fraction` of the arm's own weight, not rounded. True if limits let them hold less."""
@@ -165,16 +152,3 @@ class ArmModel:
         wanted = self.drive.currents(joint_torque(jacobian, force))
         most = max(range(3), key=lambda joint: abs(wanted[joint]))
         return max(0.0, (currents[most] - held_ma[most]) / wanted[most]) if wanted[most] else 0.0
-
-
-def _three(
-    given: tuple[float, ...], key: str, where: str, bounds: tuple[float, float], *, whole: bool = False
-) -> Vector | None:
-    if not given:
-        return None
-    low, high = bounds
-    good = len(given) == 3 and all((value in bounds) if whole else (low <= value <= high) for value in given)
-    if not good:
-        kind = f"{low:g} or {high:g}" if whole else f"{low:g} to {high:g}"
-        raise DeviceError(f"{where}: {key}={','.join(f'{v:g}' for v in given)}: give three numbers, each {kind}")
-    return given[0], given[1], given[2]

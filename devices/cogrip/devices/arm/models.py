@@ -16,17 +16,14 @@ What the tables do not say, and how the records got it:
 - speed: 1.5 m/s, faster than hands hold on to anything; it is ours.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
-from cogrip.devices.arm import gimbal
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.arm.motors import CableDrive
 from cogrip.devices.arm.parallel_drive import ParallelDrive, Weights
 from cogrip.devices.arm.polhem import Bodies, Polhem
-from cogrip.devices.device import SLEW_NPS, Capability
+from cogrip.devices.device import Capability, encoder_record
 
 RATE_HZ = 1024
 RE30_310007_NM_PER_A = 0.0259
@@ -43,49 +40,26 @@ def _alike(value: float) -> Vector:
 
 
 def _record(
-    family: str,
-    model: str,
-    reach_m: float,
-    stiffness_npm: float,
-    damping_nspm: float,
-    continuous_force_n: float,
-    resolution_m: float,
-    apparent_mass_kg: float,
-) -> Capability:
-    return Capability(
-        family=family,
-        model=model,
-        axes=3,
-        workspace_m=((-reach_m, reach_m),) * 3,
-        peak_force_n=5.0,
-        continuous_force_n=continuous_force_n,
-        stiffness_npm=stiffness_npm,
-        damping_nspm=damping_nspm,
-        slew_nps=SLEW_NPS,
-        speed_mps=1.5,
-        resolution_m=resolution_m,
-        apparent_mass_kg=apparent_mass_kg,
-        rate_hz=RATE_HZ,
-        gives_velocity=False,
-        latency_ticks=1,
-    )
+    family: str, model: str, reach_m: float, limits: tuple[float, float], continuous_n: float, numbers: tuple[float, float]
+) -> Capability:  # fmt: skip
+    """limits, numbers: see `encoder_record`."""
+    box = ((-reach_m, reach_m),) * 3
+    forces = (5.0, continuous_n)
+    return encoder_record(family, model, box, forces, limits, numbers, rate_hz=RATE_HZ, speed_mps=1.5, latency_ticks=1)
 
 
 _WOODEN_DRIVE = CableDrive(
-    counts_per_turn=_alike(2000.0),
-    capstan_m=_alike(0.010),
-    body_m=(0.160, 0.120, 0.120),
-    direction=_alike(1.0),
-    motor_nm_per_a=_alike(RE30_310007_NM_PER_A),
-    limit_ma=_alike(2000.0),
+    counts_per_turn=_alike(2000.0), capstan_m=_alike(0.010), body_m=(0.160, 0.120, 0.120), direction=_alike(1.0),
+    motor_nm_per_a=_alike(RE30_310007_NM_PER_A), limit_ma=_alike(2000.0),
     full_scale_ma=3000.0,  # of the firmware's source build, which clamps nothing; its "6Amps" build: full_scale_ma=6000
-)
+)  # fmt: skip
+
 
 _WOODENHAPTICS = ArmModel(
     kinematics=_WOODEN_ARM,
     drive=_WOODEN_DRIVE,
     home_counts=(0.0, 0.0, 6000.0),
-    record=_record("hid", "woodenhaptics", 0.10, 1000.0, 8.0, 2.53, 6.42e-5, 0.022),
+    record=_record("hid", "woodenhaptics", 0.10, (1000.0, 8.0), 2.53, (6.42e-5, 0.022)),
     reach_m=0.10,
 )
 
@@ -100,37 +74,28 @@ _WOODENHAPTICS_SERIAL = ArmModel(
 _VINTAGE = ArmModel(
     kinematics=ParallelDrive(shoulder_m=0.0, links_m=(0.138, 0.112), origin_m=(0.138, 0.0, -0.097), weights=_LINKS),
     drive=CableDrive(
-        counts_per_turn=_alike(4000.0),
-        capstan_m=(0.013, 0.010, 0.010),
-        body_m=(0.117, 0.077, 0.077),
-        direction=(-1.0, 1.0, -1.0),
-        motor_nm_per_a=_alike(RE25_118752_NM_PER_A),
-        limit_ma=_alike(1000.0),
+        counts_per_turn=_alike(4000.0), capstan_m=(0.013, 0.010, 0.010), body_m=(0.117, 0.077, 0.077),
+        direction=(-1.0, 1.0, -1.0), motor_nm_per_a=_alike(RE25_118752_NM_PER_A), limit_ma=_alike(1000.0),
         full_scale_ma=3000.0,  # the table's; the firmware would take 6000
     ),
     home_counts=(0.0, 7700.0, 0.0),
-    record=_record("serial", "vintage", 0.10, 800.0, 8.0, 0.88, 2.82e-5, 0.075),
+    record=_record("serial", "vintage", 0.10, (800.0, 8.0), 0.88, (2.82e-5, 0.075)),
     reach_m=0.10,
-    gimbal=gimbal.VINTAGE,
-)
+)  # fmt: skip
 
 _POLHEM = ArmModel(
     kinematics=Polhem((0.034, 0.165, 0.025, 0.190, 0.034, 0.1308), (0.2045, 0.0, 0.0325), Bodies(g_mps2=9.81)),
     drive=CableDrive(
-        counts_per_turn=_alike(4096.0),
-        capstan_m=(0.0288534, 0.0136981, 0.0137281),
-        body_m=(0.175, 0.100, 0.100),
-        direction=(1.0, -1.0, 1.0),
-        motor_nm_per_a=(RE40_148877_NM_PER_A, RE30_310009_NM_PER_A, RE30_310009_NM_PER_A),
-        limit_ma=_alike(2000.0),
-        full_scale_ma=6000.0,
+        counts_per_turn=_alike(4096.0), capstan_m=(0.0288534, 0.0136981, 0.0137281), body_m=(0.175, 0.100, 0.100),
+        direction=(1.0, -1.0, 1.0), motor_nm_per_a=(RE40_148877_NM_PER_A, RE30_310009_NM_PER_A, RE30_310009_NM_PER_A),
+        limit_ma=_alike(2000.0), full_scale_ma=6000.0,
     ),
     home_counts=(8312.0, -10366.0, 19764.0),
-    record=_record("serial", "polhem", 0.15, 2000.0, 1.0, 1.16, 5.18e-5, 0.049),
+    record=_record("serial", "polhem", 0.15, (2000.0, 1.0), 1.16, (5.18e-5, 0.049)),
     reach_m=0.15,
-    gimbal=gimbal.POLHEM,
+    gimbal_home_counts=(0.0, 30.0, 0.0),
     holds_weight=True,
-)
+)  # fmt: skip
 
 # polhem_v3 of haptikfabrikenapi, with which an interface is made there if nothing else is said: other capstans, counted
 # from another place. The linkage and the weights are those of hfabapi: the older source leaves that file out.
@@ -138,8 +103,7 @@ _POLHEM_HID = replace(
     _POLHEM,
     drive=replace(_POLHEM.drive, capstan_m=(0.0288, 0.0130, 0.010), full_scale_ma=3000.0),
     home_counts=(8327.0, -10926.0, 27140.0),
-    record=_record("hid", "polhem-hid", 0.15, 2000.0, 1.0, 1.25, 5.17e-5, 0.063),
-    gimbal=gimbal.POLHEM_HID,
+    record=_record("hid", "polhem-hid", 0.15, (2000.0, 1.0), 1.25, (5.17e-5, 0.063)),
 )
 
 _DEFAULT_WOODY = replace(
@@ -152,7 +116,7 @@ _DEFAULT_WOODY = replace(
 _WOODENHAPTICS_2019 = replace(
     _WOODENHAPTICS,
     drive=replace(_WOODEN_DRIVE, motor_nm_per_a=(0.321, RE40_148877_NM_PER_A, RE40_148877_NM_PER_A)),
-    record=_record("hid", "woodenhaptics-v2019", 0.10, 1000.0, 8.0, 5.0, 6.42e-5, 0.048),
+    record=_record("hid", "woodenhaptics-v2019", 0.10, (1000.0, 8.0), 5.0, (6.42e-5, 0.048)),
 )
 
 _ALUHAPTICS = replace(
@@ -160,7 +124,7 @@ _ALUHAPTICS = replace(
     kinematics=ParallelDrive(shoulder_m=0.111, links_m=(0.140, 0.111), origin_m=(0.140, 0.0, 0.0), weights=_LINKS),
     drive=replace(_WOODEN_DRIVE, capstan_m=(0.0138, 0.0098, 0.0098), body_m=(0.116, 0.076, 0.076)),
     home_counts=_alike(0.0),
-    record=_record("hid", "aluhaptics", 0.10, 1000.0, 8.0, 1.83, 5.68e-5, 0.090),
+    record=_record("hid", "aluhaptics", 0.10, (1000.0, 8.0), 1.83, (5.68e-5, 0.090)),
 )
 
 MODELS: dict[str, ArmModel] = {

@@ -6,8 +6,6 @@ s capstan diameter, d body diameter [m], k motor constant [Nm/A], tau joint torq
     theta = dir 2 pi n / c  s / d             I = tau dir s / d / k
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import ceil, isfinite, pi

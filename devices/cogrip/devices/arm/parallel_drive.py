@@ -8,12 +8,9 @@ turret) [rad]; Ln height of the shoulder, Lb, Lc links, o origin [m]; r reach in
 Source: kinematics of haptikfabrikenapi and hfabapi. The inverse is our own: the elbow points up and back, 0 < tB + tC < pi.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import acos, atan2, cos, hypot, sin
 
-from cogrip.devices.arm.gimbal import about
 from cogrip.devices.arm.kinematics import NO_TORQUE, Matrix, Vector
 
 
@@ -79,7 +76,3 @@ class ParallelDrive:
             return NO_TORQUE
         b = (w.b_kg * w.b_m + w.c_kg * self.links_m[0]) * sin(angles[1])
         return 0.0, -w.g_mps2 * b, w.g_mps2 * w.c_kg * w.c_m * sin(angles[2])
-
-    def carrier(self, angles: Vector) -> Matrix:
-        """The turret's rotation: hfabapi counts the gimbal's first joint from it, not from the forearm."""
-        return about("z", angles[0])

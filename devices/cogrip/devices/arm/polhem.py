@@ -16,17 +16,12 @@ Source: hfabapi, which writes lam as tB minus three angles, each an arc cosine. 
 is clockwise of the line from B to O2; beyond, its linkage would not close, and this one does.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import atan2, cos, hypot, pi, sin, sqrt
 
-from cogrip.devices.arm.gimbal import about, product
 from cogrip.devices.arm.kinematics import NO_TORQUE, Matrix, Vector
 
-_SMALLEST_LEVER = (
-    1e-3  # of the rod on the forearm, sin of the angle between them: below, torques would be without bound
-)
+_SMALLEST_LEVER = 1e-3  # of the rod on the forearm, sine of the angle between them; below, torques have no bound
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +74,6 @@ class Polhem:
         return None if closed is None else atan2(closed[5], closed[4])
 
     def forward(self, angles: Vector) -> Vector | None:
-        """See `Kinematics`."""
         ta, tb, tc = angles
         closed = self._close(tb, tc)
         if closed is None:
@@ -157,11 +151,6 @@ class Polhem:
         b = _rise(upper, bx / l1, bz / l1) + rod_rise * cb / l3 + forearm.mass_kg * bx + forearm_rise * rates[0]
         c = _rise(crank, ax / l2, az / l2) + rod.mass_kg * ax + rod_rise * cc / l3 + forearm_rise * rates[1]
         return 0.0, bodies.g_mps2 * b, bodies.g_mps2 * c
-
-    def carrier(self, angles: Vector) -> Matrix | None:
-        """Rz(tA) Ry(-lam): the forearm's rotation."""
-        lam = self.forearm(angles)
-        return None if lam is None else product(about("z", angles[0]), about("y", -lam))
 
 
 def _rise(body: Body, ux: float, uz: float) -> float:

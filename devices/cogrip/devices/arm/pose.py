@@ -3,8 +3,6 @@
 No force is given before. A calibration holds for one plugging-in (`Port.stamp`): with the power the counters are gone.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, Protocol
 
 import msgspec

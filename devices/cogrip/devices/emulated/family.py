@@ -3,8 +3,6 @@
 emulated:vintage?hand=reach&faults=silence@2.5+0.3
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from cogrip.devices.arm.driver import ArmDevice

@@ -8,8 +8,7 @@ jump        encoder a slips by 400 counts                     stuck        encod
 unplug      the port is gone, and so is the power             deaf         requests are not heard, so nothing is answered
 """
 
-from __future__ import annotations
-
+from itertools import takewhile
 from random import Random
 
 VERBS = ("silence", "garbage", "split", "merge", "short", "slow", "stale", "model", "jump", "stuck", "unplug", "deaf")
@@ -85,14 +84,9 @@ class Faults:
 
     def due(self, now_ns: int) -> list[bytes]:
         """Return the replies that have come through by now, in order."""
-        count = 0
-        for at_ns, _ in self._queue:
-            if at_ns > now_ns:
-                break
-            count += 1
-        out = [data for _, data in self._queue[:count]]
-        del self._queue[:count]
-        return out
+        out = list(takewhile(lambda sent: sent[0] <= now_ns, self._queue))
+        del self._queue[: len(out)]
+        return [data for _, data in out]
 
     @property
     def waiting(self) -> bool:

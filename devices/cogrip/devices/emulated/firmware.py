@@ -1,7 +1,5 @@
 """The base of emulated firmwares: bytes in, bytes out, a watchdog, and verbs for a person beside the device."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 
 from cogrip.devices.emulated.faults import Faults

@@ -7,8 +7,6 @@ on through the first byte that is another (8). The numbers are read from the las
 blanks and a sign may stand before a number, anything after the third (1024).
 """
 
-from __future__ import annotations
-
 import re
 
 from cogrip.devices.emulated.faults import Faults

@@ -4,8 +4,6 @@ Its main loop: fill an input report and send it, which lasts until the host poll
 one input report for each output report, and the very first was filled at power-up, whenever the host may come for it.
 """
 
-from __future__ import annotations
-
 from struct import Struct
 
 from cogrip.devices.arm.kinematics import Vector

@@ -1,7 +1,5 @@
 """The machines that can be emulated: which firmware, on which arm, for which driver."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -11,13 +9,12 @@ from cogrip.devices.arm.model import ArmModel, ArmSettings
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.arm.pose import Store
 from cogrip.devices.device import Device, DeviceError
-from cogrip.devices.emulated.body import Body
 from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.firmware import Firmware
 from cogrip.devices.emulated.haply_firmware import HaplyFirmware, Joint
 from cogrip.devices.emulated.hfab_firmware import HfabFirmware
 from cogrip.devices.emulated.hid_firmware import HidFirmware
-from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.devices.emulated.mechanics import Body, Mechanics
 from cogrip.devices.haply.family import drive as drive_haply
 from cogrip.devices.haply.models import MODELS as HAPLY
 from cogrip.devices.haply.models import HaplySettings

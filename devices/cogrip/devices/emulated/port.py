@@ -1,6 +1,6 @@
 """The port of an emulated device in virtual time: the firmware's clock is whatever it was last advanced to."""
 
-from __future__ import annotations
+from collections import Counter
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.firmware import Firmware
@@ -11,7 +11,7 @@ class EmulatedPort:
 
     def __init__(self, name: str, firmware: Firmware, *, reports: bool = False) -> None:
         self.name = name
-        self.counts: dict[str, int] = {}
+        self.counts: Counter[str] = Counter()
         self._firmware = firmware
         self._reports = reports
         self._open = False
@@ -36,12 +36,9 @@ class EmulatedPort:
         firmware = self._firmware
         self._came += firmware.due(firmware.now_ns + round(wait_s * 1e9))
         if self._reports and self._came:  # the newest report is what counts
-            data = self._came[-1]
             if len(self._came) > 1:
-                name = "report replaced by a newer one"
-                self.counts[name] = self.counts.get(name, 0) + len(self._came) - 1
-            self._came.clear()
-            return data
+                self.counts["report replaced by a newer one"] += len(self._came) - 1
+            del self._came[:-1]
         data = b"".join(self._came)
         self._came.clear()
         return data

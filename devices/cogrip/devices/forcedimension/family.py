@@ -1,22 +1,18 @@
 """The family `forcedimension:` and its query keys."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
-from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.device import Device, DeviceError, at_most
 from cogrip.devices.forcedimension.device import ForceDimensionDevice
 from cogrip.devices.forcedimension.models import CAUTIOUS, RECORDS
 from cogrip.devices.forcedimension.sdk import Sdk
 from cogrip.devices.registry import Family
-from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
+from cogrip.devices.settings import Address, Setting, check_axes, read_query
 
-MAX_AXES = 3
 MOST_DEVICES = 16
 
 
@@ -47,22 +43,14 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
     Raises DeviceError for unknown keys, values out of bounds, a name that is no number, or a number of axes not 1 to 3.
     """
     where = repr(address.text)
-    if not 1 <= axes <= MAX_AXES:
-        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}")
+    check_axes(axes, where)
     if not (address.name.isascii() and address.name.isdigit() and int(address.name) < MOST_DEVICES):
         last = MOST_DEVICES - 1
         raise DeviceError(
             f"{where}: {address.name!r} is no number from 0 to {last}: write forcedimension:0 for the first device"
         )
-    query: dict[str, Setting] = {**defaults, **address.query}
-    for key in query:
-        if key not in keys_of(ForceDimensionSettings):
-            raise unknown("key", key, keys_of(ForceDimensionSettings), where)
-    settings = read_settings(ForceDimensionSettings, query, where)
-    record = RECORDS[settings.model or CAUTIOUS].first(axes)
-    if settings.peak_force_n is not None:
-        peak = min(settings.peak_force_n, record.peak_force_n)
-        record = replace(record, peak_force_n=peak, continuous_force_n=min(peak, record.continuous_force_n))
+    settings = read_query(ForceDimensionSettings, {**defaults, **address.query}, where)
+    record = at_most(RECORDS[settings.model or CAUTIOUS].first(axes), settings.peak_force_n)
 
     def load() -> Sdk:
         from cogrip.devices.io.dhd_library import load

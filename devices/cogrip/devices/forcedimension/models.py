@@ -5,49 +5,29 @@ Sources: type numbers as in forcedimension-core 1.0; forces, stiffness, damping 
 the Falcon's continuous force are guesses.
 """
 
-from __future__ import annotations
-
-from cogrip.devices.device import SLEW_NPS, SPEED_MPS, Capability, DeviceError
+from cogrip.devices.device import DeviceError, encoder_record
 
 CAUTIOUS = "falcon"  # the record of a device whose model is not stated: the weakest
 
 
-def _record(
-    model: str, radius_m: float, force_n: tuple[float, float], limits: tuple[float, float], *, res_m: float, kg: float
-) -> Capability:
-    """force_n: (peak, continuous); limits: (stiffness [N/m], damping [N s/m])."""
-    return Capability(
-        family="forcedimension",
-        model=model,
-        axes=3,
-        workspace_m=((-radius_m, radius_m),) * 3,
-        peak_force_n=force_n[0],
-        continuous_force_n=force_n[1],
-        stiffness_npm=limits[0],
-        damping_nspm=limits[1],
-        slew_nps=SLEW_NPS,
-        speed_mps=SPEED_MPS,
-        resolution_m=res_m,
-        apparent_mass_kg=kg,
-        rate_hz=2048 if model == "falcon" else 4096,
-        gives_velocity=False,  # the SDK's is an average over 20 ms; the client's estimator is chosen for the encoders
-    )
-
-
 RECORDS = {
-    record.model: record
-    for record in (
-        _record("falcon", 0.04, (8.0, 4.0), (3000.0, 20.0), res_m=6e-5, kg=0.15),
-        _record("omega3", 0.075, (12.0, 12.0), (5000.0, 30.0), res_m=1e-5, kg=0.2),
-        _record("omega6", 0.075, (12.0, 12.0), (5000.0, 30.0), res_m=1e-5, kg=0.25),
-        _record("omega7", 0.075, (12.0, 12.0), (5000.0, 30.0), res_m=1e-5, kg=0.25),
-        _record("delta3", 0.15, (20.0, 20.0), (5000.0, 30.0), res_m=2e-5, kg=0.25),
-        _record("sigma3", 0.075, (12.0, 12.0), (4000.0, 30.0), res_m=1e-5, kg=0.25),
-        _record("sigma7", 0.075, (12.0, 12.0), (4000.0, 30.0), res_m=1e-5, kg=0.3),
-        _record("lambda3", 0.075, (12.0, 12.0), (4000.0, 30.0), res_m=1e-5, kg=0.25),
-        _record("lambda7", 0.075, (12.0, 12.0), (4000.0, 30.0), res_m=1e-5, kg=0.3),
+    model: encoder_record(
+        "forcedimension", model, ((-r, r),) * 3, force_n, limits, numbers, rate_hz=2048 if model == CAUTIOUS else 4096
+    )
+    for model, r, force_n, limits, numbers in (
+        ("falcon", 0.04, (8.0, 4.0), (3000.0, 20.0), (6e-5, 0.15)),
+        ("omega3", 0.075, (12.0, 12.0), (5000.0, 30.0), (1e-5, 0.2)),
+        ("omega6", 0.075, (12.0, 12.0), (5000.0, 30.0), (1e-5, 0.25)),
+        ("omega7", 0.075, (12.0, 12.0), (5000.0, 30.0), (1e-5, 0.25)),
+        ("delta3", 0.15, (20.0, 20.0), (5000.0, 30.0), (2e-5, 0.25)),
+        ("sigma3", 0.075, (12.0, 12.0), (4000.0, 30.0), (1e-5, 0.25)),
+        ("sigma7", 0.075, (12.0, 12.0), (4000.0, 30.0), (1e-5, 0.3)),
+        ("lambda3", 0.075, (12.0, 12.0), (4000.0, 30.0), (1e-5, 0.25)),
+        ("lambda7", 0.075, (12.0, 12.0), (4000.0, 30.0), (1e-5, 0.3)),
     )
 }
+"""See `encoder_record`. The SDK's velocity is an average over 20 ms; the client's estimator is chosen for the encoders."""
+
 
 TYPES = {
     33: "omega3",

@@ -1,10 +1,9 @@
 """A Haply arm: an `ArmDevice` whose counters begin with a setup, which must not be repeated while its pose is to stay known."""
 
-from __future__ import annotations
-
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.exchange import Exchange, Port
-from cogrip.devices.arm.pose import Calibration, KnownPose, Store
+from cogrip.devices.arm.model import Pose
+from cogrip.devices.arm.pose import Calibration, Store
 from cogrip.devices.haply.frames import HaplyCodec
 from cogrip.devices.haply.line import CALIBRATED_ID, IDS, SESSION_ID, Greeting, HaplyLine, id_of
 from cogrip.devices.haply.models import HaplyModel
@@ -14,11 +13,10 @@ class HaplyDevice(ArmDevice):
     """See `Device`. number: any, another one in another process; ids are drawn from it."""
 
     def __init__(
-        self, name: str, axes: int, port: Port, codec: HaplyCodec, model: HaplyModel, pose: KnownPose, store: Store, number: int
+        self, name: str, axes: int, port: Port, codec: HaplyCodec, model: HaplyModel, pose: Pose, store: Store, number: int
     ) -> None:  # fmt: skip
         self._line = HaplyLine(port, codec, self._plan)
-        super().__init__(name, axes, Exchange(self._line, codec), lambda _: model, lambda _: pose, model, store)
-        self._pose_kind = pose.kind
+        super().__init__(name, axes, Exchange(self._line, codec), lambda _: model, pose, model, store)
         self._number = number
         self._calibrating = False
 
@@ -26,7 +24,7 @@ class HaplyDevice(ArmDevice):
         if self._calibrating:
             return Greeting(self._draw(CALIBRATED_ID), set_up=True)
         if self._pose_kind == "stored":
-            kept = self._store.find(self._name)
+            kept = self._store.find(self._where)
             known_id = id_of(kept.stamp) if kept is not None else None
         else:  # pose=home was confirmed once, and the arm may be anywhere now
             known_id = self._line.known_id if self._pose_kind == "home" else 0

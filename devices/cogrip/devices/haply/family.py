@@ -1,12 +1,10 @@
 """The family `haply:` and its query keys."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from cogrip.devices.arm.exchange import Port
 from cogrip.devices.arm.motors import NO_CURRENT
-from cogrip.devices.arm.pose import KnownPose, Store
+from cogrip.devices.arm.pose import Store
 from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.haply.device import HaplyDevice
 from cogrip.devices.haply.frames import HaplyCodec, reset_frame
@@ -14,7 +12,7 @@ from cogrip.devices.haply.line import LAST_RESORT_ID
 from cogrip.devices.haply.models import MODELS, HaplyModel, HaplySettings, model_of
 from cogrip.devices.io.guard import Goodbye
 from cogrip.devices.registry import Family
-from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
+from cogrip.devices.settings import Address, Setting, check_axes, read_query
 
 MAX_AXES = 2
 
@@ -55,16 +53,11 @@ def drive(
     """The driver on a port of whatever kind. codec: that of the port's goodbye, where it has one; number: see `HaplyDevice`."""
     settings, model = _model(address, axes)
     codec = codec or HaplyCodec(model.wiring, LAST_RESORT_ID)
-    pose = KnownPose(settings.pose, name, model.record.model, model.home_counts, store)
-    return HaplyDevice(name, axes, port, codec, model, pose, store, number)
+    return HaplyDevice(name, axes, port, codec, model, settings.pose, store, number)
 
 
 def _model(address: Address, axes: int) -> tuple[HaplySettings, HaplyModel]:
     where = repr(address.text)
-    if not 1 <= axes <= MAX_AXES:
-        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}: it is a planar arm")
-    for key in address.query:
-        if key not in keys_of(HaplySettings):
-            raise unknown("key", key, keys_of(HaplySettings), where)
-    settings = read_settings(HaplySettings, dict(address.query), where)
+    check_axes(axes, where, MAX_AXES, ": it is a planar arm")
+    settings = read_query(HaplySettings, address.query, where)
     return settings, model_of(settings, where)

@@ -15,12 +15,9 @@ the user, motors on the far side, Y comes toward the user and X goes to the left
 Source: Haply's Pantograph examples. The third joint angle is there for the shape of `Kinematics` only, and always 0.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import acos, atan2, cos, hypot, sin, sqrt
 
-from cogrip.devices.arm.gimbal import IDENTITY
 from cogrip.devices.arm.kinematics import NO_TORQUE, Matrix, Vector
 
 FLAT = 0.02  # sine of the angle at the tip, below which the linkage only just closes
@@ -69,9 +66,6 @@ class FiveBar:
     def gravity(self, angles: Vector) -> Vector:
         """It lies flat."""
         return NO_TORQUE
-
-    def carrier(self, angles: Vector) -> Matrix | None:
-        return IDENTITY if self._tip(angles) is not None else None
 
     def _tip(self, angles: Vector) -> tuple[float, float, float, float, float, float] | None:
         """P, u, v in Haply's plane."""

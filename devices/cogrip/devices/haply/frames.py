@@ -1,16 +1,14 @@
 """The binary frames of Haply's hAPI. No sync byte, no length, no checksum: each frame in one write, replies of known length.
 
-    reset   00 id                         setup   01 id motors encoders analog pwm parameters (see `setup_frame`)
+    reset   00 id                         setup   01 id motors encoders analog pwm parameters (see `Wiring.setup`)
     torque  02 id pwm... torque_nm...     reply   id analog... angle_deg...        only a torque frame is answered
 
 Numbers are IEEE-754, 32 bits, little-endian; everything is in the order of ports 1 to 4, not of joints. Source: Haply's
 firmware M3 1.5 and the hosts in Java, C++ and Python.
 """
 
-from __future__ import annotations
-
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 
@@ -39,41 +37,6 @@ def reset_frame(device_id: int) -> bytes:
     return bytes((RESET, device_id))
 
 
-def setup_frame(
-    device_id: int,
-    motors: Mapping[int, bool],
-    encoders: Mapping[int, Encoder],
-    analog_pins: Sequence[int] = (),
-    pwm_pins: Sequence[int] = (),
-) -> bytes:
-    """port -> ccw for motors, port -> Encoder. Counters begin at their offsets now. Motors keep their torque.
-
-    Raises ValueError for a port that is none, and for ports with a gap: the firmware stores directions by running index.
-    """
-    for used in (motors, encoders):
-        if sorted(used) != list(PORTS[: len(used)]):
-            raise ValueError(f"ports {sorted(used)}: use 1 to n, n at most {len(PORTS)}, with no gap")
-    frame = bytearray((SETUP, device_id, _mask(motors)))
-    frame += bytes(int(motors[port]) for port in sorted(motors))
-    frame.append(_mask(encoders))
-    frame += bytes(int(encoders[port].ccw) for port in sorted(encoders))
-    for pins in (analog_pins, pwm_pins):
-        frame += bytes((len(pins), *pins))
-    for port in sorted(encoders):
-        frame += struct.pack("<ff", encoders[port].offset_deg, encoders[port].counts_per_turn)
-    return bytes(frame)
-
-
-def torque_frame(device_id: int, torques_nm: Mapping[int, float], pwm: Sequence[int] = ()) -> bytes:
-    """port -> torque [Nm]; the firmware clamps to 0.123 Nm and holds it until the next frame, for ever."""
-    values = b"".join(_FLOAT.pack(torques_nm[port]) for port in sorted(torques_nm))
-    return bytes((TORQUE, device_id, *pwm)) + values
-
-
-def _mask(ports: Mapping[int, object]) -> int:
-    return sum(1 << (port - 1) for port in ports)
-
-
 @dataclass(frozen=True, slots=True)
 class Wiring:
     """Wiring of the joints a, b of one kind of arm to the board, and its maker's home pose."""
@@ -83,12 +46,14 @@ class Wiring:
     counts_per_turn: float
     home_deg: tuple[float, float]
 
-    def setup(self, device_id: int, offsets_deg: tuple[float, float] = (0.0, 0.0)) -> bytes:
-        """The setup frame: offsets_deg is what the joints a, b are to read from now on."""
-        joints = list(zip(self.ports, self.ccw, offsets_deg, strict=True))
-        motors = {port: ccw for port, ccw, _ in joints}
-        encoders = {port: Encoder(ccw, offset, self.counts_per_turn) for port, ccw, offset in joints}
-        return setup_frame(device_id, motors, encoders)
+    def setup(self, device_id: int) -> bytes:
+        """The setup frame: counters begin at zero now, motors keep their torque. ports: 1 and 2, in either order.
+
+        It lists the joints in the order of their ports, for motors and then for encoders, and neither analog nor PWM pins.
+        """
+        senses = bytes(ccw for _, ccw in sorted(zip(self.ports, self.ccw, strict=True)))
+        wired = bytes((sum(1 << (port - 1) for port in self.ports),)) + senses
+        return bytes((SETUP, device_id)) + wired * 2 + bytes(2) + struct.pack("<ff", 0.0, self.counts_per_turn) * 2
 
 
 class HaplyCodec:

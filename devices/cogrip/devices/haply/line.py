@@ -6,8 +6,6 @@ byte. Ids of calibrations and of pose=home differ, so that neither is taken for 
 frame was cut off and another follows, no id that lands in a torque makes it one worth mentioning.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 

@@ -10,8 +10,7 @@ Lengths, wiring, home poses and the clamp of 0.123 Nm are those of Haply's examp
 - workspace: a box in front of the motors that both legs reach well; resolution: one count of a joint at its centre, rounded up.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -21,9 +20,10 @@ from msgspec import Meta
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel, ArmSettings, Pose
 from cogrip.devices.arm.motors import CableDrive
-from cogrip.devices.device import SLEW_NPS, Capability, DeviceError
+from cogrip.devices.device import encoder_record
 from cogrip.devices.haply.five_bar import FiveBar
 from cogrip.devices.haply.frames import STEP_NM, Wiring
+from cogrip.devices.settings import bounded
 
 MOST_NM = 0.123  # the firmware clamps there
 MARGIN_M = 0.001  # that a leg is never stretched or folded to the last
@@ -72,10 +72,10 @@ class HaplySettings(msgspec.Struct, frozen=True, kw_only=True):
 def model_of(settings: HaplySettings, where: str) -> HaplyModel:
     """The model with these keys in place. Raises DeviceError for a value that no arm has."""
     model = MODELS[settings.model]
-    sense = _pair(settings.dir, "dir", where, (-1.0, 1.0), whole=True)
-    motor_sense = _pair(settings.motor_dir, "motor_dir", where, (-1.0, 1.0), whole=True) or (1.0, 1.0)
-    limit = _pair(settings.limit_nm, "limit_nm", where, (0.001, MOST_NM))
-    home = _pair(settings.home_deg, "home_deg", where, (-360.0, 360.0)) or model.wiring.home_deg
+    sense = bounded(settings.dir, 2, "dir", where, (-1.0, 1.0), whole=True)
+    motor_sense = bounded(settings.motor_dir, 2, "motor_dir", where, (-1.0, 1.0), whole=True) or (1.0, 1.0)
+    limit = bounded(settings.limit_nm, 2, "limit_nm", where, (0.001, MOST_NM))
+    home = bounded(settings.home_deg, 2, "home_deg", where, (-360.0, 360.0)) or model.wiring.home_deg
     general = ArmSettings(
         dir=(*sense, 1.0) if sense else (),
         limit_ma=(limit[0] / STEP_NM, limit[1] / STEP_NM, min(limit) / STEP_NM) if limit else (),
@@ -91,17 +91,7 @@ def model_of(settings: HaplySettings, where: str) -> HaplyModel:
     )
 
 
-def _pair(given: tuple[float, ...], key: str, where: str, bounds: Pair, *, whole: bool = False) -> Pair | None:
-    if not given:
-        return None
-    low, high = bounds
-    if len(given) == 2 and all((value in bounds) if whole else (low <= value <= high) for value in given):
-        return given[0], given[1]
-    kind = f"{low:g} or {high:g}" if whole else f"{low:g} to {high:g}"
-    raise DeviceError(f"{where}: {key}={','.join(f'{v:g}' for v in given)}: give two numbers, each {kind}")
-
-
-def _home_counts(wiring: Wiring, home_deg: Pair, drive: CableDrive) -> Vector:
+def _home_counts(wiring: Wiring, home_deg: Sequence[float], drive: CableDrive) -> Vector:
     """Counts at the home angles, not rounded: the board counts whole ones from there."""
     per_deg = wiring.counts_per_turn / 360.0
     a, b, _ = drive.direction
@@ -113,71 +103,34 @@ def _model(
 ) -> HaplyModel:  # fmt: skip
     """Counts and torques are those of the joints, whatever is between them and the motors."""
     x, y = box_m
-    record = Capability(
-        family="haply",
-        model=name,
-        axes=2,
-        workspace_m=((-x, x), (-y, y)),
-        peak_force_n=forces_n[0],
-        continuous_force_n=forces_n[1],
-        stiffness_npm=500.0,
-        damping_nspm=2.0,
-        slew_nps=SLEW_NPS,
-        speed_mps=1.5,
-        resolution_m=resolution_m,
-        apparent_mass_kg=mass_kg,
-        rate_hz=2000,
-        gives_velocity=False,
-        latency_ticks=1,
+    box = ((-x, x), (-y, y))
+    numbers = (resolution_m, mass_kg)
+    record = encoder_record(
+        "haply", name, box, forces_n, (500.0, 2.0), numbers, rate_hz=2000, speed_mps=1.5, latency_ticks=1
     )
     turn = wiring.counts_per_turn
     drive = CableDrive(
-        counts_per_turn=(turn, turn, turn),
-        capstan_m=(1.0, 1.0, 1.0),
-        body_m=(1.0, 1.0, 1.0),
-        direction=(1.0, 1.0, 1.0),
-        motor_nm_per_a=(_STEP_NM_PER_A,) * 3,
-        limit_ma=(MOST_NM / STEP_NM,) * 3,
-        full_scale_ma=MOST_NM / STEP_NM,
-    )
+        counts_per_turn=(turn, turn, turn), capstan_m=(1.0, 1.0, 1.0), body_m=(1.0, 1.0, 1.0), direction=(1.0, 1.0, 1.0),
+        motor_nm_per_a=(_STEP_NM_PER_A,) * 3, limit_ma=(MOST_NM / STEP_NM,) * 3, full_scale_ma=MOST_NM / STEP_NM,
+    )  # fmt: skip
     return HaplyModel(
-        kinematics=five_bar,
-        drive=drive,
-        home_counts=_home_counts(wiring, wiring.home_deg, drive),
-        record=record,
-        reach_m=five_bar.proximal_m + five_bar.distal_m,
-        five_bar=five_bar,
-        wiring=wiring,
-    )
+        kinematics=five_bar, drive=drive, home_counts=_home_counts(wiring, wiring.home_deg, drive), record=record,
+        reach_m=five_bar.proximal_m + five_bar.distal_m, five_bar=five_bar, wiring=wiring,
+    )  # fmt: skip
 
 
 MODELS: dict[str, HaplyModel] = {
     "2diy": _model(
-        "2diy",
-        FiveBar(0.07, 0.09, 0.038, (0.019, 0.08)),
-        Wiring((2, 1), (True, True), 4880.0, (168.0, 12.0)),
-        (0.04, 0.06),
-        (1.65, 0.5),
-        9.3e-5,
-        0.05,
+        "2diy", FiveBar(0.07, 0.09, 0.038, (0.019, 0.08)), Wiring((2, 1), (True, True), 4880.0, (168.0, 12.0)),
+        (0.04, 0.06), (1.65, 0.5), 9.3e-5, 0.05,
     ),
     "2diy-metal": _model(
-        "2diy-metal",
-        FiveBar(0.07, 0.09, 0.0, (0.0, 0.08)),
-        Wiring((2, 1), (True, False), 10752.0, (241.0, -61.0)),
-        (0.04, 0.06),
-        (1.6, 0.5),
-        3.6e-5,
-        0.08,
+        "2diy-metal", FiveBar(0.07, 0.09, 0.0, (0.0, 0.08)), Wiring((2, 1), (True, False), 10752.0, (241.0, -61.0)),
+        (0.04, 0.06), (1.6, 0.5), 3.6e-5, 0.08,
     ),
     "pantograph": _model(
-        "pantograph",
-        FiveBar(0.05, 0.07, 0.02, (0.01, 0.065)),
-        Wiring((1, 2), (False, False), 13824.0, (180.0, 0.0)),
-        (0.03, 0.04),
-        (2.28, 0.7),
-        2.2e-5,
-        0.08,
+        "pantograph", FiveBar(0.05, 0.07, 0.02, (0.01, 0.065)), Wiring((1, 2), (False, False), 13824.0, (180.0, 0.0)),
+        (0.03, 0.04), (2.28, 0.7), 2.2e-5, 0.08,
     ),
-}
+}  # fmt: skip
 """Name -> model with its makers' numbers: 2DIY version 3 (plastic), version 2 (metal), and the old Pantograph."""

@@ -1,7 +1,5 @@
 """The family `hid:` and its query keys: `hid:woodenhaptics?variant=mbed14&backend=hidraw&serial=...`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
@@ -10,14 +8,13 @@ from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.exchange import Exchange, Port
 from cogrip.devices.arm.model import ArmModel, ArmSettings
 from cogrip.devices.arm.models import MODELS
-from cogrip.devices.arm.pose import KnownPose, Store
-from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.arm.pose import Store
+from cogrip.devices.device import Device
+from cogrip.devices.hid.enumeration import VARIANTS
 from cogrip.devices.hid.frames import CODECS
-from cogrip.devices.hid.variants import VARIANTS
 from cogrip.devices.registry import Family
-from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
+from cogrip.devices.settings import Address, Setting, check_axes, read_query, unknown
 
-MAX_AXES = 3
 ARMS = {name.removesuffix("-hid"): model for name, model in MODELS.items() if model.record.family == "hid"}
 NAMES = tuple(ARMS)
 NO_FORCE_N = 1e-9  # what a record can say that comes nearest to none
@@ -68,28 +65,23 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
 def drive(port: Port, name: str, store: Store, address: Address, axes: int) -> ArmDevice:
     """The driver on a port of whatever kind."""
     where = repr(address.text)
-    if not 1 <= axes <= MAX_AXES:
-        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}")
+    check_axes(axes, where)
     settings = _settings(address)
     model = ARMS[address.name].with_settings(settings, where)
     if not VARIANTS[settings.variant].gives_force:
         model = _without_force(model)
 
-    def pose(model: ArmModel) -> KnownPose:
-        return KnownPose(settings.pose, name, model.record.model, model.home_counts, store)
-
     # a report does not say what arm it comes from: whatever it is, it is the one of the address
-    return ArmDevice(name, axes, Exchange(port, CODECS[settings.variant]()), lambda _: model, pose, model, store)
+    return ArmDevice(
+        name, axes, Exchange(port, CODECS[settings.variant]()), lambda _: model, settings.pose, model, store
+    )
 
 
 def _settings(address: Address) -> HidSettings:
     where = repr(address.text)
     if address.name not in NAMES:
         raise unknown("HID arm", address.name, NAMES, where)
-    for key in address.query:
-        if key not in keys_of(HidSettings):
-            raise unknown("key", key, keys_of(HidSettings), where)
-    return read_settings(HidSettings, dict(address.query), where)
+    return read_query(HidSettings, address.query, where)
 
 
 def _without_force(model: ArmModel) -> ArmModel:

@@ -8,18 +8,14 @@ The firmware of 2016 (8 bytes) has a b c and a running number in, a b c and a de
 round; the signs of its motors are not known, so it is never asked for current.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from struct import Struct, error
 
 from cogrip.devices.arm.exchange import Codec, Reading
 from cogrip.devices.device import DeviceError
-from cogrip.devices.hid.variants import VARIANTS
+from cogrip.devices.hid.enumeration import VARIANTS
 
 APPLY, LOAD = 0, 1
-BUTTON_ABOVE = 5000
-BUTTON_ADDS = 10000
 _IN = Struct("<7h")
 _OUT = Struct("<x7h")
 _IN_2016 = Struct("<3hH")
@@ -55,11 +51,7 @@ class ReportCodec:
         if len(data) != self._report_bytes:
             self.skipped += bool(data)
             return []
-        a, b, c, d, e, f, info = _IN.unpack_from(data)
-        down = d > BUTTON_ABOVE
-        return [
-            Reading((a, b, c), gimbal=(d - BUTTON_ADDS if down else d, e, f), buttons=int(down), calibrate=info == 1)
-        ]
+        return [Reading(_IN.unpack_from(data)[:3])]
 
     def reset(self) -> None:
         """A report comes whole or not at all."""

@@ -1,7 +1,5 @@
 """Measures an arm for `arm.check`: small currents, one axis after the other, zero between and after, whatever happens."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 

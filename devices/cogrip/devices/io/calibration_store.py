@@ -1,7 +1,5 @@
 """Calibrations as files of this user: one JSON for each device, replaced as a whole; identified losses beside them."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

@@ -1,7 +1,5 @@
 """The Force Dimension SDK (libdrd), through the package `forcedimension_core`. Importing that loads it: once in a process."""
 
-from __future__ import annotations
-
 import os
 from contextlib import redirect_stderr
 from importlib import import_module

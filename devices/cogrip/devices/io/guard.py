@@ -9,8 +9,6 @@ It is in a session of its own and ignores signals, so that what a terminal sends
     python -m cogrip.devices.io.guard DRIVER_PID PORT_FD PIPE_FD READY_FD PAGE_FD GOODBYE     `Goodbye` as JSON in hex
 """
 
-from __future__ import annotations
-
 import mmap
 import os
 import select

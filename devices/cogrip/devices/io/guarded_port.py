@@ -1,7 +1,5 @@
 """A serial line with a guard process behind it, for boards that hold their last torque for ever."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import select
@@ -124,7 +122,7 @@ class GuardedPort(SerialPort):
         if frame != self._zero:
             if self._stopped:
                 frame = self._zero
-                self._count("zero torque sent instead")
+                self.counts["zero torque sent instead"] += 1
             else:
                 words[PUSHING] = 1  # before the torque, as it is taken back after the zero
                 return super().write(frame)
@@ -138,7 +136,7 @@ class GuardedPort(SerialPort):
 
     def _step_in(self) -> None:
         """The loop stood still, and the torque was taken off. Raises DeviceError, once."""
-        self._count("guard stepped in", self._words[STEPPED_IN] - self._seen)
+        self.counts["guard stepped in"] += self._words[STEPPED_IN] - self._seen
         self._seen = self._words[STEPPED_IN]
         self._stop()
         raise DeviceError(
@@ -150,7 +148,7 @@ class GuardedPort(SerialPort):
         """Raises DeviceError, once, where there is no guard any more."""
         self._until_look = LOOK_WRITES
         if not self._stopped and self._guard is not None and select.select([self._ready], [], [], 0.0)[0]:
-            self._count("guard lost")
+            self.counts["guard lost"] += 1
             self._stop()
             raise DeviceError(
                 f"{self.name}: its guard process (pid {self._guard.pid}) has ended; nothing may be pushed without it, re-arm"
@@ -170,12 +168,9 @@ class GuardedPort(SerialPort):
             os.close(keep)
         if guard is not None:
             if not select.select([self._ready], [], [], END_S)[0]:
-                self._count("guard had to be ended")
+                self.counts["guard had to be ended"] += 1
                 guard.kill()
             guard.wait()
         self._words = memoryview(bytearray(8 * WORDS)).cast("Q")
         self._end.close()
         super().close()
-
-    def _count(self, name: str, by: int = 1) -> None:
-        self.counts[name] = self.counts.get(name, 0) + by

@@ -3,8 +3,6 @@
 Source: OpenHaptics headers (hdDefines.h, hdDevice.h, hdScheduler.h), for 64 bit, where stdcall has no meaning.
 """
 
-from __future__ import annotations
-
 import ctypes
 import sys
 from ctypes import c_char_p, c_double, c_int, c_ubyte, c_uint, c_ulong, c_ushort, c_void_p

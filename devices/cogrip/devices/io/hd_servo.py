@@ -15,11 +15,11 @@ from ctypes import c_double, c_int
 from functools import partial
 from typing import Any, TypeVar
 
+from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.device import DeviceError
-from cogrip.devices.io.hd_frame import Frame
 from cogrip.devices.io.hd_library import CALLBACK, ErrorReport, load, pop_errors
 from cogrip.devices.openhaptics.errors import FORCE_ERRORS, cure_for
-from cogrip.devices.openhaptics.mailbox import Mailbox
+from cogrip.devices.openhaptics.mailbox import ZERO, Mailbox
 from cogrip.devices.openhaptics.models import Facts
 
 _Answer = TypeVar("_Answer")
@@ -29,7 +29,8 @@ NO_REASON = 0x303  # mostly a name that the vendor's settings do not have
 MODEL_TYPE, CALIBRATION_STYLE = 0x2501, 0x2555
 NOMINAL_MAX_STIFFNESS, NOMINAL_MAX_FORCE, NOMINAL_MAX_CONTINUOUS_FORCE = 0x2602, 0x2603, 0x2604
 FORCE_OUTPUT = 0x4000
-DONE, CHECK_STATUS = 0, 0
+DONE, CONTINUE, CHECK_STATUS = 0, 1, 0
+CURRENT_POSITION, CURRENT_FORCE = 0x2050, 0x2700
 MAX_PRIORITY, MIN_PRIORITY = 0xFFFF, 0
 
 _servos: dict[int, Servo] = {}  # by library: it has one scheduler in a process
@@ -41,6 +42,59 @@ def servo_of(library: str) -> Servo:
     if hd._handle not in _servos:
         _servos[hd._handle] = Servo(hd)
     return _servos[hd._handle]
+
+
+class Frame:
+    """See `Mailbox.frame` for what a frame decides. `over` ends the frames: the device is not touched any more."""
+
+    def __init__(self, hd: ctypes.CDLL, handle: int, mailbox: Mailbox, take_errors: Callable[[], None]) -> None:
+        self._hd = hd
+        self._handle = handle
+        self._mailbox = mailbox
+        self._take_errors = take_errors
+        self._position = (c_double * 3)()
+        self._force = (c_double * 3)()
+        self.over = False
+
+    def call(self, _: object) -> int:
+        """The callback. Nothing may be raised out of it: ctypes would print it, and the last force would stay."""
+        if self.over:
+            return DONE
+        self._hd.hdMakeCurrentDevice(self._handle)
+        self._hd.hdBeginFrame(self._handle)
+        try:
+            force = self._judge()
+        except Exception as error:  # noqa: BLE001 (said by read(), and the force is zero from here on)
+            self._mailbox.lose(f"openhaptics: a frame failed: {error!r}; please report this")
+            force = ZERO
+        self._send(force)
+        self._hd.hdEndFrame(self._handle)
+        return CONTINUE
+
+    def within(self, work: Callable[[], _Answer]) -> _Answer:
+        """Return the result of `work`, run within a frame of its own that sends no force."""
+        self._hd.hdBeginFrame(self._handle)
+        try:
+            return work()
+        finally:
+            self._send(ZERO)
+            self._hd.hdEndFrame(self._handle)
+
+    def send_zero(self) -> None:
+        self.within(lambda: None)
+
+    def _judge(self) -> Vector:
+        hd, position = self._hd, self._position
+        hd.hdGetDoublev(CURRENT_POSITION, position)
+        self._take_errors()  # of this frame so far, and of the end of the one before
+        if hd.hdGetCurrentDevice() != self._handle:  # a device being opened was made current under us
+            hd.hdMakeCurrentDevice(self._handle)
+            return self._mailbox.skip("another device was current")
+        return self._mailbox.frame((position[0], position[1], position[2]))
+
+    def _send(self, force: Vector) -> None:
+        self._force[0], self._force[1], self._force[2] = force
+        self._hd.hdSetDoublev(CURRENT_FORCE, self._force)
 
 
 class Servo:

@@ -7,11 +7,10 @@ only after one second (libusb) or five (hidraw). So reports are written in a thr
 what went wrong there is raised at the next verb. Reading while another thread writes is what hidapi allows.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from queue import SimpleQueue
@@ -20,8 +19,7 @@ from types import ModuleType
 from typing import Any
 
 from cogrip.devices.device import DeviceError
-from cogrip.devices.hid.enumeration import Found, choose
-from cogrip.devices.hid.variants import Variant
+from cogrip.devices.hid.enumeration import Found, Variant, choose
 from cogrip.devices.io.plugging import stamp_of
 from cogrip.devices.io.report_socket import SocketDevice, is_socket
 
@@ -30,6 +28,58 @@ MOST_WAITING = 64  # reports that a system keeps
 FIRST_MS = 50  # after opening, a report that was waiting in the device is here
 CLOSE_S = 0.2  # for the last report to go
 PAUSE_S = 5e-5  # between two looks, where the wait is shorter than the millisecond hidapi can wait
+
+
+class _Writer:
+    """Writes the newest of the reports that wait. It closes the device too: nobody else may while a write is under way."""
+
+    def __init__(self, device: Any) -> None:
+        self.failure = ""
+        self.replaced = 0
+        self._device = device
+        self._given = self._done = 0
+        self._frames: SimpleQueue[bytes | None] = SimpleQueue()
+        self._thread = Thread(target=self._serve, name="hid reports", daemon=True)
+        self._thread.start()
+
+    @property
+    def busy(self) -> bool:
+        return self._given != self._done
+
+    def send(self, frame: bytes) -> None:
+        self._given += 1
+        self._frames.put(frame)
+
+    def finish(self, wait_s: float) -> bool:
+        """Return True once the last report is sent and the device is closed."""
+        self._frames.put(None)
+        self._thread.join(wait_s)
+        return not self._thread.is_alive()
+
+    def _serve(self) -> None:
+        ending = False
+        while not ending:
+            taken = [self._frames.get()]
+            while not self._frames.empty():
+                taken.append(self._frames.get())
+            ending = taken[-1] is None
+            reports = [frame for frame in taken if frame is not None]
+            if reports:
+                self._write(reports[-1])
+                self.replaced += len(reports) - 1
+                self._done += len(reports)
+        self._device.close()
+
+    def _write(self, frame: bytes) -> None:
+        if self.failure:
+            return
+        try:
+            sent = self._device.write(frame)
+        except (OSError, ValueError) as error:
+            self.failure = f"lost ({error})"
+            return
+        if sent != len(frame):
+            self.failure = f"unplugged, or it hangs: a report of {len(frame)} bytes was written, the answer is {sent}"
 
 
 class HidPort:
@@ -41,7 +91,7 @@ class HidPort:
         self._variant = variant
         self._backend = backend
         self._asked = path, serial
-        self._counts: dict[str, int] = {}
+        self._counts: Counter[str] = Counter()
         self._replaced = 0
         self._device: Any = None
         self._writer: _Writer | None = None
@@ -96,7 +146,7 @@ class HidPort:
         length = len(self._try(lambda device: device.read(LONGEST_REPORT, FIRST_MS)))
         if not length:
             return
-        self._count("old report thrown away")
+        self._counts["old report thrown away"] += 1
         if length != self._variant.report_bytes:
             raise DeviceError(
                 f"{self.name}: its reports have {length} bytes, not {self._variant.report_bytes};"
@@ -109,7 +159,7 @@ class HidPort:
         writer = self._open_writer()
         self._check(writer)
         if writer.busy:
-            self._count("report waits for the one before")
+            self._counts["report waits for the one before"] += 1
         writer.send(frame)
 
     def read(self, wait_s: float = 0.0) -> bytes:
@@ -123,7 +173,7 @@ class HidPort:
             newer = self._try(lambda device: device.read(LONGEST_REPORT))
             if not newer:
                 break
-            self._count("older report passed over")
+            self._counts["older report passed over"] += 1
             newest = newer
         return bytes(newest)
 
@@ -148,66 +198,11 @@ class HidPort:
         if writer is None:
             return
         if not writer.finish(CLOSE_S):
-            self._count("closed while a report was on its way")
+            self._counts["closed while a report was on its way"] += 1
         self._replaced += writer.replaced
 
     def stamp(self) -> str:
         return stamp_of(self.path)
-
-    def _count(self, name: str) -> None:
-        self._counts[name] = self._counts.get(name, 0) + 1
-
-
-class _Writer:
-    """Writes the newest of the reports that wait. It closes the device too: nobody else may while a write is under way."""
-
-    def __init__(self, device: Any) -> None:
-        self.failure = ""
-        self.replaced = 0
-        self._device = device
-        self._given = self._done = 0
-        self._frames: SimpleQueue[bytes | None] = SimpleQueue()
-        self._thread = Thread(target=self._serve, name="hid reports", daemon=True)
-        self._thread.start()
-
-    @property
-    def busy(self) -> bool:
-        return self._given != self._done
-
-    def send(self, frame: bytes) -> None:
-        self._given += 1
-        self._frames.put(frame)
-
-    def finish(self, wait_s: float) -> bool:
-        """Return True once the last report is sent and the device is closed."""
-        self._frames.put(None)
-        self._thread.join(wait_s)
-        return not self._thread.is_alive()
-
-    def _serve(self) -> None:
-        ending = False
-        while not ending:
-            taken = [self._frames.get()]
-            while not self._frames.empty():
-                taken.append(self._frames.get())
-            ending = taken[-1] is None
-            reports = [frame for frame in taken if frame is not None]
-            if reports:
-                self._write(reports[-1])
-                self.replaced += len(reports) - 1
-                self._done += len(reports)
-        self._device.close()
-
-    def _write(self, frame: bytes) -> None:
-        if self.failure:
-            return
-        try:
-            sent = self._device.write(frame)
-        except (OSError, ValueError) as error:
-            self.failure = f"lost ({error})"
-            return
-        if sent != len(frame):
-            self.failure = f"unplugged, or it hangs: a report of {len(frame)} bytes was written, the answer is {sent}"
 
 
 def _first(device: Any, wait_s: float) -> list[int]:

@@ -1,21 +1,18 @@
 """Detection of connected devices from the system's own lists: nothing is opened, so nothing moves."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.haply.models import MODELS as HAPLY_MODELS
-from cogrip.devices.hid.enumeration import Found, choose
+from cogrip.devices.hid.enumeration import VARIANTS, Found, Variant, choose
 from cogrip.devices.hid.family import NAMES as HID_NAMES
-from cogrip.devices.hid.variants import VARIANTS, Variant
 from cogrip.devices.io.hid_port import _found, load_hidapi
 from cogrip.protocol.messages import shown
 
@@ -35,27 +32,12 @@ class PluggedIn:
     text: str
 
 
-class Listed(Protocol):
-    """A serial port as pyserial lists it."""
-
-    @property
-    def device(self) -> str: ...
-    @property
-    def vid(self) -> int | None: ...
-    @property
-    def pid(self) -> int | None: ...
-    @property
-    def serial_number(self) -> str | None: ...
-    @property
-    def product(self) -> str | None: ...
-
-
-def serial_ports(ports: Iterable[Listed], links: Mapping[str, str]) -> list[PluggedIn]:
+def serial_ports(ports: Iterable[ListPortInfo], links: Mapping[str, str]) -> list[PluggedIn]:
     """The devices among serial ports. links: device node -> a name for it that stays when others are plugged in."""
     return [_port(port, links.get(port.device, port.device)) for port in sorted(ports, key=lambda port: port.device)]
 
 
-def _port(port: Listed, path: str) -> PluggedIn:
+def _port(port: ListPortInfo, path: str) -> PluggedIn:
     number = "" if port.vid is None else f" {port.vid:04x}:{port.pid or 0:04x}"
     said = shown(f"{port.product or 'serial port'}{number} at {port.device}") + (
         f", serial number {shown(port.serial_number)}" if port.serial_number else ""

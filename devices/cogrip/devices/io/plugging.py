@@ -1,7 +1,5 @@
 """The identity of a device's power-up: counters that began with it are void after the next one."""
 
-from __future__ import annotations
-
 import sys
 import time
 from pathlib import Path

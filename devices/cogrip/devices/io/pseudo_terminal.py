@@ -1,7 +1,5 @@
 """An emulated device on a pseudo-terminal, as a serial port has it. The link shows to it, also when it changes."""
 
-from __future__ import annotations
-
 import os
 import tty
 from collections.abc import Callable, Sequence

@@ -4,8 +4,6 @@ It stands for the bus. A virtual HID device of the system's own (/dev/uhid) need
 neither. `HidPort` takes a socket for the path as it takes /dev/hidraw0, and everything above hidapi is the same.
 """
 
-from __future__ import annotations
-
 import select
 import socket
 import stat
@@ -68,10 +66,6 @@ class ReportSocket(ServedFirmware):
         self._listener: socket.socket | None = None
         self._host: socket.socket | None = None
         self._waiting: bytes | None = None
-
-    @property
-    def where(self) -> str:
-        return self.path
 
     @property
     def plugged(self) -> bool:

@@ -1,10 +1,9 @@
 """A serial line (USB CDC, or a pty of an emulated device), by pyserial."""
 
-from __future__ import annotations
-
 import os
 import select
 import sys
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from typing import TypeVar
@@ -32,7 +31,7 @@ class SerialPort:
     def __init__(self, path: str, scheme: str) -> None:
         self.path = path
         self.name = f"{scheme}:{path}"
-        self.counts: dict[str, int] = {}
+        self.counts: Counter[str] = Counter()
         self._line: serial.Serial | None = None
 
     def open(self) -> None:

@@ -4,8 +4,6 @@ Its verbs come as lines: a fault's name and how many seconds it lasts (`silence 
 `status`, `quit`. Unplugging makes the wire disappear; `mend` makes a new one.
 """
 
-from __future__ import annotations
-
 import os
 import select
 import time
@@ -31,9 +29,9 @@ class ServedFirmware(ABC):
         self.path = ""
 
     @property
-    @abstractmethod
     def where(self) -> str:
-        """Return what people are told to open."""
+        """Name that people are told to open."""
+        return self.path
 
     @property
     @abstractmethod

@@ -1,64 +1,80 @@
 """The loop's side of a device that the HD library's servo thread drives."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from math import hypot, isfinite
 from typing import Protocol
 
-from cogrip.devices.device import Capability, DeviceError, Sample, check_rate
-from cogrip.devices.openhaptics.calibration import Calibrated, calibrate
+from cogrip.devices.device import Capability, DeviceError, Sample
+from cogrip.devices.driver import Driver
 from cogrip.devices.openhaptics.mailbox import ZERO, Mailbox
 from cogrip.devices.openhaptics.models import Facts, lowered
 
+OK, NEEDS_UPDATE, NEEDS_MANUAL_INPUT = 0x5000, 0x5001, 0x5002
+ENCODER_RESET, AUTO, INKWELL = 1, 2, 4
+TRIES = 200  # each takes a frame, a millisecond
 
-class Link(Calibrated, Protocol):
+BY_HAND = {
+    AUTO: "move the arm slowly through its workspace",
+    INKWELL: "put the stylus into the inkwell and leave it there",
+    ENCODER_RESET: "bring all links to right angles and reset its encoders with the vendor's program",
+}
+
+
+class Link(Protocol):
     """A device that the library has given us. Verbs raise DeviceError."""
 
+    where: str
+
+    def calibration(self) -> int: ...
+    def calibration_styles(self) -> int: ...
+    def update_calibration(self, style: int) -> None: ...
     def facts(self) -> Facts: ...
     def start(self) -> None:
         """Frames with forces from now on."""
-        ...
 
     def close(self) -> None:
         """Zero force, then let go. Twice does nothing."""
-        ...
 
 
-class OpenHapticsDevice:
+def calibrate(link: Link) -> None:
+    """Have the library calibrate the arm as far as it can on its own. Raises DeviceError where a hand is needed.
+
+    needs update --auto or inkwell--> update, ask again        needs manual input --> the user's turn        ok --> go on
+
+    An encoder reset is never done here: it declares whatever pose the arm is in to be the home pose.
+    """
+    styles = link.calibration_styles()
+    style = next((each for each in (AUTO, INKWELL) if styles & each), 0)
+    state = link.calibration()
+    for _ in range(TRIES):
+        if state == OK:
+            return
+        if state != NEEDS_UPDATE or not style:
+            break
+        link.update_calibration(style)
+        state = link.calibration()
+    what = {NEEDS_UPDATE: "needs to be calibrated", NEEDS_MANUAL_INPUT: "needs to be calibrated by hand"}.get(
+        state, f"is in an unknown state of calibration (0x{state:x})"
+    )
+    raise DeviceError(f"{link.where}: {what}: {BY_HAND[style or ENCODER_RESET]}, then open it again")
+
+
+class OpenHapticsDevice(Driver):
     """See `Device`. `connect` gives the link of a mailbox; `record` holds until the device is open and may lower it."""
 
     def __init__(self, where: str, record: Capability, stated: str, connect: Callable[[Mailbox], Link]) -> None:
+        super().__init__(where, record.axes)
         self.capability = record
-        self._where = where
         self._record = record
         self._stated = stated
         self._connect = connect
-        self._zero = (0.0,) * record.axes
         self._rest = ZERO[record.axes :]
-        self._counts: dict[str, int] = {}
-        self._servo_counts: dict[str, int] = {}
-        self._mailbox = Mailbox(self._servo_counts)
-        self._link: Link | None = None
-        self._tick = self._seen = 0
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """Force errors by name, stale forces, forces limited."""
-        return {**self._servo_counts, **self._counts}
-
-    @property
-    def buttons(self) -> int:
-        """Those of the stylus that are pressed, one bit each."""
-        news = self._mailbox.news
-        return news.buttons if news else 0
+        self._mailbox = Mailbox(self._counts)
 
     def open(self, rate_hz: int) -> None:
-        """See `Device.open`. Raises DeviceError also for a device of another model, and before it is calibrated."""
-        if self._link is not None:
-            raise DeviceError(f"{self._where}: is open already; close it first")
-        check_rate(rate_hz, self._record, self._where)
-        self._mailbox = Mailbox(self._servo_counts)
+        """Raises DeviceError also for a device of another model, and before it is calibrated."""
+        self._check_open(rate_hz, self._record)
+        self._mailbox = Mailbox(self._counts)
         link = self._connect(self._mailbox)
         try:
             self.capability = lowered(self._record, link.facts(), self._stated, self._where)
@@ -67,53 +83,39 @@ class OpenHapticsDevice:
         except BaseException:
             link.close()
             raise
-        self._link, self._tick, self._seen = link, 0, 0
+        self._open, self._link, self._tick, self._seen = True, link, 0, 0
 
     def read(self, tick: int) -> Sample | None:
-        """See `Device.read`. None until the servo has had another frame."""
-        if self._link is None:
-            raise self._closed("read")
-        if tick < self._tick:
-            raise DeviceError(f"{self._where}: read(tick={tick}) after tick {self._tick}; ticks must not fall")
-        self._tick = tick
+        """None until the servo has had another frame."""
+        self._check_read(tick)
         if self._mailbox.lost:
             raise DeviceError(self._mailbox.lost)
         news = self._mailbox.news
         if news is None or news.frame == self._seen:
             return None
         self._seen = news.frame
-        return Sample(news.position_m[: len(self._zero)], None, 1)
+        return Sample(news.position_m[: self._axes], None, 1)
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
-        """See `Device.write`. A force above the limit keeps its direction; one that is none at all becomes zero."""
-        if self._link is None:
-            raise self._closed("write")
-        if len(force_n) != len(self._zero):
-            self._mailbox.say(ZERO)
-            raise DeviceError(
-                f"{self._where}: write of {len(force_n)} forces to {len(self._zero)} axes; the force is zero now"
-            )
+        """A force above the limit keeps its direction; one that is none at all becomes zero."""
+        self._need_open("write")
         size = hypot(*force_n)
-        if not isfinite(size):
+        if len(force_n) != self._axes or not isfinite(size):
             self._mailbox.say(ZERO)
-            raise DeviceError(f"{self._where}: write of {tuple(force_n)} N: not finite; the force is zero now")
+            raise self._wrong_force(force_n, "; the force is zero now")
         acting: Sequence[float] | None = None
         if self._mailbox.lost:
             acting = self._zero
         elif size > self.capability.peak_force_n:
             fraction = self.capability.peak_force_n / size
             acting = tuple([fraction * f for f in force_n])
-            self._counts["force limited"] = self._counts.get("force limited", 0) + 1
+            self._counts["force limited"] += 1
         x, y, z = (*(acting or force_n), *self._rest)
         self._mailbox.say((-x, -y, -z))  # the hand gets -F
         return acting
 
     def close(self) -> None:
-        """See `Device.close`."""
-        link, self._link = self._link, None
-        if link is not None:
+        if self._open:
+            self._open = False
             self._mailbox.say(ZERO)
-            link.close()
-
-    def _closed(self, verb: str) -> DeviceError:
-        return DeviceError(f"{self._where}: {verb} while it is closed; call open(rate_hz) first")
+            self._link.close()

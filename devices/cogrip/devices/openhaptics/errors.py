@@ -4,8 +4,6 @@ Source: OpenHaptics headers (hdDefines.h). The toolkit's own hduIsForceError lea
 a force error by its number and meaning.
 """
 
-from __future__ import annotations
-
 FORCE_ERRORS = {
     0x200: "warm motors",
     0x201: "exceeded max force",

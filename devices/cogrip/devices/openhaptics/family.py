@@ -1,22 +1,17 @@
 """The family `openhaptics:` and its query keys."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
-from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.device import Device, at_most
 from cogrip.devices.openhaptics.device import Link, OpenHapticsDevice
 from cogrip.devices.openhaptics.mailbox import Mailbox
 from cogrip.devices.openhaptics.models import CAUTIOUS, RECORDS
 from cogrip.devices.registry import Family
-from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
-
-MAX_AXES = 3
+from cogrip.devices.settings import Address, Setting, check_axes, read_query
 
 
 class OpenHapticsSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -46,17 +41,9 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
     Raises DeviceError for unknown keys, values out of bounds, or a number of axes not 1 to 3.
     """
     where = repr(address.text)
-    if not 1 <= axes <= MAX_AXES:
-        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}")
-    query: dict[str, Setting] = {**defaults, **address.query}
-    for key in query:
-        if key not in keys_of(OpenHapticsSettings):
-            raise unknown("key", key, keys_of(OpenHapticsSettings), where)
-    settings = read_settings(OpenHapticsSettings, query, where)
-    record = RECORDS[settings.model or CAUTIOUS].first(axes)
-    if settings.peak_force_n is not None:
-        peak = min(settings.peak_force_n, record.peak_force_n)
-        record = replace(record, peak_force_n=peak, continuous_force_n=min(peak, record.continuous_force_n))
+    check_axes(axes, where)
+    settings = read_query(OpenHapticsSettings, {**defaults, **address.query}, where)
+    record = at_most(RECORDS[settings.model or CAUTIOUS].first(axes), settings.peak_force_n)
 
     def connect(mailbox: Mailbox) -> Link:
         from cogrip.devices.io.hd_servo import servo_of

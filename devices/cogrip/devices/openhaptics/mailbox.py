@@ -4,13 +4,12 @@ Each field is written by one thread only, as one whole immutable value by one as
 or the new one, never a mixture, and neither waits.
 """
 
-from __future__ import annotations
-
+from collections import Counter
+from collections.abc import Sequence
 from math import isfinite
 from typing import NamedTuple
 
 from cogrip.devices.arm.kinematics import Vector
-from cogrip.devices.openhaptics.axes import to_common, to_library
 from cogrip.devices.openhaptics.errors import FORCE_ERRORS, name_of
 
 SERVO_HZ = 1000  # the library's own pace, unless it is told another one
@@ -18,12 +17,26 @@ HOLD_FRAMES = SERVO_HZ // 20  # 50 ms: a force that the loop has not renewed for
 ZERO: Vector = (0.0, 0.0, 0.0)
 
 
+# OpenHaptics has x right, y up, z toward the user, in mm; the common frame x toward the user, y right, z up, in m.
+
+
+def to_common(position_mm: Sequence[float]) -> Vector:
+    """A position of the library [mm] in our axes [m]."""
+    right, up, near = position_mm
+    return 0.001 * near, 0.001 * right, 0.001 * up
+
+
+def to_library(force: Vector) -> Vector:
+    """A force in our axes in those of the library [N]."""
+    near, right, up = force
+    return right, up, near
+
+
 class News(NamedTuple):
-    """Written by the servo thread. frame counts from 1; buttons: one bit each."""
+    """Written by the servo thread. frame counts from 1."""
 
     frame: int
     position_m: Vector
-    buttons: int
 
 
 class Order(NamedTuple):
@@ -36,7 +49,7 @@ class Order(NamedTuple):
 class Mailbox:
     """counts belongs to the servo thread: others may copy it."""
 
-    def __init__(self, counts: dict[str, int]) -> None:
+    def __init__(self, counts: Counter[str]) -> None:
         self.counts = counts
         self.news: News | None = None
         self.lost = ""  # why the device is lost; final
@@ -52,7 +65,7 @@ class Mailbox:
 
     def trouble(self, code: int, text: str) -> None:
         """Servo: the library reports an error of this device. A force error drops one frame's force, any other ends it."""
-        self.count(name_of(code))
+        self.counts[name_of(code)] += 1
         if code in FORCE_ERRORS:
             self._drop = True
         else:
@@ -62,15 +75,15 @@ class Mailbox:
         """Servo: no force any more; the first reason is kept."""
         self.lost = self.lost or text
 
-    def frame(self, position_mm: Vector, buttons: int) -> Vector:
+    def frame(self, position_mm: Vector) -> Vector:
         """Servo: one frame's readings, for the frame's force in the library's axes [N]."""
         self._frame += 1
         drop, self._drop = self._drop, False
         position = to_common(position_mm)
         if isfinite(position[0] + position[1] + position[2]):
-            self.news = News(self._frame, position, buttons)
+            self.news = News(self._frame, position)
         else:
-            self.count("position not finite")
+            self.counts["position not finite"] += 1
             drop = True
         force = self._fresh()
         return ZERO if drop or self.lost else to_library(force)
@@ -78,7 +91,7 @@ class Mailbox:
     def skip(self, why: str) -> Vector:
         """Servo: this frame's readings are not to be trusted; it has no force."""
         self._frame += 1
-        self.count(why)
+        self.counts[why] += 1
         self._drop = False
         self._fresh()
         return ZERO
@@ -91,8 +104,5 @@ class Mailbox:
         elif self._age < HOLD_FRAMES:
             self._age += 1
             if self._age == HOLD_FRAMES and any(force):
-                self.count("force not renewed")
+                self.counts["force not renewed"] += 1
         return force if self._age < HOLD_FRAMES else ZERO
-
-    def count(self, name: str) -> None:
-        self.counts[name] = self.counts.get(name, 0) + 1

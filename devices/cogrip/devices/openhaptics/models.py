@@ -4,57 +4,34 @@ Sources: forces, stiffness and damping as CHAI3D states them where it does; the 
 width x height x depth in the data sheets, so (depth, width, height) here.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from math import isfinite
 
-from cogrip.devices.device import SLEW_NPS, SPEED_MPS, Capability, DeviceError
+from cogrip.devices.device import Capability, DeviceError, encoder_record
 
 RATE_HZ = 1024  # a little more than the servo's 1000 Hz: some 24 ticks a second then find nothing new
 CAUTIOUS = "touch"  # the record of a device whose model is not stated: the weakest
 
 
-def _record(
-    model: str,
-    size_m: tuple[float, float, float],
-    force_n: tuple[float, float],
-    limits: tuple[float, float],
-    *,
-    res_m: float,
-    kg: float,
-) -> Capability:
-    """size_m: along x, y, z; force_n: (peak, continuous); limits: (stiffness [N/m], damping [N s/m])."""
-    return Capability(
-        family="openhaptics",
-        model=model,
-        axes=3,
-        workspace_m=tuple((-0.5 * side, 0.5 * side) for side in size_m),
-        peak_force_n=force_n[0],
-        continuous_force_n=force_n[1],
-        stiffness_npm=limits[0],
-        damping_nspm=limits[1],
-        slew_nps=SLEW_NPS,
-        speed_mps=SPEED_MPS,
-        resolution_m=res_m,
-        apparent_mass_kg=kg,
-        rate_hz=RATE_HZ,
-        gives_velocity=False,  # the library's is smoothed, it does not say how; the client's estimator knows its own delay
-        latency_ticks=1,  # what a frame read acts in the next frame, wherever between them the loop's tick falls
-    )
+def _centred(size_m: tuple[float, ...]) -> tuple[tuple[float, float], ...]:
+    return tuple((-0.5 * side, 0.5 * side) for side in size_m)
 
 
 RECORDS = {
-    record.model: record
-    for record in (
-        _record("touch", (0.070, 0.160, 0.120), (3.3, 0.88), (400.0, 4.0), res_m=5.5e-5, kg=0.045),
-        _record("omni", (0.070, 0.160, 0.120), (3.3, 0.88), (700.0, 5.0), res_m=5.5e-5, kg=0.045),
-        _record("desktop", (0.120, 0.160, 0.120), (7.9, 1.75), (1000.0, 5.0), res_m=2.3e-5, kg=0.045),
-        _record("premium1.0", (0.127, 0.254, 0.178), (8.5, 1.4), (800.0, 5.0), res_m=3e-5, kg=0.075),
-        _record("premium1.5", (0.191, 0.381, 0.267), (8.5, 1.4), (800.0, 5.0), res_m=3e-5, kg=0.075),
-        _record("premium3.0", (0.406, 0.838, 0.584), (22.0, 3.0), (1000.0, 5.0), res_m=2e-5, kg=0.159),
+    model: encoder_record(
+        "openhaptics", model, _centred(size_m), force_n, limits, numbers, rate_hz=RATE_HZ, latency_ticks=1
+    )
+    for model, size_m, force_n, limits, numbers in (
+        ("touch", (0.070, 0.160, 0.120), (3.3, 0.88), (400.0, 4.0), (5.5e-5, 0.045)),
+        ("omni", (0.070, 0.160, 0.120), (3.3, 0.88), (700.0, 5.0), (5.5e-5, 0.045)),
+        ("desktop", (0.120, 0.160, 0.120), (7.9, 1.75), (1000.0, 5.0), (2.3e-5, 0.045)),
+        ("premium1.0", (0.127, 0.254, 0.178), (8.5, 1.4), (800.0, 5.0), (3e-5, 0.075)),
+        ("premium1.5", (0.191, 0.381, 0.267), (8.5, 1.4), (800.0, 5.0), (3e-5, 0.075)),
+        ("premium3.0", (0.406, 0.838, 0.584), (22.0, 3.0), (1000.0, 5.0), (2e-5, 0.159)),
     )
 }
+"""See `encoder_record`. The library's velocity is smoothed, it does not say how. What a frame read acts in the next frame,
+wherever between them the loop's tick falls: a latency of one tick."""
 
 _CALLS_ITSELF = (  # first match wins
     ("touch x", "desktop"),

@@ -3,8 +3,6 @@
 The motion is a function of the tick, so it keeps the loop's absolute deadlines: it can neither drift nor run late.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf, isfinite
 from typing import Annotated, Protocol
@@ -13,7 +11,8 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from cogrip.devices.device import Capability, DeviceError, Sample, check_rate
+from cogrip.devices.device import Capability, DeviceError, Sample
+from cogrip.devices.driver import Driver
 from cogrip.devices.recorded_motion import Array
 from cogrip.devices.settings import NotNegative
 from cogrip.devices.simulated.recorded_hand import minimum_jerk
@@ -41,27 +40,21 @@ class Source(Protocol):
 
     def capability(self, axes: int) -> Capability:
         """The record of the device that moved so."""
-        ...
 
     def motion(self, axes: int, rate_hz: int) -> tuple[int, Array, Array]:
         """(rate [Hz], position [m], velocity [m/s]), each (n, axes) or more; `rate_hz` is the rate that would suit best."""
-        ...
 
 
-class ReplayedDevice:
+class ReplayedDevice(Driver):
     """See `Device`. The recording is looked into when its capability is asked for, and read when it is opened."""
 
     def __init__(self, address: str, axes: int, source: Source, play: PlaySettings) -> None:
-        self.counts: dict[str, int] = {}
-        self._address = address
-        self._axes = axes
+        super().__init__(address, axes)
         self._source = source
         self._play = play
         self._capability: Capability | None = None
-        self._open = False
-        self._tick = 0
         self._last = inf  # tick of the last sample
-        self.force_n: tuple[float, ...] = (0.0,) * axes
+        self.force_n: tuple[float, ...] = self._zero
 
     @property
     def capability(self) -> Capability:
@@ -69,14 +62,12 @@ class ReplayedDevice:
         if self._capability is None:
             record = self._source.capability(self._axes)
             if record.axes < self._axes:
-                raise DeviceError(f"{self._address!r} was recorded on {record.axes} axes, {self._axes} are asked for")
+                raise DeviceError(f"{self._where!r} was recorded on {record.axes} axes, {self._axes} are asked for")
             self._capability = record.first(self._axes)
         return self._capability
 
     def open(self, rate_hz: int) -> None:
-        if self._open:
-            raise DeviceError(f"{self._address}: is open already; close it first")
-        check_rate(rate_hz, self.capability, self._address)
+        self._check_open(rate_hz, self.capability)
         self._position, self._velocity = self._course(rate_hz)
         self._tick, self._open = 0, True
         self._last = inf if self._play.loop else len(self._position) - 1
@@ -88,8 +79,8 @@ class ReplayedDevice:
         first = play.start_s * recorded_hz
         last = min(float(len(position) - 1), play.stop_s * recorded_hz)
         if first >= last:
-            raise DeviceError(
-                f"{self._address}: from {play.start_s:g} s to {min(play.stop_s, len(position) / recorded_hz):g} s there is "
+            raise self._error(
+                f"from {play.start_s:g} s to {min(play.stop_s, len(position) / recorded_hz):g} s there is "
                 f"nothing to play; the recording is {len(position) / recorded_hz:.3f} s long"
             )
         ticks = np.arange(first, last + 1e-9, play.speed * recorded_hz / rate_hz)
@@ -107,28 +98,18 @@ class ReplayedDevice:
         return self._tick >= self._last
 
     def read(self, tick: int) -> Sample:
-        if not self._open:
-            raise self._closed("read")
-        if tick < self._tick:
-            raise DeviceError(f"{self._address}: read(tick={tick}) after tick {self._tick}; ticks must not fall")
-        self._tick = tick
+        self._check_read(tick)
         rows = len(self._position)
         row = tick % rows if self._play.loop else min(tick, rows - 1)
         velocity = tuple(self._velocity[row].tolist()) if self.capability.gives_velocity else None
         return Sample(tuple(self._position[row].tolist()), velocity)
 
     def write(self, force_n: Sequence[float]) -> None:
-        if not self._open:
-            raise self._closed("write")
-        if len(force_n) != self._axes:
-            raise DeviceError(f"{self._address}: write of {len(force_n)} forces to {self._axes} axes")
-        if not all(isfinite(force) for force in force_n):
-            raise DeviceError(f"{self._address}: write of {tuple(force_n)} N: not finite")
+        self._need_open("write")
+        if len(force_n) != self._axes or not all(isfinite(force) for force in force_n):
+            raise self._wrong_force(force_n)
         self.force_n = tuple(force_n)
 
     def close(self) -> None:
-        self.force_n = (0.0,) * self._axes
+        self.force_n = self._zero
         self._open = False
-
-    def _closed(self, verb: str) -> DeviceError:
-        return DeviceError(f"{self._address}: {verb} while it is closed; call open(rate_hz) first")

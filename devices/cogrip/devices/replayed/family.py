@@ -1,7 +1,5 @@
 """The family `replay:` and its query keys."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,9 +9,7 @@ from cogrip.devices.recorded_motion import find
 from cogrip.devices.registry import Family
 from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.devices.replayed.sources import RunSettings, RunSource, TableSettings, TableSource
-from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
-
-MAX_AXES = 3
+from cogrip.devices.settings import Address, Setting, check_axes, read_query
 
 
 def family() -> Family:
@@ -34,13 +30,8 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
     where = repr(address.text)
     if not address.name:
         raise DeviceError(f"{where}: name a run folder, a .mcap file or a .csv file, such as replay:runs/my-run#user=0")
-    if not 1 <= axes <= MAX_AXES:
-        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}")
+    check_axes(axes, where)
     table = address.name.endswith(".csv")
-    kind: type[Any] = TableSettings if table else RunSettings
-    for key in address.query:
-        if key not in keys_of(kind):
-            raise unknown("key", key, keys_of(kind), where)
-    settings = read_settings(kind, dict(address.query), where)
+    settings: Any = read_query(TableSettings if table else RunSettings, address.query, where)
     source = TableSource(address.name, settings) if table else RunSource(address.name, settings.user)
     return ReplayedDevice(address.text, axes, source, settings)

@@ -1,7 +1,5 @@
 """Sources of replayed motions: recorded runs and tables."""
 
-from __future__ import annotations
-
 import msgspec
 import numpy as np
 

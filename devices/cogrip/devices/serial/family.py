@@ -1,7 +1,5 @@
 """The family `serial:` and its query keys."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Literal
 
@@ -9,14 +7,12 @@ from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.exchange import Exchange, Port
 from cogrip.devices.arm.model import ArmModel, ArmSettings
 from cogrip.devices.arm.models import MODELS
-from cogrip.devices.arm.pose import KnownPose, Store
+from cogrip.devices.arm.pose import Store
 from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.registry import Family
 from cogrip.devices.serial.frames import MODELS as NUMBERS
 from cogrip.devices.serial.frames import BracketCodec
-from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
-
-MAX_AXES = 3
+from cogrip.devices.settings import Address, Setting, check_axes, read_query
 
 
 class SerialSettings(ArmSettings, frozen=True, kw_only=True):
@@ -47,12 +43,8 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
 def drive(port: Port, name: str, store: Store, address: Address, axes: int) -> ArmDevice:
     """The driver on a port of whatever kind."""
     where = repr(address.text)
-    if not 1 <= axes <= MAX_AXES:
-        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}")
-    for key in address.query:
-        if key not in keys_of(SerialSettings):
-            raise unknown("key", key, keys_of(SerialSettings), where)
-    settings = read_settings(SerialSettings, dict(address.query), where)
+    check_axes(axes, where)
+    settings = read_query(SerialSettings, address.query, where)
 
     def known(said: str) -> ArmModel:
         if said not in NUMBERS.values():
@@ -65,8 +57,5 @@ def drive(port: Port, name: str, store: Store, address: Address, axes: int) -> A
             )
         return MODELS[said].with_settings(settings, where)
 
-    def pose(model: ArmModel) -> KnownPose:
-        return KnownPose(settings.pose, name, model.record.model, model.home_counts, store)
-
     stated = known(settings.model) if settings.model else None
-    return ArmDevice(name, axes, Exchange(port, BracketCodec()), known, pose, stated, store)
+    return ArmDevice(name, axes, Exchange(port, BracketCodec()), known, settings.pose, stated, store)

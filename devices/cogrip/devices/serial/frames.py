@@ -4,8 +4,6 @@ request  `[a,b,c]\\n`, motor currents in mA, filled up with NUL to 16 bytes
 reply    `[model,e0,e1,e2,e3,e4,e5,error]\\n`: which machine, counts of the three joints, of the three gimbal axes, error bits
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 
@@ -68,11 +66,9 @@ class BracketCodec:
 
 
 def _reading(found: re.Match[bytes]) -> Reading:
-    model, a, b, c, d, e, f, error = map(int, found.groups())
+    model, a, b, c, *_, error = map(int, found.groups())
     kind = MODELS.get(model, f"number {model}")
-    if not error:
-        return Reading((a, b, c), model=kind, gimbal=(d, e, f))
-    return Reading((a, b, c), error_text(error), not 0 <= error < REJECTED, kind, (d, e, f))
+    return Reading((a, b, c), error_text(error) if error else "", not 0 <= error < REJECTED, kind)
 
 
 def error_text(error: int) -> str:

@@ -1,7 +1,5 @@
 """The family `sim:`: a table of machines and a table of hands, and how query keys are shared out between them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,11 +8,9 @@ import msgspec
 
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.registry import Family
-from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
+from cogrip.devices.settings import Address, Setting, check_axes, keys_of, read_settings, unknown
 from cogrip.devices.simulated import hands, ideal, phantom, reconstructed_hand, recorded_hand
 from cogrip.devices.simulated.device import Plant, SimulatedDevice
-
-MAX_AXES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +39,11 @@ MACHINES: dict[str, Machine] = {
 HANDS: dict[str, HandKind] = {
     "hold": HandKind(hands.ImpedanceSettings, hands.make_hold),
     "push": HandKind(hands.PushSettings, hands.PushHand),
-    "reach": HandKind(hands.ReachSettings, hands.make_reach),
-    "sine": HandKind(hands.SineSettings, hands.make_sine),
-    "tremor": HandKind(hands.TremorSettings, hands.make_tremor),
-    "csv": HandKind(recorded_hand.RecordedSettings, recorded_hand.make_recorded, takes="FILE"),
-    "recording": HandKind(hands.ImpedanceSettings, reconstructed_hand.make_reconstructed, takes="RUN"),
+    "reach": HandKind(hands.ReachSettings, hands.directed(hands.reach_course)),
+    "sine": HandKind(hands.SineSettings, hands.directed(hands.sine_course)),
+    "tremor": HandKind(hands.TremorSettings, hands.directed(hands.tremor_course)),
+    "csv": HandKind(recorded_hand.RecordedSettings, recorded_hand.RecordedHand, takes="FILE"),
+    "recording": HandKind(hands.ImpedanceSettings, reconstructed_hand.ReconstructedHand, takes="RUN"),
 }
 
 
@@ -65,8 +61,7 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
     machine = MACHINES.get(address.name)
     if machine is None:
         raise unknown("simulated device", address.name, MACHINES, where)
-    if not 1 <= axes <= MAX_AXES:
-        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}")
+    check_axes(axes, where)
     query: dict[str, Setting] = {**defaults, **address.query}
     kind, argument = _hand_kind(str(query.pop("hand", "hold")), where)
     machine_keys, hand_keys = keys_of(machine.settings), keys_of(kind.settings)

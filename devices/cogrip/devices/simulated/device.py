@@ -1,12 +1,11 @@
 """The shell that makes a `Device` of a plant and a hand: state of the connection, ticks, the held force."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import isfinite
 from typing import Protocol
 
-from cogrip.devices.device import Capability, DeviceError, Sample, check_rate
+from cogrip.devices.device import Capability, Sample
+from cogrip.devices.driver import Driver
 from cogrip.devices.settings import fit_axes
 from cogrip.devices.simulated.hands import Hand
 
@@ -19,18 +18,15 @@ class Plant(Protocol):
 
     def open(self, rate_hz: int, stiffness_npm: float, damping_nspm: float, start_m: Sequence[float]) -> None:
         """Rest at `start_m`, discretised for `rate_hz` with the hand's stiffness and damping. May raise DeviceError."""
-        ...
 
     def step(self, drive_n: Sequence[float], force_n: Sequence[float]) -> None:
         """One tick with the hand's drive K_h x_int + B_h v_int + F_push [N] and the device force F [N] held."""
-        ...
 
     def sense(self) -> Sample:
         """Return the present reading of the machine's sensors."""
-        ...
 
 
-class SimulatedDevice:
+class SimulatedDevice(Driver):
     """A `Device` in virtual time. At tick 0 the plant rests at its start; tick k is k steps of exactly 1/rate_hz later.
 
     read(k) gives the state at tick k; the force written after it is held to the next write, as is the hand's drive of
@@ -39,15 +35,12 @@ class SimulatedDevice:
 
     def __init__(self, capability: Capability, plant: Plant, hand: Hand, start_m: Sequence[float] = ()) -> None:
         """`start_m` [m]: where device and hand begin; empty: at 0, or where the hand's motion begins."""
+        super().__init__(f"{capability.family}:{capability.model}", capability.axes)
         self.capability = capability
-        self.counts: dict[str, int] = {}
         self.plant = plant
         self.hand = hand
         self._start_m = fit_axes(start_m, capability.axes, "x0_m") if start_m else None
-        self._zero = (0.0,) * capability.axes
         self._force: Sequence[float] = self._zero
-        self._tick = 0
-        self._open = False
 
     @property
     def position_m(self) -> tuple[float, ...]:
@@ -64,36 +57,26 @@ class SimulatedDevice:
         """The device force F [N] held now, as written."""
         return tuple(self._force)
 
-    @property
-    def hand_force_n(self) -> tuple[float, ...]:
-        """Force of the hand on the device [N] at the start of the present tick: drive - K_h x - B_h v."""
-        k, b = self.hand.stiffness_npm, self.hand.damping_nspm
-        state = zip(self.hand.drive(self._tick), self.plant.position_m, self.plant.velocity_mps, strict=True)
-        return tuple(u - k * x - b * v for u, x, v in state)
-
     def open(self, rate_hz: int) -> None:
-        """See `Device.open`. Reads the hand's recording, if it has one: raises DeviceError when that is not usable."""
-        if self._open:
-            raise DeviceError(f"{self._name}: is open already; close it first")
-        check_rate(rate_hz, self.capability, self._name)
+        """Reads the hand's recording, if it has one: raises DeviceError when that is not usable."""
+        self._check_open(rate_hz, self.capability)
         start = self.hand.open(rate_hz, self._start_m)
         for axis, (at, (low, high)) in enumerate(zip(start, self.capability.workspace_m, strict=True)):
             if not low <= at <= high:
-                raise DeviceError(
-                    f"{self._name}: starts at {at} m on axis {axis}, outside its workspace {low} to {high} m;"
-                    " set x0_m inside it, or origin=start for a recording"
+                raise self._error(
+                    f"starts at {at} m on axis {axis}, outside its workspace {low} to {high} m; set x0_m inside it, "
+                    "or origin=start for a recording"
                 )
         self.plant.open(rate_hz, self.hand.stiffness_npm, self.hand.damping_nspm, start)
         self._force, self._tick, self._open = self._zero, 0, True
 
     def read(self, tick: int) -> Sample:
-        """See `Device.read`. Raises DeviceError when not open or when `tick` falls."""
         if not self._open:
-            raise self._closed("read")
+            self._need_open("read")
         last = self._tick
         if tick != last:
             if tick < last:
-                raise DeviceError(f"{self._name}: read(tick={tick}) after tick {last}; ticks must not fall")
+                raise self._fallen(tick)
             step, drive, force = self.plant.step, self.hand.drive, self._force
             for k in range(last, tick):
                 step(drive(k), force)
@@ -101,26 +84,16 @@ class SimulatedDevice:
         return self.plant.sense()
 
     def write(self, force_n: Sequence[float]) -> None:
-        """See `Device.write`."""
         if not self._open:
-            raise self._closed("write")
-        if len(force_n) != len(self._zero):
-            raise DeviceError(f"{self._name}: write of {len(force_n)} forces to {len(self._zero)} axes")
+            self._need_open("write")
+        if len(force_n) != self._axes:
+            raise self._wrong_force(force_n)
         for f in force_n:
             if not isfinite(f):
-                raise DeviceError(
-                    f"{self._name}: write of {tuple(force_n)} N: not finite; the held force stays {self.force_n}"
-                )
+                raise self._wrong_force(force_n, f"; the held force stays {self.force_n}")
         self._force = tuple(force_n)
 
     def close(self) -> None:
-        """See `Device.close`. Position and velocity stay readable for whoever inspects the plant."""
+        """Position and velocity stay readable for whoever inspects the plant."""
         self._force = self._zero
         self._open = False
-
-    @property
-    def _name(self) -> str:
-        return f"{self.capability.family}:{self.capability.model}"
-
-    def _closed(self, verb: str) -> DeviceError:
-        return DeviceError(f"{self._name}: {verb} while it is closed; call open(rate_hz) first")

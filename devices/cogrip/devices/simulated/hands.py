@@ -10,12 +10,10 @@ Time on the hand's clock is tick / rate_hz. `direction` is used as given, not no
 axis i are multiplied by direction[i]; missing components are 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from math import cos, floor, inf, pi, sin, sqrt
 from random import Random
-from typing import Annotated, Protocol, TypeAlias
+from typing import Annotated, Any, Protocol, TypeAlias
 
 import msgspec
 from msgspec import Meta
@@ -33,24 +31,19 @@ class Hand(Protocol):
     @property
     def stiffness_npm(self) -> float:
         """K_h [N/m]."""
-        ...
 
     @property
     def damping_nspm(self) -> float:
         """B_h [N s/m]."""
-        ...
 
     def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
         """Begin again for ticks of 1/rate_hz around `home_m` (None: 0, or the hand's choice). Gives the start [m]."""
-        ...
 
     def intended(self, tick: int) -> tuple[Vector, Vector]:
         """Intended position [m] and velocity [m/s] at `tick`."""
-        ...
 
     def drive(self, tick: int) -> Sequence[float]:
         """K_h x_int + B_h v_int + F_push at `tick` [N], shape (axes,)."""
-        ...
 
 
 class ImpedanceSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -116,13 +109,11 @@ class DirectedHand:
         return self._home
 
     def intended(self, tick: int) -> tuple[Vector, Vector]:
-        """See `Hand.intended`."""
         s, w = self._course(tick / self._rate_hz)
         position = tuple(x + d * s for x, d in zip(self._home, self._direction, strict=True))
         return position, tuple(d * w for d in self._direction)
 
     def drive(self, tick: int) -> Sequence[float]:
-        """See `Hand.drive`."""
         s, w = self._course(tick / self._rate_hz)
         f = self.stiffness_npm * s + self.damping_nspm * w
         return [base + d * f for base, d in self._base]
@@ -142,7 +133,6 @@ class PushHand:
         self._rate_hz = 1
 
     def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
-        """See `Hand.open`."""
         self._rate_hz = rate_hz
         self._home = home_m or self._zero
         return self._home
@@ -156,34 +146,24 @@ class PushHand:
         return self.force_n if tick >= self._start_s * self._rate_hz else self._zero
 
 
+def directed(course_of: Callable[[Any], Course]) -> Callable[[Any, int], DirectedHand]:
+    """Return the maker of hands, called (settings, axes), whose motion is `course_of(settings)` along their direction."""
+
+    def make(settings: Any, axes: int) -> DirectedHand:
+        return DirectedHand(settings, course_of(settings), fit_axes(settings.direction, axes, "direction"))
+
+    return make
+
+
 def make_hold(settings: ImpedanceSettings, axes: int) -> Hand:
     """A hand that stays at home."""
     return DirectedHand(settings, _rest, (0.0,) * axes)
 
 
-def make_reach(settings: ReachSettings, axes: int) -> Hand:
-    """A hand that goes to and fro."""
-    return DirectedHand(settings, reach_course(settings), fit_axes(settings.direction, axes, "direction"))
-
-
-def make_tremor(settings: TremorSettings, axes: int) -> Hand:
-    """A hand that goes to and fro, or holds, and trembles along the direction."""
-    return DirectedHand(settings, tremor_course(settings), fit_axes(settings.direction, axes, "direction"))
-
-
-def make_sine(settings: SineSettings, axes: int) -> Hand:
-    """A hand that swings evenly."""
-    return DirectedHand(settings, sine_course(settings), fit_axes(settings.direction, axes, "direction"))
-
-
 def sine_course(settings: SineSettings) -> Course:
     """g(t) (offset_m + amplitude_m sin(2 pi frequency_hz t)) with g a smooth step, 3 z^2 - 2 z^3 over z = t / ramp_s <= 1."""
-    amplitude, omega, ramp, offset = (
-        settings.amplitude_m,
-        2.0 * pi * settings.frequency_hz,
-        settings.ramp_s,
-        settings.offset_m,
-    )
+    amplitude, omega = settings.amplitude_m, 2.0 * pi * settings.frequency_hz
+    ramp, offset = settings.ramp_s, settings.offset_m
 
     def course(time_s: float) -> tuple[float, float]:
         s = offset + amplitude * sin(omega * time_s)

@@ -5,8 +5,6 @@ the hand's part at the tick's start (paper eq. 9 with the hand's impedance on th
 zero_order_hold).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import msgspec
@@ -30,22 +28,11 @@ class IdealSettings(msgspec.Struct, frozen=True, kw_only=True):
 def capability(settings: IdealSettings, axes: int) -> Capability:
     """The record. The workspace is advice only: nothing stops an ideal device."""
     return Capability(
-        family="sim",
-        model="ideal",
-        axes=axes,
-        workspace_m=((-0.5, 0.5),) * axes,
-        peak_force_n=100.0,
-        continuous_force_n=100.0,
-        stiffness_npm=IDEAL_STIFFNESS_NPM,
-        damping_nspm=0.5 * settings.mass_kg * ADVISED_AT_HZ,
-        slew_nps=SLEW_NPS,
-        speed_mps=IDEAL_SPEED_MPS,
-        resolution_m=0.0,
-        apparent_mass_kg=settings.mass_kg,
-        rate_hz=65_536,
-        gives_velocity=True,
+        family="sim", model="ideal", axes=axes, workspace_m=((-0.5, 0.5),) * axes, peak_force_n=100.0, continuous_force_n=100.0,
+        stiffness_npm=IDEAL_STIFFNESS_NPM, damping_nspm=0.5 * settings.mass_kg * ADVISED_AT_HZ, slew_nps=SLEW_NPS,
+        speed_mps=IDEAL_SPEED_MPS, resolution_m=0.0, apparent_mass_kg=settings.mass_kg, rate_hz=65_536, gives_velocity=True,
         own_damping_nspm=settings.damping_nspm,
-    )
+    )  # fmt: skip
 
 
 class IdealPlant:
@@ -57,7 +44,6 @@ class IdealPlant:
         self.velocity_mps = [0.0] * axes
 
     def open(self, rate_hz: int, stiffness_npm: float, damping_nspm: float, start_m: Sequence[float]) -> None:
-        """See `Plant.open`."""
         step = discretise(self._settings.mass_kg, self._settings.damping_nspm + damping_nspm, stiffness_npm, rate_hz)
         self._p, self._q, self._g, self._h, self._k = step.p, step.q, step.g, step.h, step.stiffness_npm
         self.position_m = list(start_m)

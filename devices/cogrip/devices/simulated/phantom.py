@@ -15,8 +15,6 @@ One tick, each part conserving or losing energy (m mass, r rest force, p q g h o
 The encoder reads whole counts of resolution_m; it has no velocity.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import floor
 
@@ -50,23 +48,12 @@ class PhantomSettings(msgspec.Struct, frozen=True, kw_only=True):
 def capability(settings: PhantomSettings, axes: int) -> Capability:
     """The record: 1.4 N continuous; 1000 N/m advised, as CHAI3D does for the Desktop and the Premium 3.0."""
     return Capability(
-        family="sim",
-        model="phantom",
-        axes=axes,
-        workspace_m=WORKSPACE_M[:axes],
-        peak_force_n=settings.peak_force_n,
-        continuous_force_n=min(1.4, settings.peak_force_n),
-        stiffness_npm=1000.0,
-        damping_nspm=0.5 * settings.mass_kg * ADVISED_AT_HZ,
-        slew_nps=settings.slew_nps,
-        speed_mps=settings.speed_mps,
-        resolution_m=settings.resolution_m,
-        apparent_mass_kg=settings.mass_kg,
-        rate_hz=8192,
-        gives_velocity=False,
-        own_damping_nspm=settings.damping_nspm,
-        own_friction_n=settings.friction_n,
-    )
+        family="sim", model="phantom", axes=axes, workspace_m=WORKSPACE_M[:axes], peak_force_n=settings.peak_force_n,
+        continuous_force_n=min(1.4, settings.peak_force_n), stiffness_npm=1000.0,
+        damping_nspm=0.5 * settings.mass_kg * ADVISED_AT_HZ, slew_nps=settings.slew_nps, speed_mps=settings.speed_mps,
+        resolution_m=settings.resolution_m, apparent_mass_kg=settings.mass_kg, rate_hz=8192, gives_velocity=False,
+        own_damping_nspm=settings.damping_nspm, own_friction_n=settings.friction_n,
+    )  # fmt: skip
 
 
 class PhantomPlant:

@@ -6,8 +6,6 @@ The same drive meets another force now, and the hand gives way as its impedance 
 did. The acceleration is that of a cubic through SMOOTH_S of positions (Savitzky and Golay 1964): encoders have none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -54,7 +52,6 @@ class ReconstructedHand:
         return tuple(self._position[row].tolist()), tuple(self._velocity[row].tolist())
 
     def drive(self, tick: int) -> Sequence[float]:
-        """See `Hand.drive`."""
         drive: list[float] = self._drive[min(tick, self._last)].tolist()
         return drive
 
@@ -68,8 +65,3 @@ def _acceleration(position_m: Array, rate_hz: int) -> Array:
 
     smooth: Array = savgol_filter(position_m, window, 3, deriv=2, delta=1.0 / rate_hz, axis=0)
     return smooth
-
-
-def make_reconstructed(settings: ImpedanceSettings, axes: int, run: str) -> ReconstructedHand:
-    """The hand of a recorded person; the recording is read when the device is opened."""
-    return ReconstructedHand(settings, axes, run)

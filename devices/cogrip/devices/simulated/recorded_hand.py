@@ -5,8 +5,6 @@ every sample and overshoots none, whatever the gaps. Positions, velocities and t
 `open`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
@@ -71,7 +69,7 @@ class Recording:
 class RecordedHand:
     """An impedance whose intended motion is a recording."""
 
-    def __init__(self, settings: RecordedSettings, path: str, axes: int) -> None:
+    def __init__(self, settings: RecordedSettings, axes: int, path: str) -> None:
         """Raises DeviceError when a column is given for an axis that the device has not."""
         self.stiffness_npm = settings.hand_stiffness_npm
         self.damping_nspm = settings.hand_damping_nspm
@@ -102,13 +100,11 @@ class RecordedHand:
         return home_m or tuple(position[0].tolist())
 
     def intended(self, tick: int) -> tuple[Vector, Vector]:
-        """See `Hand.intended`."""
         row = self._row(tick)
         velocity = self._velocity[row] if tick >= self._start else np.zeros(self._axes)
         return tuple(self._position[row].tolist()), tuple(velocity.tolist())
 
     def drive(self, tick: int) -> Sequence[float]:
-        """See `Hand.drive`."""
         drive: list[float] = (self._drive[self._row(tick)] if tick >= self._start else self._rest).tolist()
         return drive
 
@@ -119,11 +115,6 @@ class RecordedHand:
         if k <= self._last:
             return k
         return k % (self._last + 1) if self._settings.loop else self._last
-
-
-def make_recorded(settings: RecordedSettings, axes: int, path: str) -> RecordedHand:
-    """The hand recorded in the CSV file `path`, which is read when the device is opened."""
-    return RecordedHand(settings, path, axes)
 
 
 def read_recording(path: str, settings: RecordedSettings, axes: int) -> Recording:

@@ -20,8 +20,6 @@ by their Taylor series over a short T, which is then doubled: p(2T) = p (1 - k G
 q(2T) = q^2 - k p^2.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil, log2, sqrt

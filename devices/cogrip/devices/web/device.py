@@ -10,8 +10,8 @@ from typing import Protocol
 import msgspec
 
 from cogrip.devices.device import Device, DeviceError, Sample
-from cogrip.devices.registry import MOST_AXES, Family
-from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
+from cogrip.devices.registry import Family
+from cogrip.devices.settings import MOST_AXES, Address, Setting, keys_of, read_settings, unknown
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.simulated.phantom import PhantomPlant, PhantomSettings, capability
 from cogrip.devices.web.hand import PointerHand, PointerSettings

@@ -54,7 +54,7 @@ class PointerHand:
 
     @property
     def holds(self) -> bool:
-        """Whether the pointer holds the device."""
+        """True while the pointer holds the device."""
         return self._held
 
     def open(self, rate_hz: int, home_m: Vector | None) -> Vector:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 
+from cogrip.protocol.recording.derived import DERIVED
 from cogrip.protocol.recording.folder import RECOVERED
 from cogrip.protocol.recording.reader import Damage, Recording, open_recording
 from cogrip.protocol.recording.reader import is_closed as ends_whole
@@ -56,8 +57,12 @@ def recover(path: Path) -> Recovered:
 
 
 def _copy(recording: Recording, writer: RecordingWriter) -> tuple[int, float]:
-    """Copy the intact messages and close the new recording; return their number, and seconds from first to last."""
+    """Copy the intact messages and close the new recording; return their number, and seconds from first to last.
+
+    The writer derives pictures anew, so those are neither copied nor counted.
+    """
     topics = recording.topics
+    copied = [kind_of(topic) not in DERIVED for topic in topics]
     gap = next(number for number, topic in enumerate(topics) if kind_of(topic) == "gap")
     messages, first_ns, last_ns, known = 0, None, 0, 0
     for chunk in recording.chunks():
@@ -66,7 +71,7 @@ def _copy(recording: Recording, writer: RecordingWriter) -> tuple[int, float]:
             writer.put(gap, chunk[0].time_ns, msgspec.json.encode(Gap(0, text)))
         known = len(recording.damage)
         for message in chunk:
-            if message.topic < len(topics):
+            if message.topic < len(topics) and copied[message.topic]:
                 writer.put(*message)
                 messages += 1
         first_ns = chunk[0].time_ns if first_ns is None else first_ns

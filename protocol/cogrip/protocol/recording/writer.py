@@ -17,9 +17,11 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Metadata, MetadataIndex, Schema
 from mcap.records import Header as FileHeader
 
+from cogrip.protocol.recording.derived import DERIVED, Pictures
 from cogrip.protocol.recording.header import NAME, Header
 from cogrip.protocol.recording.reader import MAGIC
 from cogrip.protocol.recording.records import KINDS, kind_of
+from cogrip.protocol.recording.scene_messages import SCHEMAS
 from cogrip.protocol.recording.schema import json_schema
 from cogrip.protocol.recording.summary import Summary, record_bytes
 
@@ -51,22 +53,28 @@ class RecordingWriter:
         self._first_ns = self._last_ns = 0  # of it
         self._channels = list(range(1, len(header.topics) + 1))
         self._register(header.topics)
+        self._pictures = Pictures(header)
 
     def _register(self, topics: tuple[str, ...]) -> None:
         """Add schemas and channels to the first chunk, before its messages."""
         schemas: dict[str, int] = {}
         for number, topic in zip(self._channels, topics, strict=True):
-            record = KINDS[kind_of(topic)]
-            name = record.__name__
+            name, text = _schema_of(kind_of(topic))
             if name not in schemas:
                 schemas[name] = len(schemas) + 1
-                schema = Schema(schemas[name], json_schema(record), "jsonschema", f"cogrip.{name}")
+                schema = Schema(schemas[name], text, "jsonschema", name)
                 self._records += self._summary.add(schema)
             self._records += self._summary.add(Channel(number, topic, "json", {}, schemas[name]))
 
     def put(self, topic: int, time_ns: int, payload: bytes) -> None:
-        """Add a message of the topic with this number, at `time_ns` of the recording's own clock."""
-        channel, log_time, records = self._channels[topic], time_ns + self._epoch_ns, self._records
+        """Add a message of the topic with this number, at `time_ns` of the recording's own clock, and what derives from it."""
+        log_time = time_ns + self._epoch_ns
+        self._add(topic, log_time, payload)
+        for number, made in self._pictures.of(topic, log_time, payload):
+            self._add(number, log_time, made)
+
+    def _add(self, topic: int, log_time: int, payload: bytes) -> None:
+        channel, records = self._channels[topic], self._records
         entries = self._entries.get(channel)
         if entries is None:
             if not self._entries:
@@ -122,3 +130,10 @@ class RecordingWriter:
     def _write(self, data: bytes | bytearray) -> None:
         self._stream.write(data)
         self._at += len(data)
+
+
+def _schema_of(kind: str) -> tuple[str, bytes]:
+    """Return name and text of the schema of topics of this kind."""
+    if kind in DERIVED:
+        return DERIVED[kind], SCHEMAS[DERIVED[kind]]
+    return f"cogrip.{KINDS[kind].__name__}", json_schema(KINDS[kind])

@@ -1,17 +1,10 @@
-"""The boundary of the stable region in the plane of two stiffnesses, traced point by point.
+"""The boundary of the stable region in the plane of two stiffnesses, traced point by point (docs/decisions/0006).
 
-On the boundary an eigenvalue e^{j theta} crosses the unit circle, so
-
-    f(theta, K_1, K_2) = det(I - S(e^{j theta}) G(e^{j theta})) = 0        (`LiftedModel.characteristic`)
-
-two real equations. On a ray K = s p from the origin they have two unknowns, theta and s: Newton finds them from the
-neighbouring ray's in a few steps of small solves (D-decomposition, Neimark 1949), and rays are put in between until
-chords fit. Eigenvalues are used where Newton cannot know: on the first rays, and to verify every point on both sides.
-A point that fails its verification, as where another mode has taken over, is found anew by scanning its ray.
-
-Rays end on the frame of the picture, (K_1, K_2) = box * p(t), t in [0, 1] from the end of the K_1 axis round the
-corner to that of the K_2 axis. The region is assumed to be star-shaped about the origin; `probes` between origin and
-boundary would show it if it were not.
+On it an eigenvalue e^{j theta} crosses the unit circle, f(theta, K) = det(I - S G) = 0 (`LiftedModel.characteristic`): two real
+equations for theta and the distance s along a ray K = s box p(t), t in [0, 1] from the end of the K_1 axis round the corner to
+that of the K_2 axis. Newton solves them from the neighbouring ray's solution (D-decomposition, Neimark 1949), and rays are put
+in between until chords fit. Eigenvalues verify every point on both sides; one that fails is found anew by scanning its ray.
+The region is assumed to be star-shaped about the origin; `probes` between origin and boundary would show it if it were not.
 """
 
 from __future__ import annotations

@@ -1,12 +1,7 @@
-"""The exact condition for a filter and a downsampler to be passive (theory section 3.2; P section II asks less).
+"""The exact condition for a filter and a downsampler to be passive: max S <= 1 (theory section 3.2; P section II asks less).
 
-Of M fast waves u a filter H makes y = H u, of which one in M is kept, s_n = y_{nM}. With a component U_k of u at each alias
-(w + 2 pi k) / M, k < M, of a slow angle w, the kept samples have the sum of H_k U_k there. By Cauchy-Schwarz
-
-    M sum_n |s_n|^2  <=  max_w S(w) sum_n |u_n|^2        S(w) = sum_{k<M} |H(e^{j (w + 2 pi k) / M})|^2
-
-with equality for U_k in proportion to conj(H_k): the worst input. So the pair is passive for every input if and only if
-max S <= 1. P's rule, a cut-off below pi / M, does not give that.
+The kept samples have the sum of H_k U_k of the M aliases (w + 2 pi k) / M of a slow angle w. So S(w), the sum of |H_k|^2,
+bounds their energy by Cauchy-Schwarz, with equality for U_k in proportion to conj(H_k): the worst input.
 
 symbols: M device ticks in a frame, w angle per frame [rad], H at the device rate, S [1]; waves in sqrt(W), energies in J.
 """

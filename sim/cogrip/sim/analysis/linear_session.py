@@ -100,16 +100,9 @@ def scheme_of(coupling: Coupling) -> Scheme:
 
 def scheme_overrides(scheme: Scheme) -> dict[str, str]:
     """Return the settings of a `scheme`; P's has P's filter and encoder too."""
-    if scheme == "coupling":
-        return {"coupling.kind": "coupling", "coupling.server_step": "passive"}
-    if scheme == "passive":
-        return {"coupling.kind": "wave", "coupling.server_step": "passive"}
-    return {
-        "coupling.kind": "wave",
-        "coupling.server_step": "paper",
-        "coupling.decimator": "lowpass",
-        "coupling.encoder": "velocity",
-    }
+    kind, step = "coupling" if scheme == "coupling" else "wave", "paper" if scheme == "paper" else "passive"
+    of_paper = {"coupling.decimator": "lowpass", "coupling.encoder": "velocity"} if scheme == "paper" else {}
+    return {"coupling.kind": kind, "coupling.server_step": step, **of_paper}
 
 
 def linear_session(

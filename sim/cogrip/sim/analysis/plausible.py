@@ -13,8 +13,8 @@ from itertools import pairwise
 from math import isfinite
 
 from cogrip.devices.device import Capability, Device, DeviceError
-from cogrip.devices.emulated.body import STEP_HZ
 from cogrip.devices.emulated.device import EmulatedDevice
+from cogrip.devices.emulated.mechanics import STEP_HZ
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.devices.simulated.device import SimulatedDevice

@@ -1,23 +1,18 @@
-"""The eigenvalues of a session that lie at 1 by its structure, removed exactly.
+"""The eigenvalues of a session that lie at 1 by its structure, removed exactly (docs/decisions/0006).
 
-A state that nothing reads may have any value, and what nothing brakes moves on for ever. Each such freedom is a vector;
-together, V (n, f), they span a subspace that the map keeps: A V = V J, with ones on J's diagonal. With pivots p, one
-state a freedom such that V_p is invertible, and k the other states, z = x_k - R x_p with R = V_k V_p^-1 are
-coordinates of what is left, and
+Each freedom is a vector, and together, V (n, f), they span a subspace that the map keeps: A V = V J, with ones on J's diagonal
+(`Rigid.residual`). With pivots p, one state a freedom such that V_p is invertible, and k the other states,
 
-    A' = A_kk - R A_pk
+    A' = A_kk - R A_pk        R = V_k V_p^-1
 
-has all eigenvalues of A but those of J; leading axes are a batch of stiffnesses. No tolerance is involved: an
-eigenvalue above 1 stays where it is. The vectors are known in closed form; `Rigid.residual` says how well A V = V J
-holds.
+has all eigenvalues of A but those of J; leading axes are a batch of stiffnesses.
 
 Freedoms:
     device position i    waves carry velocities alone, so no force depends on it (virtual coupling: where K_i = 0)
     object position      forces depend on stretches alone; with virtual coupling it goes with the devices that are sprung to it
     stretch i            of a spring with K_i = 0
-    tension i            where a hand's spring pulls the coupling's (K_h, K_i > 0): waves do not say where a device
-                         started, so any force may stand, f = K_i e_i = -K_h x_i. On an object that may move these
-                         forces sum to 0: one freedom less.
+    tension i            where a hand's spring pulls the coupling's (K_h, K_i > 0): any force may stand,
+                         f = K_i e_i = -K_h x_i; on an object that may move these sum to 0, one freedom less
     uniform motion       everyone who is coupled, and the object, at one velocity: where no damper and no hand brakes it;
                          a person without coupling (K_i = B_i = 0) alone. Virtual coupling brakes it by its old
                          positions, unless K = 0.

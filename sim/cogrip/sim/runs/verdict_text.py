@@ -58,6 +58,8 @@ def _states(summary: Summary) -> Iterator[tuple[Tone, str]]:
                 ("bad" if state == "fault" else "warn"),
                 f"{name_of(user)} ended in {state}{said}: {reason or 'no reason given'}.",
             )
+        elif isinstance(reason, str) and "kicked" in reason:
+            yield "warn", f"{name_of(user)} did not leave by choice: {reason}."
 
 
 def _late(summary: Summary) -> Iterator[tuple[Tone, str]]:

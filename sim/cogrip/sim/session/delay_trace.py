@@ -57,11 +57,6 @@ class DelayTrace:
     def __len__(self) -> int:
         return len(self._times_ns)
 
-    @property
-    def period_s(self) -> float:
-        """The time after which the trace begins again."""
-        return self._period_ns * 1e-9
-
     def delay_ns(self, elapsed_ns: int) -> int:
         """Return the delay of a datagram sent `elapsed_ns` after the link's origin; LOST_NS where it is lost."""
         return self._delays_ns[bisect_right(self._times_ns, elapsed_ns % self._period_ns) - 1]

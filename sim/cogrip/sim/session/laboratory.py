@@ -33,8 +33,7 @@ from cogrip.server.admission import Outside
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.inputs import CloseLedger, Restore
 from cogrip.server.recorder import RecordedServer
-from cogrip.sim.session.configured_link import configured_link
-from cogrip.sim.session.link import LinkEmulator
+from cogrip.sim.session.link import LinkEmulator, configured_link
 
 Watch = Callable[["Laboratory"], None]
 Moment = tuple[tuple[int, int], ...]

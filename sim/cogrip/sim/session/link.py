@@ -16,11 +16,12 @@ burst_frames = 1 asks for that, and values in between, where losses would repel,
 import heapq
 import math
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
-from cogrip.protocol.link_profile import LinkProfile
-from cogrip.sim.session.delay_trace import LOST_NS, DelayTrace
+from cogrip.protocol.link_profile import Direction, Link, LinkProfile
+from cogrip.sim.session.delay_trace import LOST_NS, DelayTrace, read_trace
 from cogrip.sim.session.outages import NEVER_NS, Outages
 
 HOLD_MS = (10.0, 30.0)
@@ -135,25 +136,9 @@ class LinkEmulator:
     """
 
     __slots__ = (
-        "_busy_ns",
-        "_check_ns",
-        "_delay_ns",
-        "_fates",
-        "_flight",
-        "_highest",
-        "_ns_per_byte",
-        "_origin_ns",
-        "_outages",
-        "_trace",
-        "delivered",
-        "duplicated",
-        "held",
-        "lost",
-        "outage",
-        "queue_dropped",
-        "reordered",
-        "sent",
-    )
+        "_busy_ns", "_check_ns", "_delay_ns", "_fates", "_flight", "_highest", "_ns_per_byte", "_origin_ns", "_outages",
+        "_trace", "delivered", "duplicated", "held", "lost", "outage", "queue_dropped", "reordered", "sent",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -267,3 +252,20 @@ class LinkEmulator:
                 self.reordered += 1
         self.delivered += len(arrived)
         return arrived
+
+
+def configured_link(
+    link: Link,
+    direction: Direction,
+    seed: str,
+    outages: Iterable[tuple[float, float]] = (),
+    origin_ns: int | None = None,
+) -> LinkEmulator:
+    """Return one direction of [link], with what a welcome does not carry: scripts of outages, and a recorded trace.
+
+    outages: (start_s, length_s) of each, besides [link]'s; origin_ns: the time that outages and trace count from, else that of
+    the first datagram. Raises TraceError where its trace cannot be read.
+    """
+    path = link.trace_of(direction)
+    trace = read_trace(Path(path)) if path else None
+    return LinkEmulator(link.direction(direction), seed, (*link.script(direction), *outages), trace, origin_ns)

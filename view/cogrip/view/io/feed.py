@@ -16,6 +16,7 @@ from cogrip.protocol.session import ClientSession
 from cogrip.view import frames
 from cogrip.view.frames import Frame
 from cogrip.view.live import LiveScene
+from cogrip.view.recording import RecordedView
 from cogrip.view.scene import Scene, SceneEvent, to_json
 from cogrip.view.tab import Tab
 
@@ -27,10 +28,13 @@ class ChunkError(KeyError):
 class Feed(Protocol):
     """A scene that `tabs` are shown. ended: why it is over, "" while it goes on."""
 
-    scene: Scene
     tabs: dict[Tab, bool]  # True: it moves the hand
     frame: Frame | None
     ended: str
+
+    @property
+    def scene(self) -> Scene:
+        """Scene as it is now."""
 
     def chunk(self, number: int) -> bytes:
         """Return a chunk of a recording. Raises ChunkError."""
@@ -39,6 +43,27 @@ class Feed(Protocol):
 def scene_text(feed: Feed, tab: Tab, *, hand: bool) -> str:
     """Return the scene as a tab is told it."""
     return to_json(replace(feed.scene, hand=hand, own_seat=tab.own_seat if hand else None))
+
+
+@dataclass(slots=True, eq=False)
+class RecordedFeed:
+    """A recording; each tab plays it for itself."""
+
+    recorded: RecordedView
+    tabs: dict[Tab, bool] = field(init=False, default_factory=dict)
+    frame: Frame | None = field(init=False, default=None)
+    ended: str = field(init=False, default="")
+
+    @property
+    def scene(self) -> Scene:
+        """Scene of the recording."""
+        return self.recorded.scene
+
+    def chunk(self, number: int) -> bytes:
+        """Return a chunk. Raises ChunkError."""
+        if number >= self.scene.chunks:
+            raise ChunkError(number)
+        return self.recorded.chunk(number)
 
 
 @dataclass(slots=True, eq=False)
@@ -67,6 +92,12 @@ class LiveFeed:
         assert welcome is not None
         self._live = LiveScene(welcome.settings)
         self.scene = self._live.scene
+
+    def tell_hands(self) -> None:
+        """Tell tabs with a hand the scene again: its seat is known now."""
+        for tab, hand in self.tabs.items():
+            if hand:
+                tab.say(scene_text(self, tab, hand=True))
 
     def start(self) -> None:
         """Begin to follow the session; called in the event loop's thread."""

@@ -77,7 +77,7 @@ class PageServer:
     policy: str
     admit: Callable[[str, bool, object], Awaitable[Admitted]]
     leave: Callable[[Admitted], None] = lambda admitted: None
-    foxglove: Callable[[ServerConnection, Admitted], Awaitable[None]] | None = None
+    foxglove: Callable[[ServerConnection, Feed], Awaitable[None]] | None = None
     visitors: Visitors = field(default_factory=lambda: Visitors(VisitorLimits(), secrets.randbits(64)))
     counts: Counter[str] = field(init=False, default_factory=Counter)
     _server: Server = field(init=False)
@@ -228,7 +228,7 @@ class PageServer:
         if feed.frame is not None:
             tab.show(frames.encode(feed.frame))
         writer = asyncio.create_task(_write(connection, tab, waiting))
-        watch = None if admitted.over is None else asyncio.create_task(self._end(connection, admitted.over))
+        watch = asyncio.create_task(self._end(connection, admitted))
         try:
             async for message in connection:
                 if _too_large(message):
@@ -236,21 +236,23 @@ class PageServer:
                 elif isinstance(message, bytes):
                     refusal = self._move(message, hand if moves else None)
                 else:
-                    refusal = self._request(message, feed, tab)
+                    refusal = await self._request(message, feed, tab)
                 if refusal:
                     await self._refuse(connection, *refusal)
                     return
         finally:
             writer.cancel()
-            if watch is not None:
-                watch.cancel()
+            watch.cancel()
             del feed.tabs[tab]
             if hand is not None and moves:
                 hand.leave(tab)
             self.counts["frame replaced by a newer one"] += tab.replaced
 
-    async def _end(self, connection: ServerConnection, over: "asyncio.Future[DeniedError]") -> None:
-        denied = await asyncio.shield(over)
+    async def _end(self, connection: ServerConnection, admitted: Admitted) -> None:
+        """Wait until who was admitted is no longer, and close."""
+        if admitted.over is None:
+            return
+        denied = await asyncio.shield(admitted.over)
         await self._refuse(connection, denied.code, denied.reason, str(denied))
 
     def _move(self, message: bytes, hand: HandLink | None) -> Refusal | None:
@@ -263,12 +265,12 @@ class PageServer:
         hand.send(pointer)
         return None
 
-    def _request(self, text: str, feed: Feed, tab: Tab) -> Refusal | None:
+    async def _request(self, text: str, feed: Feed, tab: Tab) -> Refusal | None:
         try:
             request = read_text(text)
             if not isinstance(request, ChunkRequest):
                 return access.MALFORMED, "second hello", ""
-            tab.say(feed.chunk(request.number))
+            tab.say(await asyncio.to_thread(feed.chunk, request.number))
         except PageError as error:
             return access.MALFORMED, "malformed message", str(error)
         except ChunkError:
@@ -282,9 +284,11 @@ class PageServer:
             return
         admitted = await self._admitted(connection, token, hand=False)
         if admitted is not None:
+            watch = asyncio.create_task(self._end(connection, admitted))
             try:
-                await self.foxglove(connection, admitted)
+                await self.foxglove(connection, admitted.feed)
             finally:
+                watch.cancel()
                 self.leave(admitted)
 
     async def _refuse(self, connection: ServerConnection, code: int, reason: str, words: str = "") -> None:

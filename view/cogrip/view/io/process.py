@@ -83,11 +83,12 @@ class ViewProcess:
             self.counts.update(server.access.refused + server.counts)
 
     def _announce(self, server: PageServer, here: str) -> None:
-        url = f"http://{here}/#{self.token}"
+        fragment = f"/#{self.token}{'&hand' if self.hand else ''}"
+        url = f"http://{here}{fragment}"
         self.say(f"view: {url}")
         if self.foxglove:
             self.say(f"Foxglove, Lichtblick: ws://{here}/foxglove?token={self.token}")
-        if self.opens and not open_browser(f"http://{here}{server.open_once(f'/#{self.token}')}"):
+        if self.opens and not open_browser(f"http://{here}{server.open_once(fragment)}"):
             self.say("no browser could be opened here: open this address in one yourself")
 
     async def _wait(self) -> str:

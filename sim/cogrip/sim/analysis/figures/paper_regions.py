@@ -13,7 +13,7 @@ from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.analysis.figures.page import Page, Table
 from cogrip.sim.analysis.figures.region import COLUMNS, SCHEME_NAMES, draw_regions, frames, line_style, region_rows
 from cogrip.sim.analysis.lifted_model import LiftedModel
-from cogrip.sim.analysis.linear_session import Scheme, linear_session, scheme_overrides
+from cogrip.sim.analysis.linear_session import LinearSession, Scheme, linear_session, scheme_overrides
 from cogrip.sim.analysis.region import Region, regions
 from cogrip.sim.analysis.stability import largest_stable
 from cogrip.sim.runs.plots.style import INK, Sheet, title
@@ -51,7 +51,11 @@ def one_scheme(scheme: Scheme, name: str, heading: str) -> Page:
         draw_regions(panel, found, box)
         title(panel, f"devices of {device:g} kg, object of {OBJECT_KG:g} kg")
         rows += [[device, *row] for row in region_rows(found, box)]
-        results.append(f"devices of {device:g} kg: " + ", ".join(f"{_alike(region):.0f}" for region in found) + " N/m")
+        results.append(
+            f"devices of {device:g} kg: "
+            + ", ".join(f"{_largest(region.session) or 0.0:.0f}" for region in found)
+            + " N/m"
+        )
     figure = sheet.finish("stiffness $K_1$ [kN/m]", ["stiffness $K_2$ [kN/m]"], _delays_legend(), columns=4)
     caption = (
         f"{heading}. Stable below and to the left of a line, idealised as in P: exact velocities; b = 20, B = 10 N s/m, "
@@ -102,7 +106,7 @@ def _side(scheme: Scheme, estimated: bool, box_npm: tuple[float, float]) -> list
 
 
 def _words(region: Region) -> str:
-    limit = largest_stable(LiftedModel(region.session), relative=1e-4).stiffness_npm
+    limit = _largest(region.session)
     return "any" if limit is None else "none" if limit == 0.0 else f"{limit:.0f}"
 
 
@@ -136,11 +140,12 @@ def masses() -> Page:
 
 def _limit(scheme: Scheme, device_kg: float, object_kg: float, delay_frames: float) -> float:
     session = linear_session(paper_settings(scheme, device_kg, object_kg), delay_frames=delay_frames, estimated=False)
-    return largest_stable(LiftedModel(session), relative=1e-4).stiffness_npm or float("nan")
+    return _largest(session) or float("nan")
 
 
-def _alike(region: Region) -> float:
-    return largest_stable(LiftedModel(region.session), relative=1e-4).stiffness_npm or 0.0
+def _largest(session: LinearSession) -> float | None:
+    """Return the largest stable stiffness of users who are alike [N/m]; None where there is no limit."""
+    return largest_stable(LiftedModel(session), relative=1e-4).stiffness_npm
 
 
 def _delays_legend() -> list[tuple[str, dict[str, Any]]]:

@@ -34,7 +34,13 @@ def region_page(
     figure = sheet.finish(
         f"stiffness of {names[0]} [kN/m]", [f"stiffness of {names[1]} [kN/m]"], legend_of(regions), columns=2
     )
-    return Page("region", "Stable region", caption_of(regions, conditions), figure, region_table(regions, box_npm))
+    return Page(
+        "region",
+        "Stable region",
+        caption_of(regions, conditions),
+        figure,
+        Table(COLUMNS, region_rows(regions, box_npm)),
+    )
 
 
 def draw_regions(panel: Axes, regions: Sequence[Region], box_npm: tuple[float, float]) -> None:
@@ -105,10 +111,6 @@ def caption_of(regions: Sequence[Region], conditions: str) -> str:
         f"{thing}; {people}. Each line was traced by the crossing of an eigenvalue through the unit circle and verified "
         "on both sides."
     )
-
-
-def region_table(regions: Sequence[Region], box_npm: tuple[float, float]) -> Table:
-    return Table(COLUMNS, region_rows(regions, box_npm))
 
 
 def region_rows(regions: Sequence[Region], box_npm: tuple[float, float]) -> list[list[Any]]:

@@ -112,43 +112,45 @@ def draw_all(asked: Comparison, results: Mapping[int, Result], summary: Mapping[
     """Yield every plot of which there is anything to draw."""
     rows = Rows(asked, results, summary)
     felt_seeds = first_seeds(len(asked.seeds))
-    entries: tuple[tuple[Callable[[Figure], Plot], Callable[[], Figure]], ...] = (
-        (partial(
-            Plot, "stability", "Stability and energy",
-            "Above, the share of sessions that diverged, oscillate or are active; below, the most energy that the network "
-            f"had given out beyond what the hands had put in. {_MARKS}",
-        ), partial(_stability, rows)),
-        (partial(
-            Plot, "traces", "Forces over time",
-            f"The force on each hand in the sessions of seed {asked.seeds[0]}, a row a network, a column a method; a colour "
-            "and a mark a person, the line the middle of a short stretch, the band from its least to its largest: a broad "
-            "band is a force that oscillates. What ends early, at the dotted line, has diverged. A row is as high as its "
-            "stable sessions need: others are cut off, and say how far they go.",
-        ), partial(_traces, rows)),
-        (partial(
-            Plot, "forces", "Forces", f"The clean link stands first, for comparison with the others. {_MARKS}",
-        ), partial(_dots, rows, ("peak_force_n", "force_step_n"))),
-        (partial(
-            Plot, "coherence", "Position coherence",
-            "Distance between the object's positions as reported to two people, between their hands, and between their hands "
-            f"once all hold still where they began. {_MARKS}",
-        ), partial(_dots, rows, ("coherence_rms_mm", "coherence_max_mm", "hands_rms_mm", "rest_mm"))),
-        (partial(
-            Plot, "errors", "Force errors",
-            "Difference of forces from those of the same hands on a clean link, and from those of the object in the hands "
-            f"alone. {_MARKS}",
-        ), partial(_dots, rows, ("error_clean_n", "error_ideal_n"))),
-        (partial(
-            Plot, "felt", "Felt stiffness",
-            "The stiffness that each person feels under a static load, as a share of the K asked for that person, the line: a "
-            f"mark a person, in the order of the settings, the median over seeds{felt_seeds}; the number is that of the lowest "
-            "mark, in N/m. A grey cross in the middle: the method is unstable, or was not measured; in somebody's place: at "
-            "least half of that person's probes never came to rest.",
-        ), partial(_felt, rows)),
-    )  # fmt: skip
-    for plot, draw in entries:
+
+    def drawn(name: str, heading: str, draw: Callable[[], Figure], caption: str) -> Iterator[Plot]:
         with suppress(NotDrawnError):
-            yield plot(draw())
+            yield Plot(name, heading, caption, draw())
+
+    yield from drawn(
+        "stability", "Stability and energy", partial(_stability, rows),
+        "Above, the share of sessions that diverged, oscillate or are active; below, the most energy that the network "
+        f"had given out beyond what the hands had put in. {_MARKS}",
+    )  # fmt: skip
+    yield from drawn(
+        "traces", "Forces over time", partial(_traces, rows),
+        f"The force on each hand in the sessions of seed {asked.seeds[0]}, a row a network, a column a method; a colour "
+        "and a mark a person, the line the middle of a short stretch, the band from its least to its largest: a broad "
+        "band is a force that oscillates. What ends early, at the dotted line, has diverged. A row is as high as its "
+        "stable sessions need: others are cut off, and say how far they go.",
+    )  # fmt: skip
+    yield from drawn(
+        "forces", "Forces", partial(_dots, rows, ("peak_force_n", "force_step_n")),
+        f"The clean link stands first, for comparison with the others. {_MARKS}",
+    )  # fmt: skip
+    yield from drawn(
+        "coherence", "Position coherence",
+        partial(_dots, rows, ("coherence_rms_mm", "coherence_max_mm", "hands_rms_mm", "rest_mm")),
+        "Distance between the object's positions as reported to two people, between their hands, and between their hands "
+        f"once all hold still where they began. {_MARKS}",
+    )  # fmt: skip
+    yield from drawn(
+        "errors", "Force errors", partial(_dots, rows, ("error_clean_n", "error_ideal_n")),
+        "Difference of forces from those of the same hands on a clean link, and from those of the object in the hands "
+        f"alone. {_MARKS}",
+    )  # fmt: skip
+    yield from drawn(
+        "felt", "Felt stiffness", partial(_felt, rows),
+        "The stiffness that each person feels under a static load, as a share of the K asked for that person, the line: a "
+        f"mark a person, in the order of the settings, the median over seeds{felt_seeds}; the number is that of the lowest "
+        "mark, in N/m. A grey cross in the middle: the method is unstable, or was not measured; in somebody's place: at "
+        "least half of that person's probes never came to rest.",
+    )  # fmt: skip
 
 
 def style_of(number: int) -> Style:

@@ -196,15 +196,11 @@ def _places(axis: Axis) -> tuple[Array, Array]:
 
 def _scale(panel: Axes, axis: Axis, which: str) -> None:
     if axis.log:
-        (panel.set_xscale if which == "x" else panel.set_yscale)("log")
-    if axis.numeric and len(axis.values) <= MOST_TICKS:  # the values computed, and no others
-        names = [_text(value) for value in axis.values]
-        (panel.set_xticks if which == "x" else panel.set_yticks)([float(value) for value in axis.values], names)
+        panel.set(**{f"{which}scale": "log"})
+    places, _ = _places(axis)
+    if not axis.numeric or len(places) <= MOST_TICKS:  # the values computed, and no others
+        (panel.set_xticks if which == "x" else panel.set_yticks)(places, [_text(value) for value in axis.values])
         (panel.xaxis if which == "x" else panel.yaxis).minorticks_off()
-    if not axis.numeric:
-        places = list(range(len(axis.values)))
-        names = [_text(value) for value in axis.values]
-        (panel.set_xticks if which == "x" else panel.set_yticks)(places, names)
 
 
 def _text(value: Any) -> str:

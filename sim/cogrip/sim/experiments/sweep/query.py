@@ -12,11 +12,10 @@ import msgspec
 
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.protocol.version import VERSION
-from cogrip.sim.analysis.measures import LIFTED
 from cogrip.sim.experiments.experiment import Kind, Measure, Result
 from cogrip.sim.experiments.folder import FILES
 from cogrip.sim.experiments.sweep.grid import Axis, Grid
-from cogrip.sim.experiments.sweep.measures import PREFIX, expanded, needs_session, read
+from cogrip.sim.experiments.sweep.measures import LIFTED, PREFIX, expanded, needs_session, read
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.session.input_files import files_read
 

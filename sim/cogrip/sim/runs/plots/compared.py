@@ -67,10 +67,7 @@ def compared_plots(runs: Sequence[Run], labels: Sequence[str], names: Sequence[s
     ]
     names = names[:MOST_ROWS]
     window = _detail(sides)
-    motions = {
-        "Positions": (positions, "Each hand and the object"),
-        "Forces": (forces, "The force on each hand"),
-    }
+    motions = {"Positions": (positions, "Each hand and the object"), "Forces": (forces, "The force on each hand")}
     for heading, (of, what) in motions.items():
         caption = f"{what}, in every run: where only the last run's line is seen inside the first's, they are the same."
         yield Plot(heading, caption, partial(of, sides, names))
@@ -113,10 +110,9 @@ def forces(sides: Sequence[Side], names: Sequence[str], window: Window | None = 
 
 def energies(sides: Sequence[Side], names: Sequence[str]) -> Figure:
     """Draw a row for each person: ledgers left; right the whole line's energy reserve, where recorded [J or mJ]."""
-    seats = {name: number for number, name in enumerate(sides[0].run.names)}
     rows = []
     for name in names:
-        tint = colour(seats[name]) if name in seats else INK
+        tint = _tint(sides, name)
         reserves = [
             line._replace(style=side.tinted(tint)) for side in sides if (line := whole_line(side.run, name)) is not None
         ]
@@ -157,9 +153,8 @@ def _against_time(
     if not axes:
         raise NotDrawnError("no recording is here")
     sheet = Sheet(len(rows), axes, row_in=3.0 if len(rows) == 1 else 1.9)
-    seats = {name: number for number, name in enumerate(sides[0].run.names)}
     for (name, each), panels in zip(rows, sheet.panels, strict=True):
-        tint = colour(seats[name]) if name in seats else INK
+        tint = _tint(sides, name)
         for side, lines in zip(sides, each, strict=True):
             for axis, line in lines:
                 draw(panels[axis], line.time, line.values, window=window, **side.tinted(tint))
@@ -168,6 +163,12 @@ def _against_time(
         title(panel, name if axes > 1 else "")
     legend = [(_escaped(side.label), {**side.tinted(INK), "lw": 1.0 + side.style["lw"]}) for side in sides]
     return sheet.finish("time [s]", [f"{label(name)}: {quantity}" for name, _ in rows], legend)
+
+
+def _tint(sides: Sequence[Side], name: str) -> Any:
+    """Return the colour of a person's seat in the first run; the object's where it has none of that name."""
+    names = sides[0].run.names
+    return colour(names.index(name)) if name in names else INK
 
 
 def _ledgers(side: Side, name: str, tint: Any) -> list[Line]:

@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 
 from cogrip.sim.runs.plots.coherence import coherence
 from cogrip.sim.runs.plots.energy import energies
-from cogrip.sim.runs.plots.link import link
-from cogrip.sim.runs.plots.loops import loops
 from cogrip.sim.runs.plots.motion import forces, positions, waves
+from cogrip.sim.runs.plots.timing import link, loops
 from cogrip.sim.runs.traces import Run
 
 
@@ -27,52 +26,38 @@ class Plot(NamedTuple):
 
 PLOTS = (
     Plot(
-        "positions",
-        "Positions",
-        positions,
+        "positions", "Positions", positions,
         "Each hand, the proxy that stands for it at the object, and the object: the gap between hand and proxy is what "
         "line and spring give way, and it should close when nobody pushes.",
     ),
     Plot(
-        "forces",
-        "Forces",
-        forces,
+        "forces", "Forces", forces,
         "What each hand feels and what its proxy does to the object, which is the same curve shifted by the delay: "
         "look for swings that grow, and for a bar at the foot, where the force was held back.",
     ),
     Plot(
-        "waves",
-        "Waves",
-        waves,
+        "waves", "Waves", waves,
         "What each hand sends into the line and what comes back to it. A curve that fades away and returns is concealment of "
         'frames that did not come in time; with `playout.concealment` "zero" it drops to zero.',
     ),
     Plot(
-        "energy",
-        "Energy",
-        energies,
+        "energy", "Energy", energies,
         "Left, where the work of each hand goes; right, the energy reserve of each line, put in less taken "
         "out: 0 where all that was put in has come out, and a curve that enters the red has given out what nobody put in.",
     ),
     Plot(
-        "link",
-        "Link",
-        link,
+        "link", "Link", link,
         "How long an answer takes, median and spread, and how many frames were not there when their time came: "
         "a spike is one that came after all, too late; a step that stays is one lost for good.",
     ),
     Plot(
-        "loops",
-        "Loops",
-        loops,
+        "loops", "Loops", loops,
         "How late the ticks came and how long the work of each took: a tick that would come more than a period late, "
         "right of the dotted line, is skipped, and counted in the legend.",
     ),
     Plot(
-        "coherence",
-        "Coherence",
-        coherence,
+        "coherence", "Coherence", coherence,
         "How far the hands move as one, frequency by frequency: trust it above the dashed level, "
         "and where the lower panel shows that the hands do move.",
     ),
-)
+)  # fmt: skip

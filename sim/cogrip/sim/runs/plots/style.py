@@ -43,10 +43,9 @@ def colour(person: int) -> str | tuple[float, float, float]:
     base = _PALETTE[person % len(_PALETTE)]
     if person < len(_PALETTE):
         return base
-    red, green, blue = to_rgb(base)
-    if person < 2 * len(_PALETTE):
-        return 0.55 * red, 0.55 * green, 0.55 * blue
-    return 0.45 + 0.55 * red, 0.45 + 0.55 * green, 0.45 + 0.55 * blue
+    lift = 0.0 if person < 2 * len(_PALETTE) else 0.45
+    red, green, blue = (lift + 0.55 * part for part in to_rgb(base))
+    return red, green, blue
 
 
 def person_style(person: int) -> Style:
@@ -120,12 +119,7 @@ class Sheet:
         self.figure = Figure(figsize=(WIDTH_IN, rows * row_in), dpi=DPI, facecolor="white")
         FigureCanvasAgg(self.figure)
         self.panels: NDArray[Any] = self.figure.subplots(
-            rows,
-            columns,
-            squeeze=False,
-            sharex="col",
-            sharey=False if widths else "row",
-            width_ratios=widths or None,
+            rows, columns, squeeze=False, sharex="col", sharey=False if widths else "row", width_ratios=widths or None
         )
         for panel in self.panels.flat:
             for side in ("top", "right"):

@@ -6,7 +6,7 @@ between the two halves of the tick stand before it (`cogrip.client.recorder`): t
 
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Protocol
+from typing import Any, Literal, Protocol
 
 import msgspec
 
@@ -16,7 +16,7 @@ from cogrip.client.recorder import start_of as client_start
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.reader import Message
-from cogrip.protocol.recording.records import Answer, Datagram, Input, Step, Tick
+from cogrip.protocol.recording.records import Datagram, Input, Step, Tick
 from cogrip.protocol.recording.sink import Sink
 from cogrip.server.admission import Denied, Grant, Outside
 from cogrip.server.checkpoint import CheckpointError
@@ -106,13 +106,13 @@ class ServerPlay:
             raise ValueError(EARLIER)
         rooms, software = server_start(replay_input.recording.header.start)
         outside = Outside(
-            lambda: _session(replay_input.answer()),
+            lambda: _told(replay_input, "session"),
             ReplayedAuthenticator(replay_input),
-            lambda: _ticket(replay_input.answer()),
+            lambda: _told(replay_input, "ticket"),
         )
         self.core = RecordedServer(rooms, software, outside)
         for room in self.core.rooms:
-            self.core.count_ticks(room, lambda: _tick_count(replay_input.answer()))
+            self.core.count_ticks(room, lambda: _ticks(_told(replay_input, "ticks")))
         self.core.record(sink)
         self.ticks = 0
         self._kinds = replay_input.kinds
@@ -151,7 +151,8 @@ class ReplayedAuthenticator:
         self._replay_input = replay_input
 
     def admit(self, hello: Hello) -> Grant | Denied:
-        return _grant(self._replay_input.answer())
+        granted: Grant | Denied = _granted(_told(self._replay_input, "grant"))
+        return granted
 
     def admitted(self, grant: Grant) -> None:
         """Nothing is used up."""
@@ -161,30 +162,12 @@ PLAYS: dict[str, Callable[[ReplayInput, Sink], Play]] = {"client": ClientPlay, "
 """By the role in a recording's header."""
 
 
-def _session(answer: Answer) -> int:
-    """Return the session number in an answer. Raises UntoldError where it answers another query: one is missing before it."""
-    if not answer.session:
+def _told(replay_input: ReplayInput, query: Literal["session", "ticket", "grant", "ticks"]) -> Any:
+    """Return the next answer. Raises UntoldError where it answers another query: one is missing before it."""
+    answer = replay_input.answer()
+    answered = next(
+        (name for name in ("session", "grant", "ticks") if getattr(answer, name)), "ticket"
+    )  # "" where none is given
+    if answered != query:
         raise UntoldError
-    return answer.session
-
-
-def _ticket(answer: Answer) -> str:
-    """Return the hash of a ticket, "" where the server gave none. Raises UntoldError as `_session` does."""
-    if answer.session or answer.grant or answer.ticks:
-        raise UntoldError
-    return answer.ticket
-
-
-def _grant(answer: Answer) -> Grant | Denied:
-    """Return an admission. Raises UntoldError as `_session` does."""
-    if not answer.grant:
-        raise UntoldError
-    granted: Grant | Denied = _granted(answer.grant)
-    return granted
-
-
-def _tick_count(answer: Answer) -> TickCount:
-    """Return the ticks of a loop. Raises UntoldError as `_session` does."""
-    if not answer.ticks:
-        raise UntoldError
-    return _ticks(answer.ticks)
+    return getattr(answer, query)

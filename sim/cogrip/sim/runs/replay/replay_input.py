@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import msgspec
 
+from cogrip.protocol.recording.derived import DERIVED
 from cogrip.protocol.recording.reader import Damage, Message, Recording
 from cogrip.protocol.recording.records import KINDS, Answer, Clock, Gap, kind_of
 
@@ -16,7 +17,7 @@ class UntoldError(Exception):
 
 
 class ReplayInput:
-    """Iterate once. The recorder's own messages are taken out; it ends early at the first `hole`."""
+    """Iterate once. The recorder's own messages, derived ones too, are taken out; it ends early at the first `hole`."""
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
@@ -36,7 +37,10 @@ class ReplayInput:
                 self.hole, self.hole_ns = recording.damage[0], recording.damage[0].from_ns
                 return
             for message in chunk:
-                record = KINDS.get(self.kinds[message.topic])
+                kind = self.kinds[message.topic]
+                if kind in DERIVED:
+                    continue
+                record = KINDS.get(kind)
                 if record is Gap:
                     self.hole, self.hole_ns = msgspec.json.decode(message.payload, type=Gap), message.time_ns
                     return

@@ -1,0 +1,291 @@
+"""Messages for the 3D panels of Foxglove and Lichtblick: `foxglove.SceneUpdate` and `foxglove.FrameTransforms`, as JSON.
+
+Field names and meanings are those of the published schemas (github.com/foxglove/foxglove-sdk, schemas/jsonschema). They are
+pictures: lengths are rounded to 0.1 um. What is exact stands in the records.
+"""
+
+from collections.abc import Sequence
+from math import sqrt
+from typing import Any, NamedTuple
+
+import msgspec
+from msgspec import inspect
+
+from cogrip.protocol.drawing import FORCE_M_PER_N, HAND_SIZE_M, LEAST_DRAWN_N, Vector
+
+SCENE_UPDATE, FRAME_TRANSFORMS = "foxglove.SceneUpdate", "foxglove.FrameTransforms"
+_encode = msgspec.json.Encoder().encode
+_DIGITS = 7
+_SHAFT_M, _HEAD_M = 0.003, 0.008
+_ALL = 1  # of a deletion
+_LINE_LIST = 2
+
+
+class Message(msgspec.Struct, frozen=True, gc=False):
+    """Base of all messages and their parts."""
+
+
+class Time(Message, frozen=True, gc=False):
+    sec: int
+    nsec: int
+
+
+class Duration(Message, frozen=True, gc=False):
+    sec: int = 0
+    nsec: int = 0
+
+
+class Vector3(Message, frozen=True, gc=False):
+    x: float
+    y: float
+    z: float
+
+
+class Point3(Vector3, frozen=True, gc=False):
+    pass
+
+
+class Quaternion(Message, frozen=True, gc=False):
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    w: float = 1.0
+
+
+class Pose(Message, frozen=True, gc=False):
+    position: Vector3 = Vector3(0.0, 0.0, 0.0)
+    orientation: Quaternion = Quaternion()
+
+
+class Color(Message, frozen=True, gc=False):
+    r: float
+    g: float
+    b: float
+    a: float = 1.0
+
+
+class ArrowPrimitive(Message, frozen=True, gc=False):
+    pose: Pose
+    shaft_length: float
+    color: Color
+    shaft_diameter: float = _SHAFT_M
+    head_length: float = _HEAD_M
+    head_diameter: float = 2 * _SHAFT_M
+
+
+class CubePrimitive(Message, frozen=True, gc=False):
+    size: Vector3
+    color: Color
+    pose: Pose = Pose()
+
+
+class SpherePrimitive(Message, frozen=True, gc=False):
+    size: Vector3
+    color: Color
+    pose: Pose = Pose()
+
+
+class LinePrimitive(Message, frozen=True, gc=False):
+    points: tuple[Point3, ...]
+    color: Color
+    colors: tuple[Color, ...] = ()
+    indices: tuple[int, ...] = ()
+    type: int = _LINE_LIST
+    pose: Pose = Pose()
+    thickness: float = 2.0
+    scale_invariant: bool = True
+
+
+class TextPrimitive(Message, frozen=True, gc=False):
+    text: str
+    color: Color
+    pose: Pose = Pose(Vector3(0.0, 0.0, 2 * HAND_SIZE_M))
+    billboard: bool = True
+    font_size: float = 14.0
+    scale_invariant: bool = True
+
+
+class KeyValuePair(Message, frozen=True, gc=False):
+    key: str
+    value: str
+
+
+class NotUsed(Message, frozen=True, gc=False):
+    """A primitive that is never sent: cylinders, triangles, models."""
+
+
+class SceneEntity(Message, frozen=True, gc=False):
+    timestamp: Time
+    frame_id: str
+    id: str
+    frame_locked: bool = True
+    lifetime: Duration = Duration()
+    metadata: tuple[KeyValuePair, ...] = ()
+    arrows: tuple[ArrowPrimitive, ...] = ()
+    cubes: tuple[CubePrimitive, ...] = ()
+    spheres: tuple[SpherePrimitive, ...] = ()
+    cylinders: tuple[NotUsed, ...] = ()
+    lines: tuple[LinePrimitive, ...] = ()
+    triangles: tuple[NotUsed, ...] = ()
+    texts: tuple[TextPrimitive, ...] = ()
+    models: tuple[NotUsed, ...] = ()
+
+
+class SceneEntityDeletion(Message, frozen=True, gc=False):
+    timestamp: Time
+    type: int = _ALL
+    id: str = ""
+
+
+class SceneUpdate(Message, frozen=True, gc=False):
+    deletions: tuple[SceneEntityDeletion, ...]
+    entities: tuple[SceneEntity, ...]
+
+
+class FrameTransform(Message, frozen=True, gc=False):
+    timestamp: Time
+    parent_frame_id: str
+    child_frame_id: str
+    translation: Vector3
+    rotation: Quaternion = Quaternion()
+
+
+class FrameTransforms(Message, frozen=True, gc=False):
+    transforms: tuple[FrameTransform, ...]
+
+
+class Body(NamedTuple):
+    """A thing to draw, at the origin of its frame. size_m: edges of a box, diameters of a sphere."""
+
+    frame: str
+    size_m: Vector
+    colour: str
+    box: bool = False
+    label: str = ""
+    alpha: float = 1.0
+
+
+class Place(NamedTuple):
+    """A frame's place in the root frame."""
+
+    frame: str
+    at_m: Vector
+    turned: Quaternion = Quaternion()
+
+
+class Push(NamedTuple):
+    """A person's force on the object, drawn at `at_m`; the coupling is drawn from there to `hand_m` where that is known."""
+
+    at_m: Vector
+    force_n: Vector
+    colour: str
+    hand_m: Vector | None = None
+
+
+def scene_update(time_ns: int, bodies: Sequence[Body]) -> bytes:
+    """Return the whole scene: whatever was drawn before is deleted, so that a viewer may begin with any message."""
+    now = _time(time_ns)
+    return _encode(SceneUpdate((SceneEntityDeletion(now),), tuple([_entity(now, body) for body in bodies])))
+
+
+def _entity(now: Time, body: Body) -> SceneEntity:
+    size, color = _vector(body.size_m), _color(body.colour, body.alpha)
+    texts = (TextPrimitive(body.label, _color(body.colour)),) if body.label else ()
+    if body.box:
+        return SceneEntity(now, body.frame, body.frame, cubes=(CubePrimitive(size, color),), texts=texts)
+    return SceneEntity(now, body.frame, body.frame, spheres=(SpherePrimitive(size, color),), texts=texts)
+
+
+def forces_update(time_ns: int, root: str, pushes: Sequence[Push]) -> bytes:
+    """Return arrows of forces and lines of couplings, instead of those before."""
+    now = _time(time_ns)
+    arrows = tuple([_arrow(push) for push in pushes if _norm(push.force_n) >= LEAST_DRAWN_N])
+    lines = tuple(
+        [
+            LinePrimitive((Point3(*_rounded(push.at_m)), Point3(*_rounded(push.hand_m))), _color(push.colour))
+            for push in pushes
+            if push.hand_m is not None
+        ]
+    )
+    return _encode(SceneUpdate((), (SceneEntity(now, root, "forces", arrows=arrows, lines=lines),)))
+
+
+def frame_transforms(time_ns: int, root: str, places: Sequence[Place]) -> bytes:
+    """Return where frames are in the frame `root`."""
+    now = _time(time_ns)
+    return _encode(
+        FrameTransforms(
+            tuple([FrameTransform(now, root, each.frame, _vector(each.at_m), each.turned) for each in places])
+        )
+    )
+
+
+def turned_to(direction: Vector) -> Quaternion:
+    """Return the rotation that turns the first axis into `direction` (half-way quaternion 1 + d.x, x cross d)."""
+    length = _norm(direction)
+    x, y, z = (each / length for each in direction)
+    if x < -1.0 + 1e-9:
+        return Quaternion(0.0, 0.0, 1.0, 0.0)
+    norm = sqrt(2.0 * (1.0 + x))
+    return Quaternion(0.0, round(-z / norm, 5), round(y / norm, 5), round(norm / 2.0, 5))
+
+
+def _arrow(push: Push) -> ArrowPrimitive:
+    length = round(FORCE_M_PER_N * _norm(push.force_n), 5)
+    pose = Pose(_vector(push.at_m), turned_to(push.force_n))
+    return ArrowPrimitive(pose, max(0.0, length - _HEAD_M), _color(push.colour), head_length=min(_HEAD_M, length))
+
+
+def _norm(values: Vector) -> float:
+    return sqrt(sum([each * each for each in values]))
+
+
+def _rounded(values: Vector) -> Vector:
+    x, y, z = values
+    return round(x, _DIGITS), round(y, _DIGITS), round(z, _DIGITS)
+
+
+def _vector(values: Vector) -> Vector3:
+    return Vector3(*_rounded(values))
+
+
+def _color(colour: str, alpha: float = 1.0) -> Color:
+    red, green, blue = (round(int(colour[each : each + 2], 16) / 255, 3) for each in (1, 3, 5))
+    return Color(red, green, blue, alpha)
+
+
+def _time(time_ns: int) -> Time:
+    return Time(*divmod(max(0, time_ns), 10**9))
+
+
+_TYPES = {
+    inspect.IntType: "integer",
+    inspect.FloatType: "number",
+    inspect.StrType: "string",
+    inspect.BoolType: "boolean",
+}
+
+
+def _schema(kind: inspect.Type) -> dict[str, Any]:
+    if isinstance(kind, inspect.VarTupleType):
+        return {"type": "array", "items": _schema(kind.item_type)}
+    if isinstance(kind, inspect.StructType):
+        name = kind.cls.__name__
+        title = f"foxglove.{name}" if kind.cls.__module__ == __name__ else f"cogrip.{name}"
+        if kind.cls in (Time, Duration):
+            title = name.lower()
+        properties = {field.encode_name: _schema(field.type) for field in kind.fields}
+        return {"title": title, "type": "object", "properties": properties, "required": list(properties)}
+    return {"type": _TYPES[type(kind)]}
+
+
+def json_schema(message: type[Message]) -> bytes:
+    """Return the JSON schema of a message, as text."""
+    return _encode(_schema(inspect.type_info(message)))
+
+
+SCHEMAS: dict[str, bytes] = {
+    SCENE_UPDATE: json_schema(SceneUpdate),
+    FRAME_TRANSFORMS: json_schema(FrameTransforms),
+}
+"""Name of a schema -> JSON schema, as text, of the part that is used."""

@@ -1,0 +1,189 @@
+"""`forcedimension:` and `openhaptics:` alike, each on a stand-in for its vendor's library: axes, forces, jumps, addresses."""
+
+from collections.abc import Callable
+from itertools import pairwise
+from math import hypot, inf, nan
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cogrip.client.inputs import DeviceOpened
+from cogrip.client.supervised_device import SupervisedDevice
+from cogrip.devices.conformance import CHECKS, Subject
+from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.registry import make
+from cogrip.protocol.rates import due_ns
+
+from tests.client.seated_client import DEVICE_HZ, Client, M
+
+SPEED_MPS = 0.05  # 1 N on a damper of 20 N s/m
+JUMP_TICK, TICKS = 500, 700
+STILL = (0.0, 0.0, 0.0)
+VENDORS = {"forcedimension": "sdk", "openhaptics": "bench"}
+MODELS = [
+    ("forcedimension", "omega3"),
+    ("forcedimension", "delta3"),
+    ("openhaptics", "touch"),
+    ("openhaptics", "premium1.5"),
+]
+
+
+@pytest.fixture(params=VENDORS)
+def vendor(request: pytest.FixtureRequest):
+    """The library in the test's hands."""
+    return request.getfixturevalue(VENDORS[request.param])
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3])
+def test_samples_and_forces_on_fewer_axes(vendor, axes: int) -> None:
+    """A force F loads the hand along the axes in which positions are told."""
+    device = vendor.opened(axes=axes)
+    assert device.capability.axes == axes == len(device.capability.workspace_m)
+    vendor.place(0.030, 0.010, -0.020)
+    vendor.step()
+    sample = device.read(1)
+    assert sample.position_m == pytest.approx((0.030, 0.010, -0.020)[:axes])
+    assert (sample.velocity_mps, sample.age_ticks) == (None, device.capability.latency_ticks)
+    device.write((0.5, 1.0, -1.5)[:axes])
+    vendor.step()
+    assert vendor.load() == (0.5, 1.0, -1.5)[:axes] + (0.0,) * (3 - axes)
+    with pytest.raises(DeviceError, match="read\\(tick=0\\) after tick 1; ticks must not fall"):
+        device.read(0)
+    device.close()
+    assert vendor.load() == STILL
+
+
+@given(force=st.tuples(*[st.floats(-100.0, 100.0)] * 3))
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+def test_force_is_limited_and_keeps_its_direction(vendor, force) -> None:
+    device = vendor.opened()
+    counted, most = device.counts.get("force limited", 0), device.capability.peak_force_n
+    acting = device.write(force)
+    vendor.step()
+    fraction = min(1.0, most / max(hypot(*force), 1e-300))
+    assert vendor.load() == pytest.approx([fraction * part for part in force], abs=1e-12)
+    assert (acting or force) == pytest.approx(vendor.load(), abs=1e-12)
+    assert device.counts.get("force limited", 0) - counted == (hypot(*force) > most)
+    device.close()
+
+
+@pytest.mark.parametrize(
+    "bad", [(nan, 0.0, 0.0), (0.0, inf, 0.0), (0.0, 0.0, -inf), (1.7e308,) * 3, (1.0, 1.0), (1.0,) * 4]
+)
+def test_a_force_that_is_none_makes_it_zero(vendor, bad) -> None:
+    device = vendor.opened()
+    for force in ((1.0, 1.0, 1.0), bad, (0.0, 0.0, 1.0)):
+        if force is bad:
+            with pytest.raises(DeviceError, match="axes" if len(bad) != 3 else "not finite"):
+                device.write(bad)
+        else:
+            device.write(force)
+        vendor.step()
+        assert vendor.load() == (STILL if force is bad else force)
+    device.close()
+
+
+@pytest.mark.parametrize("bad", [(nan, 0.0, 0.0), (0.0, -inf, 0.0)])
+def test_position_that_is_no_number_is_no_sample_and_no_force(vendor, bad) -> None:
+    device = vendor.opened()
+    for tick, place in enumerate((STILL, bad, (0.01, 0.02, 0.03)), 1):
+        device.write((1.0, 0.0, 0.0))
+        vendor.place(*place)
+        vendor.step()
+        sample = device.read(tick)
+        if place is bad:
+            assert sample is None
+            assert vendor.load() == STILL
+            assert device.counts == {"position not finite": 1}
+        else:
+            assert sample.position_m == pytest.approx(place)
+    device.write((1.0, 0.0, 0.0))
+    vendor.step()
+    assert vendor.load() == (1.0, 0.0, 0.0)
+    device.close()
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3])
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_it_keeps_what_every_device_promises(vendor, check, axes: int) -> None:
+    rate_hz = 1000  # both servos'
+    check(Subject(lambda: vendor.device(0, axes), rate_hz, lambda _: vendor.step(), lambda _: vendor.load(axes)))
+
+
+def forces_over_a_jump(device: Device, move: Callable[[float], None], jump_m: float) -> tuple[Client, list[float]]:
+    """The forces that a client of one axis asks the device for, tick by tick. move: to a place along x [m]."""
+    client, forces = Client(), []
+    handle = SupervisedDevice(device, client.core, DEVICE_HZ)
+    move(-0.02)
+    handle.open()
+    client.core.handle(DeviceOpened(device.capability), client.core.now_ns)
+    for tick in range(TICKS):
+        now_ns = due_ns(0, tick, DEVICE_HZ)
+        move(-0.02 + SPEED_MPS * tick / DEVICE_HZ + (jump_m if tick >= JUMP_TICK else 0.0))
+        if tick % M == 0 and tick:
+            client.hear(now_ns)
+        client.core.sense(tick, handle.read(tick), now_ns)
+        handle.write(client.core.act(now_ns))
+        forces.append(client.core.force_n[0])
+    handle.close()
+    return client, forces
+
+
+def ends_softly(client: Client, forces: list[float]) -> None:
+    """A fault with the jump's name; no step above 0.5 N; none left within 50 ms."""
+    assert forces[JUMP_TICK - 1] > 0.8
+    assert client.core.safety.state == "fault"
+    assert client.core.safety.reason.startswith(("the position jumped: 29.", "the position jumped: 30."))
+    steps = [abs(new - old) for old, new in pairwise(forces)]
+    assert max(steps) < 0.5
+    assert not any(forces[JUMP_TICK + round(0.05 * DEVICE_HZ) :])
+
+
+@pytest.mark.parametrize(("scheme", "model"), MODELS)
+@pytest.mark.parametrize("jump_m", [0.03, -0.03])
+def test_a_jump_of_30_mm_is_no_kick(request: pytest.FixtureRequest, scheme: str, model: str, jump_m: float) -> None:
+    """Before, a step of 24 N (omega.3) or 40 N (delta.3), from one limit to the other."""
+    vendor = request.getfixturevalue(VENDORS[scheme])
+    vendor.become(model)
+
+    def move(x_m: float) -> None:
+        vendor.place(x_m, 0.0, 0.0)
+        vendor.step()
+
+    keys = f"&model={model}" if scheme == "forcedimension" else ""
+    ends_softly(*forces_over_a_jump(vendor.device(0, 1, keys), move, jump_m))
+
+
+@pytest.mark.parametrize(
+    ("address", "axes", "words"),
+    [
+        ("forcedimension:", 3, "'' is no number from 0 to 15: write forcedimension:0"),
+        ("forcedimension:16", 3, "'16' is no number from 0 to 15"),
+        ("forcedimension:-1", 3, "'-1' is no number"),
+        ("forcedimension:²", 3, "is no number"),
+        ("forcedimension:0?modle=omega3", 3, "unknown key 'modle'; did you mean 'model'"),
+        ("forcedimension:0?model=touch", 3, "model: expects one of falcon, omega3"),
+        ("forcedimension:0?peak_force_n=-1", 3, "peak_force_n: expects a number"),
+        ("openhaptics:x?modle=touch", 3, "unknown key 'modle'; did you mean 'model'"),
+        ("openhaptics:x?model=falcon", 3, "model: expects one of touch, omni"),
+        ("openhaptics:x?peak_force_n=0", 3, "peak_force_n: expects a number"),
+        ("openhaptics:x?peak_force_n=41", 3, "peak_force_n: expects a number"),
+        *[
+            (address, axes, f"axes={axes} is out of 1 to 3")
+            for address in ("forcedimension:0", "openhaptics:x")
+            for axes in (0, 4)
+        ],
+    ],
+)
+def test_addresses_that_are_wrong(address: str, axes: int, words: str) -> None:
+    with pytest.raises(DeviceError, match=words):
+        make(address, axes=axes)
+
+
+@pytest.mark.parametrize(
+    ("address", "most_n"), [("forcedimension:0?model=omega3", 12.0), ("openhaptics:x?model=touch", 3.3)]
+)
+def test_peak_force_key_lowers_and_never_raises(address: str, most_n: float) -> None:
+    assert make(f"{address}&peak_force_n=0.5", axes=3).capability.continuous_force_n == 0.5
+    assert make(f"{address}&peak_force_n=30", axes=3).capability.peak_force_n == most_n

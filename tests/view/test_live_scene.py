@@ -1,0 +1,166 @@
+"""Scenes and frames of a live session, from what an observer of a laboratory session received."""
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import pytest
+
+from cogrip.client import inputs
+from cogrip.client.observer import ObserverCore
+from cogrip.protocol.messages import MAX_MESSAGE_BYTES, Person, View, decode
+from cogrip.protocol.recording.records import Datagram
+from cogrip.protocol.session import ClientSession, make_hello
+from cogrip.protocol.settings import resolve
+from cogrip.server.observers import PEOPLE_A_VIEW, VIEWS_HZ
+from cogrip.server.recorder import DATAGRAM_OUT
+from cogrip.sim.session.laboratory import Laboratory
+from cogrip.view import frames
+from cogrip.view.frames import Frame
+from cogrip.view.live import OLD_AFTER, LiveScene
+
+FRAME_S = 1 / 128
+
+
+class Watched:
+    """A laboratory session with an observer, whose frames are kept. old: the server says nothing of people."""
+
+    def __init__(self, old: bool = False, **tables: Any) -> None:
+        settings = resolve({"seconds": 3.0, "users": [{"name": "anna"}, {"name": "ben", "hand": "hold"}], **tables})
+        hello = make_hello(
+            software="1", nonce=99, room="", name="", digest="", device="none", axes=1, rate_hz=1.0, role="observer"
+        )
+        self.observer = ObserverCore(ClientSession(hello))
+        self.messages: list[View | Person] = []
+        self.frames: list[Frame] = []
+        self.live: LiveScene | None = None
+        self._old = old
+        self.lab = Laboratory(settings, lambda core, who: self if who == "" else Ignored())
+
+    keeps = True
+
+    def put(self, topic: int, time_ns: int, payload: bytes) -> None:
+        """Take what the server recorded; its datagrams to the observer are received."""
+        if topic != DATAGRAM_OUT:
+            return
+        sent = msgspec.json.decode(payload, type=Datagram)
+        if sent.address != '"observer"':
+            return
+        assert len(sent.data) <= MAX_MESSAGE_BYTES
+        message = decode(sent.data)
+        if isinstance(message, View | Person):
+            self.messages.append(message)
+        if not (self._old and isinstance(message, Person)):
+            self.observer.receive(sent.data, time_ns)
+
+    def run(self, each_frame: Callable[[Laboratory], None] = lambda lab: None) -> "Watched":
+        observer, views = self.observer, 0
+
+        def watch(lab: Laboratory) -> None:
+            nonlocal views
+            each_frame(lab)
+            observer.handle(inputs.Poll() if observer.session.state != "idle" else inputs.Connect(), lab.now_ns)
+            while observer.outbox:
+                lab.server.receive(observer.outbox.popleft(), "observer", lab.now_ns)
+            welcome = observer.session.welcome
+            if welcome is not None and self.live is None:
+                self.live = LiveScene(welcome.settings)
+            if self.live is not None and observer.views > views:
+                views = observer.views
+                frame = self.live.update(observer)
+                assert frame is not None
+                self.frames.append(frame)
+
+        self.lab.run(each_frame=watch)
+        return self
+
+
+class Ignored:
+    """A sink that keeps nothing."""
+
+    keeps = False
+
+    def put(self, topic: int, time_ns: int, payload: bytes) -> None: ...
+
+
+@pytest.mark.parametrize("axes", [1, 3])
+def test_frames_show_what_the_server_had(axes: int) -> None:
+    places: dict[int, list[float]] = {}
+    watched = Watched(object={"axes": axes}, link={"delay_ms": 20.0}).run(
+        lambda lab: places.update({lab.room.steps: lab.room.world.motion()[:axes]})
+    )
+    assert watched.live is not None
+    assert [person.name for person in watched.live.scene.people] == ["anna", "ben"]
+    assert len(watched.frames) > 2.5 * VIEWS_HZ
+    for frame in watched.frames:
+        assert list(frame.position_m[:axes]) == list(places[frame.number])
+        assert frame.position_m[axes:] == (0.0,) * (3 - axes)
+    last = watched.frames[-1]
+    assert [person.state for person in last.people] == ["live", "live"]
+    for number, person in enumerate(last.people):
+        world, port = watched.lab.room.world, watched.lab.room.seats[number].port
+        assert port is not None
+        assert person.flags & frames.HAND_KNOWN
+        assert not person.flags & frames.NOT_PASSIVE
+        assert 40.0 <= person.rtt_ms <= 40.0 + 2e3 * FRAME_S  # and the wait for a tick and a step
+        assert 0.0 <= person.up_ms - 20.0 - 1e3 * FRAME_S * port.playout_frames <= 1e3 * FRAME_S
+        assert person.loss == 0.0
+        assert len(world.offset[number]) == axes
+
+
+def test_a_person_is_shown_the_object_as_it_was_a_delay_ago() -> None:
+    watched = Watched(link={"delay_ms": 50.0}).run()
+    by_number = {frame.number: frame.position_m for frame in watched.frames}
+    for frame in watched.frames[-64:]:
+        for person in frame.people:
+            assert 50.0 <= person.down_ms <= 50.0 + 1e3 * 4 * FRAME_S
+            near = [by_number[n] for n in by_number if abs((frame.number - n) * 1e3 * FRAME_S - person.down_ms) <= 17.0]
+            assert person.seen_m in near
+
+
+def test_whoever_leaves_or_falls_silent_is_told() -> None:
+    def happen(lab: Laboratory) -> None:
+        if lab.now_ns > 10**9 and not lab.people[1].going and not lab.people[1].gone:
+            lab.leave(1)
+        if lab.now_ns > 1.5e9:
+            lab.people[0].lost.update(lab.people[0].migration.paths)
+
+    watched = Watched(seconds=3.2).run(happen)
+    assert watched.live is not None
+    said = [(event.kind, event.who) for event in watched.live.events]
+    assert said[:2] == [("joined", "anna"), ("joined", "ben")] or said[:2] == [("joined", "ben"), ("joined", "anna")]
+    assert ("left", "ben") in said
+    assert ("lost", "anna") in said
+
+
+def test_loss_is_that_of_the_last_second() -> None:
+    watched = Watched(seconds=6.0, link={"delay_ms": 5.0, "loss": 0.2}, playout={"redundancy": 1}).run()
+    shares = [person.loss for frame in watched.frames[-128:] for person in frame.people]
+    assert 0.1 < sum(shares) / len(shares) < 0.3
+
+
+def test_an_older_servers_hands_are_shown_without_names() -> None:
+    watched = Watched(old=True).run()
+    assert watched.live is not None
+    assert watched.live.scene.people == ()
+    assert "older one" in watched.live.scene.note
+    assert len(watched.frames) > OLD_AFTER
+    assert all(not person.flags & frames.HAND_KNOWN for person in watched.frames[-1].people)
+    assert {person.state for person in watched.frames[-1].people} == {"live"}
+
+
+def test_of_many_people_each_is_told_in_turn() -> None:
+    users = [{"name": f"u{number}"} for number in range(7)]
+    watched = Watched(seconds=1.0, users=users).run()
+    told: dict[int, int] = {}
+    views = 0
+    for message in watched.messages:
+        if isinstance(message, View):
+            views += 1
+        else:
+            told[message.seat] = told.get(message.seat, 0) + 1
+    assert sum(told.values()) <= PEOPLE_A_VIEW * views
+    assert len(told) == 7
+    assert max(told.values()) - min(told.values()) <= 1
+    assert watched.live is not None
+    assert len(watched.live.scene.people) == 7

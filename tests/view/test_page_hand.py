@@ -1,0 +1,236 @@
+"""The hand of the page in a real browser: what pointer, finger and gamepad say, and where the device is drawn."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from math import hypot
+
+import pytest
+
+from cogrip.view.frames import OwnHand, Pointer, decode_pointer, encode, encode_own_hand
+from cogrip.view.scene import to_json
+
+from tests.view.browser_page import BrowserPage
+from tests.view.page_server import PageServer, serving
+from tests.view.pictured import anchor, frame, scene
+
+Open = Callable[..., BrowserPage]
+AT = (0.02, 0.03, 0.04)
+DRAWN = [value + held for value, held in zip(AT, anchor(0, 2), strict=True)]
+GAMEPAD = """() => {
+  globalThis.rumbles = [];
+  const pad = { connected: true, axes: [0, 0, 0, 0], buttons: Array.from({ length: 16 }, () => ({ pressed: false })),
+    vibrationActuator: { playEffect: async (...effect) => rumbles.push(effect) } };
+  navigator.getGamepads = () => [null, pad];
+  globalThis.pad = pad;
+}"""
+
+
+class Held:
+    """A page with a hand, whose device is at `AT`."""
+
+    def __init__(self, page: BrowserPage, server: PageServer) -> None:
+        self.page, self.server = page, server
+        self.said: list[Pointer] = []
+        server.send(encode(frame(1)))
+        self.own_hand(AT)
+        page.until("cogrip.hand.own !== null && cogrip.frame !== null")
+
+    def own_hand(
+        self, position_m: tuple[float, float, float], force_n: tuple[float, float, float] = (0.5, 0.0, 0.0)
+    ) -> None:
+        self.server.send(encode_own_hand(OwnHand("live", 0, position_m, force_n, 3.0)))
+
+    def next(self) -> Pointer:
+        message = self.server.said.get(timeout=10)
+        assert isinstance(message, bytes)
+        self.said.append(decode_pointer(message))
+        return self.said[-1]
+
+    def until_released(self) -> list[Pointer]:
+        """Return all messages up to the one that lets go."""
+        while self.next().holds:
+            pass
+        return self.said
+
+    def press(self) -> list[float]:
+        x, y = self.page.state(f"cogrip.project({DRAWN})")
+        self.page.tab.mouse.move(x, y)
+        self.page.tab.mouse.down()
+        return [x, y]
+
+
+@pytest.fixture
+def hand(open_page: Open) -> Iterator[Held]:
+    with serving(PageServer(to_json(scene(hand=True)))) as server:
+        page = open_page(f"{server.address}&hand")
+        server.wait_for_page()
+        assert server.hellos.get()["hand"] is True
+        yield Held(page, server)
+
+
+def test_drag_says_where_the_device_is_to_go(hand: Held) -> None:
+    x, y = hand.press()
+    hand.page.tab.mouse.move(x + 60, y - 40, steps=5)
+    hand.page.tab.mouse.up()
+    said = hand.until_released()
+    assert [each.number for each in said] == list(range(1, len(said) + 1))
+    assert said[0].target_m == pytest.approx(AT, abs=1e-12), "pressing moves nothing"
+    assert [each.holds for each in said] == [True] * (len(said) - 1) + [False]
+    target = [value + held for value, held in zip(said[-2].target_m, anchor(0, 2), strict=True)]
+    assert hand.page.state(f"cogrip.project({target})") == pytest.approx([x + 60, y - 40], abs=0.01)
+    assert said[-1].target_m == said[-2].target_m
+
+
+def test_device_is_drawn_where_the_process_says_and_not_at_the_pointer(hand: Held) -> None:
+    x, y = hand.press()
+    hand.page.tab.mouse.move(x + 100, y)
+    behind = (0.021, 0.031, 0.039)
+    hand.own_hand(behind, (-2.0, 0.0, 0.0))
+    wanted = [value + held for value, held in zip(behind, anchor(0, 2), strict=True)]
+    hand.page.until(f"cogrip.frame.drawn.people[0].hand[0] === {wanted[0]}")
+    assert hand.page.state("cogrip.frame.drawn.people[0].hand") == wanted
+    assert hypot(*[a - b for a, b in zip(hand.page.state("cogrip.hand.target_m"), behind, strict=True)]) > 0.01
+    hand.page.until("document.getElementById('own-force').textContent.startsWith('force on your hand 2.00 of 3.0 N')")
+    hand.page.tab.mouse.up()
+
+
+def test_pointer_that_rests_is_said_again_and_again(hand: Held) -> None:
+    hand.press()
+    first = hand.next()
+    for _ in range(5):
+        assert replace(hand.next(), number=first.number) == first
+    hand.page.tab.mouse.up()
+    hand.until_released()
+
+
+def test_wheel_moves_the_target_away_and_stays_below_the_pointer(hand: Held) -> None:
+    hand.press()
+    first = hand.next()
+    hand.page.tab.mouse.wheel(0, -200)
+    hand.page.until("cogrip.hand.sent > 2")
+    while (now := hand.next()).target_m == first.target_m:
+        pass
+    moved = [after - before for after, before in zip(now.target_m, first.target_m, strict=True)]
+    assert hypot(*moved) == pytest.approx(0.04, rel=1e-6)
+    assert moved[0] < 0 < moved[1], "away from a camera in front, at the left"
+    hand.page.tab.mouse.up()
+
+
+@pytest.mark.parametrize(
+    "event", ["window.dispatchEvent(new Event('blur'))", "window.dispatchEvent(new Event('pagehide'))"]
+)
+def test_window_that_loses_the_user_lets_go(hand: Held, event: str) -> None:
+    hand.press()
+    assert hand.next().holds
+    hand.page.state(event)
+    assert not hand.until_released()[-1].holds
+    hand.page.tab.mouse.move(10, 200)
+    assert hand.page.state("cogrip.hand.target_m") is None, "until it is pressed again"
+
+
+def test_hidden_tab_lets_go(hand: Held) -> None:
+    hand.press()
+    hand.page.state(
+        "Object.defineProperty(document, 'hidden', { get: () => true }), document.dispatchEvent(new Event('visibilitychange'))"
+    )
+    assert not hand.until_released()[-1].holds
+
+
+def test_press_beside_device_and_object_turns_the_camera(hand: Held) -> None:
+    before = hand.page.state(f"cogrip.project({DRAWN})")
+    hand.page.tab.mouse.move(60, 600)
+    hand.page.tab.mouse.down()
+    hand.page.tab.mouse.move(120, 600)
+    hand.page.tab.mouse.up()
+    assert hand.page.state("cogrip.hand.sent") == 0
+    assert hand.page.state(f"cogrip.project({DRAWN})") != before
+
+
+def test_object_can_be_pressed_as_well(hand: Held) -> None:
+    x, y = hand.page.state("cogrip.project([0.0, 0.0, 0.0])")
+    hand.page.tab.mouse.move(x, y)
+    hand.page.tab.mouse.down()
+    assert hand.next().target_m == pytest.approx(AT, abs=1e-12)
+    hand.page.tab.mouse.up()
+
+
+def test_one_axis_is_pulled_along_x(open_page: Open) -> None:
+    with serving(PageServer(to_json(scene(axes=1, hand=True)))) as server:
+        page = open_page(f"{server.address}&hand")
+        server.wait_for_page()
+        held = Held(page, server)
+        x, y = held.press()
+        page.tab.mouse.move(x + 50, y + 30)
+        page.tab.mouse.up()
+        target = held.until_released()[-1].target_m
+    assert target[0] > AT[0] + 0.005
+    assert target[1:] == (0.0, 0.0)
+
+
+def test_finger_pulls_and_its_end_lets_go(open_page: Open) -> None:
+    with serving(PageServer(to_json(scene(hand=True)))) as server:
+        page = open_page(f"{server.address}&hand", width=390, height=844, has_touch=True)
+        server.wait_for_page()
+        held = Held(page, server)
+        x, y = page.state(f"cogrip.project({DRAWN})")
+        touch = page.context.new_cdp_session(page.tab)
+        for kind, points in (("Start", [(x, y)]), ("Move", [(x + 30, y)]), ("Move", [(x + 45, y - 20)]), ("End", [])):
+            spots = [{"x": column, "y": row} for column, row in points]
+            touch.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": spots})
+        said = held.until_released()
+        target = [value + offset for value, offset in zip(said[-1].target_m, anchor(0, 2), strict=True)]
+        assert page.state(f"cogrip.project({target})") == pytest.approx([x + 45, y - 20], abs=1.0)
+
+
+def test_gamepad_pulls_while_its_button_is_pressed_and_rumbles(hand: Held) -> None:
+    hand.page.tab.keyboard.press("2")  # from the side: x to the right
+    hand.page.state(GAMEPAD)
+    hand.page.state("pad.axes[0] = 1, pad.buttons[0].pressed = true")
+    first = hand.next()
+    assert first.target_m[0] > AT[0]
+    hand.own_hand(AT, (-1.5, 0.0, 0.0))
+    hand.page.until("rumbles.length > 0")
+    name, effect = hand.page.state("rumbles[0]")
+    assert (name, effect["strongMagnitude"]) == ("dual-rumble", 0.5)
+    hand.page.state("pad.buttons[0].pressed = false")
+    said = hand.until_released()
+    along = [each.target_m[0] for each in said[:-1]]
+    assert along == sorted(along)
+
+
+def test_somebody_joins_and_the_hand_keeps_its_hold(hand: Held) -> None:
+    hand.press()
+    hand.next()
+    hand.server.send(to_json(scene(people=3, hand=True)))
+    hand.page.until("cogrip.scene.people.length === 3")
+    assert hand.page.state("cogrip.hand.target_m") == pytest.approx(AT, abs=1e-12)
+    hand.page.tab.mouse.up()
+    assert all(each.holds for each in hand.until_released()[:-1])
+
+
+def test_new_socket_counts_its_messages_from_one_and_holds_nothing(hand: Held) -> None:
+    hand.press()
+    assert hand.next().number == 1
+    hand.server.sockets[-1].close(1011)
+    hand.server.wait_for_page()
+    hand.page.until("document.getElementById('status').hidden")
+    assert hand.page.state("cogrip.hand.target_m") is None
+    hand.page.tab.mouse.up()
+    while not hand.server.said.empty():
+        hand.server.said.get()
+    hand.own_hand(AT)
+    hand.page.until("cogrip.hand.own !== null")
+    hand.press()
+    assert hand.next().number == 1
+
+
+def test_page_without_a_hand_says_nothing(open_page: Open) -> None:
+    with serving(PageServer(to_json(scene()))) as server:
+        page = open_page(server.address)
+        server.wait_for_page()
+        held = Held(page, server)
+        x, y = held.press()
+        page.tab.mouse.move(x + 50, y)
+        page.tab.mouse.up()
+        assert page.state("cogrip.hand.sent") == 0
+        assert server.said.empty()

@@ -1,0 +1,305 @@
+"""The page in a real browser, shown a session that runs."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import nan
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cogrip.view.frames import NOT_PASSIVE, Frame, Vector, encode
+from cogrip.view.scene import Scene, SceneEvent, to_json
+
+from tests.view.browser_page import BrowserPage
+from tests.view.page_server import TOKEN, PageServer, serving
+from tests.view.pictured import anchor, frame, lost, moving, scene
+
+Open = Callable[..., BrowserPage]
+
+
+def shown(open_page: Open, server: PageServer, **context: object) -> BrowserPage:
+    page = open_page(server.address, **context)
+    server.wait_for_page()
+    page.until("cogrip.scene !== null")
+    return page
+
+
+def is_in_contact_colour(colour: np.ndarray) -> bool:
+    red, _, blue = colour
+    return bool(red - blue > 0.15)
+
+
+@pytest.mark.parametrize("view", ["1", "2", "3", "4"])
+def test_object_is_drawn_where_the_state_says(open_page: Open, view: str) -> None:
+    here, there = (0.03, -0.045, 0.02), (-0.05, -0.03, -0.055)
+    bare = replace(frame(1, here, contact=True), people=())
+    with serving(PageServer(to_json(scene()))) as server:
+        page = shown(open_page, server)
+        page.tab.keyboard.press(view)
+        for number, (full, empty) in enumerate([(here, there), (there, here)]):
+            server.send(encode(replace(bare, number=number, position_m=full)))
+            assert page.until_drawn(number)["drawn"]["object"] == list(full)
+            picture = page.picture()
+            assert is_in_contact_colour(page.pixel(picture, full))
+            assert not is_in_contact_colour(page.pixel(picture, empty))
+            for axis in range(3):
+                corner = [value + 0.018 * (each == axis) for each, value in enumerate(full)]  # inside the box of 40 mm
+                assert is_in_contact_colour(page.pixel(picture, corner))
+            aside = page.state(f"cogrip.project({list(full)})")
+            assert not is_in_contact_colour(picture[round(aside[1]), round(aside[0]) - 120]), (
+                "it is no larger than it is"
+            )
+
+
+def test_people_are_drawn_in_their_colours_at_device_and_proxy(open_page: Open) -> None:
+    told = scene()
+    sent = frame(3, (0.01, 0.02, -0.03))
+    with serving(PageServer(to_json(told))) as server:
+        page = shown(open_page, server)
+        server.send(encode(sent))
+        drawn = page.until_drawn(3)["drawn"]
+        picture = page.picture()
+    for person, markers, told_of in zip(sent.people, drawn["people"], told.people, strict=True):
+        hand = [value + offset for value, offset in zip(person.hand_m, anchor(person.seat, 2), strict=True)]
+        assert markers["hand"] == hand
+        assert markers["proxy"] == [
+            value + offset for value, offset in zip(person.proxy_m, told_of.anchor_m, strict=True)
+        ]
+        wanted = np.array([int(told_of.colour[each : each + 2], 16) / 255 for each in (1, 3, 5)])
+        found = page.pixel(picture, tuple(hand))
+        assert np.dot(found, wanted) / np.linalg.norm(found) / np.linalg.norm(wanted) > 0.97, (
+            "the hue, whatever the light"
+        )
+
+
+def test_page_reads_what_was_written(open_page: Open) -> None:
+    sent = replace(
+        moving(4_000_000_001, people=5), axes=2, velocity_mps=(0.1, -1 / 3, 1e-9), orientation=(0.8, 0.6, 0.0, 0.0)
+    )
+    with serving(PageServer(to_json(scene(5)))) as server:
+        page = shown(open_page, server)
+        server.send(encode(sent))
+        read = page.until_drawn(sent.number)
+    assert (read["axes"], read["time_s"]) == (sent.axes, sent.time_s)
+    for name in ("position_m", "velocity_mps", "orientation"):
+        assert read[name] == list(getattr(sent, name))
+    for person, got in zip(sent.people, read["people"], strict=True):
+        for name in ("seat", "state", "lost"):
+            assert got[name] == getattr(person, name)
+        for name in ("hand_m", "proxy_m", "force_n", "seen_m"):
+            assert got[name] == list(getattr(person, name))
+        for name in (
+            "rtt_ms",
+            "up_ms",
+            "down_ms",
+            "buffer_up_ms",
+            "buffer_down_ms",
+            "line_margin_mj",
+            "port_margin_mj",
+            "loss",
+        ):
+            assert got[name] == float(np.float32(getattr(person, name)))
+
+
+def test_ghost_is_what_the_chosen_person_is_shown(open_page: Open) -> None:
+    sent = frame(1)
+    with serving(PageServer(to_json(scene()))) as server:
+        page = shown(open_page, server)
+        server.send(encode(sent))
+        assert page.until_drawn(1)["drawn"]["ghost"] == list(sent.people[0].seen_m)
+        page.tab.locator("article", has_text="ben").get_by_text("ghost").click()
+        page.until(f"cogrip.frame.drawn.ghost?.[0] === {sent.people[1].seen_m[0]}")
+        assert "as ben is shown it" in page.text(".label.ghost")
+        page.tab.keyboard.press("g")
+        page.until("cogrip.frame.drawn.ghost === null")
+
+
+def test_state_line_says_state_delay_and_passivity(open_page: Open) -> None:
+    sent = frame(1)
+    anna, ben = sent.people
+    unknown = replace(
+        ben, state="degraded", rtt_ms=nan, line_margin_mj=nan, port_margin_mj=nan, force_n=(nan, 0.0, 0.0)
+    )
+    with serving(PageServer(to_json(scene()))) as server:
+        page = shown(open_page, server)
+        for number, (people, lines) in enumerate(
+            [
+                ((replace(anna, rtt_ms=48.2), unknown), ("anna: live, 48 ms, passive", "ben: degraded")),
+                (
+                    (replace(anna, flags=NOT_PASSIVE), ben),
+                    ("anna: live, 40 ms, NOT PASSIVE", "ben: live, 51 ms, passive"),
+                ),
+                (lost(sent, 1).people, ("anna: live, 40 ms, passive", "ben: not here")),
+            ]
+        ):
+            server.send(encode(replace(sent, number=number, people=people)))
+            page.until_drawn(number)
+            page.until(f"document.querySelector('#people article strong').textContent === '{lines[0]}'")
+            assert page.tab.locator("#people article strong").all_inner_texts() == list(lines)
+    assert page.state("cogrip.stats.malformed") == 0
+
+
+def test_hidden_and_unknown_things_are_not_drawn(open_page: Open) -> None:
+    sent = lost(frame(1), 0)
+    people = (sent.people[0], replace(sent.people[1], flags=0))
+    with serving(PageServer(to_json(scene()))) as server:
+        page = shown(open_page, server)
+        server.send(encode(replace(sent, people=people)))
+        (markers,) = page.until_drawn(1)["drawn"]["people"]
+    assert markers["seat"] == 1
+    assert markers["hand"] is None
+    assert markers["proxy"] is not None
+
+
+def test_malformed_messages_are_counted_and_change_nothing(open_page: Open) -> None:
+    good = encode(frame(7))
+    with serving(PageServer(to_json(scene()))) as server:
+        page = shown(open_page, server)
+        for bad in (good[:-1], good[:50], b"", bytes([9]) + good[1:], "{", good[:97] + b"\x63" + good[98:]):
+            server.send(bad)
+        server.send(good)
+        page.until_drawn(7)
+    assert page.state("cogrip.stats.malformed") == 5, "an unknown kind is another version's, not malformed"
+
+
+def test_somebody_joins_and_the_camera_stays(open_page: Open) -> None:
+    with serving(PageServer(to_json(scene(1)))) as server:
+        page = shown(open_page, server)
+        page.tab.keyboard.press("2")
+        before = page.state("cogrip.project([0.05, 0.01, 0])")
+        server.send(to_json(SceneEvent(12.5, "joined", "ben", "ben joined")))
+        server.send(to_json(scene(2)))
+        page.until("cogrip.scene.people.length === 2")
+        assert page.state("cogrip.project([0.05, 0.01, 0])") == before
+        assert page.tab.locator("#people article").count() == 2
+        assert "ben joined" in page.tab.locator("#events").text_content()
+        assert page.text("#news") == "ben joined"
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [(4401, "does not know this page's token"), (4403, "no right"), (4400, "Reload"), (4408, "trying again")],
+)
+def test_refusal_is_told_in_a_sentence(open_page: Open, code: int, words: str) -> None:
+    with serving(PageServer(to_json(scene()), refuse=code)) as server:
+        page = open_page(server.address)
+        page.until(f"document.getElementById('status').textContent.includes({words!r})")
+
+
+def test_page_says_hello_with_its_token_and_comes_back_after_a_break(open_page: Open) -> None:
+    with serving(PageServer(to_json(scene()))) as server:
+        page = shown(open_page, server)
+        assert server.hellos.get() == {"type": "hello", "token": TOKEN, "hand": False}
+        server.sockets[-1].close(1011)
+        page.until("document.getElementById('status').textContent.includes('trying again')")
+        server.wait_for_page()
+        page.until("document.getElementById('status').hidden")
+        server.send(encode(frame(9)))
+        page.until_drawn(9)
+        assert not any(TOKEN in each for each in page.requests if not each.startswith(server.address)), "in no request"
+
+
+def test_scene_of_another_version_is_told(open_page: Open) -> None:
+    with serving(PageServer(to_json(scene()).replace('"version":1', '"version":2'))) as server:
+        page = open_page(server.address)
+        page.until("document.getElementById('status').textContent.startsWith('This page reads version 1')")
+
+
+def test_broken_policy_is_noticed(chromium: Any) -> None:
+    """The other tests rely on this: a page that broke its policy would fail them."""
+    with serving(PageServer(to_json(scene()))) as server:
+        page = BrowserPage(chromium, server.address)
+        with page.tab.expect_event("console", lambda message: message.text.startswith("policy style-src")):
+            page.state("document.body.setAttribute('style', 'color: red')")
+        assert len(page.errors) == 2, "the browser's own words and those of the watch"
+        page.close()
+
+
+def test_browser_without_webgl_is_told_so(chromium: Any) -> None:
+    with serving(PageServer(to_json(scene()))) as server:
+        page = BrowserPage(chromium, server.address, script="HTMLCanvasElement.prototype.getContext = () => null")
+        page.until("document.getElementById('status').textContent.includes('no WebGL 2')")
+        page.close()
+
+
+def test_keyboard_and_buttons(open_page: Open) -> None:
+    with serving(PageServer(to_json(scene()))) as server:
+        page = shown(open_page, server, color_scheme="light")
+        server.send(encode(frame(1)))
+        page.until_drawn(1)
+        places = []
+        for key, name in (("1", "front"), ("2", "side"), ("3", "top"), ("4", "iso")):
+            page.tab.keyboard.press(key)
+            places.append(page.state("cogrip.project([0.05, 0.02, 0.01])"))
+            page.tab.get_by_role("button", name=name, exact=True).click()
+            assert page.state("cogrip.project([0.05, 0.02, 0.01])") == pytest.approx(places[-1])
+        assert len({tuple(each) for each in places}) == 4
+        page.tab.keyboard.press("y")
+        assert page.text("figure[data-quantity=position] figcaption").startswith("Position y [mm]")
+        page.tab.keyboard.press("?")
+        assert "dark or light" in page.text("#help")
+        page.tab.keyboard.press("Escape")
+        light = page.picture()[60, 700]
+        page.tab.keyboard.press("t")
+        dark = page.picture()[60, 700]
+    assert light.mean() > 0.8
+    assert dark.mean() < 0.2
+
+
+@pytest.mark.parametrize(("scheme", "bright"), [("light", True), ("dark", False)])
+def test_page_follows_the_system_in_dark_and_light(open_page: Open, scheme: str, bright: bool) -> None:
+    with serving(PageServer(to_json(scene()))) as server:
+        page = shown(open_page, server, color_scheme=scheme)
+        page.until("cogrip.stats !== null")
+        assert (page.picture().mean() > 0.5) == bright
+
+
+def test_phone_shows_picture_controls_and_plots(open_page: Open) -> None:
+    with serving(PageServer(to_json(scene()))) as server:
+        page = shown(open_page, server, width=390, height=844, has_touch=True)
+        server.send(encode(frame(1)))
+        page.until_drawn(1)
+        assert page.state("document.documentElement.scrollWidth") <= 390
+        for selector in ("#canvas", "[data-view=iso]", "#theme", "#people article", "#plots figure:last-child canvas"):
+            box = page.tab.locator(selector).first.bounding_box()
+            assert box["x"] >= 0
+            assert box["x"] + box["width"] <= 390
+            assert box["height"] >= 20
+        before = page.state("cogrip.project([0.05, 0, 0])")
+        page.tab.mouse.move(300, 300)
+        page.tab.mouse.down()
+        page.tab.mouse.move(340, 320)
+        page.tab.mouse.up()
+        assert page.state("cogrip.project([0.05, 0, 0])") != before
+
+
+def test_plots_have_a_line_for_each_person_and_end_at_the_newest_frame(open_page: Open) -> None:
+    with serving(PageServer(to_json(scene()))) as server:
+        page = shown(open_page, server)
+        for number in range(90):
+            server.send(encode(moving(number)))
+        page.until_drawn(89)
+        assert page.tab.locator("#plots figure").count() == 6
+        for number in range(89, 120):  # the plots take turns, one in a picture
+            server.send(encode(moving(number)))
+            page.until_drawn(number)
+        drawing = page.tab.locator("figure[data-quantity=force] canvas").first.screenshot()
+    assert len(drawing) > 2000, "more than an empty frame"
+
+
+def one_axis(told: Scene, where: Vector) -> Frame:
+    return replace(frame(1, where), axes=told.axes)
+
+
+def test_one_axis_offers_one_axis(open_page: Open) -> None:
+    told = scene(axes=1)
+    with serving(PageServer(to_json(told))) as server:
+        page = shown(open_page, server)
+        server.send(encode(one_axis(told, (0.02, 0.0, 0.0))))
+        page.until_drawn(1)
+        page.until("document.getElementById('object').textContent !== ''")
+        assert page.text("#object") == "object x 20.0 mm, 0.100 m/s"
+        assert [each.is_visible() for each in page.tab.locator("[data-axis]").all()] == [True, False, False]
+        left, right = [page.state(f"cogrip.project([{x}, 0, 0])") for x in (-0.05, 0.05)]
+    assert right[0] - left[0] > 100, "x runs to the right"

@@ -1,0 +1,181 @@
+"""The page in a real browser, playing a recording: from a socket, and as one file from a disk."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cogrip.view.frames import Frame
+from cogrip.view.page import self_contained
+from cogrip.view.scene import to_json
+
+from tests.view.browser_page import BrowserPage
+from tests.view.page_server import PageServer, serving
+from tests.view.pictured import FRAMES_HZ, anchor, recording
+
+Open = Callable[..., BrowserPage]
+SECONDS = 25
+TOLD, CHUNKS, FRAMES = recording(SECONDS)
+
+
+@pytest.fixture
+def server() -> Iterator[PageServer]:
+    with serving(PageServer(to_json(TOLD), CHUNKS)) as server:
+        yield server
+
+
+@pytest.fixture
+def page(open_page: Open, server: PageServer) -> BrowserPage:
+    page = open_page(server.address)
+    server.wait_for_page()
+    page.until_drawn(0)
+    return page
+
+
+def seek(page: BrowserPage, time_s: float) -> None:
+    page.state(f"cogrip.seek({time_s!r})")
+
+
+def assert_drawn_exactly(drawn: dict[str, Any], frame: Frame) -> None:
+    """The pose in the picture is that of the recording, to the last bit."""
+    assert drawn["time_s"] == frame.time_s
+    assert drawn["drawn"]["object"] == list(frame.position_m)
+    assert drawn["drawn"]["ghost"] == list(frame.people[0].seen_m)
+    for person, markers in zip(frame.people, drawn["drawn"]["people"], strict=True):
+        held = anchor(person.seat, len(frame.people))
+        assert markers["hand"] == [value + offset for value, offset in zip(person.hand_m, held, strict=True)]
+        assert markers["proxy"] == [value + offset for value, offset in zip(person.proxy_m, held, strict=True)]
+
+
+@pytest.mark.parametrize("number", [0, 1, 599, 600, 1199, 1200, 1499])
+def test_pose_at_a_frames_time_is_the_recorded_one(page: BrowserPage, number: int) -> None:
+    seek(page, FRAMES[number].time_s)
+    assert_drawn_exactly(page.until_drawn(number), FRAMES[number])
+
+
+def test_scrub_bar_shows_the_moment_that_it_is_drawn_to(page: BrowserPage) -> None:
+    box = page.tab.locator("[data-part=scrub]").bounding_box()
+    page.tab.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.until("cogrip.frame.time_s > 1")
+    drawn = page.state("cogrip.frame")
+    assert drawn["time_s"] == pytest.approx(SECONDS / 2, abs=0.2)
+    assert_drawn_exactly(drawn, FRAMES[drawn["number"]])
+
+
+def test_single_frames_forth_and_back_over_the_end_of_a_chunk(page: BrowserPage) -> None:
+    seek(page, FRAMES[598].time_s)
+    page.until_drawn(598)
+    for number in (599, 600, 601):
+        page.tab.keyboard.press(".")
+        assert_drawn_exactly(page.until_drawn(number), FRAMES[number])
+    for number in (600, 599):
+        page.tab.keyboard.press(",")
+        assert_drawn_exactly(page.until_drawn(number), FRAMES[number])
+
+
+def test_plays_draws_what_it_passes_and_pauses(page: BrowserPage) -> None:
+    page.tab.keyboard.press(" ")
+    page.until("cogrip.frame.time_s > 0.5")
+    page.tab.keyboard.press(" ")
+    assert not page.state("cogrip.player.playing")
+    drawn = page.state("cogrip.frame")
+    assert_drawn_exactly(drawn, FRAMES[drawn["number"]])
+    shown_s = page.state("cogrip.player.time_s")
+    assert 0 <= shown_s - drawn["time_s"] < 1.5 / FRAMES_HZ
+
+
+def test_fetches_the_next_chunk_ahead_and_each_once(page: BrowserPage, server: PageServer) -> None:
+    page.until("true")
+    assert server.asked == [0, 1]
+    seek(page, 12.0)
+    page.until_drawn(720)
+    seek(page, 3.0)
+    page.until_drawn(180)
+    seek(page, 21.0)
+    page.until_drawn(1260)
+    assert server.asked == [0, 1, 2]
+
+
+def test_events_are_marked_and_reached_by_keys_and_clicks(page: BrowserPage) -> None:
+    assert page.tab.locator(".tick").count() == 3
+    for key, time_s in (("n", 2.0), ("n", 7.5), ("n", 14.0), ("p", 7.5), ("p", 2.0)):
+        page.tab.keyboard.press(key)
+        assert page.state("cogrip.player.time_s") == time_s
+    page.tab.locator(".tick.lost").click()
+    assert page.state("cogrip.player.time_s") == 14.0
+    page.tab.get_by_text("Events").click()
+    page.tab.locator("#events").get_by_text("marker: grip").click()
+    assert page.state("cogrip.player.time_s") == 7.5
+
+
+def test_loop_stays_in_its_range(page: BrowserPage) -> None:
+    seek(page, 7.0)
+    page.tab.keyboard.press("a")
+    seek(page, 7.2)
+    page.tab.keyboard.press("b")
+    assert page.state("cogrip.player.loop") == {"on": True, "from_s": 7.0, "to_s": 7.2}
+    page.tab.keyboard.press(" ")
+    for _ in range(2):
+        page.until("cogrip.player.time_s > 7.1")
+        page.until("cogrip.player.time_s < 7.1")
+    assert 7.0 <= page.state("cogrip.player.time_s") <= 7.2
+    page.tab.keyboard.press("l")
+    page.until("cogrip.player.time_s > 7.3")
+
+
+def test_speed_keys_and_ends(page: BrowserPage) -> None:
+    page.tab.locator("[data-part=speed]").select_option("10")
+    page.tab.keyboard.press(" ")
+    page.until(f"cogrip.player.time_s === {SECONDS} && !cogrip.player.playing")
+    assert_drawn_exactly(page.until_drawn(1499), FRAMES[1499])
+    for _ in range(9):
+        page.tab.keyboard.press("-")
+    assert page.state("cogrip.player.speed") == 0.1
+    page.tab.keyboard.press("ArrowLeft")
+    assert page.state("cogrip.player.time_s") == SECONDS - 1
+    page.tab.keyboard.press("Shift+ArrowLeft")
+    assert page.state("cogrip.player.time_s") == SECONDS - 11
+    page.tab.keyboard.press("Home")
+    assert page.state("cogrip.player.time_s") == 0
+
+
+def test_phone_shows_the_player(open_page: Open, server: PageServer) -> None:
+    page = open_page(server.address, width=390, height=844, has_touch=True)
+    server.wait_for_page()
+    page.until_drawn(0)
+    for name in ("play", "scrub", "loop"):
+        box = page.tab.locator(f"[data-part={name}]").bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 390
+        assert box["y"] + box["height"] <= 844
+    page.tab.locator("[data-part=play]").tap()
+    page.until("cogrip.frame.number > 10")
+
+
+def test_self_contained_page_plays_from_a_disk_without_a_network(open_page: Open, tmp_path: Path) -> None:
+    file = tmp_path / "page.html"
+    file.write_text(self_contained(to_json(TOLD), CHUNKS), encoding="utf-8")
+    page = open_page(file.as_uri(), offline=True)
+    assert_drawn_exactly(page.until_drawn(0), FRAMES[0])
+    for number in (700, 1499):
+        seek(page, FRAMES[number].time_s)
+        assert_drawn_exactly(page.until_drawn(number), FRAMES[number])
+    page.tab.keyboard.press("Home")
+    page.tab.keyboard.press(" ")
+    page.until("cogrip.frame.number > 30")
+    asked = [each for each in page.requests if not each.startswith("data:")]
+    assert asked == [file.as_uri()]
+
+
+def test_damaged_chunk_is_told(open_page: Open) -> None:
+    with serving(PageServer(to_json(TOLD), [CHUNKS[0][:12] + b"no gzip", *CHUNKS[1:]])) as server:
+        page = open_page(server.address)
+        page.until("document.getElementById('status').textContent.startsWith('A part of the recording cannot be read')")
+
+
+def test_names_of_a_recording_cannot_end_its_script() -> None:
+    told = to_json(TOLD).replace("ben joined", "</script><script>alert(1)</script><!--")
+    text = self_contained(told, CHUNKS)
+    assert "alert(1)" in text
+    assert "<script>alert" not in text

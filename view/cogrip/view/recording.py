@@ -1,0 +1,300 @@
+"""A recorded run as a view: scene, events and frames, a chunk of ten seconds at a time.
+
+Frames are the room's own steps, every k-th of them, with the numbers that were recorded: nothing is interpolated. What a client
+knows (hand, round trip ...) is its newest tick at that moment. Where the server's part is missing the ticks of the first client
+are the frames, and the object is where that person saw it; where a client's part is missing its hand is not known.
+"""
+
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from math import nan
+from pathlib import Path
+
+import msgspec
+
+from cogrip.devices.web.messages import State, Vector, vector
+from cogrip.protocol.drawing import LEAST_DRAWN_N, anchors_m, object_size_m
+from cogrip.protocol.messages import shown
+from cogrip.protocol.recording.derived import offset_of
+from cogrip.protocol.recording.reader import RecordingError
+from cogrip.protocol.recording.records import Number, Row, SeatStep, Step, Tick
+from cogrip.protocol.settings import Settings
+from cogrip.server.recorder import step_topic
+from cogrip.sim.runs.folder import SETTINGS
+from cogrip.sim.runs.records import open_run
+from cogrip.sim.runs.verdict import least_margin
+from cogrip.view import frames
+from cogrip.view.file_index import FileIndex
+from cogrip.view.frames import Frame, PersonFrame
+from cogrip.view.recorded_events import client_event, server_event
+from cogrip.view.scene import Scene, SceneEvent, SceneObject, ScenePerson, colour
+
+CHUNK_S = 10.0
+MOST_HZ = 64  # frames a second
+SILENT_S = 0.5  # a client that has not ticked for so long is silent
+LOSS_S = 1.0  # over which the share of frames lost is taken
+_BEFORE_S = LOSS_S + SILENT_S  # read before a chunk, for what its first frames need
+_EVENTS_AT_MOST = 2000
+_JOINING_S = 1.0  # a person's first step is no farther from the event
+UNKNOWN: Vector = (nan, nan, nan)
+_STATES: dict[str, State] = {"live": "live", "degraded": "degraded", "fault": "fault"}
+_tick = msgspec.json.Decoder(Tick).decode
+_step = msgspec.json.Decoder(Step).decode
+
+
+class ViewError(Exception):
+    """A run that cannot be shown. The text says why, and the cure."""
+
+
+@dataclass(slots=True)
+class _Ticks:
+    """Ticks of one client over some seconds, decoded when they are asked for."""
+
+    times_s: list[float]
+    payloads: list[bytes]
+    decoded: dict[int, Tick]
+
+    def newest(self, time_s: float) -> tuple[float, Tick] | None:
+        """Return the newest tick at `time_s`, with its time; None where there was none in the last SILENT_S."""
+        place = bisect_right(self.times_s, time_s) - 1
+        if place < 0 or time_s - self.times_s[place] > SILENT_S:
+            return None
+        if place not in self.decoded:
+            self.decoded[place] = _tick(self.payloads[place])
+        return self.times_s[place], self.decoded[place]
+
+
+class RecordedView:
+    """Scene and chunks of a run. Make it with `open_view`.
+
+    began_ns  UTC of the view's time 0, by the recording machine's clock; of a run in virtual time, that time
+    """
+
+    def __init__(self, path: Path) -> None:
+        run = open_run(path)
+        self._settings = run.settings() or _settings_beside(run.folder)
+        self._notes = list(run.notes)
+        self._clients = {name: FileIndex(end, ("tick", "event")) for name, end in run.clients.items()}
+        self._server: FileIndex | None = None
+        if run.server is not None and self._settings is not None:
+            self._step = step_topic(self._settings.name)
+            self._server = FileIndex(run.server, (self._step, "event"))
+        self._names = tuple(run.names())
+        self._began = {name: span[0] for name, index in self._clients.items() if (span := index.first_and_last("tick"))}
+        spans = [span for index, kind in self._motions() if (span := index.first_and_last(kind))]
+        if not spans:
+            raise ViewError(f"{path} holds no motion: nobody had a seat while it was recorded; name another run")
+        self._start_s = min(first_s for first_s, _ in spans)
+        self._end_s = max(last_s for _, last_s in spans)
+        self._rate_hz = next((index.end.rate_hz for index, _ in self._motions()), 0)
+        shift = next(
+            index.end.recording.header.epoch_ns - round(index.end.offset_s * 1e9) for index, _ in self._motions()
+        )
+        self.began_ns = round(self._start_s * 1e9) + shift
+        self._every = -(-self._rate_hz // MOST_HZ)
+        self.scene = self._make_scene(self._settings or Settings(), next(iter(self._clients.values()), None))
+        self.frames = lru_cache(maxsize=3)(self._frames)
+
+    def _motions(self) -> list[tuple[FileIndex, str]]:
+        """Return what gives the frames: the server's steps, or the ticks of the first client that has any."""
+        if self._server is not None:
+            return [(self._server, self._step)]
+        return [(self._clients[name], "tick") for name in list(self._began)[:1]]
+
+    def _make_scene(self, settings: Settings, client: FileIndex | None) -> Scene:
+        sides = [user.side for user in settings.users] if self._server else ["left"] * len(self._names)
+        kind, axes = settings.object.kind, settings.object.axes
+        if self._server is None and client is not None:
+            axes = next((len(_tick(message.payload).object_m) for _, message in client.messages("tick")), axes)
+            self._notes.append(
+                "The server's recording is not here: the object is where the first person saw it; "
+                "`cogrip merge` brings the parts together."
+            )
+        missing = [name for name in self._names if name not in self._clients]
+        if missing:
+            self._notes.append(f"Not recorded here, so their hands are not known: {', '.join(missing)}.")
+        events = tuple(self._events())
+        people = [
+            ScenePerson(seat, name, colour(seat), self._anchor(seat, anchor, events))
+            for seat, (name, anchor) in enumerate(zip(self._names, anchors_m(kind, sides), strict=False))
+        ]
+        duration_s = self._end_s - self._start_s
+        room = settings.name if self._server or client is None else client.end.recording.header.room
+        return Scene(
+            room, "recording", axes, settings.rates.network_hz, settings.rates.device_hz,
+            SceneObject(kind, "wall" if kind == "wall" else "box", object_size_m(kind), settings.object.mass_kg), tuple(people),
+            note=shown(" ".join(self._notes)), duration_s=duration_s, chunks=int(duration_s // CHUNK_S) + 1,
+            events=events,
+        )  # fmt: skip
+
+    def _anchor(self, seat: int, held_m: Vector, events: Sequence[SceneEvent]) -> Vector:
+        """Return where a person's hand and proxy are drawn from: the point held, less what joining put between their frames."""
+        name = self._names[seat]
+        joined_s = next((event.time_s for event in events if event.kind == "joined" and event.who == name), 0.0)
+        begin_s = joined_s + self._start_s
+        if self._server is not None:
+            for _, message in self._server.messages(self._step, begin_s - _JOINING_S, begin_s + _JOINING_S):
+                step = _step(message.payload)
+                if seat < len(step.seats) and step.seats[seat].seated:
+                    x, y, z = (
+                        held - away
+                        for held, away in zip(held_m, _vector(offset_of(step.seats[seat], step)), strict=True)
+                    )
+                    return x, y, z
+        return held_m
+
+    def _events(self) -> Iterator[SceneEvent]:
+        found: list[SceneEvent] = []
+        if self._server is not None and self._settings is not None:
+            for time_s, message in self._server.messages("event"):
+                text = msgspec.json.decode(message.payload)["text"]
+                if event := server_event(self._on_clock(time_s), text, self._settings.name, self._names):
+                    found.append(event)
+        for name, index in self._clients.items():
+            for time_s, message in index.messages("event"):
+                text = msgspec.json.decode(message.payload)["text"]
+                if event := client_event(self._on_clock(time_s), text, name):
+                    found.append(event)
+        yield from sorted(found, key=lambda event: event.time_s)[:_EVENTS_AT_MOST]
+
+    def _on_clock(self, time_s: float) -> float:
+        return min(max(0.0, time_s - self._start_s), self._end_s - self._start_s)
+
+    def chunk(self, number: int) -> bytes:
+        """Return one chunk as the socket sends it. Raises ViewError for a number that is not there."""
+        return frames.encode_chunk(number, self.frames(number))
+
+    def _frames(self, number: int) -> tuple[Frame, ...]:
+        """Return the frames of one chunk. Raises ViewError for a number that is not there."""
+        if not 0 <= number < self.scene.chunks:
+            raise ViewError(f"chunk {number} is not there; the recording has {self.scene.chunks}, from 0")
+        from_s = self._start_s + number * CHUNK_S
+        to_s = from_s + CHUNK_S
+        begin_s = from_s - _BEFORE_S
+        try:
+            clients = {name: _ticks(index, begin_s, to_s) for name, index in self._clients.items()}
+            if self._server is None:
+                return tuple(self._frames_of_ticks(clients, from_s))
+            steps = [
+                (time_s, _step(message.payload)) for time_s, message in self._server.messages(self._step, begin_s, to_s)
+            ]
+        except msgspec.MsgspecError as error:
+            raise ViewError(f"a message of the recording is not what its topic says: {error}") from None
+        return tuple(self._frames_of_steps(steps, clients, from_s))
+
+    def _frames_of_steps(
+        self, steps: Sequence[tuple[float, Step]], clients: dict[str, _Ticks], from_s: float
+    ) -> Iterator[Frame]:
+        times_s = [time_s for time_s, _ in steps]
+        tank_j = self._settings.playout.tank_mj * 1e-3 if self._settings else 0.0
+        for time_s, step in steps:
+            if time_s < from_s or step.step % self._every:
+                continue
+            before_s, before = steps[max(0, bisect_right(times_s, time_s - LOSS_S) - 1)]
+            people: list[PersonFrame] = []
+            for seat, name in enumerate(self._names):
+                now = step.seats[seat] if seat < len(step.seats) else None
+                earlier = before.seats[seat] if seat < len(before.seats) else None
+                lost = (now.lost - earlier.lost, time_s - before_s) if now and earlier else None
+                people.append(self._person(seat, now, time_s, clients.get(name), lost, tank_j))
+            yield self._frame(step.step, time_s, _vector(step.object_m), _vector(step.object_mps), people)
+
+    def _frames_of_ticks(self, clients: dict[str, _Ticks], from_s: float) -> Iterator[Frame]:
+        first = next(iter(self._motions()), None)
+        clock = clients[first[0].end.who] if first else _Ticks([], [], {})
+        for time_s in clock.times_s:
+            found = clock.newest(time_s) if time_s >= from_s else None
+            if found is None or found[1].tick % self._every:
+                continue
+            people = [
+                self._person(seat, None, time_s, clients.get(name), None, 0.0) for seat, name in enumerate(self._names)
+            ]
+            yield self._frame(found[1].tick, time_s, _vector(found[1].object_m), UNKNOWN, people)
+
+    def _frame(
+        self, number: int, time_s: float, position_m: Vector, velocity_mps: Vector, people: Sequence[PersonFrame]
+    ) -> Frame:
+        touched = any(person.flags & frames.PUSHES for person in people)
+        axes, flags = self.scene.axes, frames.CONTACT if touched else 0
+        return Frame(axes, number, time_s - self._start_s, position_m, velocity_mps, tuple(people), flags=flags)
+
+    def _person(
+        self, seat: int, step: SeatStep | None, time_s: float, ticks: _Ticks | None, lost_up: tuple[int, float] | None,
+        tank_j: float,
+    ) -> PersonFrame:  # fmt: skip
+        found = ticks.newest(time_s) if ticks else None
+        if (self._server is not None and (step is None or not step.seated)) or (step is None and found is None):
+            return PersonFrame(seat)
+        tick = found[1] if found else None
+        counts = [lost_up] if lost_up else []
+        if tick and ticks and (earlier := ticks.newest(time_s - LOSS_S) or ticks.newest(ticks.times_s[0])):
+            counts.append((tick.lost - earlier[1].lost, time_s - earlier[0]))
+        hz = self.scene.network_hz
+        shares = [min(1.0, max(0.0, count / (hz * span_s))) for count, span_s in counts if span_s > 0.0]
+        force_n = _vector(step.force_n if step else tick.force_n if tick else ())
+        margins_j = [("up_margin_j", step.up_margin_j), ("line_margin_j", step.line_margin_j)] if step else []
+        margins_j += [("down_margin_j", tick.margin_j)] if tick else []
+        pushes = sum(each * each for each in force_n) >= LEAST_DRAWN_N**2
+        active = any(margin_j is not None and margin_j < least_margin(key, tank_j) for key, margin_j in margins_j)
+        known = tick is not None and tick.position_m is not None
+        return PersonFrame(
+            seat, self._state(seat, tick, time_s),
+            (frames.PUSHES if pushes else 0) | (frames.NOT_PASSIVE if active else 0) | (frames.HAND_KNOWN if known else 0),
+            (step.lost if step else 0) + (tick.lost if tick else 0),
+            _vector(tick.position_m) if tick and tick.position_m is not None else UNKNOWN,
+            _vector(step.proxy_m) if step else UNKNOWN,
+            force_n,
+            _vector(tick.object_m) if tick else UNKNOWN,
+            rtt_ms=_number(tick.rtt_ms if tick else None),
+            up_ms=_number(tick.up_ms if tick else None),
+            down_ms=_number(tick.down_ms if tick else None),
+            buffer_down_ms=_number(tick.playout_frames if tick else None) * 1e3 / hz,
+            up_balance_mj=_number(step.up_reserve_j if step else None) * 1e3,
+            line_balance_mj=_number(step.line_reserve_j if step else None) * 1e3,
+            loss=sum(shares) / len(shares) if shares else nan,
+        )  # fmt: skip
+
+    def _state(self, seat: int, tick: Tick | None, time_s: float) -> State:
+        """Return the state of somebody who has the seat."""
+        if tick is not None:
+            return _STATES.get(tick.state, "joining")
+        name = self._names[seat]
+        if name not in self._clients:
+            return "live"  # as far as the server knows
+        return "silent" if self._began.get(name, time_s) < time_s else "joining"
+
+
+def open_view(path: str | Path) -> RecordedView:
+    """Open a run folder or a recording. Raises ViewError with one line for what cannot be shown."""
+    try:
+        return RecordedView(Path(path))
+    except (FileNotFoundError, RecordingError) as error:
+        raise ViewError(str(error)) from None
+    except OSError as error:
+        raise ViewError(f"{path}: {error.strerror}; name a run folder that can be read") from None
+    except (msgspec.MsgspecError, KeyError, TypeError) as error:
+        raise ViewError(f"{path} holds a recording that does not say what it should: {error}") from None
+
+
+def _settings_beside(folder: Path) -> Settings | None:
+    """Return the settings in a run folder that has no server's recording; None where they are not there, or not readable."""
+    try:
+        return msgspec.json.decode((folder / SETTINGS).read_bytes(), type=Settings)
+    except (OSError, msgspec.MsgspecError):
+        return None
+
+
+def _ticks(index: FileIndex, from_s: float, to_s: float) -> _Ticks:
+    found = list(index.messages("tick", from_s, to_s))
+    return _Ticks([time_s for time_s, _ in found], [message.payload for _, message in found], {})
+
+
+def _vector(row: Row) -> Vector:
+    """Return three numbers: 0 for an axis that is not there, NaN for a number that is not known."""
+    return vector([nan if each is None else each for each in row])
+
+
+def _number(value: Number) -> float:
+    return nan if value is None else value
