@@ -20,6 +20,7 @@ BENCHES = {  # each is the function bench_NAME of tests.bench.NAME
     "stability": "Trace the boundary of the stable region, and compare its time with eigenvalues on a dense grid.",
     "sweep": "Run the same cases with one worker and with several.",
     "velocity": "Compare velocity estimators on recorded hands and in sessions, and report the impedance each device carries.",
+    "view": "Measure a 1 kHz client beside tabs, a tab that hangs, 50 tabs, and how soon the server feels a pointer.",
 }
 RENAMED = {"storms": "impaired"}
 """Benchmarks of earlier versions by their present names."""

@@ -20,6 +20,7 @@ GROUPS: dict[str, Table] = {
         "join": ("session.join:join", "Join a server with one force-feedback device, real or simulated; or observe."),
         "relay": ("session.relay:relay", "Put an emulated network between any two programs that speak UDP."),
         "view": ("session.view:view", "Show a session or a recording in the browser."),
+        "gateway": ("session.gateway:gateway", "Let people take part who have only a browser: pages and hands, over TLS."),
         "lab": ("session.lab:lab", "Run a whole session in virtual time, without sleeping."),
         "configs": ("session.configs:configs", "Settings that come with cogrip, by name: list, show, copy."),
     },

@@ -85,6 +85,11 @@ def is_secret(text: str) -> bool:
     return bool(_LONG_HEX.search(text) or (_TOKEN.match(last) and ("." in text or mixed)))
 
 
+def is_token(text: str) -> bool:
+    """Return whether `text` has the form of a token."""
+    return bool(_TOKEN.match(text))
+
+
 def unwrapped(text: str) -> str:
     """Return pasted text without the quotes, brackets and blanks around it, and without the command before it."""
     text = text.strip(_WRAPPING)

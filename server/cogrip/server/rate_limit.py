@@ -137,6 +137,10 @@ class Buckets:
         self._all_ns = budget.burst * self._each_ns
         self._full_ns = array("q", [0]) * count
 
+    def has(self, slot: int, now_ns: int) -> bool:
+        """Return whether there is a token in a bucket."""
+        return max(self._full_ns[slot], now_ns) + self._each_ns - now_ns <= self._all_ns
+
     def take(self, slot: int, now_ns: int) -> bool:
         """Take one token out of a bucket; False where it is empty."""
         full_ns = max(self._full_ns[slot], now_ns) + self._each_ns

@@ -38,7 +38,11 @@ def start_child(log: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
 
 def stated_reason(log: Path) -> str:
     """Return the reason that a child gave for its end, "" where it gave none."""
-    lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else []
+    return reason_in(log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else [])
+
+
+def reason_in(lines: Sequence[str]) -> str:
+    """Return the last reason for an end in what a command printed, "" where there is none."""
     for line in reversed(lines):
         if line.startswith("{"):  # a server that logs for programs
             try:

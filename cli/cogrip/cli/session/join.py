@@ -25,7 +25,7 @@ from cogrip.cli.session.joined_device import (
 from cogrip.cli.session.live_views import JoinView, drawing
 from cogrip.cli.session.observe import counted, observe_room
 from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.view_child import ViewChild, is_web, open_view
+from cogrip.cli.session.view_child import GivenLink, ViewChild, given_link, is_web, open_view
 from cogrip.cli.terminal.live_screen import LiveScreen, may_draw
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Quiet, Record, Report, Runs
@@ -155,7 +155,9 @@ def join(
             LiveScreen(console.print) as screen,
         ):
             say = screen.say
-            files = _Files(runs, into, record, screen, drawn=not quiet and may_draw(console), page=page)
+            files = _Files(
+                runs, into, record, screen, drawn=not quiet and may_draw(console), page=page or given_link(device)
+            )
             client = LiveClient(
                 arm, target.player(arm.capability, address), paths, stop, say, LinkEmulator, files.record_at, seconds, rearms,
                 partial(judge_seat, address, allow_unstable, say), partial(played_out, arm), allow_unstable,
@@ -193,7 +195,7 @@ class _Files:
     record: bool
     screen: LiveScreen
     drawn: bool
-    page: ViewChild | None = None
+    page: ViewChild | GivenLink | None = None
 
     def record_at(self, seat: SeatSettings) -> Path | None:
         """Return the recording's file, None if there is to be none; start its live table."""

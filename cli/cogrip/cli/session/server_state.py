@@ -103,18 +103,25 @@ def _public(public: str | None, bound: tuple[str, int]) -> tuple[str, int]:
     """Return host and port by which people reach this server. Raises BadInput."""
     host, port = bound
     if public is None:
-        return (_own_address(host), port) if host in WILDCARDS else (host, port)
+        return (own_address(host), port) if host in WILDCARDS else (host, port)
+    return place_of(public, port)
+
+
+def place_of(public: str, port: int) -> tuple[str, int]:
+    """Return host and port of `--public`, `port` where it has none. Raises BadInput."""
     name, colon, number = public.rpartition(":")
     if not colon or (":" in name and not public.startswith("[")):  # a bare name or IPv6 address
-        name, number = public, str(port)
+        name, number = public, ""
     with BadInput.of(LinkError, where=f"--public {public}: "):
         check_host(name.strip("[]"))
+    if not number and not public.endswith(":"):
+        return name.strip("[]"), port
     if not number.isdigit() or not 0 < int(number) < 65536:
         raise BadInput(f"--public {public}: write HOST or HOST:PORT with a port from 1 to 65535")
     return name.strip("[]"), int(number)
 
 
-def _own_address(wildcard: str) -> str:
+def own_address(wildcard: str) -> str:
     """Return the address that this machine uses towards others; nothing is sent to find out."""
     family, far = (socket.AF_INET6, "2001:db8::1") if wildcard == "::" else (socket.AF_INET, "192.0.2.1")
     with socket.socket(family, socket.SOCK_DGRAM) as probe:

@@ -74,7 +74,7 @@ def view(
     with closing(joined.paths(insecure)) as paths, Problem.of(JoinError):
         feed = LiveFeed(ClientSession(joined.observer()), paths, console.print)
         feed.connect()
-        link = None if hand is None else HandLink(socket.socket(fileno=hand), feed.seat)
+        link = None if hand is None else HandLink(socket.socket(fileno=hand), feed.tell_hands)
         return _serve(feed, link, console, port, browser, foxglove, seconds)
 
 

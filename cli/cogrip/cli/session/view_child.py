@@ -1,6 +1,8 @@
 """The view beside another command: a process of its own, which shows that command's session in the browser."""
 
 import json
+import os
+import re
 import socket
 import subprocess
 import sys
@@ -119,9 +121,29 @@ class ViewChild:
         self.close()
 
 
+class GivenLink:
+    """Link to a page of another process, which started this one with its descriptor in the device's address."""
+
+    def __init__(self, fd: int) -> None:
+        self._fd = fd
+
+    def seated(self, seat: int) -> None:
+        """Tell the page which seat its hand has."""
+        with suppress(OSError), socket.socket(fileno=os.dup(self._fd)) as end:
+            end.send(json.dumps({"seat": seat}).encode())
+
+
+def given_link(device: str | None) -> GivenLink | None:
+    """Return the link that stands in a device's address, None where there is none."""
+    found = re.match(rf"{SCHEME}:pointer\?(?:.*&)?fd=(\d+)", device or "")
+    return GivenLink(int(found[1])) if found else None
+
+
 def is_web(device: str | None) -> bool:
     """Return whether a device address asks for the pointer of a page that this command is to serve."""
-    return device is not None and (device == SCHEME or device.startswith(f"{SCHEME}:")) and "idle" not in device
+    if device is None or given_link(device):
+        return False
+    return (device == SCHEME or device.startswith(f"{SCHEME}:")) and "idle" not in device
 
 
 def open_view(

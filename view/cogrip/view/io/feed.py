@@ -31,7 +31,6 @@ class Feed(Protocol):
     tabs: dict[Tab, bool]  # True: it moves the hand
     frame: Frame | None
     ended: str
-    own_seat: int | None  # of the hand
 
     @property
     def scene(self) -> Scene:
@@ -41,9 +40,9 @@ class Feed(Protocol):
         """Return a chunk of a recording. Raises ChunkError."""
 
 
-def scene_text(feed: Feed, *, hand: bool, own_seat: int | None) -> str:
+def scene_text(feed: Feed, tab: Tab, *, hand: bool) -> str:
     """Return the scene as a tab is told it."""
-    return to_json(replace(feed.scene, hand=hand, own_seat=own_seat if hand else None))
+    return to_json(replace(feed.scene, hand=hand, own_seat=tab.own_seat if hand else None))
 
 
 @dataclass(slots=True, eq=False)
@@ -54,7 +53,6 @@ class RecordedFeed:
     tabs: dict[Tab, bool] = field(init=False, default_factory=dict)
     frame: Frame | None = field(init=False, default=None)
     ended: str = field(init=False, default="")
-    own_seat: int | None = field(init=False, default=None)
 
     @property
     def scene(self) -> Scene:
@@ -79,7 +77,6 @@ class LiveFeed:
     tabs: dict[Tab, bool] = field(init=False, default_factory=dict)
     frame: Frame | None = field(init=False, default=None)
     ended: str = field(init=False, default="")
-    own_seat: int | None = field(init=False, default=None)
     core: ObserverCore = field(init=False)
     _stop: Stop = field(init=False, default_factory=Stop)
     _live: LiveScene = field(init=False)
@@ -96,12 +93,11 @@ class LiveFeed:
         self._live = LiveScene(welcome.settings)
         self.scene = self._live.scene
 
-    def seat(self, number: int) -> None:
-        """Note the seat of the hand that the page moves, and tell its tab."""
-        self.own_seat = number
+    def tell_hands(self) -> None:
+        """Tell tabs with a hand the scene again: its seat is known now."""
         for tab, hand in self.tabs.items():
             if hand:
-                tab.say(scene_text(self, hand=True, own_seat=number))
+                tab.say(scene_text(self, tab, hand=True))
 
     def start(self) -> None:
         """Begin to follow the session; called in the event loop's thread."""
@@ -149,7 +145,7 @@ class LiveFeed:
         self.scene, self.frame = scene, frame
         for tab, hand in self.tabs.items():
             if changed:
-                tab.say(scene_text(self, hand=hand, own_seat=self.own_seat))
+                tab.say(scene_text(self, tab, hand=hand))
             for event in events:
                 tab.say(to_json(event))
             tab.show(message)

@@ -17,12 +17,14 @@ MOST_AT_ONCE = 64
 class HandLink:
     """Page's end of the link. One tab at a time moves the hand.
 
-    seated   called with the seat that the client has got
+    seated   called when the client has got a seat
+    seat     its number, None before
     """
 
-    def __init__(self, end: socket.socket, seated: Callable[[int], None]) -> None:
+    def __init__(self, end: socket.socket, seated: Callable[[], None] = lambda: None) -> None:
         end.setblocking(False)
         self.counts: Counter[str] = Counter()
+        self.seat: int | None = None
         self._end = end
         self._seated = seated
         self._tab: Tab | None = None
@@ -45,6 +47,7 @@ class HandLink:
         if self._tab is None:
             self._tab = tab
             self._number = 0
+            tab.own_seat = self.seat
         return self._tab is tab
 
     def leave(self, tab: Tab) -> None:
@@ -70,6 +73,12 @@ class HandLink:
         except OSError as error:  # the client is busy, or gone: the device lets go after 100 ms of silence
             self.counts[f"hand: {error.strerror}"] += 1
 
+    def _take_seat(self, seat: int) -> None:
+        self.seat = seat
+        if self._tab is not None:
+            self._tab.own_seat = seat
+        self._seated()
+
     def _receive(self) -> None:
         for _ in range(MOST_AT_ONCE):
             try:
@@ -84,7 +93,7 @@ class HandLink:
                 return
             if message.startswith(b"{"):
                 with suppress(ValueError, KeyError, TypeError):
-                    self._seated(int(json.loads(message)["seat"]))
+                    self._take_seat(int(json.loads(message)["seat"]))
                 continue
             try:
                 decode_own_hand(message)

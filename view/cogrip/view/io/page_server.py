@@ -1,13 +1,17 @@
 """HTTP server and websocket of the view, on one port: page files to browsers, frames to tabs, pointer messages to a hand."""
 
 import asyncio
+import logging
 import secrets
 import ssl
 from collections import Counter
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from http import HTTPStatus
-from urllib.parse import parse_qs, urlsplit
+from typing import Any, cast
+from urllib.parse import parse_qs
 
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers
@@ -23,24 +27,39 @@ from cogrip.view.io.feed import ChunkError, Feed, scene_text
 from cogrip.view.io.hand_link import HandLink
 from cogrip.view.page import ServedFile
 from cogrip.view.tab import Tab
+from cogrip.view.visitors import VisitorLimits, Visitors
 
 OURS = Subprotocol("cogrip.view.v1")
 FOXGLOVE = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
-FIRST_POINTER = 1
 WRITE_BYTES = 64 * 1024  # waiting for a slow client, beside what the system buffers
-MOST_TABS = 256
+RESERVE_BYTES = access.MOST_MESSAGE_BYTES  # beyond the largest message: what is larger still is not even read
+TLS_S = 5.0
+PROTOCOL_ERRORS = {1002: "malformed websocket frame", 1007: "text that is not UTF-8", 1009: "message too large"}
+
+Refusal = tuple[int, str, str]  # close code, reason under which it is counted, words ("": the reason)
 
 
 @dataclass(frozen=True, slots=True)
 class Admitted:
-    """Answer to a token: what its holder is shown, and may move. hand: None for an observer."""
+    """Answer to a token: what its holder is shown, and may move.
+
+    hand   None for an observer
+    over   its result ends the tab
+    held   whatever whoever admitted it needs when it is handed back
+    """
 
     feed: Feed
     hand: HandLink | None = None
+    over: "asyncio.Future[DeniedError] | None" = None
+    held: object = None
 
 
 class DeniedError(Exception):
-    """A token is not admitted. The text says why, to whoever holds it."""
+    """A token is not admitted, or no longer. The text says why, to whoever holds it. reason: under which it is counted."""
+
+    def __init__(self, words: str, code: int = access.TOKEN, reason: str = "token") -> None:
+        super().__init__(words)
+        self.code, self.reason = code, reason
 
 
 @dataclass(slots=True)
@@ -48,27 +67,30 @@ class PageServer:
     """Serves one port until `close`.
 
     assets   path -> file
-    admit    gives what the holder of a token may see, or raises DeniedError; asked_hand: the tab wants to move a device
+    admit    gives what the holder of a token may see, or raises DeniedError; called with the token, whether the tab wants to
+             move a device, and its address
     foxglove handler of a connection that speaks Foxglove's protocol, None where it is not offered
     """
 
     access: Access
     assets: Mapping[str, ServedFile]
     policy: str
-    admit: Callable[[str, bool], Awaitable[Admitted]]
+    admit: Callable[[str, bool, object], Awaitable[Admitted]]
     leave: Callable[[Admitted], None] = lambda admitted: None
     foxglove: Callable[[ServerConnection, Feed], Awaitable[None]] | None = None
-    tabs: int = field(init=False, default=0)
+    visitors: Visitors = field(default_factory=lambda: Visitors(VisitorLimits(), secrets.randbits(64)))
     counts: Counter[str] = field(init=False, default_factory=Counter)
     _server: Server = field(init=False)
     _once: dict[str, str] = field(init=False, default_factory=dict)
 
     async def listen(self, host: str, port: int, tls: ssl.SSLContext | None = None) -> None:
         """Begin to serve. Raises OSError where the port cannot be had."""
+        connection = cast("type[ServerConnection]", partial(_Connection, self))
         self._server = await serve(
-            self._talk, host, port, ssl=tls,
+            self._talk, host, port, ssl=tls, ssl_handshake_timeout=None if tls is None else TLS_S,
+            create_connection=connection, logger=LOG,
             process_request=self._answer, subprotocols=[OURS, *self._offered()],
-            max_size=access.MOST_MESSAGE_BYTES, compression=None, write_limit=WRITE_BYTES, max_queue=64,
+            max_size=access.MOST_MESSAGE_BYTES + RESERVE_BYTES, compression=None, write_limit=WRITE_BYTES, max_queue=64,
             open_timeout=access.HELLO_S,
             server_header=None, ping_interval=20.0, ping_timeout=90.0, close_timeout=1.0,
         )  # fmt: skip
@@ -96,21 +118,25 @@ class PageServer:
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Return the answer to a request for a file or to one that is refused; None lets a websocket begin."""
-        path = urlsplit(request.path).path
-        upgrade = "websocket" in request.headers.get("Upgrade", "").lower()
+        path = _path(request)
+        upgrade = "websocket" in ",".join(request.headers.get_all("Upgrade")).lower()
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         if len(hosts) != 1 or len(origins) > 1:
             self.access.refused["malformed request"] += 1
             return self._response(HTTPStatus.BAD_REQUEST, b"one Host and at most one Origin\n")
+        if getattr(request, "method", "GET") != "GET":  # older versions of websockets refuse it themselves
+            self.access.refused["malformed request"] += 1
+            return self._response(HTTPStatus.METHOD_NOT_ALLOWED, b"GET alone\n")
         if refusal := self.access.refusal(hosts[0], origins[0] if origins else None, upgrade=upgrade):
             return self._response(HTTPStatus.FORBIDDEN, f"{refusal}\n".encode())
         if upgrade:
             known = path == access.SOCKET or (path == access.FOXGLOVE and self.foxglove is not None)
-            if known and self.tabs < MOST_TABS:
+            full = self.visitors.may_open(connection.remote_address) if known else ""
+            if known and not full:
                 return None
-            self.access.refused["too many tabs" if known else "unknown path"] += 1
+            self.access.refused[full or "unknown path"] += 1
             status = HTTPStatus.SERVICE_UNAVAILABLE if known else HTTPStatus.NOT_FOUND
-            return self._response(status, f"{status.phrase}\n".encode())
+            return self._response(status, f"{full or status.phrase}\n".encode())
         if url := self._once.pop(path, ""):
             return self._response(HTTPStatus.SEE_OTHER, b"", location=url)
         asset = self.assets.get(path)
@@ -134,24 +160,28 @@ class PageServer:
     # Sockets ---------------------------------------------------------------------------------------------------------
 
     async def _talk(self, connection: ServerConnection) -> None:
-        self.tabs += 1
+        address = connection.remote_address
+        self.visitors.open_tab(address)
         try:
             await self._converse(connection)
         except ConnectionClosed as closed:
-            if closed.sent is not None and closed.sent.code == 1009:
-                self._count("message too large")
+            if closed.sent is not None and not closed.rcvd_then_sent and closed.sent.code in PROTOCOL_ERRORS:
+                self._count(PROTOCOL_ERRORS[closed.sent.code])
         finally:
-            self.tabs -= 1
+            self.visitors.close_tab(address)
 
     async def _converse(self, connection: ServerConnection) -> None:
         request = connection.request
         assert request is not None
-        if urlsplit(request.path).path == access.FOXGLOVE:
+        if _path(request) == access.FOXGLOVE:
             await self._foxglove(connection, request)
             return
         try:
             async with asyncio.timeout(access.HELLO_S):
                 first = await connection.recv()
+            if _too_large(first):
+                await self._refuse(connection, access.TOO_LARGE, "message too large")
+                return
             hello = read_text(first) if isinstance(first, str) else None
             if not isinstance(hello, PageHello):
                 raise PageError("the first message is not a hello")
@@ -170,11 +200,22 @@ class PageServer:
             self.leave(admitted)
 
     async def _admitted(self, connection: ServerConnection, token: str, hand: bool) -> Admitted | None:
+        """Return what the holder of a token may see, None where it was refused. Raises ConnectionClosed."""
+        asked = asyncio.ensure_future(self.admit(token, hand, connection.remote_address))
+        closed = asyncio.create_task(connection.wait_closed())
         try:
-            return await self.admit(token, hand)
+            await asyncio.wait([asked, closed], return_when=asyncio.FIRST_COMPLETED)
+            if asked.done():
+                return asked.result()
+            asked.cancel()
+            with suppress(asyncio.CancelledError, DeniedError):
+                self.leave(await asked)  # it came through at the last moment
+            raise connection.protocol.close_exc
         except DeniedError as denied:
-            await self._refuse(connection, access.TOKEN, "token", str(denied))
-            return None
+            await self._refuse(connection, denied.code, denied.reason, str(denied))
+        finally:
+            closed.cancel()
+        return None
 
     async def _show(self, connection: ServerConnection, admitted: Admitted) -> None:
         """Send what a tab is to see, and heed what it sends, until either end closes."""
@@ -182,14 +223,17 @@ class PageServer:
         waiting = asyncio.Event()
         tab = Tab(waiting.set)
         moves = hand is not None and hand.take(tab)
-        tab.say(scene_text(feed, hand=moves, own_seat=feed.own_seat))
+        tab.say(scene_text(feed, tab, hand=moves))
         feed.tabs[tab] = moves
         if feed.frame is not None:
             tab.show(frames.encode(feed.frame))
         writer = asyncio.create_task(_write(connection, tab, waiting))
+        watch = asyncio.create_task(self._end(connection, admitted))
         try:
             async for message in connection:
-                if isinstance(message, bytes):
+                if _too_large(message):
+                    refusal: Refusal | None = (access.TOO_LARGE, "message too large", "")
+                elif isinstance(message, bytes):
                     refusal = self._move(message, hand if moves else None)
                 else:
                     refusal = await self._request(message, feed, tab)
@@ -198,44 +242,53 @@ class PageServer:
                     return
         finally:
             writer.cancel()
+            watch.cancel()
             del feed.tabs[tab]
             if hand is not None and moves:
                 hand.leave(tab)
             self.counts["frame replaced by a newer one"] += tab.replaced
 
-    def _move(self, message: bytes, hand: HandLink | None) -> tuple[int, str] | None:
+    async def _end(self, connection: ServerConnection, admitted: Admitted) -> None:
+        """Wait until who was admitted is no longer, and close."""
+        if admitted.over is None:
+            return
+        denied = await asyncio.shield(admitted.over)
+        await self._refuse(connection, denied.code, denied.reason, str(denied))
+
+    def _move(self, message: bytes, hand: HandLink | None) -> Refusal | None:
         if hand is None:
-            return access.NO_RIGHT, "no hand to move"
+            return access.NO_RIGHT, "pointer without a hand", "this page has no hand to move"
         try:
             pointer: Pointer = decode_pointer(message)
         except FrameError as error:
-            self._count("pointer message refused")
-            return access.MALFORMED, str(error)
+            return access.MALFORMED, "malformed pointer message", str(error)
         hand.send(pointer)
         return None
 
-    async def _request(self, text: str, feed: Feed, tab: Tab) -> tuple[int, str] | None:
+    async def _request(self, text: str, feed: Feed, tab: Tab) -> Refusal | None:
         try:
             request = read_text(text)
             if not isinstance(request, ChunkRequest):
-                return access.MALFORMED, "a second hello"
+                return access.MALFORMED, "second hello", ""
             tab.say(await asyncio.to_thread(feed.chunk, request.number))
         except PageError as error:
-            return access.MALFORMED, str(error)
+            return access.MALFORMED, "malformed message", str(error)
         except ChunkError:
-            return access.MALFORMED, "there is no such chunk"
+            return access.MALFORMED, "no such chunk", ""
         return None
 
     async def _foxglove(self, connection: ServerConnection, request: Request) -> None:
-        token = parse_qs(urlsplit(request.path).query).get("token", [""])[0]
+        token = parse_qs(request.path.partition("?")[2]).get("token", [""])[0]
         if connection.subprotocol not in FOXGLOVE or self.foxglove is None:
             await self._refuse(connection, 1002, "subprotocol", "ask for foxglove.sdk.v1 or foxglove.websocket.v1")
             return
         admitted = await self._admitted(connection, token, hand=False)
         if admitted is not None:
+            watch = asyncio.create_task(self._end(connection, admitted))
             try:
                 await self.foxglove(connection, admitted.feed)
             finally:
+                watch.cancel()
                 self.leave(admitted)
 
     async def _refuse(self, connection: ServerConnection, code: int, reason: str, words: str = "") -> None:
@@ -244,6 +297,46 @@ class PageServer:
 
     def _count(self, reason: str) -> None:
         self.access.refused[reason] += 1
+
+
+def _is_defect(record: logging.LogRecord) -> bool:
+    """Leave out what a peer's bytes bring about, or anybody could fill the log: bytes behind a request that is refused."""
+    kind = record.exc_info[0] if record.exc_info else None
+    return not (kind is AssertionError and record.getMessage() == "unexpected internal error")
+
+
+LOG = logging.getLogger("cogrip.view")
+LOG.addFilter(_is_defect)
+
+
+class _Connection(ServerConnection):
+    """Connection that is in the visitors' books from its first byte, and whose request is counted where it is none."""
+
+    def __init__(self, page: PageServer, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._page = page
+        self._address: object = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        self._address = self.remote_address
+        if refusal := self._page.visitors.connect(self._address):
+            self._page.access.refused[refusal] += 1
+            self.transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self.request is None or self.protocol.handshake_exc is not None:
+            self._page.access.refused["malformed request"] += 1
+        self._page.visitors.disconnect(self._address)
+        super().connection_lost(exc)
+
+
+def _path(request: Request) -> str:
+    return request.path.partition("?")[0]
+
+
+def _too_large(message: str | bytes) -> bool:
+    return len(message.encode() if isinstance(message, str) else message) > access.MOST_MESSAGE_BYTES
 
 
 async def _write(connection: ServerConnection, tab: Tab, waiting: asyncio.Event) -> None:

@@ -102,7 +102,7 @@ class ViewProcess:
             await asyncio.sleep(LOOKED_AGAIN_S)
         return ""
 
-    async def _admit(self, token: str, hand: bool) -> Admitted:
+    async def _admit(self, token: str, hand: bool, address: object) -> Admitted:
         if not same(token, self.token):
             raise DeniedError("this address is of another view: open the one that was printed last")
         return Admitted(self.feed, self.hand if hand else None)

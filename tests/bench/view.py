@@ -1,0 +1,262 @@
+"""`dev.py bench view`: what tabs cost a 1 kHz client and the page's process, and how soon the server feels a pointer.
+
+A tab is a client of the page's socket here: what a browser takes to draw is its own.
+"""
+
+import asyncio
+import json
+import math
+import os
+import random
+import signal
+import statistics
+import subprocess
+import tempfile
+import time
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from cogrip.cli.session.settings_file import load
+from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.terminal.output import make_console
+from cogrip.cli.terminal.problem import Problem, at_least_one
+from cogrip.cli.terminal.tables import plain_table
+from cogrip.devices.web.messages import Pointer, encode_pointer
+from cogrip.protocol.accounts import TickCount
+from cogrip.protocol.recording.reader import open_recording
+from cogrip.protocol.settings import Settings
+from cogrip.sim.runs.folder import SERVER_RECORDING, SETTINGS, read_accounts, write_settings
+from cogrip.sim.runs.records import End
+
+from tests.bench.children import ROOT, output_at_end, start_cogrip, start_python, wait_for_line
+from tests.bench.loads.process_memory import memory_kb
+from tests.bench.loads.tabs import opened
+from tests.bench.targets import reached
+
+PLAYOUT_FRAMES = 1
+CHANGES = ("link.delay_ms=0", f"playout.frames={PLAYOUT_FRAMES}")
+MOST_RATIO, MOST_GROWTH_MB, LEAST_HZ, MOST_P50_MS = 1.1, 5.0, 30.0, 25.0
+TABS, WATCHING = 50, 2
+JUMP_M, REST_S = 0.01, 0.6
+REPEAT_S = 0.05  # as often a page says that its pointer holds
+NOISE_N, SPREADS = 0.005, 5.0  # a force that changes by more than both is of the pointer
+END_S = 30.0
+Row = tuple[str, str, str, str]
+
+
+def bench_view(*, blocks: int = 8, seconds: float = 60.0, jumps: int = 60) -> int:
+    """Measure a 1024 Hz client beside tabs, a tab that is stopped, 50 tabs, and pointer to server.
+
+    Parameters
+    ----------
+    blocks
+        Sessions of the client, with two tabs and without in turns.
+    seconds
+        Time for which a tab is stopped; a tenth of it, at least 5 s, is every other part.
+    jumps
+        Jumps of the pointer.
+    """
+    at_least_one("--blocks", blocks)
+    console = make_console(soft_wrap=True)
+    settings = load(shipped("demo"), CHANGES)
+    short_s = max(5.0, 0.1 * seconds)
+    rows: list[Row] = []
+    well = True
+
+    def judge(what: str, value: float, asked: float, unit: str, *, most: bool) -> None:
+        nonlocal well
+        fine = value <= asked if most else value >= asked
+        well = well and fine
+        rows.append((what, f"{value:.2f} {unit}", f"{'at most' if most else 'at least'} {asked:g}", reached(fine)))
+
+    before = os.getloadavg()[0]
+    with tempfile.TemporaryDirectory(prefix="cogrip-view-") as name:
+        base = Path(name)
+        ratio, error = _lateness(settings, base, blocks, short_s, console)
+        judge("p99 lateness of a 1024 Hz client, 2 tabs/none", ratio, MOST_RATIO, "", most=True)
+        rows.append(("  uncertain by a factor of", f"{error:.2f}", "", ""))
+        grown_mb, rates = _tabs(settings, base / "tabs", seconds, short_s)
+        judge(f"page's memory, a tab stopped for {seconds:g} s", grown_mb, MOST_GROWTH_MB, "MB", most=True)
+        judge(f"{TABS} tabs: frames a second, least", min(rates), LEAST_HZ, "Hz", most=False)
+        rows.append((f"{TABS} tabs: frames a second, median", f"{statistics.median(rates):.2f} Hz", "", ""))
+        delays_ms = _pointer(settings, base / "pointer", jumps)
+        p50, p95 = np.percentile(delays_ms, (50, 95))
+        judge("pointer to wave applied, less playout, p50", float(p50), MOST_P50_MS, "ms", most=True)
+        rows.append((f"  p95, of {len(delays_ms)} jumps", f"{p95:.2f} ms", "", ""))
+    console.print(plain_table(("view", "measured", "asked", ""), rows))
+    console.print(
+        f"load of this machine: {before:.1f} before, {os.getloadavg()[0]:.1f} after; {os.cpu_count()} processors"
+    )
+    return 0 if well else 1
+
+
+def _lateness(
+    settings: Settings, base: Path, blocks: int, seconds: float, console: Console
+) -> tuple[float, float]:  # fmt: skip
+    """Return the ratio of geometric means, and the factor by which it is uncertain."""
+    late_us: dict[bool, list[float]] = {True: [], False: []}
+    user = settings.users[0].name
+    for number in range(max(4, blocks)):
+        watched = number % 4 in (0, 3)
+        folder = base / f"{number}"
+        with _served(settings, folder) as place:
+            client = start_cogrip(
+                "join", place, "--config", str(folder / SETTINGS), "--name", user, "--into", str(folder), "--no-record",
+                "--seconds", str(seconds),
+            )  # fmt: skip
+            if watched:
+                with _viewed(place) as (_, url), _reading(url, WATCHING):
+                    printed, well = output_at_end(client, seconds + END_S)
+            else:
+                printed, well = output_at_end(client, seconds + END_S)
+            if not well:
+                raise Problem(f"the client failed:\n{printed}")
+        account = read_accounts(folder, [user])[user]
+        ticks = account.ticks if account else TickCount()
+        if ticks.late_us.p99 is None:
+            raise Problem(f"the client left no account in {folder}")
+        late_us[watched].append(max(1.0, ticks.late_us.p99))
+        console.print(f"{'two tabs' if watched else 'no tab  '}: p99 lateness {ticks.late_us.p99:.0f} µs")
+    logs = {watched: [math.log(each) for each in found] for watched, found in late_us.items()}
+    error = math.sqrt(sum(statistics.variance(found) / len(found) for found in logs.values()))
+    return math.exp(statistics.mean(logs[True]) - statistics.mean(logs[False])), math.exp(error)
+
+
+def _tabs(settings: Settings, folder: Path, stopped_s: float, seconds: float) -> tuple[float, list[float]]:
+    """Return what a stopped tab adds to the memory of the page's process [MB], and frames a second of each of many tabs."""
+    with _served(settings, folder) as place, _held(place, settings), _viewed(place) as (view, url):
+        with _reading(url, WATCHING), _reading(url, 1) as stopped:
+            time.sleep(seconds)
+            before = memory_kb(view.pid) or 0.0
+            stopped.send_signal(signal.SIGSTOP)
+            try:
+                time.sleep(stopped_s)
+                after = memory_kb(view.pid) or 0.0
+            finally:
+                stopped.send_signal(signal.SIGCONT)
+        with _reading(url, TABS) as tabs:
+            time.sleep(seconds)
+            printed, _ = tabs.communicate(b"\n", timeout=END_S)
+            rates = json.loads(printed)
+    return (after - before) / 1024, rates
+
+
+def _pointer(settings: Settings, folder: Path, jumps: int) -> list[float]:
+    """Return the time from a pointer's jump to the first step of the server that shows it, without the playout delay [ms]."""
+    with _served(settings, folder, record=True) as place:
+        client = start_cogrip("join", place, "--device", "web", "--no-record", "--into", str(folder), "--name", "anna")
+        try:
+            url = wait_for_line(client, r"view: (http://\S+)")[1]
+            sent_ns = asyncio.run(_jump(url, jumps))
+        finally:
+            client.send_signal(signal.SIGTERM)
+            output_at_end(client, END_S)
+    end = End(open_recording(folder / SERVER_RECORDING))
+    anchor_s, anchor = next(iter(end.records("clock")))
+    times_s, forces_n = [], []
+    for time_s, step in end.records("step"):
+        if (seat := step.seats[0]).seated:
+            times_s.append(time_s - anchor_s + anchor.monotonic_ns / 1e9)
+            forces_n.append(seat.force_n[0])
+    playout_s = PLAYOUT_FRAMES / settings.rates.network_hz
+    found = [_first(times_s, forces_n, each / 1e9) for each in sent_ns]
+    return [1e3 * (delay_s - playout_s) for delay_s in found if delay_s is not None]
+
+
+def _first(times_s: Sequence[float], forces_n: Sequence[float], sent_s: float) -> float | None:
+    """Return the time from `sent_s` to the first force that is another than at rest before; None where there was no rest."""
+    at = bisect_right(times_s, sent_s)
+    rest = forces_n[max(0, at - 8) : at]
+    if len(rest) < 8:
+        return None
+    bound = max(NOISE_N, SPREADS * (max(rest) - min(rest)))
+    later = range(at, min(len(times_s), at + 32))
+    return next((times_s[each] - sent_s for each in later if abs(forces_n[each] - rest[-1]) > bound), None)
+
+
+async def _jump(url: str, jumps: int) -> list[int]:
+    """Let the pointer jump to and fro at times that fit to no tick; return when [ns]."""
+    chance, number = random.Random(1), 0
+    sent_ns: list[int] = []
+    tab = await opened(url, hand=True)
+
+    async def drain() -> None:
+        async for _ in tab:
+            pass
+
+    reading = asyncio.create_task(drain())
+    for jump in range(jumps + 1):
+        place = JUMP_M * (jump % 2)
+        until_s = time.monotonic() + REST_S + chance.uniform(0.0, 0.05)
+        while True:
+            number += 1
+            message = encode_pointer(Pointer(number, True, (place, 0.0, 0.0)))
+            if time.monotonic() >= until_s:
+                break
+            if len(sent_ns) <= jump:
+                sent_ns.append(time.monotonic_ns())
+            await tab.send(message)
+            await asyncio.sleep(max(0.0, min(REPEAT_S, until_s - time.monotonic())))
+    reading.cancel()
+    await tab.close()
+    return sent_ns[1:]  # the first one takes hold
+
+
+@contextmanager
+def _served(settings: Settings, folder: Path, *, record: bool = False) -> Iterator[str]:
+    """Serve on loopback; yields HOST:PORT."""
+    write_settings(folder, settings)
+    options = ["--into", str(folder), "--no-report", *([] if record else ["--no-record"])]
+    with start_cogrip("serve", str(folder / SETTINGS), "--port", "0", *options) as server:
+        try:
+            found = wait_for_line(server, r"listening on \S+:(\d+)")
+            yield f"127.0.0.1:{found[1]}"
+        finally:
+            server.send_signal(signal.SIGTERM)
+            output_at_end(server, END_S)
+
+
+@contextmanager
+def _held(place: str, settings: Settings) -> Iterator[None]:
+    """Let every seat be held: a frame has all people in it."""
+    with tempfile.TemporaryDirectory(prefix="cogrip-view-") as folder:
+        people = [
+            start_cogrip("join", place, "--name", user.name, "--into", folder, "--no-record", "--no-report")
+            for user in settings.users
+        ]
+        try:
+            yield
+        finally:
+            for person in people:
+                person.send_signal(signal.SIGTERM)
+                output_at_end(person, END_S)
+
+
+@contextmanager
+def _viewed(place: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """View a session without a browser; yields the process and the page's address."""
+    with start_cogrip("view", place, "--no-browser") as view:
+        try:
+            yield view, wait_for_line(view, r"view: (http://\S+)")[1]
+        finally:
+            view.send_signal(signal.SIGTERM)
+            output_at_end(view, END_S)
+
+
+@contextmanager
+def _reading(url: str, count: int) -> Iterator[subprocess.Popen[bytes]]:
+    """Let tabs read from a process of their own."""
+    with start_python(str(ROOT / "tests" / "bench" / "loads" / "tabs.py"), url, str(count)) as tabs:
+        assert tabs.stdout is not None
+        try:
+            if tabs.stdout.readline().strip() != b"reading":
+                raise Problem("the tabs get no frames")
+            yield tabs
+        finally:
+            tabs.kill()
+            tabs.wait()

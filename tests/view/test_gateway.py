@@ -1,0 +1,229 @@
+"""`cogrip gateway` before an encrypted server: real processes, TLS with the server's certificate, people by their tokens."""
+
+import asyncio
+import hashlib
+import json
+import re
+import signal
+import ssl
+import time
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import msgspec
+import pytest
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
+
+from cogrip.devices.web.messages import Pointer, encode_pointer
+from cogrip.protocol.join_link import JoinLink, parse_link
+from cogrip.server.io.state_folder import find_folder
+from cogrip.server.io.token_file import TokenFile, draw_token
+from cogrip.view.frames import Frame, decode
+from cogrip.view.io.page_server import OURS
+
+from tests.live.held_arms import DEMO, Spoken
+
+LIMIT_S = 60.0
+POINTER_S = 0.02
+
+
+class Gated:
+    """An encrypted server and a gateway before it, with the observer's link."""
+
+    def __init__(self, folder: Path) -> None:
+        self.state = folder / "state"
+        self.server = Spoken(
+            "serve", str(DEMO), "--port", "0", "--seal", "--state", str(self.state), "--set", "link.delay_ms=0",
+            "--set", "admission.seats_per_token=1", "--seconds", "900", "--no-report", "--runs", str(folder),
+        )  # fmt: skip
+        self.server.hear("listening on")
+        self.gateway = self.start("--port", "0", "--hands", "2", "--state", str(self.state))
+        self.port = int(self.gateway.hear(r"gateway: https://127\.0\.0\.1:(\d+)/")[1])
+
+    def start(self, *arguments: str) -> Spoken:
+        gateway = Spoken("gateway", "-", *arguments, "--seconds", "600")
+        gateway.tell(self.link("observer").text)
+        return gateway
+
+    def link(self, role: str) -> JoinLink:
+        found = re.search(rf"as {role}: .*'(cogrip:\S+)'", self.server.said)
+        assert found, self.server.said
+        return parse_link(found[1])
+
+    def new_token(self, **terms: object) -> tuple[str, str]:
+        """Return a token of these terms, and its id."""
+        token = draw_token()
+        made = TokenFile(find_folder(self.state)).change(lambda book: book.new(token, time.time(), **terms))
+        return token, made.id
+
+    def revoke(self, ident: str) -> None:
+        TokenFile(find_folder(self.state)).change(lambda book: (book.revoke(ident, time.time()), None))
+        self.server.popen.send_signal(signal.SIGHUP)  # it reads the tokens again
+
+    @asynccontextmanager
+    async def page(self, token: str, *, hand: bool = False) -> AsyncIterator[ClientConnection]:
+        """Open a tab; its first message is the scene."""
+        context = ssl.create_default_context()
+        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE  # its fingerprint is compared instead
+        address = f"wss://127.0.0.1:{self.port}/socket"
+        async with (
+            asyncio.timeout(LIMIT_S),
+            connect(address, ssl=context, subprotocols=[OURS], origin=f"https://127.0.0.1:{self.port}") as tab,
+        ):
+            shown = tab.transport.get_extra_info("ssl_object").getpeercert(binary_form=True)
+            assert hashlib.sha256(shown).hexdigest() == self.link("player").fingerprint
+            await tab.send(json.dumps({"type": "hello", "token": token, "hand": hand}))
+            yield tab
+
+    async def refused(self, token: str, *, hand: bool = False) -> tuple[int, str]:
+        """Return code and words with which a tab is closed."""
+        async with self.page(token, hand=hand) as tab:
+            return await closed(tab)
+
+
+async def closed(tab: ClientConnection) -> tuple[int, str]:
+    try:
+        async for _ in tab:
+            pass
+    except ConnectionClosed:
+        pass
+    return tab.close_code or 0, tab.close_reason or ""
+
+
+async def frame(tab: ClientConnection) -> Frame:
+    """Return the next frame."""
+    while True:
+        message = await tab.recv()
+        if isinstance(message, bytes) and message[0] == 1:
+            return decode(message)
+
+
+async def pull(tab: ClientConnection, target_m: float) -> None:
+    """Hold the device, its hand going to a place, until the tab is closed."""
+    number = 0
+    while True:
+        number += 1
+        await tab.send(encode_pointer(Pointer(number, True, (target_m, 0.0, 0.0))))
+        await asyncio.sleep(POINTER_S)
+
+
+@asynccontextmanager
+async def pulling(tab: ClientConnection, target_m: float) -> AsyncIterator[None]:
+    task = asyncio.create_task(pull(tab, target_m))
+    try:
+        yield
+    finally:
+        task.cancel()
+
+
+@pytest.fixture(scope="module")
+def gated(tmp_path_factory) -> Iterator[Gated]:
+    gated = Gated(tmp_path_factory.mktemp("gated"))
+    yield gated
+    gated.gateway.stop()
+    gated.server.stop()
+
+
+def test_a_hand_by_its_token_moves_the_servers_object_and_a_revocation_ends_it(gated):
+    token, ident = gated.new_token(role="player", user="ben")
+
+    async def check() -> None:
+        observer = gated.link("observer").token
+        async with gated.page(token, hand=True) as held, gated.page(observer) as shown:
+            scene = msgspec.json.decode(await held.recv())
+            assert (scene["hand"], scene["own_seat"]) == (True, 1)
+            assert msgspec.json.decode(await shown.recv())["hand"] is False
+            async with pulling(held, 0.03):
+                while (await frame(shown)).position_m[0] < 0.02:
+                    await held.recv()  # its own picture goes on beside
+                gated.revoke(ident)
+                code, words = await closed(held)
+            assert code == 4403
+            assert "revoked" in words
+            while (await frame(shown)).people:  # its seat is free again
+                pass
+
+    asyncio.run(check())
+    code, words = asyncio.run(gated.refused(token, hand=True))
+    assert (code, "was revoked at" in words) == (4401, True), words
+
+
+def test_an_observers_tabs_share_one_session_which_a_revocation_ends(gated):
+    token, ident = gated.new_token(role="observer", once=True)  # a second session of it would be refused
+
+    async def check() -> None:
+        async with gated.page(token) as one, gated.page(token) as two:
+            for tab in (one, two):
+                assert msgspec.json.decode(await tab.recv())["room"] == "demo"
+                await frame(tab)
+            gated.revoke(ident)
+            for tab in (one, two):
+                code, words = await closed(tab)
+                assert (code, "revoked" in words) == (4401, True), words
+
+    asyncio.run(check())
+
+
+def test_a_token_for_one_time_takes_one_hand(gated):
+    token, _ = gated.new_token(role="player", once=True)
+
+    async def check() -> None:
+        async with gated.page(token, hand=True) as held:
+            assert msgspec.json.decode(await held.recv())["hand"] is True
+        code, words = await gated.refused(token, hand=True)
+        assert (code, words) == (4401, "this token was used already: it is good for one time; ask for a new link")
+
+    asyncio.run(check())
+
+
+def test_the_servers_refusals_reach_the_page_in_its_words(gated):
+    observer, player = gated.link("observer").token, gated.link("player").token
+    expired, _ = gated.new_token(role="player", expires=1)
+
+    async def check() -> None:
+        assert await gated.refused(draw_token()) == (4401, "this token is unknown here; ask for a new link")
+        code, words = await gated.refused("no token")
+        assert (code, "has no token" in words) == (4401, True)
+        late, looks_on = await asyncio.gather(gated.refused(expired, hand=True), gated.refused(observer, hand=True))
+        assert (late[0], "this token has expired" in late[1]) == (4401, True), late
+        assert looks_on == (4403, "this link is for observing: ask for a player's link to hold the object")
+        async with gated.page(player, hand=True) as held:
+            await held.recv()
+            code, words = await gated.refused(player, hand=True)
+            assert (code, "holds 1 seats already" in words) == (4401, True), words
+            other, _ = gated.new_token(role="player")
+            async with gated.page(other, hand=True) as second:
+                await second.recv()
+                code, words = await gated.refused(other, hand=True)  # --hands 2
+                assert (code, "all 2 hands of this gateway are taken" in words) == (4403, True), words
+
+    asyncio.run(check())
+
+
+def test_a_page_that_goes_over_tls_goes_over_nothing_else(gated):
+    async def check() -> None:
+        with pytest.raises((InvalidMessage, ConnectionError, EOFError, InvalidStatus)):
+            await connect(f"ws://127.0.0.1:{gated.port}/socket", subprotocols=[OURS])
+
+    asyncio.run(check())
+
+
+def test_a_gateway_says_what_it_refused_and_shows_no_token_of_others(gated):
+    gateway = gated.start("--port", "0")
+    found = gateway.hear(r"gateway: http://127\.0\.0\.1:(\d+)/")
+    gateway.hear("hold: ")
+    secret = draw_token()
+
+    async def check() -> None:
+        async with connect(f"ws://127.0.0.1:{found[1]}/socket", subprotocols=[OURS]) as tab:
+            await tab.send(json.dumps({"type": "hello", "token": secret}))
+            assert (await closed(tab))[0] == 4401
+
+    asyncio.run(check())
+    gateway.popen.terminate()
+    assert gateway.end() == 0
+    assert "gateway: token 1" in gateway.said
+    assert secret not in gateway.said
+    gateway.stop()
