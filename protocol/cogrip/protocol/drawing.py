@@ -17,7 +17,7 @@ COLOURS = 3 * len(_PALETTE)  # that `colour` tells apart
 
 
 def colour(seat: int) -> str:
-    """Return a person's colour as #rrggbb, in plots and in the browser: from the seventh on darker, from the thirteenth paler."""
+    """Return a person's colour as #rrggbb, in plots and the browser: from the seventh on darker, from the thirteenth paler."""
     base = _PALETTE[seat % len(_PALETTE)]
     parts = [int(base[each : each + 2], 16) / 255 for each in (1, 3, 5)]
     round_ = seat // len(_PALETTE) % 3

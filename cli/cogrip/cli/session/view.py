@@ -58,8 +58,6 @@ def view(
         End after this time.
     out
         Write the page with the recording into this file, instead of serving it: it opens anywhere, without a network.
-    hand
-        File descriptor of the link to a `web:` device.
     """
     above_zero("--seconds", seconds)
     within("--port", port, 0, 65535)
