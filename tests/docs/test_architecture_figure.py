@@ -39,6 +39,6 @@ def test_words_do_not_overlap() -> None:
 
 
 def test_pages_show_it() -> None:
-    assert "](docs/pictures/architecture.png)" in page("README.md")
+    assert "](docs/design.md)" in page("README.md")
     assert "](pictures/architecture.png)" in page("docs/design.md")
     assert "](figures/architecture.py)" in page("docs/design.md")
