@@ -75,7 +75,7 @@ def test_any_pointer_is_bounded_in_power_speed_and_stretch(
 def test_the_hand_does_no_more_work_than_its_set_point_was_given(
     stream: list[tuple[int, bool, tuple[float, float, float]]], axes: int
 ) -> None:
-    """What moves the device, and what its own damper takes, has come through the set-point."""
+    """Energy of the device, and that which its damper takes, has come through the set-point."""
     device, tick = opened(axes), 0
     for wait, holds, target in stream:
         device.pointer.point(tick, target, holds=holds)

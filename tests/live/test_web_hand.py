@@ -23,7 +23,7 @@ pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="no local
 
 
 class Page:
-    """What a page does, without the picture."""
+    """A page without its picture: the messages that it sends and takes."""
 
     def __init__(self, address: str, token: str) -> None:
         self.socket: ClientConnection = connect(
