@@ -28,6 +28,7 @@ class PageServer:
     scene: str
     chunks: Sequence[bytes] = ()
     refuse: int | None = None  # close code instead of a scene
+    reason: str = ""  # given with it
     said: SimpleQueue[str | bytes] = field(default_factory=SimpleQueue)
     hellos: SimpleQueue[dict[str, object]] = field(default_factory=SimpleQueue)
     asked: list[int] = field(default_factory=list)
@@ -64,7 +65,7 @@ class PageServer:
         try:
             self.hellos.put(json.loads(socket.recv()))
             if self.refuse is not None:
-                socket.close(self.refuse)
+                socket.close(self.refuse, self.reason)
                 return
             socket.send(self.scene)
             self.sockets.append(socket)

@@ -178,11 +178,17 @@ def test_somebody_joins_and_the_camera_stays(open_page: Open) -> None:
 
 
 @pytest.mark.parametrize(
-    ("code", "words"),
-    [(4401, "does not know this page's token"), (4403, "no right"), (4400, "Reload"), (4408, "trying again")],
+    ("code", "reason", "words"),
+    [
+        (4401, "", "does not know this page's token"),
+        (4401, "the seat of 'anna' is taken", "Not admitted: the seat of 'anna' is taken."),
+        (4403, "", "no right"),
+        (4400, "malformed", "Reload"),
+        (4408, "", "trying again"),
+    ],
 )
-def test_refusal_is_told_in_a_sentence(open_page: Open, code: int, words: str) -> None:
-    with serving(PageServer(to_json(scene()), refuse=code)) as server:
+def test_refusal_is_told_in_a_sentence(open_page: Open, code: int, reason: str, words: str) -> None:
+    with serving(PageServer(to_json(scene()), refuse=code, reason=reason)) as server:
         page = open_page(server.address)
         page.until(f"document.getElementById('status').textContent.includes({words!r})")
 

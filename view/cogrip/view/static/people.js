@@ -19,7 +19,7 @@ export function stateLine(name, person) {
 const NUMBERS = [
   ["force", "force on the object", (each) => number(length(each.force_n), 2), "N"],
   ["delay", "delay up / down, jitter buffer included", (each) => `${number(each.up_ms, 0)} / ${number(each.down_ms, 0)}`, "ms"],
-  ["energy", "energy balance now: line up / whole line", (each) => `${number(each.up_balance_mj, 2)} / ${number(each.line_balance_mj, 2)}`, "mJ"],
+  ["energy", "energy balance now: line up / whole line", (each) => `${number(each.up_balance_mj, 1)} / ${number(each.line_balance_mj, 1)}`, "mJ"],
   ["spring", "length of the coupling from device to proxy", (each) => number(1000 * stretch(each), 1), "mm"],
   ["buffer", "depth of the jitter buffer up / down", (each) => `${number(each.buffer_up_ms, 0)} / ${number(each.buffer_down_ms, 0)}`, "ms"],
   ["lost", "frames lost in the last second (since the beginning)", (each) => `${number(100 * each.loss, 1)} % (${each.lost})`, ""],

@@ -14,6 +14,9 @@ const FINAL = {
   4413: "The server refused a message of this page as too large. Reload the page.",
 };
 
+/** Codes whose reason is a sentence for the user. */
+const TOLD = [4401, 4403];
+
 /**
  * @typedef {object} Handlers
  * @property {() => void} opened
@@ -49,7 +52,7 @@ export class Socket {
       this.socket.send(JSON.stringify(this.hello));
     };
     this.socket.onmessage = (message) => this.take(message.data);
-    this.socket.onclose = (ended) => this.ended(ended.code);
+    this.socket.onclose = (ended) => this.ended(ended.code, ended.reason);
   }
 
   /** @param {string | ArrayBuffer} data */
@@ -82,10 +85,10 @@ export class Socket {
     else if (kind === CHUNK) this.handlers.chunk(new Uint8Array(data));
   }
 
-  /** @param {number} code */
-  ended(code) {
+  /** @param {number} code @param {string} reason the server's own sentence, "" where it gave none */
+  ended(code, reason) {
     if (FINAL[code]) {
-      this.handlers.status(FINAL[code]);
+      this.handlers.status(TOLD.includes(code) && reason ? `Not admitted: ${reason}.` : FINAL[code]);
       return;
     }
     const wait_ms = this.wait_ms;
