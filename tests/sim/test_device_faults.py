@@ -9,6 +9,7 @@ from functools import cache
 from itertools import product
 from math import hypot
 from random import Random
+from typing import Any
 
 import pytest
 
@@ -22,7 +23,8 @@ from tests.extent import every, long
 RATE_HZ = 1024
 HANDS = ("reach&amplitude_m=0.03&delay_s=0.3&stroke_s=0.3", "hold")
 BEGIN_S = 0.48  # the hand is on its way, and pulls
-AFTER_S = 0.9  # three strokes
+AFTER_S = 0.45  # a stroke and a half
+DEAF_S = 0.9  # three strokes, and longer than any watchdog
 TOLERATED = ("split", "stale")  # the driver copes: they are counted, and the session goes on
 POSE_LOST = {  # the counters are wrong from then on; a report of HID has no checksum, so garbage reads as a jump
     "emulated:vintage": ("jump", "stuck", "unplug"),
@@ -30,6 +32,7 @@ POSE_LOST = {  # the counters are wrong from then on; a report of HID has no che
     "emulated:2diy": ("jump", "unplug"),
 }
 WIRES = ("emulated:vintage", "emulated:woodenhaptics", "emulated:2diy")
+REARMED_S = 0.6
 AT_ONCE_S = 0.05
 KICK_N = 0.5
 WEAK_N = 0.4  # a limit that these hands reach
@@ -97,7 +100,7 @@ def passive(laboratory: Laboratory) -> bool:
 @cache
 def undisturbed(wire: str) -> Course:
     """The same session, where nothing goes wrong."""
-    return run(session(wire, BEGIN_S + AFTER_S, HANDS), lambda tick: None)
+    return run(session(wire, BEGIN_S + DEAF_S, HANDS), lambda tick: None)
 
 
 NOT_FOUND = {  # wires on which a fault cannot be seen
@@ -113,13 +116,22 @@ def faults(*left_out: str) -> list[tuple[str, str]]:
     ]
 
 
+def turns(cases: list[tuple[str, str]]) -> list[Any]:
+    """Return all cases, of which each verb on one wire, in turn, is run without `--all`."""
+    wires: dict[str, list[str]] = {}
+    for wire, verb in cases:
+        wires.setdefault(verb, []).append(wire)
+    chosen = {(found[number % len(found)], verb) for number, (verb, found) in enumerate(wires.items())}
+    return [case if case in chosen else long(*case) for case in cases]
+
+
 SLIPS = [(wire, f"slip {joint}") for wire in WIRES for joint in "bc" if (wire, joint) != ("emulated:2diy", "c")]
 
 
-@pytest.mark.parametrize(("wire", "verb"), every(2, [*faults(), *SLIPS]))
+@pytest.mark.parametrize(("wire", "verb"), turns([*faults(), *SLIPS]))
 def test_the_force_ends_and_the_other_goes_on(wire: str, verb: str) -> None:
     """A `jump` is a slip of encoder a; a 2diy has no encoder c."""
-    laboratory = session(wire, BEGIN_S + AFTER_S, HANDS)
+    laboratory = session(wire, BEGIN_S + (DEAF_S if verb == "deaf" else AFTER_S), HANDS)
     anna = laboratory.people[0]
     begin = round(BEGIN_S * RATE_HZ)
 
@@ -150,7 +162,7 @@ def test_the_force_ends_and_the_other_goes_on(wire: str, verb: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("begin_s", "silence_s", "wire"), every(5, product((BEGIN_S, 0.7, 0.93), (0.002, 0.006, 0.009), WIRES))
+    ("begin_s", "silence_s", "wire"), every(7, product((BEGIN_S, 0.7, 0.93), (0.002, 0.006, 0.009), WIRES))
 )
 def test_an_encoder_that_jumps_in_a_silence_is_found(wire: str, silence_s: float, begin_s: float) -> None:
     """Before, after 6 ms the pose was wrong by 9.6 to 17 mm and nobody noticed."""
@@ -171,9 +183,9 @@ def test_an_encoder_that_jumps_in_a_silence_is_found(wire: str, silence_s: float
     assert passive(laboratory)
 
 
-@pytest.mark.parametrize(("wire", "verb"), every(4, faults(*TOLERATED)))
+@pytest.mark.parametrize(("wire", "verb"), every(7, faults(*TOLERATED)))
 def test_re_arming_works_once_the_cause_is_gone(wire: str, verb: str) -> None:
-    laboratory = session(wire, BEGIN_S + 0.6 + AFTER_S, HANDS, pose="stored")
+    laboratory = session(wire, BEGIN_S + 0.6 + REARMED_S, HANDS, pose="stored")
     anna = laboratory.people[0]
     begin, mended, again = (round(at * RATE_HZ) for at in (BEGIN_S, BEGIN_S + 0.3, BEGIN_S + 0.6))
     refusals: list[str] = []
@@ -218,7 +230,7 @@ def calibrate(person: Person) -> None:
     mechanics.carry((x - 0.02, y, z))
 
 
-@pytest.mark.parametrize(("seed", "seconds", "count"), [(0, 7.0, 25), *(long(seed, 16.0, 50) for seed in range(4))])
+@pytest.mark.parametrize(("seed", "seconds", "count"), [(0, 4.0, 14), *(long(seed, 16.0, 50) for seed in range(4))])
 def test_no_force_is_ever_above_the_limit_whatever_goes_wrong(seed: int, seconds: float, count: int) -> None:
     """Three faults a second, any verbs, one into another, at any time, mended and re-armed at any time."""
     random = Random(seed)

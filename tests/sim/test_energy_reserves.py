@@ -31,7 +31,7 @@ TANK_J = 5e-3
 ROUNDING_J = 1e-12
 
 
-def session(kind: str = "wave", seconds: float = 2.0, **more: Any) -> Settings:
+def session(kind: str = "wave", seconds: float = 1.5, **more: Any) -> Settings:
     users = [{"name": "anna", "hand": "reach"}, {"name": "ben", "hand": "hold"}]
     stiffness = {"stiffness_npm": 100.0} if kind == "coupling" else {}
     table = {"name": "reserves", "seconds": seconds, "coupling": {"kind": kind, **stiffness}, "users": users}
@@ -69,7 +69,7 @@ def lawful(summary: dict[str, Any]) -> None:
 @settings(max_examples=12, deadline=None)
 @given(
     kind=st.sampled_from(["wave", "coupling", "tdpa"]),
-    seconds=st.sampled_from([0.5, 1.5]),
+    seconds=st.sampled_from([0.3, 1.2]),
     tank_mj=st.sampled_from([0.0, 1e3 * TANK_J]),
     loss=st.sampled_from([0.0, 0.2]),
     jitter_ms=st.sampled_from([0.0, 10.0]),
@@ -290,7 +290,7 @@ def test_where_no_ledger_is_kept_or_the_session_was_short_nothing_is_said(run: R
 
 @pytest.mark.parametrize("kind", ["wave", "coupling"])
 def test_the_live_table_shows_the_reserves_of_now(tmp_path: Path, kind: str) -> None:
-    run_laboratory(session(kind, 1.0), tmp_path)
+    run_laboratory(session(kind, 0.5), tmp_path)
     console = Console(width=80, color_system=None)
     with console.capture() as capture:
         console.print(LiveTable(tmp_path, "reserves", ["anna", "ben"]).table())

@@ -49,7 +49,7 @@ def session(mass_kg: float, memory: float | None = None):
         {"name": "ben", "hand": "reach&delay_s=0.15", "device_mass_kg": mass_kg},
     ]
     laboratory = Laboratory(
-        resolve({"seconds": 4.0, "link": {"delay_ms": 20.0}, "playout": {"frames": 1}, "users": users}), bare=True
+        resolve({"seconds": 2.5, "link": {"delay_ms": 20.0}, "playout": {"frames": 1}, "users": users}), bare=True
     )
     for person in laboratory.people:
         own = memory_for(person.device.capability, T_C) if memory is None else memory
@@ -131,11 +131,13 @@ def wave_of(
     client.returning = (float(inputs[0]),)
     late = 0 if person.encoder == "velocity" else person.latency_ticks
     client.set_latency(late)
-    client._late.extend([((wave,), 1.0, 1.0, None) for wave in state[len(state) - late :][::-1].tolist()])
+    for wave in state[len(state) - late :][::-1].tolist():
+        client.late.push(((wave,), 1.0, 1.0, None))
     for _ in range(rates.ticks_per_frame):
         place, velocity = memory.read()
         client.elapse([memory.step(client.force(place, velocity)) * rates.device_hz], velocity)
-    return [*memory.state(), *[wave for (wave,), *_ in reversed(client._late)]], list(client._decimator.take())
+    waves = [client.late.push(((0.0,), 1.0, 1.0, None))[0][0] for _ in range(len(client.late))]  # the oldest first
+    return [*memory.state(), *reversed(waves)], list(client.up.decimator.take())
 
 
 def coupled_of(
@@ -233,7 +235,7 @@ def let_age(laboratory: Laboratory, latency: int, memory: float = 0.5) -> None:
 def test_a_session_feels_as_its_own_account_predicts(latency: int) -> None:
     """The actual cores, a wall, one frame each way: felt at rest, predicted from the measured loop, and theory with L T_c."""
     users = [{"name": "a", "device": "sim:ideal", "hand": "push"}]
-    table = {"seconds": 8, "object": {"kind": "wall"}, "link": {"delay_ms": FRAME_MS}, "users": users}
+    table = {"seconds": 4, "object": {"kind": "wall"}, "link": {"delay_ms": FRAME_MS}, "users": users}
     laboratory = Laboratory(resolve(table))
     let_age(laboratory, latency)
     laboratory.run()
@@ -395,12 +397,6 @@ def test_the_model_with_old_samples_ends_where_sessions_of_the_cores_end(mass_kg
         cores = [person.core for person in laboratory.people]
         return all(core.safety.state == "live" and abs(core.force_n[0]) < 0.05 for core in cores)
 
-    low, high = 5.0, 128.0
-    for _ in range(8):
-        middle = sqrt(low * high)
-        low, high = (middle, high) if quiet(middle) else (low, middle)
-    found = low
-
     def stable(b: float) -> bool:
         users = [
             {"name": name, "device": f"sim:phantom?hand={LOOSE}", "device_mass_kg": mass_kg} for name in ("a", "b")
@@ -409,8 +405,12 @@ def test_the_model_with_old_samples_ends_where_sessions_of_the_cores_end(mass_kg
         model = linear_session(resolve(table), hands=True, estimated=True)
         return verdict(LiftedModel(with_everybody(model, latency_ticks=latency, memory=memory))).stable
 
-    assert stable(found / 1.08)
-    assert not stable(found * 1.08)
+    low, high = 5.0, 128.0
+    for _ in range(12):
+        middle = sqrt(low * high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    assert quiet(low / 1.08)
+    assert not quiet(high * 1.08)
 
 
 @pytest.mark.parametrize(("memory", "stable"), [(0.6, False), (None, True)])

@@ -11,13 +11,14 @@ from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.analysis.advice import advise
 from cogrip.sim.analysis.advice_change import Change, Score
 from cogrip.sim.analysis.stiffest import SHARES, stiffest
+from cogrip.sim.experiments.methods import felt
 from cogrip.sim.session import laboratory_check
 from cogrip.sim.session.laboratory_check import Check, checked_change, checked_stiffest, words
 
 from tests.extent import long
 
 check, stiffest_of = cache(laboratory_check.check), cache(stiffest)
-WIFI = {"link.profile": "wifi", "coupling.stiffness_npm": 500.0}
+WIFI = {"link.profile": "wifi", "coupling.stiffness_npm": 500.0, "seconds": 1.0}
 
 
 def settings_of(overrides: dict[str, Any], **people: Any) -> Settings:
@@ -25,14 +26,27 @@ def settings_of(overrides: dict[str, Any], **people: Any) -> Settings:
     return resolve({"seconds": 3.0, "users": users}, overrides)
 
 
+def settings_of_one(overrides: dict[str, Any]) -> Settings:
+    """One person at a free object, whose felt stiffness cannot be measured: a check is one session."""
+    return resolve({"seconds": 1.0, "users": [{"name": "anna", "hand": "reach"}]}, overrides)
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _each_once() -> Iterator[None]:
-    """Look at the same settings once, and with few seeds: every one is a session of several seconds."""
+    """Look at the same settings once, with few seeds and a short static load: every one is a session of several seconds."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(laboratory_check, "check", check)
         patch.setattr(laboratory_check, "stiffest", lambda settings, _: stiffest_of(settings))
         patch.setattr(laboratory_check, "MOST_SEEDS", 2)
+        patch.setattr(felt, "SETTLE_S", 1.0)
+        patch.setattr(felt, "LAST_S", 1.0)
         yield
+
+
+@pytest.fixture
+def no_load(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out what is felt, where the session alone is looked at."""
+    monkeypatch.setattr(laboratory_check, "measure_felt", lambda settings: ())
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +109,7 @@ def test_what_is_given_on_wifi_is_borne_out(wifi: tuple[Settings, Check]) -> Non
     assert f"{100 * given.after.missed:.0f} %" in given.effect
 
 
+@pytest.mark.usefixtures("no_load")
 def test_a_session_that_oscillates_is_a_warning() -> None:
     found = check(settings_of({"coupling.kind": "coupling", "link.delay_ms": 40.0, "coupling.stiffness_npm": 2000.0}))
     assert found.stable == "bad"
@@ -102,9 +117,10 @@ def test_a_session_that_oscillates_is_a_warning() -> None:
     assert "Not stable" in found.session.text or "Diverged" in found.session.text
 
 
+@pytest.mark.usefixtures("no_load")
 def test_hardware_has_a_stand_in_and_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     settings = settings_of({"coupling.impedance_nspm": 5.0})
-    real = settings_of({"coupling.impedance_nspm": 5.0}, device="serial:/dev/null?variant=vintage")
+    real = settings_of({"coupling.impedance_nspm": 5.0, "seconds": 1.0}, device="serial:/dev/null?variant=vintage")
     monkeypatch.setattr(laboratory_check, "make_for", lambda user, axes: laboratory_check_device(settings, axes))
     found = check(real)
     assert found.stand_ins == ("anna", "ben")
@@ -144,8 +160,8 @@ def test_nobody_with_a_load_has_nothing_to_miss(wifi: tuple[Settings, Check]) ->
     [
         ({"link.delay_ms": 20.0}, {}),
         long({"link.delay_ms": 60.0}, {"device_mass_kg": 0.05}),
-        ({"link.delay_ms": 5.0}, {"device": "emulated:vintage", "hand": "reach&amplitude_m=0.005"}),
-        ({"coupling.kind": "coupling", "link.delay_ms": 5.0}, {}),
+        ({"link.delay_ms": 5.0, "seconds": 1.0}, {"device": "emulated:vintage", "hand": "reach&amplitude_m=0.005"}),
+        ({"coupling.kind": "coupling", "link.delay_ms": 5.0, "seconds": 1.0}, {}),
         long({"users.0.stiffness_npm": 50.0, "coupling.compensate": True, "coupling.stiffness_npm": 100.0}, {}),
     ],
 )
@@ -227,25 +243,25 @@ def test_over_a_satellite_the_stiffest_is_one_that_a_session_bears_out() -> None
     ],
 )
 def test_a_session_reaches_what_begins_late_or_says_that_it_does_not(
-    overrides: dict[str, Any], seconds: float, beyond: str, monkeypatch: pytest.MonkeyPatch
+    overrides: dict[str, Any], seconds: float, beyond: str
 ) -> None:
-    monkeypatch.setattr(laboratory_check, "measure_felt", lambda settings: ())
-    found = check(settings_of(overrides))
+    found = check(settings_of_one(overrides))
     assert found.seconds == seconds
     assert beyond in found.beyond
     assert bool(found.beyond) == bool(beyond)
     assert (found.session.level == "ok") == (not beyond and found.said == ())
 
 
+@pytest.mark.usefixtures("no_load")
 def test_outages_that_break_a_session_are_noted() -> None:
     found = check(
-        settings_of({"seconds": 12.0, "link.delay_ms": 20.0, "link.outage_s": 2.0, "link.outage_every_s": 5.0})
+        settings_of({"seconds": 5.0, "link.delay_ms": 20.0, "link.outage_s": 1.0, "link.outage_every_s": 2.5})
     )
     assert found.session.level == "note"
     assert "of the frames" in found.session.text
 
 
 def test_where_nothing_was_felt_the_change_is_the_models() -> None:
-    alone = resolve({"seconds": 3.0, "users": [{"name": "anna", "hand": "reach"}]}, {"link.delay_ms": 20.0})
+    alone = settings_of_one({"link.delay_ms": 20.0})
     given = checked_change(alone, advise(alone), check(alone))
     assert not given.measured

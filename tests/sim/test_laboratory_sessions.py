@@ -30,7 +30,7 @@ def wall(frames: int, decimator: str, step: str, **coupling: object) -> Table:
     summary = summary_of(
         # a hand without impedance and no damping: with the velocity encoder the first second rings at the network rate
         bare=coupling.get("encoder") == "velocity",
-        seconds=8,
+        seconds=4,
         object={"kind": "wall"},
         coupling={"decimator": decimator, "server_step": step, **coupling},
         link={"delay_ms": FRAME_MS * frames},
@@ -55,7 +55,7 @@ WALLS = (
 
 @pytest.mark.parametrize(
     ("decimator", "step", "frames", "expected_npm", "encoder"),
-    every(3, [(*row, encoder) for row in WALLS for encoder in ("displacement", "velocity")]),
+    every(5, [(*row, encoder) for row in WALLS for encoder in ("displacement", "velocity")]),
 )
 def test_what_a_hand_feels_of_a_wall(decimator: str, step: str, frames: int, expected_npm: float, encoder: str) -> None:
     """K = 1000, b = 20 (theory section 4); the prediction comes from the measured loop alone."""
@@ -109,7 +109,7 @@ def test_virtual_coupling_holds_and_breaks_where_its_eigenvalues_say(
     """Both sides of theory section 6's rows for 0 and 1 frames, with free devices pushed by a short force."""
     loose = "hand_stiffness_npm=1&hand_damping_nspm=0"
     summary = summary_of(
-        seconds=8,
+        seconds=4,
         coupling={"kind": "coupling", "stiffness_npm": stiffness},
         link={"delay_ms": frames * FRAME_MS},
         users=[
@@ -123,11 +123,14 @@ def test_virtual_coupling_holds_and_breaks_where_its_eigenvalues_say(
 # Bad links -----------------------------------------------------------------------------------------------------------
 
 
+BAD_S = 3.6
+
+
 def bad_link(kind: str, seed: int, **link: float) -> Table:
-    """Run two hands on an object: three strokes together, then 3 s at rest."""
-    hand = "reach&stop_s=2.4&direction=1,0.5,0.25"
+    """Run two hands on an object: two strokes together, then 2 s at rest."""
+    hand = "reach&stop_s=1.6&direction=1,0.5,0.25"
     return summary_of(
-        seconds=5.4,
+        seconds=BAD_S,
         seed=seed,
         object={"kind": kind, "axes": 3},
         playout={"frames": 6},
@@ -152,7 +155,7 @@ def check_fates(summary: Table) -> None:
     for count in counts(summary):
         assert count["sent"] == count["applied"] + count["late"] + count["lost"]
         known = count["sent"] + count["pending"]
-        assert 5.4 * 128 - 40 < known <= 5.4 * 128 + 1, "what is missing at the end is under way"
+        assert BAD_S * 128 - 40 < known <= BAD_S * 128 + 1, "what is missing at the end is under way"
 
 
 @cache
@@ -169,7 +172,7 @@ def test_a_clean_link_loses_nothing(kind: str) -> None:
     assert sum(count["lost"] + count["late"] + count["duplicate"] for count in counts(summary)) == 0
 
 
-@pytest.mark.parametrize("seed", every(10, range(1, 21)))
+@pytest.mark.parametrize("seed", every(20, range(1, 21)))
 @pytest.mark.parametrize("kind", ["cube", "faces"])
 def test_the_worst_link(kind: str, seed: int) -> None:
     """No energy is created, every frame is accounted for, hand and proxy stay as close as on a clean link."""
@@ -191,7 +194,7 @@ ROUGH = {"delay_ms": 12, "jitter_ms": 15, "loss": 0.2, "burst_frames": 3, "dupli
 
 def text(seed: int) -> str:
     tables: Table = {
-        "seconds": 0.7, "seed": seed, "object": {"axes": 2}, "playout": {"frames": 4}, "link": ROUGH,
+        "seconds": 0.4, "seed": seed, "object": {"axes": 2}, "playout": {"frames": 4}, "link": ROUGH,
         "users": [{"name": "a", "hand": "tremor"}, {"name": "b", "hand": "reach"}, {"name": "c", "device": "sim:ideal"}],
     }  # fmt: skip
     summary = summary_of(**tables)
@@ -295,7 +298,7 @@ def correlation(one: np.ndarray[Any, Any], other: np.ndarray[Any, Any]) -> float
 @pytest.mark.parametrize("name", ["tue_1dof_PP_kp8.csv", long("tue_1dof_PF_kp15.csv")])
 @pytest.mark.parametrize("run", ["spring", "free"])
 def test_a_cube_follows_a_real_hand(name: str, run: str) -> None:
-    summary, hand, cube = alone(tue(name, run), 1, 4.0)
+    summary, hand, cube = alone(tue(name, run), 1, 3.0)
     assert summary["passive"]
     assert not summary["diverged"]
     assert least_margin(summary) >= -1e-12
@@ -334,12 +337,12 @@ def test_a_cube_follows_a_real_hand_in_space(which: str, tmp_path: Path) -> None
 
 def test_two_real_people_hold_one_cube() -> None:
     summary = summary_of(
-        seconds=4,
+        seconds=3,
         link={"delay_ms": 20, "jitter_ms": 5, "loss": 0.05},
         playout={"frames": 3},
         users=[
             {"name": "a", "hand": tue("tue_1dof_PP_kp8.csv", "free")},
-            {"name": "b", "hand": tue("tue_1dof_PF_kp15.csv", "spring")},
+            {"name": "b", "hand": tue("tue_1dof_PP_kp8.csv", "spring")},
         ],
     )
     assert summary["passive"]

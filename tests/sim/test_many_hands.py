@@ -123,7 +123,7 @@ def hands(count: int, kind: str, dimensions: int) -> list[dict[str, Any]]:
 )  # fmt: skip
 def test_many_hands_make_no_energy(count: int, kind: str, dimensions: int, K: float) -> None:
     laboratory = Laboratory(resolve({
-        "seconds": 0.8, "object": {"kind": kind, "axes": dimensions}, "coupling": {"stiffness_npm": K},
+        "seconds": 0.4, "object": {"kind": kind, "axes": dimensions}, "coupling": {"stiffness_npm": K},
         "link": {"delay_ms": 12, "jitter_ms": 6, "loss": 0.1, "burst_frames": 2, "reorder": 0.05}, "playout": {"frames": 2},
         "users": hands(count, kind, dimensions),
     }))  # fmt: skip
@@ -144,7 +144,7 @@ def test_the_same_people_on_other_seats_move_it_in_the_same_way() -> None:
     for turn in (0, 2):
         people = hands(5, "cube", 3)
         table = {
-            "seconds": 1.0,
+            "seconds": 0.5,
             "object": {"axes": 3},
             "link": {"delay_ms": 20},
             "users": [*people[turn:], *people[:turn]],
@@ -168,7 +168,7 @@ def test_a_view_has_room_for_sixteen_in_three_axes() -> None:
 
 @pytest.mark.parametrize(("name", "people"), [("five-users.toml", 5), ("sixteen-users.toml", 16)])
 def test_the_shipped_rooms_of_many_hold(name: str, people: int) -> None:
-    laboratory = Laboratory(load(CONFIGS / name, ("seconds=0.5",)))
+    laboratory = Laboratory(load(CONFIGS / name, ("seconds=0.3",)))
     laboratory.run()
     summary = of_laboratory(laboratory)
     assert len(summary["users"]) == people

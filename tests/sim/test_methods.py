@@ -47,6 +47,7 @@ from cogrip.sim.experiments.methods.query import prepare
 from cogrip.sim.experiments.methods.table import gather, verdict
 from cogrip.sim.experiments.methods.trace import Trace, sketch
 
+from tests.extent import every, long
 from tests.sim.compared_methods import FREE, TWO, small
 from tests.sim.session_measures import FRAME_MS
 
@@ -318,8 +319,10 @@ def test_every_case_is_named_once_and_clean_comes_first() -> None:
 # Felt stiffness
 
 
-@pytest.mark.parametrize("frames", [0, 1, 3])
-@pytest.mark.parametrize(("compensate", "stiffness"), [(False, 1000.0), (True, 300.0)])
+@pytest.mark.parametrize(
+    ("compensate", "stiffness", "frames"),
+    every(5, [(*line, frames) for line in ((False, 1000.0), (True, 300.0)) for frames in (0, 1, 3)]),
+)
 def test_waves_feel_as_theory_says(frames: int, compensate: bool, stiffness: float) -> None:
     """Check 1 / K_felt = 1 / K + (T_fwd + T_back + T_n) / (2 b) (theory section 4), to 0.5 %."""
     settings = resolve({
@@ -358,11 +361,11 @@ def test_the_person_furthest_off() -> None:
 
 
 def test_virtual_coupling_feels_its_spring_and_nothing_where_it_never_rests() -> None:
-    table = {**TWO, "coupling": {"kind": "coupling", "stiffness_npm": 800.0}, "users": [{"name": n} for n in "abc"]}
+    table = {**TWO, "coupling": {"kind": "coupling", "stiffness_npm": 800.0}, "users": [{"name": n} for n in "ab"]}
     for felt in measure_felt(resolve(table)):
         assert felt.felt_npm == pytest.approx(800.0, rel=1e-3)
     shaking = {**table, "coupling": {"kind": "coupling", "stiffness_npm": 20_000.0}, "link": {"delay_ms": 20.0}}
-    assert [felt.felt_npm for felt in measure_felt(resolve(shaking))] == [None] * 3
+    assert [felt.felt_npm for felt in measure_felt(resolve(shaking))] == [None] * 2
     assert measure_felt(resolve({**TWO, "users": [{"name": "alone"}]})) == ()
 
 
@@ -404,12 +407,12 @@ def free(method: str, stiffness: float, frames: int) -> Any:
 @pytest.mark.parametrize(
     ("method", "stiffness", "frames", "fails"),
     [
-        ("coupling", 1000.0, 0, False),  # 1.0000
+        long("coupling", 1000.0, 0, False),  # 1.0000
         ("coupling", 500.0, 1, False),  # 1.0000
         ("coupling", 1000.0, 1, True),  # 1.0866
         ("paper", 100.0, 1, False),  # 1.0000
         ("paper", 2000.0, 1, True),  # 1.2554
-        ("wave", 2000.0, 1, False),
+        long("wave", 2000.0, 1, False),
         ("wave", 100_000.0, 4, False),
     ],
 )

@@ -145,8 +145,7 @@ def test_a_stop_keeps_what_is_finished_and_other_workers_go_on_to_the_same_numbe
     assert "were not run: it was interrupted" in render(summary, [])
     folder = ExperimentFolder(tmp_path, asked)
     assert len(folder.finished) == run
-    with LocalWorkers(2) as workers:
-        assert run_experiment(asked, folder, workers).computed == asked.cases - run
+    assert run_experiment(asked, folder, InProcess()).computed == asked.cases - run
     assert (tmp_path / TABLE).read_bytes() == (whole / TABLE).read_bytes()
 
 

@@ -75,7 +75,7 @@ def test_under_any_network_conditions_no_object_gets_more_than_was_sent(
         for number in range(people)
     ]
     laboratory = session(
-        0.4, users, object__kind=thing, object__axes=axes, coupling__stiffness_npm=stiffness, link__delay_ms=delay_ms,
+        0.3, users, object__kind=thing, object__axes=axes, coupling__stiffness_npm=stiffness, link__delay_ms=delay_ms,
         link__jitter_ms=jitter_ms, link__loss=loss, link__duplicate=duplicate, link__reorder=reorder, seed=seed,
     )  # fmt: skip
     summary = of_laboratory(laboratory)
@@ -91,7 +91,7 @@ def test_under_any_network_conditions_no_object_gets_more_than_was_sent(
 
 def test_what_passivity_does_not_promise_is_seen() -> None:
     """Position drift and intermittent forces grow with the delay; neither grows on."""
-    near, far = session(4.0, link__delay_ms=FRAME_MS), session(4.0, link__delay_ms=8 * FRAME_MS)
+    near, far = session(2.0, link__delay_ms=FRAME_MS), session(2.0, link__delay_ms=8 * FRAME_MS)
     for laboratory in (near, far):
         assert of_laboratory(laboratory)["passive"]
         assert laboratory.people[0].core.coupling.controlled > 0
@@ -128,7 +128,7 @@ def test_a_person_who_returns_begins_without_deficit() -> None:
 
 def test_a_lost_address_and_a_new_server_are_survived() -> None:
     laboratory = Laboratory(resolve({"coupling": {"kind": "tdpa"}, "users": TWO, "seconds": 10.0}))
-    run_frames(laboratory, 100)
+    run_frames(laboratory, 60)
     laboratory.lose_address(0)
     run_frames(laboratory, 200)
     assert laboratory.people[0].core.session.resumed == 1
@@ -137,7 +137,7 @@ def test_a_lost_address_and_a_new_server_are_survived() -> None:
     run_frames(laboratory, 60)
     assert laboratory.people[0].core.force_n == (0.0,), "stale: no force"
     laboratory.restart(checkpoints)
-    run_frames(laboratory, 400)
+    run_frames(laboratory, 250)
     for person in laboratory.people:
         assert person.core.session.renewed == 1
         assert person.core.safety.state == "live"

@@ -107,7 +107,7 @@ def seated(laboratory: Laboratory) -> Callable[[], bool]:
 
 @pytest.mark.parametrize(
     ("kind", "axes", "visits"),
-    [("cube", 1, 5), ("faces", 3, 5), *(long(*each, 25) for each in product(("cube", "faces"), (1, 3)))],
+    [("cube", 1, 2), ("faces", 3, 2), *(long(*each, 25) for each in product(("cube", "faces"), (1, 3)))],
 )
 def test_a_third_comes_and_goes_while_two_move(kind: str, axes: int, visits: int) -> None:
     """The third begins its strokes anew with each visit, against those of the others."""
@@ -133,7 +133,7 @@ def test_a_third_comes_and_goes_while_two_move(kind: str, axes: int, visits: int
     assert {person.core.session.resumed for person in laboratory.people} == {0}
     undisturbed = Laboratory(world(kind, axes, [reaching(axes, 20.0)] * 3))
     calm = Felt(undisturbed, 0, 1)
-    calm.run(600)
+    calm.run(300)
     assert calm.step_n < felt.step_n, "the visits are felt"
 
 
@@ -153,7 +153,7 @@ def test_who_loses_the_address_is_back_within_two_seconds_on_the_same_line(seed:
     assert core.force_n == (0.0,) * len(core.force_n)
     felt = Felt(laboratory)  # from here on: the way back
     back_s = QUIET_NS * 1e-9 + felt.until(seated(laboratory), 2.0 - QUIET_NS * 1e-9)
-    felt.run(300)
+    felt.run(150)
     assert felt.step_n < MOST_STEP_N
     assert back_s < 2.0
     assert (core.session.resumed, core.session.renewed) == (1, 0)
@@ -170,8 +170,8 @@ def test_who_loses_the_address_is_back_within_two_seconds_on_the_same_line(seed:
 def test_an_address_that_is_lost_again_and_again() -> None:
     laboratory = Laboratory(world("cube", 1, pulling(1)))
     felt = Felt(laboratory)
-    for times in range(1, 4):
-        felt.run(100)
+    for times in range(1, 3):
+        felt.run(60)
         laboratory.lose_address(0)
         core = laboratory.people[0].core
         felt.until(lambda times=times, core=core: core.session.resumed == times, 2.0)
@@ -217,7 +217,7 @@ def test_a_server_that_is_started_anew_is_found_and_its_object_stands_where_it_w
     back_s = felt.until(seated(laboratory), 3.0 - away_s)
     there = laboratory.room.world.position.tolist()
     assert math.dist(there, checkpoints[0].position_m) < 1e-3
-    felt.run(256)
+    felt.run(128)
     assert back_s < 1.0
     assert felt.step_n < MOST_STEP_N
     for person in laboratory.people:
@@ -232,9 +232,9 @@ def test_a_server_that_is_started_anew_is_found_and_its_object_stands_where_it_w
 
 
 def test_a_server_that_stays_away_is_given_up_without_force() -> None:
-    laboratory = Laboratory(world("cube", 1, pulling(1)))
+    laboratory = Laboratory(world("cube", 1, pulling(1)[:1]))
     felt = Felt(laboratory)
-    felt.run(100)
+    felt.run(50)
     laboratory.kill()
     felt.run(1330)
     assert {person.core.session.failed for person in laboratory.people} == {"no server for 10 s"}
@@ -244,7 +244,7 @@ def test_a_server_that_stays_away_is_given_up_without_force() -> None:
 # Bad links ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", every(3, range(4)))
+@pytest.mark.parametrize("seed", every(4, range(4)))
 @pytest.mark.parametrize("concealment", ["zero", "elastic"])
 def test_bursts_of_loss_are_softened_and_make_nothing(seed: int, concealment: str) -> None:
     """By safety, or so far by the line that safety has nothing to do."""
@@ -252,7 +252,7 @@ def test_bursts_of_loss_are_softened_and_make_nothing(seed: int, concealment: st
     settings = world("cube", 3, pulling(3), link=loss, seed=seed + 1, playout=playout)
     laboratory = Laboratory(settings, bare=concealment == "zero")  # the device port finds that this oscillates
     felt = Felt(laboratory)
-    felt.run(600)
+    felt.run(400)
     assert least_margin(laboratory) >= NOTHING_J
     for person in laboratory.people:
         core = person.core

@@ -53,7 +53,7 @@ CASES = [
 
 @pytest.mark.parametrize(
     ("condition", "scheme", "frames", "frequency_hz"),
-    every(7, [(*case, hz) for hz in (5.0, 1.0, 18.0) for case in CASES]),
+    every(12, [(*case, hz) for hz in (5.0, 1.0, 18.0) for case in CASES]),
 )
 def test_the_model_renders_what_a_session_does(condition: str, scheme: str, frames: int, frequency_hz: float) -> None:
     settings, offset, session = case(condition, scheme, frames)
@@ -76,12 +76,12 @@ def test_the_model_feels_as_stiff_as_a_session(scheme: str, decimator: str, fram
         }
     )
     felt = slow_feel(on_wall(linear_session(settings, estimated=False), 0), 0).stiffness_npm
-    assert static_stiffness(settings, 0) == pytest.approx(felt, rel=0.005)
+    assert static_stiffness(settings, 0, settle_s=4.0) == pytest.approx(felt, rel=0.005)
 
 
 def test_twice_the_swing_is_the_same_impedance() -> None:
     settings = base("passive", 1, "cube", "ab")
-    small, large = (measure(settings, 0, 3.0, amplitude_m=size, settle_s=4.0) for size in (1e-4, 2e-4))
+    small, large = (measure(settings, 0, 3.0, amplitude_m=size, settle_s=2.5, periods=2) for size in (1e-4, 2e-4))
     assert large.impedance == pytest.approx(small.impedance, rel=1e-3)
     assert large.force_n == pytest.approx(2.0 * small.force_n, rel=1e-3)
     assert large.amplitude_m == pytest.approx(2e-4, rel=1e-6)

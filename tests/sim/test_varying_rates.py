@@ -73,7 +73,7 @@ def test_ticks_of_each_loop_are_counted_for_themselves() -> None:
 
 def test_one_rate_for_all_is_that_rate_whoever_names_it() -> None:
     """The same users.N.device_hz for everybody is the one of [rates]."""
-    named, common = world(128, [2048, 2048], seconds=1.0), world(128, [2048, 2048], seconds=1.0)
+    named, common = world(128, [2048, 2048], seconds=0.5), world(128, [2048, 2048], seconds=0.5)
     for user in common["users"]:
         del user["device_hz"]
     common["rates"]["device_hz"] = 2048
@@ -89,7 +89,7 @@ def test_another_persons_rate_is_hardly_felt() -> None:
     """The wire is the same, the object's rate too: what one feels changes by what a tick is late, no more."""
     peaks = []
     for other in (1024, 4096):
-        laboratory = Laboratory(resolve(world(128, [1024, other], seconds=2.0, link={"delay_ms": 15.625})))
+        laboratory = Laboratory(resolve(world(128, [1024, other], seconds=1.2, link={"delay_ms": 15.625})))
         laboratory.run()
         peaks.append([laboratory.people[0].core.seated.peaks.force_n, laboratory.people[0].core.seated.peaks.travel_m])
     assert peaks[1] == pytest.approx(peaks[0], rel=0.02)
@@ -105,7 +105,7 @@ def test_every_line_is_passive_at_every_rate(data: st.DataObject) -> None:
     device_hz = data.draw(st.lists(st.sampled_from(DEVICE_HZ), min_size=2, max_size=3), "device_hz")
     kind = data.draw(st.sampled_from(["cube", "faces", "wall"]), "kind")
     table = world(
-        network_hz, device_hz, seconds=max(0.4, 24.0 / network_hz), seed=data.draw(st.integers(0, 99), "seed"),
+        network_hz, device_hz, seconds=max(0.3, 16.0 / network_hz), seed=data.draw(st.integers(0, 99), "seed"),
         object={"kind": kind, "axes": data.draw(st.sampled_from([1, 1, 3]), "axes")},
         coupling={
             "stiffness_npm": 10.0 ** data.draw(st.floats(1.0, 5.0), "log K"),
@@ -132,7 +132,7 @@ def test_without_a_filter_only_one_tick_a_frame_is_passive() -> None:
     """M = 1 leaves nothing to alias; at M = 8 the same hands create energy: the test above can fail."""
     margins = []
     for network_hz in (1024, 128):
-        table = world(network_hz, [1024, 1024], seconds=1.0, coupling={"decimator": "none"})
+        table = world(network_hz, [1024, 1024], seconds=0.5, coupling={"decimator": "none"})
         for user in table["users"]:
             user["hand"] = "sine&frequency_hz=120&amplitude_m=0.001"
         margins.append(least_margin(summary_of(**table)))
@@ -190,7 +190,7 @@ def test_the_line_is_as_soft_as_theory_says_at_every_rate(device_hz: int, networ
     wanted = felt_stiffness(400.0, line_compliance(20.0, 2.0 * frames / network_hz, 1.0 / network_hz))
     seat = seat_settings(resolve(table), 0)
     assert seat.predicted_stiffness(2 * frames + 1) == pytest.approx(wanted, rel=1e-9)
-    assert static_stiffness(resolve(table), 0, settle_s=2.5) == pytest.approx(wanted, rel=0.005)
+    assert static_stiffness(resolve(table), 0, settle_s=1.5) == pytest.approx(wanted, rel=0.005)
 
 
 @pytest.mark.parametrize("network_hz", [32, 1024])
@@ -211,7 +211,7 @@ def test_the_linear_model_of_unlike_rates_is_that_of_their_session(scheme: str, 
     for each in table["users"]:
         each["hand"] = "hold"
     asked = resolve(table)
-    measured = measure(asked, user, 9.0, amplitude_m=2e-4, settle_s=2.0)
+    measured = measure(asked, user, 9.0, amplitude_m=2e-4, settle_s=1.5)
     session = held(linear_session(asked, estimated=False), user, 300.0, 5.0)
     model = impedance(session, user, np.array([2.0 * math.pi * measured.frequency_hz]))[0]
     assert abs(measured.impedance - model) < 1e-3 * abs(model)
@@ -222,7 +222,7 @@ def test_the_linear_model_of_unlike_rates_is_that_of_their_session(scheme: str, 
 
 def test_a_run_of_unlike_rates_replays(tmp_path: Path) -> None:
     """It replays bit by bit, and with the same hands again, which begin when they began."""
-    table = world(64, [4096, 1024], seconds=1.0, link={"delay_ms": 10, "loss": 0.1, "jitter_ms": 5})
+    table = world(64, [4096, 1024], seconds=0.5, link={"delay_ms": 10, "loss": 0.1, "jitter_ms": 5})
     ran = run_laboratory(resolve(table), tmp_path, begins=(0, 16 * 16)).summary
     rates, ticks = {}, {}
     for path in tmp_path.glob("*.mcap"):
@@ -231,7 +231,7 @@ def test_a_run_of_unlike_rates_replays(tmp_path: Path) -> None:
         assert found.exact, (path.name, found.difference)
         rates[recording.header.who], ticks[recording.header.who] = recording.header.rate_hz, found.ticks
     assert rates == {"p0": 4096, "p1": 1024, "server": 64}
-    assert ticks == {"p0": 4096, "p1": 1024 - 256, "server": 64}
+    assert ticks == {"p0": 2048, "p1": 512 - 256, "server": 32}
     again = what_if(open_run(tmp_path), {})
     assert again.begins == (0, 256)
     assert run_laboratory(again.settings, begins=again.begins).summary == ran
