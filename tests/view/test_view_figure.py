@@ -30,7 +30,10 @@ def test_readme_shows_them() -> None:
 
 
 def test_script_shows_the_moments_that_it_is_asked_for(chromium: Any, tmp_path: Path) -> None:
-    """The same moment gives the same scene, another moment another one. Plots are left out: they thin their past by how it was reached."""
+    """The same moment gives the same scene, another moment another one.
+
+    Plots are left out: they thin their past by how it was reached.
+    """
     times_s = [SCRIPT["STILL_S"], SCRIPT["BEGIN_S"], SCRIPT["STILL_S"]]
     pngs = SCRIPT["photograph"](chromium, SCRIPT["write_page"](tmp_path), times_s)
     first, other, again = [np.asarray(Image.open(BytesIO(png)).convert("RGB"), dtype=float) for png in pngs]
