@@ -30,10 +30,14 @@ def test_readme_shows_them() -> None:
 
 
 def test_script_shows_the_moments_that_it_is_asked_for(chromium: Any, tmp_path: Path) -> None:
-    """The same moment gives the same picture, another moment another one."""
+    """The same moment gives the same scene, another moment another one.
+
+    Plots are left out: they thin their past by how it was reached.
+    """
     times_s = [SCRIPT["STILL_S"], SCRIPT["BEGIN_S"], SCRIPT["STILL_S"]]
     pngs = SCRIPT["photograph"](chromium, SCRIPT["write_page"](tmp_path), times_s)
     first, other, again = [np.asarray(Image.open(BytesIO(png)).convert("RGB"), dtype=float) for png in pngs]
-    apart = [float(np.mean(np.abs(each - first) > 20)) for each in (other, again)]
+    stage = slice(None), slice(SCRIPT["WIDTH"] // 2)
+    apart = [float(np.mean(np.abs(each - first)[stage] > 20)) for each in (other, again)]
     assert apart[0] > 0.01
     assert apart[1] < 0.001
