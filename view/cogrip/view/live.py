@@ -108,7 +108,7 @@ class LiveScene:
         down_ms = max(0.0, loop_ms - up_ms)
         return PersonFrame(
             seat, person.state, flags, person.lost, vector(person.hand_m), proxy, force, self._seen(down_ms),
-            _known(person.rtt_ms), up_ms, down_ms, buffer_ms, max(0.0, down_ms - _known(person.down_ms)),
+            _known(person.rtt_ms), up_ms, down_ms, buffer_ms, max(down_ms - _known(person.down_ms), 0.0),
             1e3 * _known(person.up_reserve_j), 1e3 * _known(person.line_reserve_j), self._loss(person, time_s),
         )  # fmt: skip
 
