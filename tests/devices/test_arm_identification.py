@@ -118,7 +118,8 @@ def test_the_force_stays_within_its_bound_and_ends_at_zero() -> None:
         ("faults=jump@3", FREE, "encoder a jumped"),
     ],
 )  # fmt: skip
-def test_refusals_let_go(keys: str, hand: str, said: str) -> None:
+def test_refusals_let_go(keys: str, hand: str, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(identification, "FREQUENCIES_HZ", identification.FREQUENCIES_HZ[1:])
     device = free_arm("vintage", keys, hand)
     with pytest.raises(DeviceError, match=said):
         identified(device)
@@ -126,9 +127,10 @@ def test_refusals_let_go(keys: str, hand: str, said: str) -> None:
     assert device.capability.own_friction_n == 0.0
 
 
-def test_missed_ticks_cost_nothing_and_too_many_end_it() -> None:
+def test_missed_ticks_cost_nothing_and_too_many_end_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """The force was held meanwhile. The device's time goes by the ticks, so that it is as late as the loop."""
     exact, force_n, *_ = watched_vintage()
+    monkeypatch.setattr(identification, "FREQUENCIES_HZ", identification.FREQUENCIES_HZ[1:])
     device, most = free_arm("vintage", VINTAGE), 12
     late = identify(device, device.driver.model, force_n, lambda tick: tick + (most if tick % 700 == 0 else 0))
     assert late.damping_nspm == pytest.approx(exact.damping_nspm, rel=0.2)

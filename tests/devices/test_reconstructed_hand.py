@@ -194,11 +194,11 @@ def test_at_rest_nothing_is_missing(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module", params=[long("sim:ideal"), "sim:phantom"])
 def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, RunRecords]:
-    """The demo's world and hands, six seconds, on one of the machines."""
+    """The demo's world and hands, four seconds, on one of the machines."""
     folder = tmp_path_factory.mktemp("demo")
     device = str(request.param)
     table = tomllib.loads(DEMO.read_text())
-    run_laboratory(resolve(table, {"seconds": 6, "users.0.device": device, "users.1.device": device}), folder)
+    run_laboratory(resolve(table, {"seconds": 4, "users.0.device": device, "users.1.device": device}), folder)
     return device, open_run(folder)
 
 

@@ -64,8 +64,7 @@ def distances(points: Array, line: Array) -> Array:
 @pytest.mark.parametrize(
     ("table", "scheme", "delays", "cells"),
     [
-        ("alike", "paper", (1,), 120),
-        ("unalike", "coupling", (4,), 120),
+        ("unalike", "coupling", (1,), 120),
         long("alike", "paper", DELAYS, 120),
         long("unalike", "paper", DELAYS, 200),
         long("unalike", "coupling", DELAYS, 120),
