@@ -131,9 +131,9 @@ class CoresFrame:
             client, plant = WaveCoupling(seat), self.plant(person, own[0], own[1])
             client.returning = (float(down[-1]),)
             if person.decimator == "lowpass":
-                client._decimator._state = [float(own[-1])]
+                client.up.decimator._state = [float(own[-1])]
             extra = self.run_ticks(client, person, plant, *(own[2:4] if person.estimated else (0.0, 0.0)))
-            (sent,) = client._decimator.take()
+            (sent,) = client.up.decimator.take()
             after = [plant.position_m[0], plant.velocity_mps[0], *extra]
             out[layout.clients[number]] = [*after, sent] if person.decimator == "lowpass" else after
             arrived.append(up[-1] if up.size else sent)

@@ -1,6 +1,7 @@
 """Whole sessions with `web:` hands whose pointers do what no hand does. Virtual time."""
 
 from collections.abc import Callable
+from itertools import product
 from math import hypot, sin
 from random import Random
 from typing import Any
@@ -13,6 +14,7 @@ from cogrip.protocol.settings import resolve
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
+from tests.extent import every
 from tests.sim.session_measures import least_margin
 
 HZ = 1024
@@ -94,10 +96,9 @@ STREAMS = {
 }
 
 
-@pytest.mark.parametrize("axes", [1, 3])
-@pytest.mark.parametrize("link", [{}, FAR], ids=["near", "far"])
-@pytest.mark.parametrize("kind", ["cube", "faces", "wall"])
-@pytest.mark.parametrize("stream", STREAMS)
+@pytest.mark.parametrize(
+    ("stream", "kind", "link", "axes"), every(5, product(STREAMS, ("cube", "faces", "wall"), ({}, FAR), (1, 3)))
+)
 def test_two_pointers_that_jump_stay_within_their_bounds(
     stream: str, kind: str, link: dict[str, Any], axes: int
 ) -> None:
@@ -105,8 +106,7 @@ def test_two_pointers_that_jump_stay_within_their_bounds(
     Session([WEB, OTHER], STREAMS[stream](), 2.5, **table).holds_its_bounds()
 
 
-@pytest.mark.parametrize("link", [{}, FAR], ids=["near", "far"])
-@pytest.mark.parametrize("period_s", [0.125, 0.5, 2.0])
+@pytest.mark.parametrize(("period_s", "link"), every(5, product((0.125, 0.5, 2.0), ({}, FAR))))
 def test_to_beat_on_a_wall_for_long_is_no_fault(period_s: float, link: dict[str, Any]) -> None:
     Session([WEB], [there_and_back(period_s)], 7.0, object={"kind": "wall"}, link=link).holds_its_bounds()
 

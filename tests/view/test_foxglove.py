@@ -1,6 +1,5 @@
 """The Foxglove protocol: its messages, an independent client over a real socket, and whatever a client may send."""
 
-import asyncio
 import json
 import struct
 from dataclasses import replace
@@ -20,6 +19,7 @@ from cogrip.view.recording import RecordedView, open_view
 from cogrip.view.scene import Scene, SceneObject, ScenePerson
 
 from tests.foxglove_schemas import PUBLISHED, check_schema, check_value
+from tests.view.event_loop import run
 from tests.view.foxglove_client import ENDED, PAUSE, PAUSED, PLAY, PLAYING, Client, connected
 from tests.view.foxglove_server import serving
 from tests.view.recorded_runs import recorded_run
@@ -89,7 +89,7 @@ def test_an_independent_client_plays_a_recording_with_its_own_bar(view: Recorded
             assert abs(client.times_ns[-1] - middle_ns) < 1e9 / 64
             check_data(client.data, view)
 
-    asyncio.run(session())
+    run(session())
 
 
 def check_data(data: dict[str, list[tuple[int, Any]]], view: RecordedView) -> None:
@@ -132,7 +132,7 @@ def test_a_client_that_is_none_is_told_why_and_the_next_is_served(view: Recorded
                     await client.take()
                 assert client.statuses[0]["message"] == "getParameters is not offered here"
 
-    asyncio.run(session())
+    run(session())
 
 
 def test_a_frame_is_told_to_those_who_asked() -> None:

@@ -24,6 +24,7 @@ from cogrip.view.frames import Frame, decode
 from cogrip.view.io.page_server import OURS
 
 from tests.live.held_arms import DEMO, Spoken
+from tests.view.event_loop import run
 
 LIMIT_S = 60.0
 POINTER_S = 0.02
@@ -145,8 +146,8 @@ def test_a_hand_by_its_token_moves_the_servers_object_and_a_revocation_ends_it(g
             while (await frame(shown)).people:  # its seat is free again
                 pass
 
-    asyncio.run(check())
-    code, words = asyncio.run(gated.refused(token, hand=True))
+    run(check())
+    code, words = run(gated.refused(token, hand=True))
     assert (code, "was revoked at" in words) == (4401, True), words
 
 
@@ -163,7 +164,7 @@ def test_an_observers_tabs_share_one_session_which_a_revocation_ends(gated):
                 code, words = await closed(tab)
                 assert (code, "revoked" in words) == (4401, True), words
 
-    asyncio.run(check())
+    run(check())
 
 
 def test_a_token_for_one_time_takes_one_hand(gated):
@@ -175,7 +176,7 @@ def test_a_token_for_one_time_takes_one_hand(gated):
         code, words = await gated.refused(token, hand=True)
         assert (code, words) == (4401, "this token was used already: it is good for one time; ask for a new link")
 
-    asyncio.run(check())
+    run(check())
 
 
 def test_the_servers_refusals_reach_the_page_in_its_words(gated):
@@ -199,7 +200,7 @@ def test_the_servers_refusals_reach_the_page_in_its_words(gated):
                 code, words = await gated.refused(other, hand=True)  # --hands 2
                 assert (code, "all 2 hands of this gateway are taken" in words) == (4403, True), words
 
-    asyncio.run(check())
+    run(check())
 
 
 def test_a_page_that_goes_over_tls_goes_over_nothing_else(gated):
@@ -207,7 +208,7 @@ def test_a_page_that_goes_over_tls_goes_over_nothing_else(gated):
         with pytest.raises((InvalidMessage, ConnectionError, EOFError, InvalidStatus)):
             await connect(f"ws://127.0.0.1:{gated.port}/socket", subprotocols=[OURS])
 
-    asyncio.run(check())
+    run(check())
 
 
 def test_a_gateway_says_what_it_refused_and_shows_no_token_of_others(gated):
@@ -221,7 +222,7 @@ def test_a_gateway_says_what_it_refused_and_shows_no_token_of_others(gated):
             await tab.send(json.dumps({"type": "hello", "token": secret}))
             assert (await closed(tab))[0] == 4401
 
-    asyncio.run(check())
+    run(check())
     gateway.popen.terminate()
     assert gateway.end() == 0
     assert "gateway: token 1" in gateway.said

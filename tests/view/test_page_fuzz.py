@@ -10,6 +10,7 @@ import pytest
 
 from cogrip.devices.web.messages import Pointer, encode_pointer
 
+from tests.view.event_loop import run
 from tests.view.shown_page import BINARY, HELLO, TEXT, RawClient, ShownFeed, frame_bytes, shown_page, upgrade
 
 TOGETHER = 16  # clients at once
@@ -118,7 +119,7 @@ async def fuzz(messages: int, seed: int) -> tuple[Counter[str], Counter[str], Sh
 
 def check(messages: int, seed: int, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
-        met, refused, feed, within = asyncio.run(fuzz(messages, seed))
+        met, refused, feed, within = run(fuzz(messages, seed))
     assert not [record for record in caplog.records if record.levelno >= logging.ERROR], caplog.text
     assert set(refused) <= EXPECTED, refused
     total = sum(met.values())

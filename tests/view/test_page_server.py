@@ -15,6 +15,7 @@ from cogrip.view.frames import decode
 from cogrip.view.io.page_server import OURS
 from cogrip.view.visitors import VisitorLimits
 
+from tests.view.event_loop import run
 from tests.view.shown_page import (
     BINARY,
     HELLO,
@@ -89,7 +90,7 @@ def test_a_request_that_is_not_this_pages_is_refused_and_counted_once(name):
             assert await shown.until_refused(1) == {reason: 1}
             assert shown.entered == 0
 
-    asyncio.run(check())
+    run(check())
 
 
 def test_whoever_sends_nothing_is_ended_and_counted(monkeypatch):
@@ -101,7 +102,7 @@ def test_whoever_sends_nothing_is_ended_and_counted(monkeypatch):
             assert await client.closed() == 0
             assert await shown.until_refused(1) == {"malformed request": 1}
 
-    asyncio.run(check())
+    run(check())
 
 
 @pytest.mark.parametrize("origin", [None, "own", "https://front.example", "HTTPS://FRONT.example"])
@@ -121,7 +122,7 @@ def test_the_page_itself_programs_and_allowed_front_ends_come_in(origin):
             assert shown.refused == {}
             assert shown.entered == shown.left == 1
 
-    asyncio.run(check())
+    run(check())
 
 
 def test_every_answer_carries_the_policy():
@@ -136,7 +137,7 @@ def test_every_answer_carries_the_policy():
                 assert "Referrer-Policy: no-referrer" in head
                 assert "Cache-Control: no-store" in head
 
-    asyncio.run(check())
+    run(check())
 
 
 MESSAGES: dict[str, tuple[list[bytes], int, str]] = {
@@ -189,7 +190,7 @@ def test_a_message_that_is_none_closes_its_socket_and_is_counted_once(name):
             assert shown.entered == shown.left
             assert shown.feed.tabs == {}
 
-    asyncio.run(check())
+    run(check())
 
 
 def test_whoever_says_no_hello_is_ended(monkeypatch):
@@ -202,7 +203,7 @@ def test_whoever_says_no_hello_is_ended(monkeypatch):
             assert await client.closed() == 4408
             assert await shown.until_refused(1) == {"no hello in time": 1}
 
-    asyncio.run(check())
+    run(check())
 
 
 def test_the_websockets_package_is_refused_alike():
@@ -220,7 +221,7 @@ def test_the_websockets_package_is_refused_alike():
             assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (4401, "no such token")
             assert shown.refused == {"Origin is not this page's (socket)": 1, "malformed request": 1, "token": 1}
 
-    asyncio.run(check())
+    run(check())
 
 
 def test_the_opening_path_works_once():
@@ -238,7 +239,7 @@ def test_the_opening_path_works_once():
             assert b"secret" not in answers[1]
             assert shown.refused == {"unknown path": 1}
 
-    asyncio.run(check())
+    run(check())
 
 
 def test_another_name_does_not_use_the_opening_path_up():
@@ -254,7 +255,7 @@ def test_another_name_does_not_use_the_opening_path_up():
             assert (await client.ask(page(shown.server.port, path=path))).startswith(b"HTTP/1.1 303")
             client.abort()
 
-    asyncio.run(check())
+    run(check())
 
 
 def test_a_tab_that_does_not_read_gets_the_newest_frame_and_keeps_no_queue():
@@ -285,7 +286,7 @@ def test_a_tab_that_does_not_read_gets_the_newest_frame_and_keeps_no_queue():
             assert len(numbers) + tab.replaced == frames
             client.abort()
 
-    asyncio.run(check())
+    run(check())
 
 
 def test_tabs_and_connections_are_bounded_in_all_and_for_each_address():
@@ -305,7 +306,7 @@ def test_tabs_and_connections_are_bounded_in_all_and_for_each_address():
             for client in tabs:
                 client.abort()
 
-    asyncio.run(check())
+    run(check())
 
 
 def test_a_pointer_that_is_no_number_never_reaches_a_device():
@@ -318,4 +319,4 @@ def test_a_pointer_that_is_no_number_never_reaches_a_device():
             client.send(raw, BINARY)
             assert await client.closed() == 4403
 
-    asyncio.run(check())
+    run(check())
