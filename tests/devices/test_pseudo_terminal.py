@@ -299,7 +299,8 @@ def test_a_driver_on_it_sees_where_it_is_and_loads_the_hand(emulate: Callable[..
             status = emulator.status()
             sample = loop.run((0.6, -0.2, 0.3), 2)
         except DeviceError as error:
-            assert "jumped" in str(error)
+            if "jumped" not in str(error):
+                raise
             device.close()
             device = device_at(path)
             device.open(RATE_HZ)

@@ -17,7 +17,8 @@ FRAME = 1
 
 def socket_of(url: str) -> tuple[str, str]:
     """Return the socket's address and the token of a page's address."""
-    place, _, token = url.partition("#")
+    place, _, fragment = url.partition("#")
+    token = fragment.removesuffix("&hand")
     return f"{place.replace('http', 'ws', 1)}socket", token
 
 
