@@ -72,7 +72,7 @@ export class Picture {
     this.body = new Body(scene.object, colours);
     this.ghost = new Ghost(scene.object);
     this.world.add(new AmbientLight(0xffffff, 1.6), sun, grid, this.body, this.ghost);
-    this.world.add(...scene.geometry.map((each) => fixedBody(each, colours)));
+    for (const each of scene.geometry) this.world.add(fixedBody(each, colours));
     this.people.clear();
     for (const person of scene.people) {
       const markers = new PersonMarkers(person, this.extent_m, person.seat === scene.own_seat, colours);
