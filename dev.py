@@ -4,7 +4,7 @@ usage: python3 dev.py COMMAND [ARGS...]
 
   setup      make .venv: every package from requirements.lock, checked by hash, and cogrip itself, editable
   demo       set up, then `cogrip demo ARGS`
-  test       set up, then `pytest ARGS`; without ARGS the suite on two processes, in about 7 minutes
+  test       set up, then `pytest ARGS`; without ARGS the suite on three processes, in about 6 minutes on two cores
              --quick: units only, in under a minute; --all: also the long tests and every example of each law, then the
              benchmarks of every impaired network and of half an hour of live sessions: about two hours
   bench      set up, then a benchmark: `python3 dev.py bench --help` lists them
@@ -73,8 +73,8 @@ def test(*args: str) -> int:
     # The matrices are small: a second thread of theirs only spins, on a core that a live loop needs.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     whole = set(args) <= {"--quick", "--all"}
-    # Two, also on more cores: one of them has the live tests, whose loops in real time a third one would make late.
-    command = ["pytest", *args, *(("-n", "2", "--dist", "worksteal") if whole else ())]
+    # Three, also on two cores: one of them has the live tests, which wait more than they compute.
+    command = ["pytest", *args, *(("-n", "3", "--dist", "worksteal") if whole else ())]
     if args != ("--all",):
         return setup() or _become(*command)
     setup()
