@@ -1,4 +1,4 @@
-"""One who looks on: the newest view wins, the place is kept, and whatever does not fit is counted."""
+"""Observer: the newest view wins, the place is kept, and whatever does not fit is counted."""
 
 import msgspec
 import pytest

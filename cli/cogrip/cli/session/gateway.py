@@ -114,7 +114,7 @@ def gateway(
                 f"addresses name {names[0][0]}, which is a guess; --public HOST if people reach this machine by another"
             )
         if links:
-            console.print(f"look on:  {page}#{target.token}")
+            console.print(f"observe:  {page}#{target.token}")
             console.print(f"hold:     {page}#{target.token}&hand  (if the link is a player's)")
             if foxglove:
                 console.print(f"Foxglove: {scheme.replace('http', 'ws')}://{place}/foxglove?token={target.token}")

@@ -1,6 +1,6 @@
 """Gateway: pages and hands for many people who have only a browser, each an ordinary client of the server by its own token.
 
-Nothing here knows what a token allows. It is checked by acting on it: whoever looks on does so by an observer's session of
+Nothing here knows what a token allows. It is checked by acting on it: whoever observes does so by an observer's session of
 that token, whoever holds the object by a player's process of that token; what the server refuses, the gateway refuses.
 """
 
@@ -113,7 +113,7 @@ class Gateway:
             await asyncio.sleep(LOOKED_AGAIN_S)
         return ""
 
-    # Whoever looks on ------------------------------------------------------------------------------------------------
+    # Observers -------------------------------------------------------------------------------------------------------
 
     async def _admit(self, token: str, hand: bool, address: object) -> Admitted:
         key, visitors = _key(token), self._server.visitors
@@ -179,7 +179,7 @@ class Gateway:
         if earlier := [task for task, of in self._endings.items() if of == key]:
             await asyncio.wait(earlier)  # a page that is loaded again: its seat is free in a moment
         if len(self._hands) >= self.most_hands:
-            words = f"all {self.most_hands} hands of this gateway are taken: look on (leave &hand out), or come again"
+            words = f"all {self.most_hands} hands of this gateway are taken: observe (leave &hand out), or come again"
             raise DeniedError(words, access.NO_RIGHT, "too many hands")
         hand = self.new_hand()
         self._hands.add(hand)

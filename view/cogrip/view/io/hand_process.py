@@ -77,7 +77,7 @@ class HandProcess:
                 break
             text = line.decode(errors="replace").strip()
             self._lines.append(text)
-            if OBSERVES in text:  # it looks on, without a hand
+            if OBSERVES in text:  # it observes, without a hand
                 process.terminate()
                 self._end(f"{OBSERVES}: ask for a player's link to hold the object")
         await process.wait()
