@@ -5,10 +5,12 @@ from dataclasses import replace
 import pytest
 
 from cogrip.client.inputs import ClientInput, DeviceFailed, DeviceOpened, ForceApplied, Rearm
-from cogrip.client.safety import Safety
+from cogrip.client.safety import FAULT_OUT_S, Safety
 from cogrip.client.supervised_device import ARMING_S, MOST_GAP_TICKS, SETTLED_S, SupervisedDevice
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.registry import make
+
+from tests.devices.arm_bench import opened
 
 RATE_HZ = 1000
 SETTLED = round(SETTLED_S * RATE_HZ)
@@ -20,9 +22,9 @@ HERE = Sample((0.01,), None)
 class Core:
     """The part of a core that a supervised device uses."""
 
-    def __init__(self) -> None:
-        self.capability, self.now_ns = RECORD, 0
-        self.safety = Safety(RECORD, 1.0 / RATE_HZ)
+    def __init__(self, capability: Capability = RECORD) -> None:
+        self.capability, self.now_ns = capability, 0
+        self.safety = Safety(capability, 1.0 / RATE_HZ)
         for event in ("open", "calibrated", "go"):
             self.safety.event(event)
         self.equipped: list[Capability] = []
@@ -39,6 +41,7 @@ class Core:
                 self.equipped.append(capability)
             case ForceApplied(force_n):
                 self.acting.append(force_n)
+                self.safety.applied(force_n)
 
 
 class Scripted:
@@ -280,3 +283,32 @@ def test_a_clock_finds_calls_that_block(held: Held) -> None:
     assert held.supervised.rearm() == ""
     held.run(SETTLED + 1)
     assert held.state == "live"
+
+
+@pytest.mark.parametrize("verb", ["reply", "port.read"])
+def test_an_arm_whose_replies_are_lost_is_asked_for_no_force_and_closed(verb: str, monkeypatch) -> None:
+    """Its last request still waits for an answer, so the driver says that the force of that one acts, for ever."""
+    bench = opened(axes=1)
+    core = Core(bench.capability)
+    supervised = SupervisedDevice(bench, core, RATE_HZ)
+    tick = 0
+
+    def run(ticks: int, wish: tuple[float, ...] | None) -> None:
+        nonlocal tick
+        for tick in range(tick + 1, tick + ticks + 1):
+            supervised.read(tick)
+            supervised.write(core.safety.limit(wish))
+
+    run(400, (0.5,))
+    assert abs(bench.force_n[0]) > 0.4
+    exchange = bench.driver.exchange
+
+    def lost(*arguments: object) -> bytes:
+        raise DeviceError("serial:/dev/test: lost: Input/output error")
+
+    monkeypatch.setattr(exchange if verb == "reply" else exchange.port, verb.split(".")[-1], lost)
+    run(1, (0.5,))
+    assert core.safety.state == "fault"
+    run(round((FAULT_OUT_S + 0.02) * RATE_HZ), None)
+    assert core.safety.quiet
+    assert bench.force_n == pytest.approx((0.0,), abs=1e-9)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.safety import AT_LIMIT_S, WARM_S, Safety
+from cogrip.client.safety import AT_LIMIT_S, FAULT_OUT_S, MOST_SLOPE_NPS, RAMP_OUT_S, WARM_S, Safety
 from cogrip.client.thermal import CALM_SHARE, FADE_S, TIME_CONSTANT_S, WARN_SHARE, ThermalLimit
 from cogrip.devices.registry import describe, make
 
@@ -242,3 +242,19 @@ def test_the_force_that_acted_counts_for_heat_and_slope() -> None:
     slope_n = 1000.0 * T_C
     assert told.limit((3.0,))[0] == pytest.approx(0.25 + slope_n)
     assert other.limit((3.0,))[0] == pytest.approx(0.9 + slope_n)
+
+
+@pytest.mark.parametrize("transition", ["fail", "stale", "stop"])
+@pytest.mark.parametrize("acting_n", [0.9, 0.3, -0.9, 5.0])
+def test_zero_is_asked_of_a_device_that_says_for_ever_that_an_old_force_acts(transition, acting_n) -> None:
+    """Its wire is lost, or its reply is: nothing that it says may keep the force, or the end of the session, waiting."""
+    safety = live()
+    safety.limit((0.9,))
+    safety.event(transition, "the test says so")
+    ramp_s = FAULT_OUT_S if transition == "fail" else RAMP_OUT_S
+    ticks = math.ceil(ramp_s / T_C) + math.ceil(abs(acting_n) / (MOST_SLOPE_NPS * T_C)) + 2
+    for _ in range(ticks):
+        asked = safety.limit(None)
+        safety.applied((acting_n,))
+    assert asked == (0.0,)
+    assert safety.quiet

@@ -194,10 +194,15 @@ class Safety:
         return slewed
 
     def applied(self, force_n: tuple[float, ...]) -> None:
-        """Enter the force that the device applies in place of the one that `limit` returned: slope and heat go by this one."""
+        """Enter the force that the device applies in place of the one that `limit` returned: slope and heat go by this one.
+
+        Once the ramp has ended the slope goes on to zero from what was returned: a device that has lost its wire says for
+        ever that its last force acts, and zero must be asked of it all the same.
+        """
         self.note("force limited by the device")
         self.thermal.correct(*[sum([value * value for value in force]) for force in (self._out, force_n)])
-        self._out = force_n
+        if self.gain > 0.0:
+            self._out = force_n
 
     def _hold(self, ticks: int) -> None:
         """Enter ticks that were skipped: the last force was held over them, too."""
