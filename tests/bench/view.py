@@ -1,6 +1,8 @@
-"""`dev.py bench view`: what tabs cost a 1 kHz client and the page's process, and how soon the server feels a pointer.
+"""`dev.py bench view`: what tabs cost a 1 kHz client and the page's process, how soon a state of the server is drawn, and how
+soon the server feels a pointer.
 
-A tab is a client of the page's socket here: what a browser takes to draw is its own.
+A tab is a client of the page's socket, but where pictures are measured: there it is a browser that draws in software. The five
+people of its room are light ones, who send waves and compute nothing: they would hold their devices on machines of their own.
 """
 
 import asyncio
@@ -12,6 +14,7 @@ import signal
 import statistics
 import subprocess
 import tempfile
+import threading
 import time
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
@@ -28,19 +31,22 @@ from cogrip.cli.terminal.problem import Problem, at_least_one
 from cogrip.cli.terminal.tables import plain_table
 from cogrip.devices.web.messages import Pointer, encode_pointer
 from cogrip.protocol.accounts import TickCount
+from cogrip.protocol.channel import UnencryptedChannel
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.sim.runs.folder import SERVER_RECORDING, SETTINGS, read_accounts, write_settings
 from cogrip.sim.runs.records import End
 
 from tests.bench.children import ROOT, output_at_end, start_cogrip, start_python, wait_for_line
+from tests.bench.loads.people import Load, make_people, room_name
 from tests.bench.loads.process_memory import memory_kb
 from tests.bench.loads.tabs import opened
 from tests.bench.targets import reached
 
 PLAYOUT_FRAMES = 1
 CHANGES = ("link.delay_ms=0", f"playout.frames={PLAYOUT_FRAMES}")
-MOST_RATIO, MOST_GROWTH_MB, LEAST_HZ, MOST_P50_MS = 1.1, 5.0, 30.0, 25.0
+MOST_RATIO, MOST_GROWTH_MB, LEAST_HZ, MOST_P50_MS, MOST_DRAWN_MS = 1.1, 5.0, 30.0, 25.0, 50.0
+PEOPLE = 5  # whom the browser draws
 TABS, WATCHING = 50, 2
 JUMP_M, REST_S = 0.01, 0.6
 REPEAT_S = 0.05  # as often a page says that its pointer holds
@@ -84,6 +90,11 @@ def bench_view(*, blocks: int = 8, seconds: float = 60.0, jumps: int = 60) -> in
         judge(f"page's memory, a tab stopped for {seconds:g} s", grown_mb, MOST_GROWTH_MB, "MB", most=True)
         judge(f"{TABS} tabs: frames a second, least", min(rates), LEAST_HZ, "Hz", most=False)
         rows.append((f"{TABS} tabs: frames a second, median", f"{statistics.median(rates):.2f} Hz", "", ""))
+        pictures, late_ms = _pictures(base / "pictures", short_s, console)
+        if pictures:
+            judge(f"{PEOPLE} people in a browser: pictures a second, least", min(pictures), LEAST_HZ, "Hz", most=False)
+            judge("  state to picture, p95", float(np.percentile(late_ms, 95)), MOST_DRAWN_MS, "ms", most=True)
+            rows.append((f"  p50, of {len(late_ms)} pictures", f"{np.percentile(late_ms, 50):.2f} ms", "", ""))
         delays_ms = _pointer(settings, base / "pointer", jumps)
         p50, p95 = np.percentile(delays_ms, (50, 95))
         judge("pointer to wave applied, less playout, p50", float(p50), MOST_P50_MS, "ms", most=True)
@@ -144,6 +155,49 @@ def _tabs(settings: Settings, folder: Path, stopped_s: float, seconds: float) ->
             printed, _ = tabs.communicate(b"\n", timeout=END_S)
             rates = json.loads(printed)
     return (after - before) / 1024, rates
+
+
+def _pictures(folder: Path, seconds: float, console: Console) -> tuple[list[float], list[float]]:
+    """Return a browser's pictures in each second, and the time from a step to its picture [ms]; nothing without a browser."""
+    users = [{"name": f"p{seat}"} for seat in range(PEOPLE)]
+    playout = {"frames": PLAYOUT_FRAMES}
+    settings = resolve({"name": room_name(0), "object": {"axes": 3}, "playout": playout, "users": users})
+    with _served(settings, folder, record=True) as place, _viewed(place) as (_, url):
+        host, _, port = place.rpartition(":")
+        load = Load(make_people(PEOPLE, PEOPLE, (host, int(port)), UnencryptedChannel), seat_settings(settings, 0))
+        load.join()
+        with _holding(load), start_python("-m", "tests.bench.loads.page", url, str(seconds)) as page:
+            printed, _ = page.communicate(timeout=seconds + END_S)
+        load.leave()
+    found = json.loads(printed.splitlines()[-1])
+    if "missing" in found:
+        console.print(f"pictures are not measured: {found['missing']}")
+        return [], []
+    if found["people"] != PEOPLE:
+        raise Problem(f"the page drew {found['people']} people, not {PEOPLE}")
+    end = End(open_recording(folder / SERVER_RECORDING))
+    anchor_s, anchor = next(iter(end.records("clock")))
+    stepped_s = {step.step: time_s - anchor_s + anchor.utc_ns / 1e9 for time_s, step in end.records("step")}
+    late_ms = [1e3 * (drawn_s - stepped_s[number]) for number, drawn_s in found["drawn"] if number in stepped_s]
+    return found["fps"], late_ms
+
+
+@contextmanager
+def _holding(load: Load) -> Iterator[None]:
+    """Let the people of `load` hold the object meanwhile."""
+    over = threading.Event()
+
+    def hold() -> None:
+        while not over.is_set():
+            load.run(0.2)
+
+    thread = threading.Thread(target=hold)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 def _pointer(settings: Settings, folder: Path, jumps: int) -> list[float]:

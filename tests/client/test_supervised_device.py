@@ -1,6 +1,7 @@
 """A supervised device: a failure is a latched fault, and re-arming waits for steady samples."""
 
 from dataclasses import replace
+from itertools import count, islice
 
 import pytest
 
@@ -291,11 +292,10 @@ def test_an_arm_whose_replies_are_lost_is_asked_for_no_force_and_closed(verb: st
     bench = opened(axes=1)
     core = Core(bench.capability)
     supervised = SupervisedDevice(bench, core, RATE_HZ)
-    tick = 0
+    ticks = count(1)
 
-    def run(ticks: int, wish: tuple[float, ...] | None) -> None:
-        nonlocal tick
-        for tick in range(tick + 1, tick + ticks + 1):
+    def run(number: int, wish: tuple[float, ...] | None) -> None:
+        for tick in islice(ticks, number):
             supervised.read(tick)
             supervised.write(core.safety.limit(wish))
 

@@ -1,36 +1,22 @@
 """A browser for the tests of the page. Without one they are skipped by name."""
 
-import shutil
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
 from tests.view.browser_page import BrowserPage
-
-PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "chrome")
-FLAGS = [
-    "--enable-unsafe-swiftshader",
-    "--no-sandbox",
-    "--disable-gpu-sandbox",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-]
+from tests.view.browser_program import NoBrowserError, launched
 
 
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[Any]:
     """Yield a browser without a window, whose pictures are drawn in software."""
-    program = next(filter(None, map(shutil.which, PROGRAMS)), None)
-    if program is None:
-        pytest.skip(f"no browser: none of {', '.join(PROGRAMS)} is installed")
-    playwright = pytest.importorskip("playwright.sync_api", reason="no Playwright: it is a development dependency")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=program, headless=True, args=FLAGS)
-        yield browser
-        browser.close()
+    try:
+        with launched() as browser:
+            yield browser
+    except NoBrowserError as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture

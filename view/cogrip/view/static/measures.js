@@ -26,13 +26,16 @@ export class Measures {
     if (!frame) return;
     this.drawn += 1;
     const epoch_ms = performance.timeOrigin;
-    this.recent.push({
+    const measured = {
       number: frame.number,
       time_s: frame.time_s,
       arrived_ms: epoch_ms + arrived_ms,
-      drawn_ms: epoch_ms + now_ms,
+      drawn_ms: NaN,
       late_ms: now_ms - 1000 * frame.time_s - this.fastest_ms,
-    });
+    };
+    // By the next picture's turn the browser has taken this one.
+    requestAnimationFrame(() => (measured.drawn_ms = epoch_ms + performance.now()));
+    this.recent.push(measured);
     if (this.recent.length > MOST) this.recent.shift();
   }
 
