@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import socket
 from collections.abc import Callable
@@ -16,9 +17,11 @@ from cogrip.devices.web.messages import OWN_HAND, OwnHand, Pointer, decode_own_h
 
 from tests.live.conftest import Process
 from tests.live.held_arms import DEMO, LIMIT_S
+from tests.view.example_programs import example, started
 
 HERE_M = (0.03, 0.0, 0.0)
 NEAR_M = 1e-3
+HAND = re.compile(r"  anna \w+ \S+ (\S+) \S+ force")
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="no local sockets of whole messages")
 
 
@@ -65,6 +68,24 @@ def test_a_pointer_moves_the_object_and_lets_it_go(run, serve, tmp_path) -> None
     assert abs(free.position_m[0] - HERE_M[0]) < 0.01
     assert page.until(lambda hand: not any(hand.force_n), holds=False).state == "free"
     page.socket.close()
+    person.signal(signal.SIGINT)
+    assert person.end() == 0, person.said
+    assert "malformed" not in person.said
+
+
+@pytest.mark.parametrize("client", ["view_client.py", "view_client.js"])
+def test_an_example_client_leads_the_hand_and_prints_what_it_does(run, serve, tmp_path, client) -> None:
+    """Its circle of 30 mm begins at the hand: after half a second the hand has gone sideways, and the cube with it."""
+    _, port = serve(DEMO, "--set", "object.axes=3")
+    person = run("join", f"127.0.0.1:{port}", "--device", "web", "--runs", tmp_path, "--no-report")
+    found = person.hear(r"view: (http://\S+)")
+    person.hear(r"holds cube in room demo with web:pointer\n")
+    with started(example(client), found[1], "--hand") as process:
+        line = ""
+        while not (seen := HAND.search(line)) or float(seen[1]) < 15.0:
+            line = process.stdout.readline()
+            assert line, process.stderr.read()
+    assert "live" in line
     person.signal(signal.SIGINT)
     assert person.end() == 0, person.said
     assert "malformed" not in person.said

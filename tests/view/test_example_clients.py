@@ -1,58 +1,26 @@
-"""The example clients of `docs/view.md`: they print what was sent, play a recording, and lead a hand in a circle."""
+"""The example clients of `docs/view.md`: they print what was sent, and lead a hand in a circle."""
 
 import math
 import re
-import shutil
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
 from cogrip.devices.web.messages import OwnHand, Pointer, decode_pointer, encode_own_hand
-from cogrip.view.frames import Frame, PersonFrame, decode_chunk, encode
-from cogrip.view.recording import open_view
+from cogrip.view.frames import Frame, PersonFrame, encode
 from cogrip.view.scene import Scene, to_json
 
+from tests.view.example_programs import LIMIT_S, example, started
 from tests.view.page_server import TOKEN, PageServer, serving
 from tests.view.pictured import scene
-from tests.view.recorded_runs import recorded_run
 
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
-LIMIT_S = 60.0
 HALF_OF_THE_LAST_DIGIT_MM = 0.0005 + 1e-9
 SEEN = re.compile(r"(-?[\d.]+) s  object (\S+ \S+ \S+)((?:  \w+ \w+ \S+ \S+ \S+ force \S+ N)*)")
 PERSON = re.compile(r"(\w+) (\w+) (\S+ \S+ \S+) force (\S+) N")
 
 
-def node() -> list[str]:
-    """Return how to start Node with a global WebSocket: as it is from 22 on, behind a flag in 20."""
-    program = shutil.which("node")
-    if program is None:
-        pytest.skip("Node is not here")
-    asks = ["--eval", "process.exit(globalThis.WebSocket ? 0 : 1)"]
-    for flags in ([], ["--no-warnings", "--experimental-websocket"]):
-        if subprocess.run([program, *flags, *asks], capture_output=True, timeout=LIMIT_S, check=False).returncode == 0:
-            return [program, *flags]
-    pytest.skip("Node is here, but has no WebSocket: it is older than 20.10")
-
-
 @pytest.fixture(params=["view_client.py", "view_client.js"])
 def command(request: pytest.FixtureRequest) -> list[str]:
-    begin = [sys.executable] if request.param.endswith(".py") else node()
-    return [*begin, str(EXAMPLES / request.param)]
-
-
-@contextmanager
-def started(command: list[str], *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen([*command, *arguments], **pipes, text=True) as client:  # type: ignore[call-overload]
-        try:
-            yield client
-        finally:
-            client.kill()
+    return example(request.param)
 
 
 def moment(number: int) -> Frame:
@@ -109,10 +77,9 @@ def test_hand_goes_in_a_circle_from_where_it_is(command: list[str]) -> None:
     with serving(PageServer(to_json(scene(hand=True)))) as server, started(command, f"{server.address}&hand", "--hand"):
         server.wait_for_page()
         assert server.hellos.get() == {"type": "hello", "token": TOKEN, "hand": True}
-        for _ in range(3):
-            server.send(encode_own_hand(OwnHand("live", 0, begin_m, (0.0, 0.0, 0.0), 3.0)))
         said: list[Pointer] = []
         while len(said) < 20:
+            server.send(encode_own_hand(OwnHand("live", 0, begin_m, (0.0, 0.0, 0.0), 3.0)))
             message = server.said.get(timeout=LIMIT_S)
             assert isinstance(message, bytes)
             said.append(decode_pointer(message))
@@ -124,24 +91,3 @@ def test_hand_goes_in_a_circle_from_where_it_is(command: list[str]) -> None:
         on_circle = (x + 0.03 * (math.cos(angle) - 1), y + 0.03 * math.sin(angle), z)
         assert each.target_m == pytest.approx(on_circle, abs=1e-12)
     assert len(set(angles)) == len(angles), "it moves on"
-
-
-def test_client_plays_what_cogrip_view_serves(command: list[str], tmp_path: Path) -> None:
-    """The real server lets it in, without a browser's Origin; all frames of two chunks come."""
-    run = recorded_run(tmp_path / "run", 11.0)
-    recorded = open_view(run)
-    serve = [sys.executable, "-m", "cogrip.cli", "view", str(run), "--no-browser"]
-    with started(serve) as server:
-        address = re.search(r"http://\S+", server.stdout.readline())  # type: ignore[union-attr]
-        assert address
-        with started(command, address[0]) as client:
-            printed, errors = client.communicate(timeout=LIMIT_S)
-    assert errors == ""
-    of_run = recorded.scene
-    assert of_run.chunks == 2
-    frames = [each for number in range(2) for each in decode_chunk(recorded.chunk(number), len(of_run.people))[1]]
-    lines = printed.splitlines()
-    assert len(lines) == len(frames)
-    for line, frame in zip(lines[::50], frames[::50], strict=True):
-        assert_printed(line, frame, of_run)
-    assert_printed(lines[-1], frames[-1], of_run)
