@@ -13,6 +13,8 @@ from cogrip.protocol.messages import Power, Stamp, Waves, Welcome, encode
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import resolve, seat_settings
 
+from tests.extent import every
+
 TICK_NS = 976_562
 SESSION = 77
 
@@ -55,7 +57,10 @@ def hostile_power(chance, axes, tick):
 
 @pytest.mark.parametrize(
     ("seed", "kind", "said"),
-    [*((seed, "wave", hostile_waves) for seed in range(12)), *((seed, "tdpa", hostile_power) for seed in range(6))],
+    [
+        *every(3, ((seed, "wave", hostile_waves) for seed in range(12))),
+        *every(5, ((seed, "tdpa", hostile_power) for seed in range(6))),
+    ],
 )
 def test_no_force_beyond_the_limit_whatever_comes(seed, kind, said):
     chance = Random(seed)

@@ -1,5 +1,6 @@
 """A server that means harm: whatever it sends, the force on the hand has a slope, a peak and a loop of a decent rate."""
 
+from itertools import product
 from math import dist, hypot
 
 import pytest
@@ -16,7 +17,7 @@ from cogrip.protocol.rates import LEAST_DEVICE_HZ, Rates, due_ns
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import Settings, digest, resolve, seat_settings
 
-from tests.extent import long
+from tests.extent import every, long
 
 SESSION = 7
 
@@ -62,9 +63,10 @@ class Hostile:
 
 
 @pytest.mark.parametrize(("device_hz", "network_hz"), [(250, 125), (1024, 128), long(8192, 128)])
-@pytest.mark.parametrize("axes", [1, 3])
-@pytest.mark.parametrize("kind", ["wave", "coupling", "tdpa"])
-@pytest.mark.parametrize("hand", ["hold", "sine&amplitude_m=0.05&frequency_hz=2"])
+@pytest.mark.parametrize(
+    ("kind", "hand", "axes"),
+    every(3, product(("wave", "coupling", "tdpa"), ("hold", "sine&amplitude_m=0.05&frequency_hz=2"), (1, 3))),
+)
 def test_no_step_is_larger_than_the_slope_whatever_a_server_sends(
     hand: str, kind: str, axes: int, device_hz: int, network_hz: int
 ) -> None:

@@ -1,7 +1,7 @@
 """Drivers that lie, in whole sessions of virtual time: what they say is not used, the force fades, nobody is kicked."""
 
 from collections.abc import Callable, Mapping, Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 from math import nan
 
 import pytest
@@ -10,6 +10,8 @@ from cogrip.devices.device import Capability, Device, Sample
 from cogrip.devices.registry import make
 from cogrip.protocol.settings import resolve
 from cogrip.sim.session.laboratory import Laboratory, Person
+
+from tests.extent import every
 
 RATE_HZ = 1024
 BEGIN = 700  # tick at which anna's device begins to lie
@@ -55,7 +57,7 @@ class Liar:
 
 
 def session(
-    kind: str, model: str, liar: Callable[[str], Liar], seconds: float = 1.5
+    kind: str, model: str, liar: Callable[[str], Liar], seconds: float = 1.0
 ) -> tuple[Laboratory, Person, Liar]:
     """Anna with a liar, ben with a device of the same model."""
     settings = resolve(
@@ -97,9 +99,9 @@ def ends_well(laboratory: Laboratory, anna: Person, device: Liar, words: str, se
 MODELS = ("sim:phantom", "sim:ideal")  # the second gives velocity
 
 
-@pytest.mark.parametrize("kind", ["wave", "coupling", "tdpa"])
-@pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("jump_m", [0.03, -0.005])
+@pytest.mark.parametrize(
+    ("jump_m", "model", "kind"), every(4, product((0.03, -0.005), MODELS, ("wave", "coupling", "tdpa")))
+)
 def test_a_position_that_jumps_and_stays(kind: str, model: str, jump_m: float) -> None:
     def lie(tick: int, sample: Sample) -> Sample:
         return Sample((sample.position_m[0] + jump_m,), sample.velocity_mps)
@@ -119,7 +121,7 @@ def test_re_arming_after_a_jump_is_no_kick(kind: str) -> None:
     def lie(tick: int, sample: Sample) -> Sample:
         return Sample((sample.position_m[0] + 0.03,), None)
 
-    laboratory, anna, device = session(kind, "sim:phantom", lambda address: Liar(address, lie), 3.0)
+    laboratory, anna, device = session(kind, "sim:phantom", lambda address: Liar(address, lie), 1.8)
 
     def watch(lab: Laboratory) -> None:
         if lab.tick == BEGIN + 100:
@@ -145,16 +147,17 @@ def test_one_odd_sample_is_left_out_and_costs_nothing() -> None:
     assert largest_step(device.forces) < 0.5
 
 
-@pytest.mark.parametrize(
-    ("age", "name"),
-    [
-        (lambda tick: tick, "old sample"),
-        (lambda tick: -1000, "implausible age"),
-        (lambda tick: 50, "implausible age"),
-    ],
-)
-@pytest.mark.parametrize("model", MODELS)
-def test_an_age_that_no_sample_has_is_a_stall(model: str, age: Callable[[int], int], name: str) -> None:
+AGES = {
+    "as it stalls": (lambda tick: tick, "old sample"),
+    "below 0": (lambda tick: -1000, "implausible age"),
+    "50": (lambda tick: 50, "implausible age"),
+}
+
+
+@pytest.mark.parametrize(("model", "case"), every(2, product(MODELS, AGES)))
+def test_an_age_that_no_sample_has_is_a_stall(model: str, case: str) -> None:
+    age, name = AGES[case]
+
     def lie(tick: int, sample: Sample) -> Sample:
         return Sample(sample.position_m, sample.velocity_mps, age(tick - BEGIN + 1))
 
@@ -198,7 +201,9 @@ def test_a_report_of_a_force_that_nobody_asked_for(report: Report) -> None:
 
 
 def test_a_part_of_the_force_is_believed() -> None:
-    laboratory, anna, _ = session("wave", "sim:phantom", lambda address: Liar(address, None, lambda f: (0.5 * f[0],)))
+    laboratory, anna, _ = session(
+        "wave", "sim:phantom", lambda address: Liar(address, None, lambda f: (0.5 * f[0],)), 1.5
+    )
     laboratory.run()
     assert anna.core.safety.state == "live"
     assert anna.core.safety.counts["force limited by the device"] > 700

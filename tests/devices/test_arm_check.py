@@ -1,6 +1,7 @@
 """The verdict on an arm before it is held: from both sides of every bound, and the measurement in virtual time."""
 
 from dataclasses import replace
+from itertools import product
 from math import ceil
 
 import pytest
@@ -25,6 +26,8 @@ from cogrip.devices.io.arm_check import MOST_TEST_MA, ArmCheck
 from cogrip.devices.serial.frames import MODELS as NUMBERS
 from cogrip.devices.serial.frames import BracketCodec
 from cogrip.devices.settings import parse_address
+
+from tests.extent import every, long
 
 WELL = Measured(
     requests=2000, missed=0, rate_hz=4000.0, latency_p50_us=200.0, latency_p99_us=300.0, noise=(0, 1, 0),
@@ -173,7 +176,7 @@ def test_a_well_arm_is_found_well(monkeypatch: pytest.MonkeyPatch, name: str) ->
     assert port.arm.mechanics.force_n == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("current_ma", [50.0, 200.0])
+@pytest.mark.parametrize("current_ma", [50.0, long(200.0)])
 def test_only_one_axis_at_a_time_and_no_more_than_was_said(monkeypatch: pytest.MonkeyPatch, current_ma: float) -> None:
     check, port = checked(monkeypatch, hand=LOOSE, current_ma=current_ma)
     check.begin()
@@ -191,8 +194,7 @@ def test_only_one_axis_at_a_time_and_no_more_than_was_said(monkeypatch: pytest.M
     assert seen == {(axis, sense) for axis in range(3) for sense in (True, False)}
 
 
-@pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("name", ["vintage", "woodenhaptics-serial"])
+@pytest.mark.parametrize(("name", "axis"), every(2, product(("vintage", "woodenhaptics-serial"), range(3))))
 def test_a_motor_that_is_wired_the_other_way_round_is_found(
     monkeypatch: pytest.MonkeyPatch, name: str, axis: int
 ) -> None:

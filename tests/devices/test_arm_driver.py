@@ -1,5 +1,6 @@
 """The driver of an arm on a serial line, over the emulated firmware, in virtual time. Its pose: test_arm_pose."""
 
+from itertools import product
 from math import hypot, inf, nan
 
 import pytest
@@ -16,13 +17,13 @@ from cogrip.devices.serial.frames import MODELS as NUMBERS
 from cogrip.devices.settings import parse_address
 
 from tests.devices.arm_bench import NO_FORCE, RATE_HZ, Bench, least_force_n, opened
+from tests.extent import every
 
 NAMES = tuple(NUMBERS.values())
 every_model = pytest.mark.parametrize("name", NAMES)
 
 
-@every_model
-@pytest.mark.parametrize("axes", [1, 2, 3])
+@pytest.mark.parametrize(("axes", "name"), every(2, product((1, 2, 3), NAMES)))
 def test_the_position_is_the_true_one_within_a_count(name: str, axes: int) -> None:
     bench = opened(name, hand="tremor&tremor_m=0.002&direction=1,-0.7,0.5", axes=axes)
     true, seen = [], []
@@ -41,9 +42,11 @@ def test_the_position_is_the_true_one_within_a_count(name: str, axes: int) -> No
     assert bench.counts == {}
 
 
-@every_model
-@pytest.mark.parametrize("at_m", [(0.0, 0.0, 0.0), (0.02, -0.03, 0.01), (-0.03, 0.02, -0.02)])
-@pytest.mark.parametrize("force", [(0.6, 0.0, 0.0), (0.0, -0.6, 0.0), (0.0, 0.0, 0.5), (-0.3, 0.4, 0.3)])
+FORCES = ((0.6, 0.0, 0.0), (0.0, -0.6, 0.0), (0.0, 0.0, 0.5), (-0.3, 0.4, 0.3))
+PLACES = ((0.0, 0.0, 0.0), (0.02, -0.03, 0.01), (-0.03, 0.02, -0.02))
+
+
+@pytest.mark.parametrize(("force", "at_m", "name"), every(5, product(FORCES, PLACES, NAMES)))
 def test_the_hand_is_loaded_with_what_was_asked_for_within_a_milliampere(name: str, at_m, force) -> None:
     bench = Bench(name, hand=f"hold&x0_m={at_m[0]},{at_m[1]},{at_m[2]}")
     least = least_force_n(bench.arm)

@@ -42,13 +42,22 @@ def identified(device: EmulatedDevice) -> tuple[Bounds, float]:
     return identify(device, model, force_n), force_n
 
 
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the slowest of the three frequencies, which takes half of the time, and with shorter swings."""
+    monkeypatch.setattr(identification, "FREQUENCIES_HZ", identification.FREQUENCIES_HZ[1:])
+    monkeypatch.setattr(identification, "SETTLE_S", 0.5)
+    monkeypatch.setattr(identification, "PERIODS", 2)
+
+
 # (machine, b, c). In the middle 0.75 of the truth is found. Losses in the joints, which the driver must assume, might be
 # less elsewhere: friction by r = 0.6 to 0.7, damping by r^2, and by up to 1.5 more where the joints' directions are oblique.
 @pytest.mark.parametrize(
     ("name", "b", "c"),
     [
-        long("vintage", 0.8, 0.02), long("woodenhaptics", 0.3, 0.04), long("woodenhaptics-serial", 1.0, 0.1),
-        long("aluhaptics", 0.5, 0.05), long("2diy-metal", 0.5, 0.1), long("pantograph", 0.5, 0.15),
+        long("vintage", 0.3, 0.04), long("vintage", 0.8, 0.02), long("woodenhaptics", 0.3, 0.04),
+        long("woodenhaptics-serial", 1.0, 0.1), long("aluhaptics", 0.5, 0.05), long("2diy-metal", 0.5, 0.1),
+        long("pantograph", 0.5, 0.15),
     ],
 )  # fmt: skip
 def test_the_bounds_hold_and_are_worth_something(name: str, b: float, c: float) -> None:
@@ -67,9 +76,8 @@ def test_the_bounds_hold_for_any_mechanism(b: float, c: float, mass_kg: float) -
 
 
 @pytest.mark.parametrize("name", ["vintage", long("woodenhaptics"), long("2diy"), long("pantograph")])
-def test_nothing_is_found_where_there_is_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The slowest of the three frequencies, which takes half of the time, adds nothing to that."""
-    monkeypatch.setattr(identification, "FREQUENCIES_HZ", identification.FREQUENCIES_HZ[1:])
+@pytest.mark.usefixtures("quick")
+def test_nothing_is_found_where_there_is_nothing(name: str) -> None:
     found, _ = identified(free_arm(name, "damping_nspm=0&friction_n=0"))
     assert found.friction_n == 0.0
     assert found.damping_nspm == 0.0
@@ -92,12 +100,14 @@ def watched_vintage() -> tuple[Bounds, float, list[float], list[float]]:
     return *identified(device), sizes, currents
 
 
+@pytest.mark.usefixtures("quick")
 def test_the_bounds_hold_and_are_worth_something_for_a_vintage_arm() -> None:
     found = watched_vintage()[0]
     assert 0.2 * 0.3 < found.damping_nspm <= 0.3
     assert 0.5 * 0.04 < found.friction_n <= 0.04
 
 
+@pytest.mark.usefixtures("quick")
 def test_the_force_stays_within_its_bound_and_ends_at_zero() -> None:
     _, force_n, sizes, currents = watched_vintage()
     assert 0.5 * force_n < max(sizes) < 1.05 * force_n
@@ -118,8 +128,8 @@ def test_the_force_stays_within_its_bound_and_ends_at_zero() -> None:
         ("faults=jump@3", FREE, "encoder a jumped"),
     ],
 )  # fmt: skip
-def test_refusals_let_go(keys: str, hand: str, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(identification, "FREQUENCIES_HZ", identification.FREQUENCIES_HZ[1:])
+@pytest.mark.usefixtures("quick")
+def test_refusals_let_go(keys: str, hand: str, said: str) -> None:
     device = free_arm("vintage", keys, hand)
     with pytest.raises(DeviceError, match=said):
         identified(device)
@@ -127,10 +137,10 @@ def test_refusals_let_go(keys: str, hand: str, said: str, monkeypatch: pytest.Mo
     assert device.capability.own_friction_n == 0.0
 
 
-def test_missed_ticks_cost_nothing_and_too_many_end_it(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("quick")
+def test_missed_ticks_cost_nothing_and_too_many_end_it() -> None:
     """The force was held meanwhile. The device's time goes by the ticks, so that it is as late as the loop."""
     exact, force_n, *_ = watched_vintage()
-    monkeypatch.setattr(identification, "FREQUENCIES_HZ", identification.FREQUENCIES_HZ[1:])
     device, most = free_arm("vintage", VINTAGE), 12
     late = identify(device, device.driver.model, force_n, lambda tick: tick + (most if tick % 700 == 0 else 0))
     assert late.damping_nspm == pytest.approx(exact.damping_nspm, rel=0.2)
@@ -199,6 +209,7 @@ def test_losses_in_the_joints_are_bounded_in_every_direction(b: list[float], c: 
     assert (least.friction_n * speeds <= np.abs(rates) @ np.array(c) * (1 + 1e-9)).all()
 
 
+@pytest.mark.usefixtures("quick")
 def test_what_was_identified_is_in_the_record_and_credited_by_the_device_port() -> None:
     device, found = free_arm("vintage", VINTAGE), watched_vintage()[0]
     assert device.store is not None

@@ -1,7 +1,8 @@
 """The records of the arms, worked out again: force, resolution and mass from geometry, drives and links."""
 
 from dataclasses import replace
-from math import atan2, cos, hypot, inf, pi, sin
+from functools import cache
+from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
 import pytest
@@ -31,23 +32,24 @@ def worst_force_n(model) -> float:
 
     Of a motor that holds weight too, what is left beside it.
     """
-    worst = inf
+    angles, lengths_m = reached(model.kinematics, model.reach_m)
+    held_ma = np.array([model.weight_currents(at, 1.0)[0] for at in angles]) if model.holds_weight else 0.0
+    return ((model.drive.limit_ma - np.abs(held_ma)) / np.abs(model.drive.ma_per_nm) / lengths_m).min()
+
+
+@cache
+def reached(kinematics, reach_m: float) -> tuple[list[tuple[float, ...]], np.ndarray]:
+    """Angles all over the shells, and the lengths of the Jacobian's columns: along one its motor must give most."""
+    found = []
     for shell in (0.3, 0.6, 0.9, 0.95, 1.0):
-        for north in np.linspace(-pi / 2, pi / 2, 91):
-            for east in np.linspace(-pi, pi, 121):
-                r = shell * model.reach_m * (1.0 - 1e-9)
-                angles = model.kinematics.inverse(
-                    (r * cos(north) * cos(east), r * cos(north) * sin(east), r * sin(north))
-                )
-                jacobian = None if angles is None else model.kinematics.jacobian(angles)
+        r = shell * reach_m * (1.0 - 1e-9)
+        for north in np.linspace(-pi / 2, pi / 2, 91).tolist():
+            for east in np.linspace(-pi, pi, 121).tolist():
+                angles = kinematics.inverse((r * cos(north) * cos(east), r * cos(north) * sin(east), r * sin(north)))
+                jacobian = None if angles is None else kinematics.jacobian(angles)
                 if jacobian is not None:
-                    held_ma, _ = model.weight_currents(angles, float(model.holds_weight))
-                    # a force along a column is the one its motor must give most for
-                    for column, limit, held, per_nm in zip(
-                        zip(*jacobian, strict=True), model.drive.limit_ma, held_ma, model.drive.ma_per_nm, strict=True
-                    ):
-                        worst = min(worst, (limit - abs(held)) / abs(per_nm) / hypot(*column))
-    return worst
+                    found.append((angles, [hypot(*column) for column in zip(*jacobian, strict=True)]))
+    return [angles for angles, _ in found], np.array([lengths_m for _, lengths_m in found])
 
 
 @every_model

@@ -25,6 +25,8 @@ from cogrip.devices.conformance import (
 )  # fmt: skip
 from cogrip.devices.registry import axes_of, is_real, schemes, stand_ins
 
+from tests.extent import every
+
 HANDS = ("hold", "push", "reach&direction=1", "sine", "tremor&seed=3")
 ELSEWHERE = {
     "replay",
@@ -58,7 +60,7 @@ def test_every_family_is_tried() -> None:
 
 
 @every_check
-@pytest.mark.parametrize(("address", "axes"), EVERY)
+@pytest.mark.parametrize(("address", "axes"), every(2, EVERY))
 def test_it_keeps_the_promise(check: Callable[[Subject], None], address: str, axes: int) -> None:
     check(subject(address, axes))
 
@@ -77,7 +79,7 @@ def test_a_replayed_person_keeps_it(check: Callable[[Subject], None], kind: str,
 SIMULATED = [address for address, axes in EVERY if axes == 1 and not is_real(address)]
 
 
-@pytest.mark.parametrize("address", SIMULATED)
+@pytest.mark.parametrize("address", every(3, SIMULATED))
 def test_same_calls_give_the_same_samples_again(address: str) -> None:
     def run() -> list[Sample | None]:
         device = make(address)
@@ -92,7 +94,7 @@ def test_same_calls_give_the_same_samples_again(address: str) -> None:
     assert run() == run()
 
 
-@pytest.mark.parametrize("address", SIMULATED)
+@pytest.mark.parametrize("address", every(3, SIMULATED))
 def test_skipped_ticks_hold_the_force(address: str) -> None:
     """An overrun that skips ticks ends where the same force written at each of them would have, within a count."""
     slow, fast = make(address), make(address)

@@ -2,6 +2,7 @@
 
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from itertools import product
 
 import pytest
 from hypothesis import given, settings
@@ -21,6 +22,8 @@ from cogrip.devices.haply.frames import HaplyCodec
 from cogrip.devices.haply.models import MODELS, HaplySettings, model_of
 from cogrip.devices.settings import parse_address, read_settings
 from cogrip.protocol.rates import due_ns
+
+from tests.extent import every
 
 RATE_HZ = 1024
 CENTRE = (0.0, 0.0)
@@ -67,8 +70,10 @@ class Bench:
         return self.firmware.mechanics.body.position_m
 
 
-@pytest.mark.parametrize("keys", ["", "&motors=near", "&dir=-1,1", "&motor_dir=1,-1&dir=-1,-1", "&home_deg=150,30"])
-@every_model
+WIRINGS = ("", "&motors=near", "&dir=-1,1", "&motor_dir=1,-1&dir=-1,-1", "&home_deg=150,30")
+
+
+@pytest.mark.parametrize(("name", "keys"), every(3, product(sorted(MODELS), WIRINGS)))
 def test_positions_are_the_bodys_within_two_counts(name: str, keys: str) -> None:
     bench = Bench(name, "sine&amplitude_m=0.02&frequency_hz=1.5&direction=1,-0.7", keys=keys)
     device = bench.driver()

@@ -1,5 +1,6 @@
 """A replayed person is a device like all others; one of a CSV file passes through every row, at the time that stands there."""
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -79,8 +80,8 @@ def test_a_real_hand_is_played_as_it_was_measured() -> None:
     path = DATA / "tue_1dof_PP_kp8.csv"
     if not path.exists():
         pytest.skip(f"../shared/data/{path.name} is not here")
-    text = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
-    angle = text[text["run"] == "spring"]["theta_m_rad"]
+    with path.open() as lines:
+        angle = np.array([float(row["theta_m_rad"]) for row in csv.DictReader(lines) if row["run"] == "spring"])
     address = f"replay:{path}#time=t_s&x=theta_m_rad&scale=0.075&where=run:spring&origin=keep"
     assert played(address, len(angle), rate_hz=2000)[:, 0] == pytest.approx(0.075 * angle, abs=1e-9)
 

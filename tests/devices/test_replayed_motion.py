@@ -1,5 +1,6 @@
 """Recorded people as devices: what was recorded comes out, at the tick at which it is due, whatever the force."""
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from cogrip.devices import Sample, make
 from cogrip.protocol.rates import due_ns
 
 from tests.devices.replayed_hands import RATE_HZ, TICKS, played, recorded, write_recording
-from tests.extent import long
+from tests.extent import every
 
 
 @pytest.mark.parametrize(("user", "file"), [("0", "anna"), ("anna", "anna"), ("1", "ben"), ("ben", "ben")])
@@ -95,15 +96,13 @@ def test_velocity_goes_with_the_speed(run: Path, speed: float) -> None:
 
 @pytest.fixture(scope="module")
 def two_minutes(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording of 120 s, a micrometre a tick."""
+    """A recording of 120 s, a micrometre a tick, of which every sixteenth was run."""
     path = tmp_path_factory.mktemp("minutes") / "long.mcap"
-    write_recording(path, [(tick, [tick * 1e-6]) for tick in range(120 * RATE_HZ + 1)], "sim:ideal")
+    write_recording(path, [(tick, [tick * 1e-6]) for tick in range(0, 120 * RATE_HZ + 1, 16)], "sim:ideal")
     return path
 
 
-@pytest.mark.parametrize(
-    ("rate_hz", "speed"), [long(1024, 1.0), (1000, 1.0), long(4096, 1.0), long(1024, 0.5), (1024, 2.0)]
-)
+@pytest.mark.parametrize(("rate_hz", "speed"), [(1024, 1.0), (1000, 1.0), (4096, 1.0), (1024, 0.5), (1024, 2.0)])
 def test_two_minutes_take_two_minutes(two_minutes: Path, rate_hz: int, speed: float) -> None:
     """The motion is a function of the tick, and tick k is due at k / rate: nothing can drift. To 0.1 % as promised."""
     seconds, samples = 120.0, 120 * RATE_HZ + 1
@@ -144,8 +143,10 @@ def test_missed_ticks_are_filled_on_a_line(
     assert shown == pytest.approx(np.interp(np.arange(times[-1] + 1), times, values), abs=1e-15)
 
 
-@pytest.mark.parametrize("more", ["", "&speed=2", "&start_s=0.4&stop_s=0.9", "&speed=0.7&start_s=0.3"])
-@pytest.mark.parametrize("user", ["anna", "ben"])
+@pytest.mark.parametrize(
+    ("user", "more"),
+    every(3, product(("anna", "ben"), ("", "&speed=2", "&start_s=0.4&stop_s=0.9", "&speed=0.7&start_s=0.3"))),
+)
 def test_a_loop_goes_back_without_a_kick(run: Path, user: str, more: str) -> None:
     """The return takes a second by minimum jerk: no step is larger than the motion's own or that of the return."""
     ticks = 4 * TICKS

@@ -142,17 +142,21 @@ class Mechanics:
         self.force_n = self._at_the_tip(self.model.drive.torque(currents_ma)) if any(currents_ma) else (0.0, 0.0, 0.0)
         holding = self.model.kinematics.gravity(self._angles)
         self.weight_n = self._at_the_tip([-torque for torque in holding]) if any(holding) else (0.0, 0.0, 0.0)
-        size = sum(part * part for part in self.force_n) ** 0.5
-        self.peak_force_n = max(self.peak_force_n, size)
-        x, y, z = (motors + weight for motors, weight in zip(self.force_n, self.weight_n, strict=True))
-        self.body.push((x, y, z))
+        (fx, fy, fz), (wx, wy, wz) = self.force_n, self.weight_n
+        self.peak_force_n = max(self.peak_force_n, (fx * fx + fy * fy + fz * fz) ** 0.5)
+        self.body.push((fx + wx, fy + wy, fz + wz))
 
     def _at_the_tip(self, torque: Sequence[float]) -> Vector:
         at = self.body.position_m
         if self._sloped is None or self._sloped[0] != at:
             self._sloped = at, self._slopes(at)
-        x, y, z = (sum(slope * tau for slope, tau in zip(row, torque, strict=True)) for row in self._sloped[1])
-        return x, y, z
+        ta, tb, tc = torque
+        (xa, xb, xc), (ya, yb, yc), (za, zb, zc) = self._sloped[1]
+        return (
+            0.0 + xa * ta + xb * tb + xc * tc,  # 0.0: never -0.0
+            0.0 + ya * ta + yb * tb + yc * tc,
+            0.0 + za * ta + zb * tb + zc * tc,
+        )
 
     def _slopes(self, position_m: Vector) -> Matrix:
         """(d theta / d x)^T: what each joint turns by along each axis; 0 along an axis on which the links are stretched."""
