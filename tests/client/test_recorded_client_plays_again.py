@@ -85,7 +85,7 @@ def played(person: Person, before: Sequence[Any], last: Sequence[Any], actions: 
                 core.handle(Rearm(), core.now_ns)
 
 
-@settings(max_examples=200)
+@settings(max_examples=300)
 @given(PEOPLE, BEFORE, LAST_WORDS, ACTIONS)
 def test_whatever_happened_plays_again_exactly(
     person: Person, before: list[Any], last: list[Any], actions: list[Any]
