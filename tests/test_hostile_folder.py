@@ -8,8 +8,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
+from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.shipped_settings import shipped
+from cogrip.sim.runs.laboratory_run import run_laboratory
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("protocol", "devices", "client", "server", "sim", "cli")
@@ -20,7 +23,8 @@ HOSTILE = (
 )  # fmt: skip
 # As the installed `cogrip` is begun: by a file elsewhere, whose own folder stands first in the path.
 SCRIPT = "import sys\nfrom cogrip.cli.main import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
-NO_PLOTS = "from cogrip.sim.runs.report import page\npage.draw_plots = lambda run: []\n"  # that of `serve` has them
+NO_PLOTS = "from cogrip.sim.runs.report import page\npage.draw_plots = lambda run: []\n"
+ONE_PLOT = "from cogrip.sim.runs.plots import registry\nregistry.PLOTS = registry.PLOTS[:1]\n"
 GUARD = """
 import os, pty, tty
 from cogrip.devices.haply.family import goodbye
@@ -69,30 +73,31 @@ def ran_in(folder: Path, *arguments: object, code: str = SCRIPT, module: str = "
 def test_a_server_with_its_metrics_and_its_recording(folder: Path, tmp_path: Path) -> None:
     said = ran_in(
         folder, "serve", shipped("demo"), "--port", 0, "--seconds", 0.5, "--metrics", 0, "--runs", tmp_path / "runs",
+        code=ONE_PLOT + SCRIPT,
     )  # fmt: skip
     assert "metrics: http://127.0.0.1:" in said
     assert len(list((tmp_path / "runs").glob("*/server.mcap"))) == 1
 
 
 def test_clients_that_a_command_starts_and_their_recordings(folder: Path, tmp_path: Path) -> None:
-    no_plots = (
-        "from cogrip.sim.runs.report import page\npage.draw_plots = lambda run: []\n"  # a laboratory's run has them
-    )
-    ran_in(folder, "demo", "--set", "seconds=1", "--runs", tmp_path / "runs", code=no_plots + SCRIPT)
-    assert len(list((tmp_path / "runs").glob("*/*.mcap"))) == 3
+    config = tmp_path / "alone.toml"
+    config.write_text('seconds = 0.5\n[[users]]\nname = "anna"\n')
+    ran_in(folder, "demo", "--config", config, "--runs", tmp_path / "runs", code=NO_PLOTS + SCRIPT)
+    assert len(list((tmp_path / "runs").glob("*/*.mcap"))) == 2
 
 
 def test_workers_of_a_sweep(folder: Path, tmp_path: Path) -> None:
     said = ran_in(
         folder, "sweep", shipped("demo"), "--vary", "seed=1:2:2", "--set", "seconds=0.2", "--measure", "passive",
-        "--out", tmp_path / "out", "--jobs", 2, "--json", "-",
+        "--out", tmp_path / "out", "--jobs", 1, "--json", "-",
     )  # fmt: skip
     assert json.loads(said)["computed"] == 2
 
 
 def test_workers_of_a_replay_of_several(folder: Path, tmp_path: Path) -> None:
-    ran_in(folder, "lab", shipped("demo"), "--set", "seconds=0.5", "--runs", tmp_path / "runs", code=NO_PLOTS + SCRIPT)
-    (run,) = (tmp_path / "runs").iterdir()
+    run = tmp_path / "run"
+    run.mkdir()
+    run_laboratory(replace(load(shipped("demo")), seconds=0.3), run)
     at_once = (
         "import os, cogrip.cli.runs.replay\ncogrip.cli.runs.replay.WORTH_WORKERS_BYTES, os.cpu_count = 0, lambda: 2\n"
     )

@@ -1,6 +1,7 @@
 """Shared fixtures: a recorded run to spoil, an empty folder, the command as its users type it."""
 
 import shutil
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,10 @@ import pytest
 
 from cogrip.cli.main import main
 from cogrip.protocol.settings import resolve
+from cogrip.sim.experiments.experiment import Job, Measure, Result, run_cases
+from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.plots import style
 
 from tests.bench.__main__ import main as run_bench
 from tests.cli.command import Cogrip
@@ -44,9 +48,34 @@ def run(recorded: Path, empty_folder: Path) -> Path:
     return Path("run")
 
 
+@pytest.fixture(autouse=True, scope="session")
+def coarse() -> Iterator[None]:
+    """Draw pictures of few pixels: what they show is tested elsewhere."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "DPI", 30)
+        yield
+
+
+@pytest.fixture
+def no_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the cases of sweeps and comparisons in this process: a worker takes a second to start."""
+
+    def run(self: LocalWorkers, measure: Measure, jobs: Sequence[Job], batch: int = 1) -> Iterator[Result]:
+        yield from run_cases(measure, jobs)
+
+    monkeypatch.setattr(LocalWorkers, "run", run)
+
+
+@pytest.fixture
+def no_probes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compare methods without their felt stiffness, which takes longer than their sessions."""
+    monkeypatch.setattr("cogrip.sim.experiments.methods.query.FELT_SEEDS", 0)
+
+
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write no reports, which take longer than short sessions."""
+    monkeypatch.setattr("cogrip.sim.experiments.methods.report.draw_all", lambda *_: [])
     monkeypatch.setattr("cogrip.sim.runs.report.page.write_report", lambda folder: folder / "report.html")
     monkeypatch.setattr("cogrip.sim.runs.report.compared.write_comparison", lambda page, *_: (page, []))
 

@@ -2,12 +2,16 @@
 
 import csv
 import json
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.study import advise
 from cogrip.sim.analysis.figures import decimators
+from cogrip.sim.analysis.stiffest import stiffest
+from cogrip.sim.experiments.methods import felt
 from cogrip.sim.session import laboratory_check
 
 from tests.cli.command import Cogrip
@@ -20,6 +24,8 @@ DEMO, PAPER = str(shipped("demo")), str(shipped("paper"))
 def brief(monkeypatch: pytest.MonkeyPatch) -> None:
     """Check advice by sessions that are just long enough to tell something."""
     monkeypatch.setattr(laboratory_check, "SESSION_S", laboratory_check.SHORT_S)
+    monkeypatch.setattr(felt, "SETTLE_S", 1.0)
+    monkeypatch.setattr(felt, "LAST_S", 0.5)
 
 
 @pytest.mark.parametrize(
@@ -50,14 +56,15 @@ def test_limit_is_the_contract_to_the_letter(cogrip: Cogrip) -> None:
     assert found == {"largest_stable_stiffness_npm": None, "searched_to_npm": 1e7}
 
 
+@pytest.mark.usefixtures("no_workers")
 def test_advice_and_limit_and_sweep_name_one_stiffness(cogrip: Cogrip, tmp_path: Path) -> None:
     """All three tell the same K up to which a session is stable, and that it is of the estimated velocity."""
     measure = "lifted.largest_stable_stiffness_npm"
-    axes = ["--vary", "link.delay_ms=20,60", "--vary", "coupling.kind=wave,coupling"]
+    axes = ["--vary", "link.delay_ms=60", "--vary", "coupling.kind=wave,coupling"]
     assert cogrip("sweep", DEMO, *axes, "--measure", measure, "--workers", 1, "--out", tmp_path)[0] == 0
     with next(tmp_path.rglob("table.csv")).open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 4
+    assert len(rows) == 2
     for row in rows:
         more = [word for key in ("link.delay_ms", "coupling.kind") for word in ("--set", f"{key}={row[key]}")]
         advised = cogrip.answer("advise", DEMO, "--no-laboratory", *more)["largest_stable_stiffness_npm"]
@@ -190,8 +197,11 @@ def test_advice_in_words_and_in_numbers(cogrip: Cogrip) -> None:
 
 
 @pytest.mark.usefixtures("brief")
-def test_advice_the_other_way_round(cogrip: Cogrip) -> None:
+def test_advice_the_other_way_round(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
     """`advise` says the same of the settings that it names, and a session in virtual time feels it."""
+    once = cache(lambda settings: stiffest(settings))
+    for module in (advise, laboratory_check):
+        monkeypatch.setattr(module, "stiffest", lambda settings, _: once(settings))
     found = cogrip.answer("advise", DEMO, "--for-stiffness")["stiffest"]
     sets = [word for setting in found["set"] for word in ("--set", setting)]
     there = cogrip.answer("advise", DEMO, "--no-laboratory", *sets)
@@ -223,7 +233,7 @@ def test_feel_in_words_numbers_and_a_picture(cogrip: Cogrip, tmp_path: Path) -> 
     assert "630.5" in cogrip.out("feel", DEMO, "--delay-frames", "1")
 
 
-@pytest.mark.parametrize("names", [("fig4", "decimators"), long(("fig5",))])
+@pytest.mark.parametrize("names", [("decimators",), long(("fig4", "fig5"))])
 def test_figures_by_name(
     cogrip: Cogrip, tmp_path: Path, names: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -239,6 +249,7 @@ def test_figures_by_name(
     assert "fig5" not in names or "compensated, b = 20 N s/m at 10 ms: 1000 N/m measured, 1000 predicted" in out
 
 
+@pytest.mark.usefixtures("no_workers")
 def test_a_sweep_from_the_command_line_goes_on_and_refuses_another(cogrip: Cogrip, tmp_path: Path) -> None:
     out = tmp_path / "out"
     axes = ["--vary", "coupling.stiffness_npm=100:10000:3log", "--vary", "coupling.kind=wave,coupling"]

@@ -29,7 +29,7 @@ def test_more_than_a_device_carries_is_refused_with_what_would_do(
 
 
 def test_what_is_said_to_do_does(cogrip: Cogrip) -> None:
-    out, err = cogrip.texts("lab", DEMO, "--set", "coupling.impedance_nspm=25.6", "--set", "seconds=2", "--json", "-")
+    out, err = cogrip.texts("lab", DEMO, "--set", "coupling.impedance_nspm=25.6", "--set", "seconds=1", "--json", "-")
     assert "warning" not in err
     assert json.loads(out)["passive"]
 
@@ -85,7 +85,7 @@ def test_an_implausible_hand_is_refused_whatever_is_allowed(cogrip: Cogrip) -> N
 
 @pytest.mark.usefixtures("no_pictures")
 def test_what_if_goes_by_the_recorded_devices_and_says_its_verdict(cogrip: Cogrip) -> None:
-    assert cogrip("lab", DEMO, "--set", "seconds=1", "--runs", "runs")[0] == 0
+    assert cogrip("lab", DEMO, "--set", "seconds=0.5", "--runs", "runs")[0] == 0
     [run] = Path("runs").iterdir()
     assert CURE in cogrip.err("replay", run, "--what-if", *STIFF_ARM, "--runs", "other")
     assert not Path("other").exists()
@@ -99,9 +99,8 @@ def test_what_if_goes_by_the_recorded_devices_and_says_its_verdict(cogrip: Cogri
     assert "warning: NOT stable: spectral radius" in err
 
 
-def test_methods_are_compared_where_they_are_unstable_but_not_beyond_their_devices(
-    cogrip: Cogrip,
-) -> None:
+@pytest.mark.usefixtures("no_pictures", "no_probes", "no_workers")
+def test_methods_are_compared_where_they_are_unstable_but_not_beyond_their_devices(cogrip: Cogrip) -> None:
     compare = ["compare", DEMO, "--profiles", "own", "--seeds", 1, "--workers", 1, "--set", "seconds=2", "--out", "out"]
     err = cogrip.err(*compare, "--methods", "coupling", code=0)
     assert "warning: coupling on own: NOT stable" in err

@@ -16,7 +16,7 @@ from cogrip.protocol.io.stop import Stop
 from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.worker_pool import LocalWorkers
 
-from tests.bench import concealment, impaired, playout
+from tests.bench import concealment, impaired, playout, stability
 from tests.bench.__main__ import BENCHES, RENAMED
 from tests.bench.concealment import FULL_S, MOST_PEAK, shortfalls
 from tests.bench.concealment_trial import CLEAN, ROWS, Trial, drifts_mm
@@ -124,7 +124,8 @@ def test_a_session_of_which_nothing_is_finite_is_wrong_and_reported(
     assert "loose cubes" in err
 
 
-def test_stability_prints_its_ratios(bench: Cogrip) -> None:
+def test_stability_prints_its_ratios(bench: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stability, "DELAYS_FRAMES", (1.0,))
     code, out, _ = bench("stability", "--rounds", 1, "--cells", 6)
     assert code in (0, 1)  # how fast this machine is today is no test
     assert "eigvals" in out

@@ -32,6 +32,7 @@ def config(empty_folder: Path) -> Path:
     return path
 
 
+@pytest.mark.usefixtures("no_probes")
 def test_one_table_and_a_folder(config: Path, cogrip: Cogrip) -> None:
     """Recorded hands, the settings' own link, and a baseline that fails: that is a result, not a failure."""
     hand = config.with_name("hand.csv")
@@ -56,6 +57,7 @@ def test_one_table_and_a_folder(config: Path, cogrip: Cogrip) -> None:
     assert "holds another comparison (other settings, rest_s)" in err
 
 
+@pytest.mark.usefixtures("no_pictures", "no_probes", "no_workers")
 def test_ours_has_to_hold(config: Path, cogrip: Cogrip) -> None:
     """Two people who throw the object out of the room."""
     pushes = ["--hands", "push&force_n=8", "--hands", "push&force_n=8"]

@@ -63,6 +63,7 @@ def test_show_and_copy(cogrip: Cogrip) -> None:
         ["sweep", "demo", "--vary", "seed=1:2:2", "--set", "seconds=0.1", "--measure", "passive", "--workers", "1"],
     ],
 )
+@pytest.mark.usefixtures("no_pictures", "no_workers")
 def test_a_bare_name_stands_for_the_file(command: list[str], cogrip: Cogrip) -> None:
     cogrip.out(*command)
 

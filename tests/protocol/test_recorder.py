@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -26,6 +27,7 @@ from tests.extent import long
 KINDS = ("event", "command", "gap", "clock")
 EVENT, COMMAND, GAP, CLOCK = range(4)
 MOST_TURNS = 50_000_000  # of a loop that waits for the writer: hours; a test that hangs is ended long before
+LIMIT_S, POLL_S = 600.0, 0.005
 
 Words = list[str]
 Start = Callable[..., Recorder]
@@ -77,15 +79,18 @@ def stop(recorder: Recorder) -> None:
     os.waitid(os.P_PID, writer_of(recorder), os.WSTOPPED | os.WNOWAIT)
 
 
-def put(recorder: Recorder, first: int, last: int) -> None:
+def put(recorder: Recorder, first: int, last: int) -> int:
+    """Put these messages; gives the number of the next."""
     for number in range(first, last):
         recorder.put(EVENT, number, text(number))
+    return last
 
 
 def wait_for(reached: Callable[[], object]) -> None:
-    for _ in range(MOST_TURNS):
+    for _ in range(round(LIMIT_S / POLL_S)):
         if reached():
             return
+        time.sleep(POLL_S)
     raise AssertionError("never reached")
 
 
@@ -109,7 +114,8 @@ def numbers_in(path: Path, *, complete: bool | None = None) -> list[int]:
 
 
 def flushed(path: Path) -> list[int]:
-    """Return `numbers_in` of a file that may not have its header yet."""
+    """Return `numbers_in` of a file that may not have its header yet; leave its writer time for more."""
+    time.sleep(POLL_S)
     try:
         return numbers_in(path)
     except RecordingError:
@@ -217,7 +223,7 @@ def test_messages_lost_at_the_very_end_are_marked_too(start):
 
 def test_a_killed_writer_is_noticed_and_what_it_flushed_is_there(start, words):
     recorder = start(ring_bytes=1 << 20)
-    put_until(recorder, 0, lambda: len(flushed(recorder.path)) > 1000)
+    put_until(recorder, put(recorder, 0, 1000), lambda: len(flushed(recorder.path)) > 1000)
     safe = len(numbers_in(recorder.path))
     os.kill(writer_of(recorder), signal.SIGKILL)
     last = put_until(recorder, 10**9, lambda: recorder.trouble)
@@ -249,7 +255,7 @@ def test_a_writer_that_is_asked_to_end_goes_on_to_the_loops_end(start, words):
 
 def test_a_removed_folder_comes_back_whole(start, words):
     recorder = start()
-    removed = put_until(recorder, 0, lambda: len(flushed(recorder.path)) > 1000)
+    removed = put_until(recorder, put(recorder, 0, 1000), lambda: len(flushed(recorder.path)) > 1000)
     shutil.rmtree(recorder.path.parent)
     wait_for(recorder.path.exists)
     last = put_until(recorder, removed, lambda: removed < max(flushed(recorder.path), default=0))
@@ -261,7 +267,7 @@ def test_a_removed_folder_comes_back_whole(start, words):
 def test_a_folder_removed_at_the_last_moment_comes_back_too(start, words):
     """Between the last flush and the end: the writer stands still meanwhile, so that nothing else can come between."""
     recorder = start()
-    last = put_until(recorder, 0, lambda: len(flushed(recorder.path)) > 1000)
+    last = put_until(recorder, put(recorder, 0, 1000), lambda: len(flushed(recorder.path)) > 1000)
     stop(recorder)
     shutil.rmtree(recorder.path.parent)
     closing = threading.Thread(target=recorder.close)

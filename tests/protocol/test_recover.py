@@ -20,6 +20,8 @@ from cogrip.protocol.recording.recover import Recovered, recover
 from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.sim.runs.replay.verify import Verdict, verify
 
+from tests.extent import every
+
 RECORDINGS = Path(__file__).resolve().parents[1] / "recordings"
 FILES = tuple(
     RECORDINGS / name
@@ -150,8 +152,11 @@ def test_it_plays_again_up_to_the_cut(tmp_path_factory: pytest.TempPathFactory, 
     assert verdict.ticks == ticks_in(source, messages)
 
 
-@every_file
-@pytest.mark.parametrize("recovered", [False, True])
+@pytest.mark.parametrize(
+    ("source", "recovered"),
+    every(3, [(source, recovered) for source in FILES for recovered in (False, True)]),
+    ids=lambda value: f"{value.parent.name}-{value.stem}" if isinstance(value, Path) else value,
+)
 def test_no_cut_is_a_difference(source: Path, tmp_path: Path, recovered: bool) -> None:
     """At every place between two messages: outputs stand before the tick or step that they are of, or behind their input."""
     chunks = CHUNKS[source]

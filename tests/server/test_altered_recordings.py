@@ -15,6 +15,7 @@ from cogrip.server.inputs import Idle
 
 from tests.client.recorded_person import SCRIPT as CLIENT
 from tests.client.recorded_person import Person
+from tests.extent import every
 from tests.recorded_end import RecordedEnd, flipped
 from tests.server.recorded_rooms import SCRIPT as SERVER
 from tests.server.recorded_rooms import Server
@@ -29,8 +30,8 @@ ORDERED = {*OUTPUTS, "tick", "answer"}  # of two inputs either order is one that
 LEAVE = encode(Input("leave", encode(Leave("bored")).decode()))
 IDLE_NOWHERE = encode(Input("idle", encode(Idle("attic", 3)).decode()))
 STRANGE = (
-    b"", b"{}", b"[]", b"null", b'{"kind":"fly","value":"{}"}', LEAVE, IDLE_NOWHERE, b'{"step":1}', b'{"data":"?"}',
-    b'{"ticks":"?"}',
+    b"", b"{}", LEAVE, b"[]", IDLE_NOWHERE, b"null", b'{"kind":"fly","value":"{}"}', b'{"step":1}', b'{"ticks":"?"}',
+    b'{"data":"?"}',
 )  # fmt: skip
 
 
@@ -106,7 +107,7 @@ def test_any_bytes_give_a_verdict_or_a_refusal_in_words(end: RecordedEnd, data, 
 
 
 @either
-@pytest.mark.parametrize("payload", STRANGE)
+@pytest.mark.parametrize("payload", every(2, STRANGE))
 def test_what_is_no_message_gives_a_verdict_or_a_refusal_in_words(end: RecordedEnd, payload: bytes) -> None:
     topics = [topic for topic, *_ in end.noted]
     for topic in set(topics):

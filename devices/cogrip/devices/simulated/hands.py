@@ -108,6 +108,10 @@ class DirectedHand:
         self._base = [(self.stiffness_npm * x, d) for x, d in zip(self._home, self._direction, strict=True)]
         return self._home
 
+    def along(self, tick: int) -> tuple[float, float]:
+        """Return place [m] and speed [m/s] along the direction."""
+        return self._course(tick / self._rate_hz)
+
     def intended(self, tick: int) -> tuple[Vector, Vector]:
         s, w = self._course(tick / self._rate_hz)
         position = tuple(x + d * s for x, d in zip(self._home, self._direction, strict=True))

@@ -5,6 +5,7 @@ import platform
 import sys
 import zlib
 from contextlib import suppress
+from functools import cache
 from importlib.metadata import version
 from typing import Annotated
 
@@ -39,6 +40,7 @@ class Versions(msgspec.Struct, frozen=True):
         return [f"{name}: {mine[name]} -> {theirs[name]}" for name in mine if mine[name] != theirs[name]]
 
 
+@cache
 def versions_here() -> Versions:
     """Return the versions of this process."""
     python = ".".join(map(str, sys.version_info[:3]))

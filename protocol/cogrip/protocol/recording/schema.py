@@ -4,6 +4,7 @@ Foxglove refuses a whole channel for any of these. A field that may be null has 
 OpenAPI 3.0, `nullable`. The descriptions of fields, of records and accounts, are in docs/recordings.md too.
 """
 
+from functools import cache
 from typing import Any
 
 import msgspec
@@ -94,6 +95,7 @@ def described(name: str) -> str:
     return " ".join(filter(None, (DESCRIPTIONS.get(name, ""), f"[{unit}]" if unit else "")))
 
 
+@cache
 def json_schema(record: type[msgspec.Struct]) -> bytes:
     """Return the schema of a record as JSON text: every key that is always there, with its unit and what it means."""
     return msgspec.json.encode({"title": record.__name__, **_schema(inspect.type_info(record))})

@@ -6,7 +6,7 @@ would mean anything. docs/verdict.md lists the bounds, which are of hands and de
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
@@ -18,7 +18,7 @@ from cogrip.devices.emulated.mechanics import STEP_HZ
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.devices.simulated.hands import Hand, PushHand
+from cogrip.devices.simulated.hands import DirectedHand, Hand, PushHand
 from cogrip.protocol.settings import Settings, rates_of
 from cogrip.sim.analysis.advice import Finding
 
@@ -83,7 +83,12 @@ def _ticks(rate_hz: int, seconds: float) -> range:
 
 def _intended(hand: Hand, axes: int, rate_hz: int, seconds: float) -> Motion:
     places, speed = [], 0.0
-    for tick in _ticks(rate_hz, seconds):
+    ticks: Sequence[int] = _ticks(rate_hz, seconds)
+    if isinstance(hand, DirectedHand):  # every axis has its extremes where the one direction has them
+        along, velocities = zip(*map(hand.along, ticks), strict=True)
+        speeds = tuple(map(abs, velocities))
+        ticks = [ticks[values.index(most(values))] for values, most in ((along, min), (along, max), (speeds, max))]
+    for tick in ticks:
         position, velocity = hand.intended(tick)
         places.append(position[:axes])
         speed = max(speed, max(map(abs, velocity)))
