@@ -178,7 +178,7 @@ def test_words_name_the_bound(device: str, b: float, bound: str) -> None:
     "overrides",
     [
         {"coupling.kind": "coupling", "link.delay_ms": 20.0},
-        {"coupling.decimator": "none", "users.0.device": "sim:ideal"},
+        long({"coupling.decimator": "none", "users.0.device": "sim:ideal"}),
         long({"coupling.impedance_nspm": 45.0, "link.profile": "wan"}),
     ],
 )

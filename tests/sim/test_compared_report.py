@@ -28,6 +28,7 @@ from cogrip.sim.runs.comparison import (
 )
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.plots import compared as plots
+from cogrip.sim.runs.plots import style
 from cogrip.sim.runs.plots.style import colour, shade
 from cogrip.sim.runs.report.compared import compare, is_comparison, write_comparison
 from cogrip.sim.runs.report.page import render
@@ -37,18 +38,20 @@ from tests.sim.reported_runs import SETTINGS as TWO_SECONDS
 from tests.sim.reported_runs import Page, assert_self_contained
 
 pytestmark = pytest.mark.usefixtures("coarse")
+THREE = ["first", "soft", "spring"]
 SCRIPT = "<script>alert(1)</script>"
 SETTINGS: dict[str, Any] = {**TWO_SECONDS, "seconds": 1.0}
+BRIEF = {"seconds": 0.25}
 OTHERS: dict[str, dict[str, Any]] = {
     "first": {},
     "again": {},
     "soft": {"coupling": {"stiffness_npm": 200.0}},
     "spring": {"coupling": {"kind": "coupling", "stiffness_npm": 2000.0}},
-    "axes": {"object": {"axes": 3}},
-    "wall": {"object": {"kind": "wall"}, "users": [{"name": "anna", "hand": "push"}]},
-    "others": {"users": [{"name": "carl"}, {"name": "dora"}]},
-    "anna alone": {"users": [{"name": "anna", "hand": "reach"}]},
-    "ben and carl": {"users": [{"name": "ben", "hand": "reach"}, {"name": "carl"}]},
+    "axes": {**BRIEF, "object": {"axes": 3}},
+    "wall": {**BRIEF, "object": {"kind": "wall"}, "users": [{"name": "anna", "hand": "push"}]},
+    "others": {**BRIEF, "users": [{"name": "carl"}, {"name": "dora"}]},
+    "anna alone": {**BRIEF, "users": [{"name": "anna", "hand": "reach"}]},
+    "ben and carl": {**BRIEF, "users": [{"name": "ben", "hand": "reach"}, {"name": "carl"}]},
 }
 
 
@@ -67,6 +70,11 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 @pytest.fixture(scope="module")
 def runs(folders: dict[str, Path]) -> dict[str, Run]:
     return {name: load_run(folder) for name, folder in folders.items()}
+
+
+@pytest.fixture(scope="module")
+def page_of_three(coarse: None, runs: dict[str, Run]) -> str:
+    return compare([runs[name] for name in THREE], THREE)
 
 
 @pytest.fixture
@@ -232,10 +240,8 @@ def test_what_is_not_known_is_no_reason_to_refuse(
         check_comparable([runs["first"], load_run(spoilt["axes"])], ["a", "b"])
 
 
-def test_the_page_has_everything_and_fetches_nothing(runs: dict[str, Run]) -> None:
-    names = ["first", "soft", "spring"]
-    page = compare([runs[name] for name in names], names)
-    words = text_of(page)
+def test_the_page_has_everything_and_fetches_nothing(page_of_three: str) -> None:
+    page, words = page_of_three, text_of(page_of_three)
     assert_self_contained(page, pictures=3)  # positions, forces, energy
     assert "Differences are against the first, first." in words
     assert words.count("nothing diverged") == 2
@@ -245,9 +251,8 @@ def test_the_page_has_everything_and_fetches_nothing(runs: dict[str, Run]) -> No
     assert len(set(re.findall(r'style="color:(#\w+)"', page))) == 3
 
 
-def test_the_same_runs_give_the_same_page(runs: dict[str, Run]) -> None:
-    pages = [compare([runs["first"], runs["soft"]], ["a", "b"]) for _ in range(2)]
-    assert pages[0] == pages[1]
+def test_the_same_runs_give_the_same_page(runs: dict[str, Run], page_of_three: str) -> None:
+    assert compare([runs[name] for name in THREE], THREE) == page_of_three
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -265,8 +270,14 @@ def test_people_who_are_not_everywhere_are_left_out_and_named(runs: dict[str, Ru
     ],
 )
 def test_what_is_missing_of_one_run_is_said(
-    folders: dict[str, Path], runs: dict[str, Run], tmp_path: Path, missing: set[str], said: str
+    folders: dict[str, Path],
+    runs: dict[str, Run],
+    tmp_path: Path,
+    missing: set[str],
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(style, "png", lambda figure: b"drawn")
     spoilt = Path(shutil.copytree(folders["soft"], tmp_path / "spoilt"))
     for name in missing:
         (spoilt / name).unlink()

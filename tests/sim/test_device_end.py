@@ -87,16 +87,16 @@ def assert_calm(one: Felt) -> None:
 def test_an_impedance_far_beyond_what_the_device_carries_is_calm(impedance: float, axes: int) -> None:
     """Without the port, at 1 axis: +-8.5 N, 140 changes of sign a second, steps of 16 and 17 N."""
     hands = ({"hand": "reach&amplitude_m=0.04"}, {"hand": "reach&amplitude_m=0.03&delay_s=0.25"})
-    for one in felt(room(2.5, users=hands, coupling={"impedance_nspm": impedance}, object={"axes": axes})):
+    for one in felt(room(1.8, users=hands, coupling={"impedance_nspm": impedance}, object={"axes": axes})):
         assert_calm(one)
         assert one.core.port.carried_nspm == largest_impedance(one.core.capability, 1.0 / RATE_HZ).impedance_nspm
 
 
 STAND_INS = sorted({address for addresses in stand_ins().values() for address in addresses if ":" in address})
-DEVICES = [address for address in STAND_INS if not address.startswith("replay")]
+DEVICES = [address for address in STAND_INS if not address.startswith(("replay", "web"))]  # nobody moves these
 
 
-@pytest.mark.parametrize(("device", "impedance"), every(5, product(DEVICES, (50.0, 100.0))))
+@pytest.mark.parametrize(("device", "impedance"), every(11, product(DEVICES, (50.0, 100.0))))
 def test_ten_times_the_stiffness_and_any_impedance_is_calm_on_every_device(device: str, impedance: float) -> None:
     stiffness = 10.0 * min(2000.0, make(device).capability.stiffness_npm)
     coupling = {"impedance_nspm": impedance, "stiffness_npm": stiffness}
@@ -161,7 +161,7 @@ def test_what_the_record_does_not_say_is_found_out(
         {"hand": "reach&amplitude_m=0.04", "device_mass_kg": mass_kg},
         {"hand": "reach&amplitude_m=0.03&delay_s=0.25", "device_mass_kg": mass_kg},
     ]
-    people = felt(room(3.0, users=hands, coupling={"impedance_nspm": impedance}))
+    people = felt(room(2.0, users=hands, coupling={"impedance_nspm": impedance}))
     for one in people:
         assert_calm(one)
     assert any(one.core.port.carried_nspm < 0.9 * impedance for one in people)
@@ -188,7 +188,18 @@ GOOD: dict[str, Callable[[], Settings]] = {
 }
 
 
-SELDOM = ("five-users", "three-users", "lan", "wan", "wifi", "3 axes", "faces of 20000 N/m", "tremor")
+SELDOM = (
+    "five-users",
+    "three-users",
+    "lan",
+    "wan",
+    "wifi",
+    "lte",
+    "3 axes",
+    "faces of 20000 N/m",
+    "tremor",
+    "a Phantom",
+)
 
 
 def replace_seconds(path: Path) -> Settings:
@@ -198,7 +209,7 @@ def replace_seconds(path: Path) -> Settings:
 @pytest.mark.parametrize("name", [long(name) if name in SELDOM else name for name in GOOD])
 def test_within_what_devices_carry_the_port_is_idle(name: str) -> None:
     """The port changes no force by a bit: nothing controlled, nothing deflected, the reserve hardly touched."""
-    for one in felt(structs.replace(GOOD[name](), seconds=2.0)):
+    for one in felt(structs.replace(GOOD[name](), seconds=1.2)):
         port = one.core.port
         assert one.account.device.controlled == 0.0
         assert port.carried_nspm == largest_impedance(one.core.capability, one.core.seat.rates.tick_s).impedance_nspm
@@ -260,7 +271,7 @@ def test_a_hand_that_overpowers_the_motors_gives_the_line_no_more_than_it_gave()
 def test_a_hand_that_pushes_from_the_start_is_not_thrown_back(kind: str, force_n: float) -> None:
     """The line takes what the hand gives while its force is ramped in, and 50 mJ; before, 2 N loaded it with 2.8 J."""
     hands = ({"hand": f"push&force_n={force_n}"}, {"hand": "hold"})
-    settings = room(2.5, users=hands, object={"kind": kind}, link={"delay_ms": 20.0}, playout={"frames": 1})
+    settings = room(2.0, users=hands, object={"kind": kind}, link={"delay_ms": 20.0}, playout={"frames": 1})
     for one in felt(settings):
         assert one.core.safety.state == "live"
         assert one.account.device.margin_j > 0.0

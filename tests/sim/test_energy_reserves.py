@@ -28,6 +28,7 @@ from tests.sim.reported_runs import printed
 
 LEDGERS = ("up", "down", "line", "device")
 TANK_J = 5e-3
+SLOW = {"device_hz": 512}  # fewer ticks, where borders of frames count
 ROUNDING_J = 1e-12
 
 
@@ -79,7 +80,7 @@ def test_margin_and_reserve_keep_their_order_whatever_the_session(
     kind: str, seconds: float, tank_mj: float, loss: float, jitter_ms: float, seed: int
 ) -> None:
     link = {"delay_ms": 10.0, "loss": loss, "jitter_ms": jitter_ms}
-    laboratory = Laboratory(session(kind, seconds, seed=seed, link=link, playout={"tank_mj": tank_mj}))
+    laboratory = Laboratory(session(kind, seconds, seed=seed, rates=SLOW, link=link, playout={"tank_mj": tank_mj}))
     laboratory.run(watch)
     summary = of_laboratory(laboratory)
     lawful(summary)
@@ -131,8 +132,8 @@ def frames(laboratory: Laboratory, count: int) -> None:
 
 
 def test_whoever_takes_a_seat_anew_has_a_first_second_anew() -> None:
-    laboratory = Laboratory(session(seconds=60.0))
-    frames(laboratory, 200)
+    laboratory = Laboratory(session(seconds=60.0, rates=SLOW))
+    frames(laboratory, 150)
     laboratory.leave(0)
     run_until(laboratory, lambda: laboratory.people[0].core.session.state == "closed")
     left = laboratory.room.seat_account(0)
@@ -151,8 +152,8 @@ def test_whoever_takes_a_seat_anew_has_a_first_second_anew() -> None:
 
 
 def test_a_resumed_seat_goes_on_and_a_kicked_one_keeps_what_was_known() -> None:
-    laboratory = Laboratory(session(seconds=60.0))
-    frames(laboratory, 200)
+    laboratory = Laboratory(session(seconds=60.0, rates=SLOW))
+    frames(laboratory, 150)
     seat, core = laboratory.room.seats[0], laboratory.people[0].core
     least_j = laboratory.room.seat_account(0).line_reserve_j
     assert least_j is not None
@@ -170,8 +171,10 @@ def test_a_resumed_seat_goes_on_and_a_kicked_one_keeps_what_was_known() -> None:
 
 
 def test_a_new_server_begins_a_new_line_and_the_client_keeps_the_least_of_all() -> None:
-    laboratory = Laboratory(session(seconds=60.0, link={"delay_ms": 10.0, "loss": 0.1}, playout={"tank_mj": 5.0}))
-    frames(laboratory, 200)
+    laboratory = Laboratory(
+        session(seconds=60.0, rates=SLOW, link={"delay_ms": 10.0, "loss": 0.1}, playout={"tank_mj": 5.0})
+    )
+    frames(laboratory, 150)
     core = laboratory.people[0].core
     least_j, margin_j = core.ledger.down_reserve_j, core.coupling.down_margin_j
     assert least_j is not None

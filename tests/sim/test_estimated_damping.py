@@ -58,7 +58,7 @@ def session(mass_kg: float, memory: float | None = None):
     return of_laboratory(laboratory)["users"]
 
 
-@pytest.mark.parametrize("mass_kg", every(2, [0.045, 0.075, 0.1]))
+@pytest.mark.parametrize("mass_kg", every(3, [0.045, 0.075, 0.1]))
 def test_a_light_arm_stays_quiet(mass_kg: float) -> None:
     for user in session(mass_kg):
         assert user["peak_force_n"] < 2.0
@@ -231,7 +231,7 @@ def let_age(laboratory: Laboratory, latency: int, memory: float = 0.5) -> None:
         person.core.handle(DeviceOpened(replace(person.core.capability, latency_ticks=latency)), person.core.now_ns)
 
 
-@pytest.mark.parametrize("latency", [0, 1, 2])
+@pytest.mark.parametrize("latency", every(3, (2, 0, 1)))
 def test_a_session_feels_as_its_own_account_predicts(latency: int) -> None:
     """The actual cores, a wall, one frame each way: felt at rest, predicted from the measured loop, and theory with L T_c."""
     users = [{"name": "a", "device": "sim:ideal", "hand": "push"}]
@@ -342,12 +342,12 @@ def test_sessions_of_the_cores_decay_with_the_wave_of_then_and_grow_with_that_of
     for person, sign in zip(laboratory.people, (1.0, -0.4), strict=True):
         person.device.plant.velocity_mps[0] = sign * 1e-6
     peaks = []
-    for _ in range(8):
+    for _ in range(6):
         laboratory.people[0].core.seated.peaks.force_n = 0.0
         for _ in range(64):
             laboratory.frame()
         peaks.append(laboratory.people[0].core.seated.peaks.force_n)
-    growth = (peaks[-1] / peaks[1]) ** (1.0 / (6 * 64))
+    growth = (peaks[-1] / peaks[1]) ** (1.0 / (4 * 64))
     assert growth == pytest.approx(0.9974 if paired else 1.0043, abs=6e-4)
 
 
@@ -435,7 +435,7 @@ SHARES = {
 """L -> memory -> b T / m at which some session of free devices of 75 g ends: the table of docs/velocity.md."""
 
 
-@pytest.mark.parametrize(("memory", "latency"), every(5, product(SHARES[0], SHARES)))
+@pytest.mark.parametrize(("memory", "latency"), every(9, product(SHARES[0], SHARES)))
 def test_how_far_sessions_go(memory: float, latency: int) -> None:
     """Cube and wall, one and four frames in each direction, K = 500 N/m: all stable 2 % below the limit, one not 2 % above."""
 

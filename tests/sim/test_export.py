@@ -410,7 +410,7 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path, to: Format, mon
         pytest.importorskip("pyarrow.parquet")
     monkeypatch.setattr(export_module, "ROWS_HELD", 500)
     peaks = []
-    for rows in (1000, 1000, 8000):  # the first time is for what is imported and cached
+    for rows in (1000, 1000, 3000):  # the first time is for what is imported and cached
         folder = tmp_path / f"{len(peaks)}"
         folder.mkdir()
         messages = [("tick", number / 1024, a_tick(number, 3)) for number in range(rows)]

@@ -118,6 +118,7 @@ class Felt:
         delays: list[tuple[float, float]],
         seconds: float,
         stroke_s: float = 0.4,
+        device_hz: int = 512,
         **tables: Table,
     ) -> None:
         people = 1 if kind == "wall" else 2
@@ -127,7 +128,8 @@ class Felt:
         ]
         coupling = {"impedance_nspm": 60.0, "stiffness_npm": K_NPM, "compensate": True, **tables.pop("coupling", {})}
         self.laboratory = Laboratory(resolve({
-            "seconds": seconds, "object": {"kind": kind, "axes": axes, "damping_nspm": 5.0}, "coupling": coupling,
+            "seconds": seconds, "rates": {"device_hz": device_hz},
+            "object": {"kind": kind, "axes": axes, "damping_nspm": 5.0}, "coupling": coupling,
             "users": users, "link": {"delay_ms": delays[0][1]}, **tables,
         }))  # fmt: skip
         for number, person in enumerate(self.laboratory.people):
@@ -136,7 +138,7 @@ class Felt:
                 course(-1.0 if number else 1.0, stroke_s),
                 (1.0, *[0.5] * (axes - 1)) if kind != "wall" else (1.0, *[0.0] * (axes - 1)),
             )  # fmt: skip
-            hand.open(1024, (0.0,) * axes)
+            hand.open(device_hz, (0.0,) * axes)
             person.device.hand = hand
         self.felt_npm: list[float] = []
         self._delays = delays[1:]
@@ -165,7 +167,7 @@ def reroute(person: Person, delay_ms: float, seconds: float) -> None:
 @pytest.mark.parametrize(
     ("kind", "axes", "before_ms", "after_ms"),
     [
-        ("wall", 1, 20.0, 40.0),
+        long("wall", 1, 20.0, 40.0),
         long("wall", 1, 40.0, 20.0),
         long("wall", 3, 20.0, 40.0),
         ("cube", 2, 20.0, 40.0),
@@ -178,7 +180,8 @@ def test_the_stiffness_is_felt_as_asked_before_and_after_the_delay_changes(
     kind: str, axes: int, before_ms: float, after_ms: float
 ) -> None:
     """The playout is fixed: it takes its 4 s to follow, and so the loop. Then the spring does."""
-    session = Felt(kind, axes, [(0.0, before_ms), (3.5, after_ms)], 11.3)
+    device_hz = 1024 if axes == 3 else 512  # at the lower rate three axes are not at rest in time
+    session = Felt(kind, axes, [(0.0, before_ms), (3.5, after_ms)], 11.3, device_hz=device_hz)
     felt, summary = session.felt_npm, session.summary
     assert felt[0] == pytest.approx(K_NPM, rel=0.01)
     assert felt[-1] == pytest.approx(K_NPM, rel=0.02)
@@ -205,7 +208,7 @@ def test_without_compensation_the_spring_is_the_one_that_was_asked_for_and_the_p
 
 
 def test_a_delay_that_puts_the_stiffness_out_of_reach_is_said_and_the_hand_feels_what_the_line_allows() -> None:
-    session = Felt("wall", 1, [(0.0, 20.0), (3.5, 60.0)], 15.3, stroke_s=0.8)
+    session = Felt("wall", 1, [(0.0, 20.0), (3.5, 60.0)], 15.3, stroke_s=0.8, device_hz=1024)
     [user] = session.summary["users"]
     line_npm = 120.0 / (17 * FRAME_MS * 1e-3)  # 903.5: softer than what is asked for
     assert user["rendered_npm"] == pytest.approx(100.0 * K_NPM)

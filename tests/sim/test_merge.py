@@ -152,7 +152,7 @@ def test_the_merged_run_is_read_as_the_whole_one(whole: Path, tmp_path: Path) ->
     assert steps[1] == pytest.approx(steps[0], abs=1e-6)
 
 
-@settings(max_examples=25)
+@settings(max_examples=40)
 @given(
     ahead_ns=st.integers(-(10**15) + 10**9, 10**15),
     lie_ns=st.one_of(st.integers(-30 * MS, 30 * MS), st.integers(-(10**15), 10**15)),

@@ -107,7 +107,7 @@ def seated(laboratory: Laboratory) -> Callable[[], bool]:
 
 @pytest.mark.parametrize(
     ("kind", "axes", "visits"),
-    [("cube", 1, 2), ("faces", 3, 2), *(long(*each, 25) for each in product(("cube", "faces"), (1, 3)))],
+    [("cube", 1, 1), ("faces", 3, 2), *(long(*each, 25) for each in product(("cube", "faces"), (1, 3)))],
 )
 def test_a_third_comes_and_goes_while_two_move(kind: str, axes: int, visits: int) -> None:
     """The third begins its strokes anew with each visit, against those of the others."""
@@ -133,14 +133,14 @@ def test_a_third_comes_and_goes_while_two_move(kind: str, axes: int, visits: int
     assert {person.core.session.resumed for person in laboratory.people} == {0}
     undisturbed = Laboratory(world(kind, axes, [reaching(axes, 20.0)] * 3))
     calm = Felt(undisturbed, 0, 1)
-    calm.run(300)
+    calm.run(150)
     assert calm.step_n < felt.step_n, "the visits are felt"
 
 
 # Another address ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", every(3, range(4)))
+@pytest.mark.parametrize("seed", every(4, range(4)))
 def test_who_loses_the_address_is_back_within_two_seconds_on_the_same_line(seed: int) -> None:
     random = Random(seed)
     laboratory = Laboratory(world("cube", 1 + 2 * (seed % 2), pulling(1 + 2 * (seed % 2))))
@@ -184,7 +184,7 @@ def test_an_address_that_is_lost_again_and_again() -> None:
 # Another server -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", every(5, range(8)))
+@pytest.mark.parametrize("seed", every(8, range(8)))
 @pytest.mark.parametrize("concealment", ["zero", "elastic"])
 def test_a_server_that_is_killed_jolts_nobody_and_lets_go_at_once(seed: int, concealment: str) -> None:
     """By what safety softens where the gap is not concealed; where it is, by the line itself."""
@@ -203,7 +203,7 @@ def test_a_server_that_is_killed_jolts_nobody_and_lets_go_at_once(seed: int, con
     assert all((felt.zero_since[number] - killed) / 1024 < 0.25 for number in range(2))
 
 
-@pytest.mark.parametrize("seed", every(3, range(4)))
+@pytest.mark.parametrize("seed", every(4, (3, 0, 1, 2)))
 def test_a_server_that_is_started_anew_is_found_and_its_object_stands_where_it_was(seed: int) -> None:
     random, axes = Random(seed), 1 + 2 * (seed % 2)
     kind, hands = (("cube", pulling), ("faces", pressing))[seed // 2]
@@ -252,7 +252,7 @@ def test_bursts_of_loss_are_softened_and_make_nothing(seed: int, concealment: st
     settings = world("cube", 3, pulling(3), link=loss, seed=seed + 1, playout=playout)
     laboratory = Laboratory(settings, bare=concealment == "zero")  # the device port finds that this oscillates
     felt = Felt(laboratory)
-    felt.run(400)
+    felt.run(250)
     assert least_margin(laboratory) >= NOTHING_J
     for person in laboratory.people:
         core = person.core
@@ -267,5 +267,5 @@ def test_bursts_of_loss_are_softened_and_make_nothing(seed: int, concealment: st
 
 def test_a_clean_link_is_never_softened() -> None:
     laboratory = Laboratory(world("cube", 3, pulling(3)))
-    Felt(laboratory).run(300)
+    Felt(laboratory).run(200)
     assert all(person.core.safety.counts == {} for person in laboratory.people)

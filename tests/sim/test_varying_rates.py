@@ -63,12 +63,12 @@ def test_everybody_ticks_on_their_own_grid_and_borders_are_common(hz: int, ticks
 
 
 def test_ticks_of_each_loop_are_counted_for_themselves() -> None:
-    laboratory = Laboratory(resolve(world(128, [8192, 1024, 3072], seconds=0.5)))
+    laboratory = Laboratory(resolve(world(128, [8192, 1024, 3072], seconds=0.25)))
     moments = []
     laboratory.run(lambda lab: moments.append(lab.now_ns))
-    assert [user["ticks"]["due"] for user in of_laboratory(laboratory)["users"]] == [4096, 512, 1536]
-    assert [person.core.tick for person in laboratory.people] == [4095, 511, 1535]
-    assert laboratory.tick == len(moments) == len(set(moments)) == 64 * (64 + 16), "of 24 thirds of 64 every third"
+    assert [user["ticks"]["due"] for user in of_laboratory(laboratory)["users"]] == [2048, 256, 768]
+    assert [person.core.tick for person in laboratory.people] == [2047, 255, 767]
+    assert laboratory.tick == len(moments) == len(set(moments)) == 32 * (64 + 16), "of 24 thirds of 64 every third"
 
 
 def test_one_rate_for_all_is_that_rate_whoever_names_it() -> None:
@@ -89,7 +89,7 @@ def test_another_persons_rate_is_hardly_felt() -> None:
     """The wire is the same, the object's rate too: what one feels changes by what a tick is late, no more."""
     peaks = []
     for other in (1024, 4096):
-        laboratory = Laboratory(resolve(world(128, [1024, other], seconds=1.2, link={"delay_ms": 15.625})))
+        laboratory = Laboratory(resolve(world(128, [1024, other], seconds=0.8, link={"delay_ms": 15.625})))
         laboratory.run()
         peaks.append([laboratory.people[0].core.seated.peaks.force_n, laboratory.people[0].core.seated.peaks.travel_m])
     assert peaks[1] == pytest.approx(peaks[0], rel=0.02)
@@ -102,7 +102,7 @@ def test_another_persons_rate_is_hardly_felt() -> None:
 @given(st.data())
 def test_every_line_is_passive_at_every_rate(data: st.DataObject) -> None:
     network_hz = data.draw(st.sampled_from([32, 64, 128, 256, 512, 1024]), "network_hz")
-    device_hz = data.draw(st.lists(st.sampled_from(DEVICE_HZ), min_size=2, max_size=3), "device_hz")
+    device_hz = data.draw(st.lists(st.sampled_from(DEVICE_HZ), min_size=2, max_size=2), "device_hz")
     kind = data.draw(st.sampled_from(["cube", "faces", "wall"]), "kind")
     table = world(
         network_hz, device_hz, seconds=max(0.3, 16.0 / network_hz), seed=data.draw(st.integers(0, 99), "seed"),
@@ -142,7 +142,7 @@ def test_without_a_filter_only_one_tick_a_frame_is_passive() -> None:
 
 def test_no_jolt_where_people_of_many_rates_come_and_go() -> None:
     table = world(
-        128, [1024, 4096, 2048], seconds=1e3, object={"axes": 3}, link={"delay_ms": 10}, playout={"frames": 1}
+        128, [1024, 3072, 2048], seconds=1e3, object={"axes": 3}, link={"delay_ms": 10}, playout={"frames": 1}
     )
     for user, direction in zip(table["users"], ("1,0,0", "-1,0,0", "0,1,0"), strict=True):
         user["hand"] = f"sine&amplitude_m=0.02&frequency_hz=1&direction={direction}"
@@ -204,7 +204,7 @@ def test_no_passive_session_has_a_growing_mode_at_any_rate(network_hz: int) -> N
     assert verdict(model).stable
 
 
-@pytest.mark.parametrize(("scheme", "user"), [long("wave", 0), ("wave", 1), ("coupling", 1)])
+@pytest.mark.parametrize(("scheme", "user"), [long("wave", 0), ("wave", 1), long("coupling", 1)])
 def test_the_linear_model_of_unlike_rates_is_that_of_their_session(scheme: str, user: int) -> None:
     """The analysis goes by each person's own rate: the rendered impedance agrees to 1e-3."""
     table = world(128, [1024, 4096], coupling={"kind": scheme}, link={"delay_ms": 7.8125 if scheme == "wave" else 0.0})
