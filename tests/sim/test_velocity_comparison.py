@@ -178,6 +178,7 @@ def test_a_session_at_rest_and_one_that_is_not(monkeypatch: pytest.MonkeyPatch) 
     assert session.comes_to_rest(VINTAGE, makers["client"], 20.0)
     assert not session.comes_to_rest(VINTAGE, makers["memory 0.8"], 20.0)
     assert not session.comes_to_rest(VINTAGE, makers["memory 0"], 20.0)
+    assert not session.comes_to_rest(VINTAGE, makers["window 16"], 20.0)
 
 
 def test_on_a_real_hand_the_client_is_near_the_best_of_its_kind() -> None:
