@@ -67,7 +67,7 @@ def is_exact(world: Settings, verdicts: dict[str, Verdict]) -> None:
 
 @pytest.mark.parametrize(
     ("config", "axes", "coupling"),
-    every(11, product(FEW, (1, 3), COUPLINGS)),
+    every(17, product(FEW, (1, 3), COUPLINGS)),
     ids=lambda value: getattr(value, "stem", value),
 )
 def test_every_shipped_session_over_a_bad_link_is_exact(config: Path, axes: int, coupling: str, tmp_path: Path) -> None:
