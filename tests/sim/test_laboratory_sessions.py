@@ -339,7 +339,7 @@ def test_a_cube_follows_a_real_hand_in_space(which: str, tmp_path: Path) -> None
 
 def test_two_real_people_hold_one_cube() -> None:
     summary = summary_of(
-        seconds=3,
+        seconds=2,
         link={"delay_ms": 20, "jitter_ms": 5, "loss": 0.05},
         playout={"frames": 3},
         users=[
