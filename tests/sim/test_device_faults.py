@@ -23,7 +23,7 @@ from tests.extent import every, long
 RATE_HZ = 1024
 HANDS = ("reach&amplitude_m=0.03&delay_s=0.3&stroke_s=0.3", "hold")
 BEGIN_S = 0.48  # the hand is on its way, and pulls
-AFTER_S = 0.45  # a stroke and a half
+AFTER_S = 0.3  # a stroke
 DEAF_S = 0.9  # three strokes, and longer than any watchdog
 TOLERATED = ("split", "stale")  # the driver copes: they are counted, and the session goes on
 POSE_LOST = {  # the counters are wrong from then on; a report of HID has no checksum, so garbage reads as a jump
@@ -162,7 +162,7 @@ def test_the_force_ends_and_the_other_goes_on(wire: str, verb: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("begin_s", "silence_s", "wire"), every(7, product((BEGIN_S, 0.7, 0.93), (0.002, 0.006, 0.009), WIRES))
+    ("begin_s", "silence_s", "wire"), every(14, product((BEGIN_S, 0.7, 0.93), (0.002, 0.006, 0.009), WIRES))
 )
 def test_an_encoder_that_jumps_in_a_silence_is_found(wire: str, silence_s: float, begin_s: float) -> None:
     """Before, after 6 ms the pose was wrong by 9.6 to 17 mm and nobody noticed."""
@@ -183,7 +183,7 @@ def test_an_encoder_that_jumps_in_a_silence_is_found(wire: str, silence_s: float
     assert passive(laboratory)
 
 
-@pytest.mark.parametrize(("wire", "verb"), every(7, faults(*TOLERATED)))
+@pytest.mark.parametrize(("wire", "verb"), every(15, faults(*TOLERATED)))
 def test_re_arming_works_once_the_cause_is_gone(wire: str, verb: str) -> None:
     laboratory = session(wire, BEGIN_S + 0.6 + REARMED_S, HANDS, pose="stored")
     anna = laboratory.people[0]
@@ -230,7 +230,7 @@ def calibrate(person: Person) -> None:
     mechanics.carry((x - 0.02, y, z))
 
 
-@pytest.mark.parametrize(("seed", "seconds", "count"), [(0, 4.0, 14), *(long(seed, 16.0, 50) for seed in range(4))])
+@pytest.mark.parametrize(("seed", "seconds", "count"), [(0, 2.0, 8), *(long(seed, 16.0, 50) for seed in range(4))])
 def test_no_force_is_ever_above_the_limit_whatever_goes_wrong(seed: int, seconds: float, count: int) -> None:
     """Three faults a second, any verbs, one into another, at any time, mended and re-armed at any time."""
     random = Random(seed)

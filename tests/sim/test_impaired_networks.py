@@ -13,7 +13,7 @@ from tests.bench.impaired_network.room import NETWORKS, impaired
 from tests.extent import every, long
 
 JOBS = [
-    Job(number, network, people, K, seed, 1.5)
+    Job(number, network, people, K, seed, 1.0)
     for number, (network, people, K, seed) in enumerate([
         ("lan", 2, 1e5, 1), ("wifi", 3, 1e5, 2), ("wan", 2, 1e5, 7), ("lte", 5, 1e5, 4), ("satellite", 4, 1e3, 0),
         ("satellite", 2, 1e5, 9),

@@ -18,28 +18,33 @@ from cogrip.sim.session.laboratory_check import Check, checked_change, checked_s
 from tests.extent import long
 
 check, stiffest_of = cache(laboratory_check.check), cache(stiffest)
-WIFI = {"link.profile": "wifi", "coupling.stiffness_npm": 500.0, "seconds": 1.0}
+WIFI = {"link.profile": "wifi", "coupling.stiffness_npm": 500.0, "seconds": 0.5}
+SLOW = {"rates.device_hz": 512}
+SPRING = {**SLOW, "coupling.kind": "coupling", "link.delay_ms": 5.0}
 
 
 def settings_of(overrides: dict[str, Any], **people: Any) -> Settings:
     users = [{"name": "anna", "hand": "reach"} | people, {"name": "ben", "hand": "hold"} | people]
-    return resolve({"seconds": 3.0, "users": users}, overrides)
+    return resolve({"seconds": 1.0, "users": users}, overrides)
 
 
 def settings_of_one(overrides: dict[str, Any]) -> Settings:
     """One person at a free object, whose felt stiffness cannot be measured: a check is one session."""
-    return resolve({"seconds": 1.0, "users": [{"name": "anna", "hand": "reach"}]}, overrides)
+    table = {"seconds": 1.0, "rates": {"device_hz": 256}, "users": [{"name": "anna", "hand": "reach"}]}
+    return resolve(table, overrides)
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _each_once() -> Iterator[None]:
-    """Look at the same settings once, with few seeds and a short static load: every one is a session of several seconds."""
+    """Look at the same settings once, with few seeds, short sessions and a short static load."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(laboratory_check, "check", check)
         patch.setattr(laboratory_check, "stiffest", lambda settings, _: stiffest_of(settings))
         patch.setattr(laboratory_check, "MOST_SEEDS", 2)
-        patch.setattr(felt, "SETTLE_S", 1.0)
-        patch.setattr(felt, "LAST_S", 1.0)
+        patch.setattr(laboratory_check, "SESSION_S", 2.0)
+        patch.setattr(laboratory_check, "SHORT_S", 1.0)
+        patch.setattr(felt, "SETTLE_S", 0.7)
+        patch.setattr(felt, "LAST_S", 0.5)
         yield
 
 
@@ -111,7 +116,9 @@ def test_what_is_given_on_wifi_is_borne_out(wifi: tuple[Settings, Check]) -> Non
 
 @pytest.mark.usefixtures("no_load")
 def test_a_session_that_oscillates_is_a_warning() -> None:
-    found = check(settings_of({"coupling.kind": "coupling", "link.delay_ms": 40.0, "coupling.stiffness_npm": 2000.0}))
+    found = check(
+        settings_of(SLOW | {"coupling.kind": "coupling", "link.delay_ms": 40.0, "coupling.stiffness_npm": 2000.0})
+    )
     assert found.stable == "bad"
     assert found.session.level == "warning"
     assert "Not stable" in found.session.text or "Diverged" in found.session.text
@@ -160,8 +167,8 @@ def test_nobody_with_a_load_has_nothing_to_miss(wifi: tuple[Settings, Check]) ->
     [
         ({"link.delay_ms": 20.0}, {}),
         long({"link.delay_ms": 60.0}, {"device_mass_kg": 0.05}),
-        ({"link.delay_ms": 5.0, "seconds": 1.0}, {"device": "emulated:vintage", "hand": "reach&amplitude_m=0.005"}),
-        ({"coupling.kind": "coupling", "link.delay_ms": 5.0, "seconds": 1.0}, {}),
+        ({**SLOW, "link.delay_ms": 5.0}, {"device": "emulated:vintage", "hand": "reach&amplitude_m=0.005"}),
+        (SPRING, {}),
         long({"users.0.stiffness_npm": 50.0, "coupling.compensate": True, "coupling.stiffness_npm": 100.0}, {}),
     ],
 )
@@ -218,12 +225,13 @@ def test_a_stiffest_that_sessions_do_not_bear_out_comes_down(monkeypatch: pytest
     assert settings_of({"link.delay_ms": 20.0, **found.overrides}) == found.settings
     monkeypatch.setattr(laboratory_check, "check", lambda tried: replace(good, passive="bad"))
     assert checked_stiffest(settings) is None
-    assert checked_stiffest(settings_of({"coupling.kind": "coupling"})) is not None  # that is not passive by nature
+    assert checked_stiffest(settings_of(SPRING)) is not None  # that is not passive by nature
 
 
 @pytest.mark.long
-def test_over_a_satellite_the_stiffest_is_one_that_a_session_bears_out() -> None:
+def test_over_a_satellite_the_stiffest_is_one_that_a_session_bears_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """The device carries b = 25.6 by its own bound; over a loop of 0.6 s its motors then give energy."""
+    monkeypatch.setattr(laboratory_check, "SESSION_S", 6.0)
     answer = checked_stiffest(settings_of({"link.profile": "satellite", "seconds": 6.0}))
     found, checked = answer
     assert (checked.passive, checked.stable) == ("good", "good")
@@ -233,13 +241,13 @@ def test_over_a_satellite_the_stiffest_is_one_that_a_session_bears_out() -> None
 @pytest.mark.parametrize(
     ("overrides", "seconds", "beyond"),
     [
-        ({"seconds": 30.0}, 6.0, ""),
-        ({"seconds": 2.0}, 2.0, "less than 3 s"),
-        long({"seconds": 30.0, "link.outage_s": 1.0, "link.outage_every_s": 8.0}, 15.0, ""),
+        long({"seconds": 30.0}, 2.0, ""),
+        ({"seconds": 0.5}, 0.5, "less than 1 s"),
+        long({"seconds": 30.0, "link.outage_s": 1.0, "link.outage_every_s": 8.0}, 11.0, ""),
         long({"seconds": 60.0, "link.outage_s": 1.0, "link.outage_every_s": 40.0}, 20.0, "begins at 41 s"),
-        ({"seconds": 30.0, "link.outage_s": 1.0, "link.outage_every_s": 120.0}, 6.0, ""),
-        ({"seconds": 30.0, "link.outages": [[3.0, 0.5]]}, 9.5, ""),
-        long({"seconds": 30.0, "users.0.hand": "reach&delay_s=7"}, 13.0, ""),
+        ({"seconds": 30.0, "link.outage_s": 1.0, "link.outage_every_s": 120.0}, 2.0, ""),
+        ({"seconds": 30.0, "link.outages": [[3.0, 0.5]]}, 5.5, ""),
+        long({"seconds": 30.0, "users.0.hand": "reach&delay_s=7"}, 9.0, ""),
     ],
 )
 def test_a_session_reaches_what_begins_late_or_says_that_it_does_not(
@@ -255,7 +263,7 @@ def test_a_session_reaches_what_begins_late_or_says_that_it_does_not(
 @pytest.mark.usefixtures("no_load")
 def test_outages_that_break_a_session_are_noted() -> None:
     found = check(
-        settings_of({"seconds": 5.0, "link.delay_ms": 20.0, "link.outage_s": 1.0, "link.outage_every_s": 2.5})
+        settings_of({"seconds": 2.5, "link.delay_ms": 20.0, "link.outage_s": 1.0, "link.outage_every_s": 1.2})
     )
     assert found.session.level == "note"
     assert "of the frames" in found.session.text

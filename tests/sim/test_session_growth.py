@@ -53,7 +53,7 @@ def long_enough(rate: float) -> int:
     return int(min(12 * 128, max(4 * 128, 2.0 / abs(rate))))
 
 
-@pytest.mark.parametrize(("scheme", "frames"), every(6, product(("paper", "coupling"), (0, 1, 2, 4))))
+@pytest.mark.parametrize(("scheme", "frames"), every(5, product(("paper", "coupling"), (0, 1, 2, 4))))
 def test_a_session_grows_beyond_its_limit_and_decays_before(scheme: str, frames: int) -> None:
     limit = largest_stable(LiftedModel(linear_session(settings_at(scheme, frames, 1.0), estimated=False))).stiffness_npm
     for share, sign in ((0.98, -1.0), (1.02, 1.0)):
@@ -65,7 +65,7 @@ def test_a_session_grows_beyond_its_limit_and_decays_before(scheme: str, frames:
         assert measured == pytest.approx(rate, rel=0.05)
 
 
-@pytest.mark.parametrize("stiffness", every(2, [1e2, 1e4, 1e6]))
+@pytest.mark.parametrize("stiffness", every(3, [1e2, 1e4, 1e6]))
 def test_the_passive_scheme_decays_as_predicted(stiffness: float) -> None:
     settings = settings_at("passive", 4, stiffness)
     rate = float(np.log(verdict(LiftedModel(linear_session(settings, estimated=False))).decaying))

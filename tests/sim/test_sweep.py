@@ -30,7 +30,7 @@ from cogrip.sim.runs.plots.style import NotDrawnError
 
 from tests.sim.compared_methods import InProcess
 
-TWO: dict[str, Any] = {"name": "two", "seconds": 0.5, "users": [{"name": "a"}, {"name": "b"}]}
+TWO: dict[str, Any] = {"name": "two", "seconds": 0.2, "users": [{"name": "a"}, {"name": "b"}]}
 RADIUS = "lifted.spectral_radius"
 
 
@@ -245,14 +245,14 @@ def test_dead_workers_cost_their_cases_a_second_run(tmp_path: Path) -> None:
     assert sorted(cases) == list(range(8))
 
 
-KILLED_AT_FIVE = """
+KILLED_AT_THREE = """
 import os, signal, sys
 from cogrip.cli.main import main
 from cogrip.sim.experiments.folder import ExperimentFolder
 whole = ExperimentFolder.add
 def add(self, *told):
     whole(self, *told)
-    if len(self.finished) == 5:
+    if len(self.finished) == 3:
         os.kill(os.getpid(), signal.SIGKILL)
 ExperimentFolder.add = add
 main(sys.argv[1:])
@@ -260,24 +260,24 @@ main(sys.argv[1:])
 
 
 def test_a_sweep_that_was_killed_goes_on_where_it_was(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The whole parent process by SIGKILL at its fifth cell; then the same command: no finished cell is run again."""
+    """The whole parent process by SIGKILL at its third cell; then the same command: no finished cell is run again."""
     config = tmp_path / "two.toml"
-    config.write_text('name = "two"\nseconds = 0.3\n[[users]]\nname = "a"\n[[users]]\nname = "b"\n')
+    config.write_text('name = "two"\nseconds = 0.1\n[[users]]\nname = "a"\n[[users]]\nname = "b"\n')
     arguments = [
-        "sweep", str(config), "--vary", "seed=1:12:12", "--measure", "passive", "--out", str(tmp_path / "out"), "--jobs", "1",
+        "sweep", str(config), "--vary", "seed=1:6:6", "--measure", "passive", "--out", str(tmp_path / "out"), "--jobs", "1",
         "--json", "-",
     ]  # fmt: skip
-    killed = subprocess.run([sys.executable, "-c", KILLED_AT_FIVE, *arguments], capture_output=True)
+    killed = subprocess.run([sys.executable, "-c", KILLED_AT_THREE, *arguments], capture_output=True)
     assert killed.returncode == -signal.SIGKILL
     cases = tmp_path / "out" / CELLS
     kept = cases.read_text().splitlines(keepends=True)
-    assert len(kept) == 5
+    assert len(kept) == 3
     assert main(arguments) == 0
     answer = json.loads(capsys.readouterr().out)
-    assert answer["kept"] == 5
-    assert answer["computed"] == 12 - 5
-    assert cases.read_text().splitlines(keepends=True)[:5] == kept
-    assert [row["cell"] for row in table(tmp_path / "out")] == [str(case) for case in range(12)]
+    assert answer["kept"] == 3
+    assert answer["computed"] == 6 - 3
+    assert cases.read_text().splitlines(keepends=True)[:3] == kept
+    assert [row["cell"] for row in table(tmp_path / "out")] == [str(case) for case in range(6)]
 
 
 @pytest.mark.parametrize(

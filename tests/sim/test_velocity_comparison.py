@@ -14,11 +14,10 @@ from cogrip.client.velocity import AlphaBeta, memory_for
 from cogrip.devices.registry import make
 
 from tests.bench.__main__ import main as bench
-from tests.bench.velocity_trial import hands
+from tests.bench.velocity_trial import hands, session
 from tests.bench.velocity_trial.comparison import Found, chosen, devices, estimate, estimators, measure
 from tests.bench.velocity_trial.estimators import AdaptiveWindow, Estimator, FollowingAlphaBeta
 from tests.bench.velocity_trial.hands import Motion, NoHandsError, recorded_hands, resampled
-from tests.bench.velocity_trial.session import comes_to_rest
 
 HZ = 1024
 T_C = 1.0 / HZ
@@ -172,13 +171,14 @@ def test_every_device_without_velocity_is_compared_once() -> None:
     assert not any(one.gives_velocity for one in every.values())
 
 
-def test_a_session_at_rest_and_one_that_is_not() -> None:
+def test_a_session_at_rest_and_one_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     """0.8 is too slow for the vintage Phantom at b = 20, its own is not; a plain difference is too loud."""
+    monkeypatch.setattr(session, "_SECONDS", 2.0)
     makers = estimators(VINTAGE, T_C)
-    assert comes_to_rest(VINTAGE, makers["client"], 20.0)
-    assert not comes_to_rest(VINTAGE, makers["memory 0.8"], 20.0)
-    assert not comes_to_rest(VINTAGE, makers["memory 0"], 20.0)
-    assert not comes_to_rest(VINTAGE, makers["window 16"], 20.0)
+    assert session.comes_to_rest(VINTAGE, makers["client"], 20.0)
+    assert not session.comes_to_rest(VINTAGE, makers["memory 0.8"], 20.0)
+    assert not session.comes_to_rest(VINTAGE, makers["memory 0"], 20.0)
+    assert not session.comes_to_rest(VINTAGE, makers["window 16"], 20.0)
 
 
 def test_on_a_real_hand_the_client_is_near_the_best_of_its_kind() -> None:

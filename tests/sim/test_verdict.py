@@ -221,7 +221,7 @@ def test_a_person_who_was_kicked_is_named() -> None:
 
 
 def session(**changes: Any) -> dict[str, Any]:
-    table = {"seconds": 3.0, "users": [{"name": "anna"}, {"name": "ben", "hand": "hold"}], **changes}
+    table = {"seconds": 1.5, "users": [{"name": "anna"}, {"name": "ben", "hand": "hold"}], **changes}
     return run_laboratory(resolve(table)).summary
 
 

@@ -3,7 +3,7 @@
 import json
 import shutil
 from collections.abc import Sequence
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -67,18 +67,18 @@ def is_exact(world: Settings, verdicts: dict[str, Verdict]) -> None:
 
 @pytest.mark.parametrize(
     ("config", "axes", "coupling"),
-    every(11, product(FEW, (1, 3), COUPLINGS)),
+    every(17, product(FEW, (1, 3), COUPLINGS)),
     ids=lambda value: getattr(value, "stem", value),
 )
 def test_every_shipped_session_over_a_bad_link_is_exact(config: Path, axes: int, coupling: str, tmp_path: Path) -> None:
     one_axis = ("users.0.hand=reach", "users.1.hand=reach") if axes == 1 and config.stem == "three-users" else ()
-    world = load(config, ("seconds=0.5", f"object.axes={axes}", *BAD_LINK, *COUPLINGS[coupling], *one_axis))
+    world = load(config, ("seconds=0.3", f"object.axes={axes}", *BAD_LINK, *COUPLINGS[coupling], *one_axis))
     is_exact(world, verdicts_of(world, tmp_path))
 
 
 @pytest.mark.parametrize("config", every(4, CONFIGS), ids=lambda path: path.stem)
 def test_every_shipped_session_is_exact_for_longer(config: Path, tmp_path: Path) -> None:
-    world = load(config, ("seconds=1.5",) if config in FEW else ("seconds=0.5", *BAD_LINK))
+    world = load(config, ("seconds=1.0",) if config in FEW else ("seconds=0.3", *BAD_LINK))
     is_exact(world, verdicts_of(world, tmp_path))
 
 
@@ -93,7 +93,7 @@ def test_any_session_is_exact(
 ) -> None:  # fmt: skip
     people = [{"name": "anna", "side": "left", "hand": "reach"}, {"name": "ben", "side": "right", "hand": "tremor"}]
     world = resolve({
-        "seed": seed, "seconds": 0.25, "object": {"kind": kind, "axes": axes}, "playout": {"frames": playout},
+        "seed": seed, "seconds": 0.15, "object": {"kind": kind, "axes": axes}, "playout": {"frames": playout},
         "link": {"delay_ms": delay_ms, "jitter_ms": jitter_ms, "loss": loss, "duplicate": duplicate, "reorder": reorder},
         "users": people[:1] if kind == "wall" else people,
     })  # fmt: skip
@@ -112,7 +112,7 @@ def test_a_session_that_diverges_is_exact(tmp_path: Path) -> None:
 
 
 def test_one_seed_gives_the_same_bytes(tmp_path: Path) -> None:
-    world = load(CONFIGS[0], ("seconds=0.5", *BAD_LINK))
+    world = load(CONFIGS[0], ("seconds=0.2", *BAD_LINK))
     for name in "ab":
         verdicts_of(world, tmp_path / name)
     for path in (tmp_path / "a").glob("*.mcap"):
@@ -293,8 +293,10 @@ def test_a_client_that_ticks_without_a_welcome_is_said(anna: Recorded) -> None:
 
 @given(data=st.data())
 def test_two_messages_that_changed_places_are_found(recorded: Recorded, data: st.DataObject) -> None:
-    outputs = ("datagram_out", "event", "account", "answer")
-    pairs = [at for at in range(len(recorded.kinds) - 1) if {recorded.kinds[at], recorded.kinds[at + 1]} & set(outputs)]
+    outputs = {"datagram_out", "event", "account", "answer"}
+    drawn = {"tf", "scene", "forces"}  # for viewers: nothing is replayed from them, so they may stand anywhere
+    both = [set(pair) for pair in pairwise(recorded.kinds)]
+    pairs = [at for at, kinds in enumerate(both) if kinds & outputs and not kinds & drawn]
     at = data.draw(st.sampled_from(pairs))
     one, other = recorded.messages[at : at + 2]
     found = verify(recorded.written([*recorded.messages[:at], other, one, *recorded.messages[at + 2 :]])).difference

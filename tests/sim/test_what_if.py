@@ -34,7 +34,7 @@ FILES = ("client-anna.mcap", "client-ben.mcap", "server.mcap")
 TABLE: dict[str, Any] = {
     "name": "pair",
     "seed": 5,
-    "seconds": 1.0,
+    "seconds": 0.625,  # 80 frames
     "object": {"axes": 2},
     "link": {"delay_ms": 12, "jitter_ms": 4, "loss": 0.1},
     "playout": {"frames": 2},
@@ -57,7 +57,7 @@ def lab(world: World | Settings, folder: Path) -> RunRecords:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> RunRecords:
-    """Two people, two machines, two axes, a bad link, one second."""
+    """Two people, two machines, two axes, a bad link, half a second."""
     return lab(resolve(TABLE), tmp_path_factory.mktemp("runs") / "first")
 
 
@@ -92,9 +92,9 @@ def joined_with(path: Path, device: str) -> None:
 # The same world ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("config", every(6, sorted(CONFIGS.glob("*.toml"))), ids=lambda path: path.stem)
+@pytest.mark.parametrize("config", every(7, sorted(CONFIGS.glob("*.toml"))), ids=lambda path: path.stem)
 def test_the_same_hands_in_the_same_world_are_the_same_run_bit_for_bit(config: Path, tmp_path: Path) -> None:
-    first = lab(resolve(tomllib.loads(config.read_text()), {"seconds": 1.5}), tmp_path / "first")
+    first = lab(resolve(tomllib.loads(config.read_text()), {"seconds": 1.2}), tmp_path / "first")
     again = lab(what_if(first, {}), tmp_path / "again")
     assert streams(again) == streams(first)
     assert sum(len(messages) for messages in streams(first).values()) > 2000
@@ -104,9 +104,9 @@ def test_the_same_hands_in_the_same_world_are_the_same_run_bit_for_bit(config: P
     "changes",
     [
         long({"coupling.kind": "coupling"}),
-        {"link.loss": 0.4, "link.rate_kbps": 200},
-        {"object.kind": "faces"},
-        {"seconds": 0.7},  # 89.6 frames
+        {"link.loss": 0.4, "link.rate_kbps": 200, "seconds": 0.5},
+        {"object.kind": "faces", "seconds": 0.5},
+        {"seconds": 0.45},  # 57.6 frames
     ],
 )
 def test_so_they_are_in_worlds_of_other_kinds(changes: dict[str, Any], tmp_path: Path) -> None:
@@ -138,7 +138,7 @@ def test_what_if_of_what_if(run: RunRecords, tmp_path: Path) -> None:
     ("key", "value"),
     [
         long("coupling.impedance_nspm", 50.0),
-        ("coupling.kind", "coupling"),
+        long("coupling.kind", "coupling"),
         long("link.loss", 0.35),
         long("object.mass_kg", 2.0),
         long("playout.frames", 4),
@@ -184,7 +184,7 @@ def test_positions_are_the_recorded_ones_whatever_the_world(
         assert np.array_equal(before["force_n"][:-1], after["force_n"][:-1]) == (not changes), name
 
 
-@pytest.mark.parametrize("hands", ["same", "impedance", "positions"])
+@pytest.mark.parametrize("hands", ["same", long("impedance"), "positions"])
 def test_a_live_session_can_be_asked_as_well(tmp_path: Path, hands: Hands) -> None:
     run = open_run(LIVE)
     other = what_if(run, {"link.delay_ms": 5.0}, hands)
@@ -195,19 +195,19 @@ def test_a_live_session_can_be_asked_as_well(tmp_path: Path, hands: Hands) -> No
         assert np.ptp(after) == pytest.approx(np.ptp(before), rel=0.2)
 
 
-@pytest.mark.parametrize("late_ns", [long(0), 3_000_000, long(125_000_000), 700_000_000])
+@pytest.mark.parametrize("late_ns", [long(0), 3_000_000, long(125_000_000), 203_125_000])
 def test_people_begin_when_they_began(run: RunRecords, spoiled: Path, tmp_path: Path, late_ns: int) -> None:
     """People begin at the nearest frame and keep their seats until then; the result replays bit by bit."""
     rewrite(spoiled / "client-ben.mcap", late_ns=late_ns)
     other = what_if(open_run(spoiled), {}, "positions")
     assert other.begins == (0, round(late_ns * 128e-9) * 8)
     as_long = other.begins == (0, 0)  # less than half a frame late: nothing was longer than it should be
-    assert other.settings.seconds == (1.0 if as_long else pytest.approx(1.0 + late_ns * 1e-9, abs=1e-6))
+    assert other.settings.seconds == (0.625 if as_long else pytest.approx(0.625 + late_ns * 1e-9, abs=1e-6))
     made = lab(other, tmp_path / "other")
     before, after = (each.clients["ben"].columns("tick", "tick", "position_m") for each in (run, made))
     assert np.array_equal(after["tick"], np.arange(len(after["tick"])))
     shown = min(len(before["tick"]), len(after["tick"]))
-    assert shown > 1000
+    assert shown > 600
     assert np.array_equal(after["position_m"][:shown], before["position_m"][:shown])
     assert after["time_s"][0] == pytest.approx(other.begins[1] / 1024, abs=1e-6)
     for file in FILES:
@@ -232,7 +232,7 @@ def test_it_lasts_as_long_as_the_longest_hand(spoiled: Path) -> None:
         return message.payload if message.time_ns < 400_000_000 else None
 
     rewrite(spoiled / "client-anna.mcap", early)
-    assert what_if(open_run(spoiled), {}).settings.seconds == 1.0
+    assert what_if(open_run(spoiled), {}).settings.seconds == 0.625
     rewrite(spoiled / "client-ben.mcap", early)
     assert what_if(open_run(spoiled), {}).settings.seconds == pytest.approx(0.4, abs=2e-3)
     assert what_if(open_run(spoiled), {"seconds": 3.0}).settings.seconds == 3.0, "--set stands above"
