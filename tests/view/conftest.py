@@ -19,8 +19,7 @@ def chromium() -> Iterator[Any]:
         pytest.skip(str(error))
 
 
-@pytest.fixture
-def open_page(chromium: Any) -> Iterator[Callable[..., BrowserPage]]:
+def opener(chromium: Any) -> Iterator[Callable[..., BrowserPage]]:
     """Yield a function that opens an address; at the end no page may have broken its policy or logged an error."""
     pages: list[BrowserPage] = []
 
@@ -32,3 +31,8 @@ def open_page(chromium: Any) -> Iterator[Callable[..., BrowserPage]]:
     for page in pages:
         page.close()
         assert page.errors == []
+
+
+open_page = pytest.fixture(opener, name="open_page")
+open_shared_page = pytest.fixture(opener, name="open_shared_page", scope="module")
+"""For a page that all tests of a module look at: to open one takes a second of processor time."""

@@ -27,10 +27,32 @@ def server() -> Iterator[PageServer]:
 
 @pytest.fixture
 def page(open_page: Open, server: PageServer) -> BrowserPage:
+    """Open the page anew."""
     page = open_page(server.address)
     server.wait_for_page()
     page.until_drawn(0)
     return page
+
+
+@pytest.fixture(scope="module")
+def opened(open_shared_page: Open) -> Iterator[BrowserPage]:
+    with serving(PageServer(to_json(TOLD), CHUNKS)) as server:
+        yield open_shared_page(server.address)
+
+
+@pytest.fixture
+def shared(opened: BrowserPage) -> BrowserPage:
+    """The page that all tests look at, as it is when it was opened."""
+    opened.until("cogrip.player")
+    if opened.state("cogrip.player.playing"):
+        opened.tab.keyboard.press(" ")
+    if opened.state("cogrip.player.loop.on"):
+        opened.tab.keyboard.press("l")
+    opened.tab.locator("[data-part=speed]").select_option("1")
+    opened.tab.locator("[data-part=speed]").blur()
+    seek(opened, 0.0)
+    opened.until_drawn(0)
+    return opened
 
 
 def seek(page: BrowserPage, time_s: float) -> None:
@@ -49,39 +71,39 @@ def assert_drawn_exactly(drawn: dict[str, Any], frame: Frame) -> None:
 
 
 @pytest.mark.parametrize("number", [0, 1, 599, 600, 1199, 1200, 1499])
-def test_pose_at_a_frames_time_is_the_recorded_one(page: BrowserPage, number: int) -> None:
-    seek(page, FRAMES[number].time_s)
-    assert_drawn_exactly(page.until_drawn(number), FRAMES[number])
+def test_pose_at_a_frames_time_is_the_recorded_one(shared: BrowserPage, number: int) -> None:
+    seek(shared, FRAMES[number].time_s)
+    assert_drawn_exactly(shared.until_drawn(number), FRAMES[number])
 
 
-def test_scrub_bar_shows_the_moment_that_it_is_drawn_to(page: BrowserPage) -> None:
-    box = page.tab.locator("[data-part=scrub]").bounding_box()
-    page.tab.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    page.until("cogrip.frame.time_s > 1")
-    drawn = page.state("cogrip.frame")
+def test_scrub_bar_shows_the_moment_that_it_is_drawn_to(shared: BrowserPage) -> None:
+    box = shared.tab.locator("[data-part=scrub]").bounding_box()
+    shared.tab.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    shared.until("cogrip.frame.time_s > 1")
+    drawn = shared.state("cogrip.frame")
     assert drawn["time_s"] == pytest.approx(SECONDS / 2, abs=0.2)
     assert_drawn_exactly(drawn, FRAMES[drawn["number"]])
 
 
-def test_single_frames_forth_and_back_over_the_end_of_a_chunk(page: BrowserPage) -> None:
-    seek(page, FRAMES[598].time_s)
-    page.until_drawn(598)
+def test_single_frames_forth_and_back_over_the_end_of_a_chunk(shared: BrowserPage) -> None:
+    seek(shared, FRAMES[598].time_s)
+    shared.until_drawn(598)
     for number in (599, 600, 601):
-        page.tab.keyboard.press(".")
-        assert_drawn_exactly(page.until_drawn(number), FRAMES[number])
+        shared.tab.keyboard.press(".")
+        assert_drawn_exactly(shared.until_drawn(number), FRAMES[number])
     for number in (600, 599):
-        page.tab.keyboard.press(",")
-        assert_drawn_exactly(page.until_drawn(number), FRAMES[number])
+        shared.tab.keyboard.press(",")
+        assert_drawn_exactly(shared.until_drawn(number), FRAMES[number])
 
 
-def test_plays_draws_what_it_passes_and_pauses(page: BrowserPage) -> None:
-    page.tab.keyboard.press(" ")
-    page.until("cogrip.frame.time_s > 0.5")
-    page.tab.keyboard.press(" ")
-    assert not page.state("cogrip.player.playing")
-    drawn = page.state("cogrip.frame")
+def test_plays_draws_what_it_passes_and_pauses(shared: BrowserPage) -> None:
+    shared.tab.keyboard.press(" ")
+    shared.until("cogrip.frame.time_s > 0.5")
+    shared.tab.keyboard.press(" ")
+    assert not shared.state("cogrip.player.playing")
+    drawn = shared.state("cogrip.frame")
     assert_drawn_exactly(drawn, FRAMES[drawn["number"]])
-    shown_s = page.state("cogrip.player.time_s")
+    shown_s = shared.state("cogrip.player.time_s")
     assert 0 <= shown_s - drawn["time_s"] < 1.5 / FRAMES_HZ
 
 
@@ -97,47 +119,47 @@ def test_fetches_the_next_chunk_ahead_and_each_once(page: BrowserPage, server: P
     assert server.asked == [0, 1, 2]
 
 
-def test_events_are_marked_and_reached_by_keys_and_clicks(page: BrowserPage) -> None:
-    assert page.tab.locator(".tick").count() == 3
+def test_events_are_marked_and_reached_by_keys_and_clicks(shared: BrowserPage) -> None:
+    assert shared.tab.locator(".tick").count() == 3
     for key, time_s in (("n", 2.0), ("n", 7.5), ("n", 14.0), ("p", 7.5), ("p", 2.0)):
-        page.tab.keyboard.press(key)
-        assert page.state("cogrip.player.time_s") == time_s
-    page.tab.locator(".tick.lost").click()
-    assert page.state("cogrip.player.time_s") == 14.0
-    page.tab.get_by_text("Events").click()
-    page.tab.locator("#events").get_by_text("marker: grip").click()
-    assert page.state("cogrip.player.time_s") == 7.5
+        shared.tab.keyboard.press(key)
+        assert shared.state("cogrip.player.time_s") == time_s
+    shared.tab.locator(".tick.lost").click()
+    assert shared.state("cogrip.player.time_s") == 14.0
+    shared.tab.get_by_text("Events").click()
+    shared.tab.locator("#events").get_by_text("marker: grip").click()
+    assert shared.state("cogrip.player.time_s") == 7.5
 
 
-def test_loop_stays_in_its_range(page: BrowserPage) -> None:
-    seek(page, 7.0)
-    page.tab.keyboard.press("a")
-    seek(page, 7.2)
-    page.tab.keyboard.press("b")
-    assert page.state("cogrip.player.loop") == {"on": True, "from_s": 7.0, "to_s": 7.2}
-    page.tab.keyboard.press(" ")
+def test_loop_stays_in_its_range(shared: BrowserPage) -> None:
+    seek(shared, 7.0)
+    shared.tab.keyboard.press("a")
+    seek(shared, 7.2)
+    shared.tab.keyboard.press("b")
+    assert shared.state("cogrip.player.loop") == {"on": True, "from_s": 7.0, "to_s": 7.2}
+    shared.tab.keyboard.press(" ")
     for _ in range(2):
-        page.until("cogrip.player.time_s > 7.1")
-        page.until("cogrip.player.time_s < 7.1")
-    assert 7.0 <= page.state("cogrip.player.time_s") <= 7.2
-    page.tab.keyboard.press("l")
-    page.until("cogrip.player.time_s > 7.3")
+        shared.until("cogrip.player.time_s > 7.1")
+        shared.until("cogrip.player.time_s < 7.1")
+    assert 7.0 <= shared.state("cogrip.player.time_s") <= 7.2
+    shared.tab.keyboard.press("l")
+    shared.until("cogrip.player.time_s > 7.3")
 
 
-def test_speed_keys_and_ends(page: BrowserPage) -> None:
-    page.tab.locator("[data-part=speed]").select_option("10")
-    page.tab.keyboard.press(" ")
-    page.until(f"cogrip.player.time_s === {SECONDS} && !cogrip.player.playing")
-    assert_drawn_exactly(page.until_drawn(1499), FRAMES[1499])
+def test_speed_keys_and_ends(shared: BrowserPage) -> None:
+    shared.tab.locator("[data-part=speed]").select_option("10")
+    shared.tab.keyboard.press(" ")
+    shared.until(f"cogrip.player.time_s === {SECONDS} && !cogrip.player.playing")
+    assert_drawn_exactly(shared.until_drawn(1499), FRAMES[1499])
     for _ in range(9):
-        page.tab.keyboard.press("-")
-    assert page.state("cogrip.player.speed") == 0.1
-    page.tab.keyboard.press("ArrowLeft")
-    assert page.state("cogrip.player.time_s") == SECONDS - 1
-    page.tab.keyboard.press("Shift+ArrowLeft")
-    assert page.state("cogrip.player.time_s") == SECONDS - 11
-    page.tab.keyboard.press("Home")
-    assert page.state("cogrip.player.time_s") == 0
+        shared.tab.keyboard.press("-")
+    assert shared.state("cogrip.player.speed") == 0.1
+    shared.tab.keyboard.press("ArrowLeft")
+    assert shared.state("cogrip.player.time_s") == SECONDS - 1
+    shared.tab.keyboard.press("Shift+ArrowLeft")
+    assert shared.state("cogrip.player.time_s") == SECONDS - 11
+    shared.tab.keyboard.press("Home")
+    assert shared.state("cogrip.player.time_s") == 0
 
 
 def test_phone_shows_the_player(open_page: Open, server: PageServer) -> None:
