@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from math import nan
 from typing import Any
 
@@ -30,14 +31,13 @@ def is_in_contact_colour(colour: np.ndarray) -> bool:
     return bool(red - blue > 0.15)
 
 
-@pytest.mark.parametrize("view", ["1", "2", "3", "4"])
-def test_object_is_drawn_where_the_state_says(open_page: Open, view: str) -> None:
+def test_object_is_drawn_where_the_state_says(open_page: Open) -> None:
     here, there = (0.03, -0.045, 0.02), (-0.05, -0.03, -0.055)
     bare = replace(frame(1, here, contact=True), people=())
     with serving(PageServer(to_json(scene()))) as server:
         page = shown(open_page, server)
-        page.tab.keyboard.press(view)
-        for number, (full, empty) in enumerate([(here, there), (there, here)]):
+        for number, (view, (full, empty)) in enumerate(product("1234", [(here, there), (there, here)])):
+            page.tab.keyboard.press(view)
             server.send(encode(replace(bare, number=number, position_m=full)))
             assert page.until_drawn(number)["drawn"]["object"] == list(full)
             picture = page.picture()
@@ -46,10 +46,8 @@ def test_object_is_drawn_where_the_state_says(open_page: Open, view: str) -> Non
             for axis in range(3):
                 corner = [value + 0.018 * (each == axis) for each, value in enumerate(full)]  # inside the box of 40 mm
                 assert is_in_contact_colour(page.pixel(picture, corner))
-            aside = page.state(f"cogrip.project({list(full)})")
-            assert not is_in_contact_colour(picture[round(aside[1]), round(aside[0]) - 120]), (
-                "it is no larger than it is"
-            )
+            column, row = page.state(f"cogrip.project({list(full)})")
+            assert not is_in_contact_colour(picture[round(row), round(column) - 120]), "it is no larger than it is"
 
 
 def test_people_are_drawn_in_their_colours_at_device_and_proxy(open_page: Open) -> None:
