@@ -17,7 +17,7 @@ import tempfile
 import threading
 import time
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -30,11 +30,10 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import Problem, at_least_one
 from cogrip.cli.terminal.tables import plain_table
 from cogrip.devices.web.messages import Pointer, encode_pointer
-from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.channel import UnencryptedChannel
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings import Settings, resolve, seat_settings
-from cogrip.sim.runs.folder import SERVER_RECORDING, SETTINGS, read_accounts, write_settings
+from cogrip.sim.runs.folder import SERVER_RECORDING, SETTINGS, client_recording, write_settings
 from cogrip.sim.runs.records import End
 
 from tests.bench.children import ROOT, output_at_end, start_cogrip, start_python, wait_for_line
@@ -52,6 +51,7 @@ JUMP_M, REST_S = 0.01, 0.6
 REPEAT_S = 0.05  # as often a page says that its pointer holds
 NOISE_N, SPREADS = 0.005, 5.0  # a force that changes by more than both is of the pointer
 END_S = 30.0
+DRAWS = 200  # of sessions, for the uncertainty of a ratio
 Row = tuple[str, str, str, str]
 
 
@@ -109,15 +109,18 @@ def bench_view(*, blocks: int = 8, seconds: float = 60.0, jumps: int = 60) -> in
 def _lateness(
     settings: Settings, base: Path, blocks: int, seconds: float, console: Console
 ) -> tuple[float, float]:  # fmt: skip
-    """Return the ratio of geometric means, and the factor by which it is uncertain."""
-    late_us: dict[bool, list[float]] = {True: [], False: []}
+    """Return the ratio of the p99 of all ticks with tabs to that of all without, and the factor by which it is uncertain.
+
+    The uncertainty is that of other sessions drawn from these: what disturbs this machine lasts for whole sessions.
+    """
+    late_us: dict[bool, list[np.ndarray]] = {True: [], False: []}
     user = settings.users[0].name
     for number in range(max(4, blocks)):
         watched = number % 4 in (0, 3)
         folder = base / f"{number}"
         with _served(settings, folder) as place:
             client = start_cogrip(
-                "join", place, "--config", str(folder / SETTINGS), "--name", user, "--into", str(folder), "--no-record",
+                "join", place, "--config", str(folder / SETTINGS), "--name", user, "--into", str(folder),
                 "--seconds", str(seconds),
             )  # fmt: skip
             if watched:
@@ -127,15 +130,19 @@ def _lateness(
                 printed, well = output_at_end(client, seconds + END_S)
             if not well:
                 raise Problem(f"the client failed:\n{printed}")
-        account = read_accounts(folder, [user])[user]
-        ticks = account.ticks if account else TickCount()
-        if ticks.late_us.p99 is None:
-            raise Problem(f"the client left no account in {folder}")
-        late_us[watched].append(max(1.0, ticks.late_us.p99))
-        console.print(f"{'two tabs' if watched else 'no tab  '}: p99 lateness {ticks.late_us.p99:.0f} µs")
-    logs = {watched: [math.log(each) for each in found] for watched, found in late_us.items()}
-    error = math.sqrt(sum(statistics.variance(found) / len(found) for found in logs.values()))
-    return math.exp(statistics.mean(logs[True]) - statistics.mean(logs[False])), math.exp(error)
+        ticks = End(open_recording(folder / client_recording(user))).records("tick")
+        late_us[watched].append(np.array([max(0, tick.late_us) for _, tick in ticks]))
+        console.print(
+            f"{'two tabs' if watched else 'no tab  '}: p99 lateness {np.percentile(late_us[watched][-1], 99):.0f} µs"
+        )
+    chance = np.random.default_rng(1)
+
+    def ratio(draw: Callable[[list[np.ndarray]], list[np.ndarray]]) -> float:
+        with_tabs, without = [float(np.percentile(np.concatenate(draw(late_us[each])), 99)) for each in (True, False)]
+        return max(1.0, with_tabs) / max(1.0, without)
+
+    drawn = [ratio(lambda of: [of[each] for each in chance.integers(len(of), size=len(of))]) for _ in range(DRAWS)]
+    return ratio(lambda of: of), math.exp(float(np.std(np.log(drawn))))
 
 
 def _tabs(settings: Settings, folder: Path, stopped_s: float, seconds: float) -> tuple[float, list[float]]:
