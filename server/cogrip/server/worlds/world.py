@@ -18,6 +18,10 @@ WORKSPACE_M = 0.5  # the object has left the room beyond this
 REACH_M = 2.0  # no hand reaches the object beyond this: it is put back
 
 
+class WorldError(ArithmeticError):
+    """A world that cannot go on from the state that it has reached. The text says which."""
+
+
 def dot(a: Array, b: Array) -> float:
     """Return the sum of products in one order on every processor; BLAS's order differs, and no replay elsewhere is exact."""
     return float(np.add.reduce(a * b, axis=None))
