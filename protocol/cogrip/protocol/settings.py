@@ -175,6 +175,11 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         return self.object.kind in ("faces", "wall")
 
     @property
+    def asked_npm(self) -> float | None:
+        """K that was asked for; None where no spring stands between a person and the object."""
+        return None if self.object.kind == "scene" else self.coupling.stiffness_npm
+
+    @property
     def follows(self) -> bool:
         """True where the server adapts the spring to the measured loop (docs/decisions/0012-measured-delay.md)."""
         coupling = self.coupling
@@ -293,7 +298,11 @@ def digest(settings: Settings) -> str:
     ]
     shared = [settings.rates.network_hz, settings.object.shared, settings.playout, users]
     if settings.object.kind == "scene":  # a path differs from machine to machine
-        shared += [PurePath(settings.object.file).name, settings.object.substeps, [user.tool for user in settings.users]]
+        shared += [
+            PurePath(settings.object.file).name,
+            settings.object.substeps,
+            [user.tool for user in settings.users],
+        ]
     return hashlib.sha256(msgspec.json.encode(shared, order="deterministic")).hexdigest()[:16]
 
 
@@ -339,7 +348,9 @@ def _check_scene(settings: Settings) -> None:
         own = [("object.file", given.file)] + [(f"users.{n}.tool", user.tool) for n, user in enumerate(settings.users)]
         for key, value in own:
             if value:
-                raise SettingsError(f'{key} = {value!r} is for object.kind = "scene", not "{given.kind}"; leave one of them out')
+                raise SettingsError(
+                    f'{key} = {value!r} is for object.kind = "scene", not "{given.kind}"; leave one of them out'
+                )
         return
     compensated = [user.name for user in settings.users if coupling_of(settings, user).compensate]
     refused = [

@@ -18,7 +18,7 @@ from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint, S
 from cogrip.server.observers import ObserverSlots
 from cogrip.server.participants import Seat
 from cogrip.server.port import Row
-from cogrip.server.schemes import SCHEMES
+from cogrip.server.schemes import SCHEMES, make_room_world
 from cogrip.server.seat_limits import BURST_S, Record, SeatLimits, limits_of
 from cogrip.server.stiffness_adaptation import StiffnessAdapter
 
@@ -41,7 +41,7 @@ class Room:
         self.seats = [Seat(seat_settings(settings, number), number) for number in range(len(settings.users))]
         self._scheme = SCHEMES[settings.coupling.kind]
         self.frame = self._scheme.frame
-        self.world = self._scheme.make_world([seat.settings for seat in self.seats])
+        self.world = make_room_world(settings, [seat.settings for seat in self.seats])
         self._idle_row = (0.0,) * (self.world.axes * self.world.inputs_per_axis)
         self.observer_slots = ObserverSlots(settings.admission.observers, settings.rates.network_hz)
         self.steps = 0

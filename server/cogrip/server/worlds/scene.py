@@ -15,8 +15,8 @@ Data are kept as after `mj_step1`: places, energies and contacts are those of th
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import mujoco
 import msgspec
+import mujoco
 import numpy as np
 
 from cogrip.protocol.settings import SeatSettings
@@ -139,8 +139,8 @@ class SceneWorld(World):
         place: Array = self.data.qpos[self._places[user]] - self._zero[user]
         return place
 
-    def stiffness_of(self, user: int) -> float:
-        return 0.0
+    def stiffness_of(self, user: int) -> float | None:
+        return None
 
     # Taking hold and letting go
 

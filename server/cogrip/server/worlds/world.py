@@ -113,8 +113,8 @@ class World(ABC):
         """Return `proxy` in plain floats."""
         return tuple(self.proxy(user).tolist())
 
-    def stiffness_of(self, user: int) -> float:
-        """Return K of a user's spring now [N/m]."""
+    def stiffness_of(self, user: int) -> float | None:
+        """Return K of a user's spring now [N/m]; None where there is no spring."""
         return float(self.stiffness[user, 0])
 
     def force_of(self, user: int) -> Row:
