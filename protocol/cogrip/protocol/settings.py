@@ -198,7 +198,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
 
         late_frames: age of the device's samples, which makes the line softer and which no server knows.
         """
-        if self.coupling.kind != "wave":
+        if self.coupling.kind != "wave" or self.object.kind == "scene":
             return None
         rendered = self.rendered_npm
         if self.follows:

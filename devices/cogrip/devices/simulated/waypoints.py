@@ -1,7 +1,7 @@
 """Hand that is led from place to place: approach, squeeze, lift, carry, set down, let go.
 
-At time t_i it intends place p_i, from home; between t_i and t_i+1 it goes there by a minimum-jerk stroke, as `reach` does, and before
-t_0 and after the last it rests. Led into something by d it presses with K_h d less what the hand gives way.
+At time t_i it intends place p_i, from home; between two times it goes there by a minimum-jerk stroke, as `reach` does; before the
+first and after the last it rests. Led into something that gives way by x, it presses with K_h (d - x) for d beyond the surface.
 """
 
 from bisect import bisect_right

@@ -5,8 +5,8 @@ Per axis at a tool, T frame, h = T/n step, b impedance, u wave that came, held o
     force sqrt(2b) u, damper b to ground      w = (x - x_before) / T      v = sqrt(2b) w - u      F = sqrt(2b) u - b w
     (u^2 - v^2) T/2 = h sum (sqrt(2b) u q_k - b q_k^2) + b h sum (q_k - w)^2          exactly, as x - x_before = h sum q_k
 
-The force's and damper's work is what MuJoCo integrates; the last sum is lost. Bodies in contact take no more, if contact creates
-nothing (`scene_file`), and whatever they do the limiter bounds what goes back (`energy_limiter`).
+The work of force and damper is what MuJoCo integrates; the last sum is lost. Contact adds nothing to it where it creates nothing
+(`scene_file`), and whatever it does, the limiter bounds what goes back (`energy_limiter`).
 
 In a step a contact within reach counts by the sign of its force, not of its depth: `efc_margin` is 0 when forces are solved.
 Data are kept as after `mj_step1`: places, energies and contacts are those of the present state.
@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import msgspec
-import mujoco
+import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.protocol.settings import SeatSettings
@@ -54,8 +54,8 @@ class Grip(NamedTuple):
 class SceneWorld(World):
     """`position` and `velocity` are those of the scene's object, its start being 0; `orientation` is its quaternion.
 
-    A tool starts where the file has it, for a hand in the middle of its own frame. Nobody's tool touches nothing, weighs nothing and
-    keeps its place; one that is taken inside a body touches nothing until it has left it: `solid`.
+    A tool starts where the file has it, for a hand in the middle of its own frame. One that nobody holds touches nothing, weighs
+    nothing and stays; one that is taken inside a body touches nothing until it has left it (`solid`).
     """
 
     def __init__(self, seats: Sequence[SeatSettings], scene: Scene, substeps: int) -> None:
@@ -90,7 +90,7 @@ class SceneWorld(World):
     # Motion of the object
 
     @property
-    def position(self) -> Array:  # type: ignore[override]
+    def position(self) -> Array:
         """Place of the object [m], its start being 0. To set it puts the object there, at rest."""
         if self._object < 0:
             return np.zeros(3)
@@ -105,7 +105,7 @@ class SceneWorld(World):
             self._refresh()
 
     @property
-    def velocity(self) -> Array:  # type: ignore[override]
+    def velocity(self) -> Array:
         """Velocity of the object [m/s]."""
         return np.zeros(3) if self._object < 0 else self.data.qvel[self._object_dof : self._object_dof + 3].copy()
 
@@ -120,7 +120,8 @@ class SceneWorld(World):
         """Quaternion w, x, y, z of the object."""
         if self._object < 0:
             return np.array([1.0, 0.0, 0.0, 0.0])
-        return self.data.qpos[self._object + 3 : self._object + 7].copy()
+        turned: Array = self.data.qpos[self._object + 3 : self._object + 7].copy()
+        return turned
 
     @property
     def poses(self) -> Array:
@@ -251,8 +252,8 @@ class SceneWorld(World):
         limiter = self.limiter
         return Saved(
             self._state.tobytes(), tuple(self.holding.tolist()), tuple(self.solid.tolist()),
-            (limiter.level_j, limiter.paid_j, limiter.limited), tuple(self.port_work.tolist()), tuple(self._work_error.tolist()),
-            self.balance_error_j,
+            (limiter.level_j, limiter.paid_j, limiter.limited), tuple(self.port_work.tolist()),
+            tuple(self._work_error.tolist()), self.balance_error_j,
         )  # fmt: skip
 
     def restore(self, saved: Saved) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.parsers import expat
 
-import mujoco
+import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 MOST_BYTES = 8_000_000
@@ -243,7 +243,7 @@ def _tool(model: mujoco.MjModel, body_name: str, name: str) -> Tool:
     straight = np.array_equal(model.jnt_axis[first : first + 3], np.eye(3)) and model.body_quat[body][0] == 1.0
     if not (root and (kinds == _FREE or (kinds == _SLIDES and straight))):
         raise SceneError(
-            f"{name}: body {body_name!r} cannot be a tool: it needs a free joint, or three slide joints along x, y and z in this "
-            "order, and the world as its parent, unturned"
+            f"{name}: body {body_name!r} cannot be a tool: it needs a free joint, or three slide joints along x, y and z "
+            "in this order, and the world as its parent, unturned"
         )
     return Tool(body, int(model.jnt_dofadr[first]), int(model.jnt_qposadr[first]), kinds == _FREE)
