@@ -1,7 +1,7 @@
 """Hand that is led from place to place: approach, squeeze, lift, carry, set down, let go.
 
-At time t_i it intends place p_i, from home; between two times it goes there by a minimum-jerk stroke, as `reach` does; before the
-first and after the last it rests. Led into something that gives way by x, it presses with K_h (d - x) for d beyond the surface.
+At time t_i it intends place p_i, from home; between two times it goes there by a minimum-jerk stroke, as `reach` does;
+before the first and after the last it rests. Led d into something that gives way by x, it presses with K_h (d - x).
 """
 
 from bisect import bisect_right

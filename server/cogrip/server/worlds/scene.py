@@ -5,7 +5,7 @@ Per axis at a tool, T frame, h = T/n step, b impedance, u wave that came, held o
     force sqrt(2b) u, damper b to ground      w = (x - x_before) / T      v = sqrt(2b) w - u      F = sqrt(2b) u - b w
     (u^2 - v^2) T/2 = h sum (sqrt(2b) u q_k - b q_k^2) + b h sum (q_k - w)^2          exactly, as x - x_before = h sum q_k
 
-The work of force and damper is what MuJoCo integrates; the last sum is lost. Contact adds nothing to it where it creates nothing
+The work of force and damper is what MuJoCo integrates; the last sum is lost. Contact adds nothing where it creates nothing
 (`scene_file`), and whatever it does, the limiter bounds what goes back (`energy_limiter`).
 
 In a step a contact within reach counts by the sign of its force, not of its depth: `efc_margin` is 0 when forces are solved.
@@ -54,8 +54,8 @@ class Grip(NamedTuple):
 class SceneWorld(World):
     """`position` and `velocity` are those of the scene's object, its start being 0; `orientation` is its quaternion.
 
-    A tool starts where the file has it, for a hand in the middle of its own frame. One that nobody holds touches nothing, weighs
-    nothing and stays; one that is taken inside a body touches nothing until it has left it (`solid`).
+    A tool starts where the file has it, for a hand in the middle of its own frame. One that nobody holds touches nothing,
+    weighs nothing and stays; one that is taken inside a body touches nothing until it has left it (`solid`).
     """
 
     def __init__(self, seats: Sequence[SeatSettings], scene: Scene, substeps: int) -> None:
@@ -160,13 +160,21 @@ class SceneWorld(World):
         self._park(user)
         self._refresh()
 
+    def reset(self) -> None:
+        mujoco.mj_resetData(self.scene.model, self.data)
+        self.limiter = EnergyLimiter(self.frame_s)
+        for user in range(len(self.holding)):
+            self._park(user)
+        self._refresh()
+
     def _park(self, user: int) -> None:
-        model, dofs = self.scene.model, self._dofs[user]
+        model, dofs, tool = self.scene.model, self._dofs[user], self.scene.tools[user]
         self.holding[user] = False
         self.force[user] = 0.0
-        self.data.qvel[dofs] = self.data.qfrc_applied[dofs] = 0.0
+        self.data.qfrc_applied[dofs] = 0.0
+        self.data.qvel[tool.dof : tool.dof + (6 if tool.free else 3)] = 0.0
         model.dof_damping[dofs] = self._grips[user].damping
-        model.body_gravcomp[self.scene.tools[user].body] = 1.0
+        model.body_gravcomp[tool.body] = 1.0
         self._touch(user, False)
 
     def _touch(self, user: int, solid: bool) -> None:

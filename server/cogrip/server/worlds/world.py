@@ -100,6 +100,10 @@ class World(ABC):
         """Put the object down."""
         self.velocity = np.zeros(self.axes)
 
+    def reset(self) -> None:
+        """Go back to the start, held by nobody, after a WorldError."""
+        raise NotImplementedError(f"{type(self).__name__}: no state here is one that it cannot go on from")
+
     def motion(self) -> Row:
         """Return the object's position [m], then its velocity [m/s]."""
         return tuple(self.position.tolist() + self.velocity.tolist())
