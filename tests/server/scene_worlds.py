@@ -72,6 +72,15 @@ def adversary(world: SceneWorld, seed: int) -> Callable[[Array], Array]:
     return next_waves
 
 
+def course(world: SceneWorld, seed: int, frames: int) -> str:
+    """Step through waves at random; return the last answer and the state, bit by bit."""
+    random = np.random.default_rng(seed)
+    bits = b""
+    for _ in range(frames):
+        bits = world.step(random.uniform(-0.8, 1.0, (2, 3)) * [1.0, 0.3, 0.3]).tobytes()
+    return (bits + world.data.qpos.tobytes()).hex()
+
+
 class Person:
     """An ideal device on one axis at a line of `delay` frames each way, one tick a frame."""
 

@@ -1,8 +1,8 @@
-"""The energy limiter: no wave leaves in debt, no sequence of inputs takes more than the reserve, and it is blind to calm worlds."""
+"""The energy limiter: no wave leaves in debt, no inputs take more than the reserve, a passive world is left alone."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pytest import approx
 
 from cogrip.server.worlds.energy_limiter import MOST_J, START_J, EnergyLimiter
 
@@ -35,7 +35,7 @@ def test_what_is_paid_is_what_the_waves_lose(squares_in: float, squares_back: fl
     limiter = EnergyLimiter(T)
     factor = limiter.limit(squares_in, squares_back, 0.0)
     lost = 0.5 * T * squares_back * (1.0 - factor * factor)
-    assert limiter.paid_j == approx(lost, rel=1e-9, abs=1e-15)
+    assert limiter.paid_j == pytest.approx(lost, rel=1e-9, abs=1e-15)
     assert limiter.limited == (1 if factor < 1.0 else 0)
 
 
@@ -66,4 +66,4 @@ def test_a_passive_frame_is_left_alone() -> None:
     limiter = EnergyLimiter(T)
     for _ in range(100):
         assert limiter.limit(1.0, 0.5, 0.25 * T) == 1.0
-    assert (limiter.level_j, limiter.paid_j, limiter.limited) == (approx(START_J), 0.0, 0)
+    assert (limiter.level_j, limiter.paid_j, limiter.limited) == (pytest.approx(START_J), 0.0, 0)
