@@ -15,7 +15,7 @@ from cogrip.server.worlds.energy_limiter import START_J
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.world import WorldError
 
-from tests.server.scene_worlds import B, SHIPPED, Person, T, adversary, course, hold, port_j, world_of
+from tests.server.scene_worlds import SHIPPED, B, Person, T, adversary, course, hold, port_j, world_of
 
 EMPTY = "<mujoco/>"
 KAPPA, BETA, D = 4e5, 1300.0, 0.1
@@ -279,7 +279,7 @@ def test_a_saved_world_goes_on_bit_for_bit(scene: str) -> None:
 
 
 def test_two_processes_give_the_same_bits() -> None:
-    program = "from tests.server.scene_worlds import B, SHIPPED, Person, T, adversary, course, hold, port_j, world_of
+    program = "from tests.server.scene_worlds import *; print(course(hold(world_of('pile')), 7, 150))"
     command, root = [sys.executable, "-c", program], Path(__file__).parents[2]
     other = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
     assert other.stdout.strip() == course(hold(world_of("pile")), 7, 150)
