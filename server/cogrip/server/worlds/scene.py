@@ -42,7 +42,7 @@ class Saved(msgspec.Struct, frozen=True):
 
 
 class Grip(NamedTuple):
-    """What a seat's tool has of its own in the model, for the time when nobody holds it."""
+    """Values of a seat's tool in the model as the scene has them."""
 
     geoms: list[int]
     contype: Array
