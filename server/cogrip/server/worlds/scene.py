@@ -21,12 +21,11 @@ import numpy as np
 
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
-from cogrip.server.worlds.scene_file import Scene
+from cogrip.server.worlds.scene_file import MOST_RATE, Scene
 from cogrip.server.worlds.world import Array, World, WorldError, dot
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _FULL = (mujoco.mjtWarning.mjWARN_CONTACTFULL, mujoco.mjtWarning.mjWARN_CNSTRFULL)
-MOST_SPEED = 1e5  # of anything [m/s, rad/s]: a state beyond it is no motion
 
 
 class Saved(msgspec.Struct, frozen=True):
@@ -218,7 +217,7 @@ class SceneWorld(World):
             data.efc_margin[:] = 0.0
             mujoco.mj_step2(model, data)
             everything = data.qvel
-            if not everything.dot(everything) < MOST_SPEED**2:
+            if not everything.dot(everything) < MOST_RATE**2:
                 raise WorldError(
                     f"the scene left all bounds at {data.time:.3f} s: velocities are {_largest(everything)}"
                 )
