@@ -4,9 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from cogrip.cli.session.joined_device import judge_seat
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.shipped_settings import shipped_scene
 from cogrip.cli.terminal.problem import BadInput
+from cogrip.devices.registry import make
+from cogrip.protocol.settings import seat_settings
 
 SETTINGS = '[object]\nkind = "scene"\naxes = 3\nfile = "{file}"\n'
 SCENE = "<mujoco><worldbody><geom type='plane' size='1 1 1'/></worldbody></mujoco>"
@@ -59,3 +62,15 @@ def test_a_scene_that_cannot_be_used_is_said_before_anything_starts(
 ) -> None:
     with pytest.raises(BadInput, match=words):
         load(room, overrides)
+
+
+def test_a_device_in_a_scene_is_refused_what_it_does_not_carry_and_warned_of_nothing_else() -> None:
+    record, said = make("sim:phantom", axes=3).capability, list[str]()
+    assert judge_seat("sim:phantom", False, said.append, seat_settings(load(Path("lift")), 0), record) == ""
+    assert said == []
+    heavy = seat_settings(load(Path("lift"), ["coupling.impedance_nspm=500"]), 0)
+    assert "b = 500 N s/m is more than device sim:phantom carries" in judge_seat(
+        "sim:phantom", False, said.append, heavy, record
+    )
+    assert judge_seat("sim:phantom", True, said.append, heavy, record) == ""
+    assert len(said) == 1
