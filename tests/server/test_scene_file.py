@@ -88,7 +88,7 @@ def test_added_tools_start_beside_the_object_each_on_its_side() -> None:
     assert starts == pytest.approx(np.array(expected))
 
 
-@pytest.mark.parametrize("joints", [SLIDES, "<freejoint/>"])
+@pytest.mark.parametrize("joints", [SLIDES, SLIDES.replace("/>", " ref='.5'/>"), "<freejoint/>"])
 def test_bodies_of_the_scene_are_tools_and_begin_where_they_stand(joints: str) -> None:
     body = f"<body name='ball' pos='.1 .2 .3' gravcomp='1'>{joints}<geom size='.02' mass='.1'/></body>"
     world = hold(world_of(f"<mujoco><worldbody>{body}</worldbody></mujoco>", ["ball"]))

@@ -74,7 +74,7 @@ class SceneWorld(World):
         self._grips = [self._grip(tool.body, tool.dof) for tool in scene.tools]
         start = np.array([model.body_pos[tool.body] for tool in scene.tools])
         self.offset = self._start - start  # from the object's frame to each hand's own
-        self._zero = np.where([[tool.free] for tool in scene.tools], start, 0.0)  # coordinates of a hand at 0
+        self._zero = model.qpos0[self._places]  # coordinates of a hand at 0
         self._state = np.zeros(mujoco.mj_stateSize(model, _STATE))
         for user in range(len(seats)):
             self._park(user)

@@ -46,12 +46,12 @@ class SceneError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Tool:
-    """A body that a seat's port moves. dof, coordinate: first of its three in velocities and positions."""
+    """A body that a seat's port moves. dof, coordinate: first of its three. free: by a free joint."""
 
     body: int
     dof: int
     coordinate: int
-    free: bool  # it has a free joint: its coordinates are places in the world, not displacements from its start
+    free: bool
 
 
 @dataclass(frozen=True, slots=True)
