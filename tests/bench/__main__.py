@@ -16,6 +16,7 @@ BENCHES = {  # each is the function bench_NAME of tests.bench.NAME
     "playout": "Compare the adaptive jitter buffer with the best fixed playout delay in hindsight, on each network.",
     "recording": "Run live sessions with recording and without, in turns; measure the size and reading speed of the files.",
     "relay": "Measure the delay that `cogrip relay` itself adds to a datagram.",
+    "scenes": "Measure the time of a frame of each scene that comes with cogrip, under hands that push at random.",
     "soak": "Run people at a server through a relay for a long time; report who was lost, and memory that grew.",
     "stability": "Trace the boundary of the stable region, and compare its time with eigenvalues on a dense grid.",
     "sweep": "Run the same cases with one worker and with several.",

@@ -333,3 +333,46 @@ def test_another_network_by_name_takes_the_files_own_away_and_what_is_given_besi
     assert beside == msgspec.structs.replace(satellite.direction("up"), loss=0.25)
     own = resolve({"link": {"profile": "satellite", "delay_ms": 20.0}}).link.direction("up")
     assert own == msgspec.structs.replace(satellite.direction("up"), delay_ms=20.0), "in one file the key stands above"
+
+
+SCENE = {"object": {"kind": "scene", "file": "lift.xml", "axes": 3}}
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ({"object.file": ""}, 'object.kind = "scene": object.file = "" names no scene; give an MJCF or URDF file'),
+        ({"object.axes": 1}, "object.axes = 1, but a scene has 3; set object.axes = 3"),
+        ({"coupling.kind": "tdpa"}, 'coupling.kind = "tdpa" has no scenes; set coupling.kind = "wave"'),
+        ({"coupling.kind": "coupling"}, 'coupling.kind = "coupling" has no scenes; set coupling.kind = "wave"'),
+        (
+            {"coupling.server_step": "paper"},
+            'coupling.server_step = "paper" has no scenes; set coupling.server_step = "passive"',
+        ),
+        (
+            {"coupling.compensate": True},
+            "coupling.compensate = true (anna), but a scene has no spring to stiffen; set it",
+        ),
+        (
+            {"object.kind": "cube"},
+            'object.file = \'lift.xml\' is for object.kind = "scene", not "cube"; leave one',
+        ),
+    ],
+)
+def test_settings_that_do_not_fit_a_scene(overrides: dict[str, Any], words: str) -> None:
+    assert words in refused(SCENE, overrides)
+
+
+def test_a_tool_needs_a_scene() -> None:
+    assert "users.0.tool = 'pad' is for object.kind" in refused({"users": [{"tool": "pad"}]})
+
+
+def test_a_scene_is_bound_by_its_name_and_no_welcome_carries_its_path() -> None:
+    here = resolve(SCENE)
+    there = resolve(SCENE, {"object.file": "/somewhere/else/lift.xml"})
+    assert digest(here) == digest(there)
+    others = [{"object.file": "pile.xml"}, {"object.substeps": 8}, {"users.0.tool": "ball"}]
+    assert len({digest(here), *(digest(resolve(SCENE, change)) for change in others)}) == 4
+    seat = seat_settings(there, 0)
+    assert b"somewhere" not in msgspec.msgpack.encode(seat)
+    assert (seat.asked_npm, seat.predicted_stiffness(3.0), seat.one_sided) == (None, None, False)

@@ -5,6 +5,7 @@ from typing import get_args
 import pytest
 
 from cogrip.cli.session.joined_device import MOST_ADVISED_FRAMES
+from cogrip.cli.session.shipped_settings import shipped_scene
 from cogrip.client import schemes as client_schemes
 from cogrip.protocol.messages import Frame
 from cogrip.protocol.session import FOR_CLIENTS
@@ -34,5 +35,8 @@ def test_both_ends_of_a_scheme_speak_the_same_message(kind: Kind) -> None:
 
 @pytest.mark.parametrize("kind", get_args(ObjectKind))
 def test_every_kind_of_object_has_a_world(kind: ObjectKind) -> None:
-    seat = seat_settings(resolve({"object": {"kind": kind}}), 0)
-    assert server_schemes.WAVE_WORLDS[kind]([seat]).axes == seat.object.axes
+    scene = {"axes": 3, "file": str(shipped_scene("wall.xml"))} if kind == "scene" else {}
+    settings = resolve({"object": {"kind": kind, **scene}})
+    seat = seat_settings(settings, 0)
+    assert server_schemes.make_room_world(settings, [seat]).axes == seat.object.axes
+    assert (kind in server_schemes.WAVE_WORLDS) == (kind != "scene")

@@ -7,6 +7,7 @@ value, the bound and the cure. `seat_settings` returns what one user's client an
 import hashlib
 from collections import Counter
 from collections.abc import Mapping
+from pathlib import PurePath
 from typing import Annotated, Any, Literal, assert_never
 
 import msgspec
@@ -24,7 +25,7 @@ Encoder = Literal["displacement", "velocity"]
 Side = Literal["left", "right"]
 Kind = Literal["wave", "coupling", "tdpa"]
 ServerStep = Literal["passive", "paper"]
-ObjectKind = Literal["cube", "faces", "wall"]
+ObjectKind = Literal["cube", "faces", "wall", "scene"]
 
 # lower bounds above 0: a settings file or a welcome with 1e-320 in it would bring infinities into every law
 Impedance = Annotated[float, msgspec.Meta(ge=1e-3, le=1e4)]
@@ -69,12 +70,24 @@ class Coupling(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """[object]: the virtual object."""
+    """The virtual object, as both ends know it."""
 
     kind: ObjectKind = "cube"
     mass_kg: Mass = 0.2
     damping_nspm: Damping = 0.0
     axes: Annotated[int, msgspec.Meta(ge=1, le=3)] = 1
+
+
+class ObjectSection(Object, frozen=True, forbid_unknown_fields=True):
+    """[object]: of a scene also its file and steps a frame, which are the server's own: no welcome carries them."""
+
+    file: str = ""  # MJCF or URDF; made absolute where settings are loaded
+    substeps: Annotated[int, msgspec.Meta(ge=1, le=64)] = 4
+
+    @property
+    def shared(self) -> Object:
+        """Return what both ends know."""
+        return Object(self.kind, self.mass_kg, self.damping_nspm, self.axes)
 
 
 class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -116,6 +129,7 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     compensate: bool | None = None
     device_hz: DeviceHz | None = None
     power_w: Watts | None = None  # None: [admission]'s
+    tool: str = ""  # body of a scene that this person moves; "" one is added
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -126,7 +140,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seconds: Seconds = 10.0
     rates: RatesSection = RatesSection()
     coupling: Coupling = Coupling()
-    object: Object = Object()
+    object: ObjectSection = ObjectSection()
     link: Link = Link()
     playout: Playout = Playout()
     admission: Admission = Admission()
@@ -158,7 +172,12 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     @property
     def one_sided(self) -> bool:
         """True where the contact can only push (theory section 3.4)."""
-        return self.object.kind != "cube"
+        return self.object.kind in ("faces", "wall")
+
+    @property
+    def asked_npm(self) -> float | None:
+        """K that was asked for; None where no spring stands between a person and the object."""
+        return None if self.object.kind == "scene" else self.coupling.stiffness_npm
 
     @property
     def follows(self) -> bool:
@@ -175,11 +194,11 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         return _compliance(self.coupling, self.rates, (loop_frames - 1.0) * self.rates.frame_s)
 
     def predicted_stiffness(self, loop_frames: float, late_frames: float = 0.0) -> float | None:
-        """Return K_hand [N/m] of theory section 4 for a measured loop; None without waves.
+        """Return K_hand [N/m] of theory section 4 for a measured loop; None without waves or without a spring.
 
         late_frames: age of the device's samples, which makes the line softer and which no server knows.
         """
-        if self.coupling.kind != "wave":
+        if self.coupling.kind != "wave" or self.object.kind == "scene":
             return None
         rendered = self.rendered_npm
         if self.follows:
@@ -267,7 +286,7 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
             )
     return SeatSettings(
         settings.name, user.name, seat, settings.seed, settings.seconds, rates, coupling, rendered,
-        settings.object, user.side, settings.playout, up, down,
+        settings.object.shared, user.side, settings.playout, up, down,
     )  # fmt: skip
 
 
@@ -277,7 +296,13 @@ def digest(settings: Settings) -> str:
         (user.name, user.side, coupling_of(settings, user), rates_of(settings, user).device_hz)
         for user in settings.users
     ]
-    shared = [settings.rates.network_hz, settings.object, settings.playout, users]
+    shared = [settings.rates.network_hz, settings.object.shared, settings.playout, users]
+    if settings.object.kind == "scene":  # a path differs from machine to machine
+        shared += [
+            PurePath(settings.object.file).name,
+            settings.object.substeps,
+            [user.tool for user in settings.users],
+        ]
     return hashlib.sha256(msgspec.json.encode(shared, order="deterministic")).hexdigest()[:16]
 
 
@@ -302,6 +327,7 @@ def _check_fit(settings: Settings) -> None:
         raise SettingsError(
             f'coupling.server_step = "paper" is a step of the wave scheme; with coupling.kind = "{kind}" leave it "passive"'
         )
+    _check_scene(settings)
     for where, link in (("link", settings.link), ("link.up", settings.link.up), ("link.down", settings.link.down)):
         check_cap(f"{where}.rate_kbps", link.rate_kbps)
     for profile in (settings.link.direction("up"), settings.link.direction("down")):
@@ -313,3 +339,35 @@ def _check_fit(settings: Settings) -> None:
             )
     for seat in range(len(settings.users)):
         seat_settings(settings, seat)
+
+
+def _check_scene(settings: Settings) -> None:
+    """Raise SettingsError for settings that do not fit a scene, and for those of a scene without one."""
+    given, coupling = settings.object, settings.coupling
+    if given.kind != "scene":
+        own = [("object.file", given.file)] + [(f"users.{n}.tool", user.tool) for n, user in enumerate(settings.users)]
+        for key, value in own:
+            if value:
+                raise SettingsError(
+                    f'{key} = {value!r} is for object.kind = "scene", not "{given.kind}"; leave one of them out'
+                )
+        return
+    compensated = [user.name for user in settings.users if coupling_of(settings, user).compensate]
+    refused = [
+        (not given.file, 'object.file = "" names no scene', 'give an MJCF or URDF file, such as "lift.xml"'),
+        (given.axes != 3, f"object.axes = {given.axes}, but a scene has 3", "set object.axes = 3"),
+        (coupling.kind != "wave", f'coupling.kind = "{coupling.kind}" has no scenes', 'set coupling.kind = "wave"'),
+        (
+            coupling.server_step != "passive",
+            f'coupling.server_step = "{coupling.server_step}" has no scenes',
+            'set coupling.server_step = "passive"',
+        ),
+        (
+            bool(compensated),
+            f"coupling.compensate = true ({', '.join(compensated)}), but a scene has no spring to stiffen",
+            "set it to false",
+        ),
+    ]
+    for found, what, cure in refused:
+        if found:
+            raise SettingsError(f'object.kind = "scene": {what}; {cure}')

@@ -18,9 +18,10 @@ from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint, S
 from cogrip.server.observers import ObserverSlots
 from cogrip.server.participants import Seat
 from cogrip.server.port import Row
-from cogrip.server.schemes import SCHEMES
+from cogrip.server.schemes import SCHEMES, make_room_world
 from cogrip.server.seat_limits import BURST_S, Record, SeatLimits, limits_of
 from cogrip.server.stiffness_adaptation import StiffnessAdapter
+from cogrip.server.worlds.world import WorldError
 
 RESERVED_NS = 5_000_000_000  # a restored seat is reserved so long for its ticket's holder
 
@@ -41,7 +42,7 @@ class Room:
         self.seats = [Seat(seat_settings(settings, number), number) for number in range(len(settings.users))]
         self._scheme = SCHEMES[settings.coupling.kind]
         self.frame = self._scheme.frame
-        self.world = self._scheme.make_world([seat.settings for seat in self.seats])
+        self.world = make_room_world(settings, [seat.settings for seat in self.seats])
         self._idle_row = (0.0,) * (self.world.axes * self.world.inputs_per_axis)
         self.observer_slots = ObserverSlots(settings.admission.observers, settings.rates.network_hz)
         self.steps = 0
@@ -172,13 +173,19 @@ class Room:
         before = world.motion()[: world.axes]
         if not any(seat.on_object for seat in seats):
             world.rest()  # an object that nobody holds is put down
-        answers: Sequence[Sequence[float]] = world.advance(rows)
+        answers: Sequence[Sequence[float]] = ()
+        failed = False
+        try:
+            answers = world.advance(rows)
+        except WorldError as error:
+            failed, self.diverged = True, self.diverged or str(error)
+            world.reset()
         self.steps += 1
         state = world.motion()
         here = state[: world.axes]
         if world.left_workspace and not self.diverged:
             self.diverged = f"the object left the workspace at {here} m"
-        if world.out_of_reach:
+        if failed or world.out_of_reach:
             answers = self._put_back()
             state = world.motion()
         else:

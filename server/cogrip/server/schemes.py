@@ -4,10 +4,11 @@ A new scheme is a row of `SCHEMES`; a new world for waves a row of `WAVE_WORLDS`
 """
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 from cogrip.protocol.messages import Power, State, Waves
-from cogrip.protocol.settings import Kind, ObjectKind, SeatSettings
+from cogrip.protocol.settings import Kind, ObjectKind, SeatSettings, Settings
 from cogrip.server.port import Port
 from cogrip.server.power_port import PowerPort
 from cogrip.server.seat_limits import SeatLimits
@@ -23,7 +24,10 @@ from cogrip.server.worlds.world import World
 MakeWorld = Callable[[Sequence[SeatSettings]], World]
 
 WAVE_WORLDS: dict[ObjectKind, MakeWorld] = {"cube": GripWorld, "faces": PushWorld, "wall": PushWorld}
-"""Passive worlds, by `object.kind`. A cube of few axes is stepped by `SmallGripWorld`, the same world in plain floats."""
+"""Passive worlds, by `object.kind`. A cube of few axes is stepped by `SmallGripWorld`, the same world in plain floats.
+
+A scene needs more than its seats: `make_scene_world`.
+"""
 
 
 def make_wave_world(seats: Sequence[SeatSettings]) -> World:
@@ -55,5 +59,20 @@ FRAMES = tuple(scheme.frame for scheme in SCHEMES.values())
 
 
 def make_world(seats: Sequence[SeatSettings]) -> World:
-    """Return the world for these seats, all of one room."""
+    """Return the world for these seats, all of one room without a scene."""
     return SCHEMES[seats[0].coupling.kind].make_world(seats)
+
+
+def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:
+    """Return the world of a scene. Raises SceneError for a file that cannot be used."""
+    from cogrip.server.worlds import scene, scene_file  # MuJoCo is loaded where there is a scene
+
+    given, users = settings.object, settings.users
+    tools, sides = [user.tool for user in users], [user.side for user in users]
+    step_s = seats[0].rates.frame_s / given.substeps
+    return scene.SceneWorld(seats, scene_file.load_scene(Path(given.file), tools, sides, step_s), given.substeps)
+
+
+def make_room_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:
+    """Return the world of a room. Raises SceneError for a scene that cannot be used."""
+    return make_scene_world(settings, seats) if settings.object.kind == "scene" else make_world(seats)

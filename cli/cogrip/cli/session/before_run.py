@@ -96,6 +96,8 @@ def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
     The refusal with the least value comes first. Raises DeviceError.
     """
     refused = overloads(settings)
+    if settings.object.kind == "scene":  # no model; its limiter bounds what it gives out
+        return refused, refused
     try:
         model = LiftedModel(linear_session(settings))
         states = max(part.model.states for part in modes(model))

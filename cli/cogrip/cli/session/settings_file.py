@@ -10,13 +10,20 @@ from typing import Any
 
 import msgspec
 
-from cogrip.cli.session.shipped_settings import SUFFIX, is_name, no_such_settings, shipped, shipped_names
+from cogrip.cli.session.shipped_settings import (
+    SUFFIX,
+    is_name,
+    no_such_settings,
+    shipped,
+    shipped_names,
+    shipped_scene,
+)
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import try_for
 from cogrip.devices.registry import is_real
-from cogrip.protocol.settings import Settings, rates_of, resolve
+from cogrip.protocol.settings import Settings, rates_of, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError, parse_override
 
 NESTED = "is nested too deep for settings, which have three levels; take the brackets out"
@@ -51,6 +58,7 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
     if not isinstance(table, dict):
         raise BadInput(f"{path}: holds no table of settings; {GIVE}")
     _place_traces(table, file.parent)
+    _place_scene(table, file.parent)
     return _resolved(table, overrides, f"{path}: ")
 
 
@@ -101,15 +109,18 @@ def _resolved(table: dict[str, Any], overrides: Sequence[str], where: str) -> Se
     except SettingsError as error:
         raise BadInput(f"{where}{error}") from None
     _try_traces(settings, where)
+    _try_scene(settings, where)
     return settings
 
 
 def _overrides(texts: Sequence[str]) -> dict[str, Any]:
-    """Return `--set` by key. A trace's path in it is relative to the current folder. Raises BadInput."""
+    """Return `--set` by key. A file's path in it is relative to the current folder. Raises BadInput."""
     found = dict(override(text) for text in texts)
     for key, value in found.items():
         if key in ("link.trace", "link.up.trace", "link.down.trace") and isinstance(value, str) and value:
             found[key] = str(Path(value).absolute())
+        if key == "object.file" and isinstance(value, str) and value:
+            found[key] = _scene_at(Path(), value)
     return found
 
 
@@ -120,6 +131,29 @@ def _place_traces(table: dict[str, Any], folder: Path) -> None:
     for section in sections:
         if isinstance(section, dict) and isinstance(section.get("trace"), str) and section["trace"]:
             section["trace"] = str((folder / section["trace"]).absolute())
+
+
+def _place_scene(table: dict[str, Any], folder: Path) -> None:
+    """Make the path of a scene, which is relative to the settings file, absolute."""
+    section = table.get("object")
+    if isinstance(section, dict) and isinstance(section.get("file"), str) and section["file"]:
+        section["file"] = _scene_at(folder, section["file"])
+
+
+def _scene_at(folder: Path, name: str) -> str:
+    """Return the absolute path of a scene: in `folder`, else the one of that name that comes with cogrip."""
+    here, ours = (folder / name).absolute(), shipped_scene(name)
+    return str(ours if ours.is_file() and not here.exists() else here)
+
+
+def _try_scene(settings: Settings, where: str) -> None:
+    """Raise BadInput for a scene that cannot be used, before anything is started."""
+    if settings.object.kind == "scene":
+        from cogrip.server.schemes import make_scene_world
+        from cogrip.server.worlds.scene_file import SceneError
+
+        with BadInput.of(SceneError, where=f"{where}object.file: "):
+            make_scene_world(settings, [seat_settings(settings, seat) for seat in range(len(settings.users))])
 
 
 def _try_traces(settings: Settings, where: str) -> None:

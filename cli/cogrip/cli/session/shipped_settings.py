@@ -23,6 +23,11 @@ def shipped(name: str) -> Path:
     return shipped_folder() / f"{name}{SUFFIX}"
 
 
+def shipped_scene(name: str) -> Path:
+    """Return the path of the scene in the file called `name`, whether it exists or not."""
+    return (shipped_folder() / "scenes" / name).resolve()
+
+
 def summary_of(name: str) -> str:
     """Return the first line of its leading comment, which describes it; its name where there is none."""
     first = shipped(name).read_text(encoding="utf-8").partition("\n")[0]

@@ -9,7 +9,7 @@ import msgspec
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, check_axes, keys_of, read_settings, unknown
-from cogrip.devices.simulated import hands, ideal, phantom, reconstructed_hand, recorded_hand
+from cogrip.devices.simulated import hands, ideal, phantom, reconstructed_hand, recorded_hand, waypoints
 from cogrip.devices.simulated.device import Plant, SimulatedDevice
 
 
@@ -42,6 +42,7 @@ HANDS: dict[str, HandKind] = {
     "reach": HandKind(hands.ReachSettings, hands.directed(hands.reach_course)),
     "sine": HandKind(hands.SineSettings, hands.directed(hands.sine_course)),
     "tremor": HandKind(hands.TremorSettings, hands.directed(hands.tremor_course)),
+    "waypoints": HandKind(waypoints.WaypointSettings, waypoints.WaypointHand),
     "csv": HandKind(recorded_hand.RecordedSettings, recorded_hand.RecordedHand, takes="FILE"),
     "recording": HandKind(hands.ImpedanceSettings, reconstructed_hand.ReconstructedHand, takes="RUN"),
 }

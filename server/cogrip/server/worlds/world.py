@@ -18,6 +18,10 @@ WORKSPACE_M = 0.5  # the object has left the room beyond this
 REACH_M = 2.0  # no hand reaches the object beyond this: it is put back
 
 
+class WorldError(ArithmeticError):
+    """A world that cannot go on from the state that it has reached. The text says which."""
+
+
 def dot(a: Array, b: Array) -> float:
     """Return the sum of products in one order on every processor; BLAS's order differs, and no replay elsewhere is exact."""
     return float(np.add.reduce(a * b, axis=None))
@@ -96,6 +100,10 @@ class World(ABC):
         """Put the object down."""
         self.velocity = np.zeros(self.axes)
 
+    def reset(self) -> None:
+        """Go back to the start, held by nobody, after a WorldError."""
+        raise NotImplementedError(f"{type(self).__name__}: no state here is one that it cannot go on from")
+
     def motion(self) -> Row:
         """Return the object's position [m], then its velocity [m/s]."""
         return tuple(self.position.tolist() + self.velocity.tolist())
@@ -109,8 +117,8 @@ class World(ABC):
         """Return `proxy` in plain floats."""
         return tuple(self.proxy(user).tolist())
 
-    def stiffness_of(self, user: int) -> float:
-        """Return K of a user's spring now [N/m]."""
+    def stiffness_of(self, user: int) -> float | None:
+        """Return K of a user's spring now [N/m]; None where there is no spring."""
         return float(self.stiffness[user, 0])
 
     def force_of(self, user: int) -> Row:

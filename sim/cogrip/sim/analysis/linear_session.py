@@ -155,6 +155,8 @@ def _person(seat: SeatSettings, capability: Capability, delay_frames: float | No
 
 def _session(seat: SeatSettings, people: Sequence[Person]) -> LinearSession:
     scheme, kind = scheme_of(seat.coupling), seat.object.kind
+    if kind == "scene":
+        raise ModelError('object.kind = "scene" has no linear model: contact comes and goes between its bodies')
     if kind == "faces" and scheme != "passive":
         raise ModelError(
             f'scheme "{scheme}" does not fit object.kind = "faces": there contact comes and goes, and for a step that is '

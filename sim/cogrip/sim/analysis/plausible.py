@@ -147,7 +147,7 @@ def _push(name: str, hand: PushHand, record: Capability) -> Iterator[Finding]:
 
 
 def _masses(settings: Settings) -> Iterator[Finding]:
-    masses = [("object.mass_kg", settings.object.mass_kg, settings.object.kind != "wall")]
+    masses = [("object.mass_kg", settings.object.mass_kg, settings.object.kind in ("cube", "faces"))]
     for number, user in enumerate(settings.users):
         with suppress(DeviceError):  # said where the device is opened
             mass_kg = make_for(user, settings.object.axes).capability.apparent_mass_kg

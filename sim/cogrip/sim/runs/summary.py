@@ -20,7 +20,7 @@ from cogrip.protocol.accounts import (
 )
 from cogrip.protocol.messages import Farewell, shown
 from cogrip.protocol.passivity_control import lent_mj
-from cogrip.protocol.settings import SeatSettings, Settings, coupling_of
+from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
 from cogrip.sim.runs.felt_as_intended import not_predicted
 from cogrip.sim.runs.verdict import passive_of
 
@@ -102,7 +102,7 @@ def _of_room(
 ) -> dict[str, Any]:
     users = []
     for number, (seat, account) in enumerate(zip(room.seats, accounts, strict=True)):
-        asked_npm = seat.settings.coupling.stiffness_npm
+        asked_npm = seat.settings.asked_npm
         earlier = [UserRecord(seat.name, each.client, each.seat, asked_npm=asked_npm) for each in seat.earlier]
         users.append(UserRecord(seat.name, account, room.seat_account(number), tuple(earlier), asked_npm))
     return _of_settings(
@@ -114,15 +114,15 @@ def of_client(
     seat: SeatSettings, account: ClientAccount, farewell: Farewell | None, seconds: float, dropped: Mapping[str, int]
 ) -> dict[str, Any]:
     """Return the summary that one live client can give: the server's part as far as it said goodbye."""
-    user = UserRecord(seat.user, account, farewell.seat if farewell else None, asked_npm=seat.coupling.stiffness_npm)
+    user = UserRecord(seat.user, account, farewell.seat if farewell else None, asked_npm=seat.asked_npm)
     return _of_settings(seat, seat.room, seconds, [user], farewell.room if farewell else None, dropped)
 
 
 def of_accounts(settings: Settings, accounts: Mapping[str, ClientAccount | None]) -> dict[str, Any]:
     """Return the summary of a live run whose server left nothing: what the clients knew."""
     users = [
-        UserRecord(user.name, accounts[user.name], None, asked_npm=coupling_of(settings, user).stiffness_npm)
-        for user in settings.users
+        UserRecord(user.name, accounts[user.name], None, asked_npm=seat_settings(settings, number).asked_npm)
+        for number, user in enumerate(settings.users)
         if user.name in accounts
     ]
     return _of_settings(settings, settings.name, settings.seconds, users, None, {})

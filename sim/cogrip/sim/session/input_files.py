@@ -1,4 +1,4 @@
-"""The files that a session reads besides its settings: recorded delay traces, and recorded hands.
+"""The files that a session reads besides its settings: recorded delay traces, recorded hands, and scenes.
 
 Settings only name them; their digests are part of an experiment's query.
 """
@@ -17,7 +17,8 @@ UNREADABLE = "unreadable"  # whoever runs the session says what is wrong with it
 
 def files_read(settings: Settings) -> dict[str, str]:
     """Return the SHA-256 of each file's content, by its path as in the settings."""
-    paths = {settings.link.trace_of(direction) for direction in ("up", "down")} - {""}
+    paths = {settings.link.trace_of(direction) for direction in ("up", "down")} | {settings.object.file}
+    paths -= {""}
     found = {path: _digest(Path(path)) for path in paths}
     for user in settings.users:
         found |= _recorded(address_of(user))

@@ -85,9 +85,11 @@ def furthest_off(people: Sequence[Felt]) -> Felt | None:
 def balanced_loads(settings: Settings) -> Sequence[float] | None:
     """Return the force of each person along the first axis [N]: +- LOAD_N, with sum 0 unless the object is fixed.
 
-    None where that cannot be: one person alone at a free object, or faces pushed from one side only.
+    None where that cannot be: one person alone at a free object, faces pushed from one side only, a scene.
     """
     users, kind = settings.users, settings.object.kind
+    if kind == "scene":
+        return None
     if kind == "cube":
         signs = [1.0 if number % 2 == 0 else -1.0 for number in range(len(users))]
     else:

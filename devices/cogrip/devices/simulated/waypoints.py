@@ -1,0 +1,69 @@
+"""Hand that is led from place to place: approach, squeeze, lift, carry, set down, let go.
+
+At time t_i it intends place p_i, from home; between two times it goes there by a minimum-jerk stroke, as `reach` does;
+before the first and after the last it rests. Led d into something that gives way by x, it presses with K_h (d - x).
+"""
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from itertools import pairwise
+
+from cogrip.devices.device import DeviceError
+from cogrip.devices.settings import Finite, NotNegative
+from cogrip.devices.simulated.hands import ImpedanceSettings, Vector
+
+
+class WaypointSettings(ImpedanceSettings, frozen=True, kw_only=True):
+    """Query keys of `waypoints`: times, rising, and the place at each along each axis; an axis that is not given rests."""
+
+    times_s: tuple[NotNegative, ...]
+    x_m: tuple[Finite, ...] = ()
+    y_m: tuple[Finite, ...] = ()
+    z_m: tuple[Finite, ...] = ()
+
+
+class WaypointHand:
+    """See `Hand`."""
+
+    def __init__(self, settings: WaypointSettings, axes: int) -> None:
+        self.stiffness_npm, self.damping_nspm = settings.hand_stiffness_npm, settings.hand_damping_nspm
+        self._times = times = settings.times_s
+        if any(late <= early for early, late in pairwise(times)):
+            raise DeviceError(
+                f"hand=waypoints: times_s={','.join(map(str, times))} do not rise; give each later than the last"
+            )
+        courses = []
+        for axis, key in enumerate(("x_m", "y_m", "z_m")):
+            course: Vector = getattr(settings, key)
+            if course and axis >= axes:
+                raise DeviceError(f"hand=waypoints: {key} is given, but the device has {axes} axes; leave it out")
+            if course and len(course) != len(times):
+                raise DeviceError(
+                    f"hand=waypoints: {key} has {len(course)} places for {len(times)} times; give {len(times)}"
+                )
+            courses.append(course or (0.0,) * len(times))
+        self._places = list(zip(*courses[:axes], strict=True))
+        self._home: Vector = (0.0,) * axes
+        self._rate_hz = 1
+
+    def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
+        """See `Hand.open`."""
+        self._rate_hz = rate_hz
+        self._home = home_m or (0.0,) * len(self._home)
+        return self._home
+
+    def intended(self, tick: int) -> tuple[Vector, Vector]:
+        now, times, places = tick / self._rate_hz, self._times, self._places
+        after = bisect_right(times, now)
+        if after in (0, len(times)):
+            place = places[max(0, after - 1)]
+            return tuple([home + x for home, x in zip(self._home, place, strict=True)]), (0.0,) * len(place)
+        stroke_s = times[after] - times[after - 1]
+        z = (now - times[after - 1]) / stroke_s
+        s, w = z * z * z * (10.0 + z * (6.0 * z - 15.0)), 30.0 * z * z * (1.0 - z) ** 2 / stroke_s
+        steps = list(zip(self._home, places[after - 1], places[after], strict=True))
+        return tuple([home + a + s * (b - a) for home, a, b in steps]), tuple([w * (b - a) for _, a, b in steps])
+
+    def drive(self, tick: int) -> Sequence[float]:
+        place, speed = self.intended(tick)
+        return [self.stiffness_npm * x + self.damping_nspm * v for x, v in zip(place, speed, strict=True)]

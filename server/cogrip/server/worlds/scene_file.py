@@ -1,0 +1,280 @@
+"""Scenes of rigid bodies from MJCF or URDF: read, checked, given contact that creates no energy and a tool for each seat.
+
+MuJoCo's contact creates energy as it comes: at impedance d near 1 a new contact brings many times the tool's mass with it. With
+
+    solimp = d d w .5 2      solref = -kappa (1 - d), -beta (1 - d)      d = 0.1, kappa = 4e5 1/s^2, beta = 1300 1/s
+
+each contact is a spring K = kappa M beside a damper B = beta M, M the mass that it meets (of a tool of mass m at a port of
+impedance b, against a fixed body: m + h b, step h). What is held by friction creeps, a box of 0.2 kg between two hands by
+1.2 mm a minute at impratio 100, by 0.04 mm at 3000. A scene that sets such values itself keeps them (`Scene.own`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+from xml.parsers import expat
+
+import mujoco  # type: ignore[import-untyped]
+import numpy as np
+
+MOST_BYTES = 8_000_000
+MOST_ELEMENTS = 5000  # of XML, those that it repeats counted: more take minutes to load
+MOST_MEMORY = 2**28  # that <size memory> may ask for
+MOST_RATE = 1e5  # of anything after one step [m/s, rad/s]
+MOST_NAMED = 5  # of a list of names in an error
+TOOLS = ("pad", "ball", "box")
+"""Tools that are added; `tool = ""` is the first."""
+TOOL_KG = 0.05
+APART_M = 0.05  # between added tools of one side
+CLEAR_M = 0.03  # between an added tool's start and the object
+
+_GEOM = {"margin": 0.005, "condim": 4, "solimp": (0.1, 0.1, 0.001, 0.5, 2.0), "solref": (-360000.0, -1170.0)}
+_OPTION = {
+    "integrator": mujoco.mjtIntegrator.mjINT_DISCRETE,
+    "cone": mujoco.mjtCone.mjCONE_ELLIPTIC,
+    "impratio": 3000.0,
+    "jacobian": mujoco.mjtJacobian.mjJAC_DENSE,
+}
+_SLIDES = [mujoco.mjtJoint.mjJNT_SLIDE] * 3
+_FREE = [mujoco.mjtJoint.mjJNT_FREE]
+
+
+class SceneError(ValueError):
+    """A scene that cannot be used. The text says why, in one line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """A body that a seat's port moves. dof, coordinate: first of its three. free: by a free joint."""
+
+    body: int
+    dof: int
+    coordinate: int
+    free: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A compiled scene.
+
+    tools   one for each seat
+    object  body whose motion is that of the room's object: the first free one that is no tool; -1: there is none
+    filled  contact settings that were applied, as the scene sets none
+    own     those that the scene sets itself: what they do about energy is theirs
+    """
+
+    model: mujoco.MjModel
+    tools: tuple[Tool, ...]
+    object: int
+    filled: tuple[str, ...]
+    own: tuple[str, ...]
+
+
+def load_scene(path: Path, tools: Sequence[str], sides: Sequence[str], step_s: float) -> Scene:
+    """Return the scene of a file for seats with these tools on these sides. Raises SceneError."""
+    return make_scene(read_text(path), tools, sides, step_s, path.name)
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file. Raises SceneError."""
+    try:
+        if not path.is_file():
+            raise SceneError(
+                f"{path}: {'is no regular file' if path.exists() else 'there is no such file'}; give MJCF or URDF"
+            )
+        with path.open("rb") as file:
+            data = file.read(MOST_BYTES + 1)
+        text = data.decode("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if len(data) > MOST_BYTES:
+        raise SceneError(f"{path}: has more than {MOST_BYTES / 1e6:g} MB; make it smaller")
+    return text
+
+
+def make_scene(text: str, tools: Sequence[str], sides: Sequence[str], step_s: float, name: str = "scene") -> Scene:
+    """Return the scene of an XML text. step_s: of one substep; name: of the file, for errors. Raises SceneError."""
+    mujoco.set_mju_user_warning(_counted)
+    options = _scan(text, name)
+    try:
+        spec = mujoco.MjSpec.from_string(text)
+        if spec.memory > MOST_MEMORY:
+            raise SceneError(
+                f"{name}: <size memory> asks for {spec.memory} bytes, more than {MOST_MEMORY}; leave it out"
+            )
+        bare = spec.compile()
+        filled, own = _complete(spec, options, step_s)
+        bodies = {body.name for body in spec.bodies[1:] if body.name}
+        chosen = [tool if tool in bodies else _added(tool, seat, bodies, name) for seat, tool in enumerate(tools)]
+        object_m, radius_m = _object(bare, {tool for tool in tools if tool in bodies})
+        for seat, (tool, body) in enumerate(zip(tools, chosen, strict=True)):
+            if body not in bodies:
+                sign = -1.0 if sides[seat] == "left" else 1.0
+                before = [each for each in range(seat) if sides[each] == sides[seat] and chosen[each] not in bodies]
+                place = object_m + np.array([sign * (radius_m + CLEAR_M), APART_M * len(before), 0.0])
+                _add_tool(spec, body, tool or TOOLS[0], place.tolist())
+        model = spec.compile()
+        _try_step(model, name)
+    except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
+        if isinstance(error, SceneError):
+            raise
+        raise SceneError(f"{name}: {_one_line(error)}") from None
+    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        raise SceneError(
+            f'{name}: integrator = "RK4" does not keep the energy of a port; leave it out, or take "discrete"'
+        )
+    if model.na or model.nplugin:
+        what = "actuators with states of their own" if model.na else "plugins"
+        raise SceneError(f"{name}: has {what}, whose energy is not counted; leave them out")
+    found = tuple(_tool(model, body, name) for body in chosen)
+    if len({tool.body for tool in found}) < len(found):
+        twice = next(body for body in chosen if chosen.count(body) > 1)
+        raise SceneError(f"{name}: two seats have the tool {twice!r}; name a body for each, or leave one out")
+    return Scene(model, found, _first_free(model, {tool.body for tool in found}), filled, own)
+
+
+def _try_step(model: mujoco.MjModel, name: str) -> None:
+    """Raise SceneError for a scene with a number in it that is none."""
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data)
+    if not bool(np.all(np.abs(data.qvel) < MOST_RATE)):
+        raise SceneError(
+            f"{name}: its bodies leave all bounds in the first step; look for a number that is none, or huge"
+        )
+
+
+def _counted(text: str) -> None:
+    """Do nothing: MuJoCo would write its warnings to a file here. It counts them, and the world looks at its state."""
+
+
+def _one_line(error: Exception) -> str:
+    words = " ".join(str(error).split())
+    cure = "; give the body a geom with mass, or an inertial" if "mjMINVAL" in words else ""
+    return f"does not load: {words.removeprefix('Error: ')}{cure}"
+
+
+def _scan(text: str, name: str) -> set[str]:
+    """Return the attributes of <option>. Raises SceneError for files that it refers to, too many elements, and no XML."""
+    files: list[str] = []
+    options: set[str] = set()
+    repeats = [1]  # of each element around the present one
+    elements = 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal elements
+        files.extend(value for key, value in attributes.items() if key.lower().startswith("file"))
+        if tag == "option":
+            options.update(attributes)
+        counts = [int(word) for word in attributes.get("count", "").split() if word.isdigit()]
+        repeats.append(repeats[-1] * prod(counts))
+        elements += repeats[-1]
+
+    def end(tag: str) -> None:
+        repeats.pop()
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    try:
+        parser.Parse(text.encode("utf-8"), True)
+    except expat.ExpatError as error:
+        raise SceneError(f"{name}: does not load: {error}") from None
+    if elements > MOST_ELEMENTS:
+        raise SceneError(f"{name}: has {elements} elements, more than {MOST_ELEMENTS}; leave some out")
+    if files:
+        more = f" and {len(files) - MOST_NAMED} more" if len(files) > MOST_NAMED else ""
+        raise SceneError(
+            f"{name}: refers to other files ({', '.join(files[:MOST_NAMED])}{more}), which are not read; "
+            "build it of boxes, spheres, capsules, cylinders and planes"
+        )
+    return options
+
+
+def _complete(spec: mujoco.MjSpec, options: set[str], step_s: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Set what the world needs, and contact where the scene leaves it as it comes. Returns what was filled in, and its own."""
+    filled, own = [], []
+    for key, value in _OPTION.items():
+        if key in options:
+            own.append(f"option {key}")
+        else:
+            setattr(spec.option, key, value)
+            filled.append(f"option {key}")
+    fresh = mujoco.MjSpec()
+    usual, usual_pair = fresh.worldbody.add_geom(), fresh.add_pair()
+    for what, elements, default in (("geom", list(spec.geoms), usual), ("pair", list(spec.pairs), usual_pair)):
+        for key, value in _GEOM.items():
+            same = [element for element in elements if np.array_equal(getattr(element, key), getattr(default, key))]
+            for element in same:
+                setattr(element, key, value)
+            if same:
+                filled.append(f"{what} {key}")
+            if len(same) < len(elements):
+                own.append(f"{what} {key}")
+    option = spec.option
+    option.timestep = step_s
+    option.enableflags = (option.enableflags | mujoco.mjtEnableBit.mjENBL_ENERGY) & ~int(
+        mujoco.mjtEnableBit.mjENBL_SLEEP
+    )
+    dampers = int(mujoco.mjtDisableBit.mjDSBL_DAMPER) | int(
+        mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+    )  # the ports are dampers
+    option.disableflags = (option.disableflags & ~dampers) | mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    return tuple(filled), tuple(own)
+
+
+def _added(tool: str, seat: int, bodies: set[str], name: str) -> str:
+    """Return the name of the body that is added for a seat. Raises SceneError for a tool that there is not."""
+    if tool and tool not in TOOLS:
+        there = f"; its bodies are {', '.join(sorted(bodies)[:MOST_NAMED])}" if bodies else ""
+        raise SceneError(f'{name}: there is no body {tool!r} to be a tool{there}; or take "pad", "ball" or "box"')
+    return f"tool of seat {seat}"
+
+
+def _add_tool(spec: mujoco.MjSpec, body_name: str, kind: str, place: Sequence[float]) -> None:
+    body = spec.worldbody.add_body(name=body_name, pos=place, gravcomp=1.0)
+    for axis in np.eye(3):
+        body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+    if kind == "box":
+        geoms = [body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.01, 0.01, 0.01])]
+    else:
+        centres = (
+            [(0.0, y, z) for y in (-0.012, 0.012) for z in (-0.012, 0.012)] if kind == "pad" else [(0.0, 0.0, 0.0)]
+        )
+        radius = 0.008 if kind == "pad" else 0.01
+        geoms = [
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius, 0, 0], pos=centre) for centre in centres
+        ]
+    for geom in geoms:
+        geom.mass = TOOL_KG / len(geoms)
+        for key, value in _GEOM.items():
+            setattr(geom, key, value)
+
+
+def _first_free(model: mujoco.MjModel, tools: set[int]) -> int:
+    free = [int(model.jnt_bodyid[joint]) for joint in range(model.njnt) if model.jnt_type[joint] == _FREE[0]]
+    return next((body for body in free if body not in tools), -1)
+
+
+def _object(model: mujoco.MjModel, tools: set[str]) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], float]:
+    """Return where the object starts [m] and the radius of a ball around it; the world's middle where there is none."""
+    body = _first_free(model, {model.body(tool).id for tool in tools})
+    if body < 0:
+        return np.zeros(3), 0.0
+    geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == body]
+    reach = [float(np.linalg.norm(model.geom_pos[geom]) + model.geom_rbound[geom]) for geom in geoms]
+    return model.body_pos[body].copy(), max(reach, default=0.0)
+
+
+def _tool(model: mujoco.MjModel, body_name: str, name: str) -> Tool:
+    """Return the tool that a body is. Raises SceneError where a port of three axes cannot move it."""
+    body = model.body(body_name).id
+    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+    kinds = [model.jnt_type[joint] for joint in range(first, first + count)]
+    root = model.body_parentid[body] == 0
+    straight = np.array_equal(model.jnt_axis[first : first + 3], np.eye(3)) and model.body_quat[body][0] == 1.0
+    if not (root and (kinds == _FREE or (kinds == _SLIDES and straight))):
+        raise SceneError(
+            f"{name}: body {body_name!r} cannot be a tool: it needs a free joint, or three slide joints along x, y and z "
+            "in this order, and the world as its parent, unturned"
+        )
+    return Tool(body, int(model.jnt_dofadr[first]), int(model.jnt_qposadr[first]), kinds == _FREE)

@@ -1,0 +1,98 @@
+"""Scene worlds for tests, hands that push at random, and a person at a wave line."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.server.worlds.scene import SceneWorld
+from cogrip.server.worlds.scene_file import Scene, load_scene, make_scene
+
+Array = NDArray[np.float64]
+T, B = 1 / 128, 20.0
+SCENES = Path(__file__).parents[2] / "configs" / "scenes"
+SHIPPED = ("wall", "lift", "pile")
+
+
+def world_of(scene: str | Path, tools: Sequence[str] = ("", ""), substeps: int = 4, b: float = B) -> SceneWorld:
+    """Return the world of a scene: a name of those that come with cogrip, a path, or XML."""
+    people = [{"tool": tool, "side": ("left", "right")[number % 2]} for number, tool in enumerate(tools)]
+    thing = {"kind": "scene", "file": "x.xml", "axes": 3, "substeps": substeps}
+    settings = resolve({"object": thing, "coupling": {"impedance_nspm": b}, "users": people})
+    sides = [user.side for user in settings.users]
+    step_s = T / substeps
+    loaded: Scene
+    if isinstance(scene, Path) or scene in SHIPPED:
+        loaded = load_scene(SCENES / f"{scene}.xml" if isinstance(scene, str) else scene, tools, sides, step_s)
+    else:
+        loaded = make_scene(scene, tools, sides, step_s)
+    return SceneWorld([seat_settings(settings, number) for number in range(len(tools))], loaded, substeps)
+
+
+def hold(world: SceneWorld) -> SceneWorld:
+    """Let everybody take hold, each hand in the middle of its own frame."""
+    for user in range(len(world.holding)):
+        world.join(user, np.zeros(3))
+    return world
+
+
+def port_j(u: Array, v: Array) -> float:
+    """Return what one frame brought in at all ports."""
+    return 0.5 * T * float((u * u - v * v).sum())
+
+
+def adversary(world: SceneWorld, seed: int) -> Callable[[Array], Array]:
+    """Return waves from the waves that came back: hands drawn to places about the object, jerks, mirrors, periods."""
+    random = np.random.default_rng(seed)
+    count = len(world.holding)
+    state = {"left": 0, "mode": 0, "goal": np.zeros((count, 3)), "frame": 0, "gain": 1.0, "period": 8}
+
+    def next_waves(back: Array) -> Array:
+        if state["left"] == 0:
+            state.update(
+                left=int(random.integers(5, 120)), mode=int(random.integers(4)), gain=float(10.0 ** random.uniform(-1, 0.5)),
+                goal=random.uniform(-0.12, 0.12, (count, 3)), period=int(random.integers(2, 30)),
+            )  # fmt: skip
+        state["left"] -= 1
+        state["frame"] += 1
+        place = np.array([world.proxy(user) for user in range(count)])
+        drawn = np.clip(30.0 * state["gain"] * (state["goal"] - place), -2.0, 2.0)
+        if state["mode"] == 1:
+            return drawn + random.normal(0.0, 0.3 * state["gain"], drawn.shape)
+        if state["mode"] == 2:
+            return drawn * (1.0 if state["frame"] % state["period"] < state["period"] // 2 else -1.0)
+        if state["mode"] == 3:
+            return np.clip(random.choice([-1.0, 1.0]) * back, -2.0, 2.0) + 0.3 * drawn
+        return drawn
+
+    return next_waves
+
+
+def course(world: SceneWorld, seed: int, frames: int) -> str:
+    """Step through waves at random; return the last answer and the state, bit by bit."""
+    random = np.random.default_rng(seed)
+    bits = b""
+    for _ in range(frames):
+        bits = world.step(random.uniform(-0.8, 1.0, (2, 3)) * [1.0, 0.3, 0.3]).tobytes()
+    return (bits + world.data.qpos.tobytes()).hex()
+
+
+class Person:
+    """An ideal device on one axis at a line of `delay` frames each way, one tick a frame."""
+
+    def __init__(self, delay: int) -> None:
+        self.up, self.down = deque([0.0] * delay), deque([0.0] * delay)
+        self.arrived = 0.0
+        self.force_n = 0.0
+
+    def exchange(self, moved_m: float, serve: Callable[[float], float]) -> None:
+        """Move by moved_m in one frame: the force is from the wave that has arrived, held over the frame."""
+        velocity = moved_m / T
+        self.force_n = B * velocity - sqrt(2.0 * B) * self.arrived
+        self.up.append(sqrt(2.0 * B) * velocity - self.arrived)
+        self.down.append(serve(self.up.popleft()))
+        self.arrived = self.down.popleft()

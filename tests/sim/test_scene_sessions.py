@@ -1,0 +1,91 @@
+"""Sessions around a scene of rigid bodies: two people lift a box by friction, and a scene that fails ends its session."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cogrip.cli.session.settings_file import load
+from cogrip.server.worlds.scene import SceneWorld
+from cogrip.sim.session.laboratory import Laboratory
+
+Array = NDArray[np.float64]
+HZ = 128
+HELD = slice(round(2.4 * HZ), round(5.9 * HZ))  # pressed, lifted, carried, before it is set down
+
+
+class Lift:
+    """A session of `cogrip lab lift`: places of the box and of both pads in the object's frame, frame by frame."""
+
+    def __init__(self, *overrides: str) -> None:
+        self.laboratory = laboratory = Laboratory(load(Path("lift"), overrides))
+        world = laboratory.room.world
+        assert isinstance(world, SceneWorld)
+        self.world = world
+        rows: list[Array] = []
+        forces: list[Array] = []
+
+        def each_frame(_: Laboratory) -> None:
+            rows.append(np.array([world.position, *(world.proxy(user) - world.offset[user] for user in (0, 1))]))
+            forces.append(world.force.copy())
+
+        laboratory.run(None, each_frame)
+        self.places, self.forces_n = np.array(rows), np.array(forces)
+
+    def slip_m(self, held: slice = HELD) -> float:
+        """Return how far a pad moved along the box while it was held."""
+        along = self.places[held, 1:, 1:] - self.places[held, :1, 1:]
+        return float(np.abs(along - along[0]).max())
+
+
+def test_two_people_lift_a_box_by_friction_and_set_it_down_elsewhere() -> None:
+    """Without its last second, in which the hands go home."""
+    lift = Lift("seconds=9")
+    assert not lift.laboratory.diverged
+    assert lift.places[4 * HZ, 0] == pytest.approx([0.0, 0.0, 0.045], abs=2e-3), "lifted"
+    assert lift.places[-1, 0] == pytest.approx([0.04, 0.0, 0.0], abs=2e-3), "carried and set down"
+    assert lift.slip_m() <= 1e-4
+    assert lift.forces_n[HELD, 0, 0] == pytest.approx(5.1, abs=0.2)
+    assert lift.world.limiter.limited == 0
+    assert lift.world.limiter.level_j >= 0.0
+    assert lift.world.balance_error_j <= 1e-14
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("network", "most_m"),
+    [
+        (("link.jitter_ms=10", "playout.frames=2"), 1e-4),
+        (("link.loss=0.02", "link.burst_frames=4", "playout.frames=6"), 2e-4),
+    ],
+)
+def test_the_box_slips_no_further_on_impaired_networks(network: tuple[str, ...], most_m: float) -> None:
+    lift = Lift(*network)
+    assert not lift.laboratory.diverged
+    assert lift.slip_m() <= most_m
+    assert lift.world.limiter.limited == 0
+
+
+@pytest.mark.long
+def test_the_box_is_held_for_a_minute() -> None:
+    hands = ["waypoints&times_s=0.5,1.5,2,3&z_m=0,0,0,0.05&x_m=0,0.06,0.07,0.07"]
+    hands.append(hands[0].replace("0.06,0.07,0.07", "-0.06,-0.07,-0.07"))
+    lift = Lift("seconds=62", *(f"users.{number}.hand={hand}" for number, hand in enumerate(hands)))
+    assert lift.places[-1, 0] == pytest.approx([0.0, 0.0, 0.045], abs=1e-3)
+    assert lift.slip_m(slice(round(2.4 * HZ), 62 * HZ)) <= 1e-4
+
+
+def test_a_scene_that_fails_ends_the_session_by_name() -> None:
+    laboratory = Laboratory(load(Path("lift"), ["seconds=2"]))
+    world = laboratory.room.world
+    assert isinstance(world, SceneWorld)
+    for _ in range(64):
+        laboratory.frame()
+    world.data.qvel[:] = np.nan
+    laboratory.frame()
+    assert laboratory.diverged.startswith("the scene left all bounds at 0.5")
+    assert world.holding.all(), "everybody has taken hold anew, at the start"
+    laboratory.frame()
+    assert np.isfinite(world.force).all()
+    assert np.isfinite(laboratory.room.world.motion()).all()
