@@ -22,7 +22,7 @@ from cogrip.cli.session.shipped_settings import shipped
 from cogrip.cli.session.view_child import open_view
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Devices, Hands, Overrides, Runs
-from cogrip.cli.terminal.problem import above_zero
+from cogrip.cli.terminal.problem import BadInput, above_zero
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
 from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_log, read_accounts, write_settings, write_summary
@@ -35,6 +35,8 @@ WATCH_EVERY_S = 0.1
 
 
 def demo(
+    session: Path | None = None,
+    /,
     *,
     config: Path | None = None,
     overrides: Overrides = (),
@@ -45,22 +47,26 @@ def demo(
     allow_unstable: AllowUnstable = False,
     runs: Runs = Path("runs"),
 ) -> int:
-    """Two simulated people hold one cube over UDP on this machine; ends with a report.
+    """Two simulated people hold one cube, or what the settings name, over UDP on this machine; ends with a report.
 
     A server, one client a person, UDP on loopback, an emulated link. Exit code 0 only if the run was passive and stable,
     devices included, nothing broke off, and the object really moved.
 
     Parameters
     ----------
+    session
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`): `cogrip demo lift`; demo if not given.
     config
-        Settings file, or the name of one that comes with cogrip (`cogrip configs`); demo if not given.
+        The same, as an option.
     seconds
         How long; as the settings say if not given.
     view
         Show it in the browser as well.
     """
     above_zero("--seconds", seconds)
-    path = config or shipped("demo")
+    if session and config:
+        raise BadInput(f"{session} and --config {config}: give one of them")
+    path = session or config or shipped("demo")
     changes = [*overrides, *([f"seconds={seconds}"] if seconds is not None else [])]
     settings = load(path, changes)
     settings = with_people(settings, hands, device)

@@ -47,6 +47,8 @@ def advise_command(
     """
     settings = with_people(load(config, overrides), (), device)
     with BadInput.of(ModelError, DeviceError, where=f"{config}: "):
+        if settings.object.kind == "scene" and not for_stiffness:
+            return _of_scene(settings, json)
         if for_stiffness:
             return _print_stiffest(config, settings, laboratory, json)
         advice = advise(settings)
@@ -74,6 +76,19 @@ def advise_command(
     else:
         last = f"most helpful: nothing of what was tried would be better{by}"
     _print(rows, last)
+    return 0
+
+
+def _of_scene(settings: Settings, json: Json) -> int:
+    from cogrip.sim.analysis.scene_advice import scene_findings  # with MuJoCo
+
+    with BadInput.of(ValueError):  # a SceneError
+        findings = scene_findings(settings)
+    if json:
+        warnings = [finding.text for finding in findings if finding.warns]
+        write_json({"findings": _told(findings), "warnings": warnings}, json)
+    else:
+        _print(_rows(findings, [user.name for user in settings.users]), "")
     return 0
 
 
@@ -188,10 +203,14 @@ def _record(advice: Advice, session: LinearSession, change: Change | None, check
         "spectral_radius": advice.verdict.spectral_radius, "radius_without_structural": advice.verdict.decaying,
         "largest_stable_stiffness_npm": advice.limit.stiffness_npm, "stiffness_npm": advice.stiffness_npm,
         "conditions": AS_IT_STANDS.conditions, "users": users,
-        "findings": [{"topic": each.topic, "level": each.level, "text": each.text} for each in findings],
+        "findings": _told(findings),
         "warnings": [finding.text for finding in findings if finding.warns], "laboratory": _judged(checked),
         "change": {"set": change.setting, "effect": change.effect} if change else None,
     }  # fmt: skip
+
+
+def _told(findings: Iterable[Finding]) -> list[dict[str, str]]:
+    return [{"topic": each.topic, "level": each.level, "text": each.text} for each in findings]
 
 
 def _stiffest_record(found: Stiffest, checked: Check | None) -> dict[str, Any]:

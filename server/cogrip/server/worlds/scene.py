@@ -251,6 +251,10 @@ class SceneWorld(World):
             self._make_solid()
         return back
 
+    def limiter_account(self) -> dict[str, float]:
+        limiter = self.limiter
+        return {"level_j": limiter.level_j, "paid_j": limiter.paid_j, "limited_frames": limiter.limited}
+
     # Saving
 
     def save(self) -> Saved:

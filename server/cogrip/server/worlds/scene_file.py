@@ -29,7 +29,14 @@ TOOL_KG = 0.05
 APART_M = 0.05  # between added tools of one side
 CLEAR_M = 0.03  # between an added tool's start and the object
 
-_GEOM = {"margin": 0.005, "condim": 4, "solimp": (0.1, 0.1, 0.001, 0.5, 2.0), "solref": (-360000.0, -1170.0)}
+CONTACT_SHARE = 0.1  # d
+CONTACT_RATE_PS2, CONTACT_DAMPING_PS = 4e5, 1300.0  # kappa, beta
+_GEOM = {
+    "margin": 0.005,
+    "condim": 4,
+    "solimp": (CONTACT_SHARE, CONTACT_SHARE, 0.001, 0.5, 2.0),
+    "solref": (-CONTACT_RATE_PS2 * (1.0 - CONTACT_SHARE), -CONTACT_DAMPING_PS * (1.0 - CONTACT_SHARE)),
+}
 _OPTION = {
     "integrator": mujoco.mjtIntegrator.mjINT_DISCRETE,
     "cone": mujoco.mjtCone.mjCONE_ELLIPTIC,

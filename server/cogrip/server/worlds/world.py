@@ -117,6 +117,10 @@ class World(ABC):
         """Return `proxy` in plain floats."""
         return tuple(self.proxy(user).tolist())
 
+    def limiter_account(self) -> dict[str, float] | None:
+        """Return the ledger of what bounds the energy that goes back; None where the step itself makes none."""
+        return None
+
     def stiffness_of(self, user: int) -> float | None:
         """Return K of a user's spring now [N/m]; None where there is no spring."""
         return float(self.stiffness[user, 0])

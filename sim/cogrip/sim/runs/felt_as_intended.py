@@ -26,6 +26,8 @@ def felt_as_intended(summary: Summary, stable: bool) -> Judgement:
     """Judge whether hands felt what the force law and the network's frames made, and nothing that took their place."""
     held = list(occupied(people(summary)))
     reasons = list(dict.fromkeys(_worst_reasons(held)))
+    if limited := _taken(summary):
+        reasons.append(limited)
     if not stable:
         reasons.insert(0, "the session was not stable")
     tone: Tone = "warn"
@@ -43,6 +45,14 @@ def felt_as_intended(summary: Summary, stable: bool) -> Judgement:
     else:
         tone, text = "good", f"Felt as intended{_stiffness(held)}."
     return Judgement("felt as intended", tone, text, brief)
+
+
+def _taken(summary: Summary) -> str:
+    """Return how often a scene's energy limiter took from what hands felt, "" if that was rare."""
+    frames, due = dig(summary, "server", "energy_limiter", "limited_frames"), dig(summary, "server", "ticks", "due")
+    if not (is_number(frames) and is_number(due) and frames > MOST_LIMITED * due):
+        return ""
+    return f"the scene's energy limiter acted in {_percent(frames / due)} of the frames"
 
 
 def _softer(held: list[Row]) -> str:
@@ -64,6 +74,8 @@ def _stiffness(held: list[Row]) -> str:
     """Return the span of the predicted stiffnesses at rest in words, or why none is predicted."""
     found = [value for row in held if (value := _value(row, "predicted_stiffness_npm")) is not None]
     if not found:
+        if all(_value(row, "asked_stiffness_npm") is None for row in held):
+            return "; no stiffness is asked for here, so none is judged"
         why = next((f" ({name_of(row)}: {row['not_predicted']})" for row in held if row.get("not_predicted")), "")
         return f"; how stiff at rest is neither measured nor predicted{why}" if why else ""
     span = " to ".join(dict.fromkeys(f"{value:.0f}" for value in (min(found), max(found))))

@@ -105,9 +105,12 @@ def _of_room(
         asked_npm = seat.settings.asked_npm
         earlier = [UserRecord(seat.name, each.client, each.seat, asked_npm=asked_npm) for each in seat.earlier]
         users.append(UserRecord(seat.name, account, room.seat_account(number), tuple(earlier), asked_npm))
-    return _of_settings(
+    summary = _of_settings(
         room.settings, room.settings.name, seconds, users, room.account(), {**dropped, **_limited(room)}, claims
     )
+    if (ledger := room.world.limiter_account()) is not None:
+        summary["server"]["energy_limiter"] = ledger
+    return summary
 
 
 def of_client(

@@ -34,7 +34,8 @@ def verdict(summary: Summary, tank_j: float | None = None) -> list[tuple[Tone, s
 def notes(summary: Summary) -> Iterator[tuple[Tone, str, str]]:
     """Yield sentences beside the three judgements, each with its tone and, in a word or two, its subject."""
     for about, sentences in (
-        ("energy balance", _balance), ("ended badly", _states), ("late frames", _late), ("ticks missed", _loops),
+        ("energy balance", _balance), ("energy limiter", _limited),
+        ("ended badly", _states), ("late frames", _late), ("ticks missed", _loops),
     ):  # fmt: skip
         for tone, sentence in sentences(summary):
             yield tone, sentence, about
@@ -44,6 +45,16 @@ def _balance(summary: Summary) -> Iterator[tuple[Tone, str]]:
     error_j = dig(summary, "server", "energy_balance_error_j")
     if is_number(error_j) and error_j > _BALANCE_J:
         yield "warn", f"The object's step does not balance its energy: one step made or lost up to {energy(error_j)}."
+
+
+def _limited(summary: Summary) -> Iterator[tuple[Tone, str]]:
+    frames, paid_j = (dig(summary, "server", "energy_limiter", key) for key in ("limited_frames", "paid_j"))
+    if is_number(frames) and is_number(paid_j) and frames > 0:
+        text = (
+            f"The scene's contacts made energy: its limiter took {energy(paid_j)} from the returning waves in {frames:g}"
+            " frames, and hands felt less force; see docs/worlds.md."
+        )
+        yield "warn", text
 
 
 def _states(summary: Summary) -> Iterator[tuple[Tone, str]]:

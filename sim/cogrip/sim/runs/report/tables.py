@@ -12,6 +12,7 @@ from cogrip.sim.runs.summary_values import (
     dig,
     earlier,
     energy,
+    is_number,
     name_of,
     number,
     people,
@@ -219,7 +220,10 @@ def room_table(summary: Summary) -> Table:
     """Return the object at the end, the energy balance of its steps, and the server's loop."""
     server = dig(summary, "server")
     loop = server if isinstance(server, dict) else {}
-    return Table([], [*_rows(_ROOM, [summary]), *_rows(_LOOP, [loop])])
+    rows = _rows(_ROOM, [summary])
+    if is_number(paid_j := dig(summary, "server", "energy_limiter", "paid_j")):
+        rows.append(row("taken by the energy limiter", [energy(paid_j)]))
+    return Table([], [*rows, *_rows(_LOOP, [loop])])
 
 
 def dropped_table(summary: Summary) -> Table | str:

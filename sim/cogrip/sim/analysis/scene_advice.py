@@ -1,0 +1,54 @@
+"""Advice on a scene of rigid bodies: of its contact settings, line and tools; there is no linear model of it."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from cogrip.protocol.felt_stiffness import felt_stiffness
+from cogrip.protocol.line.delays import expected_frames, one_way
+from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
+from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, load_scene
+from cogrip.sim.analysis.advice import Finding, overloads, plain
+
+
+def scene_findings(settings: Settings) -> list[Finding]:
+    """Return what is worth knowing before anyone holds a tool of the scene. Raises SceneError, DeviceError."""
+    seats = [seat_settings(settings, number) for number in range(len(settings.users))]
+    given, users = settings.object, settings.users
+    scene = load_scene(
+        Path(given.file), [user.tool for user in users], [user.side for user in users],
+        seats[0].rates.frame_s / given.substeps,
+    )  # fmt: skip
+    return [*_contact(scene), *(_felt(scene, seat) for seat in seats), *_loads(settings)]
+
+
+def _contact(scene: Scene) -> Iterator[Finding]:
+    if scene.filled:
+        yield Finding("contact", f"contact that creates no energy is set: {', '.join(scene.filled)}")
+    if scene.own:
+        text = (
+            f"the scene sets {', '.join(scene.own)} itself: such contact may create energy, of which the limiter lets no more"
+            " back to the hands than they put in and 1 mJ; leave these out, or run it and look at `energy_limiter`"
+        )
+        yield Finding("contact", text, "warning")
+
+
+def _felt(scene: Scene, seat: SeatSettings) -> Finding:
+    """Return the stiffness and the mass that a hand feels (theory 8.4)."""
+    tool_kg = float(scene.model.body_mass[scene.tools[seat.seat].body])
+    b, frame_s = seat.coupling.impedance_nspm, seat.rates.frame_s
+    frames = sum(
+        one_way(link.delay_ms, expected_frames(seat.playout, link, seat.rates), seat.rates).frames
+        for link in (seat.up, seat.down)
+    )
+    loop_frames = frames + 1.0
+    contact_npm = CONTACT_RATE_PS2 * (tool_kg + b * float(scene.model.opt.timestep))
+    felt_npm = felt_stiffness(contact_npm, seat.line_compliance(loop_frames))
+    mass_kg = tool_kg + 0.5 * b * loop_frames * frame_s
+    own = "" if "geom solref" not in scene.own else " where contact is as hard as by default"
+    text = f"{seat.user}: a fixed body is felt with {plain(felt_npm)} N/m at rest{own}; the free tool as {plain(mass_kg, 3)} kg"
+    return Finding("felt", text)
+
+
+def _loads(settings: Settings) -> Iterator[Finding]:
+    for text in overloads(settings):
+        yield Finding("device", text, "warning", refused=True)
