@@ -1,4 +1,4 @@
-"""State of a room that the next server goes on from: place of the object, and seats with the hash of their tickets.
+"""State of a room that the next server goes on from: where things are, and seats with the hash of their tickets.
 
 Lines and springs are not kept: a hand that resumes joins anew, with the proxy on the object (theory section 3.7), so that
 nothing that was lost can push it.
@@ -23,7 +23,7 @@ class SeatCheckpoint(msgspec.Struct, frozen=True):
 
 
 class RoomCheckpoint(msgspec.Struct, frozen=True):
-    """One room."""
+    """One room. scene: digest of its scene of rigid bodies, coordinates: of all of them; both empty where it has none."""
 
     version: int
     room: str
@@ -32,6 +32,8 @@ class RoomCheckpoint(msgspec.Struct, frozen=True):
     travel_m: float
     steps: int
     seats: tuple[SeatCheckpoint, ...]
+    scene: str = ""
+    coordinates: tuple[float, ...] = ()
 
 
 class CheckpointError(ValueError):

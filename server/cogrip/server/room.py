@@ -127,7 +127,8 @@ class Room:
             for seat in self.seats
         ]
         here = tuple(self.world.position.tolist())
-        return RoomCheckpoint(VERSION, self.name, self.digest, here, self.travel_m, self.steps, tuple(seats))
+        placed = self.world.coordinates()
+        return RoomCheckpoint(VERSION, self.name, self.digest, here, self.travel_m, self.steps, tuple(seats), *placed)
 
     def restore(self, checkpoint: RoomCheckpoint, now_ns: int) -> None:
         """Begin where the server before ended, the object at rest. Raises CheckpointError, and nothing has changed."""
@@ -136,7 +137,10 @@ class Room:
         users = [seat.name for seat in self.seats]
         if [seat.user for seat in checkpoint.seats] != users or len(checkpoint.position_m) != self.world.axes:
             raise CheckpointError("its seats or axes are not this room's")
-        self.world.position = np.array(checkpoint.position_m)
+        try:
+            self.world.place(checkpoint.position_m, checkpoint.scene, checkpoint.coordinates)
+        except WorldError as error:
+            raise CheckpointError(str(error)) from None
         self.travel_m, self.steps = checkpoint.travel_m, checkpoint.steps
         for seat, before in zip(self.seats, checkpoint.seats, strict=True):
             seat.session, seat.nonce, seat.ticket_hash = before.session, before.nonce, before.ticket

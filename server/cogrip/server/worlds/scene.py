@@ -13,6 +13,7 @@ Data are kept as after `mj_step1`: places, energies and contacts are those of th
 """
 
 from collections.abc import Sequence
+from math import isfinite
 from typing import NamedTuple
 
 import msgspec
@@ -22,7 +23,7 @@ import numpy as np
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.scene_file import MOST_RATE, Scene
-from cogrip.server.worlds.world import Array, World, WorldError, dot
+from cogrip.server.worlds.world import Array, Row, World, WorldError, dot
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _FULL = (mujoco.mjtWarning.mjWARN_CONTACTFULL, mujoco.mjtWarning.mjWARN_CNSTRFULL)
@@ -256,6 +257,18 @@ class SceneWorld(World):
         return {"level_j": limiter.level_j, "paid_j": limiter.paid_j, "limited_frames": limiter.limited}
 
     # Saving
+
+    def coordinates(self) -> tuple[str, Row]:
+        return self.scene.digest, tuple(self.data.qpos.tolist())
+
+    def place(self, position_m: Row, scene: str, coordinates: Row) -> None:
+        if scene != self.scene.digest or len(coordinates) != len(self.data.qpos):
+            raise WorldError("its scene is another one: the file has been changed")
+        if not all(map(isfinite, coordinates)):
+            raise WorldError("its coordinates are not all finite")
+        self.reset()
+        self.data.qpos[:] = coordinates
+        self._refresh()
 
     def save(self) -> Saved:
         """Return the state between two frames; a world of the same scene continues from it bit for bit."""

@@ -11,6 +11,7 @@ impedance b, against a fixed body: m + h b, step h). What is held by friction cr
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from math import prod
 from pathlib import Path
 from xml.parsers import expat
@@ -66,6 +67,7 @@ class Scene:
     """A compiled scene.
 
     tools   one for each seat
+    digest  of its text and tools
     object  body whose motion is that of the room's object: the first free one that is no tool; -1: there is none
     filled  contact settings that were applied, as the scene sets none
     own     those that the scene sets itself: what they do about energy is theirs
@@ -76,6 +78,7 @@ class Scene:
     object: int
     filled: tuple[str, ...]
     own: tuple[str, ...]
+    digest: str
 
 
 def load_scene(path: Path, tools: Sequence[str], sides: Sequence[str], step_s: float) -> Scene:
@@ -138,7 +141,8 @@ def make_scene(text: str, tools: Sequence[str], sides: Sequence[str], step_s: fl
     if len({tool.body for tool in found}) < len(found):
         twice = next(body for body in chosen if chosen.count(body) > 1)
         raise SceneError(f"{name}: two seats have the tool {twice!r}; name a body for each, or leave one out")
-    return Scene(model, found, _first_free(model, {tool.body for tool in found}), filled, own)
+    digest = sha256("\0".join([text, *tools, *sides, str(step_s)]).encode()).hexdigest()[:16]
+    return Scene(model, found, _first_free(model, {tool.body for tool in found}), filled, own, digest)
 
 
 def _try_step(model: mujoco.MjModel, name: str) -> None:

@@ -104,6 +104,16 @@ class World(ABC):
         """Go back to the start, held by nobody, after a WorldError."""
         raise NotImplementedError(f"{type(self).__name__}: no state here is one that it cannot go on from")
 
+    def coordinates(self) -> tuple[str, Row]:
+        """Return the digest of the scene and the coordinates of all its bodies; "" and () where there is only the object."""
+        return "", ()
+
+    def place(self, position_m: Row, scene: str, coordinates: Row) -> None:
+        """Put everything where it was, at rest, before anybody takes hold. Raises WorldError where it was another scene."""
+        if scene or coordinates:
+            raise WorldError("it is of a scene of rigid bodies, and this room has none")
+        self.position = np.array(position_m)
+
     def motion(self) -> Row:
         """Return the object's position [m], then its velocity [m/s]."""
         return tuple(self.position.tolist() + self.velocity.tolist())

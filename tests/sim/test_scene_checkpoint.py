@@ -1,0 +1,76 @@
+"""What a server that was killed leaves of a scene: the next one puts every body where it was, at rest."""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from cogrip.cli.session.settings_file import load
+from cogrip.protocol.settings import Settings
+from cogrip.server.checkpoint import CheckpointError, RoomCheckpoint, decode, encode
+from cogrip.server.room import Room
+from cogrip.server.worlds.scene import SceneWorld
+from cogrip.sim.session.laboratory import Laboratory
+
+LIFT = Path("lift")
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+
+
+@pytest.fixture(scope="module")
+def lifted() -> tuple[Room, RoomCheckpoint]:
+    """A room whose box is in the air, and what a file keeps of it."""
+    laboratory = Laboratory(load(LIFT, ["seconds=4"]))
+    laboratory.run()
+    return laboratory.room, decode(encode(laboratory.room.checkpoint()))
+
+
+def scene(room: Room) -> SceneWorld:
+    assert isinstance(room.world, SceneWorld)
+    return room.world
+
+
+def test_every_body_is_where_it_was_and_at_rest(lifted: tuple[Room, RoomCheckpoint]) -> None:
+    before, checkpoint = lifted
+    assert scene(before).position[2] > 0.03, "it is in the air"
+    after = Room(load(LIFT))
+    after.restore(checkpoint, 0)
+    world = scene(after)
+    assert world.data.qpos.tobytes() == scene(before).data.qpos.tobytes()
+    assert not world.data.qvel.any()
+    assert not world.holding.any()
+    assert world.limiter.level_j == world.limiter.start_j
+    for _ in range(128):
+        world.step(np.zeros((2, 3)))
+    assert world.position[2] == pytest.approx(0.0, abs=1e-3), "nobody holds it, so it falls to the floor"
+
+
+def other_scene(tmp_path: Path) -> Settings:
+    """The same names and counts, and another box."""
+    text = (CONFIGS / "scenes" / "lift.xml").read_text().replace('mass=".2"', 'mass=".3"')
+    (tmp_path / "lift.xml").write_text(text)
+    return load(LIFT, [f"object.file={tmp_path / 'lift.xml'}"])
+
+
+def test_nothing_changes_for_a_checkpoint_of_another_scene(lifted: tuple[Room, RoomCheckpoint], tmp_path: Path) -> None:
+    _, checkpoint = lifted
+    broken = msgspec.structs.replace(checkpoint, coordinates=(float("nan"), *checkpoint.coordinates[1:]))
+    short = msgspec.structs.replace(checkpoint, coordinates=checkpoint.coordinates[1:])
+    cases = [
+        (other_scene(tmp_path), checkpoint, "its scene is another one"),
+        (load(LIFT), short, "its scene is another one"),
+        (load(LIFT), broken, "not all finite"),
+    ]
+    for settings, wrong, words in cases:
+        room = Room(settings)
+        with pytest.raises(CheckpointError, match=words):
+            room.restore(wrong, 0)
+        assert not scene(room).position.any()
+        assert room.steps == 0
+
+
+def test_a_room_without_a_scene_takes_none() -> None:
+    room = Room(load(Path("demo")))
+    wrong = msgspec.structs.replace(room.checkpoint(), coordinates=(0.0,), scene="other")
+    with pytest.raises(CheckpointError, match="a scene of rigid bodies, and this room has none"):
+        room.restore(wrong, 0)
