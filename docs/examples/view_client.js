@@ -43,12 +43,13 @@ function circle(socket, [x, y, z]) {
   }, POINTER_PERIOD_MS);
 }
 
-/** Return the frames of a chunk of a recording. @param {ArrayBuffer} message @param {object} scene */
-async function unpack(message, scene) {
+/** Return the frames of a chunk of a recording. @param {ArrayBuffer} message */
+async function unpack(message) {
   const unzipped = new Blob([message.slice(12)]).stream().pipeThrough(new DecompressionStream("gzip"));
   const frames = await new Response(unzipped).arrayBuffer();
-  const size = HEAD_BYTES + PERSON_BYTES * scene.people.length;
-  return Array.from({ length: frames.byteLength / size }, (_, each) => new DataView(frames, each * size, size));
+  const count = new DataView(message).getUint32(8, true);
+  const size = frames.byteLength / count; // people and, of a scene, bodies are as many in all of them
+  return Array.from({ length: count }, (_, each) => new DataView(frames, each * size, size));
 }
 
 /** Talk until the server closes the socket. @param {string} address @param {boolean} hand @param {(text: string) => void} say */
@@ -75,7 +76,7 @@ function follow(address, hand, say) {
     if (kind === 1) say(line(view, scene));
     else if (kind === 3) timer ??= circle(socket, vector(view, 8)); // own hand
     else if (kind === 4) {
-      for (const frame of await unpack(data, scene)) say(line(frame, scene));
+      for (const frame of await unpack(data)) say(line(frame, scene));
       ask(view.getUint32(4, true) + 1);
     }
   };

@@ -60,9 +60,9 @@ def follow(address, hand):
             elif message[:1] == b"\x03" and begun_s is None:  # own hand: the circle begins where it is
                 begun_s, (x, y, z) = time.monotonic(), struct.unpack_from("<3d", message, 8)
             elif message[:1] == b"\x04":
-                frames, size = gzip.decompress(message[12:]), HEAD.size + len(scene["people"]) * PERSON.size
-                for at in range(0, len(frames), size):
-                    show(frames[at : at + size], scene)
+                frames, count = gzip.decompress(message[12:]), struct.unpack_from("<I", message, 8)[0]
+                for each in range(count):
+                    show(frames[each * len(frames) // count :][: len(frames) // count], scene)
                 wanted = struct.unpack_from("<I", message, 4)[0] + 1
             if wanted is not None and wanted == scene["chunks"]:
                 return

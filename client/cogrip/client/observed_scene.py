@@ -2,7 +2,7 @@
 
 from math import nan
 
-from cogrip.protocol.drawing import Row, Shape
+from cogrip.protocol.drawing import Shape
 from cogrip.protocol.messages import Bodies, Geom, Pose
 
 UNKNOWN: Pose = (nan,) * 7
@@ -42,7 +42,7 @@ class ObservedScene:
                 self._poses[body], newer = (bodies.number, pose), True
         return "" if newer else "late poses"
 
-    def poses(self) -> tuple[Row, ...]:
+    def poses(self) -> tuple[Pose, ...]:
         """Return the pose of each body that the shapes are of; UNKNOWN for one that has not come."""
         most = max((shape.body for shape in self.shapes if shape.body is not None), default=-1)
         return tuple([self._poses[body][1] if body in self._poses else UNKNOWN for body in range(most + 1)])

@@ -2,30 +2,33 @@
 shapes of a scene's bodies."""
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
 Vector = tuple[float, float, float]
-Row = tuple[float, ...]
 ShapeKind = Literal["box", "sphere", "capsule", "cylinder", "ellipsoid", "plane"]
-UNTURNED: Row = (1.0, 0.0, 0.0, 0.0)
+Three = Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=3)]
+Four = Annotated[tuple[float, ...], msgspec.Meta(min_length=4, max_length=4)]
+MOST_SHAPES = 1024  # of a scene, and bodies that move; further ones are left out
+UNTURNED: Four = (1.0, 0.0, 0.0, 0.0)
 
 
 class Shape(msgspec.Struct, frozen=True):
     """A drawn shape of a scene, in the frame of its body or, fixed to the world, in the object's frame at the start.
 
+    body         number of its body among those that move and have shapes; None: it is fixed
     size_m       as MJCF has it: radius, half lengths; of a plane 0 along an axis that has no end
     orientation  quaternion w, x, y, z
     rgba         None where the scene gives no colour
     """
 
     kind: ShapeKind
-    size_m: Row
-    body: int | None = None  # number of its body among those that move and have shapes; None: it is fixed
-    place_m: Row = (0.0, 0.0, 0.0)
-    orientation: Row = UNTURNED
-    rgba: Row | None = None
+    size_m: Three
+    body: Annotated[int, msgspec.Meta(ge=0, lt=MOST_SHAPES)] | None = None
+    place_m: Three = (0.0, 0.0, 0.0)
+    orientation: Four = UNTURNED
+    rgba: Four | None = None
     seat: int | None = None  # whose tool it is part of
     object: bool = False  # it is part of the room's object
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
-from cogrip.protocol.drawing import Shape, ShapeKind
+from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
 from cogrip.protocol.settings import SeatNumber, SeatSettings
 
 PROTOCOL_VERSION = 3
@@ -46,7 +46,6 @@ Bound = Annotated[float, msgspec.Meta(ge=0.0, le=NO_BOUND)]
 Milliseconds = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
 Frames = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Presence = Literal["joining", "live", "silent"]
-MOST_SHAPES = 1024  # of a scene, and bodies that move; further ones are left out
 MOST_POSES = 39  # of one message
 _POSE = Struct("<H7f")
 MOST_POSE_BYTES = MOST_POSES * _POSE.size

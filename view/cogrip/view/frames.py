@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import nan
 
 from cogrip.devices.web.messages import STATES, ZERO, FrameError, State, Vector, vector
+from cogrip.protocol.messages import Pose
 
 FRAME, CHUNK = 1, 4
 PUSHES, NOT_PASSIVE, HAND_KNOWN = 1, 2, 4  # flags of a person
@@ -17,7 +18,6 @@ _PERSON = struct.Struct("<BBBBI 3d 3d 3d 3d 8f")
 _BODY = struct.Struct("<3d 4d")
 _CHUNK = struct.Struct("<B3xII")
 HEAD_BYTES, PERSON_BYTES, BODY_BYTES = _HEAD.size, _PERSON.size, _BODY.size
-Pose = tuple[float, ...]  # place [m], quaternion w, x, y, z; NaN: not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class Frame:
     people: tuple[PersonFrame, ...]
     orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     flags: int = 0
-    bodies: tuple[Pose, ...] = ()  # of a scene, in the order of their numbers
+    bodies: tuple[Pose, ...] = ()  # of a scene, in the order of their numbers; NaN: not known
 
 
 def encode(frame: Frame) -> bytes:

@@ -6,8 +6,8 @@ from math import isnan, nan
 from cogrip.client.observed_scene import ObservedScene
 from cogrip.client.observer import ObserverCore
 from cogrip.devices.web.messages import ZERO, State, Vector, vector
-from cogrip.protocol.drawing import LEAST_DRAWN_N, Row, Shape, anchors_m, object_size_m
-from cogrip.protocol.messages import Person, View
+from cogrip.protocol.drawing import LEAST_DRAWN_N, Shape, anchors_m, object_size_m
+from cogrip.protocol.messages import Person, Pose, View
 from cogrip.protocol.settings import SeatSettings
 from cogrip.sim.runs.verdict import least_margin
 from cogrip.view import frames
@@ -49,7 +49,7 @@ class LiveScene:
         self._states: dict[int, State] = {}
         self._unnamed = 0  # views with hands, and no message about whose they are
         self._shapes: tuple[Shape, ...] = ()
-        self._poses: tuple[Row, ...] = ()
+        self._poses: tuple[Pose, ...] = ()
         self.people: dict[int, Person] = {}
         self.events: deque[SceneEvent] = deque(maxlen=256)
         self.scene = self._scene()

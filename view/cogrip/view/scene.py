@@ -7,8 +7,9 @@ from typing import Literal
 import msgspec
 
 from cogrip.devices.web.messages import Vector
-from cogrip.protocol.drawing import Row, Shape
+from cogrip.protocol.drawing import Shape
 from cogrip.protocol.drawing import colour as colour
+from cogrip.protocol.messages import Pose
 
 Mode = Literal["live", "recording"]
 WORKSPACE_M = ((-0.1, 0.1),) * 3
@@ -74,7 +75,7 @@ class Scene(msgspec.Struct, frozen=True, tag_field="type", tag="scene"):
     version: int = 1
 
 
-def workspace_of(shapes: Sequence[Shape], poses: Sequence[Row]) -> tuple[tuple[float, float], ...]:
+def workspace_of(shapes: Sequence[Shape], poses: Sequence[Pose]) -> tuple[tuple[float, float], ...]:
     """Return what the camera takes in of a scene: the usual workspace, all bodies where they are, no more below its floor."""
     low, high = [each for each, _ in WORKSPACE_M], [each for _, each in WORKSPACE_M]
     floors: list[float] = []
@@ -86,6 +87,8 @@ def workspace_of(shapes: Sequence[Shape], poses: Sequence[Row]) -> tuple[tuple[f
         reach = dist(shape.size_m, (0.0,) * 3)
         at = shape.place_m
         if shape.body is not None:
+            if shape.body >= len(poses):
+                continue
             at, reach = poses[shape.body][:3], reach + dist(at, (0.0,) * 3)
         for axis in range(3):
             if isfinite(at[axis]):
@@ -96,7 +99,7 @@ def workspace_of(shapes: Sequence[Shape], poses: Sequence[Row]) -> tuple[tuple[f
     return tuple(zip(low, high, strict=True))
 
 
-def turn_of(shapes: Sequence[Shape], poses: Sequence[Row]) -> tuple[float, float, float, float]:
+def turn_of(shapes: Sequence[Shape], poses: Sequence[Pose]) -> tuple[float, float, float, float]:
     """Return the orientation of the object's body; unturned where it has none, or it is not known."""
     body = next((shape.body for shape in shapes if shape.object and shape.body is not None), None)
     if body is None or body >= len(poses) or not all(map(isfinite, poses[body])):

@@ -1,7 +1,8 @@
 """Messages that a recording's writer derives from others, for 3D panels: scene, transforms and forces of each room.
 
 The server's recording alone has them, at 32 Hz or less. No core knows of them: replay, verification and tables leave them
-out, and a recovery derives them anew.
+out, and a recovery derives them anew. Poses of a scene are no such messages: the writer has no world. They are outputs of the
+server's core, as steps are, and a replay compares them.
 """
 
 import json

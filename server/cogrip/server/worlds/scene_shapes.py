@@ -4,8 +4,7 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
-from cogrip.protocol.drawing import Row, Shape, ShapeKind
-from cogrip.protocol.messages import MOST_SHAPES
+from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
 from cogrip.server.worlds.scene_file import Scene
 
 _KINDS: dict[int, ShapeKind] = {
@@ -52,11 +51,11 @@ def shapes_of(scene: Scene, start: NDArray[np.float64]) -> tuple[tuple[Shape, ..
     return tuple(shapes[:MOST_SHAPES]), bodies[:MOST_SHAPES]
 
 
-def _place(values: NDArray[np.float64]) -> Row:
+def _place(values: NDArray[np.float64]) -> tuple[float, ...]:
     return tuple(np.clip(values, -_MOST_M, _MOST_M).tolist())
 
 
-def _colour(model: mujoco.MjModel, geom: int) -> Row | None:
+def _colour(model: mujoco.MjModel, geom: int) -> tuple[float, ...] | None:
     """Return the colour of a geom or of its material; None where it has neither."""
     own = tuple(model.geom_rgba[geom].tolist())
     if own == _NO_COLOUR and model.geom_matid[geom] >= 0:

@@ -17,7 +17,7 @@ import msgspec
 
 from cogrip.protocol.recording.folder import RECOVERED
 from cogrip.protocol.recording.reader import Message
-from cogrip.protocol.recording.records import KINDS, Datagram, Step, kind_of
+from cogrip.protocol.recording.records import KINDS, Datagram, Geoms, Poses, Step, kind_of
 from cogrip.server.recorder import step_topic
 from cogrip.sim.runs.columns import Column, Layout, layout_of
 from cogrip.sim.runs.records import End, RunRecords, decoder
@@ -153,6 +153,7 @@ def _paths(end: End, called: Collection[str], to: Format, out: Path, datagrams: 
         if (
             kind not in KINDS
             or (KINDS[kind] is Datagram and not datagrams)
+            or KINDS[kind] in (Geoms, Poses)
             or (KINDS[kind] is Step and topic not in rooms)
         ):
             continue
