@@ -1,4 +1,4 @@
-"""What an observer has received of a scene of bodies: its shapes, and the newest pose of each body."""
+"""Bodies of a scene as an observer has received them: all shapes, and the newest pose of each body."""
 
 from math import nan
 

@@ -1,4 +1,4 @@
-"""What observers are told of a scene's bodies after each view: poses, of those that moved first, and shapes, all in turn."""
+"""Messages to observers about a scene's bodies with each view: poses, of those that moved first, and shapes, all in turn."""
 
 import math
 
@@ -11,7 +11,8 @@ from cogrip.server.worlds.world import Array, World
 MOVED_M = 1e-4
 MOVED_DEG = 0.1
 BODIES_AT_REST = 8  # poses of a view that are told though they did not change
-SHAPES_A_VIEW = 4
+SHAPES_A_VIEW = 8  # at most
+VIEWS_A_TURN = 16  # in which all shapes are told, where they are few enough
 _TURNED_COS = math.cos(math.radians(0.5 * MOVED_DEG))  # of half the angle, as in a quaternion
 _MOST_M = 1e3
 
@@ -25,11 +26,13 @@ class DrawnBodies:
         self._told_view = np.zeros(0, dtype=np.int64)  # when that was
 
     def messages(self, step: int, world: World) -> list[Bodies | Geom]:
-        """Return what is told after a view; the session is the observer's, to be put in."""
+        """Return what is told with a view; the session is the observer's, to be put in."""
         shapes = world.geoms()
         if not shapes:
             return []
-        chosen = [(self._turn + each) % len(shapes) for each in range(min(SHAPES_A_VIEW, len(shapes)))]
+        chosen = [
+            (self._turn + each) % len(shapes) for each in range(min(SHAPES_A_VIEW, -(-len(shapes) // VIEWS_A_TURN)))
+        ]
         self._turn = (self._turn + len(chosen)) % len(shapes)
         told: list[Bodies | Geom] = [
             Geom(

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from cogrip.protocol import messages
 from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import SHORT, VIEWED_SEATS, Person, Presence, View
+from cogrip.protocol.messages import SHORT, VIEWED_SEATS, Observed, Person, Presence, View
 from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.server.drawn_bodies import DrawnBodies
 from cogrip.server.participants import Observer, Seat
@@ -54,12 +54,16 @@ class ObserverSlots:
         return [each for each in self.observers.values() if now_ns - each.last_received_ns > LOST_NS]
 
     def views(self, step: int, world: World, seats: Sequence[Seat], now_ns: int) -> list[tuple[Address, bytes]]:
-        """Return (address, datagram) of every observer after `step`: a view, some people and bodies; none between two views."""
+        """Return (address, datagram) of every observer after `step`: bodies, a view, some people; none between two views."""
         if not self.observers or step % self._every:
             return []
-        told = [*self._next_people(step, world, seats, now_ns), *self._bodies.messages(step, world)]
+        bodies = self._bodies.messages(step, world)
+        people = self._next_people(step, world, seats, now_ns)
         views = self._views(step, world, [seat.number for seat in seats if seat.on_object], now_ns)
-        return views + [
+        return self._to_all(bodies) + views + self._to_all(people)
+
+    def _to_all(self, told: Sequence[Observed]) -> list[tuple[Address, bytes]]:
+        return [
             (observer.address, messages.encode(replace(each, session=observer.session)))
             for observer in self.observers.values()
             for each in told
