@@ -1,5 +1,7 @@
 """Bodies of a scene in the view: frames, a live session, a recorded run, and the page in a real browser."""
 
+import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from math import cos, isnan, nan, sin
@@ -14,14 +16,16 @@ from cogrip.cli.session.settings_file import load
 from cogrip.devices.web.messages import FrameError
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.messages import Pose, View
+from cogrip.protocol.recording.reader import Message
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import open_run
 from cogrip.sim.runs.replay.verify import verify
 from cogrip.view.frames import BODY_BYTES, decode, decode_chunk, encode, encode_chunk
 from cogrip.view.page import self_contained
-from cogrip.view.recording import open_view
+from cogrip.view.recording import ViewError, open_view
 from cogrip.view.scene import WORKSPACE_M, Scene, to_json, turn_of, workspace_of
 
+from tests.recording_files import rewrite
 from tests.view.browser_page import BrowserPage
 from tests.view.page_server import PageServer, serving
 from tests.view.pictured import frame, moving, scene
@@ -196,3 +200,36 @@ def test_a_recorded_scene_as_one_file(open_page: Open, lift_run: Path, tmp_path:
     ]
     assert [each["visible"] for each in read["drawn"]["bodies"]] == [True] * 3
     assert not any(isnan(value) for each in wanted.bodies for value in each)
+
+
+def test_a_recording_with_impossible_bodies_is_told_or_shown_without_them(lift_run: Path, tmp_path: Path) -> None:
+    def spoil(wanted: str, payload: bytes, after: int = 0) -> Path:
+        seen = 0
+
+        def alter(kind: str, message: Message) -> bytes:
+            nonlocal seen
+            seen += kind == wanted
+            return payload if kind == wanted and seen > after else message.payload
+
+        folder = tmp_path / f"{len(list(tmp_path.iterdir()))}"
+        shutil.copytree(lift_run, folder)
+        rewrite(folder / "server.mcap", alter)
+        return folder
+
+    shape = {"kind": "box", "size_m": [1, 1, 1], "body": 0, "place_m": [0, 0, 0], "orientation": [1, 0, 0, 0]}
+    for wrong in (
+        {"body": 10**9},
+        {"size_m": [1]},
+        {"kind": "mesh"},
+        {"orientation": [1]},
+        {"rgba": [1, 1]},
+        {"place_m": None},
+    ):
+        geoms = json.dumps({"shapes": [{**shape, **wrong}], "offsets_m": []}).encode()
+        with pytest.raises(ViewError, match="does not say what it should"):
+            open_view(spoil("geoms", geoms))
+    short = open_view(spoil("poses", b'{"step": -1, "poses": [1, null]}', after=10))
+    _, frames = decode_chunk(short.chunk(0), 2, 3)
+    assert [isnan(each.bodies[0][0]) for each in frames[:20]] == [False] * 10 + [True] * 10
+    with pytest.raises(ViewError, match="not what its topic says"):
+        open_view(spoil("poses", b'{"step": 4}', after=10)).chunk(0)

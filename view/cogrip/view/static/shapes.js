@@ -46,7 +46,7 @@ export class Ghost extends Group {
   constructor(object, shapes) {
     super();
     this.line = new LineBasicMaterial();
-    this.film = new MeshBasicMaterial({ transparent: true, opacity: 0.16, depthWrite: false });
+    this.film = new MeshBasicMaterial({ transparent: true, opacity: 0.16, depthWrite: false, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
     const drawn = shapes.length > 0 ? shapes : [objectGeometry(object)];
     const outlined = shapes.length > 0 ? shapes : [objectGeometry(object, 12)];
     this.add(...outlined.map((each) => new LineSegments(new EdgesGeometry(each, 1), this.line)), ...drawn.map((each) => new Mesh(each, this.film)));
