@@ -88,7 +88,7 @@ def test_added_tools_start_beside_the_object_each_on_its_side() -> None:
     assert starts == pytest.approx(np.array(expected))
 
 
-@pytest.mark.parametrize("joints", [SLIDES, "<freejoint/>"])
+@pytest.mark.parametrize("joints", [SLIDES, SLIDES.replace("/>", " ref='.5'/>"), "<freejoint/>"])
 def test_bodies_of_the_scene_are_tools_and_begin_where_they_stand(joints: str) -> None:
     body = f"<body name='ball' pos='.1 .2 .3' gravcomp='1'>{joints}<geom size='.02' mass='.1'/></body>"
     world = hold(world_of(f"<mujoco><worldbody>{body}</worldbody></mujoco>", ["ball"]))
@@ -133,6 +133,10 @@ def test_urdf_is_read() -> None:
         ("</worldbody><include file='/etc/passwd'/><worldbody>", [""], r"refers to other files \(/etc/passwd\)"),
         ("</worldbody><option integrator='RK4'/><worldbody>", [""], r'integrator = "RK4" does not keep the energy of a port'),
         ("<geom size='nan'/>", [""], r"does not load: "),
+        ("</worldbody><option gravity='0 0 nan'/><worldbody>" + BALL, [""], r"leave all bounds in the first step; look"),
+        ("</worldbody><option gravity='0 0 -1e30'/><worldbody>" + BALL, [""], r"leave all bounds in the first step"),
+        ("</worldbody><size memory='100G'/><worldbody>", [""], r"<size memory> asks for 107374182400 bytes"),
+        ("<replicate count='99'><replicate count='999'><geom size='1'/></replicate></replicate>", [""], r"has \d+ elements"),
         (f"<body>{JOINT}</body></worldbody><actuator>{MOTOR}</actuator><worldbody>", [""], r"actuators with states"),
     ],
 )  # fmt: skip

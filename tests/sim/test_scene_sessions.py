@@ -33,9 +33,9 @@ class Lift:
         laboratory.run(None, each_frame)
         self.places, self.forces_n = np.array(rows), np.array(forces)
 
-    def slip_m(self) -> float:
+    def slip_m(self, held: slice = HELD) -> float:
         """Return how far a pad moved along the box while it was held."""
-        along = self.places[HELD, 1:, 1:] - self.places[HELD, :1, 1:]
+        along = self.places[held, 1:, 1:] - self.places[held, :1, 1:]
         return float(np.abs(along - along[0]).max())
 
 
@@ -65,6 +65,15 @@ def test_the_box_slips_no_further_on_impaired_networks(network: tuple[str, ...],
     assert not lift.laboratory.diverged
     assert lift.slip_m() <= most_m
     assert lift.world.limiter.limited == 0
+
+
+@pytest.mark.long
+def test_the_box_is_held_for_a_minute() -> None:
+    hands = ["waypoints&times_s=0.5,1.5,2,3&z_m=0,0,0,0.05&x_m=0,0.06,0.07,0.07"]
+    hands.append(hands[0].replace("0.06,0.07,0.07", "-0.06,-0.07,-0.07"))
+    lift = Lift("seconds=62", *(f"users.{number}.hand={hand}" for number, hand in enumerate(hands)))
+    assert lift.places[-1, 0] == pytest.approx([0.0, 0.0, 0.045], abs=1e-3)
+    assert lift.slip_m(slice(round(2.4 * HZ), 62 * HZ)) <= 1e-4
 
 
 def test_a_scene_that_fails_ends_the_session_by_name() -> None:

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from cogrip.cli.session.settings_file import load
 from cogrip.client.recorder import start_of, start_text
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for
@@ -94,7 +94,7 @@ def joined_with(path: Path, device: str) -> None:
 
 @pytest.mark.parametrize("config", every(6, sorted(CONFIGS.glob("*.toml"))), ids=lambda path: path.stem)
 def test_the_same_hands_in_the_same_world_are_the_same_run_bit_for_bit(config: Path, tmp_path: Path) -> None:
-    first = lab(resolve(tomllib.loads(config.read_text()), {"seconds": 1.5}), tmp_path / "first")
+    first = lab(load(config, ["seconds=1.5"]), tmp_path / "first")
     again = lab(what_if(first, {}), tmp_path / "again")
     assert streams(again) == streams(first)
     assert sum(len(messages) for messages in streams(first).values()) > 2000

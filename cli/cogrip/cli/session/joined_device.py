@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from cogrip.cli.session.before_run import ALLOW, HELD_BY_NOBODY, refuse_implausible
 from cogrip.cli.terminal.problem import BadInput
+from cogrip.client import rendered_damper
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import address_of, make_for
@@ -87,8 +88,12 @@ def judge_seat(
         for direction in (seat.up, seat.down)
     )
     refused: tuple[str, ...] = ()
-    if frames > MOST_ADVISED_FRAMES[seat.coupling.kind] or seat.rates.ticks_per_frame > MOST_ADVISED_TICKS:
-        warnings: tuple[str, ...] = ("no advice: the delays are too long for the model",)
+    warnings: tuple[str, ...]
+    if seat.object.kind == "scene":  # there is no model; what its device carries is known
+        warnings = tuple(filter(None, [rendered_damper.refusal(seat, record)]))
+        refused = () if allow_unstable else warnings
+    elif frames > MOST_ADVISED_FRAMES[seat.coupling.kind] or seat.rates.ticks_per_frame > MOST_ADVISED_TICKS:
+        warnings = ("no advice: the delays are too long for the model",)
     else:
         try:
             advice = advise_seat(seat, record)

@@ -22,13 +22,12 @@ import numpy as np
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
-from cogrip.server.worlds.scene_file import Scene
+from cogrip.server.worlds.scene_file import MOST_RATE, Scene
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.world import Array, World, WorldError, dot
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _FULL = (mujoco.mjtWarning.mjWARN_CONTACTFULL, mujoco.mjtWarning.mjWARN_CNSTRFULL)
-MOST_SPEED = 1e5  # of anything [m/s, rad/s]: a state beyond it is no motion
 
 
 class Saved(msgspec.Struct, frozen=True):
@@ -78,7 +77,7 @@ class SceneWorld(World):
         self._grips = [self._grip(tool.body, tool.dof) for tool in scene.tools]
         start = np.array([model.body_pos[tool.body] for tool in scene.tools])
         self.offset = self._start - start  # from the object's frame to each hand's own
-        self._zero = np.where([[tool.free] for tool in scene.tools], start, 0.0)  # coordinates of a hand at 0
+        self._zero = model.qpos0[self._places]  # coordinates of a hand at 0
         self._state = np.zeros(mujoco.mj_stateSize(model, _STATE))
         for user in range(len(seats)):
             self._park(user)
@@ -227,7 +226,7 @@ class SceneWorld(World):
             data.efc_margin[:] = 0.0
             mujoco.mj_step2(model, data)
             everything = data.qvel
-            if not everything.dot(everything) < MOST_SPEED**2:
+            if not everything.dot(everything) < MOST_RATE**2:
                 raise WorldError(
                     f"the scene left all bounds at {data.time:.3f} s: velocities are {_largest(everything)}"
                 )

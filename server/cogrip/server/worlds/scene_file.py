@@ -5,11 +5,13 @@ MuJoCo's contact creates energy as it comes: at impedance d near 1 a new contact
     solimp = d d w .5 2      solref = -kappa (1 - d), -beta (1 - d)      d = 0.1, kappa = 4e5 1/s^2, beta = 1300 1/s
 
 each contact is a spring K = kappa M beside a damper B = beta M, M the mass that it meets (of a tool of mass m at a port of
-impedance b, against a fixed body: m + h b, step h). A scene that sets such values itself keeps them (`Scene.own`).
+impedance b, against a fixed body: m + h b, step h). What is held by friction creeps, a box of 0.2 kg between two hands by
+1.2 mm a minute at impratio 100, by 0.04 mm at 3000. A scene that sets such values itself keeps them (`Scene.own`).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from xml.parsers import expat
 
@@ -17,6 +19,9 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 MOST_BYTES = 8_000_000
+MOST_ELEMENTS = 5000  # of XML, those that it repeats counted: more take minutes to load
+MOST_MEMORY = 2**28  # that <size memory> may ask for
+MOST_RATE = 1e5  # of anything after one step [m/s, rad/s]
 MOST_NAMED = 5  # of a list of names in an error
 TOOLS = ("pad", "ball", "box")
 """Tools that are added; `tool = ""` is the first."""
@@ -28,7 +33,7 @@ _GEOM = {"margin": 0.005, "condim": 4, "solimp": (0.1, 0.1, 0.001, 0.5, 2.0), "s
 _OPTION = {
     "integrator": mujoco.mjtIntegrator.mjINT_DISCRETE,
     "cone": mujoco.mjtCone.mjCONE_ELLIPTIC,
-    "impratio": 100.0,
+    "impratio": 3000.0,
     "jacobian": mujoco.mjtJacobian.mjJAC_DENSE,
 }
 _SLIDES = [mujoco.mjtJoint.mjJNT_SLIDE] * 3
@@ -41,12 +46,12 @@ class SceneError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Tool:
-    """A body that a seat's port moves. dof, coordinate: first of its three in velocities and positions."""
+    """A body that a seat's port moves. dof, coordinate: first of its three. free: by a free joint."""
 
     body: int
     dof: int
     coordinate: int
-    free: bool  # it has a free joint: its coordinates are places in the world, not displacements from its start
+    free: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +99,10 @@ def make_scene(text: str, tools: Sequence[str], sides: Sequence[str], step_s: fl
     options = _scan(text, name)
     try:
         spec = mujoco.MjSpec.from_string(text)
+        if spec.memory > MOST_MEMORY:
+            raise SceneError(
+                f"{name}: <size memory> asks for {spec.memory} bytes, more than {MOST_MEMORY}; leave it out"
+            )
         bare = spec.compile()
         filled, own = _complete(spec, options, step_s)
         bodies = {body.name for body in spec.bodies[1:] if body.name}
@@ -106,6 +115,7 @@ def make_scene(text: str, tools: Sequence[str], sides: Sequence[str], step_s: fl
                 place = object_m + np.array([sign * (radius_m + CLEAR_M), APART_M * len(before), 0.0])
                 _add_tool(spec, body, tool or TOOLS[0], place.tolist())
         model = spec.compile()
+        _try_step(model, name)
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
         if isinstance(error, SceneError):
             raise
@@ -124,6 +134,16 @@ def make_scene(text: str, tools: Sequence[str], sides: Sequence[str], step_s: fl
     return Scene(model, found, _first_free(model, {tool.body for tool in found}), filled, own)
 
 
+def _try_step(model: mujoco.MjModel, name: str) -> None:
+    """Raise SceneError for a scene with a number in it that is none."""
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data)
+    if not bool(np.all(np.abs(data.qvel) < MOST_RATE)):
+        raise SceneError(
+            f"{name}: its bodies leave all bounds in the first step; look for a number that is none, or huge"
+        )
+
+
 def _counted(text: str) -> None:
     """Do nothing: MuJoCo would write its warnings to a file here. It counts them, and the world looks at its state."""
 
@@ -135,21 +155,32 @@ def _one_line(error: Exception) -> str:
 
 
 def _scan(text: str, name: str) -> set[str]:
-    """Return the attributes of <option>. Raises SceneError for files that it refers to, and what is no XML."""
+    """Return the attributes of <option>. Raises SceneError for files that it refers to, too many elements, and no XML."""
     files: list[str] = []
     options: set[str] = set()
+    repeats = [1]  # of each element around the present one
+    elements = 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal elements
         files.extend(value for key, value in attributes.items() if key.lower().startswith("file"))
         if tag == "option":
             options.update(attributes)
+        counts = [int(word) for word in attributes.get("count", "").split() if word.isdigit()]
+        repeats.append(repeats[-1] * prod(counts))
+        elements += repeats[-1]
+
+    def end(tag: str) -> None:
+        repeats.pop()
 
     parser = expat.ParserCreate()
-    parser.StartElementHandler = start
+    parser.StartElementHandler, parser.EndElementHandler = start, end
     try:
         parser.Parse(text.encode("utf-8"), True)
     except expat.ExpatError as error:
         raise SceneError(f"{name}: does not load: {error}") from None
+    if elements > MOST_ELEMENTS:
+        raise SceneError(f"{name}: has {elements} elements, more than {MOST_ELEMENTS}; leave some out")
     if files:
         more = f" and {len(files) - MOST_NAMED} more" if len(files) > MOST_NAMED else ""
         raise SceneError(

@@ -1,0 +1,76 @@
+"""Settings files of scenes: where the scene is looked for, and how one that cannot be used is said."""
+
+from pathlib import Path
+
+import pytest
+
+from cogrip.cli.session.joined_device import judge_seat
+from cogrip.cli.session.settings_file import load
+from cogrip.cli.session.shipped_settings import shipped_scene
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.devices.registry import make
+from cogrip.protocol.settings import seat_settings
+
+SETTINGS = '[object]\nkind = "scene"\naxes = 3\nfile = "{file}"\n'
+SCENE = "<mujoco><worldbody><geom type='plane' size='1 1 1'/></worldbody></mujoco>"
+
+
+@pytest.fixture
+def room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the path of settings with mine.xml in a folder below the present one."""
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "room"
+    folder.mkdir()
+    (folder / "mine.xml").write_text(SCENE)
+    (folder / "room.toml").write_text(SETTINGS.format(file="mine.xml"))
+    return folder / "room.toml"
+
+
+def test_a_scene_is_beside_its_settings(room: Path) -> None:
+    assert load(Path("room/room.toml")).object.file == str(room.with_name("mine.xml"))
+
+
+def test_else_it_is_the_one_that_comes_with_cogrip(room: Path) -> None:
+    room.write_text(SETTINGS.format(file="lift.xml"))
+    assert load(room).object.file == str(shipped_scene("lift.xml"))
+    room.with_name("lift.xml").write_text(SCENE)
+    assert load(room).object.file == str(room.with_name("lift.xml"))
+
+
+def test_a_scene_on_the_command_line_is_in_this_folder(room: Path, tmp_path: Path) -> None:
+    (tmp_path / "other.xml").write_text(SCENE)
+    assert load(room, ["object.file=other.xml"]).object.file == str(tmp_path / "other.xml")
+    assert load(room, ["object.file=pile.xml"]).object.file == str(shipped_scene("pile.xml"))
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (
+            ["object.file=none.xml"],
+            r"room\.toml: object\.file: .*/none\.xml: there is no such file; give MJCF or URDF$",
+        ),
+        (["users.0.tool=hand"], r"room\.toml: object\.file: mine\.xml: there is no body 'hand' to be a tool"),
+        (
+            ["object.axes=2"],
+            r"room\.toml: object\.kind = \"scene\": object\.axes = 2, but a scene has 3; set object\.axes = 3$",
+        ),
+    ],
+)
+def test_a_scene_that_cannot_be_used_is_said_before_anything_starts(
+    room: Path, overrides: list[str], words: str
+) -> None:
+    with pytest.raises(BadInput, match=words):
+        load(room, overrides)
+
+
+def test_a_device_in_a_scene_is_refused_what_it_does_not_carry_and_warned_of_nothing_else() -> None:
+    record, said = make("sim:phantom", axes=3).capability, list[str]()
+    assert judge_seat("sim:phantom", False, said.append, seat_settings(load(Path("lift")), 0), record) == ""
+    assert said == []
+    heavy = seat_settings(load(Path("lift"), ["coupling.impedance_nspm=500"]), 0)
+    assert "b = 500 N s/m is more than device sim:phantom carries" in judge_seat(
+        "sim:phantom", False, said.append, heavy, record
+    )
+    assert judge_seat("sim:phantom", True, said.append, heavy, record) == ""
+    assert len(said) == 1
