@@ -122,6 +122,7 @@ def test_a_recorded_scene_is_drawn_bit_for_bit_as_recorded(lift_run: Path) -> No
         assert tool is not None
         at = [value + away for value, away in zip(state.proxy_m, who.anchor_m, strict=True)]
         assert at == pytest.approx(last.bodies[tool][:3], abs=1e-12), "a proxy is at its tool"
+    assert server.columns("poses")["poses"].tobytes() == np.array(list(recorded.values())).tobytes()
     assert verify(server.recording).exact
 
 

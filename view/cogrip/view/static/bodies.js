@@ -6,14 +6,14 @@ import {
 } from "three";
 
 const LEAST_M = 1e-4; // a side of nothing has no normal
-const NO_END = 10; // half the side of a plane without an end, in workspaces
+const WIDEST = 0.75; // half the side of a plane as it is drawn, in workspaces: contact has no end, and a full picture is slow to draw
 
 /** @typedef {{kind: string, size_m: number[], body: number | null, place_m: number[], orientation: number[], rgba: number[] | null, seat: number | null, object: boolean}} Shape */
 
 /** @param {Shape} shape @param {number} extent_m of the workspace @returns {import("three").BufferGeometry} in the frame of its body */
 export function shapeGeometry({ kind, size_m, place_m, orientation: [w, x, y, z] }, extent_m) {
   const [a, b, c] = size_m.map((each) => Math.max(each, LEAST_M));
-  const side = (half) => 2 * (half > 0 ? half : NO_END * extent_m);
+  const side = (half) => 2 * Math.min(half > 0 ? half : Infinity, WIDEST * extent_m);
   const make = {
     box: () => new BoxGeometry(2 * a, 2 * b, 2 * c),
     sphere: () => new SphereGeometry(a, 24, 16),
@@ -40,7 +40,7 @@ class DrawnShape extends Group {
     const [red, green, blue, alpha] = shape.rgba ?? [0, 0, 0, plane ? 0.35 : 1];
     this.colour = own ? new Color(own) : shape.rgba ? new Color().setRGB(red, green, blue, "srgb") : new Color(shape.body === null ? colours.fixed : colours.object);
     const seenThrough = !own && alpha < 1;
-    this.material = new MeshLambertMaterial({ transparent: seenThrough, opacity: own ? 1 : alpha, side: plane ? DoubleSide : FrontSide, depthWrite: !seenThrough });
+    this.material = new MeshLambertMaterial({ transparent: seenThrough, opacity: own ? 1 : alpha, side: plane ? DoubleSide : FrontSide, depthWrite: !seenThrough, polygonOffset: plane, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
     this.add(new Mesh(geometry, this.material));
     this.edges = new LineBasicMaterial();
     if (["box", "cylinder"].includes(shape.kind) && !own) this.add(new LineSegments(new EdgesGeometry(geometry, 30), this.edges));
