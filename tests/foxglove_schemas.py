@@ -21,7 +21,8 @@ _TEXT = {
 }  # fmt: skip
 _ENTITY = {
     "timestamp": _TIME, "frame_id": str, "id": str, "lifetime": _TIME, "frame_locked": bool,
-    "metadata": [{"key": str, "value": str}], "arrows": [_ARROW], "cubes": [_SIZED], "spheres": [_SIZED], "cylinders": [{}],
+    "metadata": [{"key": str, "value": str}], "arrows": [_ARROW], "cubes": [_SIZED], "spheres": [_SIZED],
+    "cylinders": [{**_SIZED, "bottom_scale": float, "top_scale": float}],
     "lines": [_LINE], "triangles": [{}], "texts": [_TEXT], "models": [{}],
 }  # fmt: skip
 PUBLISHED: dict[str, Any] = {

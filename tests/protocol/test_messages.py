@@ -1,7 +1,7 @@
 """The datagrams: round trip, sizes, and a decoder that lets nothing else through and raises nothing else."""
 
 import math
-from typing import Any
+from typing import Any, get_args
 
 import msgpack
 import msgspec
@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from cogrip.protocol import accounts, messages
 from cogrip.protocol.accounts import ClientAccount, DeviceAccount, PlayoutAccount, RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.drawing import ShapeKind
 from cogrip.protocol.messages import HELLO_BYTES, VIEWED_SEATS, Hello, MalformedError, decode, encode, padded
 from cogrip.protocol.session import ClientSession, make_hello, nonce_of
 from cogrip.protocol.settings import resolve, seat_settings
@@ -22,6 +23,7 @@ SECRET = "x" * 32
 COUNT = accounts.LinkCount(*[BIG] * 7)
 TIMES = accounts.Percentiles(0.1, 0.1, 0.1, 0.1)
 ROW = (0.1, 0.1, 0.1)
+TURNED = (0.5, -0.5, 0.5, 0.5)
 PLAYOUT = PlayoutAccount(0.1, *[BIG] * 6)
 TICKS = TickCount(BIG, BIG, TIMES, TIMES)
 CLIENT = ClientAccount(
@@ -58,6 +60,8 @@ LARGEST: dict[str, messages.AnyMessage] = {
     "person": messages.Person(
         BIG, 2**53, 255, WORDS, "joining", ROW, ROW, 1e5 + 0.1, 1e5 + 0.1, 1e5 + 0.1, *(2**53,) * 4, *(0.1,) * 4
     ),
+    "bodies": messages.Bodies(BIG, 2**53, messages.pack_poses([(1023, (*ROW, *TURNED))] * messages.MOST_POSES)),
+    "geom": messages.Geom(BIG, 1024, 1023, "ellipsoid", ROW, 1023, ROW, TURNED, (0.1,) * 4, 255, True),
 }
 
 short_texts = st.text(max_size=40)
@@ -78,6 +82,10 @@ def tuples(values: st.SearchStrategy[float], low: int, high: int) -> st.SearchSt
     return st.lists(values, min_size=low, max_size=high).map(tuple)
 
 
+quaternions = tuples(st.floats(0.1, 1.0), 4, 4).map(lambda row: tuple(each / math.hypot(*row) for each in row))
+poses = st.tuples(
+    st.integers(0, 1023), st.tuples(tuples(st.floats(-1e3, 1e3), 3, 3), quaternions).map(lambda two: two[0] + two[1])
+)
 hellos = st.builds(
     Hello, st.just(messages.MAGIC), counters, short_texts, nanoseconds, short_texts, short_texts, short_texts, short_texts,
     st.integers(1, 6), st.floats(1.0, 1e6), bounds, bounds, roles, secrets, secrets,
@@ -113,6 +121,12 @@ anything = st.one_of(
         messages.Person, sessions, counters, st.integers(0, 255), short_texts, st.sampled_from(["joining", "live", "silent"]),
         tuples(st.floats(-1e3, 1e3), 0, 3), tuples(st.floats(-1e3, 1e3), 0, 3), delays, delays, delays, counts, counts,
         counters, counters, *[st.none() | totals] * 4,
+    ),
+    st.builds(messages.Bodies, sessions, counters, st.lists(poses, min_size=1, max_size=39).map(messages.pack_poses)),
+    st.builds(
+        messages.Geom, sessions, st.integers(1, 1024), st.integers(0, 1023), st.sampled_from(get_args(ShapeKind)),
+        tuples(st.floats(0.0, 1e3), 3, 3), st.none() | st.integers(0, 1023), tuples(st.floats(-1e3, 1e3), 3, 3), quaternions,
+        st.none() | tuples(st.floats(0.0, 1.0), 4, 4), st.none() | st.integers(0, 255), st.booleans(),
     ),
 )  # fmt: skip
 
@@ -243,7 +257,7 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
         "hello": 946, "welcome": 982, "refuse": 485, "waves": 1053, "state": 122, "power": 206, "heartbeat": 39, "leave": 1178,
-        "farewell": 685, "view": 1008, "person": 349,
+        "farewell": 685, "view": 1008, "person": 349, "bodies": 1193, "geom": 163,
     }  # fmt: skip
     assert max(largest["welcome"], largest["refuse"]) <= HELLO_BYTES, "no answer to anyone is longer than the hello"
     assert len(padded(LARGEST["hello"])) == HELLO_BYTES
@@ -329,9 +343,26 @@ def test_another_magic_is_no_hello() -> None:
     assert messages.foreign_version(datagram) is None
 
 
+@pytest.mark.parametrize(
+    "pose",
+    [
+        (1024, (*ROW, *TURNED)), (0, (1e4, 0.0, 0.0, *TURNED)), (0, (math.nan, 0.0, 0.0, *TURNED)),
+        *((0, (*ROW, *turned, 0.0, 0.0)) for turned in ((1.0, 0.1), (0.0, 0.0), (math.nan, 0.0), (math.inf, 0.0))),
+    ],
+)  # fmt: skip
+def test_a_pose_out_of_bounds_is_malformed(pose: tuple[int, tuple[float, ...]]) -> None:
+    good = messages.pack_poses([(7, (*ROW, *TURNED))])
+    assert read(msgpack.packb([12, 1, 0, good]))
+    for wrong in (good + messages.pack_poses([pose]), good[:-1], good + b"\0", good * 40, b""):
+        assert read(msgpack.packb([12, 1, 0, wrong])) is None
+    if pose[1][3:] != TURNED:
+        whole = msgpack.unpackb(encode(LARGEST["geom"]))
+        assert read(msgpack.packb([*whole[:8], pose[1][3:], *whole[9:]])) is None
+
+
 def test_messages_of_the_two_ends_are_told_by_their_tag() -> None:
     tags = {name: msgpack.unpackb(encode(message))[0] for name, message in LARGEST.items()}
-    assert list(tags.values()) == [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
+    assert list(tags.values()) == [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13]
     assert messages.encode is encode
 
 

@@ -19,6 +19,7 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
+from cogrip.protocol.drawing import Shape
 from cogrip.protocol.recording import reader
 from cogrip.protocol.recording.header import CHECK, FORMAT, NAME, Header, checksum, versions_here
 from cogrip.protocol.recording.reader import MOST_PACKED, Message, Recording, RecordingError, open_recording
@@ -124,6 +125,11 @@ def values(hint: Any) -> st.SearchStrategy[Any]:
         return st.lists(values(get_args(hint)[0]), max_size=3).map(tuple)
     if get_origin(hint) is tuple:
         return st.tuples(*map(values, get_args(hint)))
+    if hint is Shape:
+        turned = Shape(
+            "capsule", (0.1, 0.2, 0.0), 3, (0.1, 0.0, -0.1), (0.5, -0.5, 0.5, 0.5), (1.0, 0.5, 0.0, 1.0), 1, True
+        )
+        return st.sampled_from([Shape("box", (0.1, 0.2, 0.3)), turned])
     assert issubclass(hint, SeatStep), hint
     return records(hint)
 

@@ -17,7 +17,7 @@ from cogrip.protocol.session import LOST_NS, make_hello
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.admission import Denied, Grant, Outside
 from cogrip.server.inputs import CloseLedger, Idle, Kick, Revoke, ServerInput, Stop, UnbindAddress, decode
-from cogrip.server.recorder import INPUT, KINDS, RecordedServer, server_topics
+from cogrip.server.recorder import INPUT, KINDS, RecordedServer
 
 from tests.recorded_end import Put, RecordedEnd, mangled, next_frame, well_formed
 
@@ -64,7 +64,7 @@ class Server(RecordedEnd):
             lambda ticket: f"hash{zlib.crc32(ticket.encode()):08x}",
         )  # fmt: skip
         core = RecordedServer(self.rooms, "test", outside)
-        super().__init__(core, server_topics([room.name for room in self.rooms]))
+        super().__init__(core, core.topics)
         for room in self.core.rooms:  # the pacer of a live loop tells more every time
             self.core.count_ticks(room, lambda: TickCount(due=(number := next(asked)), run=number))
         self.now_ns = 1_000_000_000

@@ -18,7 +18,18 @@ from hypothesis import strategies as st
 
 from cogrip.client.recorder import client_topics
 from cogrip.protocol.recording.header import Header, versions_here
-from cogrip.protocol.recording.records import KINDS, Datagram, Ledger, Record, SeatStep, Step, Tick, kind_of
+from cogrip.protocol.recording.records import (
+    KINDS,
+    Datagram,
+    Geoms,
+    Ledger,
+    Poses,
+    Record,
+    SeatStep,
+    Step,
+    Tick,
+    kind_of,
+)  # fmt: skip
 from cogrip.protocol.recording.schema import DESCRIPTIONS, unit_of
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.settings import resolve
@@ -161,10 +172,12 @@ def test_addresses_are_written_as_one_types_them(address: str, text: str | None)
 
 A_SEAT = SeatStep("anna", True, (0.0,), (0.0,), 0.0, 0.0, 0.0, 0.0, 0)
 A_STEP = Step(step=1, object_m=(0.0,), object_mps=(0.0,), seats=(A_SEAT,))
-SAMPLES: dict[str, Record] = {"Tick": a_tick(axes=3), "Step": A_STEP}
+SAMPLES: dict[str, Record] = {"Tick": a_tick(axes=3), "Step": A_STEP, "Poses": Poses(1, (0.0,) * 7)}
 
 
-@pytest.mark.parametrize("record", sorted(set(KINDS.values()) - {Datagram, Ledger}, key=lambda each: each.__name__))
+@pytest.mark.parametrize(
+    "record", sorted(set(KINDS.values()) - {Datagram, Geoms, Ledger}, key=lambda each: each.__name__)
+)
 def test_no_field_of_a_record_is_forgotten(record: type[Record]) -> None:
     """A field that is added to a record has a column without anybody thinking of it; `unfit` stands in the sample's."""
     sample = SAMPLES.get(record.__name__)

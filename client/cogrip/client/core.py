@@ -19,7 +19,7 @@ from cogrip.client.seated import MakePort, SeatedClient
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
 from cogrip.protocol.histogram import DurationHistogram
-from cogrip.protocol.messages import Hello, Person, Stamp
+from cogrip.protocol.messages import Bodies, Geom, Hello, Person, Stamp
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
 
@@ -98,7 +98,7 @@ class ClientCore:
             return
         if welcome is not None and welcome.session != seated.session_id:
             seated.renew(welcome.session)
-        if message is None or isinstance(message, Person):
+        if message is None or isinstance(message, Person | Bodies | Geom):
             return
         if seated.tick < 0:  # the device is still being opened: what comes now must not set the jitter buffer
             session.drop("before the first tick")

@@ -1,10 +1,11 @@
-"""An observer without I/O: the session, the newest view of the object, and the newest message about each person."""
+"""An observer without I/O: the session, the newest view of the object, each person and each body of a scene."""
 
 from collections import deque
 
 from cogrip.client.inputs import Connect, Leave, Poll, SessionInput
+from cogrip.client.observed_scene import ObservedScene
 from cogrip.protocol.histogram import DurationHistogram
-from cogrip.protocol.messages import Person, View
+from cogrip.protocol.messages import Bodies, Geom, Person, View
 from cogrip.protocol.session import ClientSession
 
 GONE_NS = 1_000_000_000  # without a message about somebody, of whom there are 16 a second at least
@@ -14,6 +15,7 @@ class ObserverCore:
     """`view` is the newest one, None before the first; `age_ns` says how old it is.
 
     people   seat -> newest message about who has it; those heard last before GONE_NS are left out. An older server sends none
+    scene    shapes and poses of a scene's bodies
     """
 
     def __init__(self, session: ClientSession) -> None:
@@ -23,6 +25,7 @@ class ObserverCore:
         self.view: View | None = None
         self.views = 0
         self.people: dict[int, Person] = {}
+        self.scene = ObservedScene()
         self._heard_ns: dict[int, int] = {}
         self._seen_ns = 0
         self._session_id = 0
@@ -48,6 +51,10 @@ class ObserverCore:
         message = self.session.receive(datagram, now_ns)
         if isinstance(message, Person):
             self._receive_person(message, now_ns)
+            return
+        if isinstance(message, Bodies | Geom):
+            if reason := self.scene.receive(message):
+                self.session.drop(reason)
             return
         if not isinstance(message, View):  # the session counts a coupling's frames as unexpected
             return

@@ -1,8 +1,37 @@
-"""Drawing of a session, the same for every viewer: colours of people, sizes of objects, the points where people hold them."""
+"""Drawing of a session, the same for every viewer: colours of people, sizes of objects, the points where people hold them,
+shapes of a scene's bodies."""
 
 from collections.abc import Sequence
+from typing import Annotated, Literal
+
+import msgspec
 
 Vector = tuple[float, float, float]
+ShapeKind = Literal["box", "sphere", "capsule", "cylinder", "ellipsoid", "plane"]
+Three = Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=3)]
+Four = Annotated[tuple[float, ...], msgspec.Meta(min_length=4, max_length=4)]
+MOST_SHAPES = 1024  # of a scene, and bodies that move; further ones are left out
+UNTURNED: Four = (1.0, 0.0, 0.0, 0.0)
+
+
+class Shape(msgspec.Struct, frozen=True):
+    """A drawn shape of a scene, in the frame of its body or, fixed to the world, in the object's frame at the start.
+
+    body         number of its body among those that move and have shapes; None: it is fixed
+    size_m       as MJCF has it: radius, half lengths; of a plane 0 along an axis that has no end
+    orientation  quaternion w, x, y, z
+    rgba         None where the scene gives no colour
+    """
+
+    kind: ShapeKind
+    size_m: Three
+    body: Annotated[int, msgspec.Meta(ge=0, lt=MOST_SHAPES)] | None = None
+    place_m: Three = (0.0, 0.0, 0.0)
+    orientation: Four = UNTURNED
+    rgba: Four | None = None
+    seat: int | None = None  # whose tool it is part of
+    object: bool = False  # it is part of the room's object
+
 
 FORCE_M_PER_N = 0.01  # length of a force's arrow
 LEAST_DRAWN_N = 0.02  # a smaller force is neither an arrow nor a contact
@@ -40,6 +69,8 @@ def anchors_m(kind: str, sides: Sequence[str]) -> list[Vector]:
     """
     if kind == "cube" and len(set(sides)) == 1:
         sides = [("left", "right")[seat % 2] for seat in range(len(sides))]
+    if kind == "scene":  # the tool itself
+        return [(0.0, 0.0, 0.0)] * len(sides)
     depth, width, _ = object_size_m(kind)
     found: list[Vector] = []
     for seat, side in enumerate(sides):

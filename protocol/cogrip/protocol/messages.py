@@ -5,11 +5,14 @@ nothing but it. Only the accounts of the last two messages hold free numbers: a 
 no force is computed from them.
 """
 
+from collections.abc import Sequence
+from struct import Struct
 from typing import Annotated, Any, Literal
 
 import msgspec
 
 from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
+from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
 from cogrip.protocol.settings import SeatNumber, SeatSettings
 
 PROTOCOL_VERSION = 3
@@ -43,6 +46,16 @@ Bound = Annotated[float, msgspec.Meta(ge=0.0, le=NO_BOUND)]
 Milliseconds = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
 Frames = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Presence = Literal["joining", "live", "silent"]
+MOST_POSES = 39  # of one message
+_POSE = Struct("<H7f")
+MOST_POSE_BYTES = MOST_POSES * _POSE.size
+UNIT = 1e-3  # a unit quaternion's squares add up to 1 within this
+BodyNumber = Annotated[int, msgspec.Meta(ge=0, le=MOST_SHAPES - 1)]
+Sizes = Annotated[tuple[Annotated[float, msgspec.Meta(ge=0.0, le=1e3)], ...], msgspec.Meta(min_length=3, max_length=3)]
+Place = Annotated[tuple[Metres, ...], msgspec.Meta(min_length=3, max_length=3)]
+Quaternion = Annotated[tuple[float, ...], msgspec.Meta(min_length=4, max_length=4)]
+Rgba = Annotated[tuple[Annotated[float, msgspec.Meta(ge=0.0, le=1.0)], ...], msgspec.Meta(min_length=4, max_length=4)]
+Pose = tuple[float, ...]  # place [m], quaternion w, x, y, z
 
 
 class MalformedError(ValueError):
@@ -213,8 +226,64 @@ class Person(Message, frozen=True, tag=11):
     line_reserve_j: Total | None
 
 
+class Bodies(Message, frozen=True, tag=12):
+    """Poses of some of a scene's bodies for an observer: records of body, place [m], quaternion w, x, y, z (`_POSE`)."""
+
+    session: Session
+    number: Counter  # of the room's step
+    poses: Annotated[bytes, msgspec.Meta(min_length=_POSE.size, max_length=MOST_POSE_BYTES)]
+
+    def __post_init__(self) -> None:
+        if len(self.poses) % _POSE.size:
+            raise ValueError(f"{len(self.poses)} bytes are no whole poses")
+        for body, pose in self.read():
+            if body >= MOST_SHAPES or not all(abs(each) <= 1e3 for each in pose) or not _is_unit(pose[3:]):
+                raise ValueError(f"the pose of body {body} is out of bounds")
+
+    def read(self) -> list[tuple[int, Pose]]:
+        """Return body and pose of each record."""
+        return [(body, tuple(pose)) for body, *pose in _POSE.iter_unpack(self.poses)]
+
+
+class Geom(Message, frozen=True, tag=13):
+    """One of the shapes that a scene is drawn of, for an observer (`drawing.Shape`)."""
+
+    session: Session
+    count: Annotated[int, msgspec.Meta(ge=1, le=MOST_SHAPES)]  # of shapes
+    number: BodyNumber  # of this one, from 0
+    kind: ShapeKind
+    size_m: Sizes
+    body: BodyNumber | None
+    place_m: Place
+    orientation: Quaternion
+    rgba: Rgba | None
+    seat: SeatNumber | None
+    object: bool
+
+    def __post_init__(self) -> None:
+        if not _is_unit(self.orientation):
+            raise ValueError("the orientation is no unit quaternion")
+
+    @property
+    def shape(self) -> Shape:
+        """The shape itself."""
+        return Shape(
+            self.kind, self.size_m, self.body, self.place_m, self.orientation, self.rgba, self.seat, self.object
+        )
+
+
+def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
+    """Return the records of a `Bodies`."""
+    return b"".join([_POSE.pack(body, *pose) for body, pose in poses])
+
+
+def _is_unit(quaternion: Sequence[float]) -> bool:
+    return abs(sum([each * each for each in quaternion]) - 1.0) <= UNIT
+
+
 Frame = Waves | State | Power  # what couplings send, one a frame
-AnyMessage = Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell | View | Power | Person
+Observed = Person | Bodies | Geom  # what observers are sent beside views
+AnyMessage = Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell | View | Power | Observed
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
 _raw_decoder = msgspec.msgpack.Decoder(list[msgspec.Raw])

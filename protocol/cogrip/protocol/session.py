@@ -15,11 +15,14 @@ from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import (
     PROTOCOL_VERSION,
+    Bodies,
     Farewell,
     Frame,
+    Geom,
     Heartbeat,
     Hello,
     Leave,
+    Observed,
     Person,
     Refuse,
     View,
@@ -40,7 +43,7 @@ LEAVE_GIVE_UP_NS = 600_000_000
 SECONDS_OVER = "its --seconds are over"  # of a server with a time limit: no session is cut short
 IN_ORDER = "the server was stopped"  # the farewell of a server that was stopped on purpose begins with this
 
-FOR_OBSERVERS = (View, Person)  # tuples: a union would be made for every datagram
+FOR_OBSERVERS = (View, Person, Bodies, Geom)  # tuples: a union would be made for every datagram
 FOR_CLIENTS = (messages.Waves, messages.State, messages.Power, *FOR_OBSERVERS)
 
 ClientState = Literal["idle", "connecting", "seated", "resuming", "leaving", "closed"]
@@ -148,7 +151,7 @@ class ClientSession:
             return False
         return isinstance(message, Welcome) and message.nonce == self._asked.nonce
 
-    def receive(self, datagram: bytes, now_ns: int) -> Frame | View | Person | None:
+    def receive(self, datagram: bytes, now_ns: int) -> Frame | View | Observed | None:
         """Take in a datagram; return a message for the coupling or the observer. What does not fit is dropped and counted."""
         try:
             message = messages.decode(datagram)

@@ -32,7 +32,7 @@ from cogrip.server import inputs
 from cogrip.server.admission import AdmitAll, Authenticator, Outside
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.rate_limit import Buckets, Budget
-from cogrip.server.recorder import WHO, RecordedServer, server_topics
+from cogrip.server.recorder import WHO, RecordedServer
 
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
 MOST_AT_ONCE = 1024  # datagrams that are received before a tick: a flood beyond that is the kernel's to drop
@@ -152,7 +152,7 @@ class LiveServer:
         first, epoch_ns = self.rooms[0], time.time_ns() - time.monotonic_ns()
         header = Header(
             "server", WHO, self.core.start, first.rates.network_hz, first.seed, epoch_ns, False, versions_here(),
-            server_topics([room.name for room in self.rooms]),
+            self.core.topics,
         )  # fmt: skip
         recorder = open_recorder(self.record_at, header, lambda text: self.say(ServerEvent("trouble", text)))
         self.core.record(recorder or Nowhere())

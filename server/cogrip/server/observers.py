@@ -6,8 +6,9 @@ from msgspec.structs import replace
 
 from cogrip.protocol import messages
 from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import SHORT, VIEWED_SEATS, Person, Presence, View
+from cogrip.protocol.messages import SHORT, VIEWED_SEATS, Observed, Person, Presence, View
 from cogrip.protocol.session import LOST_NS, QUIET_NS
+from cogrip.server.drawn_bodies import DrawnBodies
 from cogrip.server.participants import Observer, Seat
 from cogrip.server.worlds.world import World
 
@@ -30,6 +31,7 @@ class ObserverSlots:
         self.observers: dict[int, Observer] = {}
         self._every = -(-network_hz // VIEWS_HZ)  # rounded up
         self._turn = 0
+        self._bodies = DrawnBodies()
 
     @property
     def full(self) -> bool:
@@ -52,15 +54,19 @@ class ObserverSlots:
         return [each for each in self.observers.values() if now_ns - each.last_received_ns > LOST_NS]
 
     def views(self, step: int, world: World, seats: Sequence[Seat], now_ns: int) -> list[tuple[Address, bytes]]:
-        """Return (address, datagram) of every observer after `step`: a view and some of the people; none between two views."""
+        """Return (address, datagram) of every observer after `step`: bodies, a view, some people; none between two views."""
         if not self.observers or step % self._every:
             return []
+        bodies = self._bodies.messages(step, world)
         people = self._next_people(step, world, seats, now_ns)
         views = self._views(step, world, [seat.number for seat in seats if seat.on_object], now_ns)
-        return views + [
-            (observer.address, messages.encode(replace(person, session=observer.session)))
+        return self._to_all(bodies) + views + self._to_all(people)
+
+    def _to_all(self, told: Sequence[Observed]) -> list[tuple[Address, bytes]]:
+        return [
+            (observer.address, messages.encode(replace(each, session=observer.session)))
             for observer in self.observers.values()
-            for person in people
+            for each in told
         ]
 
     def _next_people(self, step: int, world: World, seats: Sequence[Seat], now_ns: int) -> list[Person]:

@@ -13,7 +13,7 @@ from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.derived import derived_topics
-from cogrip.protocol.recording.records import Answer, Datagram, Event, Ledger, SeatStep, Step
+from cogrip.protocol.recording.records import Answer, Datagram, Event, Geoms, Ledger, Poses, SeatStep, Step
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, topics
 from cogrip.protocol.settings import Settings
@@ -21,6 +21,7 @@ from cogrip.server.admission import Authenticator, Denied, Grant, Outside
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent
 from cogrip.server.inputs import CloseLedger, Idle, ServerInput
+from cogrip.server.observers import VIEWS_HZ
 from cogrip.server.outputs import Outputs
 from cogrip.server.room import Room
 
@@ -30,10 +31,12 @@ MOST_TEXTS = 4096
 DATAGRAM_IN, DATAGRAM_OUT, INPUT, ANSWER, EVENT, ACCOUNT = range(6)
 
 
-def server_topics(rooms: Sequence[str]) -> tuple[str, ...]:
-    """Return the topics of a server's recording: its own, the steps of each room, then what its writer derives of these."""
+def server_topics(rooms: Sequence[str], scenes: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the topics of a server's recording: its own, the steps of each room, the bodies of rooms with a scene, then what
+    its writer derives."""
     steps = tuple(step_topic(room) for room in rooms)
-    return topics(WHO, KINDS) + steps + tuple(topic for room in rooms for topic in derived_topics(room))
+    bodies = tuple(topic for room in scenes for topic in scene_topics(room))
+    return topics(WHO, KINDS) + steps + bodies + tuple(topic for room in rooms for topic in derived_topics(room))
 
 
 def step_topic(room: str) -> str:
@@ -41,9 +44,15 @@ def step_topic(room: str) -> str:
     return f"/room/{room}/step"
 
 
+def scene_topics(room: str) -> tuple[str, str]:
+    """Return the topics of the shapes and of the poses of a room's scene."""
+    return f"/room/{room}/geoms", f"/room/{room}/poses"
+
+
 class RecordedServer(CoreRecorder, ServerCore):
     """`ServerCore` within its recorder. Tokens and tickets are not recorded (`cogrip.protocol.recording.secrets`).
 
+    topics  of its recording
     timing  of each room, set by the driver before a step: lateness [us], work of the step before [us], skipped steps
     """
 
@@ -56,7 +65,11 @@ class RecordedServer(CoreRecorder, ServerCore):
         self.timing = {room.name: (0, 0, 0) for room in self.rooms}
         self._address_texts: dict[Address, str] = {}
         self._idle_steps: dict[str, int] = {}
+        scenes = [room.name for room in self.rooms if room.world.geoms()]
+        self.topics = server_topics([room.name for room in self.rooms], scenes)
         self._step_topic = {room.name: len(KINDS) + number for number, room in enumerate(self.rooms)}
+        self._scene_topic = {room: self.topics.index(scene_topics(room)[0]) for room in scenes}
+        self._drawn: set[str] = set()  # rooms whose shapes are recorded
         for room in self.rooms:
             self.count_ticks(room, room.ticks)
 
@@ -120,6 +133,15 @@ class RecordedServer(CoreRecorder, ServerCore):
             self.put(self._step_topic[room.name], Step(
                 room.steps, motion[:axes], motion[axes:], seats, frames, late_us, work_us, skipped,
             ))  # fmt: skip
+            if room.name in self._scene_topic and room.steps % -(-room.settings.rates.network_hz // VIEWS_HZ) == 0:
+                self._put_bodies(room)
+
+    def _put_bodies(self, room: Room) -> None:
+        topic, world = self._scene_topic[room.name], room.world
+        if room.name not in self._drawn:
+            self._drawn.add(room.name)
+            self.put(topic, Geoms(tuple(world.geoms()), tuple(world.offset.ravel().tolist())))
+        self.put(topic + 1, Poses(room.steps, tuple(world.poses_of_bodies().ravel().tolist())))
 
     def _put_idle(self) -> None:
         for room, steps in self._idle_steps.items():

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import nan
 
 from cogrip.devices.web.messages import STATES, ZERO, FrameError, State, Vector, vector
+from cogrip.protocol.messages import Pose
 
 FRAME, CHUNK = 1, 4
 PUSHES, NOT_PASSIVE, HAND_KNOWN = 1, 2, 4  # flags of a person
@@ -14,8 +15,9 @@ CONTACT = 1  # flag of a frame
 
 _HEAD = struct.Struct("<BBBBI d 3d 3d 4d")
 _PERSON = struct.Struct("<BBBBI 3d 3d 3d 3d 8f")
+_BODY = struct.Struct("<3d 4d")
 _CHUNK = struct.Struct("<B3xII")
-HEAD_BYTES, PERSON_BYTES = _HEAD.size, _PERSON.size
+HEAD_BYTES, PERSON_BYTES, BODY_BYTES = _HEAD.size, _PERSON.size, _BODY.size
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +54,7 @@ class Frame:
     people: tuple[PersonFrame, ...]
     orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     flags: int = 0
+    bodies: tuple[Pose, ...] = ()  # of a scene, in the order of their numbers; NaN: not known
 
 
 def encode(frame: Frame) -> bytes:
@@ -60,7 +63,8 @@ def encode(frame: Frame) -> bytes:
         FRAME, frame.axes, len(frame.people), frame.flags, frame.number % 2**32, frame.time_s,
         *frame.position_m, *frame.velocity_mps, *frame.orientation,
     )  # fmt: skip
-    return head + b"".join([_encode_person(person) for person in frame.people])
+    people = [_encode_person(person) for person in frame.people]
+    return b"".join([head, *people, *[_BODY.pack(*pose) for pose in frame.bodies]])
 
 
 def _encode_person(person: PersonFrame) -> bytes:
@@ -78,10 +82,12 @@ def decode(data: bytes) -> Frame:
         kind, axes, count, flags, number, time_s, *rest = _HEAD.unpack_from(data)
     except struct.error:
         raise FrameError(f"{len(data)} bytes, fewer than the {HEAD_BYTES} of a frame") from None
-    if kind != FRAME or len(data) != HEAD_BYTES + count * PERSON_BYTES:
+    end = HEAD_BYTES + count * PERSON_BYTES
+    if kind != FRAME or len(data) < end or (len(data) - end) % BODY_BYTES:
         raise FrameError(f"kind {kind}, {len(data)} bytes: not a frame of {count} people")
     people = tuple([_decode_person(data, HEAD_BYTES + each * PERSON_BYTES) for each in range(count)])
-    return Frame(axes, number, time_s, vector(rest[:3]), vector(rest[3:6]), people, tuple(rest[6:10]), flags)
+    bodies = tuple(_BODY.iter_unpack(data[end:]))
+    return Frame(axes, number, time_s, vector(rest[:3]), vector(rest[3:6]), people, tuple(rest[6:10]), flags, bodies)
 
 
 def _decode_person(data: bytes, offset: int) -> PersonFrame:
@@ -93,17 +99,17 @@ def _decode_person(data: bytes, offset: int) -> PersonFrame:
 
 
 def encode_chunk(number: int, frames: Sequence[Frame]) -> bytes:
-    """Return a chunk of a recording: frames of the same people, compressed; the same frames give the same bytes."""
+    """Return a chunk of a recording: frames of the same people and bodies, compressed; the same frames give the same bytes."""
     packed = gzip.compress(b"".join([encode(frame) for frame in frames]), compresslevel=9, mtime=0)
     return _CHUNK.pack(CHUNK, number, len(frames)) + packed
 
 
-def decode_chunk(data: bytes, people: int) -> tuple[int, list[Frame]]:
+def decode_chunk(data: bytes, people: int, bodies: int = 0) -> tuple[int, list[Frame]]:
     """Return number and frames of a chunk. Raises FrameError."""
     if len(data) < _CHUNK.size or data[0] != CHUNK:
         raise FrameError(f"{len(data)} bytes that are no chunk")
     _, number, count = _CHUNK.unpack_from(data)
-    whole, size = gzip.decompress(data[_CHUNK.size :]), HEAD_BYTES + people * PERSON_BYTES
+    whole, size = gzip.decompress(data[_CHUNK.size :]), HEAD_BYTES + people * PERSON_BYTES + bodies * BODY_BYTES
     if len(whole) != count * size:
         raise FrameError(f"{len(whole)} bytes, not {count} frames of {people} people")
     return number, [decode(whole[each * size : (each + 1) * size]) for each in range(count)]

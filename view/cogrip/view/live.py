@@ -1,17 +1,28 @@
 """Live session as scenes and frames, made of what an observer receives."""
 
 from collections import deque
-from math import nan
+from math import isnan, nan
 
+from cogrip.client.observed_scene import ObservedScene
 from cogrip.client.observer import ObserverCore
 from cogrip.devices.web.messages import ZERO, State, Vector, vector
-from cogrip.protocol.drawing import LEAST_DRAWN_N, anchors_m, object_size_m
-from cogrip.protocol.messages import Person, View
+from cogrip.protocol.drawing import LEAST_DRAWN_N, Shape, anchors_m, object_size_m
+from cogrip.protocol.messages import Person, Pose, View
 from cogrip.protocol.settings import SeatSettings
 from cogrip.sim.runs.verdict import least_margin
 from cogrip.view import frames
 from cogrip.view.frames import Frame, PersonFrame
-from cogrip.view.scene import Geometry, Scene, SceneEvent, SceneObject, ScenePerson, colour
+from cogrip.view.scene import (
+    WORKSPACE_M,
+    Geometry,
+    Scene,
+    SceneEvent,
+    SceneObject,
+    ScenePerson,
+    colour,
+    turn_of,
+    workspace_of,
+)
 
 KEPT_STEPS = 512  # of the object's path, for what a person far away is still shown
 LOSS_S = 1.0
@@ -37,6 +48,8 @@ class LiveScene:
         self._counts: dict[int, deque[tuple[float, int, int]]] = {}
         self._states: dict[int, State] = {}
         self._unnamed = 0  # views with hands, and no message about whose they are
+        self._shapes: tuple[Shape, ...] = ()
+        self._poses: tuple[Pose, ...] = ()
         self.people: dict[int, Person] = {}
         self.events: deque[SceneEvent] = deque(maxlen=256)
         self.scene = self._scene()
@@ -55,9 +68,22 @@ class LiveScene:
         position = vector(view.object[:axes])
         self._path.append((view.number, position))
         self._follow(core.people, time_s)
+        self._draw(core.scene)
         people = tuple([self._person(each, view, axes, time_s) for each in self._seated(view)])
         contact = frames.CONTACT if any(person.flags & frames.PUSHES for person in people) else 0
-        return Frame(axes, view.number, time_s, position, vector(view.object[axes:]), people, flags=contact)
+        return Frame(
+            axes, view.number, time_s, position, vector(view.object[axes:]), people, turn_of(self._shapes, self._poses),
+            contact, self._poses,
+        )  # fmt: skip
+
+    def _draw(self, scene: ObservedScene) -> None:
+        """Take the bodies of a scene once all of them are known; until then the object alone is drawn."""
+        poses = scene.poses()
+        if scene.shapes is self._shapes:
+            self._poses = poses
+        elif not any(isnan(pose[0]) for pose in poses):
+            self._shapes, self._poses = scene.shapes, poses
+            self.scene = self._scene()
 
     def _seated(self, view: View) -> list[int]:
         return sorted({*view.seats, *self.people})
@@ -143,7 +169,8 @@ class LiveScene:
         return Scene(
             given.room, "live", axes, given.rates.network_hz, given.rates.device_hz,
             scene_object(given.object.kind, given.object.mass_kg), tuple(people), geometry,
-            note=OLD_SERVER if self._unnamed >= OLD_AFTER else "",
+            note=OLD_SERVER if self._unnamed >= OLD_AFTER else "", geoms=self._shapes,
+            workspace_m=workspace_of(self._shapes, self._poses) if self._shapes else WORKSPACE_M,
         )  # fmt: skip
 
 

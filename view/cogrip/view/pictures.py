@@ -14,8 +14,10 @@ from cogrip.protocol.recording.scene_messages import (
     Place,
     Push,
     Quaternion,
+    body_places,
     forces_update,
     frame_transforms,
+    scene_bodies,
     scene_update,
     turned_to,
 )
@@ -27,7 +29,8 @@ _PLANE_M = 0.001  # thickness
 
 def drawn(scene: Scene, frame: Frame) -> frozenset[str]:
     """Return the frames that have a place in this frame."""
-    return frozenset(place.frame for place in _places(scene, frame))
+    fixed = [scene.room] if scene.geoms else []
+    return frozenset([place.frame for place in _places(scene, frame)] + fixed)
 
 
 def scene(scene: Scene, drawn: frozenset[str], time_ns: int) -> bytes:
@@ -65,6 +68,7 @@ def _places(scene: Scene, frame: Frame) -> Iterator[Place]:
     for number, body in enumerate(scene.geometry):
         turned = turned_to(body.normal) if body.shape == "plane" and any(body.normal) else Quaternion()
         yield Place(f"{scene.room}/fixed/{number}", body.position_m, turned)
+    yield from body_places(scene.room, frame.bodies if scene.geoms else ())
     for person, who in _people(scene, frame):
         for name, at_m in (("hand", _at(person.hand_m, who)), ("proxy", _at(person.proxy_m, who))):
             if at_m is not None:
@@ -76,14 +80,18 @@ def _places(scene: Scene, frame: Frame) -> Iterator[Place]:
 def _bodies(scene: Scene) -> Iterator[Body]:
     size_m, point_m = scene.object.size_m, (HAND_SIZE_M, HAND_SIZE_M, HAND_SIZE_M)
     box = scene.object.shape != "sphere"
-    yield Body(f"{scene.room}/object", size_m, OBJECT_COLOUR, box, alpha=0.6)
+    if scene.geoms:
+        yield from scene_bodies(scene.room, scene.geoms, {who.seat for who in scene.people})
+    else:
+        yield Body(f"{scene.room}/object", size_m, OBJECT_COLOUR, box, alpha=0.6)
     for number, body in enumerate(scene.geometry):
         depth, width, height = body.size_m
         yield Body(f"{scene.room}/fixed/{number}", (max(depth, _PLANE_M), width, height), OBJECT_COLOUR, box=True)
     for who in scene.people:
         yield Body(f"{scene.room}/{who.name}/hand", point_m, who.colour, label=who.name)
         yield Body(f"{scene.room}/{who.name}/proxy", point_m, who.colour, alpha=0.5)
-        yield Body(f"{scene.room}/{who.name}/seen", size_m, who.colour, box, alpha=0.12)
+        if not scene.geoms:
+            yield Body(f"{scene.room}/{who.name}/seen", size_m, who.colour, box, alpha=0.12)
 
 
 def _at(place_m: Vector, who: ScenePerson) -> Vector | None:

@@ -15,13 +15,13 @@ from pathlib import Path
 import msgspec
 
 from cogrip.devices.web.messages import State, Vector, vector
-from cogrip.protocol.drawing import LEAST_DRAWN_N, anchors_m, object_size_m
-from cogrip.protocol.messages import shown
+from cogrip.protocol.drawing import LEAST_DRAWN_N, MOST_SHAPES, anchors_m, object_size_m
+from cogrip.protocol.messages import Pose, shown
 from cogrip.protocol.recording.derived import offset_of
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.protocol.recording.records import Number, Row, SeatStep, Step, Tick
+from cogrip.protocol.recording.records import Geoms, Number, Poses, Row, SeatStep, Step, Tick
 from cogrip.protocol.settings import Settings
-from cogrip.server.recorder import step_topic
+from cogrip.server.recorder import scene_topics, step_topic
 from cogrip.sim.runs.folder import SETTINGS
 from cogrip.sim.runs.records import open_run
 from cogrip.sim.runs.verdict import least_margin
@@ -29,7 +29,7 @@ from cogrip.view import frames
 from cogrip.view.file_index import FileIndex
 from cogrip.view.frames import Frame, PersonFrame
 from cogrip.view.recorded_events import client_event, server_event
-from cogrip.view.scene import Scene, SceneEvent, SceneObject, ScenePerson, colour
+from cogrip.view.scene import WORKSPACE_M, Scene, SceneEvent, SceneObject, ScenePerson, colour, turn_of, workspace_of
 
 CHUNK_S = 10.0
 MOST_HZ = 64  # frames a second
@@ -39,9 +39,12 @@ _BEFORE_S = LOSS_S + SILENT_S  # read before a chunk, for what its first frames 
 _EVENTS_AT_MOST = 2000
 _JOINING_S = 1.0  # a person's first step is no farther from the event
 UNKNOWN: Vector = (nan, nan, nan)
+UNKNOWN_POSE: Pose = (nan,) * 7
 _STATES: dict[str, State] = {"live": "live", "degraded": "degraded", "fault": "fault"}
 _tick = msgspec.json.Decoder(Tick).decode
 _step = msgspec.json.Decoder(Step).decode
+_geoms = msgspec.json.Decoder(Geoms).decode
+_poses = msgspec.json.Decoder(Poses).decode
 
 
 class ViewError(Exception):
@@ -78,9 +81,12 @@ class RecordedView:
         self._notes = list(run.notes)
         self._clients = {name: FileIndex(end, ("tick", "event")) for name, end in run.clients.items()}
         self._server: FileIndex | None = None
+        self._bodies: list[str] = []  # topics of the shapes and the poses of a scene
         if run.server is not None and self._settings is not None:
             self._step = step_topic(self._settings.name)
-            self._server = FileIndex(run.server, (self._step, "event"))
+            there = run.server.recording.topics
+            self._bodies = [topic for topic in scene_topics(self._settings.name) if topic in there]
+            self._server = FileIndex(run.server, (self._step, "event", *self._bodies))
         self._names = tuple(run.names())
         self._began = {name: span[0] for name, index in self._clients.items() if (span := index.first_and_last("tick"))}
         spans = [span for index, kind in self._motions() if (span := index.first_and_last(kind))]
@@ -94,6 +100,7 @@ class RecordedView:
         )
         self.began_ns = round(self._start_s * 1e9) + shift
         self._every = -(-self._rate_hz // MOST_HZ)
+        self._geoms, self._first_poses = self._find_bodies()
         self.scene = self._make_scene(self._settings or Settings(), next(iter(self._clients.values()), None))
         self.frames = lru_cache(maxsize=3)(self._frames)
 
@@ -102,6 +109,15 @@ class RecordedView:
         if self._server is not None:
             return [(self._server, self._step)]
         return [(self._clients[name], "tick") for name in list(self._began)[:1]]
+
+    def _find_bodies(self) -> tuple[Geoms, tuple[Pose, ...]]:
+        """Return the shapes of a scene, and the first poses of its bodies; none where there are no bodies."""
+        if self._server is not None and self._bodies:
+            geoms = next((_geoms(message.payload) for _, message in self._server.messages(self._bodies[0])), None)
+            first = next((_poses(message.payload) for _, message in self._server.messages(self._bodies[1])), None)
+            if geoms is not None and first is not None:
+                return geoms, _of_bodies(first)
+        return Geoms((), ()), ()
 
     def _make_scene(self, settings: Settings, client: FileIndex | None) -> Scene:
         sides = [user.side for user in settings.users] if self._server else ["left"] * len(self._names)
@@ -126,7 +142,8 @@ class RecordedView:
             room, "recording", axes, settings.rates.network_hz, settings.rates.device_hz,
             SceneObject(kind, "wall" if kind == "wall" else "box", object_size_m(kind), settings.object.mass_kg), tuple(people),
             note=shown(" ".join(self._notes)), duration_s=duration_s, chunks=int(duration_s // CHUNK_S) + 1,
-            events=events,
+            events=events, geoms=self._geoms.shapes,
+            workspace_m=workspace_of(self._geoms.shapes, self._first_poses) if self._geoms.shapes else WORKSPACE_M,
         )  # fmt: skip
 
     def _anchor(self, seat: int, held_m: Vector, events: Sequence[SceneEvent]) -> Vector:
@@ -134,6 +151,9 @@ class RecordedView:
         name = self._names[seat]
         joined_s = next((event.time_s for event in events if event.kind == "joined" and event.who == name), 0.0)
         begin_s = joined_s + self._start_s
+        offset = self._geoms.offsets_m[3 * seat : 3 * seat + 3]
+        if len(offset) == 3:  # of a scene: the tool itself
+            return vector([-(each or 0.0) for each in offset])
         if self._server is not None:
             for _, message in self._server.messages(self._step, begin_s - _JOINING_S, begin_s + _JOINING_S):
                 step = _step(message.payload)
@@ -180,15 +200,26 @@ class RecordedView:
             steps = [
                 (time_s, _step(message.payload)) for time_s, message in self._server.messages(self._step, begin_s, to_s)
             ]
+            bodies = self._poses_between(from_s, to_s)
         except msgspec.MsgspecError as error:
             raise ViewError(f"a message of the recording is not what its topic says: {error}") from None
-        return tuple(self._frames_of_steps(steps, clients, from_s))
+        return tuple(self._frames_of_steps(steps, clients, from_s, bodies))
+
+    def _poses_between(self, from_s: float, to_s: float) -> dict[int, tuple[Pose, ...]]:
+        """Return the poses of all bodies by the step after which they were."""
+        if self._server is None or not self._geoms.shapes:
+            return {}
+        messages = self._server.messages(self._bodies[1], from_s, to_s)
+        found = {poses.step: _of_bodies(poses) for poses in (_poses(message.payload) for _, message in messages)}
+        return {step: poses for step, poses in found.items() if len(poses) == len(self._first_poses)}
 
     def _frames_of_steps(
-        self, steps: Sequence[tuple[float, Step]], clients: dict[str, _Ticks], from_s: float
-    ) -> Iterator[Frame]:
+        self, steps: Sequence[tuple[float, Step]], clients: dict[str, _Ticks], from_s: float,
+        bodies: dict[int, tuple[Pose, ...]],
+    ) -> Iterator[Frame]:  # fmt: skip
         times_s = [time_s for time_s, _ in steps]
         tank_j = self._settings.playout.tank_mj * 1e-3 if self._settings else 0.0
+        unknown = (UNKNOWN_POSE,) * len(self._first_poses)
         for time_s, step in steps:
             if time_s < from_s or step.step % self._every:
                 continue
@@ -199,7 +230,8 @@ class RecordedView:
                 earlier = before.seats[seat] if seat < len(before.seats) else None
                 lost = (now.lost - earlier.lost, time_s - before_s) if now and earlier else None
                 people.append(self._person(seat, now, time_s, clients.get(name), lost, tank_j))
-            yield self._frame(step.step, time_s, _vector(step.object_m), _vector(step.object_mps), people)
+            poses = bodies.get(step.step, unknown)
+            yield self._frame(step.step, time_s, _vector(step.object_m), _vector(step.object_mps), people, poses)
 
     def _frames_of_ticks(self, clients: dict[str, _Ticks], from_s: float) -> Iterator[Frame]:
         first = next(iter(self._motions()), None)
@@ -214,11 +246,15 @@ class RecordedView:
             yield self._frame(found[1].tick, time_s, _vector(found[1].object_m), UNKNOWN, people)
 
     def _frame(
-        self, number: int, time_s: float, position_m: Vector, velocity_mps: Vector, people: Sequence[PersonFrame]
-    ) -> Frame:
+        self, number: int, time_s: float, position_m: Vector, velocity_mps: Vector, people: Sequence[PersonFrame],
+        bodies: tuple[Pose, ...] = (),
+    ) -> Frame:  # fmt: skip
         touched = any(person.flags & frames.PUSHES for person in people)
         axes, flags = self.scene.axes, frames.CONTACT if touched else 0
-        return Frame(axes, number, time_s - self._start_s, position_m, velocity_mps, tuple(people), flags=flags)
+        turned = turn_of(self._geoms.shapes, bodies)
+        return Frame(
+            axes, number, time_s - self._start_s, position_m, velocity_mps, tuple(people), turned, flags, bodies
+        )
 
     def _person(
         self, seat: int, step: SeatStep | None, time_s: float, ticks: _Ticks | None, lost_up: tuple[int, float] | None,
@@ -294,6 +330,12 @@ def _ticks(index: FileIndex, from_s: float, to_s: float) -> _Ticks:
 def _vector(row: Row) -> Vector:
     """Return three numbers: 0 for an axis that is not there, NaN for a number that is not known."""
     return vector([nan if each is None else each for each in row])
+
+
+def _of_bodies(poses: Poses) -> tuple[Pose, ...]:
+    """Return seven numbers a body, NaN for one that is not known."""
+    values = [nan if each is None else each for each in poses.poses]
+    return tuple([tuple(values[at : at + 7]) for at in range(0, min(len(values) - 6, 7 * MOST_SHAPES), 7)])
 
 
 def _number(value: Number) -> float:

@@ -1,14 +1,19 @@
 """Scene of a view: what does not change from frame to frame (`docs/view.md`)."""
 
 from collections.abc import Sequence
+from math import dist, isfinite
 from typing import Literal
 
 import msgspec
 
 from cogrip.devices.web.messages import Vector
+from cogrip.protocol.drawing import Shape
 from cogrip.protocol.drawing import colour as colour
+from cogrip.protocol.messages import Pose
 
 Mode = Literal["live", "recording"]
+WORKSPACE_M = ((-0.1, 0.1),) * 3
+_WIDEST_M = 2.0  # of what the camera takes in
 EventKind = Literal["joined", "left", "lost", "kicked", "fault", "marker", "other"]
 
 
@@ -59,7 +64,8 @@ class Scene(msgspec.Struct, frozen=True, tag_field="type", tag="scene"):
     object: SceneObject
     people: tuple[ScenePerson, ...] = ()
     geometry: tuple[Geometry, ...] = ()
-    workspace_m: tuple[tuple[float, float], ...] = ((-0.1, 0.1),) * 3
+    workspace_m: tuple[tuple[float, float], ...] = WORKSPACE_M
+    geoms: tuple[Shape, ...] = ()  # of a scene: drawn instead of the object
     hand: bool = False
     own_seat: int | None = None
     note: str = ""
@@ -67,6 +73,39 @@ class Scene(msgspec.Struct, frozen=True, tag_field="type", tag="scene"):
     chunks: int = 0
     events: tuple[SceneEvent, ...] = ()
     version: int = 1
+
+
+def workspace_of(shapes: Sequence[Shape], poses: Sequence[Pose]) -> tuple[tuple[float, float], ...]:
+    """Return what the camera takes in of a scene: the usual workspace, all bodies where they are, no more below its floor."""
+    low, high = [each for each, _ in WORKSPACE_M], [each for _, each in WORKSPACE_M]
+    floors: list[float] = []
+    for shape in shapes:
+        if shape.kind == "plane":
+            if shape.body is None and abs(shape.orientation[0]) > 0.999:
+                floors.append(shape.place_m[2])
+            continue
+        reach = dist(shape.size_m, (0.0,) * 3)
+        at = shape.place_m
+        if shape.body is not None:
+            if shape.body >= len(poses):
+                continue
+            at, reach = poses[shape.body][:3], reach + dist(at, (0.0,) * 3)
+        for axis in range(3):
+            if isfinite(at[axis]):
+                low[axis] = max(-_WIDEST_M, min(low[axis], at[axis] - reach))
+                high[axis] = min(_WIDEST_M, max(high[axis], at[axis] + reach))
+    floor = max((each for each in floors if each < 0.0), default=low[2])
+    low[2] = max(low[2], floor)
+    return tuple(zip(low, high, strict=True))
+
+
+def turn_of(shapes: Sequence[Shape], poses: Sequence[Pose]) -> tuple[float, float, float, float]:
+    """Return the orientation of the object's body; unturned where it has none, or it is not known."""
+    body = next((shape.body for shape in shapes if shape.object and shape.body is not None), None)
+    if body is None or body >= len(poses) or not all(map(isfinite, poses[body])):
+        return 1.0, 0.0, 0.0, 0.0
+    w, x, y, z = poses[body][3:]
+    return w, x, y, z
 
 
 def to_json(message: Scene | SceneEvent | Sequence[SceneEvent]) -> str:

@@ -1,26 +1,29 @@
 """Messages that a recording's writer derives from others, for 3D panels: scene, transforms and forces of each room.
 
 The server's recording alone has them, at 32 Hz or less. No core knows of them: replay, verification and tables leave them
-out, and a recovery derives them anew.
+out, and a recovery derives them anew. Shapes and poses of a scene are no such messages, as the writer has no world: they are
+outputs of the server's core, as steps are, and a replay compares them; of them, too, pictures are derived.
 """
 
 import json
 from collections.abc import Iterator, Sequence
-from math import isfinite
+from math import isfinite, nan
 
 import msgspec
 
 from cogrip.protocol.drawing import HAND_SIZE_M, OBJECT_COLOUR, Vector, anchors_m, colour, object_size_m
 from cogrip.protocol.recording.header import Header
-from cogrip.protocol.recording.records import Row, SeatStep, Step, kind_of
+from cogrip.protocol.recording.records import Geoms, Poses, Row, SeatStep, Step, kind_of
 from cogrip.protocol.recording.scene_messages import (
     FRAME_TRANSFORMS,
     SCENE_UPDATE,
     Body,
     Place,
     Push,
+    body_places,
     forces_update,
     frame_transforms,
+    scene_bodies,
     scene_update,
 )
 from cogrip.protocol.settings import Settings
@@ -30,6 +33,8 @@ DERIVED = {"scene": SCENE_UPDATE, "tf": FRAME_TRANSFORMS, "forces": SCENE_UPDATE
 MOST_HZ = 32
 _SCENE_EVERY = MOST_HZ  # so that a viewer that begins anywhere has it within a second
 _step = msgspec.json.Decoder(Step).decode
+_geoms = msgspec.json.Decoder(Geoms).decode
+_poses = msgspec.json.Decoder(Poses).decode
 
 
 def derived_topics(room: str) -> tuple[str, ...]:
@@ -38,7 +43,10 @@ def derived_topics(room: str) -> tuple[str, ...]:
 
 
 class RoomPictures:
-    """Derives the messages of one room from its steps. Frames are `<room>`, `<room>/object`, `<room>/<person>/proxy`."""
+    """Derives the messages of one room from its steps. Frames are `<room>`, `<room>/object`, `<room>/<person>/proxy`.
+
+    Of a scene it draws the bodies, `<room>/body/<number>`, instead of the object.
+    """
 
     def __init__(self, settings: Settings) -> None:
         self._room = settings.name
@@ -48,6 +56,8 @@ class RoomPictures:
         self._steps = self._pictures = 0
         self._seated: tuple[bool, ...] = ()
         self._offsets: dict[int, Row] = {}
+        self._shown = Geoms((), ())
+        self._poses = 0
 
     def messages(self, payload: bytes, time_ns: int) -> Iterator[tuple[str, bytes]]:
         """Yield kind and payload of what a step gives; time_ns: its log time."""
@@ -62,7 +72,7 @@ class RoomPictures:
         object_m = _vector(step.object_m)
         for seat, person, _ in people:
             if person.seated:
-                self._offsets.setdefault(seat, offset_of(person, step))
+                self._offsets.setdefault(seat, self._offset(seat, person, step))
             else:
                 self._offsets.pop(seat, None)
         pushes = [
@@ -82,12 +92,31 @@ class RoomPictures:
         yield "tf", frame_transforms(time_ns, self._room, places)
         yield "forces", forces_update(time_ns, self._room, [push for *_, push in pushes if push])
 
+    def bodies(self, kind: str, payload: bytes, time_ns: int) -> Iterator[tuple[str, bytes]]:
+        """Yield kind and payload of what shapes or poses of a scene give."""
+        try:
+            if kind == "geoms":
+                self._shown, self._seated, self._offsets = _geoms(payload), (), {}
+                return
+            poses = [nan if each is None else each for each in _poses(payload).poses]
+        except msgspec.MsgspecError:  # of another version
+            return
+        number, self._poses = self._poses, self._poses + 1
+        if number % 2 == 0:  # they come at up to 2 MOST_HZ
+            rows = [poses[at : at + 7] for at in range(0, len(poses) - 6, 7)]
+            yield "tf", frame_transforms(time_ns, self._room, body_places(self._room, rows))
+
+    def _offset(self, seat: int, person: SeatStep, step: Step) -> Row:
+        return self._shown.offsets_m[3 * seat : 3 * seat + 3] or offset_of(person, step)
+
     def _frame(self, person: SeatStep) -> str:
         return f"{self._room}/{person.user}/proxy"
 
     def _bodies(self, seats: Sequence[SeatStep]) -> list[Body]:
         size = (HAND_SIZE_M, HAND_SIZE_M, HAND_SIZE_M)
-        bodies = [Body(f"{self._room}/object", object_size_m(self._kind), OBJECT_COLOUR, box=True, alpha=0.6)]
+        held = {seat for seat, person in enumerate(seats) if person.seated}
+        bodies = scene_bodies(self._room, self._shown.shapes, held)
+        bodies = bodies or [Body(f"{self._room}/object", object_size_m(self._kind), OBJECT_COLOUR, box=True, alpha=0.6)]
         for seat, person in enumerate(seats):
             if person.seated:
                 bodies.append(Body(self._frame(person), size, colour(seat), label=person.user))
@@ -100,6 +129,7 @@ class Pictures:
     def __init__(self, header: Header) -> None:
         numbers = {topic: number for number, topic in enumerate(header.topics)}
         self._rooms: dict[int, tuple[RoomPictures, dict[str, int]]] = {}
+        self._kinds: dict[int, str] = {}  # of topics that are no steps
         if not any(kind_of(topic) in DERIVED for topic in header.topics):
             return
         try:
@@ -110,7 +140,11 @@ class Pictures:
             places = {kind_of(topic): numbers[topic] for topic in derived_topics(settings.name) if topic in numbers}
             step = numbers.get(f"/room/{settings.name}/step")
             if step is not None and len(places) == len(DERIVED):
-                self._rooms[step] = RoomPictures(settings), places
+                room = RoomPictures(settings), places
+                self._rooms[step] = room
+                for kind in ("geoms", "poses"):
+                    if (number := numbers.get(f"/room/{settings.name}/{kind}")) is not None:
+                        self._rooms[number], self._kinds[number] = room, kind
 
     def of(self, topic: int, log_time_ns: int, payload: bytes) -> list[tuple[int, bytes]]:
         """Return the topic numbers and payloads of what this message gives."""
@@ -118,7 +152,9 @@ class Pictures:
         if found is None:
             return []
         room, places = found
-        return [(places[kind], made) for kind, made in room.messages(payload, log_time_ns)]
+        kind = self._kinds.get(topic)
+        given = room.bodies(kind, payload, log_time_ns) if kind else room.messages(payload, log_time_ns)
+        return [(places[kind], made) for kind, made in given]
 
 
 def offset_of(person: SeatStep, step: Step) -> Row:

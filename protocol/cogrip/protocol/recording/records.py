@@ -7,6 +7,8 @@ a person's name, `server`, or `room/<name>`.
 
 import msgspec
 
+from cogrip.protocol.drawing import Shape
+
 Number = float | None  # null where a number is not finite, or there is none
 Row = tuple[Number, ...]
 
@@ -109,6 +111,20 @@ class Step(Record, frozen=True, gc=False):
     skipped: int = 0
 
 
+class Geoms(Record, frozen=True, gc=False):
+    """Shapes that a room's scene is drawn of: once, before its first poses."""
+
+    shapes: tuple[Shape, ...]
+    offsets_m: Row  # of each seat's own frame from the object's, three a seat
+
+
+class Poses(Record, frozen=True, gc=False):
+    """Poses of a scene's bodies after a step, at most 64 a second: of each its place [m] and quaternion w, x, y, z."""
+
+    step: int
+    poses: Row
+
+
 class Clock(Record, frozen=True, gc=False):
     """A clock anchor: the recording machine's two clocks read together."""
 
@@ -145,6 +161,8 @@ class Asked(Answer, frozen=True, gc=False):
 KINDS: dict[str, type[Record]] = {
     "tick": Tick,
     "step": Step,
+    "geoms": Geoms,
+    "poses": Poses,
     "datagram_in": Datagram,
     "datagram_out": Datagram,
     "command": Command,

@@ -4,19 +4,20 @@ Field names and meanings are those of the published schemas (github.com/foxglove
 pictures: lengths are rounded to 0.1 um. What is exact stands in the records.
 """
 
-from collections.abc import Sequence
-from math import sqrt
+from collections.abc import Collection, Sequence
+from math import isfinite, sqrt
 from typing import Any, NamedTuple
 
 import msgspec
 from msgspec import inspect
 
-from cogrip.protocol.drawing import FORCE_M_PER_N, HAND_SIZE_M, LEAST_DRAWN_N, Vector
+from cogrip.protocol.drawing import FORCE_M_PER_N, HAND_SIZE_M, LEAST_DRAWN_N, OBJECT_COLOUR, Shape, Vector, colour
 
 SCENE_UPDATE, FRAME_TRANSFORMS = "foxglove.SceneUpdate", "foxglove.FrameTransforms"
 _encode = msgspec.json.Encoder().encode
 _DIGITS = 7
 _SHAFT_M, _HEAD_M = 0.003, 0.008
+_PLANE_M, _NO_END_M = 0.001, 2.0  # thickness; side of a plane without an end
 _ALL = 1  # of a deletion
 _LINE_LIST = 2
 
@@ -85,6 +86,16 @@ class SpherePrimitive(Message, frozen=True, gc=False):
     pose: Pose = Pose()
 
 
+class CylinderPrimitive(Message, frozen=True, gc=False):
+    """Its axis is z."""
+
+    size: Vector3
+    color: Color
+    pose: Pose = Pose()
+    bottom_scale: float = 1.0
+    top_scale: float = 1.0
+
+
 class LinePrimitive(Message, frozen=True, gc=False):
     points: tuple[Point3, ...]
     color: Color
@@ -111,7 +122,7 @@ class KeyValuePair(Message, frozen=True, gc=False):
 
 
 class NotUsed(Message, frozen=True, gc=False):
-    """A primitive that is never sent: cylinders, triangles, models."""
+    """A primitive that is never sent: triangles, models."""
 
 
 class SceneEntity(Message, frozen=True, gc=False):
@@ -124,7 +135,7 @@ class SceneEntity(Message, frozen=True, gc=False):
     arrows: tuple[ArrowPrimitive, ...] = ()
     cubes: tuple[CubePrimitive, ...] = ()
     spheres: tuple[SpherePrimitive, ...] = ()
-    cylinders: tuple[NotUsed, ...] = ()
+    cylinders: tuple[CylinderPrimitive, ...] = ()
     lines: tuple[LinePrimitive, ...] = ()
     triangles: tuple[NotUsed, ...] = ()
     texts: tuple[TextPrimitive, ...] = ()
@@ -155,7 +166,7 @@ class FrameTransforms(Message, frozen=True, gc=False):
 
 
 class Body(NamedTuple):
-    """A thing to draw, at the origin of its frame. size_m: edges of a box, diameters of a sphere."""
+    """A thing to draw, at the origin of its frame. size_m: edges of a box, diameters of a sphere; shapes: instead of either."""
 
     frame: str
     size_m: Vector
@@ -163,6 +174,7 @@ class Body(NamedTuple):
     box: bool = False
     label: str = ""
     alpha: float = 1.0
+    shapes: tuple[tuple[Shape, Color], ...] = ()
 
 
 class Place(NamedTuple):
@@ -191,9 +203,81 @@ def scene_update(time_ns: int, bodies: Sequence[Body]) -> bytes:
 def _entity(now: Time, body: Body) -> SceneEntity:
     size, color = _vector(body.size_m), _color(body.colour, body.alpha)
     texts = (TextPrimitive(body.label, _color(body.colour)),) if body.label else ()
+    if body.shapes:
+        return _shaped(now, body)
     if body.box:
         return SceneEntity(now, body.frame, body.frame, cubes=(CubePrimitive(size, color),), texts=texts)
     return SceneEntity(now, body.frame, body.frame, spheres=(SpherePrimitive(size, color),), texts=texts)
+
+
+def _shaped(now: Time, body: Body) -> SceneEntity:
+    cubes: list[CubePrimitive] = []
+    spheres: list[SpherePrimitive] = []
+    cylinders: list[CylinderPrimitive] = []
+    for shape, color in body.shapes:
+        pose = Pose(_vector(_three(shape.place_m)), quaternion_of(shape.orientation))
+        a, b, c = shape.size_m
+        if shape.kind == "box":
+            cubes.append(CubePrimitive(_vector((2 * a, 2 * b, 2 * c)), color, pose))
+        elif shape.kind == "plane":
+            sides = [2 * each if each > 0.0 else _NO_END_M for each in (a, b)]
+            cubes.append(CubePrimitive(_vector((sides[0], sides[1], _PLANE_M)), color, pose))
+        elif shape.kind == "ellipsoid":
+            spheres.append(SpherePrimitive(_vector((2 * a, 2 * b, 2 * c)), color, pose))
+        elif shape.kind == "sphere":
+            spheres.append(SpherePrimitive(_vector((2 * a, 2 * a, 2 * a)), color, pose))
+        else:
+            cylinders.append(CylinderPrimitive(_vector((2 * a, 2 * a, 2 * b)), color, pose))
+        if shape.kind == "capsule":
+            along = _third_axis(shape.orientation)
+            for sign in (-b, b):
+                end = [place + sign * each for place, each in zip(shape.place_m, along, strict=True)]
+                spheres.append(SpherePrimitive(_vector((2 * a, 2 * a, 2 * a)), color, Pose(_vector(_three(end)))))
+    return SceneEntity(
+        now, body.frame, body.frame, cubes=tuple(cubes), spheres=tuple(spheres), cylinders=tuple(cylinders)
+    )
+
+
+def _three(values: Sequence[float]) -> Vector:
+    x, y, z = values
+    return x, y, z
+
+
+def _third_axis(orientation: Sequence[float]) -> Vector:
+    """Return where a rotation takes the z axis."""
+    w, x, y, z = orientation
+    return 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
+
+
+def quaternion_of(orientation: Sequence[float]) -> Quaternion:
+    """Return w, x, y, z as these messages have it."""
+    w, x, y, z = (round(each, _DIGITS) for each in orientation)
+    return Quaternion(x, y, z, w)
+
+
+def scene_bodies(room: str, shapes: Sequence[Shape], held: Collection[int]) -> list[Body]:
+    """Return the bodies of a scene, and as one, in the root frame, what is fixed; without tools that nobody holds."""
+    parts: dict[str, list[tuple[Shape, Color]]] = {}
+    for shape in shapes:
+        if shape.seat is None or shape.seat in held:
+            own = _color(OBJECT_COLOUR) if shape.rgba is None else Color(*shape.rgba)
+            color = own if shape.seat is None else _color(colour(shape.seat))
+            parts.setdefault(room if shape.body is None else body_frame(room, shape.body), []).append((shape, color))
+    return [Body(frame, (0.0, 0.0, 0.0), OBJECT_COLOUR, shapes=tuple(each)) for frame, each in parts.items()]
+
+
+def body_frame(room: str, body: int) -> str:
+    """Return the frame of a scene's body."""
+    return f"{room}/body/{body}"
+
+
+def body_places(room: str, poses: Sequence[Sequence[float]]) -> list[Place]:
+    """Return where a scene's bodies are; those whose pose is not known are left out."""
+    return [
+        Place(body_frame(room, number), _three(pose[:3]), quaternion_of(pose[3:]))
+        for number, pose in enumerate(poses)
+        if all(map(isfinite, pose))
+    ]
 
 
 def forces_update(time_ns: int, root: str, pushes: Sequence[Push]) -> bytes:

@@ -63,10 +63,21 @@ DESCRIPTIONS = {
     "line_reserve_j": "energy in at the client's port less the energy out at the server's, as of this frame",
     "up_used_j": "energy that came out of the line up, so far",
     "down_made_j": "energy that went into the line down, so far",
+    # geoms and poses of a scene
+    "shapes": "shapes that the scene is drawn of",
+    "size_m": "size as MJCF has it: radius, half lengths",
+    "body": "number of the shape's body among those that move; null: it is fixed to the world",
+    "place_m": "place in the body's frame",
+    "orientation": "quaternion w, x, y, z",
+    "rgba": "red, green, blue and opacity, 0 to 1; null: the scene gives none",
+    "seat": "whose tool it is part of",
+    "object": "whether it is part of the object",
+    "offsets_m": "position of each seat's own frame less the object's, three numbers a seat",
+    "poses": "place in the object's frame [m] and quaternion w, x, y, z of each body, seven numbers a body",
     # the others
     "data": "the datagram's bytes",
     "address": "address of the other end; empty at a client",
-    "kind": "kind of the input: connect, poll, stop, rearm ...",
+    "kind": "kind of the input: connect, poll, stop, rearm ...; of a shape: box, sphere, capsule ...",
     "value": "the input as JSON text",
     "verb": "call into the core: call, poll, stop, rearm ...",
     "reason": "why, or the room it is about",
@@ -105,6 +116,8 @@ def _schema(kind: inspect.Type) -> dict[str, Any]:
     if isinstance(kind, inspect.UnionType):
         value = next(each for each in kind.types if not isinstance(each, inspect.NoneType))
         return {**_schema(value), "nullable": True}
+    if isinstance(kind, inspect.LiteralType):
+        return {"type": "string"}
     if isinstance(kind, inspect.BytesType):
         return {"type": "string", "contentEncoding": "base64"}
     if isinstance(kind, inspect.VarTupleType):

@@ -20,9 +20,11 @@ import msgspec
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
+from cogrip.protocol.drawing import Shape
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.scene_file import MOST_RATE, Scene
+from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.world import Array, Row, World, WorldError, dot
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -65,6 +67,7 @@ class SceneWorld(World):
         self._object = -1 if scene.object < 0 else int(model.jnt_qposadr[model.body_jntadr[scene.object]])
         self._object_dof = -1 if scene.object < 0 else int(model.jnt_dofadr[model.body_jntadr[scene.object]])
         self._start = model.qpos0[self._object : self._object + 3].copy() if scene.object >= 0 else np.zeros(3)
+        self._shapes, self._drawn = shapes_of(scene, self._start)
         self._energy = 0.0
         super().__init__(seats)
         self.limiter = EnergyLimiter(self.frame_s)
@@ -127,6 +130,12 @@ class SceneWorld(World):
     def poses(self) -> Array:
         """Place [m] and quaternion of every body in the world, shape (bodies, 7)."""
         return np.concatenate((self.data.xpos, self.data.xquat), axis=1)
+
+    def geoms(self) -> Sequence[Shape]:
+        return self._shapes
+
+    def poses_of_bodies(self) -> Array:
+        return np.concatenate((self.data.xpos[self._drawn] - self._start, self.data.xquat[self._drawn]), axis=1)
 
     @property
     def energy_j(self) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.protocol.drawing import Shape
 from cogrip.protocol.line.energy_sums import add_compensated
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.waves import server_gain
@@ -138,6 +139,14 @@ class World(ABC):
     def force_of(self, user: int) -> Row:
         """Return the force of one user's coupling [N], in plain floats."""
         return tuple(self.force[user].tolist())
+
+    def geoms(self) -> Sequence[Shape]:
+        """Return the shapes that the world is drawn of; none where the object alone is drawn."""
+        return ()
+
+    def poses_of_bodies(self) -> Array:
+        """Return place [m] in the object's frame and quaternion of each body that moves and has shapes, shape (bodies, 7)."""
+        return np.zeros((0, 7))
 
     @property
     def left_workspace(self) -> bool:

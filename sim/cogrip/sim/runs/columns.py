@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.protocol.accounts import ClientAccount, LinkCount, RoomAccount, SeatAccount, TickCount
-from cogrip.protocol.recording.records import Datagram, Ledger, Record, Row, SeatStep, Step, Tick
+from cogrip.protocol.recording.records import Datagram, Ledger, Poses, Record, Row, SeatStep, Step, Tick
 from cogrip.protocol.recording.schema import unit_of
 from cogrip.server.recorder import address_of, start_of
 
 Array = NDArray[Any]
 AXES = "xyz"
+_POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 NUMBER = "float64"
 _TYPES: dict[Any, str] = {int: "int64", bool: "int64", str: "string"}  # all else is a number that may be missing
 _PREFIXES = {"device": "device_port_"}  # else two columns would be called device_leak_j
@@ -96,6 +97,8 @@ def layout_of(first: Record, start: str = "{}", *, numbered: bool = False) -> La
         return Layout(_fields(Tick, len(first.force_n)), lambda times, ticks: (times, list(map(_as_read, ticks))))
     if isinstance(first, Step):
         return _step_layout(first, numbered)
+    if isinstance(first, Poses):
+        return Layout([_scalar("step", int, attrgetter("step")), _poses(len(first.poses) // len(_POSE))])
     if isinstance(first, Ledger):
         return _account_layout(first.account, start)
     if isinstance(first, Datagram):
@@ -150,6 +153,20 @@ def _vector(name: str, axes: int, get: Callable[[Any], Any], prefix: str = "") -
 
     name, unit = f"{prefix}{name}", unit_of(name)
     return Field(name, [Column(f"{name}_{axis}", NUMBER, unit) for axis in AXES[:axes]], read)
+
+
+def _poses(bodies: int) -> Field:
+    """Return the poses of a scene's bodies: `poses_0_x` ... of the first."""
+    columns = [
+        Column(f"poses_{body}_{name}", NUMBER, "m" if name in AXES else "") for body in range(bodies) for name in _POSE
+    ]
+
+    def read(sources: Sequence[Poses]) -> list[Sequence[Any]]:
+        if any(len(each.poses) != len(columns) for each in sources):
+            raise ValueError(_UNEVEN)
+        return list(zip(*[each.poses for each in sources], strict=True))
+
+    return Field("poses", columns, read)
 
 
 def _plain(hint: Any) -> Any:

@@ -14,7 +14,7 @@ from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Sink
 from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.protocol.settings import Settings, rates_of
-from cogrip.server.recorder import WHO, RecordedServer, server_topics
+from cogrip.server.recorder import WHO, RecordedServer
 from cogrip.sim.runs.folder import SERVER_RECORDING, client_recording, write_settings, write_summary
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory, Record, unrecorded
@@ -77,7 +77,7 @@ def _recording(settings: Settings, folder: Path, files: ExitStack) -> Record:
                 SERVER_RECORDING,
                 "server",
                 settings.rates.network_hz,
-                server_topics([settings.name]),
+                core.topics,
             )
             who = WHO
         header = Header(role, who, core.start, rate_hz, settings.seed, 0, True, versions_here(), topics, settings.name)

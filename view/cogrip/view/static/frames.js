@@ -16,6 +16,7 @@ const CONTACT = 1;
 
 const HEAD_BYTES = 96;
 const PERSON_BYTES = 136;
+const BODY_BYTES = 56;
 const OWN_HAND_BYTES = 64;
 const CHUNK_HEAD_BYTES = 12;
 
@@ -51,17 +52,19 @@ const CHUNK_HEAD_BYTES = 12;
  * @property {Vector} velocity_mps
  * @property {[number, number, number, number]} orientation w, x, y, z
  * @property {Person[]} people
+ * @property {Pose[]} bodies of a scene, by their numbers
  */
+/** @typedef {{position_m: Vector, orientation: [number, number, number, number]}} Pose orientation: w, x, y, z; NaN: not known */
 /** @typedef {{state: string, taken: number, position_m: Vector, force_n: Vector, limit_n: number}} OwnHand */
-
-/** @param {number} people @returns {number} bytes of a frame with that many people */
-export function frameBytes(people) {
-  return HEAD_BYTES + people * PERSON_BYTES;
-}
 
 /** @param {DataView} view @param {number} offset @returns {Vector} */
 function vectorAt(view, offset) {
   return [view.getFloat64(offset, true), view.getFloat64(offset + 8, true), view.getFloat64(offset + 16, true)];
+}
+
+/** @param {DataView} view @param {number} offset @returns {[number, number, number, number]} */
+function quaternionAt(view, offset) {
+  return [...vectorAt(view, offset), view.getFloat64(offset + 24, true)];
 }
 
 /** @param {number} number @returns {string} */
@@ -73,11 +76,14 @@ function stateName(number) {
 /** @param {DataView} view @returns {Frame} the frame that fills the view; RangeError: it is none */
 export function decodeFrame(view) {
   const count = view.byteLength >= HEAD_BYTES ? view.getUint8(2) : 0;
-  if (view.byteLength !== frameBytes(count) || view.getUint8(0) !== FRAME) {
+  const end = HEAD_BYTES + count * PERSON_BYTES;
+  if (view.byteLength < end || (view.byteLength - end) % BODY_BYTES !== 0 || view.getUint8(0) !== FRAME) {
     throw new RangeError(`${view.byteLength} bytes that are no frame of ${count} people`);
   }
   const people = [];
   for (let index = 0; index < count; index += 1) people.push(decodePerson(view, HEAD_BYTES + index * PERSON_BYTES));
+  const bodies = [];
+  for (let at = end; at < view.byteLength; at += BODY_BYTES) bodies.push({ position_m: vectorAt(view, at), orientation: quaternionAt(view, at + 24) });
   return {
     axes: view.getUint8(1),
     contact: (view.getUint8(3) & CONTACT) !== 0,
@@ -85,8 +91,9 @@ export function decodeFrame(view) {
     time_s: view.getFloat64(8, true),
     position_m: vectorAt(view, 16),
     velocity_mps: vectorAt(view, 40),
-    orientation: [...vectorAt(view, 64), view.getFloat64(88, true)],
+    orientation: quaternionAt(view, 64),
     people,
+    bodies,
   };
 }
 

@@ -97,6 +97,7 @@ export class App {
       return;
     }
     const same = this.scene?.room === scene.room && this.scene.mode === scene.mode;
+    const sameSpace = same && JSON.stringify(this.scene.workspace_m) === JSON.stringify(scene.workspace_m);
     if (!same) part("events").replaceChildren();
     this.scene = scene;
     document.title = `${scene.room} – cogrip`;
@@ -110,7 +111,7 @@ export class App {
     if (scene.mode === "recording") this.takeRecording(scene, same);
     const others = scene.people.filter((each) => each.seat !== scene.own_seat);
     if (this.ghostSeat === undefined && others.length > 0) this.ghostSeat = others[0].seat;
-    this.rebuild(same);
+    this.rebuild(sameSpace);
     this.takeEvents(same ? [] : scene.events);
   }
 

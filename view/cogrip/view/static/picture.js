@@ -1,6 +1,7 @@
 /** The 3D picture of a session: builds it from the scene message, moves it to the newest frame, draws it. */
 
 import { AmbientLight, DirectionalLight, Scene, Vector2, Vector3, WebGLRenderer, Box3 } from "three";
+import { SceneBodies, objectGeometries } from "./bodies.js";
 import { OrbitCamera } from "./camera.js";
 import { Labels } from "./labels.js";
 import { PersonMarkers } from "./person.js";
@@ -70,8 +71,10 @@ export class Picture {
     const sun = new DirectionalLight(0xffffff, 2.2);
     sun.position.set(2, -3, 5);
     this.body = new Body(scene.object, colours);
-    this.ghost = new Ghost(scene.object);
-    this.world.add(new AmbientLight(0xffffff, 1.6), sun, grid, this.body, this.ghost);
+    const shapes = scene.geoms ?? [];
+    this.bodies = shapes.length > 0 ? new SceneBodies(scene, this.extent_m, colours) : null;
+    this.ghost = new Ghost(scene.object, objectGeometries(shapes, this.extent_m));
+    this.world.add(new AmbientLight(0xffffff, 1.6), sun, grid, this.bodies ?? this.body, this.ghost);
     for (const each of scene.geometry) this.world.add(fixedBody(each, colours));
     this.people.clear();
     for (const person of scene.people) {
@@ -116,6 +119,7 @@ export class Picture {
     const [w, x, y, z] = frame.orientation;
     this.body.quaternion.set(x, y, z, w);
     this.body.paint(this.colours, frame.contact);
+    this.bodies?.show(frame, this.colours);
     this.ghost.visible = false;
     for (const markers of this.people.values()) markers.visible = false;
     for (const state of frame.people) {
@@ -152,7 +156,8 @@ export class Picture {
     const where = (node) => (node.visible ? new Vector3().setFromMatrixPosition(node.matrixWorld).toArray() : null);
     const people = [...this.people.values()].filter((each) => each.visible);
     return {
-      object: where(this.body),
+      object: this.bodies ? null : where(this.body),
+      bodies: this.bodies?.drawn() ?? [],
       ghost: where(this.ghost),
       people: people.map((each) => ({ seat: each.person.seat, hand: where(each.device), proxy: where(each.proxy), force: each.force.visible })),
     };

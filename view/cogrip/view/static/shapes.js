@@ -42,17 +42,20 @@ export class Body extends Group {
 
 /** Another person's picture of the object: its edges in the person's colour. */
 export class Ghost extends Group {
-  constructor(object) {
+  /** @param {object} object @param {BufferGeometry[]} shapes that it has in a scene */
+  constructor(object, shapes) {
     super();
-    this.edges = new LineSegments(new EdgesGeometry(objectGeometry(object, 12), 1), new LineBasicMaterial());
-    this.surface = new Mesh(objectGeometry(object), new MeshBasicMaterial({ transparent: true, opacity: 0.16, depthWrite: false }));
-    this.add(this.edges, this.surface);
+    this.line = new LineBasicMaterial();
+    this.film = new MeshBasicMaterial({ transparent: true, opacity: 0.16, depthWrite: false, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
+    const drawn = shapes.length > 0 ? shapes : [objectGeometry(object)];
+    const outlined = shapes.length > 0 ? shapes : [objectGeometry(object, 12)];
+    this.add(...outlined.map((each) => new LineSegments(new EdgesGeometry(each, 1), this.line)), ...drawn.map((each) => new Mesh(each, this.film)));
     this.visible = false;
   }
 
   paint(colour) {
-    this.edges.material.color.set(colour);
-    this.surface.material.color.set(colour);
+    this.line.color.set(colour);
+    this.film.color.set(colour);
   }
 }
 

@@ -1,0 +1,63 @@
+"""Shapes that a scene is drawn of: its geoms as MuJoCo has them, those that are fixed in the object's frame at the start."""
+
+import mujoco  # type: ignore[import-untyped]
+import numpy as np
+from numpy.typing import NDArray
+
+from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
+from cogrip.server.worlds.scene_file import Scene
+
+_KINDS: dict[int, ShapeKind] = {
+    int(mujoco.mjtGeom.mjGEOM_BOX): "box",
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): "sphere",
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): "capsule",
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
+    int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): "ellipsoid",
+    int(mujoco.mjtGeom.mjGEOM_PLANE): "plane",
+}
+_SHOWN_GROUPS = 3  # MuJoCo's own viewer hides further ones: they are for contact alone
+_NO_COLOUR = (0.5, 0.5, 0.5, 1.0)  # of a geom that sets none
+_MOST_M = 1e3  # bounds of a shape (`SPEC.md` section 3.15)
+
+
+def shapes_of(scene: Scene, start: NDArray[np.float64]) -> tuple[tuple[Shape, ...], list[int]]:
+    """Return the shapes, and the model's number of each body that moves and has some. start: of the object [m]."""
+    model = scene.model
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    seats = {tool.body: seat for seat, tool in enumerate(scene.tools)}
+    bodies: list[int] = []
+    shapes: list[Shape] = []
+    for geom in range(model.ngeom):
+        kind, rgba = _KINDS.get(int(model.geom_type[geom])), _colour(model, geom)
+        if kind is None or model.geom_group[geom] >= _SHOWN_GROUPS or (rgba is not None and rgba[3] == 0.0):
+            continue
+        body = int(model.geom_bodyid[geom])
+        size = tuple(np.clip(model.geom_size[geom], 0.0, _MOST_M).tolist())
+        if model.body_weldid[body] == 0:
+            turned = np.zeros(4)
+            mujoco.mju_mat2Quat(turned, data.geom_xmat[geom])
+            place = data.geom_xpos[geom] - start
+            shapes.append(Shape(kind, size, None, _place(place), tuple(turned.tolist()), rgba))
+            continue
+        if body not in bodies:
+            bodies.append(body)
+        shapes.append(
+            Shape(
+                kind, size, bodies.index(body), _place(model.geom_pos[geom]), tuple(model.geom_quat[geom].tolist()), rgba,
+                seats.get(int(model.body_rootid[body])), body == scene.object,
+            )
+        )  # fmt: skip
+    return tuple(shapes[:MOST_SHAPES]), bodies[:MOST_SHAPES]
+
+
+def _place(values: NDArray[np.float64]) -> tuple[float, ...]:
+    return tuple(np.clip(values, -_MOST_M, _MOST_M).tolist())
+
+
+def _colour(model: mujoco.MjModel, geom: int) -> tuple[float, ...] | None:
+    """Return the colour of a geom or of its material; None where it has neither."""
+    own = tuple(model.geom_rgba[geom].tolist())
+    if own == _NO_COLOUR and model.geom_matid[geom] >= 0:
+        own = tuple(model.mat_rgba[model.geom_matid[geom]].tolist())
+    return None if own == _NO_COLOUR else tuple([min(max(round(each, 4), 0.0), 1.0) for each in own])

@@ -1,0 +1,196 @@
+"""Shapes and poses of a scene's bodies: those of the model, and what observers are told of them, when."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import mujoco  # type: ignore[import-untyped]
+import numpy as np
+import pytest
+from msgspec import structs
+from numpy.typing import NDArray
+
+from cogrip.client.observed_scene import ObservedScene
+from cogrip.protocol.drawing import Shape
+from cogrip.protocol.messages import MAX_MESSAGE_BYTES, MOST_POSES, Bodies, Geom, decode, encode
+from cogrip.server.drawn_bodies import BODIES_AT_REST, MOVED_DEG, MOVED_M, SHAPES_A_VIEW, VIEWS_A_TURN, DrawnBodies
+from cogrip.server.observers import VIEWS_HZ
+from cogrip.server.worlds.scene import SceneWorld
+
+from tests.server.scene_worlds import hold, world_of
+
+Array = NDArray[np.float64]
+KINDS = """<mujoco>
+  <asset><material name="blue" rgba="0 0 1 .5"/></asset>
+  <worldbody>
+    <geom type="plane" size="0 0 .1" pos="0 0 -.1"/>
+    <body name="table" pos="0 .3 0" quat="0 0 0 1"><geom type="box" size=".1 .2 .01" pos=".05 0 0" material="blue"/></body>
+    <body name="thing" pos=".01 0 .03" quat=".8 0 .6 0">
+      <freejoint/>
+      <geom type="capsule" size=".01 .02" pos="0 0 .01" rgba="1 0 0 1"/>
+      <geom type="cylinder" size=".01 .02" euler="30 0 0"/>
+      <geom type="ellipsoid" size=".01 .02 .03"/>
+      <geom type="sphere" size=".05" group="3"/>
+      <geom type="sphere" size=".05" rgba="1 1 1 0"/>
+    </body>
+    <body name="arm" pos="0 -.2 0"><joint axis="0 0 1"/><geom type="sphere" size=".02"/></body>
+  </worldbody>
+</mujoco>"""
+
+
+def pile(bodies: int) -> str:
+    """A scene of many boxes that float apart from each other."""
+    rows = "".join(
+        f'<body pos="{0.1 * (each % 9)} {0.1 * (each // 9)} 1"><freejoint/><geom type="box" size=".01 .01 .01"/></body>'
+        for each in range(bodies)
+    )
+    return f'<mujoco><option integrator="implicitfast" gravity="0 0 0"/><worldbody>{rows}</worldbody></mujoco>'
+
+
+def turned(pose: Array, shape: Shape) -> tuple[Array, Array]:
+    """Return place and rotation matrix of a shape whose body has this pose."""
+    place, whole, matrix = np.zeros(3), np.zeros(4), np.zeros(9)
+    mujoco.mju_rotVecQuat(place, np.array(shape.place_m), pose[3:])
+    mujoco.mju_mulQuat(whole, pose[3:], np.array(shape.orientation))
+    mujoco.mju_quat2Mat(matrix, whole)
+    return place + pose[:3], matrix
+
+
+def test_shapes_with_poses_are_where_the_model_has_its_geoms() -> None:
+    world = hold(world_of(KINDS, ("ball",)))
+    model, data = world.scene.model, world.data
+    random = np.random.default_rng(1)
+    for _ in range(40):
+        world.step(random.uniform(-0.5, 0.5, (1, 3)))
+    shapes, poses = world.geoms(), world.poses_of_bodies()
+    seen = [geom for geom in range(model.ngeom) if model.geom_group[geom] < 3 and model.geom_rgba[geom][3] > 0.0]
+    assert [shape.kind for shape in shapes] == ["plane", "box", "capsule", "cylinder", "ellipsoid", "sphere", "sphere"]
+    assert len(poses) == 3
+    start = np.array([0.01, 0.0, 0.03])
+    for shape, geom in zip(shapes, seen, strict=True):
+        pose = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]) if shape.body is None else poses[shape.body]
+        place, matrix = turned(pose, shape)
+        assert place + start == pytest.approx(data.geom_xpos[geom], abs=1e-12)
+        assert matrix == pytest.approx(data.geom_xmat[geom], abs=1e-12)
+        assert list(shape.size_m) == model.geom_size[geom].tolist()
+    floor, table, capsule, cylinder, _, arm, ball = shapes
+    assert (floor.body, table.body, floor.rgba, table.rgba) == (None, None, None, (0.0, 0.0, 1.0, 0.5))
+    assert (capsule.rgba, cylinder.rgba) == ((1.0, 0.0, 0.0, 1.0), None)
+    assert [each.object for each in (capsule, cylinder, arm, ball, table)] == [True, True, False, False, False]
+    assert [each.seat for each in (capsule, arm, ball)] == [None, None, 0]
+    assert poses[0, :3] == pytest.approx(world.position, abs=1e-15)
+
+
+def test_an_object_alone_has_neither_shapes_nor_messages() -> None:
+    world = world_of("lift")
+    drawn = DrawnBodies()
+    assert drawn.messages(2, world)
+    world.geoms = lambda: ()  # type: ignore[method-assign]
+    assert DrawnBodies().messages(2, world) == []
+
+
+class Placed:
+    """A world whose bodies are put where a test wants them."""
+
+    def __init__(self, bodies: int) -> None:
+        self.poses = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (bodies, 1))
+
+    def geoms(self) -> Sequence[Shape]:
+        return [Shape("sphere", (0.01, 0.0, 0.0), body) for body in range(len(self.poses))]
+
+    def poses_of_bodies(self) -> Array:
+        return self.poses
+
+
+def told(
+    drawn: DrawnBodies, world: SceneWorld | Placed, step: int = 2
+) -> tuple[dict[int, tuple[float, ...]], list[int]]:
+    """Return poses by body and numbers of shapes that are told after a view; every message fits a datagram."""
+    poses: dict[int, tuple[float, ...]] = {}
+    shapes: list[int] = []
+    for message in drawn.messages(step, world):  # type: ignore[arg-type]
+        assert len(encode(message)) <= MAX_MESSAGE_BYTES
+        assert decode(encode(message)) == message
+        if isinstance(message, Geom):
+            shapes.append(message.number)
+        else:
+            poses |= dict(message.read())
+    return poses, shapes
+
+
+def test_bodies_that_moved_are_told_at_once_and_the_others_in_turn() -> None:
+    world, drawn = Placed(60), DrawnBodies()
+    seen: list[int] = []
+    for _ in range(-(-60 // BODIES_AT_REST)):
+        seen += told(drawn, world)[0]
+    assert sorted(set(seen)) == list(range(60))
+    half = np.radians(0.5 * MOVED_DEG)
+    world.poses[5, 0] += 1.01 * MOVED_M
+    world.poses[7, 3:] = [np.cos(1.01 * half), 0.0, np.sin(1.01 * half), 0.0]
+    world.poses[8, 3:] = -world.poses[8, 3:]  # the same orientation
+    world.poses[9, 0] += 0.5 * MOVED_M
+    poses = told(drawn, world)[0]
+    assert list(poses)[:2] == [5, 7]
+    assert poses[5] == pytest.approx(world.poses[5], abs=1e-7)
+    assert len(poses) == 2 + BODIES_AT_REST
+
+
+def test_of_more_moving_bodies_than_fit_all_have_their_turn() -> None:
+    world, drawn = Placed(100), DrawnBodies()
+    counts = np.zeros(100, dtype=int)
+    told(drawn, world)
+    for _ in range(60):
+        world.poses[:90, 0] += 2.0 * MOVED_M
+        poses = told(drawn, world)[0]
+        assert len(poses) == MOST_POSES
+        counts[list(poses)] += 1
+    assert counts.min() >= 15, "23 if all were alike"
+
+
+def test_a_pose_out_of_bounds_takes_the_others_from_nobody() -> None:
+    world = Placed(3)
+    world.poses[0] = np.nan
+    world.poses[1, 0] = 1e9
+    poses = told(DrawnBodies(), world)[0]
+    assert poses[0] == (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    assert poses[1][0] == 1000.0
+    assert poses[2] == (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("scene", ["lift", pile(120)])
+def test_an_observer_who_loses_a_third_knows_all_within_three_seconds(scene: str) -> None:
+    world, drawn, observed = world_of(scene), DrawnBodies(), ObservedScene()
+    random = np.random.default_rng(3)
+    views = 0
+    while not observed.shapes or any(np.isnan(pose[0]) for pose in observed.poses()):
+        views += 1
+        assert views <= 3 * VIEWS_HZ
+        for message in drawn.messages(2 * views, world):
+            if random.random() >= 0.3:
+                received = decode(encode(message))
+                assert isinstance(received, Geom | Bodies)
+                assert observed.receive(received) == ""
+    assert observed.shapes == tuple(world.geoms())
+    assert np.array(observed.poses()) == pytest.approx(world.poses_of_bodies(), abs=1e-6)
+    assert len(told(drawn, world)[1]) == min(SHAPES_A_VIEW, -(-len(observed.shapes) // VIEWS_A_TURN))
+
+
+def test_messages_about_other_scenes_and_late_ones_are_dropped() -> None:
+    geom = Geom(5, 2, 0, "box", (0.1,) * 3, 0, (0.0,) * 3, (1.0, 0.0, 0.0, 0.0), None, None, True)
+    replace = partial(structs.replace, geom)
+    observed = ObservedScene()
+    assert observed.receive(replace(number=2)) == "unfit"
+    assert observed.receive(geom) == ""
+    assert observed.receive(replace(count=3, number=1)) == "unfit"
+    assert observed.shapes == ()
+    world, drawn = Placed(1), DrawnBodies()
+    (first, *_) = drawn.messages(4, world)  # type: ignore[arg-type]
+    assert isinstance(first, Bodies)
+    at_five = Bodies(5, 4, first.poses)
+    assert observed.receive(at_five) == ""
+    assert observed.receive(at_five) == "late poses"
+    assert observed.receive(Bodies(5, 3, first.poses)) == "late poses"
+    assert observed.receive(replace(number=1, body=1)) == ""
+    assert len(observed.shapes) == 2
+    assert [np.isnan(pose[0]) for pose in observed.poses()] == [False, True]
+    assert observed.receive(replace(session=6)) == "", "another session begins anew"
+    assert observed.shapes == ()

@@ -1,0 +1,236 @@
+"""Bodies of a scene in the view: frames, a live session, a recorded run, and the page in a real browser."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from math import cos, isnan, nan, sin
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from cogrip.cli.session.settings_file import load
+from cogrip.devices.web.messages import FrameError
+from cogrip.protocol.drawing import Shape
+from cogrip.protocol.messages import Pose, View
+from cogrip.protocol.recording.reader import Message
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.records import open_run
+from cogrip.sim.runs.replay.verify import verify
+from cogrip.view.frames import BODY_BYTES, decode, decode_chunk, encode, encode_chunk
+from cogrip.view.page import self_contained
+from cogrip.view.recording import ViewError, open_view
+from cogrip.view.scene import WORKSPACE_M, Scene, to_json, turn_of, workspace_of
+
+from tests.recording_files import rewrite
+from tests.view.browser_page import BrowserPage
+from tests.view.page_server import PageServer, serving
+from tests.view.pictured import frame, moving, scene
+from tests.view.test_live_scene import Watched
+
+HALF = 0.03
+BOX = Shape("box", (HALF,) * 3, 0, rgba=(1.0, 0.2, 0.1, 1.0), object=True)
+FLOOR = Shape("plane", (0.0, 0.0, 0.1), place_m=(0.0, 0.0, -0.05))
+KINDS = (
+    BOX, FLOOR, Shape("sphere", (0.02, 0.0, 0.0), 1, seat=0), Shape("capsule", (0.01, 0.02, 0.0), 2),
+    Shape("cylinder", (0.01, 0.02, 0.0), 2, (0.0, 0.0, 0.05)), Shape("ellipsoid", (0.01, 0.02, 0.03), 3),
+)  # fmt: skip
+HERE: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+TURN = 0.4  # of the box about z, from one edge upright before the camera to another
+
+
+def drawn_of(shapes: tuple[Shape, ...] = KINDS) -> Scene:
+    return msgspec.structs.replace(scene(), geoms=shapes)
+
+
+def test_bodies_follow_the_people_and_come_back_bit_for_bit() -> None:
+    poses = ((1 / 3, -1e-9, 2.0, 0.5, -0.5, 0.5, 0.5), (0.1,) * 7)
+    sent = replace(moving(7), bodies=poses)
+    assert decode(encode(sent)).bodies == poses
+    assert len(encode(sent)) - len(encode(moving(7))) == 2 * BODY_BYTES
+    number, frames = decode_chunk(encode_chunk(3, [sent, sent]), 2, 2)
+    assert (number, [each.bodies for each in frames]) == (3, [poses, poses])
+    for wrong in (encode(sent)[:-1], encode(sent) + b"\0", encode(sent)[: 96 + 135]):
+        with pytest.raises(FrameError):
+            decode(wrong)
+
+
+def test_camera_takes_in_all_bodies_but_nothing_below_the_floor() -> None:
+    assert workspace_of((FLOOR,), ()) == (*WORKSPACE_M[:2], (-0.05, 0.1))
+    far = (0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    (_, high), _, _ = workspace_of((BOX,), (far,))
+    assert high == pytest.approx(0.5 + HALF * 3**0.5)
+    assert workspace_of((BOX,), ((nan,) * 7,)) == WORKSPACE_M
+    assert workspace_of((BOX,), ()) == WORKSPACE_M
+    assert turn_of((BOX,), ((0.0, 0.0, 0.0, 0.6, 0.8, 0.0, 0.0),)) == (0.6, 0.8, 0.0, 0.0)
+    assert turn_of((BOX,), ((nan,) * 7,)) == turn_of((), ()) == (1.0, 0.0, 0.0, 0.0)
+
+
+def lifting(seconds: float) -> dict[str, Any]:
+    """Return the settings of `lift.toml` as tables."""
+    settings = load(Path("lift"), [f"seconds={seconds}"])
+    tables: dict[str, Any] = msgspec.to_builtins(settings)
+    return tables
+
+
+def test_a_live_scene_is_drawn_of_its_bodies() -> None:
+    places: dict[int, Any] = {}
+    watched = Watched(**lifting(3.0)).run(
+        lambda lab: places.update({lab.room.steps: lab.room.world.poses_of_bodies().copy()})
+    )
+    live, world = watched.live, watched.lab.room.world
+    assert live is not None
+    assert live.scene.geoms == tuple(world.geoms())
+    assert [person.anchor_m for person in live.scene.people] == [
+        pytest.approx((-world.offset[seat]).tolist()) for seat in (0, 1)
+    ]
+    views = [message for message in watched.messages if isinstance(message, View)]
+    with_bodies = [each for each in watched.frames if each.bodies]
+    assert len(views) - len(with_bodies) <= 32, "known within half a second"
+    for each in with_bodies:
+        assert np.array(each.bodies) == pytest.approx(places[each.number], abs=1e-7), (
+            "the poses of a view come before it"
+        )
+    assert with_bodies[-1].orientation == with_bodies[-1].bodies[0][3:]
+
+
+@pytest.fixture(scope="module")
+def lift_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "lift"
+    folder.mkdir()
+    run_laboratory(load(Path("lift"), ["seconds=2.5"]), folder)
+    return folder
+
+
+def test_a_recorded_scene_is_drawn_bit_for_bit_as_recorded(lift_run: Path) -> None:
+    view, server = open_view(lift_run), open_run(lift_run).server
+    assert server is not None
+    (geoms,) = [each.record for each in server.records("geoms")]
+    recorded = {each.record.step: each.record.poses for each in server.records("poses")}
+    assert view.scene.geoms == geoms.shapes
+    _, frames = decode_chunk(view.chunk(0), 2, 3)
+    assert len(frames) == len(recorded) == 160, "64 a second"
+    for each in frames:
+        assert np.array(each.bodies).tobytes() == np.array(recorded[each.number]).tobytes()
+        assert each.position_m == pytest.approx(each.bodies[0][:3], abs=0.0)
+    last = frames[-1]
+    for who, state in zip(view.scene.people, last.people, strict=True):
+        tool = next(shape.body for shape in geoms.shapes if shape.seat == who.seat)
+        assert tool is not None
+        at = [value + away for value, away in zip(state.proxy_m, who.anchor_m, strict=True)]
+        assert at == pytest.approx(last.bodies[tool][:3], abs=1e-12), "a proxy is at its tool"
+    assert server.columns("poses")["poses"].tobytes() == np.array(list(recorded.values())).tobytes()
+    assert verify(server.recording).exact
+
+
+def is_red(colour: np.ndarray) -> bool:
+    red, green, blue = colour
+    return bool(red > 1.5 * green and red > 1.5 * blue)
+
+
+Open = Callable[..., BrowserPage]
+
+
+def test_page_draws_a_body_where_it_has_moved_and_turned_to(open_page: Open) -> None:
+    bare = replace(frame(1), people=())
+    poses: list[Pose] = [
+        HERE,
+        (0.05, -0.03, 0.02, cos(TURN), 0.0, 0.0, sin(TURN)),
+        (-0.06, 0.02, 0.0, 1.0, 0.0, 0.0, 0.0),
+    ]
+    with serving(PageServer(to_json(drawn_of((BOX, FLOOR))))) as server:
+        page = open_page(server.address)
+        server.wait_for_page()
+        page.until("cogrip.scene !== null")
+        page.tab.keyboard.press("3")  # from above
+        for number, pose in enumerate(poses):
+            server.send(encode(replace(bare, number=number, bodies=(pose,))))
+            drawn = page.until_drawn(number)["drawn"]
+            assert drawn["object"] is None, "the plain box is left out"
+            assert drawn["bodies"][0]["position_m"] == list(pose[:3])
+            assert drawn["bodies"][0]["orientation"] == pytest.approx(pose[3:], abs=1e-12)
+            picture = page.picture()
+            x, y, z, w, _, _, k = pose
+            c, s = w * w - k * k, 2 * w * k
+            for along, across, inside in ((0.9, 0.9, True), (-0.9, 0.9, True), (1.15, 0.0, False), (1.15, 1.15, False)):
+                u, v = along * HALF, across * HALF
+                point = (x + c * u - s * v, y + s * u + c * v, z + HALF)
+                assert is_red(page.pixel(picture, point)) == inside, (number, along, across)
+        server.send(encode(replace(bare, number=9, flags=1, bodies=(HERE,))))
+        page.until_drawn(9)
+        red, green, blue = page.pixel(page.picture(), (0.0, 0.0, HALF))
+        assert green > 0.5 * red > blue, "the object in contact, in the colour of contact"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_page_draws_all_kinds_and_hides_what_is_not_known_or_not_held(open_page: Open, scheme: str) -> None:
+    away = [(0.0, 0.07 * number - 0.1, 0.02, 1.0, 0.0, 0.0, 0.0) for number in range(4)]
+    with serving(PageServer(to_json(drawn_of()))) as server:
+        page = open_page(server.address, color_scheme=scheme, width=390, height=844)
+        server.wait_for_page()
+        page.until("cogrip.scene !== null")
+        for number, (people, poses, shown) in enumerate(
+            [
+                (frame(1).people, away, [True] * 4),
+                ((), away, [True, False, True, True]),
+                (frame(1).people, [*away[:3], (nan,) * 7], [True, True, True, False]),
+                (frame(1).people, away[:2], [True, True, False, False]),
+            ]
+        ):
+            server.send(encode(replace(frame(number), people=people, bodies=tuple(poses))))
+            bodies = page.until_drawn(number)["drawn"]["bodies"]
+            assert [each["visible"] for each in bodies] == shown
+        assert page.state("cogrip.stats.malformed") == 0
+        assert page.state("document.documentElement.scrollWidth") <= 390
+
+
+def test_a_recorded_scene_as_one_file(open_page: Open, lift_run: Path, tmp_path: Path) -> None:
+    view = open_view(lift_run)
+    path = tmp_path / "page.html"
+    path.write_text(self_contained(to_json(view.scene), [view.chunk(0)]), encoding="utf-8")
+    page = open_page(path.as_uri())
+    wanted = view.frames(0)[-1]
+    page.until("cogrip.frame !== null")
+    page.state(f"cogrip.seek({wanted.time_s})")
+    read = page.until_drawn(wanted.number)
+    assert [[*each["position_m"], *each["orientation"]] for each in read["bodies"]] == [
+        list(each) for each in wanted.bodies
+    ]
+    assert [each["visible"] for each in read["drawn"]["bodies"]] == [True] * 3
+    assert not any(isnan(value) for each in wanted.bodies for value in each)
+
+
+def test_a_recording_with_impossible_bodies_is_told_or_shown_without_them(lift_run: Path, tmp_path: Path) -> None:
+    def spoil(wanted: str, payload: bytes, after: int = 0) -> Path:
+        seen = 0
+
+        def alter(kind: str, message: Message) -> bytes:
+            nonlocal seen
+            seen += kind == wanted
+            return payload if kind == wanted and seen > after else message.payload
+
+        folder = tmp_path / f"{len(list(tmp_path.iterdir()))}"
+        shutil.copytree(lift_run, folder)
+        rewrite(folder / "server.mcap", alter)
+        return folder
+
+    shape = {"kind": "box", "size_m": [1, 1, 1], "body": 0, "place_m": [0, 0, 0], "orientation": [1, 0, 0, 0]}
+    for wrong in (
+        {"body": 10**9},
+        {"size_m": [1]},
+        {"kind": "mesh"},
+        {"orientation": [1]},
+        {"rgba": [1, 1]},
+        {"place_m": None},
+    ):
+        geoms = json.dumps({"shapes": [{**shape, **wrong}], "offsets_m": []}).encode()
+        with pytest.raises(ViewError, match="does not say what it should"):
+            open_view(spoil("geoms", geoms))
+    short = open_view(spoil("poses", b'{"step": -1, "poses": [1, null]}', after=10))
+    _, frames = decode_chunk(short.chunk(0), 2, 3)
+    assert [isnan(each.bodies[0][0]) for each in frames[:20]] == [False] * 10 + [True] * 10
+    with pytest.raises(ViewError, match="not what its topic says"):
+        open_view(spoil("poses", b'{"step": 4}', after=10)).chunk(0)

@@ -1,0 +1,100 @@
+/** Bodies of a scene: its shapes in three.js, each body moved to its pose. */
+
+import {
+  BoxGeometry, CapsuleGeometry, Color, CylinderGeometry, DoubleSide, EdgesGeometry, FrontSide, Group, LineBasicMaterial, LineSegments, Mesh,
+  MeshLambertMaterial, PlaneGeometry, Quaternion, SphereGeometry, Vector3,
+} from "three";
+
+const LEAST_M = 1e-4; // a side of nothing has no normal
+const WIDEST = 0.75; // half the side of a plane as it is drawn, in workspaces: contact has no end, and a full picture is slow to draw
+
+/** @typedef {{kind: string, size_m: number[], body: number | null, place_m: number[], orientation: number[], rgba: number[] | null, seat: number | null, object: boolean}} Shape */
+
+/** @param {Shape} shape @param {number} extent_m of the workspace @returns {import("three").BufferGeometry} in the frame of its body */
+export function shapeGeometry({ kind, size_m, place_m, orientation: [w, x, y, z] }, extent_m) {
+  const [a, b, c] = size_m.map((each) => Math.max(each, LEAST_M));
+  const side = (half) => 2 * Math.min(half > 0 ? half : Infinity, WIDEST * extent_m);
+  const make = {
+    box: () => new BoxGeometry(2 * a, 2 * b, 2 * c),
+    sphere: () => new SphereGeometry(a, 24, 16),
+    ellipsoid: () => new SphereGeometry(1, 24, 16).scale(a, b, c),
+    capsule: () => new CapsuleGeometry(a, 2 * b, 8, 24).rotateX(Math.PI / 2), // its axis is z
+    cylinder: () => new CylinderGeometry(a, a, 2 * b, 32).rotateX(Math.PI / 2),
+    plane: () => new PlaneGeometry(side(size_m[0]), side(size_m[1])),
+  }[kind];
+  return (make ?? make.box)().applyQuaternion(new Quaternion(x, y, z, w)).translate(...place_m);
+}
+
+/** @param {Shape[]} shapes @param {number} extent_m @returns {import("three").BufferGeometry[]} those of the object */
+export function objectGeometries(shapes, extent_m) {
+  return shapes.filter((each) => each.object).map((each) => shapeGeometry(each, extent_m));
+}
+
+class DrawnShape extends Group {
+  /** @param {Shape} shape @param {string | undefined} own colour of the person whose tool it is */
+  constructor(shape, own, extent_m, colours) {
+    super();
+    this.shape = shape;
+    const geometry = shapeGeometry(shape, extent_m);
+    const plane = shape.kind === "plane";
+    const [red, green, blue, alpha] = shape.rgba ?? [0, 0, 0, plane ? 0.35 : 1];
+    this.colour = own ? new Color(own) : shape.rgba ? new Color().setRGB(red, green, blue, "srgb") : new Color(shape.body === null ? colours.fixed : colours.object);
+    const seenThrough = !own && alpha < 1;
+    this.material = new MeshLambertMaterial({ transparent: seenThrough, opacity: own ? 1 : alpha, side: plane ? DoubleSide : FrontSide, depthWrite: !seenThrough, polygonOffset: plane, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
+    this.add(new Mesh(geometry, this.material));
+    this.edges = new LineBasicMaterial();
+    if (["box", "cylinder"].includes(shape.kind) && !own) this.add(new LineSegments(new EdgesGeometry(geometry, 30), this.edges));
+    this.paint(colours, false);
+  }
+
+  paint(colours, contact) {
+    const lit = contact && this.shape.object;
+    this.material.color.set(lit ? colours.contact : this.colour);
+    this.edges.color.set(lit ? colours.contactEdge : colours.edge);
+  }
+}
+
+/** All shapes of a scene. Tools are drawn while somebody holds them. */
+export class SceneBodies extends Group {
+  /** @param {object} scene message @param {number} extent_m of the workspace */
+  constructor(scene, extent_m, colours) {
+    super();
+    const people = new Map(scene.people.map((each) => [each.seat, each.colour]));
+    this.shapes = scene.geoms.map((shape) => new DrawnShape(shape, people.get(shape.seat), extent_m, colours));
+    this.bodies = [];
+    for (const each of this.shapes) {
+      const { body } = each.shape;
+      if (body === null) this.add(each);
+      else (this.bodies[body] ??= new Group()).add(each);
+    }
+    this.bodies = Array.from(this.bodies, (each) => each ?? new Group());
+    this.add(...this.bodies);
+  }
+
+  /** @param {import("./frames.js").Frame} frame */
+  show(frame, colours) {
+    const held = new Set(frame.people.filter((each) => !["free", "joining"].includes(each.state)).map((each) => each.seat));
+    for (const each of this.shapes) {
+      each.visible = each.shape.seat === null || held.has(each.shape.seat);
+      each.paint(colours, frame.contact);
+    }
+    this.bodies.forEach((body, number) => {
+      const pose = frame.bodies[number];
+      body.visible = pose !== undefined && [...pose.position_m, ...pose.orientation].every(Number.isFinite);
+      if (!body.visible) return;
+      const [w, x, y, z] = pose.orientation;
+      body.position.set(...pose.position_m);
+      body.quaternion.set(x, y, z, w);
+    });
+  }
+
+  /** @returns {({position_m: number[], orientation: number[], visible: boolean})[]} as they were drawn */
+  drawn() {
+    const turned = new Quaternion();
+    return this.bodies.map((body) => {
+      body.matrixWorld.decompose(new Vector3(), turned, new Vector3());
+      const shown = body.visible && body.children.some((each) => each.visible);
+      return { position_m: new Vector3().setFromMatrixPosition(body.matrixWorld).toArray(), orientation: [turned.w, turned.x, turned.y, turned.z], visible: shown };
+    });
+  }
+}
