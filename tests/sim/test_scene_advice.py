@@ -1,4 +1,4 @@
-"""What is said about scenes of rigid bodies: before a run by `advise`, after it in summary, verdict and report."""
+"""Words about scenes of rigid bodies: before a run by `advise`, after it in summary, verdict and report."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What a server that was killed leaves of a scene: the next one puts every body where it was, at rest."""
+"""Checkpoints of a scene: the next server puts every body where it was, at rest."""
 
 from pathlib import Path
 
