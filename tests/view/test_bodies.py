@@ -234,3 +234,20 @@ def test_a_recording_with_impossible_bodies_is_told_or_shown_without_them(lift_r
     assert [isnan(each.bodies[0][0]) for each in frames[:20]] == [False] * 10 + [True] * 10
     with pytest.raises(ViewError, match="not what its topic says"):
         open_view(spoil("poses", b'{"step": 4}', after=10)).chunk(0)
+
+
+def test_a_floor_is_drawn_below_what_is_seen_wherever_its_middle_is(open_page: Open) -> None:
+    floor = Shape("plane", (0.0, 5.0, 0.1), place_m=(3.0, -3.0, -0.05), rgba=(1.0, 0.0, 0.0, 1.0))
+    edge = Shape("plane", (0.05, 0.05, 0.1), place_m=(0.0, 0.0, -0.04), rgba=(0.0, 0.0, 1.0, 1.0))
+    with serving(PageServer(to_json(drawn_of((floor, edge))))) as server:
+        page = open_page(server.address)
+        server.wait_for_page()
+        page.until("cogrip.scene !== null")
+        page.tab.keyboard.press("3")
+        server.send(encode(replace(frame(1), people=())))
+        page.until_drawn(1)
+        picture = page.picture()
+        for x, y in ((0.08, 0.08), (-0.08, 0.07), (0.06, -0.08)):
+            assert is_red(page.pixel(picture, (x, y, -0.05)))
+        red, _, blue = page.pixel(picture, (0.04, -0.03, -0.04))
+        assert blue > 2 * red, "no wider than it is"

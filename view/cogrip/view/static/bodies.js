@@ -10,32 +10,44 @@ const WIDEST = 0.75; // half the side of a plane as it is drawn, in workspaces: 
 
 /** @typedef {{kind: string, size_m: number[], body: number | null, place_m: number[], orientation: number[], rgba: number[] | null, seat: number | null, object: boolean}} Shape */
 
-/** @param {Shape} shape @param {number} extent_m of the workspace @returns {import("three").BufferGeometry} in the frame of its body */
-export function shapeGeometry({ kind, size_m, place_m, orientation: [w, x, y, z] }, extent_m) {
+/** @param {Shape} shape @param {import("three").Box3} space that the camera takes in @returns {import("three").BufferGeometry} in the frame of its body */
+export function shapeGeometry({ kind, size_m, place_m, orientation: [w, x, y, z] }, space) {
   const [a, b, c] = size_m.map((each) => Math.max(each, LEAST_M));
-  const side = (half) => 2 * Math.min(half > 0 ? half : Infinity, WIDEST * extent_m);
+  const turned = new Quaternion(x, y, z, w);
+  const middle = () => space.getCenter(new Vector3()).sub(new Vector3(...place_m)).applyQuaternion(turned.clone().invert());
   const make = {
     box: () => new BoxGeometry(2 * a, 2 * b, 2 * c),
     sphere: () => new SphereGeometry(a, 24, 16),
     ellipsoid: () => new SphereGeometry(1, 24, 16).scale(a, b, c),
     capsule: () => new CapsuleGeometry(a, 2 * b, 8, 24).rotateX(Math.PI / 2), // its axis is z
     cylinder: () => new CylinderGeometry(a, a, 2 * b, 32).rotateX(Math.PI / 2),
-    plane: () => new PlaneGeometry(side(size_m[0]), side(size_m[1])),
+    plane: () => planeGeometry(size_m, space.getSize(new Vector3()), middle()),
   }[kind];
-  return (make ?? make.box)().applyQuaternion(new Quaternion(x, y, z, w)).translate(...place_m);
+  return make().applyQuaternion(turned).translate(...place_m);
 }
 
-/** @param {Shape[]} shapes @param {number} extent_m @returns {import("three").BufferGeometry[]} those of the object */
-export function objectGeometries(shapes, extent_m) {
-  return shapes.filter((each) => each.object).map((each) => shapeGeometry(each, extent_m));
+/** The part of a plane below the workspace. @param {Vector3} middle of the workspace, in the plane's frame */
+function planeGeometry(size_m, workspace, middle) {
+  const widest = WIDEST * Math.max(...workspace.toArray());
+  const [x, y] = [0, 1].map((axis) => {
+    const half = size_m[axis] > 0 ? size_m[axis] : Infinity;
+    const part = Math.min(half, widest);
+    return { side: 2 * part, at: Math.min(Math.max(middle.getComponent(axis), part - half), half - part) };
+  });
+  return new PlaneGeometry(x.side, y.side).translate(x.at, y.at, 0);
+}
+
+/** @param {Shape[]} shapes @param {import("three").Box3} space @returns {import("three").BufferGeometry[]} those of the object */
+export function objectGeometries(shapes, space) {
+  return shapes.filter((each) => each.object).map((each) => shapeGeometry(each, space));
 }
 
 class DrawnShape extends Group {
   /** @param {Shape} shape @param {string | undefined} own colour of the person whose tool it is */
-  constructor(shape, own, extent_m, colours) {
+  constructor(shape, own, space, colours) {
     super();
     this.shape = shape;
-    const geometry = shapeGeometry(shape, extent_m);
+    const geometry = shapeGeometry(shape, space);
     const plane = shape.kind === "plane";
     const [red, green, blue, alpha] = shape.rgba ?? [0, 0, 0, plane ? 0.35 : 1];
     this.colour = own ? new Color(own) : shape.rgba ? new Color().setRGB(red, green, blue, "srgb") : new Color(shape.body === null ? colours.fixed : colours.object);
@@ -56,11 +68,11 @@ class DrawnShape extends Group {
 
 /** All shapes of a scene. Tools are drawn while somebody holds them. */
 export class SceneBodies extends Group {
-  /** @param {object} scene message @param {number} extent_m of the workspace */
-  constructor(scene, extent_m, colours) {
+  /** @param {object} scene message @param {import("three").Box3} space that the camera takes in */
+  constructor(scene, space, colours) {
     super();
     const people = new Map(scene.people.map((each) => [each.seat, each.colour]));
-    this.shapes = scene.geoms.map((shape) => new DrawnShape(shape, people.get(shape.seat), extent_m, colours));
+    this.shapes = scene.geoms.map((shape) => new DrawnShape(shape, people.get(shape.seat), space, colours));
     this.bodies = [];
     for (const each of this.shapes) {
       const { body } = each.shape;
@@ -68,7 +80,7 @@ export class SceneBodies extends Group {
       else (this.bodies[body] ??= new Group()).add(each);
     }
     this.bodies = Array.from(this.bodies, (each) => each ?? new Group());
-    this.add(...this.bodies);
+    for (const each of this.bodies) this.add(each);
   }
 
   /** @param {import("./frames.js").Frame} frame */

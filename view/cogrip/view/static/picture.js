@@ -72,8 +72,8 @@ export class Picture {
     sun.position.set(2, -3, 5);
     this.body = new Body(scene.object, colours);
     const shapes = scene.geoms ?? [];
-    this.bodies = shapes.length > 0 ? new SceneBodies(scene, this.extent_m, colours) : null;
-    this.ghost = new Ghost(scene.object, objectGeometries(shapes, this.extent_m));
+    this.bodies = shapes.length > 0 ? new SceneBodies(scene, box, colours) : null;
+    this.ghost = new Ghost(scene.object, this.bodies && objectGeometries(shapes, box));
     this.world.add(new AmbientLight(0xffffff, 1.6), sun, grid, this.bodies ?? this.body, this.ghost);
     for (const each of scene.geometry) this.world.add(fixedBody(each, colours));
     this.people.clear();

@@ -42,14 +42,13 @@ export class Body extends Group {
 
 /** Another person's picture of the object: its edges in the person's colour. */
 export class Ghost extends Group {
-  /** @param {object} object @param {BufferGeometry[]} shapes that it has in a scene */
+  /** @param {object} object @param {BufferGeometry[] | null} shapes that it has in a scene */
   constructor(object, shapes) {
     super();
     this.line = new LineBasicMaterial();
     this.film = new MeshBasicMaterial({ transparent: true, opacity: 0.16, depthWrite: false, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
-    const drawn = shapes.length > 0 ? shapes : [objectGeometry(object)];
-    const outlined = shapes.length > 0 ? shapes : [objectGeometry(object, 12)];
-    this.add(...outlined.map((each) => new LineSegments(new EdgesGeometry(each, 1), this.line)), ...drawn.map((each) => new Mesh(each, this.film)));
+    for (const each of shapes ?? [objectGeometry(object, 12)]) this.add(new LineSegments(new EdgesGeometry(each, 1), this.line));
+    for (const each of shapes ?? [objectGeometry(object)]) this.add(new Mesh(each, this.film));
     this.visible = false;
   }
 
