@@ -20,7 +20,7 @@ CLOCK_OFF_MS = """async () => {
   }
   return off.sort((a, b) => a - b)[25];
 }"""
-"""What a page's own clock lacks to the system's, which it knows by the millisecond: seen as that changes."""
+"""Offset of the page's own clock from the system's, which it knows by the millisecond: seen as that changes."""
 
 
 def measure(url: str, seconds: float) -> dict[str, object]:
