@@ -20,9 +20,9 @@ from cogrip.client.device_port import (
     UNPAID,
     DevicePort,
 )
+from cogrip.client.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.inputs import CloseLedger
 from cogrip.client.oscillation import TRAIN
-from cogrip.client.safety import SOFT_SLOPE_NPS
 from cogrip.client.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import TickCount

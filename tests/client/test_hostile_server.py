@@ -7,8 +7,8 @@ import pytest
 from msgspec import structs
 
 from cogrip.client.core import ClientCore
+from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.inputs import Connect, Rearm
-from cogrip.client.safety import MOST_SLOPE_NPS
 from cogrip.devices.registry import make
 from cogrip.protocol import messages
 from cogrip.protocol.line.sender import LineSender

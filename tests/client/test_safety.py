@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.safety import (
     AT_LIMIT_S,
     FAULT_OUT_S,
     FORGIVEN,
-    MOST_SLOPE_NPS,
     RAMP_IN_S,
     RAMP_OUT_S,
     STALL_S,

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.safety import FAULT_OUT_S, RAMP_OUT_S, SOFT_S, SOFT_SLOPE_NPS, Safety
+from cogrip.client.force_limits import SOFT_S, SOFT_SLOPE_NPS
+from cogrip.client.safety import FAULT_OUT_S, RAMP_OUT_S, Safety
 
 from tests.client.test_safety import PEAK_N, TICK_S, capability, full, size
 

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.safety import AT_LIMIT_S, FAULT_OUT_S, MOST_SLOPE_NPS, RAMP_OUT_S, WARM_S, Safety
+from cogrip.client.force_limits import MOST_SLOPE_NPS
+from cogrip.client.safety import AT_LIMIT_S, FAULT_OUT_S, RAMP_OUT_S, WARM_S, Safety
 from cogrip.client.thermal import CALM_SHARE, FADE_S, TIME_CONSTANT_S, WARN_SHARE, ThermalLimit
 from cogrip.devices.registry import describe, make
 

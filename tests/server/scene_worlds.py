@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_file import Scene, load_scene, make_scene
+from cogrip.server.worlds.scene_file import Scene, held_by, load_scene, make_scene
 
 Array = NDArray[np.float64]
 T, B = 1 / 128, 20.0
@@ -23,13 +23,13 @@ def world_of(scene: str | Path, tools: Sequence[str] = ("", ""), substeps: int =
     people = [{"tool": tool, "side": ("left", "right")[number % 2]} for number, tool in enumerate(tools)]
     thing = {"kind": "scene", "file": "x.xml", "axes": 3, "substeps": substeps}
     settings = resolve({"object": thing, "coupling": {"impedance_nspm": b}, "users": people})
-    sides = [user.side for user in settings.users]
+    held = held_by(settings)
     step_s = T / substeps
     loaded: Scene
     if isinstance(scene, Path) or scene in SHIPPED:
-        loaded = load_scene(SCENES / f"{scene}.xml" if isinstance(scene, str) else scene, tools, sides, step_s)
+        loaded = load_scene(SCENES / f"{scene}.xml" if isinstance(scene, str) else scene, held, step_s)
     else:
-        loaded = make_scene(scene, tools, sides, step_s)
+        loaded = make_scene(scene, held, step_s)
     return SceneWorld([seat_settings(settings, number) for number in range(len(tools))], loaded, substeps)
 
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from cogrip.server.worlds.scene_file import MOST_BYTES, SceneError, load_scene, make_scene
+from cogrip.server.worlds.scene_file import MOST_BYTES, Held, SceneError, load_scene, make_scene
 
 from tests.server.scene_worlds import SCENES, SHIPPED, hold, world_of
 
@@ -29,7 +29,7 @@ def scene_of(bodies: str, *tools: str, more: str = ""):
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_scenes_that_come_with_cogrip_leave_contact_to_it(name: str) -> None:
-    scene = load_scene(SCENES / f"{name}.xml", ("", ""), ("left", "right"), STEP)
+    scene = load_scene(SCENES / f"{name}.xml", [Held("", "left", ""), Held("", "right", "")], STEP)
     assert scene.own == ()
     assert "geom solref" in scene.filled
     assert scene.model.opt.timestep == STEP
@@ -50,7 +50,7 @@ def test_contact_that_a_scene_sets_is_kept_and_named() -> None:
 def test_pairs_have_contact_of_their_own() -> None:
     pair = "<contact><pair geom1='a' geom2='b'/></contact>"
     bodies = "<geom name='a' type='plane' size='1 1 1'/><body><freejoint/><geom name='b' size='.1'/></body>"
-    scene = make_scene(f"<mujoco><worldbody>{bodies}</worldbody>{pair}</mujoco>", ("",), ("left",), STEP)
+    scene = make_scene(f"<mujoco><worldbody>{bodies}</worldbody>{pair}</mujoco>", [Held("", "left", "")], STEP)
     assert scene.model.pair_solref[0].tolist() == [-360000.0, -1170.0]
     assert "pair solref" in scene.filled
 
@@ -108,7 +108,7 @@ def test_a_body_of_that_name_comes_before_the_word() -> None:
 
 
 def test_urdf_is_read() -> None:
-    scene = make_scene(URDF, ("",), ("left",), STEP)
+    scene = make_scene(URDF, [Held("", "left", "")], STEP)
     assert scene.model.body("arm").id > 0
     assert scene.object == -1
 
@@ -143,14 +143,14 @@ def test_urdf_is_read() -> None:
 def test_a_scene_that_cannot_be_used_has_its_line(bodies: str, tools: list[str], words: str) -> None:
     text = f"<mujoco><worldbody>{bodies}</worldbody></mujoco>"
     with pytest.raises(SceneError, match=words) as caught:
-        make_scene(text, tools, ["left"] * len(tools), STEP, "x.xml")
+        make_scene(text, [Held(tool, "left", "") for tool in tools], STEP, "x.xml")
     assert "\n" not in str(caught.value)
 
 
 def test_files_of_urdf_are_not_read_either() -> None:
     mesh = '<visual><geometry><mesh filename="package://arm.stl"/></geometry></visual></link>'
     with pytest.raises(SceneError, match=r"refers to other files \(package://arm\.stl\)"):
-        make_scene(URDF.replace("</link>", mesh, 1), ("",), ("left",), STEP)
+        make_scene(URDF.replace("</link>", mesh, 1), [Held("", "left", "")], STEP)
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:
@@ -167,7 +167,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         (raw, "cannot be read: 'utf-8' codec"),
     ):
         with pytest.raises(SceneError, match=words) as caught:
-            load_scene(path, ("",), ("left",), STEP)
+            load_scene(path, [Held("", "left", "")], STEP)
         assert str(path) in str(caught.value)
 
 
@@ -175,4 +175,4 @@ def test_entities_that_multiply_are_refused() -> None:
     levels = "".join(f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 12))
     text = f'<!DOCTYPE mujoco [<!ENTITY e0 "spam">{levels}]><mujoco model="&e11;"/>'
     with pytest.raises(SceneError, match="does not load: "):
-        make_scene(text, ("",), ("left",), STEP)
+        make_scene(text, [Held("", "left", "")], STEP)

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
+from cogrip.client.force_limits import MOST_SLOPE_NPS, SOFT_SLOPE_NPS
 from cogrip.client.inputs import CloseLedger
-from cogrip.client.safety import MOST_SLOPE_NPS, SOFT_SLOPE_NPS
 from cogrip.protocol.session import QUIET_NS
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.session.laboratory import Laboratory

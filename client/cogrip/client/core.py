@@ -183,15 +183,15 @@ class ClientCore:
 
     @property
     def position_m(self) -> tuple[float, ...]:
-        return self._seat.hand.position_m
+        return self._seat.pose
 
     @property
     def velocity_mps(self) -> Sequence[float]:
-        return self._seat.hand.velocity_mps
+        return self._seat.twist
 
     @property
     def force_n(self) -> tuple[float, ...]:
-        return self._seat.force_n
+        return self._seat.wrench
 
     @property
     def released(self) -> bool:

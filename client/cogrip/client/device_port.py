@@ -21,8 +21,8 @@ from collections.abc import Sequence
 from math import dist, exp, hypot, inf, sqrt
 from typing import Literal
 
+from cogrip.client.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.oscillation import OscillationDetector
-from cogrip.client.safety import SOFT_SLOPE_NPS
 from cogrip.client.schemes import SCHEMES
 from cogrip.client.velocity import lag_ticks, largest_impedance
 from cogrip.devices.device import Capability

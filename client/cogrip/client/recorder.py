@@ -82,7 +82,7 @@ class RecordedClient(CoreRecorder, ClientCore):
     def _tick_record(self, force_n: tuple[float, ...]) -> Tick:
         seat, sample = self._seat, self._sample
         coupling, ledger, port, delays = seat.coupling, seat.ledger, seat.port, self.delays
-        velocity = tuple(seat.hand.velocity_mps)
+        velocity = tuple(seat.twist)
         position = given = unfit = None
         if sample is not None:
             position = sample.position_m

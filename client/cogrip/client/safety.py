@@ -6,8 +6,8 @@
 Only `live` lets force through. Entering it ramps the force in over RAMP_IN_S; leaving it ramps the force out over
 RAMP_OUT_S, after a fault over FAULT_OUT_S. The force is clamped to the device's peak keeping its direction, as its motors
 warm to its continuous force (`thermal`); its change is clamped to the device's slope, never above MOST_SLOPE_NPS; where
-waves are missing to SOFT_SLOPE_NPS, for a law without its wave jumps. The energy ledger has what that takes or gives
-(docs/decisions/0004-leaks.md).
+waves are missing to SOFT_SLOPE_NPS, for a law without its wave jumps (`force_limits`). A torque has limits of its own. The
+energy ledger has what that takes or gives (docs/decisions/0004-leaks.md).
 """
 
 from collections import Counter
@@ -15,8 +15,10 @@ from collections.abc import Mapping, Sequence
 from math import hypot, inf, isfinite, sqrt
 from typing import Literal, get_args
 
+from cogrip.client.force_limits import ForceLimits, bounds_of
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
+from cogrip.protocol.settings import PLACES
 
 RAMP_IN_S = 0.3
 RAMP_OUT_S = 0.1
@@ -24,10 +26,7 @@ FAULT_OUT_S = 0.015
 STALL_S = 0.02  # time without samples, less FORGIVEN, after which the device has stalled
 FORGIVEN = 0.5  # of a tick without a sample, by each that comes
 WATCHDOG_S = 0.1  # time without a tick after which the watchdog ends the force: the hand held an old one
-SOFT_SLOPE_NPS = 410.0  # 0.4 N a tick at 1024 Hz
-SOFT_S = 0.05  # after a gap, in which the force may still return to the law
 AT_LIMIT_S = 0.5  # time at its limit after which a force has diverged
-MOST_SLOPE_NPS = 1000.0  # of any force, whatever the record says: 2000 N/m met at 0.5 m/s (docs/security.md)
 WARNED = "near thermal limit"  # counted before anything is limited
 WARM_S = 10.0  # for which warm motors may hold the force down, less the time in which they do not: then it is a fault
 
@@ -52,9 +51,14 @@ class Safety:
     diverged  why this end has diverged, "" if it has not
     """
 
-    def __init__(self, capability: Capability, tick_s: float) -> None:
-        self._tick_s = tick_s
-        self.thermal = ThermalLimit(tick_s, capability.peak_force_n, capability.continuous_force_n)
+    def __init__(self, capability: Capability, tick_s: float, length_m: float = 1.0) -> None:
+        """length_m: characteristic length of the seat, for a device that turns (`pose_axes`)."""
+        self._length_m = length_m
+        sizes = (min(capability.axes, PLACES), capability.axes - PLACES)
+        self._groups = [
+            ForceLimits(bounds, axes, tick_s, self.note)
+            for bounds, axes in zip(bounds_of(capability, length_m), sizes, strict=False)
+        ]
         self.keep_to(capability)
         self._rise = tick_s / RAMP_IN_S
         self._fall = tick_s / RAMP_OUT_S
@@ -63,12 +67,8 @@ class Safety:
         self._watchdog_ticks = max(1, round(WATCHDOG_S / tick_s))
         self._limit_ticks = round(AT_LIMIT_S / tick_s)
         self._warm_ticks = round(WARM_S / tick_s)
-        self._soft_n = SOFT_SLOPE_NPS * tick_s
-        self._soft_ticks = round(SOFT_S / tick_s)
-        self._soft_left = 0
         self.gain = 0.0
         self.law_n: Sequence[float] = (0.0,) * capability.axes
-        self._out: tuple[float, ...] = (0.0,) * capability.axes
         self._absent = 0.0
         self._at_limit = 0
         self._derated = 0
@@ -79,12 +79,15 @@ class Safety:
 
     def keep_to(self, capability: Capability) -> None:
         """Go by this record from now on."""
-        self._peak_n = capability.peak_force_n
-        self._continuous_n = capability.continuous_force_n
-        self.thermal.keep_to(self._peak_n, self._continuous_n)
-        self._slope_n = min(capability.slew_nps, MOST_SLOPE_NPS) * self._tick_s
+        for group, bounds in zip(self._groups, bounds_of(capability, self._length_m), strict=True):
+            group.keep_to(bounds)
         self._speed_mps = capability.speed_mps
         self._workspace_m = capability.workspace_m
+
+    @property
+    def thermal(self) -> ThermalLimit:
+        """Thermal limit of the force."""
+        return self._groups[0].thermal
 
     def note(self, name: str) -> None:
         """Count an event that was dealt with."""
@@ -121,7 +124,7 @@ class Safety:
     @property
     def quiet(self) -> bool:
         """True once no force is left on the hand."""
-        return self.gain == 0.0 and not any(self._out)
+        return self.gain == 0.0 and not any(any(group.out) for group in self._groups)
 
     def absent(self, ticks: int) -> None:
         """Enter another `ticks` ticks without a sample."""
@@ -141,9 +144,12 @@ class Safety:
         if ticks > 1:
             self._hold(ticks)
         square = 0.0
-        for speed in velocity_mps:
+        for speed in velocity_mps[:PLACES]:
             square += speed * speed
-        if not isfinite(square + sum(position_m)):
+        turning = 0.0
+        for speed in velocity_mps[PLACES:]:
+            turning += speed * speed
+        if not isfinite(square + turning + sum(position_m)):
             self.note("non-finite sample")
             self.fail("the device gave a number that is not finite; re-arm once it is well")
             return False
@@ -151,8 +157,10 @@ class Safety:
             self.fail(f"watchdog: the loop was away for {ticks} ticks; see `cogrip doctor`, then re-arm")
         if square > self._speed_mps * self._speed_mps:
             self.fail(f"over-speed: {sqrt(square):.2f} m/s is above {self._speed_mps:g} m/s; slow down, then re-arm")
-        for axis, position in enumerate(position_m):
-            low, high = self._workspace_m[axis]
+        if turning and turning > (bounds := self._groups[-1].bounds).speed_mps ** 2:
+            speeds = [speed / bounds.per_unit for speed in (sqrt(turning), bounds.speed_mps)]
+            self.fail(f"over-speed: {speeds[0]:.2f} rad/s is above {speeds[1]:g} rad/s; turn slower, then re-arm")
+        for position, (low, high) in zip(position_m, self._workspace_m, strict=False):  # angles have none
             if not low <= position <= high:
                 self.diverged = self.diverged or f"the hand left the workspace at {position:.4g} m"
         return True
@@ -165,33 +173,39 @@ class Safety:
         else:
             gain = max(0.0, gain - (self._drop if self.state == "fault" else self._fall))
         self.gain = gain
-        self.limited = self.derated = False
+        for group in self._groups:
+            group.limited = group.derated = False
         if force_n is not None:
-            size = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
-            if size < inf:  # False for nan
-                most_n = self.thermal.limit_n
-                if size > most_n:
-                    scale = most_n / size
-                    force_n = [value * scale for value in force_n]
-                    self.limited = True
-                    self.derated = most_n < self._peak_n
-                if size > self._peak_n and not self.derated:
-                    self._clipped(gain)
-                else:
-                    self._at_limit = 0
-                self.law_n = force_n
+            if (hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])) < inf:  # False for nan
+                self.law_n = self._clip(force_n)
             else:
                 self.note("non-finite force")
                 self.fail("the force law gave a number that is not finite; re-arm")
         out = tuple(self.law_n) if gain == 1.0 else tuple([gain * value for value in self.law_n])
-        if gap or self._soft_left:
-            out = self._soften(out, gap)
-        slewed = self._slew(out, self._slope_n, "slew limited")
-        if slewed is not out:
-            self.limited = True
-        self._out = slewed
-        self._warm(slewed)
-        return slewed
+        followed: tuple[float, ...] = ()
+        for group, part in zip(self._groups, self._parts(out), strict=True):
+            fall_n = group.bounds.peak_n * self._drop if self.state == "fault" else 0.0  # a fault fades as fast as ever
+            followed += group.follow(tuple(part), gap, fall_n)
+        self.limited = any(group.limited for group in self._groups)
+        self.derated = any(group.derated for group in self._groups)
+        self._warm()
+        return followed
+
+    def _parts(self, force_n: Sequence[float]) -> Sequence[Sequence[float]]:
+        """Return the parts of a force that are of each group."""
+        return (force_n,) if len(self._groups) == 1 else (force_n[:PLACES], force_n[PLACES:])
+
+    def _clip(self, force_n: Sequence[float]) -> Sequence[float]:
+        """Return the law's force as far as peaks and warm motors let it; one that stays beyond a peak has diverged."""
+        clipped = []
+        for group, part in zip(self._groups, self._parts(force_n), strict=True):
+            clipped.append(group.clip(part, hypot(*part) if len(part) > 1 else abs(part[0])))
+        over = [group for group in self._groups if group.over]
+        if over:
+            self._clipped(over[0])
+        else:
+            self._at_limit = 0
+        return clipped[0] if len(clipped) == 1 else [*clipped[0], *clipped[1]]
 
     def applied(self, force_n: tuple[float, ...]) -> None:
         """Enter the force that the device applies in place of the one that `limit` returned: slope and heat go by this one.
@@ -200,65 +214,41 @@ class Safety:
         ever that its last force acts, and zero must be asked of it all the same.
         """
         self.note("force limited by the device")
-        self.thermal.correct(*[sum([value * value for value in force]) for force in (self._out, force_n)])
-        if self.gain > 0.0:
-            self._out = force_n
+        for group, part in zip(self._groups, self._parts(force_n), strict=True):
+            group.correct(tuple(part), self.gain > 0.0)
 
     def _hold(self, ticks: int) -> None:
         """Enter ticks that were skipped: the last force was held over them, too."""
         for _ in range(1, min(ticks, self._watchdog_ticks)):
-            self.thermal.enter(sum([value * value for value in self._out]))
+            for group in self._groups:
+                group.enter()
 
-    def _warm(self, force_n: Sequence[float]) -> None:
+    def _warm(self) -> None:
         """Enter what this force does to the motors: a warning before the limit acts, a fault where it acts for long."""
-        square = 0.0
-        for value in force_n:
-            square += value * value
-        thermal = self.thermal
-        thermal.enter(square)
-        if thermal.warm:
+        for group in self._groups:
+            group.enter()
+        if warm := [group.bounds for group in self._groups if group.thermal.warm]:
             if not self.warning:
                 self.note(WARNED)
-                self.warning = f"the motors get warm: soon no more than {self._continuous_n:g} N; hold less, or rest"
+                least = warm[0].shown(warm[0].continuous_n)
+                self.warning = f"the motors get warm: soon no more than {least}; hold less, or rest"
         else:
             self.warning = ""
         if self.derated:
             self.note("thermally limited")
             self._derated += 1
             if self._derated > self._warm_ticks:
-                asked = (
-                    f"the motors were asked for more than their {self._continuous_n:g} N for {WARM_S:g} s while warm"
-                )
+                bounds = next(group.bounds for group in self._groups if group.derated)
+                most = bounds.shown(bounds.continuous_n)
+                asked = f"the motors were asked for more than their {most} for {WARM_S:g} s while warm"
                 self.fail(f"{asked}; hold less and let them cool, then re-arm")
         elif self._derated:
             self._derated -= 1
 
-    def _soften(self, wanted: tuple[float, ...], gap: bool) -> tuple[float, ...]:
-        """Limit the slope in a gap, and after it until the force has met the law again. A fault fades as fast as ever."""
-        most = max(self._soft_n, self._peak_n * self._drop) if self.state == "fault" else self._soft_n
-        out = self._slew(wanted, most, "gap softened")
-        if gap:
-            self._soft_left = self._soft_ticks
-        elif out is wanted:
-            self._soft_left = 0
-        else:
-            self._soft_left -= 1
-        return out
-
-    def _slew(self, wanted: tuple[float, ...], most_n: float, name: str) -> tuple[float, ...]:
-        """Limit the force to `most_n` around the last one."""
-        step = [new - old for new, old in zip(wanted, self._out, strict=True)]
-        change = hypot(*step)
-        if change <= most_n:
-            return wanted
-        self.note(name)
-        fraction = most_n / change
-        return tuple([old + fraction * part for old, part in zip(self._out, step, strict=True)])
-
-    def _clipped(self, gain: float) -> None:
+    def _clipped(self, group: ForceLimits) -> None:
         self.note("force clipped")
-        self._at_limit = self._at_limit + 1 if gain == 1.0 else 0  # a force that is ramped is not at its limit
+        self._at_limit = self._at_limit + 1 if self.gain == 1.0 else 0  # a force that is ramped is not at its limit
         if self._at_limit > self._limit_ticks:
-            reason = f"the force sat at its limit of {self._peak_n:g} N for {AT_LIMIT_S:g} s"
+            reason = f"the force sat at its limit of {group.bounds.shown(group.bounds.peak_n)} for {AT_LIMIT_S:g} s"
             self.diverged = self.diverged or reason
             self.fail(f"{reason}; press less or lower coupling.stiffness_npm, then re-arm")

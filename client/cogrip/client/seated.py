@@ -14,13 +14,14 @@ from cogrip.client.coupling import AnyCoupling
 from cogrip.client.device_port import Cause, DevicePort, cure
 from cogrip.client.energy_ledger import EnergyLedger
 from cogrip.client.hand_motion import HandMotion
+from cogrip.client.pose_axes import PoseAxes, Row, in_lengths
 from cogrip.client.safety import Safety
 from cogrip.client.schemes import SCHEMES
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
 from cogrip.protocol.messages import Frame, View, clipped, encode
 from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings import PLACES, POSE_AXES, SeatSettings
 
 RELEASE_S = 0.5  # from `stop`, in which the line releases the object
 MOST_LOOP_S = 0.5  # for which the end waits until the server knows
@@ -30,9 +31,10 @@ MakePort = Callable[[Capability, float], DevicePort]
 
 @dataclass(slots=True)
 class Peaks:
-    """Largest force and change of force between two ticks [N], and the path from frame to frame [m]."""
+    """Largest force and change of force between two ticks [N], torque [N m], and the path from frame to frame [m]."""
 
     force_n: float = 0.0
+    torque_nm: float = 0.0
     step_n: float = 0.0
     travel_m: float = 0.0
 
@@ -62,26 +64,32 @@ class FeltStiffness:
 
 
 class SeatedClient:
-    """One person's seat. capability: of the device, its first axes; `tick` is -1 before the first one."""
+    """One person's seat. capability: of the device, its first axes; `tick` is -1 before the first one.
+
+    Inside, all of a hand that turns is in lengths (`pose_axes`): `force_n`, `hand` and what they are given to. `wrench`, `pose`
+    and `twist` are as the device has them.
+    """
 
     def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability, make_port: MakePort) -> None:
         rates = seat.rates
         self.settings = seat
         self.session = session
         self.session_id = session.welcome.session if session.welcome else 0
-        self.capability = capability.first(seat.object.axes)
+        self._axes = PoseAxes(seat.coupling.length_m) if seat.object.axes == POSE_AXES else None
+        self._set_record(capability)
         self._scheme = SCHEMES[seat.coupling.kind]
         self.coupling: AnyCoupling = self._scheme.make(seat)
-        self.safety = Safety(self.capability, rates.tick_s)
-        self.port = make_port(self.capability, rates.tick_s)
+        self.safety = Safety(self.capability, rates.tick_s, seat.coupling.length_m)
+        self.port = make_port(self._record, rates.tick_s)
         self.ledger = EnergyLedger(self.coupling)
-        self.hand = HandMotion(self.capability, rates, self.safety)
+        self.hand = HandMotion(self._record, rates, self.safety)
         self.peaks = Peaks()
         self.tick = self._acted = -1
-        self.force_n: tuple[float, ...] = (0.0,) * seat.object.axes
+        self.force_n: Row = (0.0,) * seat.object.axes
         self._ticks_per_frame = rates.ticks_per_frame
         self._rate_hz = float(rates.device_hz)
-        self._origin_m: tuple[float, ...] | None = None
+        self._origin_m: Row | None = None
+        self._origin_pose: Row = ()
         self._frame_start_m: tuple[float, ...] = ()
         self._stopped: int | None = None  # tick of `stop`
         self._parting_mps: Sequence[float] = self.force_n  # velocity of the hand at `stop`
@@ -89,6 +97,28 @@ class SeatedClient:
         self._fit()
         for event in ("open", "calibrated", "go"):
             self.safety.event(event)
+
+    def _set_record(self, capability: Capability) -> None:
+        self.capability = self._record = capability.first(self.settings.object.axes)
+        if self._axes is not None:
+            self._record = in_lengths(self.capability, self._axes.length_m)
+
+    @property
+    def pose(self) -> Row:
+        """Position of the hand [m], and rotation vector [rad]."""
+        position = self.hand.position_m
+        return position if self._axes is None else self._axes.pose(position)
+
+    @property
+    def twist(self) -> Sequence[float]:
+        """Velocity of the hand [m/s], and angular velocity [rad/s]."""
+        velocity = self.hand.velocity_mps
+        return velocity if self._axes is None else self._axes.rates(velocity)
+
+    @property
+    def wrench(self) -> Row:
+        """Force [N] and torque [N m] of this tick, shape (axes,)."""
+        return self.force_n if self._axes is None else self._axes.wrench(self.force_n)
 
     def _fit(self) -> None:
         """Go by the record's resolution and lag, and by the age of its samples."""
@@ -99,14 +129,14 @@ class SeatedClient:
 
     def _fit_coupling(self) -> None:
         self.coupling.set_latency(self.capability.latency_ticks)
-        self.coupling.fit(self.capability, self.port.lag_s)
+        self.coupling.fit(self._record, self.port.lag_s)
 
     def equip(self, capability: Capability) -> None:
         """Go by the record of a device that is open now."""
-        self.capability = capability.first(len(self.force_n))
+        self._set_record(capability)
         self.safety.keep_to(self.capability)
-        self.port.keep_to(self.capability)
-        self.hand.fit(self.capability)
+        self.port.keep_to(self._record)
+        self.hand.fit(self._record)
         self._fit()
 
     def renew(self, session_id: int) -> None:
@@ -116,13 +146,18 @@ class SeatedClient:
         self.ledger.begin_line(coupling)
         self._fit_coupling()
         if self._origin_m is not None:
-            self._origin_m = self.hand.position_m
+            self._begin_at(self.hand.position_m)
         ticks = self.tick % self._ticks_per_frame
         if self.tick < 0 or (ticks == 0 and self._acted != self.tick):
             return  # `act` begins the frame
         coupling.start_frame()
         for _ in range(ticks):
             coupling.elapse_absent()
+
+    def _begin_at(self, position_m: Row) -> None:
+        """Let the line begin with the hand here."""
+        self._origin_m = position_m
+        self._origin_pose = position_m if self._axes is None else self._axes.pose(position_m)
 
     def stop(self) -> None:
         """Release the hand and the object."""
@@ -137,6 +172,8 @@ class SeatedClient:
 
     def applied(self, force_n: tuple[float, ...]) -> None:
         """Enter the force that the device applies in place of the one that `act` returned: the hand feels this one."""
+        if self._axes is not None:
+            force_n = self._axes.force(force_n)
         self.safety.applied(force_n)
         self.force_n = force_n
 
@@ -158,18 +195,29 @@ class SeatedClient:
             self.session.last_received_ns = self.session.fresh_ns = now_ns
         self.tick = tick
         hand = self.hand
+        if self._axes is not None and sample is not None:
+            sample = self._axes.lengths(sample)
         position = hand.update(tick, elapsed, sample)
         if self._origin_m is None:
             self.ledger.elapse(elapsed, self.force_n)
             if position is None:
                 self.session.heartbeat(now_ns)  # no hand yet, so no waves: the seat is kept all the same
             else:
-                self._origin_m = self._frame_start_m = position
+                self._begin_at(position)
+                self._frame_start_m = position
         elif self._enter(elapsed, position) and self.session.state == "seated":
             message = self.coupling.message(
-                self.session_id, self.session.clock.stamp(now_ns), self._origin_m, hand.position_m, hand.velocity_mps
+                self.session_id, self.session.clock.stamp(now_ns), self._origin_pose, self._place(), hand.velocity_mps
             )
             self.session.outbox.append(encode(message))
+
+    def _place(self) -> Row:
+        """Return the hand's pose, and of one that turns also the angle travelled since the line's beginning."""
+        if self._axes is None:
+            return self.hand.position_m
+        assert self._origin_m is not None
+        moved = [at - begun for at, begun in zip(self.hand.position_m, self._origin_m, strict=True)]
+        return self.pose + self._axes.rates(moved)[PLACES:]
 
     def _enter(self, elapsed: int, position_m: tuple[float, ...] | None) -> bool:
         """Enter `elapsed` ticks; the hand was at `position_m` `latency_ticks` ago. True if there is a frame to send."""
@@ -216,14 +264,14 @@ class SeatedClient:
 
     def _end_frame(self, position_m: tuple[float, ...]) -> None:
         start_m, self._frame_start_m = self._frame_start_m, position_m
-        self.peaks.travel_m += dist(position_m, start_m)
+        self.peaks.travel_m += dist(position_m[:PLACES], start_m[:PLACES])
         self.port.end_frame(start_m, position_m, self._ticks_per_frame / self._rate_hz, self.coupling.stored_j)
         if self._felt is not None and self.safety.state == "live":  # not while the force is released
             side = self.settings.side_sign
             self._felt.add(side * position_m[0], side * self.force_n[0])
 
     def act(self, now_ns: int) -> tuple[float, ...]:
-        """Return the force [N], shape (axes,), to hold until the next tick: F of P eq. 9, which loads the hand."""
+        """Return force [N] and torque [N m], shape (axes,), to hold until the next tick: F of P eq. 9, which loads the hand."""
         coupling, safety, session = self.coupling, self.safety, self.session
         if self.tick % self._ticks_per_frame == 0:
             coupling.start_frame()
@@ -238,7 +286,10 @@ class SeatedClient:
             safety.event("fresh")
         force, before, peaks = self._render(), self.force_n, self.peaks
         self.force_n = force
-        if len(force) == 1:
+        if self._axes is not None:
+            peaks.torque_nm = max(peaks.torque_nm, self._axes.length_m * hypot(*force[PLACES:]))
+            step, size = dist(force[:PLACES], before[:PLACES]), hypot(*force[:PLACES])
+        elif len(force) == 1:
             step, size = abs(force[0] - before[0]), abs(force[0])
         else:
             step, size = dist(force, before), hypot(*force)
@@ -246,7 +297,7 @@ class SeatedClient:
             peaks.step_n = step
         if size > peaks.force_n:
             peaks.force_n = size
-        return force
+        return self.wrench
 
     def _render(self) -> tuple[float, ...]:
         """Return the law's force, as far as the device port and safety let it."""
@@ -303,8 +354,8 @@ class SeatedClient:
         loop = coupling.loop_frames()
         predicted_npm = None if loop is None else self.settings.predicted_stiffness(loop, self._late_frames)
         return ClientAccount(
-            position_m=self.hand.position_m,
-            force_n=self.force_n,
+            position_m=self.pose,
+            force_n=self.wrench,
             peak_force_n=self.peaks.force_n,
             travel_m=self.peaks.travel_m,
             felt_stiffness_npm=self._felt.stiffness_npm() if self._felt else None,
@@ -322,4 +373,5 @@ class SeatedClient:
             delay=delay,
             device=self.port.account(),
             down_reserve_j=ledger.down_reserve_j,
+            peak_torque_nm=self.peaks.torque_nm,
         )

@@ -50,12 +50,47 @@ def defect(name: str, verb: str, error: Exception) -> DeviceError:
 
 
 @dataclass(frozen=True, slots=True)
+class Rotation:
+    """Record of the axes that turn, of a device that gives poses and takes wrenches. Symbols as in `Capability`.
+
+    peak_torque_nm, continuous_torque_nm   largest torque, briefly and for ever [N m]
+    damping_nms                            largest advised damping [N m s]
+    slew_nmps                              steepest torque [N m/s]
+    speed_radps                            over-speed limit [rad/s]
+    resolution_rad                         smallest step of an orientation reading [rad], 0: exact
+    apparent_inertia_kgm2                  what the hand feels of the device [kg m^2]
+    own_damping_nms, own_friction_nm       of the mechanism itself [N m s, N m], 0 where they are not known
+
+    Every limit is a finite number above 0: raises DeviceError for any other.
+    """
+
+    peak_torque_nm: float
+    continuous_torque_nm: float
+    damping_nms: float
+    slew_nmps: float
+    speed_radps: float
+    resolution_rad: float
+    apparent_inertia_kgm2: float
+    own_damping_nms: float = 0.0
+    own_friction_nm: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in (
+            "peak_torque_nm", "continuous_torque_nm", "damping_nms", "slew_nmps", "speed_radps", "apparent_inertia_kgm2",
+        ):  # fmt: skip
+            if not 0.0 < getattr(self, name) <= LARGEST:  # False for nan
+                raise DeviceError(f"{name} = {getattr(self, name):g} is no limit: state a number above 0")
+        if self.continuous_torque_nm > self.peak_torque_nm or not 0.0 <= self.resolution_rad <= LARGEST:
+            raise DeviceError("continuous_torque_nm is above peak_torque_nm, or resolution_rad is not 0 or above")
+
+
+@dataclass(frozen=True, slots=True)
 class Capability:
     """Capability record of a device; safety reads it before any force flows.
 
     family, model       names for people
-    axes                how many axes this device was made with
-    workspace_m         (low, high) per axis [m], shape (axes,)
+    axes                how many axes this device was made with: 1 to 3 places, or 6, a place and an orientation
+    workspace_m         (low, high) per place [m], shape (min(axes, 3),)
     peak_force_n        largest force per axis, briefly [N]
     continuous_force_n  largest force per axis, for ever [N]
     stiffness_npm       largest advised stiffness [N/m]
@@ -69,6 +104,7 @@ class Capability:
     latency_ticks       how many ticks old a sample is when it is read, where nothing goes wrong
     own_damping_nspm    damping of the mechanism itself [N s/m]: at least so much, 0 where it is not known
     own_friction_n      friction of the mechanism itself [N]: at least so much, 0 where it is not known
+    rotation            record of the axes that turn; None where there are none
 
     Every limit is a finite number above 0: raises DeviceError for any other.
     """
@@ -90,6 +126,7 @@ class Capability:
     latency_ticks: int = 0
     own_damping_nspm: float = 0.0
     own_friction_n: float = 0.0
+    rotation: Rotation | None = None
 
     def __post_init__(self) -> None:
         for name in ("peak_force_n", "continuous_force_n", *_FORMERLY_UNBOUNDED, "apparent_mass_kg"):
@@ -121,9 +158,19 @@ class Capability:
         except DeviceError as error:
             raise ValueError(str(error)) from None
 
+    @property
+    def claims(self) -> dict[str, Any]:
+        """Return what a hello says of the device, by parameter of `session.make_hello`."""
+        turning = self.rotation
+        return {
+            "axes": self.axes, "rate_hz": float(self.rate_hz), "force_n": self.peak_force_n, "speed_mps": self.speed_mps,
+            "torque_nm": turning.peak_torque_nm if turning else 0.0, "speed_radps": turning.speed_radps if turning else 0.0,
+        }  # fmt: skip
+
     def first(self, axes: int) -> Capability:
         """The record of the first `axes` axes alone."""
-        return replace(self, axes=axes, workspace_m=self.workspace_m[:axes])
+        rotation = self.rotation if axes == self.axes else None
+        return replace(self, axes=axes, workspace_m=self.workspace_m[:axes], rotation=rotation)
 
 
 _FORMERLY_UNBOUNDED = {
@@ -167,6 +214,8 @@ def check_rate(rate_hz: int, record: Capability, where: str) -> None:
 class Sample(msgspec.Struct, frozen=True, gc=False):
     """One reading: position [m] and, where the device knows it, velocity [m/s], each of shape (axes,).
 
+    Of six axes the last three are a rotation vector [rad] and an angular velocity [rad/s], in the device's own frame.
+
     It was taken `age_ticks` ticks before the tick it is read at: a device that answers a request is asked at one tick, with
     the force that begins then, and read at the next.
     """
@@ -208,6 +257,8 @@ class Device(Protocol):
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         """Hold `force_n` [N], shape (axes,), until the next write. It is F of P eq. 9 (see above): the hand gets -F.
+
+        Of six axes the last three are a torque [N m].
 
         Returns the force that acts where that is another one: its motors cannot give more, or it could not be told yet.
         Raises DeviceError when not open, when the number of axes differs, or when a force is not finite.

@@ -7,7 +7,7 @@ import msgspec
 
 from cogrip.protocol.histogram import DurationHistogram
 
-Row = Annotated[tuple[float, ...], msgspec.Meta(max_length=3)]  # one number an axis
+Row = Annotated[tuple[float, ...], msgspec.Meta(max_length=6)]  # one number an axis
 
 
 class LinkCount(msgspec.Struct, frozen=True, array_like=True):
@@ -106,6 +106,7 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     delay: DelayAccount = DelayAccount()
     device: DeviceAccount = DeviceAccount()
     down_reserve_j: float | None = None  # least balance of the downlink after its first second
+    peak_torque_nm: float = 0.0
 
 
 class SeatAccount(msgspec.Struct, frozen=True, array_like=True):

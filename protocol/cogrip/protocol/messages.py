@@ -13,9 +13,9 @@ import msgspec
 
 from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
 from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
-from cogrip.protocol.settings import SeatNumber, SeatSettings
+from cogrip.protocol.settings import MOST_WAVES, POSE_AXES, SeatNumber, SeatSettings
 
-PROTOCOL_VERSION = 3
+PROTOCOL_VERSION = 4
 MAGIC: Literal["cogrip"] = "cogrip"
 MAX_DATAGRAM_BYTES = 1232  # fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
 DTLS_BYTES = 37  # that DTLS adds to a message: record header 13, AES-GCM nonce 8 and tag 16
@@ -35,8 +35,9 @@ Metres = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 MetresPerSecond = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
 Newtons = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 Entered = Annotated[float, msgspec.Meta(ge=0.0, le=1e15)]  # J
+MOST_STATE = 2 * POSE_AXES + 3
 VIEWED_SEATS = 16  # a view has room for so many; further ones are left out
-Axes = msgspec.Meta(min_length=1, max_length=3)
+Axes = msgspec.Meta(min_length=1, max_length=POSE_AXES)
 Text = Annotated[str, msgspec.Meta(max_length=TEXT_BYTES)]
 ShortText = Annotated[str, msgspec.Meta(max_length=SHORT)]
 Secret = Annotated[str, msgspec.Meta(max_length=32, pattern=r"^[A-Za-z0-9_-]*\Z")]  # 128 bits in base64url take 22
@@ -92,6 +93,8 @@ class Hello(Message, frozen=True, tag=1):
     role: Role = "player"
     token: Secret = ""  # right to join; "" none
     ticket: Secret = ""  # right to resume a seat session, from its welcome; "" none
+    device_torque_nm: Bound = 0.0  # the record's peak torque; 0 of a device that does not turn
+    device_speed_radps: Bound = 0.0
     padding: Annotated[bytes, msgspec.Meta(max_length=HELLO_BYTES)] = b""
 
 
@@ -122,15 +125,18 @@ class Waves(Message, frozen=True, tag=4):
 
     session: Session
     first: Counter  # number of the oldest frame in `waves`
-    waves: Annotated[tuple[WaveValue, ...], msgspec.Meta(min_length=1, max_length=96)]  # frame by frame, axis by axis
+    waves: Annotated[
+        tuple[WaveValue, ...], msgspec.Meta(min_length=1, max_length=MOST_WAVES)
+    ]  # frame by frame, axis by axis
     total: Annotated[tuple[Total, ...], Axes]  # sum of all waves before `first`, per axis [sqrt(W)]
     squares: Annotated[tuple[Total, ...], Axes]  # sum of their squares, per axis [W]
     made_j: Total  # energy of this direction's waves where they are made, up to the newest frame
     port_j: Total  # energy that went into the line at the sender's port, up to the newest frame
     acknowledged: Counter  # frame of the other direction that was applied last, plus 1; 0: none yet
     stamp: Stamp
-    state: Annotated[tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=6)]
-    # client: hand's position before frame 0, then after the newest frame [m]; server: object's position [m], velocity [m/s]
+    state: Annotated[tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=MOST_STATE)]
+    # client: hand's position before frame 0, then after the newest frame [m], of a pose also the angle travelled between
+    # [rad]; server: object's position [m], velocity [m/s]; axes 4 to 6 are a rotation vector [rad], its rates [rad/s]
 
 
 class State(Message, frozen=True, tag=5):

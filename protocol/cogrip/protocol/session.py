@@ -29,6 +29,7 @@ from cogrip.protocol.messages import (
     Welcome,
 )
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
+from cogrip.protocol.settings import POSE_AXES
 
 HELLO_EVERY_NS = 250_000_000
 GIVE_UP_NS = 3_000_000_000
@@ -297,12 +298,14 @@ def _unacceptable(before: Welcome | None, after: Welcome) -> tuple[str, str] | N
 def make_hello(
     *, software: str, nonce: int, room: str, name: str, digest: str, device: str, axes: int, rate_hz: float,
     force_n: float = messages.NO_BOUND, speed_mps: float = messages.NO_BOUND, role: messages.Role = "player", token: str = "",
+    torque_nm: float = 0.0, speed_radps: float = 0.0,
 ) -> Hello:  # fmt: skip
-    """Return a hello. force_n, speed_mps: bounds of the device record; an infinite one is sent as NO_BOUND."""
+    """Return a hello. force_n to speed_radps: bounds of the device record; an infinite one is sent as NO_BOUND."""
     address = messages.clipped(device, messages.DEVICE_BYTES)
-    bounds = min(force_n, messages.NO_BOUND), min(speed_mps, messages.NO_BOUND)
+    bounds = [min(bound, messages.NO_BOUND) for bound in (force_n, speed_mps, torque_nm, speed_radps)]
     head = messages.MAGIC, PROTOCOL_VERSION, software, nonce, room, name, digest, address
-    return Hello(*head, axes, rate_hz, *bounds, role, token)
+    force, speed, torque, turning = bounds
+    return Hello(*head, axes, rate_hz, force, speed, role, token, "", torque, turning)
 
 
 def unfit(
@@ -317,7 +320,8 @@ def unfit(
     if hello.digest and hello.digest != digest:
         return "settings", f"your settings ({hello.digest}) are not the server's ({digest}): use the same file, or none"
     if hello.device_axes < axes:
-        return "axes", f"device {hello.device} moves on {hello.device_axes} of the {axes} axes of this room"
+        cure = ': set orientation = "free", "damped" or "fixed" for this seat' if axes == POSE_AXES else ""
+        return "axes", f"device {hello.device} moves on {hello.device_axes} of the {axes} axes of this room{cure}"
     if hello.device_rate_hz < device_hz:
         return "rate", f"device {hello.device} runs at {hello.device_rate_hz:g} Hz at most, {whose} = {device_hz}"
     return None

@@ -7,6 +7,7 @@ value, the bound and the cure. `seat_settings` returns what one user's client an
 import hashlib
 from collections import Counter
 from collections.abc import Mapping
+from math import sqrt
 from pathlib import PurePath
 from typing import Annotated, Any, Literal, assert_never
 
@@ -26,9 +27,11 @@ Side = Literal["left", "right"]
 Kind = Literal["wave", "coupling", "tdpa"]
 ServerStep = Literal["passive", "paper"]
 ObjectKind = Literal["cube", "faces", "wall", "scene"]
+Orientation = Literal["", "driven", "free", "damped", "fixed"]
 
 # lower bounds above 0: a settings file or a welcome with 1e-320 in it would bring infinities into every law
 Impedance = Annotated[float, msgspec.Meta(ge=1e-3, le=1e4)]
+RotationalImpedance = Annotated[float, msgspec.Meta(ge=1e-6, le=1e2)]
 Stiffness = Annotated[float, msgspec.Meta(ge=0.0, le=1e7)]
 MOST_RENDERED_NPM = 1e9
 Rendered = Annotated[float, msgspec.Meta(ge=0.0, le=MOST_RENDERED_NPM)]
@@ -43,8 +46,10 @@ Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 SeatNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 HUMAN_POWER_W = 10.0  # of a hand on a hand-sized device, on average (docs/security.md)
-REMOTE_FORCE_N = 40.0  # as strong as the arms on the market
-REMOTE_SPEED_MPS = 4.0
+REMOTE: Mapping[str, float] = {"force_n": 40.0, "speed_mps": 4.0, "torque_nm": 3.0, "speed_radps": 40.0}
+"""Bounds of device records, by field of `Admission`, where it sets none: as strong as the arms on the market."""
+PLACES, POSE_AXES = 3, 6  # axes of a place, and of a pose: a place [m] and a rotation vector [rad]
+MOST_WAVES = 96  # of one datagram, all axes
 ONLY_USER = "anna"  # where a file names no users
 
 
@@ -67,6 +72,12 @@ class Coupling(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lowpass_rad_s: Annotated[float, msgspec.Meta(ge=1e-3, le=1e5)] = 50.0
     server_step: ServerStep = "passive"
     encoder: Encoder = "displacement"
+    rotational_impedance_nms: RotationalImpedance = 0.02  # of the axes that turn, where there are six
+
+    @property
+    def length_m(self) -> float:
+        """Characteristic length l [m], by which an angle is a length of the same impedance: b l^2 = b_r."""
+        return sqrt(self.rotational_impedance_nms / self.impedance_nspm)
 
 
 class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -75,7 +86,7 @@ class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     kind: ObjectKind = "cube"
     mass_kg: Mass = 0.2
     damping_nspm: Damping = 0.0
-    axes: Annotated[int, msgspec.Meta(ge=1, le=3)] = 1
+    axes: Annotated[int, msgspec.Meta(ge=1, le=POSE_AXES)] = 1
 
 
 class ObjectSection(Object, frozen=True, forbid_unknown_fields=True):
@@ -84,10 +95,9 @@ class ObjectSection(Object, frozen=True, forbid_unknown_fields=True):
     file: str = ""  # MJCF or URDF; made absolute where settings are loaded
     substeps: Annotated[int, msgspec.Meta(ge=1, le=64)] = 4
 
-    @property
-    def shared(self) -> Object:
-        """Return what both ends know."""
-        return Object(self.kind, self.mass_kg, self.damping_nspm, self.axes)
+    def shared(self, axes: int) -> Object:
+        """Return what both ends of a seat of `axes` axes know."""
+        return Object(self.kind, self.mass_kg, self.damping_nspm, axes)
 
 
 class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -109,6 +119,8 @@ class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # bounds of `for_remote_clients`
     force_n: RecordBound | None = None
     speed_mps: RecordBound | None = None
+    torque_nm: RecordBound | None = None
+    speed_radps: RecordBound | None = None
     power_w: Watts = HUMAN_POWER_W  # mean power of a seat; 0: F V of its record
 
 
@@ -130,6 +142,9 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     device_hz: DeviceHz | None = None
     power_w: Watts | None = None  # None: [admission]'s
     tool: str = ""  # body of a scene that this person moves; "" one is added
+    # of that tool: "driven" by the hand; "" driven where the room has six axes, else as the body's joints have it
+    orientation: Orientation = ""
+    rotational_impedance_nms: RotationalImpedance | None = None
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -229,15 +244,21 @@ def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
 def for_remote_clients(settings: Settings) -> Settings:
     """Return the settings of a room that other machines may join: device records have bounds in any case."""
     admission = settings.admission
-    force_n = REMOTE_FORCE_N if admission.force_n is None else admission.force_n
-    speed_mps = REMOTE_SPEED_MPS if admission.speed_mps is None else admission.speed_mps
-    bounded = msgspec.structs.replace(admission, force_n=force_n, speed_mps=speed_mps)
-    return msgspec.structs.replace(settings, admission=bounded)
+    bounds = {name: bound for name, bound in REMOTE.items() if getattr(admission, name) is None}
+    return msgspec.structs.replace(settings, admission=msgspec.structs.replace(admission, **bounds))
 
 
 def coupling_of(settings: Settings, user: User) -> Coupling:
     """Return [coupling] with this user's own values."""
-    names = ("impedance_nspm", "stiffness_npm", "damping_nspm", "decimator", "encoder", "compensate")
+    names = (
+        "impedance_nspm",
+        "stiffness_npm",
+        "damping_nspm",
+        "decimator",
+        "encoder",
+        "compensate",
+        "rotational_impedance_nms",
+    )
     own = {name: getattr(user, name) for name in names}
     return msgspec.structs.replace(
         settings.coupling, **{name: value for name, value in own.items() if value is not None}
@@ -256,6 +277,12 @@ def not_passive(settings: Settings) -> str:
     active = ['coupling.server_step = "paper"'] if coupling.server_step == "paper" else []
     decimators = {coupling_of(settings, user).decimator for user in settings.users}
     return ", ".join(active + [f'decimator = "{each}"' for each in ("lowpass", "none") if each in decimators])
+
+
+def seat_axes(settings: Settings, user: User) -> int:
+    """Return the number of axes of a user's seat: in a room of poses only the places, where the hand does not turn its tool."""
+    axes = settings.object.axes
+    return axes if axes < POSE_AXES or user.orientation in ("", "driven") else PLACES
 
 
 def rates_of(settings: Settings, user: User) -> Rates:
@@ -286,7 +313,7 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
             )
     return SeatSettings(
         settings.name, user.name, seat, settings.seed, settings.seconds, rates, coupling, rendered,
-        settings.object.shared, user.side, settings.playout, up, down,
+        settings.object.shared(seat_axes(settings, user)), user.side, settings.playout, up, down,
     )  # fmt: skip
 
 
@@ -296,12 +323,12 @@ def digest(settings: Settings) -> str:
         (user.name, user.side, coupling_of(settings, user), rates_of(settings, user).device_hz)
         for user in settings.users
     ]
-    shared = [settings.rates.network_hz, settings.object.shared, settings.playout, users]
+    shared = [settings.rates.network_hz, settings.object.shared(settings.object.axes), settings.playout, users]
     if settings.object.kind == "scene":  # a path differs from machine to machine
         shared += [
             PurePath(settings.object.file).name,
             settings.object.substeps,
-            [user.tool for user in settings.users],
+            [(user.tool, user.orientation) for user in settings.users],
         ]
     return hashlib.sha256(msgspec.json.encode(shared, order="deterministic")).hexdigest()[:16]
 
@@ -345,17 +372,38 @@ def _check_scene(settings: Settings) -> None:
     """Raise SettingsError for settings that do not fit a scene, and for those of a scene without one."""
     given, coupling = settings.object, settings.coupling
     if given.kind != "scene":
-        own = [("object.file", given.file)] + [(f"users.{n}.tool", user.tool) for n, user in enumerate(settings.users)]
+        users = list(enumerate(settings.users))
+        own = [("object.file", given.file)]
+        own += [(f"users.{n}.tool", user.tool) for n, user in users]
+        own += [(f"users.{n}.orientation", user.orientation) for n, user in users]
         for key, value in own:
             if value:
                 raise SettingsError(
                     f'{key} = {value!r} is for object.kind = "scene", not "{given.kind}"; leave one of them out'
                 )
+        if given.axes > PLACES:
+            raise SettingsError(
+                f'object.axes = {given.axes}, but object.kind = "{given.kind}" has at most {PLACES}; lower it'
+            )
         return
     compensated = [user.name for user in settings.users if coupling_of(settings, user).compensate]
     refused = [
         (not given.file, 'object.file = "" names no scene', 'give an MJCF or URDF file, such as "lift.xml"'),
-        (given.axes != 3, f"object.axes = {given.axes}, but a scene has 3", "set object.axes = 3"),
+        (
+            given.axes not in (PLACES, POSE_AXES),
+            f"object.axes = {given.axes}, but a scene has 3 (places) or 6 (poses)",
+            "set one of them",
+        ),
+        (
+            given.axes == PLACES and any(user.orientation == "driven" for user in settings.users),
+            'orientation = "driven" needs a hand that turns',
+            "set object.axes = 6",
+        ),
+        (
+            given.axes * settings.playout.redundancy > MOST_WAVES,
+            f"playout.redundancy = {settings.playout.redundancy} of {given.axes} axes is more than a datagram holds",
+            f"set it to at most {MOST_WAVES // given.axes}",
+        ),
         (coupling.kind != "wave", f'coupling.kind = "{coupling.kind}" has no scenes', 'set coupling.kind = "wave"'),
         (
             coupling.server_step != "passive",

@@ -13,12 +13,16 @@ from cogrip.protocol.messages import Frame, Stamp
 from cogrip.protocol.settings import SeatSettings
 
 Row = tuple[float, ...]
+Turned = tuple[Row, Row]
+"""Rotation vector of a hand, and the angle that it has travelled since its first frame, each [rad], shape (3,)."""
 
 
 class Port(ABC):
     """Takes in one kind of message, gives the world a row a step, and sends its answer back.
 
-    origin, hand   hand before its first frame and after its newest [m]; None before the first
+    axes           of the seat
+    origin, hand   hand before its first frame and after its newest [m, rad]; None before the first
+    turned         how the hand had turned after the frame popped last; None where that is not known, or nothing turns
     up_margin_j    least energy margin of the line up so far; None where no ledger of one direction is kept
     up_reserve     energy reserve of the line up
     behind         frames sent down that the client had not applied when it sent the frame popped last; None before that
@@ -27,13 +31,14 @@ class Port(ABC):
     """
 
     up_margin_j: float | None = 0.0
+    turned: Turned | None = None
     behind: int | None = None
     playout_frames: int | None = None
     loops: LoopMeter | None = None
     _receiver: LineReceiver | StateReceiver[Any]
 
     def __init__(self, seat: SeatSettings) -> None:
-        self._axes = seat.object.axes
+        self.axes = seat.object.axes
         self._rounding = rounding_fraction(seat.rates.ticks_per_frame)
         self.origin: Row | None = None
         self.hand: Row | None = None

@@ -26,7 +26,7 @@ class PowerPort(LatestStatePort[Power]):
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
         super().__init__(seat, limits)
-        axes = self._axes
+        axes = self.axes
         self._frame_s = frame_s = seat.rates.frame_s
         self._energy = EnergyLimiter(frame_s, limits, power_left)
         self._lent = LENT_J / axes
@@ -36,12 +36,12 @@ class PowerPort(LatestStatePort[Power]):
         self._force = (0.0,) * axes
 
     def receive(self, message: Power) -> bool:
-        return message.of_axes(self._axes) and self._accept(message)
+        return message.of_axes(self.axes) and self._accept(message)
 
     @property
     def neutral(self) -> Row:
         """No force, and a proxy that stands."""
-        return (0.0,) * (2 * self._axes)
+        return (0.0,) * (2 * self.axes)
 
     def _origin(self, message: Power) -> Row:
         moved = [speed * self._frame_s for speed in message.velocity_mps]
@@ -62,7 +62,7 @@ class PowerPort(LatestStatePort[Power]):
 
     def push(self, row: Row) -> None:
         """Send force [N] and velocity of the proxy [m/s], each for all axes."""
-        axes, frame_s = self._axes, self._frame_s
+        axes, frame_s = self.axes, self._frame_s
         self._number += 1
         self._force = row[:axes]
         net = asked = 0.0
@@ -109,7 +109,7 @@ class PowerPort(LatestStatePort[Power]):
         return {**self._states.counts, **self._energy.counts}
 
     def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Power:
-        axes = self._axes
+        axes = self.axes
         entered, taken = [tuple([energy.value for energy in direction]) for direction in (self._in, self._out)]
         return Power(
             session, self._number, object_state[:axes], object_state[axes:], self._force, entered, taken, port_j,

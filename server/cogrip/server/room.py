@@ -174,7 +174,7 @@ class Room:
             return []
         world, seats = self.world, self.seats
         rows = self._pop(frames)
-        before = world.motion()[: world.axes]
+        before = world.motion()[: world.places]
         if not any(seat.on_object for seat in seats):
             world.rest()  # an object that nobody holds is put down
         answers: Sequence[Sequence[float]] = ()
@@ -186,7 +186,7 @@ class Room:
             world.reset()
         self.steps += 1
         state = world.motion()
-        here = state[: world.axes]
+        here = state[: world.places]
         if world.left_workspace and not self.diverged:
             self.diverged = f"the object left the workspace at {here} m"
         if failed or world.out_of_reach:
@@ -203,14 +203,16 @@ class Room:
             if not seat.on_object:  # its device is being opened: frames before its first one would only come late
                 out.append((seat.address, messages.encode(Heartbeat(seat.session, seat.clock.stamp(now_ns)))))
                 continue
-            port.push(tuple(answers[number]))
+            answer = tuple(answers[number])
+            port.push(answer if port.axes == world.axes else answer[: port.axes])
             port_in_j = port.port_in_j()
             seat.line_reserve.elapse(frames)
             if port_in_j is not None:
                 reserve_j = port_in_j - work[number] + port.rounding_j
                 seat.line_reserve.update(reserve_j)
                 seat.line_margin_j = min(seat.line_margin_j, reserve_j)
-            message = port.message(seat.session, seat.clock.stamp(now_ns), state, -work[number])
+            seen = state if port.axes == world.axes else state[: port.axes] + state[world.axes : world.axes + port.axes]
+            message = port.message(seat.session, seat.clock.stamp(now_ns), seen, -work[number])
             out.append((seat.address, messages.encode(message)))
         if self.observer_slots.observers:
             out += self.observer_slots.views(self.steps, world, seats, now_ns)
@@ -227,11 +229,17 @@ class Room:
                 continue
             missed = frames
             if not seat.on_object and port.origin is not None:
-                world.join(number, np.array(port.origin))
+                world.join(number, np.array(port.origin + self._idle_row[port.axes : world.axes]))
                 seat.on_object = True
                 missed = 1  # a line that has just begun has missed nothing
-            rows.append(port.pop(missed) if seat.on_object else self._idle_row)
-            if seat.adapter is not None and seat.on_object:
+            if not seat.on_object:
+                rows.append(self._idle_row)
+                continue
+            row = port.pop(missed)
+            rows.append(row if port.axes == world.axes else row + self._idle_row[port.axes :])
+            if port.turned is not None:
+                world.hand_turned(number, *port.turned)
+            if seat.adapter is not None:
                 aim = seat.adapter.update()
                 if aim is not None:
                     world.aim(number, aim)
@@ -252,7 +260,7 @@ class Room:
         world.rest()
         for number, seat in enumerate(self.seats):
             if seat.on_object and seat.port is not None and seat.port.hand is not None:
-                world.join(number, np.array(seat.port.hand))
+                world.join(number, np.array(seat.port.hand + self._idle_row[seat.port.axes : world.axes]))
                 answers[number] = seat.port.neutral
         return answers
 

@@ -67,10 +67,11 @@ def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World
     """Return the world of a scene. Raises SceneError for a file that cannot be used."""
     from cogrip.server.worlds import scene, scene_file  # MuJoCo is loaded where there is a scene
 
-    given, users = settings.object, settings.users
-    tools, sides = [user.tool for user in users], [user.side for user in users]
+    given = settings.object
     step_s = seats[0].rates.frame_s / given.substeps
-    return scene.SceneWorld(seats, scene_file.load_scene(Path(given.file), tools, sides, step_s), given.substeps)
+    return scene.SceneWorld(
+        seats, scene_file.load_scene(Path(given.file), scene_file.held_by(settings), step_s), given.substeps
+    )
 
 
 def make_room_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:

@@ -147,7 +147,7 @@ def _misfit(room: Room, seat: Seat, hello: Hello) -> Denied | None:
     if user.device_hz is not None:
         whose = f"the seat of {user.name!r} at users.{seat.number}.device_hz"
     device_hz = seat.settings.rates.device_hz
-    misfit = unfit(hello, digest=room.digest, axes=room.world.axes, device_hz=device_hz, whose=whose)
+    misfit = unfit(hello, digest=room.digest, axes=seat.settings.object.axes, device_hz=device_hz, whose=whose)
     if misfit is not None:
         return Denied(*misfit)
     misclaim = misclaimed(record_of(hello), room.settings, seat.number)

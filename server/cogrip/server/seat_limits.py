@@ -1,7 +1,7 @@
 """Bounds of what a seat may bring in: a hostile player can be unpleasant, never dangerous.
 
     waves     |u| <= (b V + F) / sqrt(2b), with peak force F and speed V of the device record that was claimed; where that
-              has no bound, [admission]'s, or REMOTE_FORCE_N and REMOTE_SPEED_MPS
+              has no bound, [admission]'s, or REMOTE's; where a hand turns also (b_r V_r + M) / sqrt(2 b_r)
     power     into the object on average over BURST_S; what the settings say (by default a hand's), or the device's own F V
     states    (virtual coupling, time-domain passivity) speed V, and no farther in one frame than V lets a hand go
     energy    (time-domain passivity) that power as well, whatever energy the client says it has sent
@@ -16,7 +16,7 @@ from math import inf, sqrt
 import msgspec
 
 from cogrip.protocol.messages import NO_BOUND, SHORT, Hello, Power, State
-from cogrip.protocol.settings import REMOTE_FORCE_N, REMOTE_SPEED_MPS, Settings
+from cogrip.protocol.settings import REMOTE, Coupling, Settings
 from cogrip.protocol.waves import wave_of
 
 BURST_S = 0.25  # of the power a seat may bring in at once
@@ -34,6 +34,8 @@ class Record(msgspec.Struct, frozen=True):
     rate_hz: float
     force_n: float
     speed_mps: float
+    torque_nm: float = 0.0
+    speed_radps: float = 0.0
 
     def is_of(self, other: "Record | None") -> bool:
         """Return whether both are of one device: of an older peer only the first SHORT characters are known."""
@@ -50,22 +52,35 @@ class SeatLimits(msgspec.Struct, frozen=True):
     force_n: float = inf
     speed_mps: float = inf
     power_w: float = inf
+    torque_nm: float = 0.0
+    speed_radps: float = 0.0
+
+    def square_of(self, coupling: Coupling) -> float:
+        """Return the largest |u|^2 of all axes [W]."""
+        largest = wave_of(coupling.impedance_nspm, self.speed_mps, self.force_n)
+        turning = wave_of(coupling.rotational_impedance_nms, self.speed_radps, self.torque_nm)
+        return largest * largest + turning * turning
 
 
 def record_of(hello: Hello) -> Record:
     """Return the device record of a hello."""
     axes, rate_hz = hello.device_axes, hello.device_rate_hz
-    return Record(hello.device, axes, rate_hz, hello.device_force_n, hello.device_speed_mps)
+    turning = hello.device_torque_nm, hello.device_speed_radps
+    return Record(hello.device, axes, rate_hz, hello.device_force_n, hello.device_speed_mps, *turning)
 
 
 def limits_of(record: Record, settings: Settings, number: int) -> SeatLimits:
     """Return the bounds of seat `number` with this device record."""
     admission = settings.admission
-    force = record.force_n if record.force_n < NO_BOUND else admission.force_n or REMOTE_FORCE_N
-    speed = record.speed_mps if record.speed_mps < NO_BOUND else admission.speed_mps or REMOTE_SPEED_MPS
+
+    def bound(name: str) -> float:
+        claim: float = getattr(record, name)
+        return claim if claim < NO_BOUND else getattr(admission, name) or REMOTE[name]
+
+    force, speed, torque, turning = [bound(name) for name in ("force_n", "speed_mps", "torque_nm", "speed_radps")]
     asked = settings.users[number].power_w
     power = admission.power_w if asked is None else asked
-    return SeatLimits(force, speed, power or (force * speed if force and speed else 0.0))
+    return SeatLimits(force, speed, power or force * speed + torque * turning, torque, turning)
 
 
 def misclaimed(record: Record, settings: Settings, number: int) -> str:
@@ -74,6 +89,8 @@ def misclaimed(record: Record, settings: Settings, number: int) -> str:
     for claim, bound, unit, key, kind in (
         (record.force_n, admission.force_n, "N", "force_n", "weaker"),
         (record.speed_mps, admission.speed_mps, "m/s", "speed_mps", "slower"),
+        (record.torque_nm, admission.torque_nm, "N m", "torque_nm", "weaker"),
+        (record.speed_radps, admission.speed_radps, "rad/s", "speed_radps", "slower"),
     ):
         if bound is not None and bound < claim < NO_BOUND:
             return (
@@ -115,10 +132,9 @@ class WaveLimiter(PowerBucket):
     brings and is never limited.
     """
 
-    def __init__(self, impedance_nspm: float, frame_s: float, limits: SeatLimits, power_left: float = 1.0) -> None:
+    def __init__(self, coupling: Coupling, frame_s: float, limits: SeatLimits, power_left: float = 1.0) -> None:
         super().__init__(frame_s, limits, power_left)
-        largest = wave_of(impedance_nspm, limits.speed_mps, limits.force_n)
-        self._largest_square = largest * largest
+        self._largest_square = limits.square_of(coupling)
         self._half_frame_s = 0.5 * frame_s
         self._brought = 0.0  # |u|^2 of this step
         self._returned = 0.0  # |v|^2 of the last step

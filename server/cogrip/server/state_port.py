@@ -60,10 +60,10 @@ class StatePort(LatestStatePort[State]):
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
         super().__init__(seat, limits)
-        self._row: Row = (0.0,) * (2 * self._axes)
+        self._row: Row = (0.0,) * (2 * self.axes)
 
     def receive(self, message: State) -> bool:
-        return len(message.position_m) == self._axes and self._accept(message)
+        return len(message.position_m) == self.axes and self._accept(message)
 
     @property
     def limited(self) -> dict[str, int]:
@@ -72,11 +72,11 @@ class StatePort(LatestStatePort[State]):
     @property
     def neutral(self) -> Row:
         """An object that rests where the hand is."""
-        return (self.hand or (0.0,) * self._axes) + (0.0,) * self._axes
+        return (self.hand or (0.0,) * self.axes) + (0.0,) * self.axes
 
     def pop(self, frames: int) -> Row:
         newest = self._pop(frames)
-        return newest.position_m + newest.velocity_mps if newest else (0.0,) * (2 * self._axes)
+        return newest.position_m + newest.velocity_mps if newest else (0.0,) * (2 * self.axes)
 
     def push(self, row: Row) -> None:
         self._row = row
@@ -88,5 +88,5 @@ class StatePort(LatestStatePort[State]):
         return self._rounding * abs(self._receiver.latest.port_j) if self._receiver.latest else 0.0
 
     def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> State:
-        row, axes = self._row, self._axes
+        row, axes = self._row, self.axes
         return State(session, self._number, row[:axes], row[axes:], port_j, self._receiver.acknowledged, stamp)

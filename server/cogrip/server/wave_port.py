@@ -6,10 +6,11 @@ from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Stamp, Waves
-from cogrip.protocol.settings import SeatSettings
-from cogrip.server.port import Port, Row
+from cogrip.protocol.settings import PLACES, POSE_AXES, SeatSettings
+from cogrip.server.port import Port, Row, Turned
 from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 
+MOST_POSES = 512  # kept until their frames are popped
 MOST_M = 1e3  # from the middle of a person's own frame
 
 
@@ -18,39 +19,52 @@ class WavePort(Port):
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
         super().__init__(seat)
-        axes, playout, frame_s = self._axes, seat.playout, seat.rates.frame_s
+        axes, playout, frame_s = self.axes, seat.playout, seat.rates.frame_s
         self._half_frame_s = 0.5 * frame_s
         self._receiver: LineReceiver = LineReceiver(
             axes, playout.frames, frame_s, playout.tank_mj * 1e-3, playout.concealment
         )
         self._sender = LineSender(axes, playout.redundancy)
-        self._limiter = WaveLimiter(seat.coupling.impedance_nspm, frame_s, limits, power_left)
+        self._limiter = WaveLimiter(seat.coupling, frame_s, limits, power_left)
         self._port_j: float | None = None
         self._sent_j = 0.0  # energy of the forward waves at their sender, as last reported
         self._made_j = CompensatedSum()
         self.loops = LoopMeter(seat.rates.network_hz) if seat.follows else None
+        self._poses: dict[int, Turned] = {}  # of the hand after frames that are not popped yet
 
     def receive(self, message: Waves) -> bool:
-        if len(message.state) != 2 * self._axes:
+        axes = self.axes
+        turning = axes == POSE_AXES
+        if len(message.state) != 2 * axes + PLACES * turning:
             return False
         if self.origin is None and not all(-MOST_M <= place <= MOST_M for place in message.state):
             return False  # no hand is there
         metadata = (message.made_j, message.port_j, message.acknowledged)
         if not self._receiver.receive(message.first, message.waves, message.total, message.squares, metadata):
             return False
-        self.hand = message.state[self._axes :]
+        self.hand = message.state[axes : 2 * axes]
         if self.origin is None:
-            self.origin = message.state[: self._axes]
+            self.origin = message.state[:axes]
+        if (
+            turning
+            and len(self._poses) < MOST_POSES
+            and self._receiver.newest == (newest := message.first + len(message.waves) // axes - 1)
+        ):
+            self._poses[newest] = self.hand[PLACES:], message.state[2 * axes :]
         return True
 
     @property
     def neutral(self) -> Row:
-        return (0.0,) * self._axes
+        return (0.0,) * self.axes
 
     def pop(self, frames: int) -> Row:
         receiver = self._receiver
         wave = receiver.pop(frames)
-        self._port_j = None
+        self._port_j = self.turned = None
+        if self._poses:
+            popped = receiver.acknowledged - 1
+            self.turned = self._poses.get(popped)
+            self._poses = {number: pose for number, pose in self._poses.items() if number > popped}
         self.up_reserve.elapse(frames)
         if receiver.metadata is not None:
             sent_j, self._port_j, acknowledged = receiver.metadata
@@ -64,7 +78,7 @@ class WavePort(Port):
                 if self.loops is not None:
                     self.loops.add(self.behind)
         for _ in range(frames - 1):
-            self._sender.push((0.0,) * self._axes)  # the steps that were missed sent nothing
+            self._sender.push((0.0,) * self.axes)  # the steps that were missed sent nothing
         return self._limiter.limit(wave)
 
     @property

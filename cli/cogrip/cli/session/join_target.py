@@ -52,8 +52,7 @@ class Target:
         """Return the hello of a player with the device at `address`."""
         return make_hello(
             software=VERSION, nonce=_nonce(), room=self.room, name=self.name, digest=self.digest, device=address,
-            axes=record.axes, rate_hz=float(record.rate_hz), force_n=record.peak_force_n, speed_mps=record.speed_mps,
-            token=self.token,
+            token=self.token, **record.claims,
         )  # fmt: skip
 
     def observer(self) -> Hello:

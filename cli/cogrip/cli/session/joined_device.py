@@ -11,7 +11,7 @@ from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.registry import axes_of, make, record_of
 from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.protocol.line.delays import expected_frames, one_way
-from cogrip.protocol.settings import SeatSettings, Settings
+from cogrip.protocol.settings import SeatSettings, Settings, seat_axes
 from cogrip.sim.analysis.advice import advise_seat
 from cogrip.sim.analysis.plausible import hand_findings
 
@@ -42,7 +42,7 @@ def make_joined(settings: Settings | None, name: str, address: str | None, axes:
         if not users:
             known = ", ".join(user.name for user in settings.users)
             raise BadInput(f"--name {name!r}: no such user in the settings; there is: {known}")
-        axes = axes or settings.object.axes
+        axes = axes or seat_axes(settings, users[0])
         if address:
             return _ready(make(address, axes=axes), address), address
         return _ready(make_for(users[0], axes), address_of(users[0])), address_of(users[0])

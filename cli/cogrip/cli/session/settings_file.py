@@ -23,7 +23,7 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import try_for
 from cogrip.devices.registry import is_real
-from cogrip.protocol.settings import Settings, rates_of, resolve, seat_settings
+from cogrip.protocol.settings import Settings, rates_of, resolve, seat_axes, seat_settings
 from cogrip.protocol.settings_table import SettingsError, parse_override
 
 NESTED = "is nested too deep for settings, which have three levels; take the brackets out"
@@ -171,7 +171,7 @@ def try_hands(settings: Settings) -> None:
     """Raise BadInput for a device or hand that is not available, before anything is started or left behind."""
     for user in settings.users:
         with BadInput.of(DeviceError, where=f"{user.name}: "):
-            try_for(user, settings.object.axes, rates_of(settings, user).device_hz)
+            try_for(user, seat_axes(settings, user), rates_of(settings, user).device_hz)
 
 
 def refuse_real(settings: Settings) -> None:

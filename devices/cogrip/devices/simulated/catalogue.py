@@ -2,38 +2,46 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.registry import Family
-from cogrip.devices.settings import Address, Setting, check_axes, keys_of, read_settings, unknown
-from cogrip.devices.simulated import hands, ideal, phantom, reconstructed_hand, recorded_hand, waypoints
+from cogrip.devices.settings import MOST_AXES, Address, Setting, check_axes, keys_of, read_settings, unknown
+from cogrip.devices.simulated import hands, ideal, phantom, pose, reconstructed_hand, recorded_hand, waypoints
 from cogrip.devices.simulated.device import Plant, SimulatedDevice
+from cogrip.protocol.settings import PLACES, POSE_AXES
 
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """A simulated machine: its query keys, its record, its plant."""
+    """A simulated machine: its query keys, its record, its plant; of more than MOST_AXES axes it turns."""
 
     settings: type[msgspec.Struct]
     capability: Callable[[Any, int], Capability]
     plant: Callable[[Any, int], Plant]
+    axes: int = MOST_AXES
 
 
 @dataclass(frozen=True, slots=True)
 class HandKind:
-    """A kind of hand: its query keys and its maker, called (settings, axes), and the argument where it `takes` one."""
+    """A kind of hand: its query keys and its maker, called (settings, axes), and the argument where it `takes` one.
+
+    turns: it can turn, where the machine does; `only`: it needs that
+    """
 
     settings: type[msgspec.Struct]
     make: Callable[..., hands.Hand]
     takes: str = ""
+    turns: Literal["", "can", "only"] = ""
 
 
 MACHINES: dict[str, Machine] = {
     "ideal": Machine(ideal.IdealSettings, ideal.capability, ideal.IdealPlant),
     "phantom": Machine(phantom.PhantomSettings, phantom.capability, phantom.PhantomPlant),
+    "freeflyer": Machine(pose.FreeflyerSettings, pose.freeflyer, pose.freeflyer_plant, POSE_AXES),
+    "phantom6": Machine(pose.Phantom6Settings, pose.phantom6, pose.phantom6_plant, POSE_AXES),
 }
 
 HANDS: dict[str, HandKind] = {
@@ -42,7 +50,8 @@ HANDS: dict[str, HandKind] = {
     "reach": HandKind(hands.ReachSettings, hands.directed(hands.reach_course)),
     "sine": HandKind(hands.SineSettings, hands.directed(hands.sine_course)),
     "tremor": HandKind(hands.TremorSettings, hands.directed(hands.tremor_course)),
-    "waypoints": HandKind(waypoints.WaypointSettings, waypoints.WaypointHand),
+    "waypoints": HandKind(waypoints.WaypointSettings, waypoints.WaypointHand, turns="can"),
+    "crank": HandKind(pose.CrankSettings, pose.CrankHand, turns="only"),
     "csv": HandKind(recorded_hand.RecordedSettings, recorded_hand.RecordedHand, takes="FILE"),
     "recording": HandKind(hands.ImpedanceSettings, reconstructed_hand.ReconstructedHand, takes="RUN"),
 }
@@ -50,19 +59,26 @@ HANDS: dict[str, HandKind] = {
 
 def family() -> Family:
     """The family `sim:`, for the registry."""
-    return Family("simulated machines in simulated hands", make, tuple(f"sim:{name}" for name in MACHINES))
+    return Family("simulated machines in simulated hands", make, tuple(f"sim:{name}" for name in MACHINES), _axes)
+
+
+def _axes(address: Address) -> int:
+    machine = MACHINES.get(address.name)
+    return machine.axes if machine else MOST_AXES
 
 
 def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
     """A simulated device; key `hand` is one of HANDS (default hold), `csv:FILE` for a recorded one.
 
-    Raises DeviceError for an unknown machine, hand or key, a value out of bounds, or a number of axes not 1 to 3.
+    Raises DeviceError for an unknown machine, hand or key, a value out of bounds, or a number of axes that
+    is not 1 to 3, or 6 where it turns.
     """
     where = repr(address.text)
     machine = MACHINES.get(address.name)
     if machine is None:
         raise unknown("simulated device", address.name, MACHINES, where)
-    check_axes(axes, where)
+    if axes != machine.axes:
+        check_axes(axes, where)
     query: dict[str, Setting] = {**defaults, **address.query}
     kind, argument = _hand_kind(str(query.pop("hand", "hold")), where)
     machine_keys, hand_keys = keys_of(machine.settings), keys_of(kind.settings)
@@ -71,7 +87,14 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
             raise unknown("key", key, ("hand", *machine_keys, *hand_keys), where)
     machine_settings: Any = read_settings(machine.settings, {k: query[k] for k in query if k in machine_keys}, where)
     hand_settings = read_settings(kind.settings, {k: query[k] for k in query if k in hand_keys}, where)
-    hand = kind.make(hand_settings, axes, *argument)
+    if kind.turns == "only" and axes != POSE_AXES:
+        raise DeviceError(
+            f"{where}: this hand turns, and the device has {axes} axes; take sim:freeflyer or sim:phantom6 of 6"
+        )
+    if axes == POSE_AXES and not kind.turns:
+        hand: hands.Hand = pose.UnturnedHand(kind.make(hand_settings, PLACES, *argument))
+    else:
+        hand = kind.make(hand_settings, axes, *argument)
     plant = machine.plant(machine_settings, axes)
     return SimulatedDevice(machine.capability(machine_settings, axes), plant, hand, machine_settings.x0_m)
 

@@ -61,7 +61,7 @@ class SimulatedDevice(Driver):
         """Reads the hand's recording, if it has one: raises DeviceError when that is not usable."""
         self._check_open(rate_hz, self.capability)
         start = self.hand.open(rate_hz, self._start_m)
-        for axis, (at, (low, high)) in enumerate(zip(start, self.capability.workspace_m, strict=True)):
+        for axis, (at, (low, high)) in enumerate(zip(start, self.capability.workspace_m, strict=False)):
             if not low <= at <= high:
                 raise self._error(
                     f"starts at {at} m on axis {axis}, outside its workspace {low} to {high} m; set x0_m inside it, "

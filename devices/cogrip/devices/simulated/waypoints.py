@@ -2,6 +2,7 @@
 
 At time t_i it intends place p_i, from home; between two times it goes there by a minimum-jerk stroke, as `reach` does;
 before the first and after the last it rests. Led d into something that gives way by x, it presses with K_h (d - x).
+On a machine that turns it goes from one rotation vector to the next in the same way.
 """
 
 from bisect import bisect_right
@@ -11,15 +12,21 @@ from itertools import pairwise
 from cogrip.devices.device import DeviceError
 from cogrip.devices.settings import Finite, NotNegative
 from cogrip.devices.simulated.hands import ImpedanceSettings, Vector
+from cogrip.devices.simulated.pose import pose_drive
+from cogrip.protocol.rotations import between, exp
+from cogrip.protocol.settings import PLACES
 
 
 class WaypointSettings(ImpedanceSettings, frozen=True, kw_only=True):
-    """Query keys of `waypoints`: times, rising, and the place at each along each axis; an axis that is not given rests."""
+    """Query keys of `waypoints`: times, rising, and the pose at each along each axis; an axis that is not given rests."""
 
     times_s: tuple[NotNegative, ...]
     x_m: tuple[Finite, ...] = ()
     y_m: tuple[Finite, ...] = ()
     z_m: tuple[Finite, ...] = ()
+    rx_rad: tuple[Finite, ...] = ()
+    ry_rad: tuple[Finite, ...] = ()
+    rz_rad: tuple[Finite, ...] = ()
 
 
 class WaypointHand:
@@ -33,7 +40,7 @@ class WaypointHand:
                 f"hand=waypoints: times_s={','.join(map(str, times))} do not rise; give each later than the last"
             )
         courses = []
-        for axis, key in enumerate(("x_m", "y_m", "z_m")):
+        for axis, key in enumerate(("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")):
             course: Vector = getattr(settings, key)
             if course and axis >= axes:
                 raise DeviceError(f"hand=waypoints: {key} is given, but the device has {axes} axes; leave it out")
@@ -52,18 +59,28 @@ class WaypointHand:
         self._home = home_m or (0.0,) * len(self._home)
         return self._home
 
-    def intended(self, tick: int) -> tuple[Vector, Vector]:
+    def _at(self, tick: int) -> tuple[Vector, Vector]:
+        """Return place from home, or pose, and its rates."""
         now, times, places = tick / self._rate_hz, self._times, self._places
         after = bisect_right(times, now)
         if after in (0, len(times)):
             place = places[max(0, after - 1)]
-            return tuple([home + x for home, x in zip(self._home, place, strict=True)]), (0.0,) * len(place)
+            return place, (0.0,) * len(place)
         stroke_s = times[after] - times[after - 1]
         z = (now - times[after - 1]) / stroke_s
         s, w = z * z * z * (10.0 + z * (6.0 * z - 15.0)), 30.0 * z * z * (1.0 - z) ** 2 / stroke_s
-        steps = list(zip(self._home, places[after - 1], places[after], strict=True))
-        return tuple([home + a + s * (b - a) for home, a, b in steps]), tuple([w * (b - a) for _, a, b in steps])
+        steps = list(zip(places[after - 1], places[after], strict=True))
+        return tuple([a + s * (b - a) for a, b in steps]), tuple([w * (b - a) for a, b in steps])
+
+    def intended(self, tick: int) -> tuple[Vector, Vector]:
+        place, rates = self._at(tick)
+        if len(place) > PLACES and any(rates[PLACES:]):  # rates of a rotation vector are no angular velocity
+            step = between(exp(place[PLACES:]), exp(self._at(tick + 1)[0][PLACES:]))
+            rates = rates[:PLACES] + tuple([self._rate_hz * each for each in step])
+        return tuple([home + x for home, x in zip(self._home, place, strict=True)]), rates
 
     def drive(self, tick: int) -> Sequence[float]:
+        if len(self._home) > PLACES:
+            return pose_drive(self, tick)
         place, speed = self.intended(tick)
         return [self.stiffness_npm * x + self.damping_nspm * v for x, v in zip(place, speed, strict=True)]

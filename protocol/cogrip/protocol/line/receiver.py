@@ -36,7 +36,7 @@ class LineReceiver:
     ) -> None:
         """Make a receiver that has received nothing.
 
-        axes          degrees of freedom, 1 to 3
+        axes          degrees of freedom, 1 to 6
         delay_frames  playout delay D in frames, or "auto" to adapt it to the jitter (SPEC 5.5, 5.6)
         frame_s       period T_n of a frame [s]
         tank_j        energy E_0 that the line may lend in all [J] (SPEC 5.4)

@@ -10,7 +10,7 @@ Frame = tuple[float, ...]  # one wave of all axes, shape (axes,) [sqrt(W)]
 class LineSender:
     """Numbers frames and keeps what a datagram has to carry.
 
-    axes        degrees of freedom, 1 to 3
+    axes        degrees of freedom, 1 to 6
     redundancy  R, frames in a datagram, 1 to 32
     """
 

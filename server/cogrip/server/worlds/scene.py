@@ -8,6 +8,10 @@ Per axis at a tool, T frame, h = T/n step, b impedance, u wave that came, held o
 The work of force and damper is what MuJoCo integrates; the last sum is lost. Contact adds nothing where it creates nothing
 (`scene_file`), and whatever it does, the limiter bounds what goes back (`energy_limiter`).
 
+A tool with an orientation that is driven has three axes more, of impedance b_r, waves in the world's frame. MuJoCo turns a body
+by rates in its own frame: with R its orientation at the frame's start, u and v are R^T u and R^T v there, of the same squares,
+and w is the mean rate. As rotations do not commute, R drifts from the hand's; `orientation_drift` brings it back.
+
 In a step a contact within reach counts by the sign of its force, not of its depth: `efc_margin` is 0 when forces are solved.
 Data are kept as after `mj_step1`: places, energies and contacts are those of the present state.
 """
@@ -21,9 +25,11 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.rotations import UNTURNED, Quaternion, exp, inverse, log, product, turned
+from cogrip.protocol.settings import PLACES, SeatSettings
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
-from cogrip.server.worlds.scene_file import MOST_RATE, Scene
+from cogrip.server.worlds.orientation_drift import OrientationDrift
+from cogrip.server.worlds.scene_file import MOST_RATE, Scene, Tool
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.world import Array, Row, World, WorldError, dot
 
@@ -67,55 +73,80 @@ class SceneWorld(World):
         self._object = -1 if scene.object < 0 else int(model.jnt_qposadr[model.body_jntadr[scene.object]])
         self._object_dof = -1 if scene.object < 0 else int(model.jnt_dofadr[model.body_jntadr[scene.object]])
         self._start = model.qpos0[self._object : self._object + 3].copy() if scene.object >= 0 else np.zeros(3)
+        self._unturned = model.qpos0[self._object + 3 : self._object + 7].tolist() if scene.object >= 0 else UNTURNED
         self._shapes, self._drawn = shapes_of(scene, self._start)
         self._energy = 0.0
         super().__init__(seats)
         self.limiter = EnergyLimiter(self.frame_s)
         self.solid = np.zeros(len(seats), dtype=bool)
+        self._driven = [user for user, tool in enumerate(scene.tools) if tool.driven]
         self._dofs = np.array([range(tool.dof, tool.dof + 3) for tool in scene.tools])
         self._places = np.array([range(tool.coordinate, tool.coordinate + 3) for tool in scene.tools])
-        self._drive = np.sqrt(2.0 * self.impedance)
-        self._grips = [self._grip(tool.body, tool.dof) for tool in scene.tools]
+        self._turning_dofs = self._dofs[self._driven] + 3
+        self._turning_impedance = np.array([[seat.coupling.rotational_impedance_nms] for seat in seats])
+        self._port_impedance = np.repeat(self.impedance, self.axes, axis=1)
+        self._port_impedance[:, PLACES:] = self._turning_impedance
+        self._drive = np.sqrt(2.0 * self._port_impedance)
+        self._driven_axes = np.ones((len(seats), self.axes), dtype=bool)
+        self._driven_axes[:, PLACES:] = [[tool.driven] for tool in scene.tools]
+        self._turning_gain = np.sqrt(2.0 / self._turning_impedance)
+        self._drift = {user: OrientationDrift(self.frame_s) for user in self._driven}
+        self._grips = [self._grip(tool) for tool in scene.tools]
         start = np.array([model.body_pos[tool.body] for tool in scene.tools])
-        self.offset = self._start - start  # from the object's frame to each hand's own
+        self.offset[:, :PLACES] = self._start - start  # from the object's frame to each hand's own
         self._zero = model.qpos0[self._places]  # coordinates of a hand at 0
         self._state = np.zeros(mujoco.mj_stateSize(model, _STATE))
         for user in range(len(seats)):
             self._park(user)
         self._refresh()
 
-    def _grip(self, body: int, dof: int) -> Grip:
-        model = self.scene.model
+    def _grip(self, tool: Tool) -> Grip:
+        model, body, dof = self.scene.model, tool.body, tool.dof
         geoms = [geom for geom in range(model.ngeom) if model.body_rootid[model.geom_bodyid[geom]] == body]
         contact = model.geom_contype[geoms].copy(), model.geom_conaffinity[geoms].copy()
-        return Grip(geoms, *contact, model.dof_damping[dof : dof + 3].copy(), float(model.body_gravcomp[body]))
+        return Grip(
+            geoms,
+            *contact,
+            model.dof_damping[dof : dof + (6 if tool.turns else 3)].copy(),
+            float(model.body_gravcomp[body]),
+        )
 
     # Motion of the object
 
     @property
     def position(self) -> Array:
-        """Place of the object [m], its start being 0. To set it puts the object there, at rest."""
+        """Place of the object [m] and, of six axes, rotation vector [rad], from its start. To set it puts it there, at rest."""
         if self._object < 0:
-            return np.zeros(3)
-        place: Array = self.data.qpos[self._object : self._object + 3] - self._start
-        return place
+            return np.zeros(self.axes)
+        at = self.data.qpos[self._object : self._object + 7]
+        turned = log(product(at[3:].tolist(), inverse(self._unturned))) if self.axes > PLACES else ()
+        return np.concatenate((at[:3] - self._start, turned))
 
     @position.setter
     def position(self, value: Array) -> None:
         if self._object >= 0 and not np.array_equal(value, self.position):
-            self.data.qpos[self._object : self._object + 3] = self._start + value
+            self.data.qpos[self._object : self._object + 3] = self._start + value[:PLACES]
+            if self.axes > PLACES:
+                self.data.qpos[self._object + 3 : self._object + 7] = product(
+                    exp(value[PLACES:].tolist()), self._unturned
+                )
             self.data.qvel[self._object_dof : self._object_dof + 6] = 0.0
             self._refresh()
 
     @property
     def velocity(self) -> Array:
-        """Velocity of the object [m/s]."""
-        return np.zeros(3) if self._object < 0 else self.data.qvel[self._object_dof : self._object_dof + 3].copy()
+        """Velocity of the object [m/s], and of six axes its angular velocity [rad/s]."""
+        if self._object < 0:
+            return np.zeros(self.axes)
+        rates: Array = self.data.qvel[self._object_dof : self._object_dof + self.axes].copy()
+        if self.axes > PLACES:
+            rates[PLACES:] = turned(self.orientation.tolist(), rates[PLACES:].tolist())
+        return rates
 
     @velocity.setter
     def velocity(self, value: Array) -> None:
         if self._object >= 0 and not np.array_equal(value, self.velocity):
-            self.data.qvel[self._object_dof : self._object_dof + 3] = value
+            self.data.qvel[self._object_dof : self._object_dof + 3] = value[:PLACES]
             self._refresh()
 
     @property
@@ -147,7 +178,19 @@ class SceneWorld(World):
 
     def proxy(self, user: int) -> Array:
         place: Array = self.data.qpos[self._places[user]] - self._zero[user]
-        return place
+        return place if self.axes == PLACES else np.concatenate((place, log(self._turned(user))))
+
+    def _turned(self, user: int) -> Quaternion:
+        """Return by how much a tool is turned from its start."""
+        tool = self.scene.tools[user]
+        if not tool.turns:
+            return UNTURNED
+        at = slice(tool.coordinate + 3, tool.coordinate + 7)
+        return product(self.data.qpos[at].tolist(), inverse(self.scene.model.qpos0[at].tolist()))
+
+    def hand_turned(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
+        if user in self._drift:
+            self._drift[user].report(rotation_rad, travelled_rad)
 
     def stiffness_of(self, user: int) -> float | None:
         return None
@@ -156,9 +199,17 @@ class SceneWorld(World):
 
     def join(self, user: int, position_m: Array) -> None:
         data, grip, tool = self.data, self._grips[user], self.scene.tools[user]
-        data.qpos[self._places[user]] = self._zero[user] + position_m
-        data.qvel[self._dofs[user]] = 0.0
-        self.scene.model.dof_damping[self._dofs[user]] = grip.damping + self.impedance[user]
+        data.qpos[self._places[user]] = self._zero[user] + position_m[:PLACES]
+        data.qvel[tool.dof : tool.dof + (6 if tool.turns else 3)] = 0.0
+        damping = np.repeat(self.impedance[user], 3)
+        if tool.turns:
+            turning = self._turning_impedance[user] if tool.orientation in ("driven", "damped") else np.zeros(1)
+            damping = np.concatenate((damping, np.repeat(turning, 3)))
+        self.scene.model.dof_damping[tool.dof : tool.dof + len(damping)] = grip.damping + damping
+        if tool.driven:
+            at = slice(tool.coordinate + 3, tool.coordinate + 7)
+            data.qpos[at] = product(exp(position_m[PLACES:].tolist()), self.scene.model.qpos0[at].tolist())
+            self._drift[user].begin()
         self.scene.model.body_gravcomp[tool.body] = grip.gravcomp
         self.holding[user] = True
         self._touch(user, False)
@@ -177,11 +228,12 @@ class SceneWorld(World):
         self._refresh()
 
     def _park(self, user: int) -> None:
-        model, dofs, tool = self.scene.model, self._dofs[user], self.scene.tools[user]
+        model, tool = self.scene.model, self.scene.tools[user]
+        dofs = slice(tool.dof, tool.dof + (6 if tool.turns else 3))
         self.holding[user] = False
         self.force[user] = 0.0
         self.data.qfrc_applied[dofs] = 0.0
-        self.data.qvel[tool.dof : tool.dof + (6 if tool.free else 3)] = 0.0
+        self.data.qvel[dofs] = 0.0
         model.dof_damping[dofs] = self._grips[user].damping
         model.body_gravcomp[tool.body] = 1.0
         self._touch(user, False)
@@ -217,12 +269,20 @@ class SceneWorld(World):
     # Stepping
 
     def step(self, inputs: Array) -> Array:
-        model, data, dofs, b = self.scene.model, self.data, self._dofs, self.impedance
-        u = np.where(self.holding[:, None], inputs, 0.0)
-        drive = self._drive * u
-        data.qfrc_applied[dofs] = drive
+        model, data, dofs, b = self.scene.model, self.data, self._dofs, self._port_impedance
+        held = self.holding[:, None] & self._driven_axes
+        given_u = u = np.where(held, inputs, 0.0)
+        frames = self._frames()
+        local = u
+        if frames is not None:
+            u = self._corrected(u)
+            local = self._turn(frames, u, back=True)
+        drive = self._drive * local
+        data.qfrc_applied[dofs] = drive[:, :PLACES]
+        if frames is not None:
+            data.qfrc_applied[self._turning_dofs] = drive[self._driven, PLACES:]
         before = data.qpos[self._places]
-        moved, squares = np.zeros_like(u), np.zeros_like(u)  # sums of q_k, q_k^2
+        moved, squares, rates = np.zeros_like(u), np.zeros_like(u), np.zeros_like(u)  # sums of q_k, q_k^2
         for _ in range(self.substeps):
             data.efc_margin[:] = 0.0
             mujoco.mj_step2(model, data)
@@ -231,7 +291,9 @@ class SceneWorld(World):
                 raise WorldError(
                     f"the scene left all bounds at {data.time:.3f} s: velocities are {_largest(everything)}"
                 )
-            rates = everything[dofs]
+            rates[:, :PLACES] = everything[dofs]
+            if frames is not None:
+                rates[self._driven, PLACES:] = everything[self._turning_dofs]
             moved += rates
             squares += rates * rates
             mujoco.mj_step1(model, data)
@@ -240,26 +302,63 @@ class SceneWorld(World):
                 f"the scene has more contacts than its memory at {data.time:.3f} s: raise <size memory> in it"
             )
         period, substep = self.frame_s, self.frame_s / self.substeps
-        held = self.holding[:, None]
-        w = np.where(held, (data.qpos[self._places] - before) / period, 0.0)
-        back = self._drive * w - u
+        w = moved / self.substeps
+        w[:, :PLACES] = (data.qpos[self._places] - before) / period
+        w = np.where(held, w, 0.0)
+        back = self._drive * w - local
         given = substep * (drive * moved - b * squares)
         lost = b * substep * (squares - 2.0 * w * moved + self.substeps * w * w)
-        port = (0.5 * period) * (u * u - back * back)
-        error = np.where(held, port - given - lost, 0.0)
+        error = np.where(held, (0.5 * period) * (local * local - back * back) - given - lost, 0.0)
         self.balance_error_j = max(self.balance_error_j, abs(float(error.sum())))
-        self.force = drive - b * w
+        force = drive - b * w
+        if frames is not None:
+            back, force = self._turn(frames, back), self._turn(frames, force)
+            self._watch_drift(self._turn(frames, w), u - given_u)
+        self.force = force
 
         energy = self._measure()
-        factor = self.limiter.limit(dot(u, u), dot(back, back), energy - self._energy)
+        factor = self.limiter.limit(dot(given_u, given_u), dot(back, back), energy - self._energy)
         self._energy = energy
         if factor < 1.0:
             back = factor * back
-            port = (0.5 * period) * (u * u - back * back)
-        self._book(port.sum(axis=1))
+        self._book(((0.5 * period) * (given_u * given_u - back * back)).sum(axis=1))
         if np.any(self.holding & ~self.solid):
             self._make_solid()
         return back
+
+    # Rotation
+
+    def _frames(self) -> Array | None:
+        """Return the orientation of each driven tool as a matrix, shape (driven, 3, 3); None where none is driven."""
+        if not self._driven:
+            return None
+        bodies = [self.scene.tools[user].body for user in self._driven]
+        frames: Array = self.data.xmat[bodies].reshape(-1, 3, 3)
+        return frames
+
+    def _turn(self, frames: Array, rows: Array, back: bool = False) -> Array:
+        """Return rows of the ports whose last three axes are turned from the tools' own frames to the world's, or back."""
+        out = rows.copy()
+        turning = rows[self._driven, PLACES:]
+        matrices = frames.transpose(0, 2, 1) if back else frames
+        out[self._driven, PLACES:] = (matrices * turning[:, None, :]).sum(axis=2)
+        return out
+
+    def _corrected(self, u: Array) -> Array:
+        """Return the waves with what turns tools back to their hands, as far as the limiter's ledger pays for it."""
+        out = u.copy()
+        for user in self._driven:
+            out[user, PLACES:] += np.array(self._drift[user].correction_radps) / self._turning_gain[user]
+        cost_j = 0.5 * self.frame_s * (dot(out, out) - dot(u, u))
+        if cost_j > 0.0 and cost_j > self.limiter.level_j:
+            return u
+        return out
+
+    def _watch_drift(self, rates: Array, added: Array) -> None:
+        """Enter how the driven tools have turned; added: waves that were not the hand's."""
+        for user in self._driven:
+            turned_by = rates[user, PLACES:] - self._turning_gain[user] * added[user, PLACES:]
+            self._drift[user].step(self._turned(user), turned_by.tolist())
 
     def limiter_account(self) -> dict[str, float]:
         limiter = self.limiter

@@ -14,10 +14,13 @@ from dataclasses import dataclass
 from hashlib import sha256
 from math import prod
 from pathlib import Path
+from typing import NamedTuple
 from xml.parsers import expat
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
+
+from cogrip.protocol.settings import POSE_AXES, Orientation, Settings, Side
 
 MOST_BYTES = 8_000_000
 MOST_ELEMENTS = 5000  # of XML, those that it repeats counted: more take minutes to load
@@ -54,12 +57,23 @@ class SceneError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Tool:
-    """A body that a seat's port moves. dof, coordinate: first of its three. free: by a free joint."""
+    """A body that a seat's port moves.
+
+    dof, coordinate  first of its three, and of six where it turns
+    turns            it has a free joint
+    orientation      of the seat's settings, "" for what its joints have
+    """
 
     body: int
     dof: int
     coordinate: int
-    free: bool
+    turns: bool
+    orientation: Orientation
+
+    @property
+    def driven(self) -> bool:
+        """Return whether the port turns it, too."""
+        return self.orientation == "driven"
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,9 +95,23 @@ class Scene:
     digest: str
 
 
-def load_scene(path: Path, tools: Sequence[str], sides: Sequence[str], step_s: float) -> Scene:
-    """Return the scene of a file for seats with these tools on these sides. Raises SceneError."""
-    return make_scene(read_text(path), tools, sides, step_s, path.name)
+class Held(NamedTuple):
+    """What a seat asks of its tool: its body's name or "", the side on which it starts, its orientation."""
+
+    tool: str
+    side: Side
+    orientation: Orientation
+
+
+def held_by(settings: Settings) -> list[Held]:
+    """Return what each seat asks for. In a room of poses a hand drives the orientation, if nothing else is said."""
+    usual: Orientation = "driven" if settings.object.axes == POSE_AXES else ""
+    return [Held(user.tool, user.side, user.orientation or usual) for user in settings.users]
+
+
+def load_scene(path: Path, seats: Sequence[Held], step_s: float) -> Scene:
+    """Return the scene of a file for these seats. Raises SceneError."""
+    return make_scene(read_text(path), seats, step_s, path.name)
 
 
 def read_text(path: Path) -> str:
@@ -103,7 +131,7 @@ def read_text(path: Path) -> str:
     return text
 
 
-def make_scene(text: str, tools: Sequence[str], sides: Sequence[str], step_s: float, name: str = "scene") -> Scene:
+def make_scene(text: str, seats: Sequence[Held], step_s: float, name: str = "scene") -> Scene:
     """Return the scene of an XML text. step_s: of one substep; name: of the file, for errors. Raises SceneError."""
     mujoco.set_mju_user_warning(_counted)
     options = _scan(text, name)
@@ -116,14 +144,17 @@ def make_scene(text: str, tools: Sequence[str], sides: Sequence[str], step_s: fl
         bare = spec.compile()
         filled, own = _complete(spec, options, step_s)
         bodies = {body.name for body in spec.bodies[1:] if body.name}
-        chosen = [tool if tool in bodies else _added(tool, seat, bodies, name) for seat, tool in enumerate(tools)]
-        object_m, radius_m = _object(bare, {tool for tool in tools if tool in bodies})
-        for seat, (tool, body) in enumerate(zip(tools, chosen, strict=True)):
+        chosen = [
+            held.tool if held.tool in bodies else _added(held.tool, seat, bodies, name)
+            for seat, held in enumerate(seats)
+        ]
+        object_m, radius_m = _object(bare, {held.tool for held in seats if held.tool in bodies})
+        for seat, (held, body) in enumerate(zip(seats, chosen, strict=True)):
             if body not in bodies:
-                sign = -1.0 if sides[seat] == "left" else 1.0
-                before = [each for each in range(seat) if sides[each] == sides[seat] and chosen[each] not in bodies]
+                sign = -1.0 if held.side == "left" else 1.0
+                before = [each for each in range(seat) if seats[each].side == held.side and chosen[each] not in bodies]
                 place = object_m + np.array([sign * (radius_m + CLEAR_M), APART_M * len(before), 0.0])
-                _add_tool(spec, body, tool or TOOLS[0], place.tolist())
+                _add_tool(spec, body, held, place.tolist())
         model = spec.compile()
         _try_step(model, name)
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
@@ -137,11 +168,12 @@ def make_scene(text: str, tools: Sequence[str], sides: Sequence[str], step_s: fl
     if model.na or model.nplugin:
         what = "actuators with states of their own" if model.na else "plugins"
         raise SceneError(f"{name}: has {what}, whose energy is not counted; leave them out")
-    found = tuple(_tool(model, body, name) for body in chosen)
+    found = tuple(_tool(model, body, held.orientation, name) for body, held in zip(chosen, seats, strict=True))
     if len({tool.body for tool in found}) < len(found):
         twice = next(body for body in chosen if chosen.count(body) > 1)
         raise SceneError(f"{name}: two seats have the tool {twice!r}; name a body for each, or leave one out")
-    digest = sha256("\0".join([text, *tools, *sides, str(step_s)]).encode()).hexdigest()[:16]
+    words = [held.tool for held in seats] + [held.side for held in seats] + [held.orientation for held in seats]
+    digest = sha256("\0".join([text, *words, str(step_s)]).encode()).hexdigest()[:16]
     return Scene(model, found, _first_free(model, {tool.body for tool in found}), filled, own, digest)
 
 
@@ -241,10 +273,14 @@ def _added(tool: str, seat: int, bodies: set[str], name: str) -> str:
     return f"tool of seat {seat}"
 
 
-def _add_tool(spec: mujoco.MjSpec, body_name: str, kind: str, place: Sequence[float]) -> None:
+def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[float]) -> None:
+    kind = held.tool or TOOLS[0]
     body = spec.worldbody.add_body(name=body_name, pos=place, gravcomp=1.0)
-    for axis in np.eye(3):
-        body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+    if held.orientation in ("", "fixed"):
+        for axis in np.eye(3):
+            body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+    else:
+        body.add_freejoint()
     if kind == "box":
         geoms = [body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.01, 0.01, 0.01])]
     else:
@@ -276,8 +312,8 @@ def _object(model: mujoco.MjModel, tools: set[str]) -> tuple[np.ndarray[tuple[in
     return model.body_pos[body].copy(), max(reach, default=0.0)
 
 
-def _tool(model: mujoco.MjModel, body_name: str, name: str) -> Tool:
-    """Return the tool that a body is. Raises SceneError where a port of three axes cannot move it."""
+def _tool(model: mujoco.MjModel, body_name: str, orientation: Orientation, name: str) -> Tool:
+    """Return the tool that a body is. Raises SceneError where a port cannot move it so."""
     body = model.body(body_name).id
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     kinds = [model.jnt_type[joint] for joint in range(first, first + count)]
@@ -288,4 +324,10 @@ def _tool(model: mujoco.MjModel, body_name: str, name: str) -> Tool:
             f"{name}: body {body_name!r} cannot be a tool: it needs a free joint, or three slide joints along x, y and z "
             "in this order, and the world as its parent, unturned"
         )
-    return Tool(body, int(model.jnt_dofadr[first]), int(model.jnt_qposadr[first]), kinds == _FREE)
+    turns = kinds == _FREE
+    if orientation and turns == (orientation == "fixed"):
+        has, cure = ("a free joint", "free") if turns else ("no free joint", "fixed")
+        raise SceneError(
+            f'{name}: body {body_name!r} has {has}, so its orientation cannot be "{orientation}"; set "{cure}"'
+        )
+    return Tool(body, int(model.jnt_dofadr[first]), int(model.jnt_qposadr[first]), turns, orientation)

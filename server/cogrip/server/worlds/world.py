@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.line.energy_sums import add_compensated
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings import PLACES, SeatSettings
 from cogrip.protocol.waves import server_gain
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ class World(ABC):
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         first = seats[0]
-        self.axes = axes = first.object.axes
+        self.axes = axes = max(seat.object.axes for seat in seats)
         self.frame_s = first.rates.frame_s
         self.mass_kg = first.object.mass_kg
         self.object_damping = first.object.damping_nspm
@@ -64,9 +64,14 @@ class World(ABC):
         self.external_force = np.zeros(axes)  # F_ext [N]
         self.balance_error_j = 0.0
 
+    @property
+    def places(self) -> int:
+        """Number of axes that are places; where there are six, the last three are a rotation vector [rad]."""
+        return min(self.axes, PLACES)
+
     @abstractmethod
     def join(self, user: int, position_m: Array) -> None:
-        """Let a person take hold with the hand at position_m [m], shape (a,), in its own frame."""
+        """Let a person take hold with the hand at position_m [m, rad], shape (a,), in its own frame."""
 
     @abstractmethod
     def leave(self, user: int) -> None:
@@ -88,6 +93,10 @@ class World(ABC):
         """Step in plain floats: a row a user in, a row a user out."""
         answers: list[list[float]] = self.step(np.array(rows)).tolist()
         return answers
+
+    def hand_turned(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
+        """Take in how a hand had turned as it sent the row of the next step: its rotation vector, and the angle travelled."""
+        raise NotImplementedError(f"{type(self).__name__}: nothing turns here")
 
     def start_ledger(self, user: int) -> None:
         """Count the user's work from here: a new seat session."""
@@ -151,12 +160,12 @@ class World(ABC):
     @property
     def left_workspace(self) -> bool:
         """Return whether the object is outside the workspace, or not a number."""
-        return not all(abs(place) <= WORKSPACE_M for place in self.motion()[: self.axes])
+        return not all(abs(place) <= WORKSPACE_M for place in self.motion()[: self.places])
 
     @property
     def out_of_reach(self) -> bool:
         """Return whether nobody can hold the object where it is, or it is not a number."""
-        return not all(abs(place) <= REACH_M for place in self.motion()[: self.axes])
+        return not all(abs(place) <= REACH_M for place in self.motion()[: self.places])
 
 
 class HandWorld(World):

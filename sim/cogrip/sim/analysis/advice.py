@@ -15,7 +15,7 @@ from cogrip.client.velocity import Bound, largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness
-from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
+from cogrip.protocol.settings import SeatSettings, Settings, seat_axes, seat_settings
 from cogrip.sim.analysis.decimation_passivity import filter_of, largest_gain
 from cogrip.sim.analysis.feel import no_contact, on_wall, slow_feel
 from cogrip.sim.analysis.lifted_model import LiftedModel
@@ -118,7 +118,7 @@ def advise(settings: Settings, search: Callable[[LiftedModel], Limit] = largest)
     """Return advice on a room. Raises ModelError or DeviceError where there is no model, or no such device."""
     session = linear_session(settings)
     seats = [seat_settings(settings, number) for number in range(len(settings.users))]
-    records = [make_for(user, settings.object.axes).capability for user in settings.users]
+    records = [make_for(user, seat_axes(settings, user)).capability for user in settings.users]
     sections = [_section(settings, number) for number in range(len(settings.users))]
     return _advise(session, seats, records, sections, search)
 
@@ -135,7 +135,7 @@ def overloads(settings: Settings) -> tuple[str, ...]:
     """
     found = []
     for number, user in enumerate(settings.users):
-        seat, record = seat_settings(settings, number), make_for(user, settings.object.axes).capability
+        seat, record = seat_settings(settings, number), make_for(user, seat_axes(settings, user)).capability
         if text := refusal(seat, record, _section(settings, number)):
             found.append((largest_impedance(record, seat.rates.tick_s).impedance_nspm, text))
     return tuple(text for _, text in sorted(found))

@@ -17,7 +17,7 @@ from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.protocol.line.delays import OneWayDelay, expected_frames, one_way
 from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Coupling, SeatSettings, Settings, User, seat_settings
+from cogrip.protocol.settings import Coupling, SeatSettings, Settings, User, seat_axes, seat_settings
 
 Scheme = Literal["passive", "paper", "coupling"]
 MOST_FRAMES = 256
@@ -117,7 +117,7 @@ def linear_session(
     """
     people = []
     for number, user in enumerate(settings.users):
-        device = make_for(user, settings.object.axes)
+        device = make_for(user, seat_axes(settings, user))
         person = _person(seat_settings(settings, number), device.capability, delay_frames)
         people.append(_simulated(person, user, device, hands, estimated))
     return _session(seat_settings(settings, 0), people)

@@ -19,7 +19,7 @@ from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.simulated.hands import DirectedHand, Hand, PushHand
-from cogrip.protocol.settings import Settings, rates_of
+from cogrip.protocol.settings import PLACES, Settings, rates_of, seat_axes
 from cogrip.sim.analysis.advice import Finding
 
 FAR_OUTSIDE = (
@@ -46,7 +46,7 @@ def implausible(settings: Settings) -> list[Finding]:
     for user in settings.users:
         if user.device.startswith(("sim:", "emulated:", "replay:")):
             rate_hz = rates_of(settings, user).device_hz
-            device = make_for(user, settings.object.axes)
+            device = make_for(user, seat_axes(settings, user))
             found += hand_findings(user.name, address_of(user), device, rate_hz, settings.seconds)
     return found
 
@@ -91,7 +91,7 @@ def _intended(hand: Hand, axes: int, rate_hz: int, seconds: float) -> Motion:
     for tick in ticks:
         position, velocity = hand.intended(tick)
         places.append(position[:axes])
-        speed = max(speed, max(map(abs, velocity)))
+        speed = max(speed, max(map(abs, velocity[:PLACES])))
     return Motion(tuple((min(axis), max(axis)) for axis in zip(*places, strict=True)), speed)
 
 
@@ -105,7 +105,7 @@ def _played(device: ReplayedDevice, rate_hz: int, seconds: float) -> Motion:
 
 def _motion(name: str, address: str, motion: Motion, record: Capability) -> Iterator[Finding]:
     cure = _cure(address)
-    for axis, ((low, high), (first, last)) in enumerate(zip(motion.range_m, record.workspace_m, strict=True)):
+    for axis, ((low, high), (first, last)) in enumerate(zip(motion.range_m, record.workspace_m, strict=False)):
         far = high if abs(high) >= abs(low) else low
         if not isfinite(low + high) or high - low > LONG_REACH_M:
             text = f"{name}: the hand means to move by {high - low:.3g} m along {_AXES[axis]}"
@@ -150,7 +150,7 @@ def _masses(settings: Settings) -> Iterator[Finding]:
     masses = [("object.mass_kg", settings.object.mass_kg, settings.object.kind in ("cube", "faces"))]
     for number, user in enumerate(settings.users):
         with suppress(DeviceError):  # said where the device is opened
-            mass_kg = make_for(user, settings.object.axes).capability.apparent_mass_kg
+            mass_kg = make_for(user, seat_axes(settings, user)).capability.apparent_mass_kg
             masses.append((f"users.{number}.device_mass_kg", mass_kg, user.device.startswith("sim:")))
     for key, mass_kg, counts in masses:
         if counts and mass_kg > HEAVY_KG:

@@ -6,18 +6,15 @@ from pathlib import Path
 from cogrip.protocol.felt_stiffness import felt_stiffness
 from cogrip.protocol.line.delays import expected_frames, one_way
 from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
-from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, load_scene
+from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, held_by, load_scene
 from cogrip.sim.analysis.advice import Finding, overloads, plain
 
 
 def scene_findings(settings: Settings) -> list[Finding]:
     """Return what is worth knowing before anyone holds a tool of the scene. Raises SceneError, DeviceError."""
     seats = [seat_settings(settings, number) for number in range(len(settings.users))]
-    given, users = settings.object, settings.users
-    scene = load_scene(
-        Path(given.file), [user.tool for user in users], [user.side for user in users],
-        seats[0].rates.frame_s / given.substeps,
-    )  # fmt: skip
+    given = settings.object
+    scene = load_scene(Path(given.file), held_by(settings), seats[0].rates.frame_s / given.substeps)
     return [*_contact(scene), *(_felt(scene, seat) for seat in seats), *_loads(settings)]
 
 

@@ -27,7 +27,7 @@ from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.recording.sink import Nowhere, Sink
 from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import Settings, digest, rates_of
+from cogrip.protocol.settings import Settings, digest, rates_of, seat_axes
 from cogrip.protocol.version import VERSION
 from cogrip.server.admission import Outside
 from cogrip.server.checkpoint import RoomCheckpoint
@@ -60,12 +60,11 @@ class Person:
         self.lost: set[str] = set()  # addresses that carry nothing any more
         self._address = f"person {number}" + (f" again {visit}" if visit else "")
         self.migration = PathMigration(self._address)
-        device = make_for(user, settings.object.axes)
+        device = make_for(user, seat_axes(settings, user))
         record = device.capability
         hello = make_hello(
             software=VERSION, nonce=number + 1 + visit * len(settings.users), room=settings.name, name=user.name,
-            digest=digest(settings), device=address_of(user), axes=settings.object.axes, rate_hz=float(record.rate_hz),
-            force_n=record.peak_force_n, speed_mps=record.speed_mps,
+            digest=digest(settings), device=address_of(user), **record.claims,
         )  # fmt: skip
         self.core = RecordedClient(hello, device.capability, BarePort if bare else DevicePort)
         self.supervised = SupervisedDevice(device, self.core, self.rates.device_hz)

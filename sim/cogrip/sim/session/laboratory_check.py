@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.registry import is_real
 from cogrip.devices.settings import parse_address
-from cogrip.protocol.settings import Settings, User, not_passive, resolve
+from cogrip.protocol.settings import Settings, User, not_passive, resolve, seat_axes
 from cogrip.sim.analysis.advice import Advice, Finding, Level, feel_level, plain
 from cogrip.sim.analysis.advice_change import Change, change_to, ranked_changes
 from cogrip.sim.analysis.stiffest import Stiffest, eased, stiffest
@@ -187,7 +187,7 @@ def _stand_in(settings: Settings, user: User) -> User:
     """Return the user with a simulated device of the mass, resolution, friction and force of a hardware's record."""
     if not is_real(user.device):
         return user
-    record = make_for(user, settings.object.axes).capability
+    record = make_for(user, seat_axes(settings, user)).capability
     device = (
         f"sim:phantom?resolution_m={record.resolution_m!r}&peak_force_n={record.peak_force_n!r}"
         f"&mass_kg={record.apparent_mass_kg!r}&damping_nspm={record.own_damping_nspm!r}&friction_n={record.own_friction_n!r}"

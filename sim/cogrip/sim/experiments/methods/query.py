@@ -11,7 +11,7 @@ import msgspec
 
 from cogrip.devices.for_user import make_for
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings import Settings, seat_axes
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.protocol.version import VERSION
 from cogrip.sim.experiments.experiment import Kind, Measure, Result
@@ -108,7 +108,7 @@ def prepare(settings: Settings, methods: Sequence[str], networks: Sequence[str],
     if seeds < 1:
         raise ChoiceError(f"{seeds} seeds: at least 1 is needed")
     for user in settings.users:
-        if not isinstance(make_for(user, settings.object.axes), SimulatedDevice):
+        if not isinstance(make_for(user, seat_axes(settings, user)), SimulatedDevice):
             raise ChoiceError(
                 f"{user.name}: {user.device}: the same hand is held under every method, so it has to be a simulated device; "
                 "take sim:phantom or sim:ideal, with a recorded hand as csv:FILE if you like"

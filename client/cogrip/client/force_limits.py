@@ -1,0 +1,124 @@
+"""Limits of one group of a device's axes, those that are places or those that turn: peak, warm motors, slope.
+
+Each group has its own: force and torque are of different motors. Symbols: forces [N], shape (axes of the group,); of the
+axes that turn a torque over the seat's characteristic length (`pose_axes`), which `shown` turns back.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import hypot
+
+from cogrip.client.thermal import ThermalLimit
+from cogrip.devices.device import Capability
+
+MOST_SLOPE_NPS = 1000.0  # of any force, whatever the record says: 2000 N/m met at 0.5 m/s (docs/security.md)
+SOFT_SLOPE_NPS = 410.0  # 0.4 N a tick at 1024 Hz
+SOFT_S = 0.05  # after a gap, in which the force may still return to the law
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Bounds of a group: forces [N], slope [N/s], speed [m/s]. per_unit, unit: what one of them is shown as."""
+
+    peak_n: float
+    continuous_n: float
+    slew_nps: float
+    speed_mps: float
+    per_unit: float = 1.0
+    unit: str = "N"
+
+    def shown(self, force_n: float) -> str:
+        """Return a force, or a torque, with its unit."""
+        return f"{self.per_unit * force_n:g} {self.unit}"
+
+
+def bounds_of(record: Capability, length_m: float) -> tuple[Bounds, ...]:
+    """Return the bounds of the places, then those of the axes that turn, where there are any."""
+    places = Bounds(record.peak_force_n, record.continuous_force_n, record.slew_nps, record.speed_mps)
+    turning = record.rotation
+    if turning is None:
+        return (places,)
+    peak, continuous, slew = turning.peak_torque_nm, turning.continuous_torque_nm, turning.slew_nmps
+    speed_mps = length_m * turning.speed_radps
+    return places, Bounds(peak / length_m, continuous / length_m, slew / length_m, speed_mps, length_m, "N m")
+
+
+class ForceLimits:
+    """Limits of one group. `clip` the law's force, then `follow` it, once a tick.
+
+    out      force that went to the motors last
+    limited  whether a limit held the force of this tick; `derated` whether warm motors did, `over` whether the peak did
+    """
+
+    def __init__(self, bounds: Bounds, axes: int, tick_s: float, note: Callable[[str], None]) -> None:
+        self._tick_s = tick_s
+        self._note = note
+        self.thermal = ThermalLimit(tick_s, bounds.peak_n, bounds.continuous_n)
+        self._soft_n = SOFT_SLOPE_NPS * tick_s
+        self._soft_ticks = round(SOFT_S / tick_s)
+        self._soft_left = 0
+        self.out: tuple[float, ...] = (0.0,) * axes
+        self.limited = self.derated = self.over = False
+        self.keep_to(bounds)
+
+    def keep_to(self, bounds: Bounds) -> None:
+        """Go by these bounds from now on."""
+        self.bounds = bounds
+        self.thermal.keep_to(bounds.peak_n, bounds.continuous_n)
+        self._slope_n = min(bounds.slew_nps, MOST_SLOPE_NPS) * self._tick_s
+
+    def clip(self, force_n: Sequence[float], size_n: float) -> Sequence[float]:
+        """Return the force of this size as far as peak and warm motors let it, its direction kept."""
+        most_n, peak_n = self.thermal.limit_n, self.bounds.peak_n
+        if size_n > most_n:
+            scale = most_n / size_n
+            force_n = [value * scale for value in force_n]
+            self.limited = True
+            self.derated = most_n < peak_n
+        self.over = size_n > peak_n and not self.derated
+        return force_n
+
+    def follow(self, wanted: tuple[float, ...], gap: bool, fall_n: float) -> tuple[float, ...]:
+        """Return the force that goes to the motors for a wish. fall_n: change a tick that is let through in a gap."""
+        if gap or self._soft_left:
+            wanted = self._soften(wanted, gap, fall_n)
+        slewed = self._slew(wanted, self._slope_n, "slew limited")
+        if slewed is not wanted:
+            self.limited = True
+        self.out = slewed
+        return slewed
+
+    def enter(self) -> float:
+        """Enter a tick of the force that went to the motors. Returns its square [N^2]."""
+        square = 0.0
+        for value in self.out:
+            square += value * value
+        self.thermal.enter(square)
+        return square
+
+    def correct(self, force_n: tuple[float, ...], goes_on: bool) -> None:
+        """Enter the force that acts in place of `out`; the slope goes on from it where `goes_on`."""
+        self.thermal.correct(*[sum([value * value for value in force]) for force in (self.out, force_n)])
+        if goes_on:
+            self.out = force_n
+
+    def _soften(self, wanted: tuple[float, ...], gap: bool, fall_n: float) -> tuple[float, ...]:
+        """Limit the slope in a gap, and after it until the force has met the law again."""
+        out = self._slew(wanted, max(self._soft_n, fall_n), "gap softened")
+        if gap:
+            self._soft_left = self._soft_ticks
+        elif out is wanted:
+            self._soft_left = 0
+        else:
+            self._soft_left -= 1
+        return out
+
+    def _slew(self, wanted: tuple[float, ...], most_n: float, name: str) -> tuple[float, ...]:
+        """Limit the force to `most_n` around the last one."""
+        step = [new - old for new, old in zip(wanted, self.out, strict=True)]
+        change = hypot(*step)
+        if change <= most_n:
+            return wanted
+        self._note(name)
+        fraction = most_n / change
+        return tuple([old + fraction * part for old, part in zip(self.out, step, strict=True)])

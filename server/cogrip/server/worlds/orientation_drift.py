@@ -1,0 +1,63 @@
+"""Drift of a tool's orientation from its hand's, and the rate that takes it back (theory 8.5).
+
+A wave line carries angular velocity. Sums of it agree at both ends but for the line's own stretch e, the angle by which the
+tool has travelled farther than the hand: a spring's, that has to stay. Orientations do not follow from sums, as rotations do
+not commute: R_tool drifts away from exp(e) R_hand. Each frame asks for SHARE of the difference back.
+
+    delta = log(R_tool (exp(e) R_hand)^-1)          correction rate = -SHARE delta / T
+"""
+
+from collections.abc import Sequence
+
+from cogrip.protocol.rotations import Quaternion, Vector, between, exp, product
+
+SHARE = 1.0 / 16.0
+NONE: Vector = (0.0, 0.0, 0.0)
+
+
+class OrientationDrift:
+    """Drift of one tool. `report` before a step whose row is known to be of that pose, then `step`.
+
+    correction_radps  rate to be added in the next step, in the world's frame
+    drift_rad         delta, as last known
+    """
+
+    def __init__(self, frame_s: float) -> None:
+        self._frame_s = frame_s
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin with a tool that has just been taken, where the hand has it."""
+        self._hand: tuple[Sequence[float], Sequence[float]] | None = None
+        self._ahead: Vector | None = None  # travelled by the tool less the hand, at the first report
+        self._travelled = NONE
+        self.correction_radps = self.drift_rad = NONE
+
+    def report(self, rotation_rad: Sequence[float], travelled_rad: Sequence[float]) -> None:
+        """Enter how the hand had turned at the end of the frame that is stepped next."""
+        self._hand = rotation_rad, travelled_rad
+
+    def step(self, turned: Quaternion, rates_radps: Sequence[float]) -> None:
+        """Enter a step: how the tool is turned from its start now, and its mean rates without what was added to them."""
+        here, period = self._travelled, self._frame_s
+        self._travelled = (
+            here[0] + period * rates_radps[0],
+            here[1] + period * rates_radps[1],
+            here[2] + period * rates_radps[2],
+        )
+        self.correction_radps = NONE
+        if self._hand is None:
+            return
+        rotation, travelled = self._hand
+        self._hand = None
+        ahead = _less(self._travelled, travelled)
+        if self._ahead is None:
+            self._ahead = ahead
+        stretch = _less(ahead, self._ahead)
+        self.drift_rad = drift = between(product(exp(stretch), exp(rotation)), turned)
+        rate = -SHARE / period
+        self.correction_radps = rate * drift[0], rate * drift[1], rate * drift[2]
+
+
+def _less(a: Sequence[float], b: Sequence[float]) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
