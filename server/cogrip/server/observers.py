@@ -8,6 +8,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import SHORT, VIEWED_SEATS, Observed, Person, Presence, View
 from cogrip.protocol.session import LOST_NS, QUIET_NS
+from cogrip.protocol.settings import PLACES
 from cogrip.server.drawn_bodies import DrawnBodies
 from cogrip.server.participants import Observer, Seat
 from cogrip.server.worlds.world import World
@@ -81,9 +82,10 @@ class ObserverSlots:
 
     def _views(self, step: int, world: World, holding: list[int], now_ns: int) -> list[tuple[Address, bytes]]:
         seats = tuple(holding[:VIEWED_SEATS])
-        state = _within(MOST_STATE, world.position.tolist() + world.velocity.tolist())
-        proxies = _within(MOST_M, [value for number in seats for value in world.proxy(number).tolist()])
-        forces = _within(MOST_N, [value for number in seats for value in world.force[number].tolist()])
+        places = world.places  # how bodies are turned is in `Bodies`
+        state = _within(MOST_STATE, world.position[:places].tolist() + world.velocity[:places].tolist())
+        proxies = _within(MOST_M, [value for number in seats for value in world.proxy(number)[:places].tolist()])
+        forces = _within(MOST_N, [value for number in seats for value in world.force[number, :places].tolist()])
         views = [
             (each.address, View(each.session, step, state, seats, proxies, forces, each.clock.stamp(now_ns)))
             for each in self.observers.values()
@@ -99,8 +101,8 @@ def _person(step: int, world: World, seat: Seat, now_ns: int) -> Person:
     state: Presence = "joining" if not seat.on_object else "silent" if quiet else "live"
     count = port.count()
     return Person(
-        1, step, seat.number, seat.name[:SHORT], state, _within(MOST_M, port.hand or ()),
-        _within(MOST_M, world.offset[seat.number].tolist()) if seat.on_object else (),
+        1, step, seat.number, seat.name[:SHORT], state, _within(MOST_M, (port.hand or ())[:PLACES]),
+        _within(MOST_M, world.offset[seat.number, :PLACES].tolist()) if seat.on_object else (),
         _ms(seat.rtt_ns), _ms(clock.return_ns), _ms(clock.forward_ns), port.playout_frames, port.behind, count.lost, count.sent,
         _joules(port.up_margin_j), _joules(seat.line_margin_j),
         _joules(port.up_reserve.now_j), _joules(seat.line_reserve.now_j),

@@ -16,7 +16,7 @@ from cogrip.protocol.recording.derived import derived_topics
 from cogrip.protocol.recording.records import Answer, Datagram, Event, Geoms, Ledger, Poses, SeatStep, Step
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, topics
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings import PLACES, Settings
 from cogrip.server.admission import Authenticator, Denied, Grant, Outside
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent
@@ -140,7 +140,7 @@ class RecordedServer(CoreRecorder, ServerCore):
         topic, world = self._scene_topic[room.name], room.world
         if room.name not in self._drawn:
             self._drawn.add(room.name)
-            self.put(topic, Geoms(tuple(world.geoms()), tuple(world.offset.ravel().tolist())))
+            self.put(topic, Geoms(tuple(world.geoms()), tuple(world.offset[:, :PLACES].ravel().tolist())))
         self.put(topic + 1, Poses(room.steps, tuple(world.poses_of_bodies().ravel().tolist())))
 
     def _put_idle(self) -> None:

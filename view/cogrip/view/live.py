@@ -8,7 +8,7 @@ from cogrip.client.observer import ObserverCore
 from cogrip.devices.web.messages import ZERO, State, Vector, vector
 from cogrip.protocol.drawing import LEAST_DRAWN_N, Shape, anchors_m, object_size_m
 from cogrip.protocol.messages import Person, Pose, View
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings import PLACES, SeatSettings
 from cogrip.sim.runs.verdict import least_margin
 from cogrip.view import frames
 from cogrip.view.frames import Frame, PersonFrame
@@ -158,7 +158,7 @@ class LiveScene:
 
     def _scene(self) -> Scene:
         given = self._settings
-        axes, wall = given.object.axes, given.object.kind == "wall"
+        axes, wall = min(given.object.axes, PLACES), given.object.kind == "wall"
         geometry = (Geometry("plane", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.2, 0.2)),) if wall else ()
         people = []
         held_at = anchors_m(given.object.kind, ["left"] * (1 + max(self.people, default=0)))

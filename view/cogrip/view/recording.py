@@ -20,7 +20,7 @@ from cogrip.protocol.messages import Pose, shown
 from cogrip.protocol.recording.derived import offset_of
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.records import Geoms, Number, Poses, Row, SeatStep, Step, Tick
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings import PLACES, Settings
 from cogrip.server.recorder import scene_topics, step_topic
 from cogrip.sim.runs.folder import SETTINGS
 from cogrip.sim.runs.records import open_run
@@ -121,9 +121,9 @@ class RecordedView:
 
     def _make_scene(self, settings: Settings, client: FileIndex | None) -> Scene:
         sides = [user.side for user in settings.users] if self._server else ["left"] * len(self._names)
-        kind, axes = settings.object.kind, settings.object.axes
+        kind, axes = settings.object.kind, min(settings.object.axes, PLACES)
         if self._server is None and client is not None:
-            axes = next((len(_tick(message.payload).object_m) for _, message in client.messages("tick")), axes)
+            axes = next((len(_tick(message.payload).object_m[:PLACES]) for _, message in client.messages("tick")), axes)
             self._notes.append(
                 "The server's recording is not here: the object is where the first person saw it; "
                 "`cogrip merge` brings the parts together."
@@ -329,7 +329,7 @@ def _ticks(index: FileIndex, from_s: float, to_s: float) -> _Ticks:
 
 def _vector(row: Row) -> Vector:
     """Return three numbers: 0 for an axis that is not there, NaN for a number that is not known."""
-    return vector([nan if each is None else each for each in row])
+    return vector([nan if each is None else each for each in row[:PLACES]])
 
 
 def _of_bodies(poses: Poses) -> tuple[Pose, ...]:

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from cogrip.cli.terminal.tables import Fitted, marked, plain_table, shortened
 from cogrip.protocol.messages import shown
+from cogrip.protocol.settings import PLACES
 from cogrip.sim.runs.summary_values import (
     ROUNDING_J,
     UNKNOWN,
@@ -161,7 +162,7 @@ def _loop(ticks: Any) -> list[Text]:
 
 def _axes(position_m: Any) -> list[str]:
     """Return a text an axis."""
-    return vector(position_m, scale=1e3).split(", ")
+    return vector(position_m[:PLACES] if isinstance(position_m, list | tuple) else position_m, scale=1e3).split(", ")
 
 
 def _short(value_ms: Any) -> str:

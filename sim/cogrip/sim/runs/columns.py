@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 from cogrip.protocol.accounts import ClientAccount, LinkCount, RoomAccount, SeatAccount, TickCount
 from cogrip.protocol.recording.records import Datagram, Ledger, Poses, Record, Row, SeatStep, Step, Tick
 from cogrip.protocol.recording.schema import unit_of
+from cogrip.protocol.settings import PLACES
 from cogrip.server.recorder import address_of, start_of
 
 Array = NDArray[Any]
-AXES = "xyz"
+AXES = ("x", "y", "z", "rx", "ry", "rz")  # the last three: a rotation vector
+_TURNING = {"m": "rad", "m/s": "rad/s", "N": "N m"}  # units of the axes that turn
 _POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 NUMBER = "float64"
 _TYPES: dict[Any, str] = {int: "int64", bool: "int64", str: "string"}  # all else is a number that may be missing
@@ -152,13 +154,17 @@ def _vector(name: str, axes: int, get: Callable[[Any], Any], prefix: str = "") -
         return list(zip(*rows, strict=True))
 
     name, unit = f"{prefix}{name}", unit_of(name)
-    return Field(name, [Column(f"{name}_{axis}", NUMBER, unit) for axis in AXES[:axes]], read)
+    units = [unit] * PLACES + [_TURNING.get(unit, unit)] * (axes - PLACES)
+    columns = [Column(f"{name}_{axis}", NUMBER, unit) for axis, unit in zip(AXES[:axes], units, strict=False)]
+    return Field(name, columns, read)
 
 
 def _poses(bodies: int) -> Field:
     """Return the poses of a scene's bodies: `poses_0_x` ... of the first."""
     columns = [
-        Column(f"poses_{body}_{name}", NUMBER, "m" if name in AXES else "") for body in range(bodies) for name in _POSE
+        Column(f"poses_{body}_{name}", NUMBER, "m" if name in AXES[:PLACES] else "")
+        for body in range(bodies)
+        for name in _POSE
     ]
 
     def read(sources: Sequence[Poses]) -> list[Sequence[Any]]:

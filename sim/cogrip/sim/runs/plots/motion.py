@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from cogrip.protocol.settings import PLACES
 from cogrip.sim.runs.plots.curves import (
     DETAIL_S,
     Line,
@@ -32,6 +33,7 @@ from cogrip.sim.runs.plots.style import (
 from cogrip.sim.runs.summary_values import dig
 from cogrip.sim.runs.traces import Run
 
+_TURNING = {"mm": "mrad", "N": "N m"}
 _GROUPS = 1500  # of frames, for the pale band behind the waves
 _SOLID: Style = {"color": FAINT}
 _DASHED: Style = {"color": FAINT, "ls": DASHED}
@@ -95,7 +97,9 @@ def _against_time(run: Run, lines: list[tuple[int, Line]], quantity: str, unit: 
 
 
 def _labels(rows: int, quantity: str, unit: str) -> list[str]:
-    return [f"{quantity} {name} [{unit}]" for name in AXIS_NAMES[:rows]] if rows > 1 else [f"{quantity} [{unit}]"]
+    units = [unit] * PLACES + [_TURNING.get(unit, unit)] * PLACES
+    named = [f"{quantity} {name} [{unit}]" for name, unit in zip(AXIS_NAMES, units, strict=True)]
+    return named[:rows] if rows > 1 else [f"{quantity} [{unit}]"]
 
 
 def _bar_not_live(run: Run, panel: Axes) -> bool:

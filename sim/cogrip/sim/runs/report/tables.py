@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from cogrip.protocol.settings import Settings, User
+from cogrip.protocol.settings import PLACES, Settings, User
 from cogrip.sim.runs.summary_values import (
     UNKNOWN,
     Summary,
@@ -62,8 +62,13 @@ def row(label: str, cells: Iterable[str], unit: str = "", css: str = "") -> Row:
 
 
 def _at(path: str, scale: float = 1.0, digits: int = 1) -> Show:
-    """Show the number or vector at a path such as `link.rtt_ms.p50`."""
-    return lambda user: vector(dig(user, *path.split(".")), scale=scale, digits=digits)
+    """Show the number, or the vector of places, at a path such as `link.rtt_ms.p50`."""
+
+    def show(user: dict[str, Any]) -> str:
+        found = dig(user, *path.split("."))
+        return vector(found[:PLACES] if isinstance(found, list) else found, scale=scale, digits=digits)
+
+    return show
 
 
 def _energy(key: str) -> Show:
