@@ -297,7 +297,7 @@ class SeatedClient:
             peaks.step_n = step
         if size > peaks.force_n:
             peaks.force_n = size
-        return self.wrench
+        return force if self._axes is None else self._axes.wrench(force)
 
     def _render(self) -> tuple[float, ...]:
         """Return the law's force, as far as the device port and safety let it."""
