@@ -44,7 +44,7 @@ def bounds_of(record: Capability, length_m: float) -> tuple[Bounds, ...]:
 
 
 class ForceLimits:
-    """Limits of one group. A tick: `clip` the law's force where there is one, then `follow` it; their owner sets the flags to False before.
+    """Limits of one group. A tick: `clip` the law's force where there is one, then `follow` it. Flags are cleared from outside.
 
     out      force that went to the motors last
     limited  whether a limit held the force of this tick; `derated` whether warm motors did, `over` whether the peak did
