@@ -14,7 +14,7 @@ Data are kept as after `mj_step1`: places, energies and contacts are those of th
 
 from collections.abc import Sequence
 from math import isfinite
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import mujoco  # type: ignore[import-untyped]
@@ -23,6 +23,7 @@ import numpy as np
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
+from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
 from cogrip.server.worlds.scene_file import MOST_RATE, Scene
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.world import Array, Row, World, WorldError, dot
@@ -71,6 +72,8 @@ class SceneWorld(World):
         self._energy = 0.0
         super().__init__(seats)
         self.limiter = EnergyLimiter(self.frame_s)
+        self.contacts = SceneContacts(scene, self.frame_s)
+        self._users = [seat.user for seat in seats]
         self.solid = np.zeros(len(seats), dtype=bool)
         self._dofs = np.array([range(tool.dof, tool.dof + 3) for tool in scene.tools])
         self._places = np.array([range(tool.coordinate, tool.coordinate + 3) for tool in scene.tools])
@@ -171,6 +174,7 @@ class SceneWorld(World):
 
     def reset(self) -> None:
         mujoco.mj_resetData(self.scene.model, self.data)
+        self.contacts.forget()
         self.limiter = EnergyLimiter(self.frame_s)
         for user in range(len(self.holding)):
             self._park(user)
@@ -204,14 +208,17 @@ class SceneWorld(World):
 
     def _refresh(self) -> None:
         """Bring data up to a state that was changed by hand, whose energy is then the one to count from."""
-        mujoco.mj_step1(self.scene.model, self.data)
+        model = self.scene.model
+        carried = np.flatnonzero(model.body_gravcomp)
+        weight = (model.body_gravcomp[carried] * model.body_mass[carried])[:, None] * model.opt.gravity
+        self._carried = carried, weight  # bodies whose weight `gravcomp` carries, and how much of it [N]
+        mujoco.mj_step1(model, self.data)
         self._energy = self._measure()
 
     def _measure(self) -> float:
         """Return kinetic and potential energy [J]; MuJoCo's potential counts weight that `gravcomp` carries."""
-        model, data = self.scene.model, self.data
-        carried = np.flatnonzero(model.body_gravcomp)
-        weight = (model.body_gravcomp[carried] * model.body_mass[carried])[:, None] * model.opt.gravity
+        data = self.data
+        carried, weight = self._carried
         return float(data.energy[0] + data.energy[1]) + dot(weight, data.xipos[carried])
 
     # Stepping
@@ -223,7 +230,7 @@ class SceneWorld(World):
         data.qfrc_applied[dofs] = drive
         before = data.qpos[self._places]
         moved, squares = np.zeros_like(u), np.zeros_like(u)  # sums of q_k, q_k^2
-        for _ in range(self.substeps):
+        for left in reversed(range(self.substeps)):
             data.efc_margin[:] = 0.0
             mujoco.mj_step2(model, data)
             everything = data.qvel
@@ -234,6 +241,8 @@ class SceneWorld(World):
             rates = everything[dofs]
             moved += rates
             squares += rates * rates
+            if not left:
+                self.contacts.read(data)
             mujoco.mj_step1(model, data)
         if any(data.warning[kind].number for kind in _FULL):
             raise WorldError(
@@ -264,6 +273,12 @@ class SceneWorld(World):
     def limiter_account(self) -> dict[str, float]:
         limiter = self.limiter
         return {"level_j": limiter.level_j, "paid_j": limiter.paid_j, "limited_frames": limiter.limited}
+
+    def contact_of(self, user: int) -> Touch:
+        return self.contacts.touches[user]
+
+    def scene_account(self) -> dict[str, Any]:
+        return self.contacts.account(self._users)
 
     # Saving
 
