@@ -101,7 +101,7 @@ def test_slip_while_lifted_counts_from_the_moment_of_the_lift() -> None:
     def draw(seconds: float, grip_n: float, height_m: tuple[float, float]) -> None:
         for _ in range(round(seconds / T)):
             forces = [
-                [side * grip_n, 0.0, 300.0 * (height_m[user] - world.proxy(user)[2])]
+                [side * grip_n, 0.0, 80.0 * (height_m[user] - world.proxy(user)[2])]
                 for user, side in enumerate((1.0, -1.0))
             ]
             world.step(np.array(forces) / sqrt(2.0 * B))
@@ -109,7 +109,7 @@ def test_slip_while_lifted_counts_from_the_moment_of_the_lift() -> None:
     draw(1.5, 5.0, (0.0, 0.0))
     draw(1.5, 5.0, (0.05, 0.05))
     held = world.scene_account()
-    assert held["lifted_m"] > 0.04
+    assert held["lifted_m"] > 0.03
     assert held["lifted_slip_m"] < 1e-4
     draw(1.0, 5.0, (-0.05, 0.15))
     slid = world.scene_account()
