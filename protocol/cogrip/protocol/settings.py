@@ -356,7 +356,6 @@ def _check_scene(settings: Settings) -> None:
     refused = [
         (not given.file, 'object.file = "" names no scene', 'give an MJCF or URDF file, such as "lift.xml"'),
         (given.axes != 3, f"object.axes = {given.axes}, but a scene has 3", "set object.axes = 3"),
-        (coupling.kind != "wave", f'coupling.kind = "{coupling.kind}" has no scenes', 'set coupling.kind = "wave"'),
         (
             coupling.server_step != "passive",
             f'coupling.server_step = "{coupling.server_step}" has no scenes',

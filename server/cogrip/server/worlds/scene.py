@@ -61,6 +61,8 @@ class SceneWorld(World):
     weighs nothing and stays; one that is taken inside a body touches nothing until it has left it (`solid`).
     """
 
+    port_damped = True  # a tool that is held has the damper of its wave port
+
     def __init__(self, seats: Sequence[SeatSettings], scene: Scene, substeps: int) -> None:
         model = scene.model
         self.scene, self.substeps = scene, substeps
@@ -161,7 +163,7 @@ class SceneWorld(World):
         data, grip, tool = self.data, self._grips[user], self.scene.tools[user]
         data.qpos[self._places[user]] = self._zero[user] + position_m
         data.qvel[self._dofs[user]] = 0.0
-        self.scene.model.dof_damping[self._dofs[user]] = grip.damping + self.impedance[user]
+        self.scene.model.dof_damping[self._dofs[user]] = grip.damping + self.port_damped * self.impedance[user]
         self.scene.model.body_gravcomp[tool.body] = grip.gravcomp
         self.holding[user] = True
         self._touch(user, False)
@@ -224,30 +226,11 @@ class SceneWorld(World):
     # Stepping
 
     def step(self, inputs: Array) -> Array:
-        model, data, dofs, b = self.scene.model, self.data, self._dofs, self.impedance
+        data, b = self.data, self.impedance
         u = np.where(self.holding[:, None], inputs, 0.0)
         drive = self._drive * u
-        data.qfrc_applied[dofs] = drive
         before = data.qpos[self._places]
-        moved, squares = np.zeros_like(u), np.zeros_like(u)  # sums of q_k, q_k^2
-        for left in reversed(range(self.substeps)):
-            data.efc_margin[:] = 0.0
-            mujoco.mj_step2(model, data)
-            everything = data.qvel
-            if not everything.dot(everything) < MOST_RATE**2:
-                raise WorldError(
-                    f"the scene left all bounds at {data.time:.3f} s: velocities are {_largest(everything)}"
-                )
-            rates = everything[dofs]
-            moved += rates
-            squares += rates * rates
-            if not left:
-                self.contacts.read(data)
-            mujoco.mj_step1(model, data)
-        if any(data.warning[kind].number for kind in _FULL):
-            raise WorldError(
-                f"the scene has more contacts than its memory at {data.time:.3f} s: raise <size memory> in it"
-            )
+        moved, squares = self.integrate(drive)
         period, substep = self.frame_s, self.frame_s / self.substeps
         held = self.holding[:, None]
         w = np.where(held, (data.qpos[self._places] - before) / period, 0.0)
@@ -270,7 +253,32 @@ class SceneWorld(World):
             self._make_solid()
         return back
 
-    def limiter_account(self) -> dict[str, float]:
+    def integrate(self, force: Array) -> tuple[Array, Array]:
+        """Step through a frame with these forces on the tools [N]. Returns the sums of q_k and q_k^2. Raises WorldError."""
+        model, data, dofs = self.scene.model, self.data, self._dofs
+        data.qfrc_applied[dofs] = force
+        moved, squares = np.zeros_like(force), np.zeros_like(force)
+        for left in reversed(range(self.substeps)):
+            data.efc_margin[:] = 0.0
+            mujoco.mj_step2(model, data)
+            everything = data.qvel
+            if not everything.dot(everything) < MOST_RATE**2:
+                raise WorldError(
+                    f"the scene left all bounds at {data.time:.3f} s: velocities are {_largest(everything)}"
+                )
+            rates = everything[dofs]
+            moved += rates
+            squares += rates * rates
+            if not left:
+                self.contacts.read(data)
+            mujoco.mj_step1(model, data)
+        if any(data.warning[kind].number for kind in _FULL):
+            raise WorldError(
+                f"the scene has more contacts than its memory at {data.time:.3f} s: raise <size memory> in it"
+            )
+        return moved, squares
+
+    def limiter_account(self) -> dict[str, float] | None:
         limiter = self.limiter
         return {"level_j": limiter.level_j, "paid_j": limiter.paid_j, "limited_frames": limiter.limited}
 
