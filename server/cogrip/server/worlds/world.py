@@ -133,6 +133,11 @@ class World(ABC):
         """Return the ledger of what bounds the energy that goes back; None where the step itself makes none."""
         return None
 
+    @property
+    def energy_j(self) -> float:
+        """Kinetic and potential energy of a scene's bodies; 0 where there are none."""
+        return 0.0
+
     def scene_account(self) -> dict[str, Any] | None:
         """Return contact forces, slip and lift of the run so far (docs/summary.md); None where there are no bodies."""
         return None
