@@ -57,6 +57,18 @@ def test_the_force_is_spring_and_damper_held_over_the_frame() -> None:
     assert world.worked()[0] == pytest.approx(float(force @ moved))
 
 
+@pytest.mark.parametrize("world", [CoupledScene, PowerScene])
+def test_what_bodies_gain_is_the_work_of_the_force(world: type[DrivenScene]) -> None:
+    made = alone(world)
+    made.step(np.array([[0.02, 0.0, 0.01, 0.1, 0.0, 0.1, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0][: 3 * made.inputs_per_axis]]))
+    speed = made.data.qvel[:3]
+    assert made.gained_j == pytest.approx(0.5 * MASS_KG * float(speed @ speed)), "nothing else moves"
+    before = made.gained_j
+    made.leave(0)
+    made.join(0, np.zeros(3))
+    assert made.gained_j == before, "what hands take or leave is no step"
+
+
 def test_it_comes_to_rest_at_the_hand_and_diverges_with_a_spring_too_stiff_for_the_frame() -> None:
     goal = np.array([[0.02, 0.0, 0.01, 0.0, 0.0, 0.0]])
     world = alone(CoupledScene)

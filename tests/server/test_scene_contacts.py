@@ -117,6 +117,15 @@ def test_slip_while_lifted_counts_from_the_moment_of_the_lift() -> None:
     assert slid["lifted_slip_m"] <= slid["slip_m"]
 
 
+def test_sensors_of_the_scene_itself_stay_apart() -> None:
+    own = BLOCK.format(option="<option gravity='0 0 0'/>", geom="").replace(
+        "</mujoco>", "<sensor><framepos objtype='body' objname='tool'/><clock/></sensor></mujoco>"
+    )
+    world = hold(world_of(own, ("tool",)))
+    push(world, (3.0, 0.0, 0.0), 1.0)
+    assert world.contact_of(0).normal_n == pytest.approx(3.0, abs=1e-6)
+
+
 def test_a_scene_that_switches_sensors_off_is_measured_all_the_same() -> None:
     world = hold(
         world_of(BLOCK.format(option="<option gravity='0 0 0'><flag sensor='disable'/></option>", geom=""), ("tool",))

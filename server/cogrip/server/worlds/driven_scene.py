@@ -41,7 +41,7 @@ class DrivenScene(SceneWorld):
         self.force = np.where(self.holding[:, None], force, 0.0)
         before = self.data.qpos[self._places]
         self.integrate(self.force)
-        self._energy = self._measure()
+        self._gain()
         if np.any(self.holding & ~self.solid):
             self._make_solid()
         moved: Array = self.data.qpos[self._places] - before

@@ -223,6 +223,12 @@ class SceneWorld(World):
         carried, weight = self._carried
         return float(data.energy[0] + data.energy[1]) + dot(weight, data.xipos[carried])
 
+    def _gain(self) -> float:
+        """Return how much energy the bodies have got since the frame before [J]; by hand none is given them."""
+        before, self._energy = self._energy, self._measure()
+        self.gained_j += self._energy - before
+        return self._energy - before
+
     # Stepping
 
     def step(self, inputs: Array) -> Array:
@@ -242,9 +248,7 @@ class SceneWorld(World):
         self.balance_error_j = max(self.balance_error_j, abs(float(error.sum())))
         self.force = drive - b * w
 
-        energy = self._measure()
-        factor = self.limiter.limit(dot(u, u), dot(back, back), energy - self._energy)
-        self._energy = energy
+        factor = self.limiter.limit(dot(u, u), dot(back, back), self._gain())
         if factor < 1.0:
             back = factor * back
             port = (0.5 * period) * (u * u - back * back)

@@ -37,6 +37,7 @@ class World(ABC):
     """
 
     inputs_per_axis = 1  # waves
+    gained_j = 0.0  # energy that the bodies of a scene have got in all steps so far
     can_follow = False  # `aim` may be called: stiffness changes within the energy law
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
@@ -132,11 +133,6 @@ class World(ABC):
     def limiter_account(self) -> dict[str, float] | None:
         """Return the ledger of what bounds the energy that goes back; None where the step itself makes none."""
         return None
-
-    @property
-    def energy_j(self) -> float:
-        """Kinetic and potential energy of a scene's bodies; 0 where there are none."""
-        return 0.0
 
     def scene_account(self) -> dict[str, Any] | None:
         """Return contact forces, slip and lift of the run so far (docs/summary.md); None where there are no bodies."""

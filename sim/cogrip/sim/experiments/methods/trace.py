@@ -27,8 +27,8 @@ class Trace:
     view_m      (m, n, a)  the object's position as last reported to each person [m]
     object_m    (m, a)     the object [m]
     work_j      (m,)       work of all hands against the forces on them so far: sum of F (x_{k+1} - x_k) [J]
-    object_j    (m,)       energy that reached the object so far: kinetic, and what its own damping took; in a scene that of all
-                           bodies above what they had at first [J]
+    object_j    (m,)       energy that reached the object so far: kinetic, and what its own damping took; in a scene what all
+                           bodies have got [J]
     sees_object            whether the object is what is reported: to virtual coupling in a scene it is each person's tool
     """
 
@@ -65,7 +65,7 @@ class TraceRecorder:
         self._people = len(laboratory.people)
         self._axes = laboratory.settings.object.axes
         self._forces, self._motion, self._work = array("d"), array("d"), array("d")
-        self._energy = array("d", [laboratory.room.world.energy_j])
+        self._gained = array("d")
         self._starts = np.array(starts_m)
 
     def each_tick(self, laboratory: Laboratory) -> None:
@@ -83,7 +83,7 @@ class TraceRecorder:
             self._motion.extend(core.coupling.object_state[:axes])
         self._motion.extend(laboratory.room.world.motion())
         self._work.append(work)
-        self._energy.append(laboratory.room.world.energy_j)
+        self._gained.append(laboratory.room.world.gained_j)
 
     def trace(self) -> Trace:
         """Return what was recorded."""
@@ -109,6 +109,6 @@ class TraceRecorder:
             view,
             place,
             np.array(self._work),
-            np.array(self._energy[1:]) - self._energy[0] if scene else kinetic + damped,
+            np.array(self._gained) if scene else kinetic + damped,
             not (scene and settings.coupling.kind in OWN_FRAME),
         )
