@@ -343,8 +343,10 @@ SCENE = {"object": {"kind": "scene", "file": "lift.xml", "axes": 3}}
     [
         ({"object.file": ""}, 'object.kind = "scene": object.file = "" names no scene; give an MJCF or URDF file'),
         ({"object.axes": 1}, "object.axes = 1, but a scene has 3 (places) or 6 (poses); set one of them"),
-        ({"coupling.kind": "tdpa"}, 'coupling.kind = "tdpa" has no scenes; set coupling.kind = "wave"'),
-        ({"coupling.kind": "coupling"}, 'coupling.kind = "coupling" has no scenes; set coupling.kind = "wave"'),
+        (
+            {"coupling.kind": "tdpa", "object.axes": 6},
+            'coupling.kind = "tdpa" has no poses; set coupling.kind = "wave"',
+        ),
         (
             {"coupling.server_step": "paper"},
             'coupling.server_step = "paper" has no scenes; set coupling.server_step = "passive"',

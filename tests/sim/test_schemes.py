@@ -2,6 +2,7 @@
 
 from typing import get_args
 
+import numpy as np
 import pytest
 
 from cogrip.cli.session.joined_device import MOST_ADVISED_FRAMES
@@ -40,3 +41,14 @@ def test_every_kind_of_object_has_a_world(kind: ObjectKind) -> None:
     seat = seat_settings(settings, 0)
     assert server_schemes.make_room_world(settings, [seat]).axes == seat.object.axes
     assert (kind in server_schemes.WAVE_WORLDS) == (kind != "scene")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_scheme_has_scenes_of_its_own(kind: Kind) -> None:
+    scene = {"kind": "scene", "axes": 3, "file": str(shipped_scene("wall.xml"))}
+    settings = resolve({"object": scene, "coupling": {"kind": kind}})
+    world = server_schemes.make_room_world(settings, [seat_settings(settings, 0)])
+    row = (0.0,) * world.axes * world.inputs_per_axis
+    world.join(0, np.zeros(3))
+    assert len(world.advance([row])[0]) == 3 * (1 if kind == "wave" else 2)
+    assert (world.limiter_account() is not None) == (kind == "wave")

@@ -411,7 +411,11 @@ def _check_scene(settings: Settings) -> None:
             f"playout.redundancy = {settings.playout.redundancy} of {given.axes} axes is more than a datagram holds",
             f"set it to at most {MOST_WAVES // given.axes}",
         ),
-        (coupling.kind != "wave", f'coupling.kind = "{coupling.kind}" has no scenes', 'set coupling.kind = "wave"'),
+        (
+            given.axes == POSE_AXES and coupling.kind != "wave",
+            f'coupling.kind = "{coupling.kind}" has no poses',
+            'set coupling.kind = "wave", or object.axes = 3',
+        ),
         (
             coupling.server_step != "passive",
             f'coupling.server_step = "{coupling.server_step}" has no scenes',

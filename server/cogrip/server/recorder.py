@@ -199,7 +199,7 @@ def _seat_step(room: Room, number: int) -> SeatStep:
     return SeatStep(
         seat.settings.user, True, world.proxy_of(number), world.force_of(number),
         port.up_margin_j, seat.line_margin_j, port.used_j, port.made_j, port.lost,
-        port.up_reserve.now_j, seat.line_reserve.now_j,
+        port.up_reserve.now_j, seat.line_reserve.now_j, *world.contact_of(number),
     )  # fmt: skip
 
 

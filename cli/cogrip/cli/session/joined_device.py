@@ -12,7 +12,7 @@ from cogrip.devices.registry import axes_of, make, record_of
 from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.protocol.line.delays import expected_frames, one_way
 from cogrip.protocol.settings import SeatSettings, Settings, seat_axes
-from cogrip.sim.analysis.advice import advise_seat
+from cogrip.sim.analysis.advice import advise_seat, unbounded
 from cogrip.sim.analysis.plausible import hand_findings
 
 DEFAULT_DEVICE = "sim:phantom?hand=reach"
@@ -90,7 +90,7 @@ def judge_seat(
     refused: tuple[str, ...] = ()
     warnings: tuple[str, ...]
     if seat.object.kind == "scene":  # there is no model; what its device carries is known
-        warnings = tuple(filter(None, [rendered_damper.refusal(seat, record)]))
+        warnings = tuple(filter(None, [rendered_damper.refusal(seat, record), *unbounded(seat)]))
         refused = () if allow_unstable else warnings
     elif frames > MOST_ADVISED_FRAMES[seat.coupling.kind] or seat.rates.ticks_per_frame > MOST_ADVISED_TICKS:
         warnings = ("no advice: the delays are too long for the model",)

@@ -9,10 +9,21 @@ not commute: R_tool drifts away from exp(e) R_hand. Each frame asks for SHARE of
 
 from collections.abc import Sequence
 
+import msgspec
+
 from cogrip.protocol.rotations import Quaternion, Vector, between, exp, product
 
 SHARE = 1.0 / 16.0
 NONE: Vector = (0.0, 0.0, 0.0)
+
+
+class DriftState(msgspec.Struct, frozen=True):
+    """State of an `OrientationDrift` between two steps."""
+
+    ahead: Vector | None
+    travelled: Vector
+    correction_radps: Vector
+    drift_rad: Vector
 
 
 class OrientationDrift:
@@ -32,6 +43,15 @@ class OrientationDrift:
         self._ahead: Vector | None = None  # travelled by the tool less the hand, at the first report
         self._travelled = NONE
         self.correction_radps = self.drift_rad = NONE
+
+    def save(self) -> DriftState:
+        """Return the state between two steps."""
+        return DriftState(self._ahead, self._travelled, self.correction_radps, self.drift_rad)
+
+    def restore(self, state: DriftState) -> None:
+        """Continue from a saved state."""
+        self._hand, self._ahead, self._travelled = None, state.ahead, state.travelled
+        self.correction_radps, self.drift_rad = state.correction_radps, state.drift_rad
 
     def report(self, rotation_rad: Sequence[float], travelled_rad: Sequence[float]) -> None:
         """Enter how the hand had turned at the end of the frame that is stepped next."""

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,7 @@ class World(ABC):
     """
 
     inputs_per_axis = 1  # waves
+    gained_j = 0.0  # energy that the bodies of a scene have got in all steps so far
     can_follow = False  # `aim` may be called: stiffness changes within the energy law
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
@@ -140,6 +142,14 @@ class World(ABC):
     def limiter_account(self) -> dict[str, float] | None:
         """Return the ledger of what bounds the energy that goes back; None where the step itself makes none."""
         return None
+
+    def scene_account(self) -> dict[str, Any] | None:
+        """Return contact forces, slip and lift of the run so far (docs/summary.md); None where there are no bodies."""
+        return None
+
+    def contact_of(self, user: int) -> tuple[float | None, float | None, float | None]:
+        """Return normal force and friction at a person's tool [N], and its slip [m]; None where there are no bodies."""
+        return None, None, None
 
     def stiffness_of(self, user: int) -> float | None:
         """Return K of a user's spring now [N/m]; None where there is no spring."""

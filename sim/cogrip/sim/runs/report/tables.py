@@ -200,6 +200,15 @@ _ROOM: tuple[_Line, ...] = (
     ("error of the energy balance", "", lambda summary: energy(dig(summary, "server", "energy_balance_error_j"))),
 )
 
+_SCENE: tuple[_Line, ...] = (
+    ("peak normal force at a tool", "N", _at("server.scene.peak_contact_n", digits=2)),
+    ("largest slip at a tool", "mm", _at("server.scene.slip_m", 1e3, 3)),
+    ("object lifted by", "mm", _at("server.scene.lifted_m", 1e3)),
+    ("time lifted", "s", _at("server.scene.lifted_s", digits=2)),
+    ("slip while lifted", "mm", _at("server.scene.lifted_slip_m", 1e3, 3)),
+    ("object turned by", "degrees", _at("server.scene.turned_deg")),
+)
+
 
 def _rows(lines: Iterable[_Line | str], shown: Sequence[dict[str, Any]]) -> list[Row | str]:
     return [
@@ -228,6 +237,8 @@ def room_table(summary: Summary) -> Table:
     rows = _rows(_ROOM, [summary])
     if is_number(paid_j := dig(summary, "server", "energy_limiter", "paid_j")):
         rows.append(row("taken by the energy limiter", [energy(paid_j)]))
+    if isinstance(dig(summary, "server", "scene"), dict):
+        rows += _rows(_SCENE, [summary])
     return Table([], [*rows, *_rows(_LOOP, [loop])])
 
 
