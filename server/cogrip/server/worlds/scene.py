@@ -302,7 +302,7 @@ class SceneWorld(World):
         return back
 
     def integrate(self, force: Array) -> tuple[Array, Array]:
-        """Step through a frame with these forces on the tools [N, N m]. Returns the sums of q_k and q_k^2. Raises WorldError."""
+        """Step through a frame, these forces on the tools [N, N m]. Return the sums of q_k and q_k^2. Raises WorldError."""
         model, data, dofs = self.scene.model, self.data, self._dofs
         turning = self.turning.driven
         data.qfrc_applied[dofs] = force[:, :PLACES]
