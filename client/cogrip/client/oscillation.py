@@ -101,7 +101,7 @@ class OscillationDetector:
 
     @property
     def oscillates(self) -> bool:
-        return any(len(ticks) >= MOST_FAST for ticks in self._fast)
+        return len(max(self._fast, key=len)) >= MOST_FAST
 
     @property
     def at_limit(self) -> bool:

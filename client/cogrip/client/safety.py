@@ -12,7 +12,7 @@ waves are missing to SOFT_SLOPE_NPS, for a law without its wave jumps. The energ
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from math import hypot, inf, isfinite, sqrt
+from math import dist, hypot, inf, isfinite, sqrt
 from typing import Literal, get_args
 
 from cogrip.client.thermal import ThermalLimit
@@ -247,13 +247,12 @@ class Safety:
 
     def _slew(self, wanted: tuple[float, ...], most_n: float, name: str) -> tuple[float, ...]:
         """Limit the force to `most_n` around the last one."""
-        step = [new - old for new, old in zip(wanted, self._out, strict=True)]
-        change = hypot(*step)
+        change = dist(wanted, self._out)
         if change <= most_n:
             return wanted
         self.note(name)
         fraction = most_n / change
-        return tuple([old + fraction * part for old, part in zip(self._out, step, strict=True)])
+        return tuple([old + fraction * (new - old) for old, new in zip(self._out, wanted, strict=True)])
 
     def _clipped(self, gain: float) -> None:
         self.note("force clipped")

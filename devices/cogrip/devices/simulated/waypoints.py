@@ -43,26 +43,34 @@ class WaypointHand:
                 )
             courses.append(course or (0.0,) * len(times))
         self._places = list(zip(*courses[:axes], strict=True))
-        self._home: Vector = (0.0,) * axes
         self._rate_hz = 1
+        self._start_at((0.0,) * axes)
+
+    def _start_at(self, home: Vector) -> None:
+        """Set where the hand is at each time, how far it is from there to the next place, and how long it takes."""
+        self._home = home
+        self._at = [tuple([begin + x for begin, x in zip(home, place, strict=True)]) for place in self._places]
+        self._steps = [
+            (tuple([b - a for a, b in zip(here, there, strict=True)]), late - early)
+            for (here, there), (early, late) in zip(pairwise(self._places), pairwise(self._times), strict=True)
+        ]
 
     def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
         """See `Hand.open`."""
         self._rate_hz = rate_hz
-        self._home = home_m or (0.0,) * len(self._home)
+        self._start_at(home_m or (0.0,) * len(self._home))
         return self._home
 
     def intended(self, tick: int) -> tuple[Vector, Vector]:
-        now, times, places = tick / self._rate_hz, self._times, self._places
+        now, times = tick / self._rate_hz, self._times
         after = bisect_right(times, now)
+        at = self._at[max(0, after - 1)]
         if after in (0, len(times)):
-            place = places[max(0, after - 1)]
-            return tuple([home + x for home, x in zip(self._home, place, strict=True)]), (0.0,) * len(place)
-        stroke_s = times[after] - times[after - 1]
+            return at, (0.0,) * len(at)
+        steps, stroke_s = self._steps[after - 1]
         z = (now - times[after - 1]) / stroke_s
         s, w = z * z * z * (10.0 + z * (6.0 * z - 15.0)), 30.0 * z * z * (1.0 - z) ** 2 / stroke_s
-        steps = list(zip(self._home, places[after - 1], places[after], strict=True))
-        return tuple([home + a + s * (b - a) for home, a, b in steps]), tuple([w * (b - a) for _, a, b in steps])
+        return tuple([a + s * step for a, step in zip(at, steps, strict=True)]), tuple([w * step for step in steps])
 
     def drive(self, tick: int) -> Sequence[float]:
         place, speed = self.intended(tick)

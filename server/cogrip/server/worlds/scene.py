@@ -28,7 +28,7 @@ from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.world import Array, Row, World, WorldError, dot
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-_FULL = (mujoco.mjtWarning.mjWARN_CONTACTFULL, mujoco.mjtWarning.mjWARN_CNSTRFULL)
+_FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
 
 
 class Saved(msgspec.Struct, frozen=True):
@@ -204,15 +204,16 @@ class SceneWorld(World):
 
     def _refresh(self) -> None:
         """Bring data up to a state that was changed by hand, whose energy is then the one to count from."""
-        mujoco.mj_step1(self.scene.model, self.data)
+        model = self.scene.model
+        mujoco.mj_step1(model, self.data)
+        self._carried = carried = np.flatnonzero(model.body_gravcomp)
+        self._weight = (model.body_gravcomp[carried] * model.body_mass[carried])[:, None] * model.opt.gravity
         self._energy = self._measure()
 
     def _measure(self) -> float:
         """Return kinetic and potential energy [J]; MuJoCo's potential counts weight that `gravcomp` carries."""
-        model, data = self.scene.model, self.data
-        carried = np.flatnonzero(model.body_gravcomp)
-        weight = (model.body_gravcomp[carried] * model.body_mass[carried])[:, None] * model.opt.gravity
-        return float(data.energy[0] + data.energy[1]) + dot(weight, data.xipos[carried])
+        data = self.data
+        return float(data.energy[0] + data.energy[1]) + dot(self._weight, data.xipos[self._carried])
 
     # Stepping
 
@@ -222,7 +223,7 @@ class SceneWorld(World):
         drive = self._drive * u
         data.qfrc_applied[dofs] = drive
         before = data.qpos[self._places]
-        moved, squares = np.zeros_like(u), np.zeros_like(u)  # sums of q_k, q_k^2
+        moved, squares = np.zeros(u.shape), np.zeros(u.shape)  # sums of q_k, q_k^2
         for _ in range(self.substeps):
             data.efc_margin[:] = 0.0
             mujoco.mj_step2(model, data)
@@ -235,7 +236,7 @@ class SceneWorld(World):
             moved += rates
             squares += rates * rates
             mujoco.mj_step1(model, data)
-        if any(data.warning[kind].number for kind in _FULL):
+        if data.warning.number[_FULL].any():
             raise WorldError(
                 f"the scene has more contacts than its memory at {data.time:.3f} s: raise <size memory> in it"
             )
@@ -257,7 +258,7 @@ class SceneWorld(World):
             back = factor * back
             port = (0.5 * period) * (u * u - back * back)
         self._book(port.sum(axis=1))
-        if np.any(self.holding & ~self.solid):
+        if not self.solid.all() and np.any(self.holding & ~self.solid):
             self._make_solid()
         return back
 
