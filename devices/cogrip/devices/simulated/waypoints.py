@@ -7,6 +7,7 @@ before the first and after the last it rests. Led d into something that gives wa
 from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
+from operator import add
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.settings import Finite, NotNegative
@@ -47,12 +48,13 @@ class WaypointHand:
         self._start_at((0.0,) * axes)
 
     def _start_at(self, home: Vector) -> None:
-        """Set where the hand is at each time, how far it is from there to the next place, and how long it takes."""
+        """Set the place at each time; then, for each stroke, places and strokes by axis, the strokes, and its time."""
         self._home = home
         self._at = [tuple([begin + x for begin, x in zip(home, place, strict=True)]) for place in self._places]
-        self._steps = [
-            (tuple([b - a for a, b in zip(here, there, strict=True)]), late - early)
-            for (here, there), (early, late) in zip(pairwise(self._places), pairwise(self._times), strict=True)
+        steps = [tuple([b - a for a, b in zip(here, there, strict=True)]) for here, there in pairwise(self._places)]
+        self._strokes = [
+            (list(zip(at, step, strict=True)), step, late - early)
+            for at, step, (early, late) in zip(self._at, steps, pairwise(self._times), strict=False)
         ]
 
     def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
@@ -67,11 +69,12 @@ class WaypointHand:
         at = self._at[max(0, after - 1)]
         if after in (0, len(times)):
             return at, (0.0,) * len(at)
-        steps, stroke_s = self._steps[after - 1]
+        pairs, step, stroke_s = self._strokes[after - 1]
         z = (now - times[after - 1]) / stroke_s
         s, w = z * z * z * (10.0 + z * (6.0 * z - 15.0)), 30.0 * z * z * (1.0 - z) ** 2 / stroke_s
-        return tuple([a + s * step for a, step in zip(at, steps, strict=True)]), tuple([w * step for step in steps])
+        return tuple([start + s * stroke for start, stroke in pairs]), tuple([w * stroke for stroke in step])
 
     def drive(self, tick: int) -> Sequence[float]:
         place, speed = self.intended(tick)
-        return [self.stiffness_npm * x + self.damping_nspm * v for x, v in zip(place, speed, strict=True)]
+        k, b = self.stiffness_npm, self.damping_nspm
+        return list(map(add, [k * x for x in place], [b * v for v in speed]))
