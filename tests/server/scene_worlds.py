@@ -2,9 +2,11 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from copy import copy
 from math import sqrt
 from pathlib import Path
 
+import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,6 +45,23 @@ def hold(world: SceneWorld) -> SceneWorld:
 def port_j(u: Array, v: Array) -> float:
     """Return what one frame brought in at all ports."""
     return 0.5 * T * float((u * u - v * v).sum())
+
+
+def springs_j(world: SceneWorld) -> float:
+    """Return what the springs of all contacts hold, sum of K r^2 / 2 over those of depth r > 0.
+
+    A contact row has stiffness k and damping c by its mass, and impedance i. The implicit step divides what it asks for by
+    1 + h c + h^2 k i, and its `efc_D` has that as a factor: K = D k i / (1 + h c + h^2 k i). Rows are made in the next step.
+    """
+    model, data = world.scene.model, copy(world.data)
+    data.efc_margin[:] = 0.0
+    mujoco.mj_step2(model, data)
+    if not data.ncon:
+        return 0.0
+    rows = data.contact.efc_address[data.contact.efc_address >= 0]
+    (k, c, i), h = data.efc_KBIP[rows, :3].T, model.opt.timestep
+    stiffness = data.efc_D[rows] * k * i / (1.0 + h * c + h * h * k * i)
+    return float((0.5 * stiffness * np.minimum(data.efc_pos[rows], 0.0) ** 2).sum())
 
 
 def adversary(world: SceneWorld, seed: int) -> Callable[[Array], Array]:

@@ -6,7 +6,7 @@ axes that turn a torque over the seat's characteristic length (`pose_axes`), whi
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import hypot
+from math import dist
 
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
@@ -114,10 +114,9 @@ class ForceLimits:
 
     def _slew(self, wanted: tuple[float, ...], most_n: float, name: str) -> tuple[float, ...]:
         """Limit the force to `most_n` around the last one."""
-        step = [new - old for new, old in zip(wanted, self.out, strict=True)]
-        change = hypot(*step)
+        change = dist(wanted, self.out)
         if change <= most_n:
             return wanted
         self._note(name)
         fraction = most_n / change
-        return tuple([old + fraction * part for old, part in zip(self.out, step, strict=True)])
+        return tuple([old + fraction * (new - old) for old, new in zip(self.out, wanted, strict=True)])

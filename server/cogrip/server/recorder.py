@@ -5,7 +5,7 @@ room are counted and recorded as one input, `Idle`, before the next input: a dae
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import msgspec
 
@@ -61,7 +61,8 @@ class RecordedServer(CoreRecorder, ServerCore):
         self._hash_ticket = outside.hash_ticket
         outputs = Outputs(ObservedQueue(self._put_sent), ObservedQueue(self._put_event))
         ServerCore.__init__(self, rooms, software, self._recorded(outside), outputs)
-        self.start = start_text(rooms, software)
+        digests = {room.name: digest for room in self.rooms if (digest := room.world.coordinates()[0])}
+        self.start = start_text(rooms, software, digests)
         self.timing = {room.name: (0, 0, 0) for room in self.rooms}
         self._address_texts: dict[Address, str] = {}
         self._idle_steps: dict[str, int] = {}
@@ -213,12 +214,18 @@ def address_of(text: str) -> Address:
     return msgspec.json.decode(text, type=str | tuple[str | int, ...])
 
 
-def start_text(rooms: Sequence[Settings], software: str) -> str:
-    """Return the arguments of a server core as JSON text."""
-    return json.dumps({"rooms": msgspec.to_builtins(rooms), "software": software})
+def start_text(rooms: Sequence[Settings], software: str, scenes: Mapping[str, str] | None = None) -> str:
+    """Return the arguments of a server core as JSON text. scenes: digest of each room's scene, where it has one."""
+    table = {"rooms": msgspec.to_builtins(rooms), "software": software}
+    return json.dumps(table | {"scenes": dict(scenes)} if scenes else table)
 
 
 def start_of(text: str) -> tuple[list[Settings], str]:
     """Return rooms and software from `start_text`. Raises ValueError (msgspec's among them) or KeyError."""
     table = json.loads(text)
     return msgspec.convert(table["rooms"], list[Settings]), str(table["software"])
+
+
+def scenes_of(text: str) -> dict[str, str]:
+    """Return the digests of scenes from `start_text`, by room; none of recordings from before they were kept."""
+    return msgspec.convert(json.loads(text).get("scenes", {}), dict[str, str])

@@ -35,7 +35,7 @@ from cogrip.server.worlds.turning_ports import TurningPorts
 from cogrip.server.worlds.world import Array, Row, World, WorldError, dot
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-_FULL = (mujoco.mjtWarning.mjWARN_CONTACTFULL, mujoco.mjtWarning.mjWARN_CNSTRFULL)
+_FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
 
 
 class Saved(msgspec.Struct, frozen=True):
@@ -246,17 +246,15 @@ class SceneWorld(World):
     def _refresh(self) -> None:
         """Bring data up to a state that was changed by hand, whose energy is then the one to count from."""
         model = self.scene.model
-        carried = np.flatnonzero(model.body_gravcomp)
-        weight = (model.body_gravcomp[carried] * model.body_mass[carried])[:, None] * model.opt.gravity
-        self._carried = carried, weight  # bodies whose weight `gravcomp` carries, and how much of it [N]
         mujoco.mj_step1(model, self.data)
+        self._carried = carried = np.flatnonzero(model.body_gravcomp)
+        self._weight = (model.body_gravcomp[carried] * model.body_mass[carried])[:, None] * model.opt.gravity
         self._energy = self._measure()
 
     def _measure(self) -> float:
         """Return kinetic and potential energy [J]; MuJoCo's potential counts weight that `gravcomp` carries."""
         data = self.data
-        carried, weight = self._carried
-        return float(data.energy[0] + data.energy[1]) + dot(weight, data.xipos[carried])
+        return float(data.energy[0] + data.energy[1]) + dot(self._weight, data.xipos[self._carried])
 
     def _gain(self) -> float:
         """Return how much energy the bodies have got since the frame before [J]; by hand none is given them."""
@@ -297,7 +295,7 @@ class SceneWorld(World):
         if factor < 1.0:
             back = factor * back
         self._book(((0.5 * period) * (theirs * theirs - back * back)).sum(axis=1))
-        if np.any(self.holding & ~self.solid):
+        if not self.solid.all() and np.any(self.holding & ~self.solid):
             self._make_solid()
         return back
 
@@ -325,7 +323,7 @@ class SceneWorld(World):
             if not left:
                 self.contacts.read(data)
             mujoco.mj_step1(model, data)
-        if any(data.warning[kind].number for kind in _FULL):
+        if data.warning.number[_FULL].any():
             raise WorldError(
                 f"the scene has more contacts than its memory at {data.time:.3f} s: raise <size memory> in it"
             )
