@@ -5,6 +5,7 @@ value, the bound and the cure. `seat_settings` returns what one user's client an
 """
 
 import hashlib
+import re
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import PurePath
@@ -17,6 +18,16 @@ from cogrip.protocol import felt_stiffness as felt
 from cogrip.protocol.line.concealment import Concealed
 from cogrip.protocol.line.delays import expected_frames, one_way
 from cogrip.protocol.link_profile import Link, LinkProfile, check_cap
+from cogrip.protocol.object_kinds import (
+    KIND_PATTERN,
+    MOST_TEXT,
+    PYTHON,
+    KindText,
+    LocalKindText,
+    kind_of,
+    shared_kind,
+    split_python,
+)
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
 
@@ -25,7 +36,6 @@ Encoder = Literal["displacement", "velocity"]
 Side = Literal["left", "right"]
 Kind = Literal["wave", "coupling", "tdpa"]
 ServerStep = Literal["passive", "paper"]
-ObjectKind = Literal["cube", "faces", "wall", "scene"]
 
 # lower bounds above 0: a settings file or a welcome with 1e-320 in it would bring infinities into every law
 Impedance = Annotated[float, msgspec.Meta(ge=1e-3, le=1e4)]
@@ -72,7 +82,7 @@ class Coupling(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The virtual object, as both ends know it."""
 
-    kind: ObjectKind = "cube"
+    kind: KindText = "cube"
     mass_kg: Mass = 0.2
     damping_nspm: Damping = 0.0
     axes: Annotated[int, msgspec.Meta(ge=1, le=3)] = 1
@@ -81,13 +91,14 @@ class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class ObjectSection(Object, frozen=True, forbid_unknown_fields=True):
     """[object]: of a scene also its file and steps a frame, which are the server's own: no welcome carries them."""
 
+    kind: LocalKindText = "cube"  # with the folder of a file, made absolute where settings are loaded
     file: str = ""  # MJCF or URDF; made absolute where settings are loaded
     substeps: Annotated[int, msgspec.Meta(ge=1, le=64)] = 4
 
     @property
     def shared(self) -> Object:
         """Return what both ends know."""
-        return Object(self.kind, self.mass_kg, self.damping_nspm, self.axes)
+        return Object(shared_kind(self.kind), self.mass_kg, self.damping_nspm, self.axes)
 
 
 class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -172,12 +183,12 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     @property
     def one_sided(self) -> bool:
         """True where the contact can only push (theory section 3.4)."""
-        return self.object.kind in ("faces", "wall")
+        return kind_of(self.object.kind).one_sided
 
     @property
     def asked_npm(self) -> float | None:
         """K that was asked for; None where no spring stands between a person and the object."""
-        return None if self.object.kind == "scene" else self.coupling.stiffness_npm
+        return self.coupling.stiffness_npm if kind_of(self.object.kind).spring else None
 
     @property
     def follows(self) -> bool:
@@ -198,7 +209,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
 
         late_frames: age of the device's samples, which makes the line softer and which no server knows.
         """
-        if self.coupling.kind != "wave" or self.object.kind == "scene":
+        if self.coupling.kind != "wave" or not kind_of(self.object.kind).spring:
             return None
         rendered = self.rendered_npm
         if self.follows:
@@ -327,7 +338,7 @@ def _check_fit(settings: Settings) -> None:
         raise SettingsError(
             f'coupling.server_step = "paper" is a step of the wave scheme; with coupling.kind = "{kind}" leave it "passive"'
         )
-    _check_scene(settings)
+    _check_object(settings)
     for where, link in (("link", settings.link), ("link.up", settings.link.up), ("link.down", settings.link.down)):
         check_cap(f"{where}.rate_kbps", link.rate_kbps)
     for profile in (settings.link.direction("up"), settings.link.direction("down")):
@@ -341,9 +352,11 @@ def _check_fit(settings: Settings) -> None:
         seat_settings(settings, seat)
 
 
-def _check_scene(settings: Settings) -> None:
-    """Raise SettingsError for settings that do not fit a scene, and for those of a scene without one."""
+def _check_object(settings: Settings) -> None:
+    """Raise SettingsError for settings that do not fit the kind of object."""
     given, coupling = settings.object, settings.coupling
+    if given.kind.startswith(PYTHON):
+        _check_python(given)
     if given.kind != "scene":
         own = [("object.file", given.file)] + [(f"users.{n}.tool", user.tool) for n, user in enumerate(settings.users)]
         for key, value in own:
@@ -351,23 +364,40 @@ def _check_scene(settings: Settings) -> None:
                 raise SettingsError(
                     f'{key} = {value!r} is for object.kind = "scene", not "{given.kind}"; leave one of them out'
                 )
+    if kind_of(given.kind).spring:
         return
     compensated = [user.name for user in settings.users if coupling_of(settings, user).compensate]
+    scene, step = given.kind == "scene", coupling.server_step
     refused = [
-        (not given.file, 'object.file = "" names no scene', 'give an MJCF or URDF file, such as "lift.xml"'),
-        (given.axes != 3, f"object.axes = {given.axes}, but a scene has 3", "set object.axes = 3"),
-        (coupling.kind != "wave", f'coupling.kind = "{coupling.kind}" has no scenes', 'set coupling.kind = "wave"'),
+        (scene and not given.file, 'object.file = "" names no scene', 'give an MJCF or URDF file, such as "lift.xml"'),
+        (scene and given.axes != 3, f"object.axes = {given.axes}, but a scene has 3", "set object.axes = 3"),
+        (coupling.kind != "wave", f'coupling.kind = "{coupling.kind}" does not move it', 'set coupling.kind = "wave"'),
         (
-            coupling.server_step != "passive",
-            f'coupling.server_step = "{coupling.server_step}" has no scenes',
+            step != "passive",
+            f'coupling.server_step = "{step}" does not move it',
             'set coupling.server_step = "passive"',
         ),
         (
             bool(compensated),
-            f"coupling.compensate = true ({', '.join(compensated)}), but a scene has no spring to stiffen",
+            f"coupling.compensate = true ({', '.join(compensated)}), but it has no spring to stiffen",
             "set it to false",
         ),
     ]
     for found, what, cure in refused:
         if found:
-            raise SettingsError(f'object.kind = "scene": {what}; {cure}')
+            raise SettingsError(f'object.kind = "{given.kind}": {what}; {cure}')
+
+
+def _check_python(given: ObjectSection) -> None:
+    """Raise SettingsError where a file and its class are no kind that a welcome can carry."""
+    file, class_name = split_python(given.kind)
+    if not file.endswith(".py") or not class_name.isidentifier():
+        raise SettingsError(
+            f'object.kind = "{given.kind}": write "{PYTHON}FILE.py:CLASS", such as "{PYTHON}my_world.py:TwoMasses"'
+        )
+    shared = shared_kind(given.kind)
+    if len(shared) > MOST_TEXT or not re.match(KIND_PATTERN, shared):
+        raise SettingsError(
+            f'object.kind: "{shared}" is shown to everyone who joins: give file and class names of letters, digits, blanks and '
+            f". _ -, of at most {MOST_TEXT} characters together with {PYTHON!r}"
+        )

@@ -122,7 +122,7 @@ def join(
     """
     above_zero("--seconds", seconds)
     console = make_console(soft_wrap=True)
-    settings = load(config, overrides) if config else None
+    settings = load(config, overrides, world=False) if config else None
     if overrides and not config:
         raise BadInput("--set changes the settings of --config; without one they are the server's")
     room = room or (settings.name if settings else "")

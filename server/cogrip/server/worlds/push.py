@@ -20,6 +20,7 @@ class PushWorld(HandWorld):
     took: T F (w - v) - change of K max(d, 0)^2 / 2, which is never below 0, as the step is implicit.
     """
 
+    kept = ("_ledger",)
     can_follow = True
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:

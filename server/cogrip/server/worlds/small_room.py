@@ -51,6 +51,7 @@ class ListState:
 class SmallGripWorld(GripWorld):
     """State in lists; the arrays of `GripWorld` are views of them, to be read or set as a whole."""
 
+    kept = ("_paid_j", "_excess_j")
     _place: list[float]
     _speed: list[float]
     _external: list[float]
