@@ -343,15 +343,15 @@ SCENE = {"object": {"kind": "scene", "file": "lift.xml", "axes": 3}}
     [
         ({"object.file": ""}, 'object.kind = "scene": object.file = "" names no scene; give an MJCF or URDF file'),
         ({"object.axes": 1}, "object.axes = 1, but a scene has 3; set object.axes = 3"),
-        ({"coupling.kind": "tdpa"}, 'coupling.kind = "tdpa" has no scenes; set coupling.kind = "wave"'),
-        ({"coupling.kind": "coupling"}, 'coupling.kind = "coupling" has no scenes; set coupling.kind = "wave"'),
+        ({"coupling.kind": "tdpa"}, 'coupling.kind = "tdpa" does not fit it; set coupling.kind = "wave"'),
+        ({"coupling.kind": "coupling"}, 'coupling.kind = "coupling" does not fit it; set coupling.kind = "wave"'),
         (
             {"coupling.server_step": "paper"},
-            'coupling.server_step = "paper" has no scenes; set coupling.server_step = "passive"',
+            'coupling.server_step = "paper" does not fit it; set coupling.server_step = "passive"',
         ),
         (
             {"coupling.compensate": True},
-            "coupling.compensate = true (anna), but a scene has no spring to stiffen; set it",
+            "coupling.compensate = true (anna), but it has no spring to stiffen; set it",
         ),
         (
             {"object.kind": "cube"},

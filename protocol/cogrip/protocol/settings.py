@@ -371,10 +371,10 @@ def _check_object(settings: Settings) -> None:
     refused = [
         (scene and not given.file, 'object.file = "" names no scene', 'give an MJCF or URDF file, such as "lift.xml"'),
         (scene and given.axes != 3, f"object.axes = {given.axes}, but a scene has 3", "set object.axes = 3"),
-        (coupling.kind != "wave", f'coupling.kind = "{coupling.kind}" does not move it', 'set coupling.kind = "wave"'),
+        (coupling.kind != "wave", f'coupling.kind = "{coupling.kind}" does not fit it', 'set coupling.kind = "wave"'),
         (
             step != "passive",
-            f'coupling.server_step = "{step}" does not move it',
+            f'coupling.server_step = "{step}" does not fit it',
             'set coupling.server_step = "passive"',
         ),
         (

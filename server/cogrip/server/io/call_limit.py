@@ -1,4 +1,4 @@
-"""Limit on the time that a world of another author may take: a signal ends the call, in the main thread, which alone gets it."""
+"""Limit on the time that another author's world may take: a signal ends the call, in the main thread, which alone gets it."""
 
 import signal
 import threading
