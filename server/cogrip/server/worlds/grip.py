@@ -16,7 +16,7 @@ RAMP_S = 0.3  # time in which a newcomer's stiffness grows, energy permitting
 
 
 class GripWorld(World):
-    """`stretch` is e, shape (n, a).
+    """A free object that people grip from all sides; `stretch` is e, shape (n, a).
 
     A spring with stiffness adaptation saves what its damper takes, and what it releases itself where it grows softer, to grow
     stiffer with.
@@ -52,7 +52,8 @@ class GripWorld(World):
     @property
     def energy_j(self) -> float:
         stretch, velocity = self.stretch, self.velocity
-        return 0.5 * (dot(self.stiffness * stretch, stretch) + self.mass_kg * dot(velocity, velocity))
+        stored = 0.5 * (dot(self.stiffness * stretch, stretch) + self.mass_kg * dot(velocity, velocity))
+        return stored + float(self._ledger.sum())
 
     def proxy(self, user: int) -> Array:
         place: Array = self.position + self.stretch[user] + self.offset[user]

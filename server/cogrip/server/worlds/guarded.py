@@ -81,7 +81,7 @@ class GuardedWorld(World):
         except WorldError as error:
             self.failed = f"{self.kind}: {error}"
         except Exception as error:  # noqa: BLE001 (it is another author's)
-            self.failed = f"{self.kind}: {_told(error)} in {verb}"
+            self.failed = f"{self.kind}: {told(error)} in {verb}"
         if self.failed:
             raise WorldError(self.failed)
 
@@ -235,7 +235,7 @@ class GuardedWorld(World):
         raise WorldError(problem)
 
 
-def _told(error: Exception) -> str:
+def told(error: Exception) -> str:
     """Return what was raised and where, in one line."""
     text = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     trace = error.__traceback__

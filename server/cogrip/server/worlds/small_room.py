@@ -68,6 +68,10 @@ class SmallGripWorld(GripWorld):
         self._excess_j = [0.0] * len(seats)  # of `_work` over the exact sum
         self._follows: list[bool] = self.follows.tolist()
 
+    @property
+    def energy_j(self) -> float:
+        return super().energy_j + sum(self._paid_j)
+
     def ports_changed(self) -> None:
         """Let the next step compute the ports' constants anew."""
         self._ports = []

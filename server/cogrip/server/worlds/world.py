@@ -92,7 +92,7 @@ class World(ABC):
     @property
     @abstractmethod
     def energy_j(self) -> float:
-        """Kinetic and potential energy of all that is in the world."""
+        """Kinetic and potential energy of all that is in the world, and what springs may spend on growing stiffer."""
 
     @abstractmethod
     def proxy(self, user: int) -> Array:
