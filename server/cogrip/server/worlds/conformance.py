@@ -144,6 +144,8 @@ def makes_no_energy(subject: Subject) -> str:
             if made - least > worst:
                 worst, moment = made - least, (seed, frame)
             least = min(least, made)
+            if worst > MOST_HELD_J:
+                break
     _expect(
         worst <= MOST_MADE_J,
         f"at most {1e3 * MOST_MADE_J:g} mJ more than came in: {1e3 * worst:.4g} mJ by frame {moment[1]} of session "

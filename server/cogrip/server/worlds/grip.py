@@ -16,7 +16,9 @@ RAMP_S = 0.3  # time in which a newcomer's stiffness grows, energy permitting
 
 
 class GripWorld(World):
-    """A free object that people grip from all sides; `stretch` is e, shape (n, a).
+    """A free object that people grip from all sides.
+
+    `stretch` is e, shape (n, a).
 
     A spring with stiffness adaptation saves what its damper takes, and what it releases itself where it grows softer, to grow
     stiffer with.

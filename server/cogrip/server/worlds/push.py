@@ -14,7 +14,9 @@ from cogrip.server.worlds.world import MOST_SAVED_J, Array, HandWorld, dot
 
 
 class PushWorld(HandWorld):
-    """Contact that only pushes, at a free object or a wall; depth is d = s (x_s - x_o) on the first axis.
+    """Contact that only pushes, at a free object or a wall.
+
+    Depth is d = s (x_s - x_o) on the first axis.
 
     A spring with stiffness adaptation grows stiffer at no cost while nothing is pressed in. Else it pays from what its contact
     took: T F (w - v) - change of K max(d, 0)^2 / 2, which is never below 0, as the step is implicit.

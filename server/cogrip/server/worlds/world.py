@@ -141,7 +141,7 @@ class World(ABC):
 
     @classmethod
     def _all_kept(cls) -> list[str]:
-        return [name for each in reversed(cls.__mro__) for name in vars(each).get("kept", ())]
+        return list(dict.fromkeys(name for each in reversed(cls.__mro__) for name in vars(each).get("kept", ())))
 
     def coordinates(self) -> tuple[str, Row]:
         """Return the digest of the scene and the coordinates of all its bodies; "" and () where there is only the object."""
