@@ -105,7 +105,7 @@ class CountsFromAbove(Springs):
 
     @property
     def energy_j(self) -> float:
-        return super().energy_j - 0.05 * float(self.place.sum())
+        return super().energy_j - 0.5 * float(self.place.sum())
 
 
 class HoldsMuch(Springs):

@@ -223,16 +223,19 @@ class GuardedWorld(World):
     def place(self, position_m: Row, scene: str, coordinates: Row) -> None:
         if scene != self._identity:
             raise WorldError("its world is another one: the file or the package has been changed")
+        problem = ""
         try:
             with self._named("restore"):
                 self._go_to(coordinates)
-            if self._energy <= MOST_HELD_J:
-                return
-            problem = f"its world holds {self._energy:.3g} J, more than {MOST_HELD_J:g}"
+            if self._energy > MOST_HELD_J:
+                problem = f"its world holds {self._energy:.3g} J, more than {MOST_HELD_J:g}"
         except WorldError as error:
             problem, self.failed = str(error), ""
-        self._go_to(self._start)
-        raise WorldError(problem)
+        if problem:
+            self._go_to(self._start)
+        self.limiter = EnergyLimiter(self.frame_s)  # a new server's: nobody has held it yet
+        if problem:
+            raise WorldError(problem)
 
 
 def told(error: Exception) -> str:
