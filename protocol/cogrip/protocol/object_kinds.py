@@ -4,6 +4,7 @@ A kind is one that comes with cogrip, the name of an entry point of another pack
 server loads the world of a kind: to a client the name of another one is a text.
 """
 
+import re
 from pathlib import PurePath
 from typing import Annotated, NamedTuple
 
@@ -57,3 +58,17 @@ def shared_kind(name: str) -> str:
         return name
     file, class_name = split_python(name)
     return f"{PYTHON}{PurePath(file).name}:{class_name}"
+
+
+def unfit_kind(name: str) -> str:
+    """Return why no welcome can carry a kind, with the cure; "" where one can."""
+    file, class_name = split_python(name)
+    if name.startswith(PYTHON) and not (file.endswith(".py") and class_name.isidentifier()):
+        return f'write "{PYTHON}FILE.py:CLASS", such as "{PYTHON}my_world.py:TwoMasses"'
+    shared = shared_kind(name)
+    if len(shared) > MOST_TEXT or not re.match(KIND_PATTERN, shared):
+        return (
+            f'"{shared}" is shown to everyone who joins: let it be letters, digits, blanks and . _ : - , at most {MOST_TEXT} '
+            "of them; rename file or class"
+        )
+    return ""

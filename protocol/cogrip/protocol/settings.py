@@ -5,7 +5,6 @@ value, the bound and the cure. `seat_settings` returns what one user's client an
 """
 
 import hashlib
-import re
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import PurePath
@@ -18,16 +17,7 @@ from cogrip.protocol import felt_stiffness as felt
 from cogrip.protocol.line.concealment import Concealed
 from cogrip.protocol.line.delays import expected_frames, one_way
 from cogrip.protocol.link_profile import Link, LinkProfile, check_cap
-from cogrip.protocol.object_kinds import (
-    KIND_PATTERN,
-    MOST_TEXT,
-    PYTHON,
-    KindText,
-    LocalKindText,
-    kind_of,
-    shared_kind,
-    split_python,
-)
+from cogrip.protocol.object_kinds import KindText, LocalKindText, kind_of, shared_kind, unfit_kind
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
 
@@ -355,8 +345,8 @@ def _check_fit(settings: Settings) -> None:
 def _check_object(settings: Settings) -> None:
     """Raise SettingsError for settings that do not fit the kind of object."""
     given, coupling = settings.object, settings.coupling
-    if given.kind.startswith(PYTHON):
-        _check_python(given)
+    if why := unfit_kind(given.kind):
+        raise SettingsError(f'object.kind = "{given.kind}": {why}')
     if given.kind != "scene":
         own = [("object.file", given.file)] + [(f"users.{n}.tool", user.tool) for n, user in enumerate(settings.users)]
         for key, value in own:
@@ -386,18 +376,3 @@ def _check_object(settings: Settings) -> None:
     for found, what, cure in refused:
         if found:
             raise SettingsError(f'object.kind = "{given.kind}": {what}; {cure}')
-
-
-def _check_python(given: ObjectSection) -> None:
-    """Raise SettingsError where a file and its class are no kind that a welcome can carry."""
-    file, class_name = split_python(given.kind)
-    if not file.endswith(".py") or not class_name.isidentifier():
-        raise SettingsError(
-            f'object.kind = "{given.kind}": write "{PYTHON}FILE.py:CLASS", such as "{PYTHON}my_world.py:TwoMasses"'
-        )
-    shared = shared_kind(given.kind)
-    if len(shared) > MOST_TEXT or not re.match(KIND_PATTERN, shared):
-        raise SettingsError(
-            f'object.kind: "{shared}" is shown to everyone who joins: give file and class names of letters, digits, blanks and '
-            f". _ -, of at most {MOST_TEXT} characters together with {PYTHON!r}"
-        )
