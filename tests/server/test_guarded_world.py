@@ -9,6 +9,7 @@ import pytest
 from cogrip.protocol.drawing import Shape
 from cogrip.server.io import call_limit
 from cogrip.server.worlds.energy_limiter import START_J
+from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.guarded import MOST_HELD_J, GuardedWorld
 from cogrip.server.worlds.tool_world import ToolWorld
 from cogrip.server.worlds.world import Array, Row, WorldError
@@ -185,6 +186,44 @@ def test_a_sound_world_is_never_limited_and_passes_unchanged() -> None:
         assert room.force == pytest.approx(alone.force, abs=1e-12)
         assert [room.proxy_of(user) for user in (0, 1)] == [alone.proxy_of(user) for user in (0, 1)]
     assert room.worked() == pytest.approx(alone.worked(), abs=1e-15)
+    assert room.limiter_account()["limited_frames"] == 0
+
+
+def test_tools_out_of_reach_are_put_back_though_the_object_is_not() -> None:
+    room = held(Springs)
+    assert not room.out_of_reach
+    room.inner.place = np.full((2, 2), 2.1)  # type: ignore[attr-defined]
+    room.advance([(0.0, 0.0)] * 2)
+    assert room.out_of_reach
+    for user in range(2):
+        room.leave(user)
+    room.position = np.zeros(2)
+    assert not room.out_of_reach
+    assert room.energy_j == 0.0
+
+
+def test_one_that_fails_as_somebody_joins_or_leaves_ends_with_the_next_step() -> None:
+    def fail(*given: object) -> None:
+        raise OSError("no disk")
+
+    for name in ("join", "leave"):
+        room = held(type("Torn", (Springs,), {}))
+        setattr(room.inner, name, fail)
+        getattr(room, name)(0, *([np.zeros(2)] if name == "join" else []))
+        with pytest.raises(WorldError, match=rf"OSError: no disk \(line \d+\) in {name}"):
+            room.advance([(0.0, 0.0)] * 2)
+
+
+def test_a_world_without_tools_is_guarded_as_well() -> None:
+    """The cube as it comes with cogrip, under another name."""
+    given = seats()
+    room, alone = GuardedWorld(given, lambda: GripWorld(given), KIND, "this code"), GripWorld(given)
+    for user, place in enumerate(((0.01, 0.0), (0.0, -0.02))):
+        room.join(user, np.array(place))
+        alone.join(user, np.array(place))
+    rows = np.random.default_rng(3).normal(size=(300, 2, 2)).tolist()
+    assert [room.advance(row) for row in rows] == [alone.advance(row) for row in rows]
+    assert room.motion() == alone.motion()
     assert room.limiter_account()["limited_frames"] == 0
 
 

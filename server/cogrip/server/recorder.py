@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable, Sequence
 
 import msgspec
+import numpy as np
 
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.channel import Address
@@ -140,7 +141,8 @@ class RecordedServer(CoreRecorder, ServerCore):
         topic, world = self._scene_topic[room.name], room.world
         if room.name not in self._drawn:
             self._drawn.add(room.name)
-            self.put(topic, Geoms(tuple(world.geoms()), tuple(world.offset.ravel().tolist())))
+            offsets = np.pad(world.offset[:, :3], ((0, 0), (0, max(0, 3 - world.axes))))  # three numbers a seat
+            self.put(topic, Geoms(tuple(world.geoms()), tuple(offsets.ravel().tolist())))
         self.put(topic + 1, Poses(room.steps, tuple(world.poses_of_bodies().ravel().tolist())))
 
     def _put_idle(self) -> None:

@@ -17,14 +17,14 @@ import numpy as np
 from cogrip.protocol.drawing import MOST_SHAPES, Shape
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
-from cogrip.server.worlds.world import Array, Row, World, WorldError, dot
+from cogrip.server.worlds.world import REACH_M, Array, Row, World, WorldError, dot
 
 T = TypeVar("T")
 
 MOST_HELD_J = 1.0  # at first, as people may get it
 LEAST_J = -1e-9  # rounding about 0
 MOST_WAVE = 1e3  # sqrt(W): 0.5 MW
-MOST_PLACE = 1e6  # m, m/s
+MOST_PLACE = 1e3  # m, m/s: an object is put back long before
 MOST_SAVED = 10_000  # numbers: a checkpoint holds them
 
 
@@ -154,13 +154,17 @@ class GuardedWorld(World):
 
     @property
     def position(self) -> Array:
-        """Place of the object [m]. To set another one puts the whole world back to where it began."""
+        """Place of the object [m]. To set it puts the whole world back to where it began."""
         return self._place
 
     @position.setter
     def position(self, value: Array) -> None:
-        if hasattr(self, "inner") and not np.array_equal(value, self._place):
+        if hasattr(self, "inner"):  # not in the base's constructor
             self._try("restore", lambda: self._go_to(self._start), None)
+
+    @property
+    def out_of_reach(self) -> bool:
+        return super().out_of_reach or bool(np.any(np.abs(self._proxies - self.offset) > REACH_M))
 
     def _go_to(self, saved: Row) -> None:
         """Restore a state in which nobody holds anything; energy that it has more counts as made."""
