@@ -7,14 +7,19 @@ import pytest
 
 from cogrip.cli.session.settings_file import load
 from cogrip.protocol import messages
+from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import Farewell, Heartbeat
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings import Settings, digest
 from cogrip.server.admission import Outside
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.core import ServerCore
+from cogrip.server.io.call_limit import call_limit
+from cogrip.server.loop import LiveServer
+from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.room import Room
 from cogrip.server.seat_limits import Record
+from cogrip.server.unencrypted_channel import UnencryptedListener
 from cogrip.server.worlds.conformance import CHECKS, Subject
 from cogrip.server.worlds.guarded import GuardedWorld
 from cogrip.server.worlds.registry import ALLOWED
@@ -120,6 +125,16 @@ def test_other_rooms_go_on_when_a_world_fails(tmp_path: Path) -> None:
     assert [seat.state for seat in core.rooms[1].seats] == ["seated", "seated"]
     assert isinstance(heard["sound anna"], Heartbeat)
     assert "failing: anna lost the seat: the world has ended" in core.events[0].text
+
+
+def test_a_live_server_bounds_the_time_of_a_step() -> None:
+    settings = load(EXAMPLES / "two_masses.toml")
+    server = LiveServer(
+        [settings], "127.0.0.1", 0, Stop(), print, lambda core: UnencryptedListener(RateLimiter(b"s"), core.knows)
+    )
+    server.listen()
+    server.close()
+    assert world_in(server.core.rooms[0]).limited is call_limit
 
 
 def test_after_a_kill_the_next_server_goes_on_where_the_world_was() -> None:
