@@ -138,6 +138,8 @@ def test_seats_and_axes_that_a_world_does_not_take(folder: Path) -> None:
     (folder / "two.py").write_text(
         BROKEN.read_text() + "\nclass Two(Springs):\n    seats_allowed = (2,)\n    axes_allowed = (2, 3)\n"
     )
+    (folder / "odd.py").write_text(BROKEN.read_text() + "\nclass Odd(Springs):\n    seats_allowed = 2\n")
+    assert "seats_allowed = 2: give the counts as (1,) or range(1, 5)" in refused("python:odd.py:Odd")
     assert "object.axes = 1, but python:two.py:Two takes 2 or 3: change one" in refused("python:two.py:Two")
     Path("room.toml").write_text(SETTINGS.format(kind="python:two.py:Two") + "axes = 3\n")
     with pytest.raises(BadInput, match=r"users = 1, but python:two\.py:Two takes 2: change one"):

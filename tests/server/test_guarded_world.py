@@ -49,6 +49,7 @@ def until_failed(world: GuardedWorld) -> str:
         (broken.Diverges, "advance is not finite, or beyond 1000: [nan, "),
         (broken.Shapeless, "advance has the shape (1, 2), not (2, 2)"),
         (broken.WritesIntoForce, "read-only"),
+        (broken.Quits, "SystemExit: 3 (line "),
         (broken.CountsFromAbove, "never below 0"),
     ],
 )

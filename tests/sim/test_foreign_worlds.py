@@ -25,7 +25,8 @@ from cogrip.server.worlds.guarded import GuardedWorld
 from cogrip.server.worlds.registry import ALLOWED
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.replay.verify import verify
-from cogrip.sim.runs.verdict import succeeded
+from cogrip.sim.runs.summary import of_laboratory
+from cogrip.sim.runs.verdict import stable, succeeded
 from cogrip.sim.session.laboratory import Laboratory
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples" / "worlds"
@@ -99,6 +100,8 @@ def test_a_world_that_raises_ends_its_session_by_name(tmp_path: Path) -> None:
     words = "python:failing.py:Failing: RuntimeError: the spring broke (line "
     assert laboratory.diverged.startswith(words)
     assert laboratory.room.steps == 40
+    summary = of_laboratory(laboratory)
+    assert stable(summary).sentence.startswith(f"Diverged. The world has ended: {words}")
     for _ in range(64):
         laboratory.frame()
     for person in laboratory.people:

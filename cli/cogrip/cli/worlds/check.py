@@ -52,7 +52,7 @@ def _keeps(check: Callable[[Subject], str], cases: dict[str, Subject], console: 
             problem = str(error)
         except TooLongError:
             problem = f"one step takes longer than {CALL_LIMIT_S:g} s"
-        except Exception as error:  # noqa: BLE001 (its author has to see it)
+        except (Exception, SystemExit) as error:  # noqa: BLE001 (its author has to see it)
             problem = told(error)
         else:
             continue

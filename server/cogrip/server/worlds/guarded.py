@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 
 from cogrip.protocol.drawing import MOST_SHAPES, Shape
+from cogrip.protocol.messages import shown
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.world import REACH_M, Array, Row, World, WorldError, dot
@@ -80,7 +81,9 @@ class GuardedWorld(World):
             self.failed = f"{self.kind}: takes too long in {verb}"
         except WorldError as error:
             self.failed = f"{self.kind}: {error}"
-        except Exception as error:  # noqa: BLE001 (it is another author's)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # noqa: BLE001 (it is another author's, and may call sys.exit)
             self.failed = f"{self.kind}: {told(error)} in {verb}"
         if self.failed:
             raise WorldError(self.failed)
@@ -242,9 +245,9 @@ class GuardedWorld(World):
             raise WorldError(problem)
 
 
-def told(error: Exception) -> str:
+def told(error: BaseException) -> str:
     """Return what was raised and where, in one line."""
-    text = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+    text = shown(" ".join(f"{type(error).__name__}: {error}".split()))[:200]
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next

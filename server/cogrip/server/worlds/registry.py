@@ -16,6 +16,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from cogrip.protocol.messages import shown
 from cogrip.protocol.object_kinds import KINDS, PYTHON, shared_kind, split_python
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.guarded import GuardedWorld
@@ -136,9 +137,13 @@ def _checked(found: Any, kind: str) -> type[World]:
         raise WorldKindError(
             f"object.kind: {kind} is no class of worlds; derive it from cogrip.server.worlds.tool_world.ToolWorld"
         )
+    for name in ("axes_allowed", "seats_allowed"):
+        allowed = getattr(found, name)
+        if not (isinstance(allowed, Sequence) and allowed and all(isinstance(each, int) for each in allowed)):
+            raise WorldKindError(f"object.kind: {kind}: {name} = {allowed!r}: give the counts as (1,) or range(1, 5)")
     return found
 
 
 def _broken(name: str, error: BaseException, cure: str) -> WorldKindError:
-    said = " ".join(f"{type(error).__name__}: {error}".split())
+    said = shown(" ".join(f"{type(error).__name__}: {error}".split()))
     return WorldKindError(f"object.kind: {name} fails as it is loaded: {said}; {cure}")

@@ -110,6 +110,8 @@ def _of_room(
     )
     if (ledger := room.world.limiter_account()) is not None:
         summary["server"]["energy_limiter"] = ledger
+    if room.world.failed:
+        summary["server"]["world_failed"] = room.world.failed
     return summary
 
 
