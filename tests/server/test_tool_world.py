@@ -64,7 +64,7 @@ def test_two_masses_swing_against_each_other_as_the_midpoint_rule_has_it() -> No
     """Free of hands and friction: x = d cos(n theta), tan(theta / 2) = (T / 2) sqrt(2 K / m)."""
     world = example("two_masses.py", "TwoMasses", 2, mass_kg=0.3, axes=2)
     start = np.array([[0.01, 0.0], [-0.01, 0.0]])
-    world.place = start.copy()
+    world.place, world.friction_nspm = start.copy(), 0.0
     theta = 2.0 * atan(0.5 * FRAME_S * sqrt(2.0 * 300.0 / 0.3))
     for frame in range(1, 500):
         world.step(np.zeros((2, 2)))

@@ -2,7 +2,7 @@
 
 Implicit midpoint rule: with the mean velocity w of the frame, v' = 2w - v and x' = x + T w,
 
-    2m/T (w - v) = force - (b + B) w - K (e + T/2 (w - w_other))      e = x - x_other
+    2m/T (w - v) = force - (b + B) w - K (e + T/2 (w - w_other)) - C (w - w_other)      e = x - x_other
 
 two linear equations an axis. Energy changes by exactly what the forces do and the dampers take: nothing is made.
 """
@@ -15,13 +15,14 @@ from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.tool_world import ToolWorld
 from cogrip.server.worlds.world import Array
 
-STIFFNESS_NPM = 300.0
 SIGNS = np.array([[1.0, -1.0], [-1.0, 1.0]])
 
 
 class TwoMasses(ToolWorld):
-    """Masses of `object.mass_kg` with `object.damping_nspm` to ground."""
+    """Masses of `object.mass_kg` with `object.damping_nspm` to ground, B."""
 
+    stiffness_npm = 300.0  # K
+    friction_nspm = 3.0  # C, within the spring
     seats_allowed = (2,)
     kept = ("place", "speed")
 
@@ -37,13 +38,14 @@ class TwoMasses(ToolWorld):
     @property
     def energy_j(self) -> float:
         stretch = self.place[0] - self.place[1]
-        return 0.5 * float(self.mass_kg * (self.speed**2).sum() + STIFFNESS_NPM * (stretch**2).sum())
+        return 0.5 * float(self.mass_kg * (self.speed**2).sum() + self.stiffness_npm * (stretch**2).sum())
 
     def move(self, force_n: Array, damping_nspm: Array) -> None:
         frame_s, inertia = self.frame_s, 2.0 * self.mass_kg / self.frame_s
         own = np.diag(inertia + self.object_damping + damping_nspm[:, 0])
-        push = inertia * self.speed + force_n - STIFFNESS_NPM * SIGNS @ self.place
-        mean = np.linalg.solve(own + 0.5 * frame_s * STIFFNESS_NPM * SIGNS, push)
+        push = inertia * self.speed + force_n - self.stiffness_npm * SIGNS @ self.place
+        between = 0.5 * frame_s * self.stiffness_npm + self.friction_nspm
+        mean = np.linalg.solve(own + between * SIGNS, push)
         self.place = self.place + frame_s * mean
         self.speed = 2.0 * mean - self.speed
         self.position, self.velocity = self.place.mean(axis=0), self.speed.mean(axis=0)
