@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 from cogrip.protocol import settings as schema
 from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.settings import MOST_RENDERED_NPM, SeatSettings, Settings, digest, resolve, seat_settings
+from cogrip.protocol.setting_types import MOST_RENDERED_NPM
+from cogrip.protocol.settings import SeatSettings, Settings, resolve, seat_settings
+from cogrip.protocol.settings_digest import digest
 from cogrip.protocol.settings_table import SettingsError, parse_override
 
 
@@ -349,11 +351,11 @@ SCENE = {"object": {"kind": "scene", "file": "lift.xml", "axes": 3}}
         ),
         (
             {"coupling.server_step": "paper"},
-            'coupling.server_step = "paper" has no scenes; set coupling.server_step = "passive"',
+            'coupling.server_step = "paper" does not fit it; set coupling.server_step = "passive"',
         ),
         (
             {"coupling.compensate": True},
-            "coupling.compensate = true (anna), but a scene has no spring to stiffen; set it",
+            "coupling.compensate = true (anna), but it has no spring to stiffen; set it",
         ),
         (
             {"object.kind": "cube"},

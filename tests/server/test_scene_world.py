@@ -304,7 +304,7 @@ def test_a_saved_world_goes_on_bit_for_bit(scene: str) -> None:
     again.restore(saved)
     assert again.save() == saved
     assert (course(again, 2, 100), again.save()) == expected
-    with pytest.raises(WorldError, match="another scene"):
+    with pytest.raises(WorldError, match="another world"):
         world_of(scene, ["ball", "ball", "ball"]).restore(saved)
 
 

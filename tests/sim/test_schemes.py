@@ -9,9 +9,12 @@ from cogrip.cli.session.joined_device import MOST_ADVISED_FRAMES
 from cogrip.cli.session.shipped_settings import shipped_scene
 from cogrip.client import schemes as client_schemes
 from cogrip.protocol.messages import Frame
+from cogrip.protocol.object_kinds import KINDS as OBJECT_KINDS
 from cogrip.protocol.session import FOR_CLIENTS
-from cogrip.protocol.settings import Kind, ObjectKind, resolve, seat_settings
+from cogrip.protocol.setting_types import Kind
+from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server import schemes as server_schemes
+from cogrip.server.worlds.registry import WORLDS
 from cogrip.sim.experiments.methods.method import METHODS
 
 KINDS = get_args(Kind)
@@ -34,13 +37,13 @@ def test_both_ends_of_a_scheme_speak_the_same_message(kind: Kind) -> None:
     assert message in get_args(Frame)
 
 
-@pytest.mark.parametrize("kind", get_args(ObjectKind))
-def test_every_kind_of_object_has_a_world(kind: ObjectKind) -> None:
+@pytest.mark.parametrize("kind", OBJECT_KINDS)
+def test_every_kind_of_object_has_a_world(kind: str) -> None:
     scene = {"axes": 3, "file": str(shipped_scene("wall.xml"))} if kind == "scene" else {}
     settings = resolve({"object": {"kind": kind, **scene}})
     seat = seat_settings(settings, 0)
     assert server_schemes.make_room_world(settings, [seat]).axes == seat.object.axes
-    assert (kind in server_schemes.WAVE_WORLDS) == (kind != "scene")
+    assert (kind in WORLDS) == (kind != "scene")
 
 
 @pytest.mark.parametrize("kind", KINDS)

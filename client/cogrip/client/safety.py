@@ -18,7 +18,7 @@ from typing import Literal, get_args
 from cogrip.client.force_limits import ForceLimits, bounds_of
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
-from cogrip.protocol.settings import PLACES
+from cogrip.protocol.setting_types import PLACES
 
 RAMP_IN_S = 0.3
 RAMP_OUT_S = 0.1

@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 
 import msgspec
+import numpy as np
 
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.channel import Address
@@ -16,7 +17,8 @@ from cogrip.protocol.recording.derived import derived_topics
 from cogrip.protocol.recording.records import Answer, Datagram, Event, Geoms, Ledger, Poses, SeatStep, Step
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, topics
-from cogrip.protocol.settings import PLACES, Settings
+from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.settings import Settings
 from cogrip.server.admission import Authenticator, Denied, Grant, Outside
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent
@@ -141,7 +143,10 @@ class RecordedServer(CoreRecorder, ServerCore):
         topic, world = self._scene_topic[room.name], room.world
         if room.name not in self._drawn:
             self._drawn.add(room.name)
-            self.put(topic, Geoms(tuple(world.geoms()), tuple(world.offset[:, :PLACES].ravel().tolist())))
+            offsets = np.pad(
+                world.offset[:, :PLACES], ((0, 0), (0, max(0, PLACES - world.axes)))
+            )  # three numbers a seat
+            self.put(topic, Geoms(tuple(world.geoms()), tuple(offsets.ravel().tolist())))
         self.put(topic + 1, Poses(room.steps, tuple(world.poses_of_bodies().ravel().tolist())))
 
     def _put_idle(self) -> None:

@@ -9,21 +9,13 @@ not commute: R_tool drifts away from exp(e) R_hand. Each frame asks for SHARE of
 
 from collections.abc import Sequence
 
-import msgspec
-
 from cogrip.protocol.rotations import Quaternion, Vector, between, exp, product
 
 SHARE = 1.0 / 16.0
 NONE: Vector = (0.0, 0.0, 0.0)
 
 
-class DriftState(msgspec.Struct, frozen=True):
-    """State of an `OrientationDrift` between two steps."""
-
-    ahead: Vector | None
-    travelled: Vector
-    correction_radps: Vector
-    drift_rad: Vector
+SAVED = 13  # numbers of a saved state
 
 
 class OrientationDrift:
@@ -44,14 +36,17 @@ class OrientationDrift:
         self._travelled = NONE
         self.correction_radps = self.drift_rad = NONE
 
-    def save(self) -> DriftState:
+    def save(self) -> tuple[float, ...]:
         """Return the state between two steps."""
-        return DriftState(self._ahead, self._travelled, self.correction_radps, self.drift_rad)
+        known = 0.0 if self._ahead is None else 1.0
+        return (known, *(self._ahead or NONE), *self._travelled, *self.correction_radps, *self.drift_rad)
 
-    def restore(self, state: DriftState) -> None:
+    def restore(self, saved: Sequence[float]) -> None:
         """Continue from a saved state."""
-        self._hand, self._ahead, self._travelled = None, state.ahead, state.travelled
-        self.correction_radps, self.drift_rad = state.correction_radps, state.drift_rad
+        ahead, self._travelled, self.correction_radps, self.drift_rad = (
+            (saved[at], saved[at + 1], saved[at + 2]) for at in (1, 4, 7, 10)
+        )
+        self._hand, self._ahead = None, ahead if saved[0] else None
 
     def report(self, rotation_rad: Sequence[float], travelled_rad: Sequence[float]) -> None:
         """Enter how the hand had turned at the end of the frame that is stepped next."""

@@ -20,34 +20,22 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Any, NamedTuple
 
-import msgspec
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.rotations import UNTURNED, exp, inverse, log, product, turned
-from cogrip.protocol.settings import PLACES, SeatSettings
+from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
 from cogrip.server.worlds.scene_file import MOST_RATE, Scene, Tool
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.turning_ports import TurningPorts
-from cogrip.server.worlds.world import Array, Row, World, WorldError, dot
+from cogrip.server.worlds.world import Array, Row, World, WorldError, check_saved, dot
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
-
-
-class Saved(msgspec.Struct, frozen=True):
-    """State of a scene. physics: MuJoCo's own; ledger: of the limiter, level, paid [J] and frames limited."""
-
-    physics: bytes
-    holding: tuple[bool, ...]
-    solid: tuple[bool, ...]
-    ledger: tuple[float, float, int]
-    work: tuple[float, ...]
-    work_error: tuple[float, ...]
-    balance_error_j: float
 
 
 class Grip(NamedTuple):
@@ -330,8 +318,7 @@ class SceneWorld(World):
         return moved, squares
 
     def limiter_account(self) -> dict[str, float] | None:
-        limiter = self.limiter
-        return {"level_j": limiter.level_j, "paid_j": limiter.paid_j, "limited_frames": limiter.limited}
+        return self.limiter.account()
 
     def contact_of(self, user: int) -> Touch:
         return self.contacts.touches[user]
@@ -353,29 +340,29 @@ class SceneWorld(World):
         self.data.qpos[:] = coordinates
         self._refresh()
 
-    def save(self) -> Saved:
-        """Return the state between two frames; a world of the same scene continues from it bit for bit."""
+    def save(self) -> Row:
         mujoco.mj_getState(self.scene.model, self.data, self._state, _STATE)
         limiter = self.limiter
-        return Saved(
-            self._state.tobytes(), tuple(self.holding.tolist()), tuple(self.solid.tolist()),
-            (limiter.level_j, limiter.paid_j, limiter.limited), tuple(self.port_work.tolist()),
-            tuple(self._work_error.tolist()), self.balance_error_j,
-        )  # fmt: skip
+        seats = np.concatenate((self.holding, self.solid, self.port_work, self._work_error)).tolist()
+        ledger = limiter.level_j, limiter.paid_j, float(limiter.limited), self.balance_error_j
+        return (*self.turning.save(), *self._state.tolist(), *seats, *ledger)
 
-    def restore(self, saved: Saved) -> None:
-        """Continue from a saved state. Raises WorldError for one of another scene, and nothing has changed."""
-        if len(saved.physics) != self._state.nbytes or len(saved.holding) != len(self.holding):
-            raise WorldError("the saved state is of another scene: its size or its seats differ")
-        for user, (holding, solid) in enumerate(zip(saved.holding, saved.solid, strict=True)):
+    def restore(self, saved: Row) -> None:
+        seats, physics = len(self.holding), self._state.size
+        turned = self.turning.saved_numbers
+        check_saved(saved, turned + physics + 4 * seats + 4)
+        state = np.array(saved[turned:])
+        holding, solid, work, work_error = state[physics:-4].reshape(4, seats)
+        for user in range(seats):
             self._park(user)
-            if holding:
-                self.join(user, np.zeros(3))
-                self._touch(user, solid)
-        mujoco.mj_setState(self.scene.model, self.data, np.frombuffer(saved.physics), _STATE)
-        self.limiter.level_j, self.limiter.paid_j, self.limiter.limited = saved.ledger
-        self.port_work, self._work_error = np.array(saved.work), np.array(saved.work_error)
-        self.balance_error_j = saved.balance_error_j
+            if holding[user]:
+                self.join(user, np.zeros(self.axes))
+                self._touch(user, bool(solid[user]))
+        mujoco.mj_setState(self.scene.model, self.data, state[:physics], _STATE)
+        self.turning.restore(saved[:turned])
+        self.limiter.level_j, self.limiter.paid_j, limited, self.balance_error_j = saved[-4:]
+        self.limiter.limited = int(limited)
+        self.port_work, self._work_error = work, work_error
         self._refresh()
 
 

@@ -20,7 +20,8 @@ from xml.parsers import expat
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
-from cogrip.protocol.settings import PLACES, POSE_AXES, Orientation, Settings, Side
+from cogrip.protocol.setting_types import PLACES, POSE_AXES, Orientation, Side
+from cogrip.protocol.settings import Settings
 
 MOST_BYTES = 8_000_000
 MOST_CONTACTS = 8  # of a tool whose forces are measured, the strongest ones

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.protocol.rotations import UNTURNED, Quaternion, exp, inverse, product
-from cogrip.protocol.settings import PLACES, SeatSettings
-from cogrip.server.worlds.orientation_drift import DriftState, OrientationDrift
+from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.settings import SeatSettings
+from cogrip.server.worlds.orientation_drift import SAVED, OrientationDrift
 from cogrip.server.worlds.scene_file import Scene
 
 Array = NDArray[np.float64]
@@ -90,11 +91,16 @@ class TurningPorts:
             )  # sqrt(2b) w = u + v
             drift.step(self.turned(data, user), theirs.tolist())
 
-    def save(self) -> tuple[DriftState, ...]:
-        """Return the state between two frames."""
-        return tuple([drift.save() for drift in self.drift.values()])
+    @property
+    def saved_numbers(self) -> int:
+        """Return the length of a saved state."""
+        return SAVED * len(self.driven)
 
-    def restore(self, saved: Sequence[DriftState]) -> None:
+    def save(self) -> Row:
+        """Return the state between two frames."""
+        return tuple([number for drift in self.drift.values() for number in drift.save()])
+
+    def restore(self, saved: Row) -> None:
         """Continue from a saved state."""
-        for drift, state in zip(self.drift.values(), saved, strict=True):
-            drift.restore(state)
+        for place, drift in enumerate(self.drift.values()):
+            drift.restore(saved[SAVED * place : SAVED * (place + 1)])

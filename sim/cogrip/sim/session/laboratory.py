@@ -27,7 +27,8 @@ from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.recording.sink import Nowhere, Sink
 from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import Settings, digest, rates_of, seat_axes
+from cogrip.protocol.settings import Settings, rates_of, seat_axes
+from cogrip.protocol.settings_digest import digest
 from cogrip.protocol.version import VERSION
 from cogrip.server.admission import Outside
 from cogrip.server.checkpoint import RoomCheckpoint

@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from cogrip.protocol.settings import PLACES, Settings, User
+from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.settings import Settings, User
 from cogrip.sim.runs.summary_values import (
     UNKNOWN,
     Summary,
