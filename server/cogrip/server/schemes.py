@@ -69,9 +69,8 @@ def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World
 
     given = settings.object
     step_s = seats[0].rates.frame_s / given.substeps
-    return scene.SceneWorld(
-        seats, scene_file.load_scene(Path(given.file), scene_file.held_by(settings), step_s), given.substeps
-    )
+    loaded = scene_file.load_scene(Path(given.file), scene_file.held_by(settings), step_s)
+    return scene.SceneWorld(seats, loaded, given.substeps, settings.task)
 
 
 def make_room_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:

@@ -18,7 +18,7 @@ Data are kept as after `mj_step1`: places, energies and contacts are those of th
 
 from collections.abc import Sequence
 from math import isfinite
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import mujoco  # type: ignore[import-untyped]
@@ -26,11 +26,12 @@ import numpy as np
 
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.rotations import UNTURNED, Quaternion, exp, inverse, log, product, turned
-from cogrip.protocol.settings import PLACES, SeatSettings
+from cogrip.protocol.settings import PLACES, SeatSettings, Task
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.orientation_drift import OrientationDrift
-from cogrip.server.worlds.scene_file import MOST_RATE, Scene, Tool
+from cogrip.server.worlds.scene_file import MOST_RATE, Scene, Tool, body_of
 from cogrip.server.worlds.scene_shapes import shapes_of
+from cogrip.server.worlds.task_watch import TaskWatch
 from cogrip.server.worlds.world import Array, Row, World, WorldError, dot
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -66,7 +67,8 @@ class SceneWorld(World):
     weighs nothing and stays; one that is taken inside a body touches nothing until it has left it (`solid`).
     """
 
-    def __init__(self, seats: Sequence[SeatSettings], scene: Scene, substeps: int) -> None:
+    def __init__(self, seats: Sequence[SeatSettings], scene: Scene, substeps: int, task: Task | None = None) -> None:
+        """Raise SceneError for a task with a body that the scene has not."""
         model = scene.model
         self.scene, self.substeps = scene, substeps
         self.data = mujoco.MjData(model)
@@ -99,6 +101,13 @@ class SceneWorld(World):
         for user in range(len(seats)):
             self._park(user)
         self._refresh()
+        self._task_body = -1 if task is None or not task.stated else body_of(scene, task.body)
+        self.task = None
+        if task is not None and self._task_body >= 0:
+            self.task = TaskWatch(task, self.frame_s, *self._pose_of(self._task_body))
+
+    def _pose_of(self, body: int) -> tuple[list[float], list[float]]:
+        return self.data.xpos[body].tolist(), self.data.xquat[body].tolist()
 
     def _grip(self, tool: Tool) -> Grip:
         model, body, dof = self.scene.model, tool.body, tool.dof
@@ -324,6 +333,10 @@ class SceneWorld(World):
         self._book(((0.5 * period) * (given_u * given_u - back * back)).sum(axis=1))
         if np.any(self.holding & ~self.solid):
             self._make_solid()
+        if self.task is not None and self.holding.any():
+            self.task.begin()
+        if self.task is not None:
+            self.task.step(*self._pose_of(self._task_body))
         return back
 
     # Rotation
@@ -363,6 +376,9 @@ class SceneWorld(World):
     def limiter_account(self) -> dict[str, float]:
         limiter = self.limiter
         return {"level_j": limiter.level_j, "paid_j": limiter.paid_j, "limited_frames": limiter.limited}
+
+    def task_account(self) -> dict[str, Any] | None:
+        return self.task.account() if self.task is not None else None
 
     # Saving
 

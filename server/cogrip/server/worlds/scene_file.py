@@ -315,6 +315,17 @@ def _first_free(model: mujoco.MjModel, tools: set[int]) -> int:
     return next((body for body in free if body not in tools), -1)
 
 
+def body_of(scene: Scene, name: str) -> int:
+    """Return the number of a body; "" is the object. Raises SceneError."""
+    model = scene.model
+    named = {model.body(body).name: body for body in range(1, model.nbody)}
+    body = named.get(name, -1) if name else scene.object
+    if body < 0:
+        there = ", ".join(sorted(filter(None, named))[:MOST_NAMED])
+        raise SceneError(f"task.body = {name!r} is no body of the scene; its bodies are {there or 'without names'}")
+    return body
+
+
 def _object(model: mujoco.MjModel, tools: set[str]) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], float]:
     """Return where the object starts [m] and the radius of a ball around it; the world's middle where there is none."""
     body = _first_free(model, {model.body(tool).id for tool in tools})

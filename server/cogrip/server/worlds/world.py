@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,6 +140,10 @@ class World(ABC):
 
     def limiter_account(self) -> dict[str, float] | None:
         """Return the ledger of what bounds the energy that goes back; None where the step itself makes none."""
+        return None
+
+    def task_account(self) -> dict[str, Any] | None:
+        """Return how far the task of the settings has come; None where they state none."""
         return None
 
     def stiffness_of(self, user: int) -> float | None:

@@ -110,6 +110,8 @@ def _of_room(
     )
     if (ledger := room.world.limiter_account()) is not None:
         summary["server"]["energy_limiter"] = ledger
+    if (task := room.world.task_account()) is not None:
+        summary["task"] = task
     return summary
 
 
