@@ -23,15 +23,16 @@ SECRET = "x" * 32
 COUNT = accounts.LinkCount(*[BIG] * 7)
 TIMES = accounts.Percentiles(0.1, 0.1, 0.1, 0.1)
 ROW = (0.1, 0.1, 0.1)
+POSE = ROW + ROW
 TURNED = (0.5, -0.5, 0.5, 0.5)
 PLAYOUT = PlayoutAccount(0.1, *[BIG] * 6)
 TICKS = TickCount(BIG, BIG, TIMES, TIMES)
 CLIENT = ClientAccount(
-    ROW, ROW, *[0.1] * 6, COUNT, TIMES, TICKS, True, "s" * 40, "r" * 300, 0.1, PLAYOUT,
-    accounts.DelayAccount(TIMES, TIMES, 0.1, 0.1), DeviceAccount(True, 0.1, 0.1, 0.1, 0.1, BIG, 0.1), 0.1,
+    POSE, POSE, *[0.1] * 6, COUNT, TIMES, TICKS, True, "s" * 40, "r" * 300, 0.1, PLAYOUT,
+    accounts.DelayAccount(TIMES, TIMES, 0.1, 0.1), DeviceAccount(True, 0.1, 0.1, 0.1, 0.1, BIG, 0.1), 0.1, 0.1,
 )  # fmt: skip
-SEAT = SeatAccount(ROW, 0.1, 0.1, COUNT, PLAYOUT, 0.1, 0.1, 0.1)
-ROOM = RoomAccount(ROW, ROW, 0.1, False, 0.1, TICKS)
+SEAT = SeatAccount(POSE, 0.1, 0.1, COUNT, PLAYOUT, 0.1, 0.1, 0.1)
+ROOM = RoomAccount(POSE, POSE, 0.1, False, 0.1, TICKS)
 STAMP = messages.Stamp(BIG, BIG, BIG)
 
 LONGEST: dict[str, Any] = {
@@ -44,19 +45,35 @@ LONGEST_SEAT = seat_settings(resolve(LONGEST), 255)
 
 LARGEST: dict[str, messages.AnyMessage] = {
     "hello": Hello(
-        messages.MAGIC, 2**53, WORDS, BIG, WORDS, WORDS, WORDS, WORDS, 6, 1.1, 0.1, 0.1, "observer", SECRET, SECRET
+        messages.MAGIC,
+        2**53,
+        WORDS,
+        BIG,
+        WORDS,
+        WORDS,
+        WORDS,
+        WORDS,
+        6,
+        1.1,
+        0.1,
+        0.1,
+        "observer",
+        SECRET,
+        SECRET,
+        0.1,
+        0.1,
     ),
     "welcome": messages.Welcome(2**53, BIG, BIG, WORDS, WORDS, LONGEST_SEAT, SECRET, "observer"),
     "refuse": messages.Refuse(2**53, BIG, WORDS, "r" * messages.TEXT_BYTES),
-    "waves": messages.Waves(BIG, 2**53, (0.1,) * 96, ROW, ROW, 0.1, 0.1, 2**53, STAMP, (0.1,) * 6),
-    "state": messages.State(BIG, 2**53, ROW, ROW, 0.1, 2**53, STAMP),
+    "waves": messages.Waves(BIG, 2**53, (0.1,) * 96, POSE, POSE, 0.1, 0.1, 2**53, STAMP, (0.1,) * 15),
+    "state": messages.State(BIG, 2**53, POSE, POSE, 0.1, 2**53, STAMP),
     "heartbeat": messages.Heartbeat(BIG, STAMP),
     "leave": messages.Leave(BIG, "r" * messages.LEAVE_TEXT_BYTES, CLIENT),
     "farewell": messages.Farewell(BIG, "r" * messages.TEXT_BYTES, SEAT, ROOM),
     "view": messages.View(
         BIG, 2**53, (0.1,) * 6, (255,) * VIEWED_SEATS, (0.1,) * (3 * VIEWED_SEATS), (0.1,) * (3 * VIEWED_SEATS), STAMP
     ),
-    "power": messages.Power(BIG, 2**53, ROW, ROW, ROW, ROW, ROW, 0.1, 2**53, STAMP),
+    "power": messages.Power(BIG, 2**53, POSE, POSE, POSE, POSE, POSE, 0.1, 2**53, STAMP),
     "person": messages.Person(
         BIG, 2**53, 255, WORDS, "joining", ROW, ROW, 1e5 + 0.1, 1e5 + 0.1, 1e5 + 0.1, *(2**53,) * 4, *(0.1,) * 4
     ),
@@ -89,6 +106,7 @@ poses = st.tuples(
 hellos = st.builds(
     Hello, st.just(messages.MAGIC), counters, short_texts, nanoseconds, short_texts, short_texts, short_texts, short_texts,
     st.integers(1, 6), st.floats(1.0, 1e6), bounds, bounds, roles, secrets, secrets,
+    bounds, bounds,
 )  # fmt: skip
 anything = st.one_of(
     hellos,
@@ -97,16 +115,16 @@ anything = st.one_of(
     ),
     st.builds(messages.Refuse, counters, nanoseconds, short_texts, texts),
     st.builds(
-        messages.Waves, sessions, counters, tuples(st.floats(-1e4, 1e4), 1, 96), tuples(totals, 1, 3), tuples(totals, 1, 3),
-        totals, totals, counters, stamps, tuples(st.floats(-1e4, 1e4), 2, 6),
+        messages.Waves, sessions, counters, tuples(st.floats(-1e4, 1e4), 1, 96), tuples(totals, 1, 6), tuples(totals, 1, 6),
+        totals, totals, counters, stamps, tuples(st.floats(-1e4, 1e4), 2, 15),
     ),
     st.builds(
-        messages.State, sessions, counters, tuples(st.floats(-1e3, 1e3), 1, 3), tuples(st.floats(-1e4, 1e4), 1, 3), totals,
+        messages.State, sessions, counters, tuples(st.floats(-1e3, 1e3), 1, 6), tuples(st.floats(-1e4, 1e4), 1, 6), totals,
         counters, stamps,
     ),
     st.builds(
-        messages.Power, sessions, counters, tuples(st.floats(-1e3, 1e3), 1, 3), tuples(st.floats(-1e4, 1e4), 1, 3),
-        tuples(st.floats(-1e9, 1e9), 1, 3), tuples(st.floats(0.0, 1e15), 1, 3), tuples(st.floats(0.0, 1e15), 1, 3),
+        messages.Power, sessions, counters, tuples(st.floats(-1e3, 1e3), 1, 6), tuples(st.floats(-1e4, 1e4), 1, 6),
+        tuples(st.floats(-1e9, 1e9), 1, 6), tuples(st.floats(0.0, 1e15), 1, 6), tuples(st.floats(0.0, 1e15), 1, 6),
         totals, counters, stamps,
     ),
     st.builds(messages.Heartbeat, sessions, stamps),
@@ -256,8 +274,8 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
     assert messages.MAX_MESSAGE_BYTES + messages.DTLS_BYTES == messages.MAX_DATAGRAM_BYTES
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
-        "hello": 946, "welcome": 982, "refuse": 485, "waves": 1053, "state": 122, "power": 206, "heartbeat": 39, "leave": 1178,
-        "farewell": 685, "view": 1008, "person": 349, "bodies": 1193, "geom": 163,
+        "hello": 964, "welcome": 1016, "refuse": 485, "waves": 1188, "state": 176, "power": 341, "heartbeat": 39, "leave": 1180,
+        "farewell": 766, "view": 1008, "person": 349, "bodies": 1193, "geom": 163,
     }  # fmt: skip
     assert max(largest["welcome"], largest["refuse"]) <= HELLO_BYTES, "no answer to anyone is longer than the hello"
     assert len(padded(LARGEST["hello"])) == HELLO_BYTES
@@ -276,7 +294,7 @@ def test_a_session_leaves_with_the_longest_reason_and_the_largest_account() -> N
     session.state, session.welcome = "seated", LARGEST["welcome"]  # type: ignore[assignment]
     session.leave("r" * 1000, CLIENT, 0)
     [datagram] = session.outbox
-    assert len(datagram) == 1178
+    assert len(datagram) == 1180
     assert decode(datagram) == LARGEST["leave"]
 
 
@@ -286,7 +304,7 @@ def test_accounts_of_older_peers_have_no_reserves() -> None:
     read = decode(msgpack.packb([*whole[:3], whole[3][:18]]))
     assert isinstance(read, messages.Leave)
     assert read.account == msgspec.structs.replace(
-        CLIENT, down_reserve_j=None, device=msgspec.structs.replace(CLIENT.device, reserve_j=None)
+        CLIENT, down_reserve_j=None, peak_torque_nm=0.0, device=msgspec.structs.replace(CLIENT.device, reserve_j=None)
     )
     farewell = msgpack.unpackb(encode(LARGEST["farewell"]))
     farewell[3] = farewell[3][:6]

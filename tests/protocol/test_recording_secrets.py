@@ -53,10 +53,10 @@ def test_what_holds_no_secret_is_kept_as_it_is() -> None:
 @pytest.mark.parametrize(
     "tag", [b"\x01", b"\xcc\x01", b"\xcd\x00\x01", b"\xd0\x01", b"\xd1\x00\x01", b"\xcf" + bytes(7) + b"\x01"]
 )
-@pytest.mark.parametrize("head", [b"\xdc\x00\x11", b"\xdd\x00\x00\x00\x11"])
+@pytest.mark.parametrize("head", [b"\xdc\x00\x13", b"\xdd\x00\x00\x00\x13"])
 def test_however_it_is_written(head: bytes, tag: bytes) -> None:
     plain = messages.padded(HELLO)
-    assert plain[:4] == b"\xdc\x00\x11\x01"
+    assert plain[:4] == b"\xdc\x00\x13\x01"
     kept(head + tag + plain[4:])
 
 

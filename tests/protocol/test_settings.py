@@ -342,7 +342,7 @@ SCENE = {"object": {"kind": "scene", "file": "lift.xml", "axes": 3}}
     ("overrides", "words"),
     [
         ({"object.file": ""}, 'object.kind = "scene": object.file = "" names no scene; give an MJCF or URDF file'),
-        ({"object.axes": 1}, "object.axes = 1, but a scene has 3; set object.axes = 3"),
+        ({"object.axes": 1}, "object.axes = 1, but a scene has 3 (places) or 6 (poses); set one of them"),
         ({"coupling.kind": "tdpa"}, 'coupling.kind = "tdpa" has no scenes; set coupling.kind = "wave"'),
         ({"coupling.kind": "coupling"}, 'coupling.kind = "coupling" has no scenes; set coupling.kind = "wave"'),
         (

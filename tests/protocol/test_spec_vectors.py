@@ -16,6 +16,7 @@ import pytest
 from cogrip.client import passivity_control as client_passivity
 from cogrip.client import path_migration
 from cogrip.protocol import accounts, clock, dtls_records, loop_meter, messages, passivity_control, session
+from cogrip.protocol import settings as settings_module
 from cogrip.protocol.accounts import ClientAccount, DelayAccount, DeviceAccount, PlayoutAccount, SeatAccount
 from cogrip.protocol.channel import PEER
 from cogrip.protocol.io import dtls_client
@@ -312,7 +313,7 @@ def test_a_hello_without_what_is_optional_is_a_players() -> None:
     hello = decode(msgpack.packb(msgpack.unpackb(VECTORS["hello"][0])[:least]))
     assert isinstance(hello, messages.Hello)
     assert (hello.role, hello.token, hello.ticket, hello.padding) == ("player", "", "", b"")
-    assert VECTORS["hello"][0].startswith(b"\xdc\x00\x11" + unencrypted_channel.HELLO_BEGINS)
+    assert VECTORS["hello"][0].startswith(b"\xdc\x00\x13" + unencrypted_channel.HELLO_BEGINS)
     assert unencrypted_channel.HELLO_BEGINS.hex(" ") == "01 a6 63 6f 67 72 69 70"
     assert unencrypted_channel.HELLO_BEGINS.hex(" ") in SPEC.replace("\n", " ")
 
@@ -351,7 +352,7 @@ def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
         force_n=8.0,
     )  # fmt: skip
     wrong: list[tuple[dict[str, Any], str]] = [
-        ({"version": 4}, "version"), ({"token": ""}, "token"), ({"token": GONE}, "token"), ({"token": LOOKS}, ""),
+        ({"version": 3}, "version"), ({"token": ""}, "token"), ({"token": GONE}, "token"), ({"token": LOOKS}, ""),
         ({"room": "attic"}, "room"), ({"name": "eve"}, "name"), ({"digest": "x"}, "settings"), ({"device_axes": 1}, "axes"),
         ({"device_rate_hz": 1.0}, "rate"), ({"device_force_n": 9.1}, "device"), ({"role": "observer"}, "full"), ({}, ""),
         ({}, "taken"), ({"name": ""}, "full"), ({"ticket": "ticket", "device_force_n": 7.0}, "device"),
@@ -378,7 +379,7 @@ def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
 
 PROTOCOL = (
     messages, session, clock, loop_meter, receiver, concealment, jitter_buffer, passivity_control, client_passivity, room,
-    observers, drawn_bodies, seat_limits,
+    observers, drawn_bodies, seat_limits, settings_module,
 )  # fmt: skip
 DTLS = (dtls_channel, dtls_client, rate_limit, path_migration, dtls_records)
 

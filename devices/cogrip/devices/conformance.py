@@ -7,11 +7,12 @@ family of the registry; `cogrip devices conform ADDRESS` runs them on any one de
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import hypot, inf, isfinite, nan
+from math import hypot, inf, isfinite, nan, pi
 
 from cogrip.devices.device import Capability, Device, DeviceError, Sample
 from cogrip.devices.plausibility import AGE, DRIFT, JUMP, OLD, ForceReports, Plausibility
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
+from cogrip.protocol.settings import PLACES, POSE_AXES
 
 FEW_TICKS = 40
 JUDGED_TICKS = 160
@@ -52,7 +53,9 @@ def record_is_complete(subject: Subject) -> None:
     _expect(isinstance(record, Capability), f"capability is a Capability, not {type(record).__name__}")
     _expect(bool(record.family) and bool(record.model), "family and model have names")
     bounds = record.workspace_m
-    _expect(1 <= record.axes <= 3 and len(bounds) == record.axes, "workspace_m has a (low, high) for each axis")
+    _expect(1 <= record.axes <= PLACES or record.axes == POSE_AXES, f"axes are 1 to 3, or 6: {record.axes}")
+    _expect(len(bounds) == min(record.axes, PLACES), "workspace_m has a (low, high) for each place")
+    _expect((record.rotation is None) == (record.axes <= PLACES), "a device of six axes has a record of its rotation")
     _expect(all(low < high for low, high in bounds), f"workspace_m is low to high: {bounds}")
     _expect(all(high - low < 5.0 for low, high in bounds), f"workspace_m is in metres: {bounds}")
     forces = (record.continuous_force_n, record.peak_force_n)
@@ -115,9 +118,11 @@ def samples_are_metres(subject: Subject) -> None:
                 (sample.velocity_mps is not None) == record.gives_velocity, f"a velocity as the record says: {sample}"
             )
             _expect(all(map(isfinite, sample.position_m + (sample.velocity_mps or ()))), f"finite: {sample}")
-            places = zip(sample.position_m, record.workspace_m, strict=True)
+            places = zip(sample.position_m, record.workspace_m, strict=False)
             inside = all(low <= at <= high for at, (low, high) in places)
             _expect(inside, f"inside the workspace {record.workspace_m} m: {sample.position_m}")
+            turned = hypot(*sample.position_m[PLACES:])
+            _expect(turned <= pi * (1.0 + 1e-3), f"a rotation vector turns by at most pi: {turned} rad")
             _expect(sample.age_ticks >= 0, f"an age of at least 0: {sample.age_ticks}")
 
 

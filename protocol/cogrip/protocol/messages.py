@@ -24,7 +24,7 @@ HELLO_BYTES = 1024  # a hello is padded to this: no answer to an unauthenticated
 TEXT_BYTES = 300  # senders cut a text to this
 SHORT = 40  # characters of a ShortText
 DEVICE_BYTES = 200  # of a device address: its beginning stands in `device`, the whole in the padding
-LEAVE_TEXT_BYTES = 280  # and that of a leave, which has an account behind it
+LEAVE_TEXT_BYTES = 220  # and that of a leave, which has an account behind it
 
 Counter = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Session = Annotated[int, msgspec.Meta(ge=1, le=2**63 - 1)]

@@ -48,8 +48,15 @@ Place = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 SeatNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 HUMAN_POWER_W = 10.0  # of a hand on a hand-sized device, on average (docs/security.md)
-REMOTE: Mapping[str, float] = {"force_n": 40.0, "speed_mps": 4.0, "torque_nm": 3.0, "speed_radps": 40.0}
-"""Bounds of device records, by field of `Admission`, where it sets none: as strong as the arms on the market."""
+REMOTE_FORCE_N = 40.0  # as strong as the arms on the market
+REMOTE_SPEED_MPS = 4.0
+REMOTE_TORQUE_NM = 3.0
+REMOTE_SPEED_RADPS = 40.0
+REMOTE: Mapping[str, float] = {
+    "force_n": REMOTE_FORCE_N, "speed_mps": REMOTE_SPEED_MPS, "torque_nm": REMOTE_TORQUE_NM,
+    "speed_radps": REMOTE_SPEED_RADPS,
+}  # fmt: skip
+"""Bounds of device records, by field of `Admission`, where it sets none."""
 PLACES, POSE_AXES = 3, 6  # axes of a place, and of a pose: a place [m] and a rotation vector [rad]
 MOST_WAVES = 96  # of one datagram, all axes
 ONLY_USER = "anna"  # where a file names no users

@@ -16,7 +16,7 @@ from math import inf, sqrt
 import msgspec
 
 from cogrip.protocol.messages import NO_BOUND, SHORT, Hello, Power, State
-from cogrip.protocol.settings import REMOTE, Coupling, Settings
+from cogrip.protocol.settings import REMOTE, Settings
 from cogrip.protocol.waves import wave_of
 
 BURST_S = 0.25  # of the power a seat may bring in at once
@@ -55,10 +55,10 @@ class SeatLimits(msgspec.Struct, frozen=True):
     torque_nm: float = 0.0
     speed_radps: float = 0.0
 
-    def square_of(self, coupling: Coupling) -> float:
+    def square_of(self, impedance_nspm: float, rotational_impedance_nms: float) -> float:
         """Return the largest |u|^2 of all axes [W]."""
-        largest = wave_of(coupling.impedance_nspm, self.speed_mps, self.force_n)
-        turning = wave_of(coupling.rotational_impedance_nms, self.speed_radps, self.torque_nm)
+        largest = wave_of(impedance_nspm, self.speed_mps, self.force_n)
+        turning = wave_of(rotational_impedance_nms, self.speed_radps, self.torque_nm)
         return largest * largest + turning * turning
 
 
@@ -132,9 +132,12 @@ class WaveLimiter(PowerBucket):
     brings and is never limited.
     """
 
-    def __init__(self, coupling: Coupling, frame_s: float, limits: SeatLimits, power_left: float = 1.0) -> None:
+    def __init__(
+        self, impedance_nspm: float, frame_s: float, limits: SeatLimits, power_left: float = 1.0,
+        rotational_impedance_nms: float = 1.0,
+    ) -> None:  # fmt: skip
         super().__init__(frame_s, limits, power_left)
-        self._largest_square = limits.square_of(coupling)
+        self._largest_square = limits.square_of(impedance_nspm, rotational_impedance_nms)
         self._half_frame_s = 0.5 * frame_s
         self._brought = 0.0  # |u|^2 of this step
         self._returned = 0.0  # |v|^2 of the last step

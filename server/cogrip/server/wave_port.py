@@ -25,7 +25,10 @@ class WavePort(Port):
             axes, playout.frames, frame_s, playout.tank_mj * 1e-3, playout.concealment
         )
         self._sender = LineSender(axes, playout.redundancy)
-        self._limiter = WaveLimiter(seat.coupling, frame_s, limits, power_left)
+        coupling = seat.coupling
+        self._limiter = WaveLimiter(
+            coupling.impedance_nspm, frame_s, limits, power_left, coupling.rotational_impedance_nms
+        )
         self._port_j: float | None = None
         self._sent_j = 0.0  # energy of the forward waves at their sender, as last reported
         self._made_j = CompensatedSum()

@@ -52,9 +52,9 @@ HANDS: dict[str, HandKind] = {
     "tremor": HandKind(hands.TremorSettings, hands.directed(hands.tremor_course)),
     "waypoints": HandKind(waypoints.WaypointSettings, waypoints.WaypointHand, turns="can"),
     "grasp": HandKind(grasp.GraspSettings, grasp.make_grasp, turns="can"),
-    "crank": HandKind(pose.CrankSettings, pose.CrankHand, turns="only"),
     "csv": HandKind(recorded_hand.RecordedSettings, recorded_hand.RecordedHand, takes="FILE"),
     "recording": HandKind(hands.ImpedanceSettings, reconstructed_hand.ReconstructedHand, takes="RUN"),
+    "crank": HandKind(pose.CrankSettings, pose.CrankHand, turns="only"),
 }
 
 

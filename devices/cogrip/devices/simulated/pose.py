@@ -11,6 +11,7 @@ of omega'. `sim:phantom6` reads R in whole counts of resolution_rad, its motors 
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import cos, floor, hypot, inf, sin
 from typing import Annotated, Literal
 
@@ -59,27 +60,29 @@ class Phantom6Settings(PhantomSettings, frozen=True, kw_only=True):
 Turning = FreeflyerSettings | Phantom6Settings
 
 
-def _with_rotation(record: Capability, model: str, settings: Turning, continuous_nm: float) -> Capability:
+def _named(record: Capability, model: str, settings: Turning, continuous_nm: float, axes: int) -> Capability:
+    """Return the record under the name of this machine, of six axes with that of its rotation."""
+    if axes < POSE_AXES:
+        return replace(record, model=model)
     turning = Rotation(
         peak_torque_nm=settings.peak_torque_nm, continuous_torque_nm=min(continuous_nm, settings.peak_torque_nm),
         damping_nms=0.5 * settings.inertia_kgm2 * ADVISED_AT_HZ, slew_nmps=SLEW_NMPS, speed_radps=SPEED_RADPS,
         resolution_rad=settings.resolution_rad, apparent_inertia_kgm2=settings.inertia_kgm2,
         own_damping_nms=settings.rotational_damping_nms, own_friction_nm=settings.rotational_friction_nm,
     )  # fmt: skip
-    fields = {**{name: getattr(record, name) for name in record.__slots__}, "model": model}
-    return Capability(**{**fields, "axes": POSE_AXES, "rotation": turning})
+    return replace(record, model=model, axes=axes, rotation=turning)
 
 
 def freeflyer(settings: FreeflyerSettings, axes: int) -> Capability:
     """Return the record of a body that flies free."""
     record = ideal_record(settings, min(axes, PLACES))
-    return _with_rotation(record, "freeflyer", settings, settings.peak_torque_nm) if axes == POSE_AXES else record
+    return _named(record, "freeflyer", settings, settings.peak_torque_nm, axes)
 
 
 def phantom6(settings: Phantom6Settings, axes: int) -> Capability:
     """Return the record of the arm; 0.05 N m for ever."""
     record = phantom_record(settings, min(axes, PLACES))
-    return _with_rotation(record, "phantom6", settings, 0.05) if axes == POSE_AXES else record
+    return _named(record, "phantom6", settings, 0.05, axes)
 
 
 def freeflyer_plant(settings: FreeflyerSettings, axes: int) -> Plant:

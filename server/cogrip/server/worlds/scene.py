@@ -197,6 +197,10 @@ class SceneWorld(World):
         at = slice(tool.coordinate + 3, tool.coordinate + 7)
         return product(self.data.qpos[at].tolist(), inverse(self.scene.model.qpos0[at].tolist()))
 
+    def drift_rad(self, user: int) -> Row:
+        """Return the drift of a tool's orientation from its hand's, as last known (`orientation_drift`)."""
+        return self._drift[user].drift_rad
+
     def hand_turned(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
         if user in self._drift:
             self._drift[user].report(rotation_rad, travelled_rad)
@@ -370,7 +374,7 @@ class SceneWorld(World):
     def _watch_drift(self, rates: Array, added: Array) -> None:
         """Enter how the driven tools have turned; added: waves that were not the hand's."""
         for user in self._driven:
-            turned_by = rates[user, PLACES:] - self._turning_gain[user] * added[user, PLACES:]
+            turned_by = rates[user, PLACES:] - added[user, PLACES:] / self._drive[user, PLACES:]  # sqrt(2b) w = u + v
             self._drift[user].step(self._turned(user), turned_by.tolist())
 
     def limiter_account(self) -> dict[str, float]:

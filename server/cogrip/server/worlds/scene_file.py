@@ -100,7 +100,7 @@ class Scene:
 
 
 class Held(NamedTuple):
-    """What a seat asks of its tool: its body's name or "", the side on which it starts, its orientation."""
+    """Choice of a seat's tool: name of its body or "", side on which it starts, orientation."""
 
     tool: str
     side: Side

@@ -1,0 +1,161 @@
+"""Ports that turn: identity and energy of six axes, apparent inertia, felt stiffness, waves in the world's frame, limits."""
+
+from collections import deque
+from math import cos, pi, sin, sqrt
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.server.seat_limits import BURST_S, SeatLimits, WaveLimiter
+from cogrip.server.worlds.scene import SceneWorld
+from cogrip.server.worlds.scene_file import SceneError, held_by, make_scene
+
+from tests.extent import every
+from tests.server.scene_worlds import SCENES, T, port_j
+
+Array = NDArray[np.float64]
+B_R = 0.02
+FREE = '<body name="{}" pos="{} 0 0"><freejoint/><geom type="box" size=".02 .03 .01" mass=".1"/></body>'
+NOTHING = '<mujoco><option gravity="0 0 0"/><worldbody>{}</worldbody></mujoco>'
+WHEEL = (SCENES / "wheel.xml").read_text()
+PILE = NOTHING.format(FREE.format("tool", 0) + FREE.format("other", 0.05))
+
+
+def poses(text: str, *tools: str, orientation: str = "", substeps: int = 4) -> SceneWorld:
+    users = [{"name": f"p{number}", "tool": tool, "orientation": orientation} for number, tool in enumerate(tools)]
+    settings = resolve({"object": {"kind": "scene", "file": "x", "axes": 6, "substeps": substeps}, "users": users})
+    scene = make_scene(text, held_by(settings), T / substeps)
+    return SceneWorld([seat_settings(settings, number) for number in range(len(tools))], scene, substeps)
+
+
+@pytest.mark.parametrize("name", ["wheel", "pile of two"])
+@pytest.mark.parametrize("seed", every(10, range(20)))
+def test_the_port_identity_holds_and_no_energy_is_made(name: str, seed: int) -> None:
+    wheel = name == "wheel"
+    text, tools = (WHEEL, ("left handle", "right handle")) if wheel else (PILE, ("tool",))
+    world, random = poses(text, *tools), np.random.default_rng(seed)
+    for user in range(len(tools)):
+        world.join(user, np.zeros(6))
+    start, given = world.energy_j, 0.0
+    goal = random.uniform(-0.3, 0.3, (len(tools), 6))
+    for frame in range(400):
+        if frame % 40 == 0:
+            goal = random.uniform(-0.3, 0.3, (len(tools), 6)) * [0.3, 0.3, 0.3, 1.0, 1.0, 1.0]
+        u = goal + random.normal(0.0, 0.05, goal.shape)
+        v = world.step(u)
+        given += port_j(u, v)
+        assert world.energy_j - start <= given + 1e-9
+    assert world.balance_error_j <= 1e-14
+    assert world.limiter.limited == 0
+
+
+def test_a_wave_that_turns_is_in_the_worlds_frame() -> None:
+    """A tool that lies on its side is turned about the world's z axis by a wave along z, as one that stands."""
+    turns = []
+    for quaternion in ("1 0 0 0", ".70710678 .70710678 0 0", ".5 .5 .5 .5"):
+        ball = f'<body name="tool" quat="{quaternion}"><freejoint/><geom size=".02" mass=".1"/></body>'
+        world = poses(NOTHING.format(ball), "tool")
+        world.join(0, np.zeros(6))
+        before = Rotation.from_quat(world.data.body("tool").xquat, scalar_first=True)
+        world.step(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.05]]))
+        assert world.force[0, 5] > 1e-3
+        assert abs(world.force[0, 3:5]).max() < 1e-12
+        for _ in range(30):
+            world.step(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.05]]))
+        step = Rotation.from_quat(world.data.body("tool").xquat, scalar_first=True) * before.inv()
+        turns.append(step.as_rotvec())
+    assert turns[0][2] > 0.05
+    assert np.allclose(turns, turns[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_a_free_tool_weighs_its_inertia_and_that_of_the_line(delay: int) -> None:
+    """A hand whose angular velocity grows steadily feels I + b_r (2 d + 1) T/2 (theory 8.4, with b_r for b)."""
+    inertia = 4e-4
+    ball = f'<body name="tool"><freejoint/><inertial pos="0 0 0" mass=".1" diaginertia="{inertia} {inertia} {inertia}"/></body>'
+    world = poses(NOTHING.format(ball), "tool")
+    world.join(0, np.zeros(6))
+    up, down = deque([0.0] * delay), deque([0.0] * delay)
+    arrived, torques = 0.0, []
+    root, rate = sqrt(2.0 * B_R), 0.5
+    for frame in range(1200):
+        omega = rate * T * (frame + 0.5)
+        torques.append(B_R * omega - root * arrived)
+        up.append(root * omega - arrived)
+        back = world.step(np.array([[0.0, 0.0, 0.0, 0.0, up.popleft(), 0.0]]))
+        down.append(float(back[0, 4]))
+        arrived = down.popleft()
+    felt = np.mean(torques[200:]) / rate
+    assert felt == pytest.approx(inertia + B_R * (2 * delay + 1) * T / 2, rel=0.01)
+
+
+def test_a_body_that_turns_cannot_be_fixed() -> None:
+    with pytest.raises(SceneError, match='has a free joint, so its orientation cannot be "fixed"; set "free"'):
+        poses(PILE, "tool", orientation="fixed")
+
+
+def test_a_body_of_slides_cannot_be_driven_round() -> None:
+    slides = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
+    body = f'<body name="tool">{slides}<geom size=".02" mass=".1"/></body>'
+    with pytest.raises(SceneError, match='has no free joint, so its orientation cannot be "driven"; set "fixed"'):
+        poses(NOTHING.format(body), "tool")
+
+
+@pytest.mark.parametrize("orientation", ["free", "damped"])
+def test_a_tool_whose_orientation_is_not_driven_turns_by_itself(orientation: str) -> None:
+    """Pressed off its middle it turns; b_r slows it where it is damped."""
+    users = [{"name": "anna", "tool": "tool", "orientation": orientation}, {"name": "ben", "tool": "other"}]
+    settings = resolve({"object": {"kind": "scene", "file": "x", "axes": 6}, "users": users})
+    seats = [seat_settings(settings, number) for number in (0, 1)]
+    assert [seat.object.axes for seat in seats] == [3, 6]
+    world = SceneWorld(seats, make_scene(PILE, held_by(settings), T / 4), 4)
+    assert world.axes == 6
+    world.join(0, np.zeros(6))
+    world.data.qvel[world.scene.tools[0].dof + 3] = 5.0
+    for _ in range(32):
+        v = world.step(np.array([[0.0, 0.0, 0.0, 9.0, 9.0, 9.0], [0.0] * 6]))
+    assert np.all(v[0, 3:] == 0.0), "its line carries no turning"
+    left = world.data.qvel[world.scene.tools[0].dof + 3]
+    assert (left == pytest.approx(5.0, rel=1e-3)) == (orientation == "free")
+    assert (left < 0.1) == (orientation == "damped")
+
+
+def test_joining_takes_the_tool_as_the_hand_is_turned() -> None:
+    world = poses(PILE, "tool")
+    world.join(0, np.array([0.01, 0.0, 0.02, 0.3, -0.4, 1.0]))
+    assert world.proxy(0) == pytest.approx([0.01, 0.0, 0.02, 0.3, -0.4, 1.0], abs=1e-12)
+
+
+def test_the_object_of_a_room_of_poses_has_a_rotation_vector() -> None:
+    world = poses(PILE, "tool")
+    world.position = np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.5])
+    assert world.position == pytest.approx([0.1, 0.0, 0.0, 0.0, 0.0, 0.5])
+    world.data.qvel[world._object_dof + 3] = 2.0
+    assert world.velocity[3:] == pytest.approx([2.0 * cos(0.5), 2.0 * sin(0.5), 0.0]), "about its own x axis"
+
+
+def test_waves_of_six_axes_are_limited_together() -> None:
+    limits = SeatLimits(8.5, 2.0, 10.0, 0.2, 20.0)
+    limiter = WaveLimiter(20.0, T, limits, 1.0, B_R)
+    most = limits.square_of(20.0, B_R)
+    assert most == pytest.approx((20.0 * 2.0 + 8.5) ** 2 / 40.0 + (B_R * 20.0 + 0.2) ** 2 / (2.0 * B_R))
+    wave = limiter.limit((100.0, 0.0, 0.0, 0.0, 0.0, 100.0))
+    assert np.dot(wave, wave) <= min(most, 10.0 * BURST_S / (0.5 * T)) * (1.0 + 1e-12)
+    assert limiter.counts
+
+
+def test_the_wheel_is_a_wheel() -> None:
+    """Turned by one handle it turns, and the other handle goes round with it."""
+    world = poses(WHEEL, "left handle", "right handle")
+    world.join(0, np.zeros(6))
+    for _ in range(400):
+        world.step(
+            np.array([[0.0, -0.3, 0.0, 0.0, 0.0, 0.0], [0.0] * 6]) if world.proxy(0)[1] > -0.05 else np.zeros((2, 6))
+        )
+    assert world.proxy(0)[1] < -0.04
+    assert world.proxy(1)[1] > 0.04
+    assert abs(np.linalg.norm(world.data.body("right handle").xpos) - 0.08) < 1e-3
+    assert pi > abs(world.proxy(1)[5]) > 0.3
