@@ -15,7 +15,20 @@ from cogrip.server.worlds.energy_limiter import START_J
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.world import WorldError
 
-from tests.server.scene_worlds import SHIPPED, B, Person, T, adversary, course, hold, port_j, springs_j, world_of
+from tests.server.scene_worlds import (
+    SHIPPED,
+    WORST_J,
+    B,
+    Person,
+    T,
+    adversary,
+    course,
+    hold,
+    port_j,
+    springs_j,
+    world_of,
+    world_of_settings,
+)
 
 EMPTY = "<mujoco/>"
 KAPPA, BETA, D = 4e5, 1300.0, 0.1
@@ -126,23 +139,25 @@ def most_above_input_j(world: SceneWorld, seed: int, frames: int) -> tuple[float
     return above, window
 
 
-@pytest.mark.parametrize("scene", SHIPPED)
-def test_world_holds_no_more_than_came_in(scene: str) -> None:
-    for seed in range(3):
-        world = hold(world_of(scene))
-        above, _ = most_above_input_j(world, seed, 500)
-        assert above <= 1e-9
-        assert world.limiter.limited == 0
+def holds_no_more(name: str, seeds: int, frames: int) -> None:
+    """Check sessions of random hands. Those at the peg wind up its welds by more than the 50 mJ that the limiter forgets."""
+    for seed in range(seeds):
+        world = hold(world_of_settings(name))
+        above, window = most_above_input_j(world, seed, frames)
+        assert above <= 1e-9, seed
+        assert window <= WORST_J[name], seed
+        assert name == "peg" or world.limiter.limited == 0, seed
+
+
+@pytest.mark.parametrize("name", WORST_J)
+def test_world_holds_no_more_than_came_in(name: str) -> None:
+    holds_no_more(name, 2, 300)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("scene", SHIPPED)
-def test_world_holds_no_more_than_came_in_over_a_hundred_sessions(scene: str) -> None:
-    for seed in range(100):
-        world = hold(world_of(scene))
-        above, _ = most_above_input_j(world, seed, 1000)
-        assert above <= 1e-9, seed
-        assert world.limiter.limited == 0, seed
+@pytest.mark.parametrize("name", WORST_J)
+def test_world_holds_no_more_than_came_in_over_a_hundred_sessions(name: str) -> None:
+    holds_no_more(name, 100, 1000)
 
 
 def attack(world: SceneWorld, frames: int) -> float:
