@@ -26,7 +26,7 @@ pytestmark = pytest.mark.usefixtures("empty_folder")
             'task.body=""',
             r"object\.file: task\.body = '' is no body of the scene; its bodies are tool of seat 0$",
         ),
-        ("demo", "task.lifted_m=0.1", r'\[task\] is for object\.kind = "scene", not "cube"; set task\.lifted_m'),
+        ("demo", "task.lifted_m=0.1", r'\[task\] is for object\.kind = "scene"; set task\.lifted_m'),
         ("lift", "task.lifted_m=-1", r"task\.lifted_m"),
         ("lift", "task.lifts_m=1", r"task\.lifts_m: there is no such setting; did you mean task\.lifted_m\?"),
         ("lift", "task.place_m=[1.0, 2.0]", r"task\.place_m"),

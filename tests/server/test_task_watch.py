@@ -5,7 +5,7 @@ from math import cos, pi, sin
 import pytest
 
 from cogrip.protocol.rotations import UNTURNED, exp, product
-from cogrip.protocol.settings import Task
+from cogrip.protocol.task import Task
 from cogrip.server.worlds.task_watch import TaskWatch
 
 T = 1 / 128
@@ -13,9 +13,7 @@ START = (0.1, 0.2, 0.3)
 
 
 def watch_of(**task: object) -> TaskWatch:
-    watch = TaskWatch(Task(**task), T, START, UNTURNED)
-    watch.begin()
-    return watch
+    return TaskWatch(Task(**task), T, START, UNTURNED)
 
 
 def moved(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> tuple[float, float, float]:
@@ -74,9 +72,8 @@ def test_what_was_tilted_too_far_stays_spilt(tilt_rad: float, reached: bool) -> 
 def test_time_runs_from_when_somebody_took_hold(frames: int, reached: bool) -> None:
     watch = TaskWatch(Task(lifted_m=0.01, by_s=10 * T), T, START, UNTURNED)
     for _ in range(100):
-        watch.step(moved(z=1.0), UNTURNED)
+        watch.step(moved(z=1.0), UNTURNED, held=False)
     assert watch.lifted_m == 0.0
-    watch.begin()
     for _ in range(frames - 1):
         watch.step(START, UNTURNED)
     watch.step(moved(z=0.02), UNTURNED)

@@ -20,6 +20,7 @@ from cogrip.protocol.line.delays import expected_frames, one_way
 from cogrip.protocol.link_profile import Link, LinkProfile, check_cap
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
+from cogrip.protocol.task import Task, unfit
 
 Decimator = Literal["boxcar", "lowpass", "none"]
 Encoder = Literal["displacement", "velocity"]
@@ -43,8 +44,6 @@ Watts = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
 RecordBound = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 Seed = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
-Goal = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
-Place = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 SeatNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 HUMAN_POWER_W = 10.0  # of a hand on a hand-sized device, on average (docs/security.md)
@@ -107,27 +106,6 @@ class ObjectSection(Object, frozen=True, forbid_unknown_fields=True):
     def shared(self, axes: int) -> Object:
         """Return what both ends of a seat of `axes` axes know."""
         return Object(self.kind, self.mass_kg, self.damping_nspm, axes)
-
-
-class Task(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """[task]: what people are to do with a body of a scene. The server's own; goals that are None are none.
-
-    Reached at the first moment at which all goals are: once lifted and turned far enough, and in its place now.
-    """
-
-    body: str = ""  # "" the object
-    lifted_m: Goal | None = None  # at least, above where it starts, at some time
-    turned_rad: Goal | None = None  # at least, about `axis` of the world, either way
-    axis: Literal["x", "y", "z"] = "z"
-    place_m: tuple[Place, Place, Place] = (0.0, 0.0, 0.0)  # from where it starts
-    within_m: Goal | None = None  # of that place
-    tilt_rad: Goal | None = None  # at most, of its upright, at all times before
-    by_s: Seconds | None = None  # after somebody took hold; None: until the end
-
-    @property
-    def stated(self) -> bool:
-        """Return whether there is anything to be done."""
-        return any(goal is not None for goal in (self.lifted_m, self.turned_rad, self.within_m))
 
 
 class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -402,11 +380,8 @@ def _check_fit(settings: Settings) -> None:
 def _check_scene(settings: Settings) -> None:
     """Raise SettingsError for settings that do not fit a scene, and for those of a scene without one."""
     given, coupling = settings.object, settings.coupling
-    if settings.task != Task() and (given.kind != "scene" or not settings.task.stated):
-        what = f'is for object.kind = "scene", not "{given.kind}"' if given.kind != "scene" else "has no goal"
-        raise SettingsError(
-            f"[task] {what}; set task.lifted_m, task.turned_rad or task.within_m in a scene, or leave it out"
-        )
+    if why := unfit(settings.task, given.kind == "scene"):
+        raise SettingsError(why)
     if given.kind != "scene":
         users = list(enumerate(settings.users))
         own = [("object.file", given.file)]

@@ -26,7 +26,8 @@ import numpy as np
 
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.rotations import UNTURNED, Quaternion, exp, inverse, log, product, turned
-from cogrip.protocol.settings import PLACES, SeatSettings, Task
+from cogrip.protocol.settings import PLACES, SeatSettings
+from cogrip.protocol.task import Task
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.orientation_drift import OrientationDrift
 from cogrip.server.worlds.scene_file import MOST_RATE, Scene, Tool, body_of
@@ -101,13 +102,10 @@ class SceneWorld(World):
         for user in range(len(seats)):
             self._park(user)
         self._refresh()
-        self._task_body = -1 if task is None or not task.stated else body_of(scene, task.body)
         self.task = None
-        if task is not None and self._task_body >= 0:
-            self.task = TaskWatch(task, self.frame_s, *self._pose_of(self._task_body))
-
-    def _pose_of(self, body: int) -> tuple[list[float], list[float]]:
-        return self.data.xpos[body].tolist(), self.data.xquat[body].tolist()
+        if task is not None and task.stated:
+            self._body = body_of(scene, task.body)
+            self.task = TaskWatch(task, self.frame_s, self.data.xpos[self._body], self.data.xquat[self._body])
 
     def _grip(self, tool: Tool) -> Grip:
         model, body, dof = self.scene.model, tool.body, tool.dof
@@ -337,10 +335,8 @@ class SceneWorld(World):
         self._book(((0.5 * period) * (given_u * given_u - back * back)).sum(axis=1))
         if np.any(self.holding & ~self.solid):
             self._make_solid()
-        if self.task is not None and self.holding.any():
-            self.task.begin()
         if self.task is not None:
-            self.task.step(*self._pose_of(self._task_body))
+            self.task.step(data.xpos[self._body].tolist(), data.xquat[self._body].tolist(), bool(self.holding.any()))
         return back
 
     # Rotation

@@ -5,13 +5,13 @@ from math import acos, dist
 from typing import Any
 
 from cogrip.protocol.rotations import between, inverse, product, turned
-from cogrip.protocol.settings import Task
+from cogrip.protocol.task import Task
 
 _AXES = "xyz"
 
 
 class TaskWatch:
-    """Watches one body, a step a frame. Time runs from `begin` on; once the task is reached, all stands still.
+    """Watches one body, a step a frame, from when somebody has taken hold; once the task is reached, all stands still.
 
     lifted_m, tilted_rad  most so far
     turned_rad            about the task's axis so far, whole turns counted
@@ -22,22 +22,17 @@ class TaskWatch:
     def __init__(self, task: Task, frame_s: float, place_m: Sequence[float], quaternion: Sequence[float]) -> None:
         self.task = task
         self._frame_s = frame_s
-        self._start, self._upright = place_m, quaternion
+        self._start, self._upright = tuple(place_m), tuple(quaternion)
         self._goal = [at + by for at, by in zip(place_m, task.place_m, strict=True)]
-        self._orientation = quaternion
+        self._orientation: Sequence[float] = self._upright
         self._frames = 0
-        self._begun = False
         self.lifted_m = self.turned_rad = self.tilted_rad = 0.0
         self.off_m = dist(place_m, self._goal)
         self.at_s: float | None = None
 
-    def begin(self) -> None:
-        """Let time run: somebody has taken hold."""
-        self._begun = True
-
-    def step(self, place_m: Sequence[float], quaternion: Sequence[float]) -> None:
-        """Enter where the body is after a frame, and how it is turned."""
-        if not self._begun or self.at_s is not None:
+    def step(self, place_m: Sequence[float], quaternion: Sequence[float], held: bool = True) -> None:
+        """Enter where the body is after a frame, and how it is turned; held: somebody holds a tool."""
+        if self.at_s is not None or not (held or self._frames):
             return
         task = self.task
         self._frames += 1
