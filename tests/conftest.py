@@ -5,8 +5,11 @@ of Hypothesis examples. The modules are namespace packages: a helper beside the 
 """
 
 import gc
+import importlib
+import os
 import signal
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -23,10 +26,10 @@ NOT_QUICK = {  # modules in these folders that start processes, simulate whole s
     "test_recording_file", "test_recording_process", "test_recover", "test_relived_hand", "test_replayed_motion",
     "test_report_socket", "test_ring", "test_state_folder", "test_stop", "test_token_file", "test_vendor_devices",
 }  # fmt: skip
-EXAMPLES = {"quick": 10, "default": 25, "all": 1000}
+EXAMPLES = {"quick": 10, "default": 20, "all": 1000}
 """Examples of a law that names no number itself."""
 TESTS = Path(__file__).parent
-SHARE = {"quick": 0.05, "default": 0.25, "all": 1.0}
+SHARE = {"quick": 0.05, "default": 0.2, "all": 1.0}
 """Share of the examples of a law that names a number."""
 LEAST_EXAMPLES = 12
 
@@ -85,6 +88,20 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return True if collection_path.stem in NOT_QUICK or collection_path.parent == TESTS else None
 
 
+def pytest_collection(session: pytest.Session) -> None:
+    """Import the modules beforehand, each worker from another one on: each is then compiled by one of them, not by all."""
+    worker, workers = (int(os.environ.get(f"PYTEST_XDIST_WORKER{each}", "0").lstrip("gw")) for each in ("", "_COUNT"))
+    if not workers or session.config.args != session.config.getini("testpaths"):
+        return
+    folders = QUICK_FOLDERS if extent(session.config) == "quick" else ("",)
+    paths = sorted(path for folder in folders for path in (TESTS / folder).rglob("test_*.py"))
+    paths = [path for path in paths if not pytest_ignore_collect(path, session.config)]
+    first = len(paths) * worker // workers
+    for path in paths[first:] + paths[:first]:
+        with suppress(Exception, pytest.skip.Exception):  # the collection itself says so
+            importlib.import_module(".".join(path.relative_to(TESTS.parent).with_suffix("").parts))
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Deselect what this extent leaves out, and give each law its number of examples."""
     chosen = extent(config)
@@ -92,7 +109,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     deselected = [item for item in items if item.get_closest_marker("long")] if chosen != "all" else []
     if deselected and not named:
         config.hook.pytest_deselected(items=deselected)
-        items[:] = [item for item in items if item not in set(deselected)]
+        left_out = set(deselected)
+        items[:] = [item for item in items if item not in left_out]
     if chosen != "all":
         for item in items:
             _limit_examples(item, SHARE[chosen])

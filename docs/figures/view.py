@@ -38,14 +38,14 @@ SHOW = """(time_s) => {
 }"""
 
 
-def settings() -> Settings:
+def settings(seconds: float) -> Settings:
     """Return a session like that of `cogrip demo`, on three axes and over a worse network."""
     reach = f"reach&stroke_s={STROKE_S}&rest_s={REST_S}"
     return resolve(
         {
             "name": "demo",
             "seed": 1,
-            "seconds": BEGIN_S + SECONDS + 1.0,
+            "seconds": seconds,
             "coupling": {"impedance_nspm": 20.0, "stiffness_npm": 400.0},
             "object": {"kind": "cube", "mass_kg": 0.2, "axes": 3},
             "link": {"delay_ms": 40.0, "jitter_ms": 5.0, "loss": 0.03},
@@ -58,11 +58,11 @@ def settings() -> Settings:
     )
 
 
-def write_page(folder: Path) -> Path:
+def write_page(folder: Path, seconds: float = BEGIN_S + SECONDS + 1.0) -> Path:
     """Run the session and write its recording as one page into `folder`; return its path."""
     run = folder / "run"
     run.mkdir()
-    run_laboratory(settings(), run)
+    run_laboratory(settings(seconds), run)
     recorded = open_view(run)
     page = folder / "page.html"
     chunks = [recorded.chunk(number) for number in range(recorded.scene.chunks)]

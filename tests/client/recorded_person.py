@@ -13,7 +13,8 @@ from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Farewell, Refuse, Stamp, Welcome
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import digest, resolve, seat_settings
+from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings_digest import digest
 
 from tests.recorded_end import Put, RecordedEnd, mangled, next_frame, well_formed
 

@@ -15,7 +15,8 @@ from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import PROTOCOL_VERSION, Stamp, Waves, Welcome
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import digest, resolve, seat_settings
+from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings_digest import digest
 
 DEVICE_HZ, M = 1024, 8
 T_C, T_N = 1 / DEVICE_HZ, 1 / 128

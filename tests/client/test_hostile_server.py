@@ -15,7 +15,8 @@ from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import PROTOCOL_VERSION, Leave, Power, Stamp, State, Waves, Welcome
 from cogrip.protocol.rates import LEAST_DEVICE_HZ, Rates, due_ns
 from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import Settings, digest, resolve, seat_settings
+from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.protocol.settings_digest import digest
 
 from tests.extent import every, long
 

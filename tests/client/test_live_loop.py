@@ -18,7 +18,8 @@ from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Leave, Welcome
 from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import digest, resolve, seat_settings
+from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings_digest import digest
 from cogrip.sim.session.link import LinkEmulator
 
 from tests.client.seated_client import DEVICE_HZ, capability

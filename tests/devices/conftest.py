@@ -14,6 +14,7 @@ from cogrip.sim.runs.laboratory_run import run_laboratory
 
 from tests.devices.compiled_stub import STUBS, compile_stub
 from tests.devices.forcedimension_bench import libdrd as libdrd
+from tests.devices.forcedimension_bench import loadable as loadable
 from tests.devices.forcedimension_bench import sdk as sdk
 from tests.devices.openhaptics_bench import Bench
 from tests.devices.replayed_hands import SECONDS

@@ -73,8 +73,8 @@ class Sdk:
 
 
 @pytest.fixture(scope="session")
-def libdrd(tmp_path_factory) -> Path:
-    """The library, with a filler for every function that the package looks up and the stand-in does not have."""
+def libdrd(tmp_path_factory) -> Sdk:
+    """An SDK in the folders of the vendor's; a filler for every function that the package looks up and the stand-in has not."""
     if importlib.util.find_spec(PACKAGE) is None:
         pytest.skip("forcedimension-core is not installed")
     compiler = shutil.which("gcc") or shutil.which("cc")
@@ -82,25 +82,32 @@ def libdrd(tmp_path_factory) -> Path:
         pytest.skip("no C compiler: the stand-in for libdrd cannot be made")
     if sys.platform != "linux":
         pytest.skip("the SDK's folders are laid out differently here")
-    folder = tmp_path_factory.mktemp("libdrd")
+    base = tmp_path_factory.mktemp("libdrd")
+    folder = base / "lib" / "release" / f"lin-{platform.machine()}-gcc"
+    folder.mkdir(parents=True)
     root = Path(importlib.util.find_spec(PACKAGE).submodule_search_locations[0])
     wanted = set(re.findall(r"_lib(?:dhd|drd)\.(\w+)", "".join(path.read_text() for path in root.rglob("*.py"))))
     fillers = wanted - set(re.findall(r"\b(d[hr]d\w+)\(", SOURCE.read_text()))
     (folder / "fillers.h").write_text("".join(f"int {name}(void) {{ return -1; }}\n" for name in sorted(fillers)))
     flags = ["-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{folder}"]
-    subprocess.run([compiler, *flags, "-o", str(folder / "libdrd.so.3"), str(SOURCE), "-lm"], check=True)
-    return folder / "libdrd.so.3"
+    path = folder / "libdrd.so.3.16.0"
+    subprocess.run([compiler, *flags, "-o", str(path), str(SOURCE), "-lm"], check=True)
+    lib = ctypes.CDLL(str(path))
+    lib.stub_journal.restype = lib.stub_wrongs.restype = ctypes.c_char_p
+    return Sdk(base, lib)
+
+
+@pytest.fixture(scope="module")
+def loadable(libdrd):
+    """For the tests of a module the package is imported once, which takes longer than most of them."""
+    forget_package()
+    yield libdrd
+    forget_package()
 
 
 @pytest.fixture
-def sdk(libdrd, tmp_path):
-    """An SDK of its own for each test, in the folders the vendor's has."""
-    folder = tmp_path / "lib" / "release" / f"lin-{platform.machine()}-gcc"
-    folder.mkdir(parents=True)
-    path = shutil.copy(libdrd, folder / "libdrd.so.3.16.0")
-    lib = ctypes.CDLL(str(path))
-    lib.stub_journal.restype = lib.stub_wrongs.restype = ctypes.c_char_p
-    forget_package()
-    yield Sdk(tmp_path, lib)
-    forget_package()
-    assert lib.stub_wrongs().decode() == ""
+def sdk(loadable):
+    """The SDK as it was when it was loaded."""
+    loadable.lib.stub_reset()
+    yield loadable
+    assert loadable.lib.stub_wrongs().decode() == ""

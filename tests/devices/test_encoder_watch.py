@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from scipy.interpolate import PchipInterpolator
 
 from cogrip.devices.arm.encoder_watch import QUICK_COUNTS, SLACK_COUNTS, STUCK_S, EncoderWatch
 from cogrip.devices.arm.models import MODELS
@@ -89,6 +88,8 @@ def guided(rec: str) -> np.ndarray:
 
 def evenly(time_s: np.ndarray, place_m: np.ndarray) -> np.ndarray:
     """1024 times a second, in the middle of the workspace and not beyond 85 mm of it."""
+    from scipy.interpolate import PchipInterpolator  # half a second, not for every worker
+
     place_m = place_m - 0.5 * (place_m.max(axis=0) + place_m.min(axis=0))
     fraction = min(1.0, 0.085 / np.sqrt((place_m**2).sum(axis=1)).max())
     grid = np.arange(time_s[0], time_s[-1], 1.0 / RATE_HZ)

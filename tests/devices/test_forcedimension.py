@@ -174,6 +174,7 @@ def test_process_that_ends_without_closing(sdk, end) -> None:
 def test_sdk_that_is_too_old(sdk, capfd) -> None:
     """The package says so on the terminal; it stands in the error instead."""
     sdk.lib.stub_version(3, 15)
+    forget_package()
     with pytest.raises(DeviceError, match=r"cannot be loaded \(Invalid version. v3.15.*3.16.*sdk=FOLDER or in FDSDK"):
         sdk.opened()
     assert capfd.readouterr().err == ""

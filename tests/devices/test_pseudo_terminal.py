@@ -79,15 +79,14 @@ class Emulator:
         return self.popen.wait(LIMIT_S)
 
 
-@pytest.fixture
-def emulate(tmp_path: Path) -> Iterator[Callable[..., Emulator]]:
-    """Start one; gives it when it can be opened. Whatever still runs at the end is ended."""
+def emulating(path: str, kind: str) -> Iterator[Callable[..., Emulator]]:
+    """Yield a function that starts one and gives it when it can be opened; at the end whatever still runs is ended."""
     started: list[Emulator] = []
 
     def start(*arguments: str) -> Emulator:
-        emulator = Emulator("--link", str(tmp_path / "arm"), *arguments)
+        emulator = Emulator("--link", path, *arguments, kind=kind)
         started.append(emulator)
-        emulator.hear(r"behind serial:")
+        emulator.hear(f"behind {kind}:")
         return emulator
 
     yield start
@@ -103,6 +102,11 @@ def emulate(tmp_path: Path) -> Iterator[Callable[..., Emulator]]:
 @pytest.fixture
 def path(tmp_path: Path) -> str:
     return str(tmp_path / "arm")
+
+
+@pytest.fixture
+def emulate(path: str) -> Iterator[Callable[..., Emulator]]:
+    yield from emulating(path, "serial")
 
 
 def line(port: SerialPort) -> bytes:

@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Callable
+from functools import cache
 from itertools import product
 from math import sin
 from pathlib import Path
@@ -12,7 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
-from scipy.signal import savgol_coeffs
 
 from cogrip.devices import Device, DeviceError, Sample, make
 from cogrip.devices.simulated.hands import ImpedanceSettings
@@ -34,16 +34,16 @@ Row = tuple[float, ...]
 Force = Callable[[int], Row]
 
 
+@cache
 def largest_stray() -> float:
     """Bound on how far the smoothed x'' strays from the true one, in half windows of max|x'''|: sum |w_i| |t_i|^3 / 6."""
+    from scipy.signal import savgol_coeffs  # half a second, not for every worker
+
     places = np.arange(WINDOW)
     return max(
         float(np.abs(savgol_coeffs(WINDOW, 3, deriv=2, pos=at, use="dot")) @ np.abs(places - at) ** 3) / 6
         for at in places.tolist()
     ) / (WINDOW // 2)
-
-
-STRAY = largest_stray()
 
 
 def write_recording(path: Path, rows: list[tuple[int, Row, Row, Row]], axes: int = 1, mass_kg: float = MASS_KG) -> None:
@@ -163,14 +163,14 @@ def test_under_the_same_forces_only_the_smoothing_of_the_acceleration_is_seen(
 ) -> None:
     """The deviation e obeys m e'' + B_h e' + K_h e = m d, so |e| <= 1.6 m max|d| / K_h at this damping.
 
-    d, the smoothed acceleration without the true one, is by Taylor's still at most STRAY h max|x'''|, where h is
+    d, the smoothed acceleration without the true one, is by Taylor's still at most largest_stray() h max|x'''|, where h is
     half the window. Without the acceleration in the drive d would be x''.
     """
     path = tmp_path_factory.mktemp("same") / "client-anna.mcap"
     original, again = twice(path, f"reach&amplitude_m={amplitude_m}&stroke_s={stroke_s}", force_n, swing)
     acceleration = np.diff([velocity for _, _, velocity, _ in original], axis=0) * RATE_HZ
     jerk = np.diff(acceleration, axis=0) * RATE_HZ
-    stray = min(STRAY * (WINDOW // 2) / RATE_HZ * np.abs(jerk).max(), np.abs(acceleration).max())
+    stray = min(largest_stray() * (WINDOW // 2) / RATE_HZ * np.abs(jerk).max(), np.abs(acceleration).max())
     assert np.abs(positions(again) - positions(original)).max() <= 1.6 * MASS_KG * stray / K_NPM + 1e-12
 
 

@@ -15,7 +15,7 @@ from cogrip.devices.io.report_socket import OFFERED, is_socket
 from cogrip.devices.registry import make
 
 from tests import forked
-from tests.devices.test_pseudo_terminal import LIMIT_S, Emulator, Loop
+from tests.devices.test_pseudo_terminal import LIMIT_S, Emulator, Loop, emulating
 
 pytestmark = pytest.mark.skipif(not OFFERED, reason="needs local sockets that keep messages apart")
 NOTHING = bytes(15)
@@ -29,23 +29,7 @@ def path(tmp_path: Path) -> str:
 
 @pytest.fixture
 def emulate(path: str) -> Iterator[Callable[..., Emulator]]:
-    """Start one; gives it when it can be opened. Whatever still runs at the end is ended."""
-    started: list[Emulator] = []
-
-    def start(*arguments: str) -> Emulator:
-        emulator = Emulator("--link", path, *arguments, kind="hid")
-        started.append(emulator)
-        emulator.hear(r"behind hid:")
-        return emulator
-
-    yield start
-    for emulator in started:
-        if emulator.popen.poll() is None:
-            emulator.popen.kill()
-        emulator.popen.wait()
-        for pipe in (emulator.popen.stdin, emulator.popen.stdout):
-            assert pipe is not None
-            pipe.close()
+    yield from emulating(path, "hid")
 
 
 def opened(path: str, variant: str = "mbed14") -> HidPort:

@@ -9,7 +9,7 @@ from cogrip.protocol import messages, session
 from cogrip.protocol.accounts import LinkCount
 from cogrip.protocol.messages import HELLO_BYTES, MAGIC, PROTOCOL_VERSION, Farewell, Heartbeat, Refuse, Stamp, Welcome
 from cogrip.protocol.session import CLIENT, GIVE_UP_NS, HELLO_EVERY_NS, LEAVE_GIVE_UP_NS, LOST_NS, SEAT, ClientSession
-from cogrip.protocol.settings import digest
+from cogrip.protocol.settings_digest import digest
 from cogrip.server.core import ServerCore
 from cogrip.server.inputs import Kick, Stop
 

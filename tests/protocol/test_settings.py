@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 from cogrip.protocol import settings as schema
 from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.settings import MOST_RENDERED_NPM, SeatSettings, Settings, digest, resolve, seat_settings
+from cogrip.protocol.setting_types import MOST_RENDERED_NPM
+from cogrip.protocol.settings import SeatSettings, Settings, resolve, seat_settings
+from cogrip.protocol.settings_digest import digest
 from cogrip.protocol.settings_table import SettingsError, parse_override
 
 
@@ -343,15 +345,17 @@ SCENE = {"object": {"kind": "scene", "file": "lift.xml", "axes": 3}}
     [
         ({"object.file": ""}, 'object.kind = "scene": object.file = "" names no scene; give an MJCF or URDF file'),
         ({"object.axes": 1}, "object.axes = 1, but a scene has 3 (places) or 6 (poses); set one of them"),
-        ({"coupling.kind": "tdpa"}, 'coupling.kind = "tdpa" has no scenes; set coupling.kind = "wave"'),
-        ({"coupling.kind": "coupling"}, 'coupling.kind = "coupling" has no scenes; set coupling.kind = "wave"'),
+        (
+            {"coupling.kind": "tdpa", "object.axes": 6},
+            'coupling.kind = "tdpa" has no poses; set coupling.kind = "wave"',
+        ),
         (
             {"coupling.server_step": "paper"},
-            'coupling.server_step = "paper" has no scenes; set coupling.server_step = "passive"',
+            'coupling.server_step = "paper" does not fit it; set coupling.server_step = "passive"',
         ),
         (
             {"coupling.compensate": True},
-            "coupling.compensate = true (anna), but a scene has no spring to stiffen; set it",
+            "coupling.compensate = true (anna), but it has no spring to stiffen; set it",
         ),
         (
             {"object.kind": "cube"},

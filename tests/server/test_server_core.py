@@ -12,7 +12,8 @@ from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, State, Waves, Welcome
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.session import LOST_NS, make_hello
-from cogrip.protocol.settings import Settings, digest, resolve
+from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings_digest import digest
 from cogrip.server.admission import Outside
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
 from cogrip.server.inputs import Stop

@@ -46,7 +46,7 @@ class Turned:
             hands = [laboratory.people[user].core.position_m[3:] for user in users]
             tools = [world.proxy(user)[3:] for user in users]
             apart.append([degrees(hypot(*between(exp(a), exp(b)))) for a, b in zip(hands, tools, strict=True)])
-            drift.append([degrees(hypot(*world.drift_rad(user))) for user in users])
+            drift.append([degrees(hypot(*world.turning.drift[user].drift_rad)) for user in users])
 
         self.laboratory.run(None, each_frame)
         count = max(map(len, apart))

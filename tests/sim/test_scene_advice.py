@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from cogrip.cli.session.before_run import advice_on
 from cogrip.cli.session.settings_file import load
 from cogrip.protocol.settings import Settings
 from cogrip.sim.analysis.scene_advice import scene_findings
@@ -45,6 +46,17 @@ def test_advice_warns_of_contact_that_a_scene_sets_itself(tmp_path: Path) -> Non
     warned = [finding for finding in scene_findings(settings) if finding.warns]
     assert len(warned) == 1
     assert warned[0].text.startswith("the scene sets geom solref itself")
+
+
+@pytest.mark.parametrize("kind", ["coupling", "tdpa"])
+def test_a_scheme_that_bounds_no_energy_of_a_scene_is_refused(kind: str) -> None:
+    settings = load(LIFT, [f"coupling.kind={kind}"])
+    (warned,) = [finding for finding in scene_findings(settings) if finding.warns]
+    assert warned.refused
+    assert warned.text.startswith(f'coupling.kind = "{kind}": nothing bounds the energy')
+    assert advice_on(settings) == ((warned.text,), (warned.text,))
+    assert not texts(settings, "felt"), "theory 8.4 is of waves"
+    assert advice_on(load(LIFT)) == ((), ())
 
 
 def test_a_lift_is_judged_without_a_stiffness_and_its_limiter_is_told() -> None:

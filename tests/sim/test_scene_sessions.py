@@ -7,7 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from cogrip.cli.session.settings_file import load
+from cogrip.protocol.recording.reader import RecordingError, open_recording
 from cogrip.server.worlds.scene import SceneWorld
+from cogrip.sim.runs.folder import SERVER_RECORDING
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.replay.verify import verify
 from cogrip.sim.session.laboratory import Laboratory
 
 Array = NDArray[np.float64]
@@ -89,3 +93,22 @@ def test_a_scene_that_fails_ends_the_session_by_name() -> None:
     laboratory.frame()
     assert np.isfinite(world.force).all()
     assert np.isfinite(laboratory.room.world.motion()).all()
+
+
+def test_a_recording_replays_with_its_own_scene_alone(tmp_path: Path) -> None:
+    """Bit by bit with the file that was recorded; another one is named, and so is one that is gone."""
+    settings = load(Path("lift"), ["seconds=0.5"])
+    text = Path(settings.object.file).read_text()
+    file = tmp_path / "box.xml"
+    file.write_text(text)
+    run_laboratory(load(Path("lift"), ["seconds=0.5", f"object.file={file}"]), tmp_path)
+    recording = open_recording(tmp_path / SERVER_RECORDING)
+    assert verify(recording).exact
+    file.write_text(text.replace('mass=".2"', 'mass=".3"'))
+    with pytest.raises(
+        RecordingError, match=r"box\.xml is another scene \(\w{16}\) than the recorded one \(\w{16}\); put"
+    ):
+        verify(recording)
+    file.unlink()
+    with pytest.raises(RecordingError, match=r"box\.xml: there is no such file"):
+        verify(recording)

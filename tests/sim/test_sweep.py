@@ -57,6 +57,7 @@ def test_a_span_has_its_ends_its_count_and_even_steps(first: float, last: float,
         ("link.loss=0,0.05,0.2", (0, 0.05, 0.2)),
         ("coupling.kind=wave,coupling", ("wave", "coupling")),
         ("coupling.compensate=true,false", (True, False)),
+        ("users.0.device=sim:ideal?mass_kg=0.1,sim:phantom", ("sim:ideal?mass_kg=0.1", "sim:phantom")),
         ("users.0.hand = reach&amplitude_m=0.02", ("reach&amplitude_m=0.02",)),
     ],
 )

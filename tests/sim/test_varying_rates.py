@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from cogrip.protocol.felt_stiffness import felt_stiffness, line_compliance
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.protocol.settings import digest, resolve, seat_settings
+from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings_digest import digest
 from cogrip.sim.analysis.feel import held, impedance
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import linear_session

@@ -47,6 +47,13 @@ class PageServer:
     def wait_for_page(self) -> None:
         assert self.joined.acquire(timeout=PATIENCE_S), "the page opens its socket"
 
+    def come_again(self) -> None:
+        """Break the page's socket, and wait until it has opened another one. What it said before is forgotten."""
+        self.sockets[-1].close(1011)
+        self.wait_for_page()
+        while not self.said.empty():
+            self.said.get()
+
     def answer(self, _: ServerConnection, request: Request) -> Response | None:
         if request.path == "/socket":
             return None

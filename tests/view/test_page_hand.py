@@ -60,12 +60,31 @@ class Held:
         return [x, y]
 
 
+@pytest.fixture(scope="module")
+def opened(open_shared_page: Open) -> Iterator[tuple[BrowserPage, PageServer]]:
+    with serving(PageServer(to_json(scene(hand=True)))) as server:
+        page = open_shared_page(f"{server.address}&hand")
+        server.wait_for_page()
+        assert server.hellos.get()["hand"] is True
+        yield page, server
+
+
 @pytest.fixture
-def hand(open_page: Open) -> Iterator[Held]:
+def hand(opened: tuple[BrowserPage, PageServer]) -> Iterator[Held]:
+    """The page that all tests share, seen as at first, with a new socket: it holds nothing and has said nothing."""
+    page, server = opened
+    page.tab.keyboard.press("4")
+    server.come_again()
+    yield Held(page, server)
+    page.tab.mouse.up()
+
+
+@pytest.fixture
+def spoiled_hand(open_page: Open) -> Iterator[Held]:
+    """A page of a test that replaces what the browser says."""
     with serving(PageServer(to_json(scene(hand=True)))) as server:
         page = open_page(f"{server.address}&hand")
         server.wait_for_page()
-        assert server.hellos.get()["hand"] is True
         yield Held(page, server)
 
 
@@ -129,7 +148,8 @@ def test_window_that_loses_the_user_lets_go(hand: Held, event: str) -> None:
     assert hand.page.state("cogrip.hand.target_m") is None, "until it is pressed again"
 
 
-def test_hidden_tab_lets_go(hand: Held) -> None:
+def test_hidden_tab_lets_go(spoiled_hand: Held) -> None:
+    hand = spoiled_hand
     hand.press()
     hand.page.state(
         "Object.defineProperty(document, 'hidden', { get: () => true }), document.dispatchEvent(new Event('visibilitychange'))"
@@ -183,7 +203,8 @@ def test_finger_pulls_and_its_end_lets_go(open_page: Open) -> None:
         assert page.state(f"cogrip.project({target})") == pytest.approx([x + 45, y - 20], abs=1.0)
 
 
-def test_gamepad_pulls_while_its_button_is_pressed_and_rumbles(hand: Held) -> None:
+def test_gamepad_pulls_while_its_button_is_pressed_and_rumbles(spoiled_hand: Held) -> None:
+    hand = spoiled_hand
     hand.page.tab.keyboard.press("2")  # from the side: x to the right
     hand.page.state(GAMEPAD)
     hand.page.state("pad.axes[0] = 1, pad.buttons[0].pressed = true")
@@ -212,13 +233,10 @@ def test_somebody_joins_and_the_hand_keeps_its_hold(hand: Held) -> None:
 def test_new_socket_counts_its_messages_from_one_and_holds_nothing(hand: Held) -> None:
     hand.press()
     assert hand.next().number == 1
-    hand.server.sockets[-1].close(1011)
-    hand.server.wait_for_page()
+    hand.server.come_again()
     hand.page.until("document.getElementById('status').hidden")
     assert hand.page.state("cogrip.hand.target_m") is None
     hand.page.tab.mouse.up()
-    while not hand.server.said.empty():
-        hand.server.said.get()
     hand.own_hand(AT)
     hand.page.until("cogrip.hand.own !== null")
     hand.press()

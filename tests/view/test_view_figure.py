@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from tests.docs.pages import DOCS, page
+from tests.extent import long
 
 SCRIPT = runpy.run_path(str(DOCS / "figures" / "view.py"))
 PICTURES = DOCS / "pictures"
@@ -29,13 +31,18 @@ def test_readme_shows_them() -> None:
         assert f"](docs/pictures/{name})" in page("README.md")
 
 
-def test_script_shows_the_moments_that_it_is_asked_for(chromium: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("seconds", "shown_s", "other_s"),
+    [(3.5, 3.1, 1.0), long(SCRIPT["BEGIN_S"] + SCRIPT["SECONDS"] + 1.0, SCRIPT["STILL_S"], SCRIPT["BEGIN_S"])],
+)
+def test_script_shows_the_moments_that_it_is_asked_for(
+    chromium: Any, tmp_path: Path, seconds: float, shown_s: float, other_s: float
+) -> None:
     """The same moment gives the same scene, another moment another one.
 
     Plots are left out: they thin their past by how it was reached.
     """
-    times_s = [SCRIPT["STILL_S"], SCRIPT["BEGIN_S"], SCRIPT["STILL_S"]]
-    pngs = SCRIPT["photograph"](chromium, SCRIPT["write_page"](tmp_path), times_s)
+    pngs = SCRIPT["photograph"](chromium, SCRIPT["write_page"](tmp_path, seconds), [shown_s, other_s, shown_s])
     first, other, again = [np.asarray(Image.open(BytesIO(png)).convert("RGB"), dtype=float) for png in pngs]
     stage = slice(None), slice(SCRIPT["WIDTH"] // 2)
     apart = [float(np.mean(np.abs(each - first)[stage] > 20)) for each in (other, again)]

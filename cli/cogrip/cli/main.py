@@ -43,6 +43,9 @@ GROUPS: dict[str, Table] = {
     "Devices": {
         "devices": ("devices.commands:devices", "Force-feedback devices: list, find, calibrate, check, conform, emulate."),
     },
+    "Worlds": {
+        "worlds": ("worlds.commands:worlds", "Worlds, also your own: list, check."),
+    },
     "Administration": {
         "token": ("admin.token:token", "Tokens, the rights to join an encrypted server: new, list, revoke."),
         "who": ("admin.who:who", "List who is seated or observes in a running server."),

@@ -6,7 +6,7 @@ axes that turn a torque over the seat's characteristic length (`pose_axes`), whi
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import hypot
+from math import dist
 
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
@@ -44,7 +44,7 @@ def bounds_of(record: Capability, length_m: float) -> tuple[Bounds, ...]:
 
 
 class ForceLimits:
-    """Limits of one group. `clip` the law's force, then `follow` it, once a tick.
+    """Limits of one group. A tick: `clip` the law's force where there is one, then `follow` it. Flags are cleared from outside.
 
     out      force that went to the motors last
     limited  whether a limit held the force of this tick; `derated` whether warm motors did, `over` whether the peak did
@@ -63,38 +63,37 @@ class ForceLimits:
 
     def keep_to(self, bounds: Bounds) -> None:
         """Go by these bounds from now on."""
-        self.bounds = bounds
+        self.bounds, self._peak_n = bounds, bounds.peak_n
         self.thermal.keep_to(bounds.peak_n, bounds.continuous_n)
         self._slope_n = min(bounds.slew_nps, MOST_SLOPE_NPS) * self._tick_s
 
     def clip(self, force_n: Sequence[float], size_n: float) -> Sequence[float]:
         """Return the force of this size as far as peak and warm motors let it, its direction kept."""
-        most_n, peak_n = self.thermal.limit_n, self.bounds.peak_n
-        if size_n > most_n:
-            scale = most_n / size_n
-            force_n = [value * scale for value in force_n]
-            self.limited = True
-            self.derated = most_n < peak_n
-        self.over = size_n > peak_n and not self.derated
-        return force_n
+        most_n = self.thermal.limit_n
+        if size_n <= most_n:
+            return force_n
+        scale = most_n / size_n
+        self.limited, self.derated = True, most_n < self._peak_n
+        self.over = size_n > self._peak_n and not self.derated
+        return [value * scale for value in force_n]
 
-    def follow(self, wanted: tuple[float, ...], gap: bool, fall_n: float) -> tuple[float, ...]:
-        """Return the force that goes to the motors for a wish. fall_n: change a tick that is let through in a gap."""
+    def follow(self, wanted: tuple[float, ...], gap: bool, fall: float) -> tuple[float, ...]:
+        """Return the force that goes to the motors for a wish, and enter its heat. fall: of the peak, let through in a gap."""
         if gap or self._soft_left:
-            wanted = self._soften(wanted, gap, fall_n)
+            wanted = self._soften(wanted, gap, fall)
         slewed = self._slew(wanted, self._slope_n, "slew limited")
         if slewed is not wanted:
             self.limited = True
         self.out = slewed
+        self.enter()
         return slewed
 
-    def enter(self) -> float:
-        """Enter a tick of the force that went to the motors. Returns its square [N^2]."""
+    def enter(self) -> None:
+        """Enter a tick of the force that went to the motors."""
         square = 0.0
         for value in self.out:
             square += value * value
         self.thermal.enter(square)
-        return square
 
     def correct(self, force_n: tuple[float, ...], goes_on: bool) -> None:
         """Enter the force that acts in place of `out`; the slope goes on from it where `goes_on`."""
@@ -102,9 +101,9 @@ class ForceLimits:
         if goes_on:
             self.out = force_n
 
-    def _soften(self, wanted: tuple[float, ...], gap: bool, fall_n: float) -> tuple[float, ...]:
+    def _soften(self, wanted: tuple[float, ...], gap: bool, fall: float) -> tuple[float, ...]:
         """Limit the slope in a gap, and after it until the force has met the law again."""
-        out = self._slew(wanted, max(self._soft_n, fall_n), "gap softened")
+        out = self._slew(wanted, max(self._soft_n, self._peak_n * fall), "gap softened")
         if gap:
             self._soft_left = self._soft_ticks
         elif out is wanted:
@@ -115,10 +114,9 @@ class ForceLimits:
 
     def _slew(self, wanted: tuple[float, ...], most_n: float, name: str) -> tuple[float, ...]:
         """Limit the force to `most_n` around the last one."""
-        step = [new - old for new, old in zip(wanted, self.out, strict=True)]
-        change = hypot(*step)
+        change = dist(wanted, self.out)
         if change <= most_n:
             return wanted
         self._note(name)
         fraction = most_n / change
-        return tuple([old + fraction * part for old, part in zip(self.out, step, strict=True)])
+        return tuple([old + fraction * (new - old) for old, new in zip(self.out, wanted, strict=True)])

@@ -101,7 +101,10 @@ class OscillationDetector:
 
     @property
     def oscillates(self) -> bool:
-        return any(len(ticks) >= MOST_FAST for ticks in self._fast)
+        for ticks in self._fast:  # noqa: SIM110 (`any` takes three times as long)
+            if len(ticks) >= MOST_FAST:
+                return True
+        return False
 
     @property
     def at_limit(self) -> bool:

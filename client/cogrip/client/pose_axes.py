@@ -14,7 +14,7 @@ from math import hypot, isfinite
 
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.rotations import UNTURNED, between, exp, log, product
-from cogrip.protocol.settings import PLACES
+from cogrip.protocol.setting_types import PLACES
 
 Row = tuple[float, ...]
 

@@ -18,7 +18,7 @@ from typing import Literal, get_args
 from cogrip.client.force_limits import ForceLimits, bounds_of
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
-from cogrip.protocol.settings import PLACES
+from cogrip.protocol.setting_types import PLACES
 
 RAMP_IN_S = 0.3
 RAMP_OUT_S = 0.1
@@ -59,6 +59,7 @@ class Safety:
             ForceLimits(bounds, axes, tick_s, self.note)
             for bounds, axes in zip(bounds_of(capability, length_m), sizes, strict=False)
         ]
+        self._places, self._turning = self._groups[0], self._groups[1] if len(self._groups) > 1 else None
         self.keep_to(capability)
         self._rise = tick_s / RAMP_IN_S
         self._fall = tick_s / RAMP_OUT_S
@@ -87,7 +88,7 @@ class Safety:
     @property
     def thermal(self) -> ThermalLimit:
         """Thermal limit of the force."""
-        return self._groups[0].thermal
+        return self._places.thermal
 
     def note(self, name: str) -> None:
         """Count an event that was dealt with."""
@@ -143,12 +144,11 @@ class Safety:
             self._absent = max(0.0, self._absent - FORGIVEN)
         if ticks > 1:
             self._hold(ticks)
-        square = 0.0
-        for speed in velocity_mps[:PLACES]:
+        square = turning = 0.0
+        for speed in velocity_mps if self._turning is None else velocity_mps[:PLACES]:
             square += speed * speed
-        turning = 0.0
-        for speed in velocity_mps[PLACES:]:
-            turning += speed * speed
+        if self._turning is not None:
+            turning = sum([speed * speed for speed in velocity_mps[PLACES:]])
         if not isfinite(square + turning + sum(position_m)):
             self.note("non-finite sample")
             self.fail("the device gave a number that is not finite; re-arm once it is well")
@@ -173,39 +173,42 @@ class Safety:
         else:
             gain = max(0.0, gain - (self._drop if self.state == "fault" else self._fall))
         self.gain = gain
-        for group in self._groups:
-            group.limited = group.derated = False
+        places, turning = self._places, self._turning
+        places.limited = places.derated = places.over = False
+        if turning is not None:
+            turning.limited = turning.derated = turning.over = False
         if force_n is not None:
-            if (hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])) < inf:  # False for nan
-                self.law_n = self._clip(force_n)
-            else:
+            size_n = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
+            if not size_n < inf:  # nan, too
                 self.note("non-finite force")
                 self.fail("the force law gave a number that is not finite; re-arm")
+            elif turning is None:
+                self.law_n = places.clip(force_n, size_n)
+            else:
+                force, torque = force_n[:PLACES], force_n[PLACES:]
+                self.law_n = [*places.clip(force, hypot(*force)), *turning.clip(torque, hypot(*torque))]
         out = tuple(self.law_n) if gain == 1.0 else tuple([gain * value for value in self.law_n])
-        followed: tuple[float, ...] = ()
-        for group, part in zip(self._groups, self._parts(out), strict=True):
-            fall_n = group.bounds.peak_n * self._drop if self.state == "fault" else 0.0  # a fault fades as fast as ever
-            followed += group.follow(tuple(part), gap, fall_n)
-        self.limited = any(group.limited for group in self._groups)
-        self.derated = any(group.derated for group in self._groups)
-        self._warm()
-        return followed
+        fall = self._drop if self.state == "fault" else 0.0  # a fault fades as fast as ever
+        if turning is None:
+            out = places.follow(out, gap, fall)
+            over, self.limited, self.derated = places.over, places.limited, places.derated
+            warm = places.thermal.warm
+        else:
+            out = places.follow(out[:PLACES], gap, fall) + turning.follow(out[PLACES:], gap, fall)
+            over = places.over or turning.over
+            self.limited, self.derated = places.limited or turning.limited, places.derated or turning.derated
+            warm = places.thermal.warm or turning.thermal.warm
+        if over:
+            self._clipped(gain)
+        else:
+            self._at_limit = 0
+        if warm or self.warning or self.derated or self._derated:
+            self._warm()
+        return out
 
     def _parts(self, force_n: Sequence[float]) -> Sequence[Sequence[float]]:
         """Return the parts of a force that are of each group."""
         return (force_n,) if len(self._groups) == 1 else (force_n[:PLACES], force_n[PLACES:])
-
-    def _clip(self, force_n: Sequence[float]) -> Sequence[float]:
-        """Return the law's force as far as peaks and warm motors let it; one that stays beyond a peak has diverged."""
-        clipped = []
-        for group, part in zip(self._groups, self._parts(force_n), strict=True):
-            clipped.append(group.clip(part, hypot(*part) if len(part) > 1 else abs(part[0])))
-        over = [group for group in self._groups if group.over]
-        if over:
-            self._clipped(over[0])
-        else:
-            self._at_limit = 0
-        return clipped[0] if len(clipped) == 1 else [*clipped[0], *clipped[1]]
 
     def applied(self, force_n: tuple[float, ...]) -> None:
         """Enter the force that the device applies in place of the one that `limit` returned: slope and heat go by this one.
@@ -224,9 +227,7 @@ class Safety:
                 group.enter()
 
     def _warm(self) -> None:
-        """Enter what this force does to the motors: a warning before the limit acts, a fault where it acts for long."""
-        for group in self._groups:
-            group.enter()
+        """Warn before warm motors limit the force; fail where they do for long."""
         if warm := [group.bounds for group in self._groups if group.thermal.warm]:
             if not self.warning:
                 self.note(WARNED)
@@ -245,10 +246,11 @@ class Safety:
         elif self._derated:
             self._derated -= 1
 
-    def _clipped(self, group: ForceLimits) -> None:
+    def _clipped(self, gain: float) -> None:
         self.note("force clipped")
-        self._at_limit = self._at_limit + 1 if self.gain == 1.0 else 0  # a force that is ramped is not at its limit
+        self._at_limit = self._at_limit + 1 if gain == 1.0 else 0  # a force that is ramped is not at its limit
         if self._at_limit > self._limit_ticks:
-            reason = f"the force sat at its limit of {group.bounds.shown(group.bounds.peak_n)} for {AT_LIMIT_S:g} s"
+            bounds = next(group.bounds for group in self._groups if group.over)
+            reason = f"the force sat at its limit of {bounds.shown(bounds.peak_n)} for {AT_LIMIT_S:g} s"
             self.diverged = self.diverged or reason
             self.fail(f"{reason}; press less or lower coupling.stiffness_npm, then re-arm")

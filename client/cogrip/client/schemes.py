@@ -8,7 +8,8 @@ from cogrip.client.passivity_control import PassivityControl
 from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.protocol.messages import Frame, Power, State, Waves
-from cogrip.protocol.settings import Kind, SeatSettings
+from cogrip.protocol.setting_types import Kind
+from cogrip.protocol.settings import SeatSettings
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,8 +20,10 @@ from cogrip.client.schemes import SCHEMES
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
 from cogrip.protocol.messages import Frame, View, clipped, encode
+from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import PLACES, POSE_AXES, SeatSettings
+from cogrip.protocol.setting_types import PLACES, POSE_AXES
+from cogrip.protocol.settings import SeatSettings
 
 RELEASE_S = 0.5  # from `stop`, in which the line releases the object
 MOST_LOOP_S = 0.5  # for which the end waits until the server knows
@@ -93,7 +95,9 @@ class SeatedClient:
         self._frame_start_m: tuple[float, ...] = ()
         self._stopped: int | None = None  # tick of `stop`
         self._parting_mps: Sequence[float] = self.force_n  # velocity of the hand at `stop`
-        self._felt = FeltStiffness(self.capability.resolution_m, rates.frame_s) if seat.object.kind == "wall" else None
+        self._felt = (
+            FeltStiffness(self.capability.resolution_m, rates.frame_s) if kind_of(seat.object.kind).fixed else None
+        )
         self._fit()
         for event in ("open", "calibrated", "go"):
             self.safety.event(event)
@@ -297,7 +301,7 @@ class SeatedClient:
             peaks.step_n = step
         if size > peaks.force_n:
             peaks.force_n = size
-        return self.wrench
+        return force if self._axes is None else self._axes.wrench(force)
 
     def _render(self) -> tuple[float, ...]:
         """Return the law's force, as far as the device port and safety let it."""

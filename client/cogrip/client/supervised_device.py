@@ -50,6 +50,7 @@ class SupervisedDevice:
         self.counts: Counter[str] = Counter()
         self._core = core
         self._rate_hz = rate_hz
+        self._tick_ns = 1e9 / rate_hz
         self._clock = clock
         self._reports = ForceReports(core.capability, rate_hz)
         self._blocked_ns = 0.0  # by which calls were longer than a tick, less a quarter tick for each that was not
@@ -175,9 +176,10 @@ class SupervisedDevice:
 
         That call is made no more, so that the loop releases the hand on time.
         """
-        tick_ns = 1e9 / self._rate_hz
+        tick_ns = self._tick_ns
         if took_ns <= tick_ns:
-            self._blocked_ns = max(0.0, self._blocked_ns - 0.25 * tick_ns)  # two calls a tick
+            if self._blocked_ns:
+                self._blocked_ns = max(0.0, self._blocked_ns - 0.25 * tick_ns)  # two calls a tick
             return False
         self.counts[f"slow {verb}"] += 1
         self._blocked_ns += took_ns - tick_ns

@@ -16,6 +16,7 @@ Where the device carries less than b, `series_impedance` stands between hand and
 
 from collections.abc import Sequence
 from math import inf, sqrt
+from operator import sub
 
 from cogrip.client.coupling import Coupling, DelayLine, PortEnergy, Row
 from cogrip.client.series_impedance import SeriesImpedance
@@ -224,7 +225,7 @@ class WaveCoupling(Coupling[Waves]):
         self._ratio = ratio
         self.reduced = ratio != 1.0 or deflected
         self.local_n = local_n = [b * velocity for velocity in velocity_mps]
-        return [local - root * wave for local, wave in zip(local_n, self.returning, strict=True)]
+        return list(map(sub, local_n, [root * wave for wave in self.returning]))
 
     @property
     def given_border_j(self) -> float:

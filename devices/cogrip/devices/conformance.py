@@ -12,7 +12,7 @@ from math import hypot, inf, isfinite, nan, pi
 from cogrip.devices.device import Capability, Device, DeviceError, Sample
 from cogrip.devices.plausibility import AGE, DRIFT, JUMP, OLD, ForceReports, Plausibility
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
-from cogrip.protocol.settings import PLACES, POSE_AXES
+from cogrip.protocol.setting_types import PLACES, POSE_AXES
 
 FEW_TICKS = 40
 JUDGED_TICKS = 160

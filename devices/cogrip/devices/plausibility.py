@@ -15,6 +15,7 @@ Loops are uneven: a tick may run up to one period late, so every step may be one
 from collections import deque
 from collections.abc import Sequence
 from math import hypot, isfinite, sqrt
+from operator import add, sub
 
 from cogrip.devices.device import Capability, Sample
 
@@ -73,6 +74,7 @@ class Plausibility:
         self._odd = 0  # ticks from the last sample that was used to the first one after it that was not
         self._jumps = 0.0
         self._reported: Sequence[float] | None = None
+        self._reported_mps = 0.0  # its length
         self._drift = [0.0] * self._axes
         self._path = self._top = 0.0
         self.fault = ""
@@ -88,11 +90,12 @@ class Plausibility:
         if before is None:
             if isfinite(sum(position)):
                 self._at, self._taken, self._reported = position, taken, sample.velocity_mps
+                self._reported_mps = hypot(*sample.velocity_mps) if sample.velocity_mps else 0.0
             return ""
         ticks = taken - self._taken
         if ticks <= 0:
             return OLD if ticks < 0 or tick != last else ""
-        step = [new - old for new, old in zip(position, before, strict=True)]
+        step = list(map(sub, position, before))  # zip with `strict` takes three times as long
         square = 0.0
         for moved in step:
             square += moved * moved
@@ -147,7 +150,7 @@ class Plausibility:
         rate = 1.0 / (ticks * tick_s)
         self._last = last = [moved * rate for moved in step]
         if self._known:
-            self._speed = [0.5 * (old + new) for old, new in zip(self._speed, last, strict=True)]
+            self._speed = [0.5 * both for both in map(add, self._speed, last)]
         else:
             self._speed = last
         self._known = known = ticks <= self._gap_ticks
@@ -156,6 +159,7 @@ class Plausibility:
     def _denied(self, step: Sequence[float], reported: Sequence[float], ticks: int) -> str:
         """DRIFT, where what the velocities add up to is not what the positions say."""
         before, self._reported = self._reported, reported
+        slow, self._reported_mps = self._reported_mps, hypot(*reported)
         if before is None or ticks > self._gap_ticks or not isfinite(sum(reported)):
             return ""
         half_s = 0.5 * ticks * self._tick_s
@@ -163,8 +167,8 @@ class Plausibility:
         drift = self._drift
         for axis, moved in enumerate(step):
             drift[axis] = keep * drift[axis] + moved - half_s * (before[axis] + reported[axis])
-        speed = hypot(*reported)
-        self._path = keep * self._path + half_s * (hypot(*before) + speed) - 3.0 * hypot(*step)
+        speed = self._reported_mps
+        self._path = keep * self._path + half_s * (slow + speed) - 3.0 * hypot(*step)
         self._top = top = max(0.5 * (1.0 + keep) * self._top, speed, hypot(*self._speed))
         off_m = hypot(*drift)
         if off_m <= self._drift_m + DRIFT_SHARE * WINDOW_S * top and self._path <= self._path_m:

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from cogrip.protocol.object_kinds import kind_of
+
 Vector = tuple[float, float, float]
 ShapeKind = Literal["box", "sphere", "capsule", "cylinder", "ellipsoid", "plane"]
 Three = Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=3)]
@@ -69,7 +71,7 @@ def anchors_m(kind: str, sides: Sequence[str]) -> list[Vector]:
     """
     if kind == "cube" and len(set(sides)) == 1:
         sides = [("left", "right")[seat % 2] for seat in range(len(sides))]
-    if kind == "scene":  # the tool itself
+    if not kind_of(kind).spring:  # the tool itself
         return [(0.0, 0.0, 0.0)] * len(sides)
     depth, width, _ = object_size_m(kind)
     found: list[Vector] = []

@@ -121,3 +121,16 @@ class Link(LinkDirection, frozen=True, forbid_unknown_fields=True, omit_defaults
         """Return a value of one direction, else of both; None where neither has any."""
         value = getattr(self.up if direction == "up" else self.down, name)
         return getattr(self, name) if value is None else value
+
+
+def check_link(link: Link) -> None:
+    """Check [link] as a whole. Raises SettingsError."""
+    for where, part in (("link", link), ("link.up", link.up), ("link.down", link.down)):
+        check_cap(f"{where}.rate_kbps", part.rate_kbps)
+    for profile in (link.direction("up"), link.direction("down")):
+        least = 1.0 / (1.0 - profile.loss)
+        if profile.loss > 0.0 and profile.burst_frames > 1.0 and profile.burst_frames < least:
+            raise SettingsError(
+                f"link.burst_frames = {profile.burst_frames:g} is too short for link.loss = {profile.loss:g}: "
+                f"bursts of at least {least:.3g} datagrams are needed"
+            )

@@ -13,7 +13,8 @@ import msgspec
 
 from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
 from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
-from cogrip.protocol.settings import MOST_WAVES, POSE_AXES, SeatNumber, SeatSettings
+from cogrip.protocol.setting_types import MOST_WAVES, POSE_AXES, SeatNumber
+from cogrip.protocol.settings import SeatSettings
 
 PROTOCOL_VERSION = 4
 MAGIC: Literal["cogrip"] = "cogrip"

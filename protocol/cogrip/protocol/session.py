@@ -29,7 +29,7 @@ from cogrip.protocol.messages import (
     Welcome,
 )
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
-from cogrip.protocol.settings import POSE_AXES
+from cogrip.protocol.setting_types import POSE_AXES
 
 HELLO_EVERY_NS = 250_000_000
 GIVE_UP_NS = 3_000_000_000

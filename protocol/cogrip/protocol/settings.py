@@ -4,47 +4,24 @@ Units are in the names. `resolve` turns the raw table into `Settings` or raises 
 value, the bound and the cure. `seat_settings` returns what one user's client and seat must agree on.
 """
 
-import hashlib
 from collections import Counter
 from collections.abc import Mapping
 from math import sqrt
-from pathlib import PurePath
 from typing import Annotated, Any, Literal, assert_never
 
 import msgspec
 
 from cogrip.protocol import decimation
 from cogrip.protocol import felt_stiffness as felt
+from cogrip.protocol import setting_types as types
 from cogrip.protocol.line.concealment import Concealed
 from cogrip.protocol.line.delays import expected_frames, one_way
-from cogrip.protocol.link_profile import Link, LinkProfile, check_cap
+from cogrip.protocol.link_profile import Link, LinkProfile, check_link
+from cogrip.protocol.object_kinds import KindText, LocalKindText, kind_of, shared_kind, unfit_kind
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
+from cogrip.protocol.setting_types import MOST_RENDERED_NPM, MOST_WAVES, PLACES, POSE_AXES, Name, Seconds, Seed, Side
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
 from cogrip.protocol.task import Task, unfit
-
-Decimator = Literal["boxcar", "lowpass", "none"]
-Encoder = Literal["displacement", "velocity"]
-Side = Literal["left", "right"]
-Kind = Literal["wave", "coupling", "tdpa"]
-ServerStep = Literal["passive", "paper"]
-ObjectKind = Literal["cube", "faces", "wall", "scene"]
-Orientation = Literal["", "driven", "free", "damped", "fixed"]
-
-# lower bounds above 0: a settings file or a welcome with 1e-320 in it would bring infinities into every law
-Impedance = Annotated[float, msgspec.Meta(ge=1e-3, le=1e4)]
-RotationalImpedance = Annotated[float, msgspec.Meta(ge=1e-6, le=1e2)]
-Stiffness = Annotated[float, msgspec.Meta(ge=0.0, le=1e7)]
-MOST_RENDERED_NPM = 1e9
-Rendered = Annotated[float, msgspec.Meta(ge=0.0, le=MOST_RENDERED_NPM)]
-Damping = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
-Mass = Annotated[float, msgspec.Meta(ge=1e-6, le=1e3)]
-NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9 ._-]*\Z"
-Name = Annotated[str, msgspec.Meta(min_length=1, max_length=40, pattern=NAME_PATTERN)]
-Watts = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
-RecordBound = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
-Seed = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
-Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
-SeatNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 HUMAN_POWER_W = 10.0  # of a hand on a hand-sized device, on average (docs/security.md)
 REMOTE_FORCE_N = 40.0  # as strong as the arms on the market
@@ -56,8 +33,6 @@ REMOTE: Mapping[str, float] = {
     "speed_radps": REMOTE_SPEED_RADPS,
 }  # fmt: skip
 """Bounds of device records, by field of `Admission`, where it sets none."""
-PLACES, POSE_AXES = 3, 6  # axes of a place, and of a pose: a place [m] and a rotation vector [rad]
-MOST_WAVES = 96  # of one datagram, all axes
 ONLY_USER = "anna"  # where a file names no users
 
 
@@ -71,16 +46,16 @@ class RatesSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Coupling(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """[coupling]: scheme, wave impedance, and the spring between proxy and object (theory sections 1 to 5)."""
 
-    kind: Kind = "wave"
-    impedance_nspm: Impedance = 20.0
-    stiffness_npm: Stiffness = 1000.0
-    damping_nspm: Damping = 10.0
+    kind: types.Kind = "wave"
+    impedance_nspm: types.Impedance = 20.0
+    stiffness_npm: types.Stiffness = 1000.0
+    damping_nspm: types.Damping = 10.0
     compensate: bool = False
-    decimator: Decimator = "boxcar"
+    decimator: types.Decimator = "boxcar"
     lowpass_rad_s: Annotated[float, msgspec.Meta(ge=1e-3, le=1e5)] = 50.0
-    server_step: ServerStep = "passive"
-    encoder: Encoder = "displacement"
-    rotational_impedance_nms: RotationalImpedance = 0.02  # of the axes that turn, where there are six
+    server_step: types.ServerStep = "passive"
+    encoder: types.Encoder = "displacement"
+    rotational_impedance_nms: types.RotationalImpedance = 0.02  # of the axes that turn, where there are six
 
     @property
     def length_m(self) -> float:
@@ -91,21 +66,22 @@ class Coupling(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The virtual object, as both ends know it."""
 
-    kind: ObjectKind = "cube"
-    mass_kg: Mass = 0.2
-    damping_nspm: Damping = 0.0
+    kind: KindText = "cube"
+    mass_kg: types.Mass = 0.2
+    damping_nspm: types.Damping = 0.0
     axes: Annotated[int, msgspec.Meta(ge=1, le=POSE_AXES)] = 1
 
 
 class ObjectSection(Object, frozen=True, forbid_unknown_fields=True):
     """[object]: of a scene also its file and steps a frame, which are the server's own: no welcome carries them."""
 
+    kind: LocalKindText = "cube"  # with the folder of a file, made absolute where settings are loaded
     file: str = ""  # MJCF or URDF; made absolute where settings are loaded
     substeps: Annotated[int, msgspec.Meta(ge=1, le=64)] = 4
 
     def shared(self, axes: int) -> Object:
         """Return what both ends of a seat of `axes` axes know."""
-        return Object(self.kind, self.mass_kg, self.damping_nspm, axes)
+        return Object(shared_kind(self.kind), self.mass_kg, self.damping_nspm, axes)
 
 
 class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -125,11 +101,11 @@ class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     devices: Literal["any", "listed"] = "any"  # listed: a seat takes the device named for it in [[users]] alone
     # of device records: those that claim more are refused, those without a bound get this one. None: any; encrypted, the
     # bounds of `for_remote_clients`
-    force_n: RecordBound | None = None
-    speed_mps: RecordBound | None = None
-    torque_nm: RecordBound | None = None
-    speed_radps: RecordBound | None = None
-    power_w: Watts = HUMAN_POWER_W  # mean power of a seat; 0: F V of its record
+    force_n: types.RecordBound | None = None
+    speed_mps: types.RecordBound | None = None
+    torque_nm: types.RecordBound | None = None
+    speed_radps: types.RecordBound | None = None
+    power_w: types.Watts = HUMAN_POWER_W  # mean power of a seat; 0: F V of its record
 
 
 class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -139,20 +115,20 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     device: str = "sim:phantom"
     hand: str = "reach"
     side: Side = "left"
-    device_mass_kg: Mass = 0.1
-    device_damping_nspm: Damping = 0.0
-    impedance_nspm: Impedance | None = None
-    stiffness_npm: Stiffness | None = None
-    damping_nspm: Damping | None = None
-    decimator: Decimator | None = None
-    encoder: Encoder | None = None
+    device_mass_kg: types.Mass = 0.1
+    device_damping_nspm: types.Damping = 0.0
+    impedance_nspm: types.Impedance | None = None
+    stiffness_npm: types.Stiffness | None = None
+    damping_nspm: types.Damping | None = None
+    decimator: types.Decimator | None = None
+    encoder: types.Encoder | None = None
     compensate: bool | None = None
     device_hz: DeviceHz | None = None
-    power_w: Watts | None = None  # None: [admission]'s
+    power_w: types.Watts | None = None  # None: [admission]'s
     tool: str = ""  # body of a scene that this person moves; "" one is added
     # of that tool: "driven" by the hand; "" driven where the room has six axes, else as the body's joints have it
-    orientation: Orientation = ""
-    rotational_impedance_nms: RotationalImpedance | None = None
+    orientation: types.Orientation = ""
+    rotational_impedance_nms: types.RotationalImpedance | None = None
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -176,12 +152,12 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
 
     room: Name
     user: Name
-    seat: SeatNumber
+    seat: types.SeatNumber
     seed: Seed
     seconds: Seconds
     rates: Rates
     coupling: Coupling
-    rendered_npm: Rendered  # K of the spring the server integrates: [coupling]'s, or the compensated K'
+    rendered_npm: types.Rendered  # K of the spring the server integrates: [coupling]'s, or the compensated K'
     object: Object
     side: Side
     playout: Playout
@@ -196,12 +172,12 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     @property
     def one_sided(self) -> bool:
         """True where the contact can only push (theory section 3.4)."""
-        return self.object.kind in ("faces", "wall")
+        return kind_of(self.object.kind).one_sided
 
     @property
     def asked_npm(self) -> float | None:
         """K that was asked for; None where no spring stands between a person and the object."""
-        return None if self.object.kind == "scene" else self.coupling.stiffness_npm
+        return self.coupling.stiffness_npm if kind_of(self.object.kind).spring else None
 
     @property
     def follows(self) -> bool:
@@ -222,7 +198,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
 
         late_frames: age of the device's samples, which makes the line softer and which no server knows.
         """
-        if self.coupling.kind != "wave" or self.object.kind == "scene":
+        if self.coupling.kind != "wave" or not kind_of(self.object.kind).spring:
             return None
         rendered = self.rendered_npm
         if self.follows:
@@ -326,22 +302,6 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
     )  # fmt: skip
 
 
-def digest(settings: Settings) -> str:
-    """Return a fingerprint of everything the ends must agree on (not: hand, duration, emulated link)."""
-    users = [
-        (user.name, user.side, coupling_of(settings, user), rates_of(settings, user).device_hz)
-        for user in settings.users
-    ]
-    shared = [settings.rates.network_hz, settings.object.shared(settings.object.axes), settings.playout, users]
-    if settings.object.kind == "scene":  # a path differs from machine to machine
-        shared += [
-            PurePath(settings.object.file).name,
-            settings.object.substeps,
-            [(user.tool, user.orientation) for user in settings.users],
-        ]
-    return hashlib.sha256(msgspec.json.encode(shared, order="deterministic")).hexdigest()[:16]
-
-
 def _compliance(coupling: Coupling, rates: Rates, round_trip_s: float) -> float:
     lag = decimation.lag_s(coupling.decimator, rates.frame_s, coupling.lowpass_rad_s)
     if coupling.server_step == "paper":
@@ -363,25 +323,19 @@ def _check_fit(settings: Settings) -> None:
         raise SettingsError(
             f'coupling.server_step = "paper" is a step of the wave scheme; with coupling.kind = "{kind}" leave it "passive"'
         )
-    _check_scene(settings)
-    for where, link in (("link", settings.link), ("link.up", settings.link.up), ("link.down", settings.link.down)):
-        check_cap(f"{where}.rate_kbps", link.rate_kbps)
-    for profile in (settings.link.direction("up"), settings.link.direction("down")):
-        least = 1.0 / (1.0 - profile.loss)
-        if profile.loss > 0.0 and profile.burst_frames > 1.0 and profile.burst_frames < least:
-            raise SettingsError(
-                f"link.burst_frames = {profile.burst_frames:g} is too short for link.loss = {profile.loss:g}: "
-                f"bursts of at least {least:.3g} datagrams are needed"
-            )
+    _check_object(settings)
+    check_link(settings.link)
     for seat in range(len(settings.users)):
         seat_settings(settings, seat)
 
 
-def _check_scene(settings: Settings) -> None:
-    """Raise SettingsError for settings that do not fit a scene, and for those of a scene without one."""
+def _check_object(settings: Settings) -> None:
+    """Raise SettingsError for settings that do not fit the kind of object."""
     given, coupling = settings.object, settings.coupling
     if why := unfit(settings.task, given.kind == "scene"):
         raise SettingsError(why)
+    if why := unfit_kind(given.kind):
+        raise SettingsError(f'object.kind = "{given.kind}": {why}')
     if given.kind != "scene":
         users = list(enumerate(settings.users))
         own = [("object.file", given.file)]
@@ -396,12 +350,14 @@ def _check_scene(settings: Settings) -> None:
             raise SettingsError(
                 f'object.axes = {given.axes}, but object.kind = "{given.kind}" has at most {PLACES}; lower it'
             )
+    if kind_of(given.kind).spring:
         return
     compensated = [user.name for user in settings.users if coupling_of(settings, user).compensate]
+    scene, step = given.kind == "scene", coupling.server_step
     refused = [
-        (not given.file, 'object.file = "" names no scene', 'give an MJCF or URDF file, such as "lift.xml"'),
+        (scene and not given.file, 'object.file = "" names no scene', 'give an MJCF or URDF file, such as "lift.xml"'),
         (
-            given.axes not in (PLACES, POSE_AXES),
+            scene and given.axes not in (PLACES, POSE_AXES),
             f"object.axes = {given.axes}, but a scene has 3 (places) or 6 (poses)",
             "set one of them",
         ),
@@ -415,18 +371,27 @@ def _check_scene(settings: Settings) -> None:
             f"playout.redundancy = {settings.playout.redundancy} of {given.axes} axes is more than a datagram holds",
             f"set it to at most {MOST_WAVES // given.axes}",
         ),
-        (coupling.kind != "wave", f'coupling.kind = "{coupling.kind}" has no scenes', 'set coupling.kind = "wave"'),
         (
-            coupling.server_step != "passive",
-            f'coupling.server_step = "{coupling.server_step}" has no scenes',
+            scene and given.axes == POSE_AXES and coupling.kind != "wave",
+            f'coupling.kind = "{coupling.kind}" has no poses',
+            'set coupling.kind = "wave", or object.axes = 3',
+        ),
+        (
+            not scene and coupling.kind != "wave",
+            f'coupling.kind = "{coupling.kind}" does not fit it',
+            'set coupling.kind = "wave"',
+        ),
+        (
+            step != "passive",
+            f'coupling.server_step = "{step}" does not fit it',
             'set coupling.server_step = "passive"',
         ),
         (
             bool(compensated),
-            f"coupling.compensate = true ({', '.join(compensated)}), but a scene has no spring to stiffen",
+            f"coupling.compensate = true ({', '.join(compensated)}), but it has no spring to stiffen",
             "set it to false",
         ),
     ]
     for found, what, cure in refused:
         if found:
-            raise SettingsError(f'object.kind = "scene": {what}; {cure}')
+            raise SettingsError(f'object.kind = "{given.kind}": {what}; {cure}')

@@ -159,6 +159,8 @@ class ServerCore:
             room.observer_slots.leave(observer.number)
             self._out.report("lost", room, observer, "has been silent for too long")
         self.outbox.extend(room.tick(now_ns, frames))
+        if room.world.failed:
+            self._end_room(room)
         for seat in room.seats:
             adapter = seat.adapter
             if adapter is None:
@@ -169,6 +171,14 @@ class ServerCore:
             if adapter.withheld:
                 self._drop("stiffness word", adapter.withheld)
                 adapter.withheld = 0
+
+    def _end_room(self, room: Room) -> None:
+        """Say goodbye to everybody who holds an object that is not stepped any more: no force is left."""
+        reason = f"the world has ended: {room.world.failed}"
+        for seat in room.seats:
+            if seat.state == "seated":
+                self._out.report("lost", room, seat, f"lost the seat: {reason}")
+                self._end_seat(room, seat, "stop", reason)
 
     def _idle(self, given: inputs.Idle, now_ns: int) -> None:
         room = next((room for room in self.rooms if room.name == given.room), None)

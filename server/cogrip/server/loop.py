@@ -31,8 +31,10 @@ from cogrip.protocol.version import VERSION
 from cogrip.server import inputs
 from cogrip.server.admission import AdmitAll, Authenticator, Outside
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
+from cogrip.server.io.call_limit import call_limit
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer
+from cogrip.server.worlds.guarded import GuardedWorld
 
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
 MOST_AT_ONCE = 1024  # datagrams that are received before a tick: a flood beyond that is the kernel's to drop
@@ -107,6 +109,9 @@ class LiveServer:
             lambda: secrets.randbelow(2**63 - 1) + 1, self.authenticator, lambda: secrets.token_urlsafe(16), ticket_hash
         )
         self.core = RecordedServer(self.rooms, VERSION, outside)
+        for room in self.core.rooms:
+            if isinstance(room.world, GuardedWorld):
+                room.world.limited = call_limit
         try:
             self.channel = self.open_channel(self.core)
         except BaseException:  # there is no usable key

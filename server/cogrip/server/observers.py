@@ -8,7 +8,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import SHORT, VIEWED_SEATS, Observed, Person, Presence, View
 from cogrip.protocol.session import LOST_NS, QUIET_NS
-from cogrip.protocol.settings import PLACES
+from cogrip.protocol.setting_types import PLACES
 from cogrip.server.drawn_bodies import DrawnBodies
 from cogrip.server.participants import Observer, Seat
 from cogrip.server.worlds.world import World

@@ -5,9 +5,10 @@ room are counted and recorded as one input, `Idle`, before the next input: a dae
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import msgspec
+import numpy as np
 
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.channel import Address
@@ -16,7 +17,8 @@ from cogrip.protocol.recording.derived import derived_topics
 from cogrip.protocol.recording.records import Answer, Datagram, Event, Geoms, Ledger, Poses, SeatStep, Step
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, topics
-from cogrip.protocol.settings import PLACES, Settings
+from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.settings import Settings
 from cogrip.server.admission import Authenticator, Denied, Grant, Outside
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent
@@ -61,7 +63,8 @@ class RecordedServer(CoreRecorder, ServerCore):
         self._hash_ticket = outside.hash_ticket
         outputs = Outputs(ObservedQueue(self._put_sent), ObservedQueue(self._put_event))
         ServerCore.__init__(self, rooms, software, self._recorded(outside), outputs)
-        self.start = start_text(rooms, software)
+        digests = {room.name: digest for room in self.rooms if (digest := room.world.coordinates()[0])}
+        self.start = start_text(rooms, software, digests)
         self.timing = {room.name: (0, 0, 0) for room in self.rooms}
         self._address_texts: dict[Address, str] = {}
         self._idle_steps: dict[str, int] = {}
@@ -140,7 +143,10 @@ class RecordedServer(CoreRecorder, ServerCore):
         topic, world = self._scene_topic[room.name], room.world
         if room.name not in self._drawn:
             self._drawn.add(room.name)
-            self.put(topic, Geoms(tuple(world.geoms()), tuple(world.offset[:, :PLACES].ravel().tolist())))
+            offsets = np.pad(
+                world.offset[:, :PLACES], ((0, 0), (0, max(0, PLACES - world.axes)))
+            )  # three numbers a seat
+            self.put(topic, Geoms(tuple(world.geoms()), tuple(offsets.ravel().tolist())))
         self.put(topic + 1, Poses(room.steps, tuple(world.poses_of_bodies().ravel().tolist())))
 
     def _put_idle(self) -> None:
@@ -199,7 +205,7 @@ def _seat_step(room: Room, number: int) -> SeatStep:
     return SeatStep(
         seat.settings.user, True, world.proxy_of(number), world.force_of(number),
         port.up_margin_j, seat.line_margin_j, port.used_j, port.made_j, port.lost,
-        port.up_reserve.now_j, seat.line_reserve.now_j,
+        port.up_reserve.now_j, seat.line_reserve.now_j, *world.contact_of(number),
     )  # fmt: skip
 
 
@@ -213,12 +219,18 @@ def address_of(text: str) -> Address:
     return msgspec.json.decode(text, type=str | tuple[str | int, ...])
 
 
-def start_text(rooms: Sequence[Settings], software: str) -> str:
-    """Return the arguments of a server core as JSON text."""
-    return json.dumps({"rooms": msgspec.to_builtins(rooms), "software": software})
+def start_text(rooms: Sequence[Settings], software: str, scenes: Mapping[str, str] | None = None) -> str:
+    """Return the arguments of a server core as JSON text. scenes: digest of each room's scene, where it has one."""
+    table = {"rooms": msgspec.to_builtins(rooms), "software": software}
+    return json.dumps(table | {"scenes": dict(scenes)} if scenes else table)
 
 
 def start_of(text: str) -> tuple[list[Settings], str]:
     """Return rooms and software from `start_text`. Raises ValueError (msgspec's among them) or KeyError."""
     table = json.loads(text)
     return msgspec.convert(table["rooms"], list[Settings]), str(table["software"])
+
+
+def scenes_of(text: str) -> dict[str, str]:
+    """Return the digests of scenes from `start_text`, by room; none of recordings from before they were kept."""
+    return msgspec.convert(json.loads(text).get("scenes", {}), dict[str, str])

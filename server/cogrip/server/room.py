@@ -13,7 +13,8 @@ from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.messages import Heartbeat
 from cogrip.protocol.session import LOST_NS, QUIET_NS
-from cogrip.protocol.settings import Settings, digest, seat_settings
+from cogrip.protocol.settings import Settings, seat_settings
+from cogrip.protocol.settings_digest import digest
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint, SeatCheckpoint
 from cogrip.server.observers import ObserverSlots
 from cogrip.server.participants import Seat

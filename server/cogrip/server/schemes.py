@@ -1,6 +1,6 @@
 """Coupling schemes at the server: which message carries a frame, which port takes it in, which world it moves.
 
-A new scheme is a row of `SCHEMES`; a new world for waves a row of `WAVE_WORLDS`.
+A new scheme is a row of `SCHEMES`; worlds for waves are in `cogrip.server.worlds.registry`.
 """
 
 from collections.abc import Callable, Sequence
@@ -8,36 +8,34 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cogrip.protocol.messages import Power, State, Waves
-from cogrip.protocol.settings import Kind, ObjectKind, SeatSettings, Settings
+from cogrip.protocol.object_kinds import KINDS
+from cogrip.protocol.setting_types import Kind
+from cogrip.protocol.settings import SeatSettings, Settings
 from cogrip.server.port import Port
 from cogrip.server.power_port import PowerPort
 from cogrip.server.seat_limits import SeatLimits
 from cogrip.server.state_port import StatePort
 from cogrip.server.wave_port import WavePort
-from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.lagged import CoupledWorld, PaperWorld
 from cogrip.server.worlds.power import PowerWorld
-from cogrip.server.worlds.push import PushWorld
+from cogrip.server.worlds.registry import make_foreign, world_of
 from cogrip.server.worlds.small_room import MOST, SmallGripWorld
 from cogrip.server.worlds.world import World
 
 MakeWorld = Callable[[Sequence[SeatSettings]], World]
 
-WAVE_WORLDS: dict[ObjectKind, MakeWorld] = {"cube": GripWorld, "faces": PushWorld, "wall": PushWorld}
-"""Passive worlds, by `object.kind`. A cube of few axes is stepped by `SmallGripWorld`, the same world in plain floats.
-
-A scene needs more than its seats: `make_scene_world`.
-"""
-
 
 def make_wave_world(seats: Sequence[SeatSettings]) -> World:
-    """Return the passive world of an object, unless the settings ask for the paper's own step."""
+    """Return the passive world of an object, unless the settings ask for the paper's own step.
+
+    A cube of few axes is stepped by `SmallGripWorld`, the same world in plain floats.
+    """
     first = seats[0]
     if first.coupling.server_step == "paper":
         return PaperWorld(seats)
     if first.object.kind == "cube" and len(seats) * first.object.axes <= MOST:
         return SmallGripWorld(seats)
-    return WAVE_WORLDS[first.object.kind](seats)
+    return world_of(first.object.kind).make(seats)
 
 
 class Scheme(NamedTuple):
@@ -65,14 +63,23 @@ def make_world(seats: Sequence[SeatSettings]) -> World:
 
 def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:
     """Return the world of a scene. Raises SceneError for a file that cannot be used."""
-    from cogrip.server.worlds import scene, scene_file  # MuJoCo is loaded where there is a scene
+    from cogrip.server.worlds import driven_scene, scene, scene_file  # MuJoCo is loaded where there is a scene
 
     given = settings.object
     step_s = seats[0].rates.frame_s / given.substeps
+    worlds: dict[Kind, type[scene.SceneWorld]] = {
+        "wave": scene.SceneWorld, "coupling": driven_scene.CoupledScene, "tdpa": driven_scene.PowerScene,
+    }  # fmt: skip
+    make = worlds[settings.coupling.kind]
     loaded = scene_file.load_scene(Path(given.file), scene_file.held_by(settings), step_s)
-    return scene.SceneWorld(seats, loaded, given.substeps, settings.task)
+    world = make(seats, loaded, given.substeps)
+    world.watch(settings.task)
+    return world
 
 
 def make_room_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:
-    """Return the world of a room. Raises SceneError for a scene that cannot be used."""
-    return make_scene_world(settings, seats) if settings.object.kind == "scene" else make_world(seats)
+    """Return the world of a room. Raises SceneError for a scene that cannot be used; WorldKindError, WorldError for a world."""
+    kind = settings.object.kind
+    if kind == "scene":
+        return make_scene_world(settings, seats)
+    return make_world(seats) if kind in KINDS else make_foreign(kind, seats)

@@ -6,7 +6,8 @@ from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Stamp, Waves
-from cogrip.protocol.settings import PLACES, POSE_AXES, SeatSettings
+from cogrip.protocol.setting_types import PLACES, POSE_AXES
+from cogrip.protocol.settings import SeatSettings
 from cogrip.server.port import Port, Row, Turned
 from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 

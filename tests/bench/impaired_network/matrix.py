@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, get_args
 
-from cogrip.protocol.settings import Seconds, Stiffness
+from cogrip.protocol.setting_types import Seconds, Stiffness
 from cogrip.sim.experiments.experiment import Result
 
 from tests.bench.impaired_network.case import Job, growth

@@ -13,9 +13,10 @@ typedef struct {
     double position[3], velocity[3], force[3], hand[3], limit, mass, worst;
 } device_t;
 
-static device_t devices[DEVICES] = {
+static const device_t at_first[DEVICES] = {
     {.type = 33, .limit = -1.0, .status = {[POWER] = 1}}, {.type = 60, .limit = -1.0, .status = {[POWER] = 1}}};
-static int major = 3, minor = 16, expert;
+static device_t devices[DEVICES];
+static int major, minor, expert;
 static char failing[32];
 static char journal[4096], wrongs[2048];
 
@@ -115,6 +116,12 @@ int dhdSetWatchdog(unsigned char duration, char id) {
     if (!d || !expert) return -1;
     d->watchdog = duration;
     return 0;
+}
+
+__attribute__((constructor)) void stub_reset(void) {
+    memcpy(devices, at_first, sizeof devices);
+    major = 3, minor = 16, expert = 0;
+    failing[0] = journal[0] = wrongs[0] = '\0';
 }
 
 void stub_version(int a, int b) { major = a; minor = b; }

@@ -8,7 +8,8 @@ from cogrip.client.observer import ObserverCore
 from cogrip.devices.web.messages import ZERO, State, Vector, vector
 from cogrip.protocol.drawing import LEAST_DRAWN_N, Shape, anchors_m, object_size_m
 from cogrip.protocol.messages import Person, Pose, View
-from cogrip.protocol.settings import PLACES, SeatSettings
+from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.settings import SeatSettings
 from cogrip.sim.runs.verdict import least_margin
 from cogrip.view import frames
 from cogrip.view.frames import Frame, PersonFrame

@@ -20,7 +20,8 @@ from cogrip.protocol.messages import Pose, shown
 from cogrip.protocol.recording.derived import offset_of
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.records import Geoms, Number, Poses, Row, SeatStep, Step, Tick
-from cogrip.protocol.settings import PLACES, Settings
+from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.settings import Settings
 from cogrip.server.recorder import scene_topics, step_topic
 from cogrip.sim.runs.folder import SETTINGS
 from cogrip.sim.runs.records import open_run

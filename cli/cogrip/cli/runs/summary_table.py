@@ -12,7 +12,7 @@ from rich.text import Text
 
 from cogrip.cli.terminal.tables import Fitted, marked, plain_table, shortened
 from cogrip.protocol.messages import shown
-from cogrip.protocol.settings import PLACES
+from cogrip.protocol.setting_types import PLACES
 from cogrip.sim.runs.summary_values import (
     ROUNDING_J,
     UNKNOWN,

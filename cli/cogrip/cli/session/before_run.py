@@ -13,8 +13,9 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import say
 from cogrip.devices.device import DeviceError
 from cogrip.devices.registry import FAMILIES, is_real
+from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings
-from cogrip.sim.analysis.advice import Finding, advise, ample, overloads
+from cogrip.sim.analysis.advice import Finding, advise, ample, overloads, unbounded
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import ModelError, linear_session
 from cogrip.sim.analysis.plausible import implausible
@@ -96,7 +97,8 @@ def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
     The refusal with the least value comes first. Raises DeviceError.
     """
     refused = overloads(settings)
-    if settings.object.kind == "scene":  # no model; its limiter bounds what it gives out
+    if not kind_of(settings.object.kind).spring:  # no model
+        refused += unbounded(settings)
         return refused, refused
     try:
         model = LiftedModel(linear_session(settings))

@@ -17,6 +17,7 @@ from cogrip.cli.runs.summary_table import terminal_summary
 from cogrip.cli.session.before_run import AllowUnstable, check_settings, refuse_hardware
 from cogrip.cli.session.children import end_all, how_ended, listening_port, start_child, stated_reason
 from cogrip.cli.session.live_views import LiveTable
+from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
 from cogrip.cli.session.settings_file import load, try_hands, with_people
 from cogrip.cli.session.shipped_settings import shipped
 from cogrip.cli.session.view_child import open_view
@@ -24,6 +25,7 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Devices, Hands, Overrides, Runs
 from cogrip.cli.terminal.problem import BadInput, above_zero
 from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings
 from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_log, read_accounts, write_settings, write_summary
 from cogrip.sim.runs.report.page import write_report
@@ -46,6 +48,7 @@ def demo(
     seconds: float | None = None,
     view: Annotated[bool, Parameter(negative="")] = False,
     allow_unstable: AllowUnstable = False,
+    python_worlds: PythonWorlds = (),
     runs: Runs = Path("runs"),
 ) -> int:
     """Two simulated people hold one cube, or what the settings name, over UDP on this machine; ends with a report.
@@ -67,6 +70,7 @@ def demo(
     above_zero("--seconds", seconds)
     if session and config:
         raise BadInput(f"{session} and --config {config}: give one of them")
+    allow_python_worlds(python_worlds)
     path = session or config or shipped("demo")
     changes = [*overrides, *([f"seconds={seconds}"] if seconds is not None else [])]
     settings = load(path, changes)
@@ -154,7 +158,8 @@ def _conclude(settings: Settings, folder: Path, failed: dict[str, str], stop: St
     for name, how in failed.items():
         console.print(f"{name}: {how}; see {_log(folder, name)}")
     travel = summary["object"]["travel_m"]  # None where the server left no account of the object
-    moved = settings.object.kind in ("wall", "scene") or (travel is not None and travel > MOVED_M)
+    fixed = settings.object.kind == "scene" or kind_of(settings.object.kind).fixed
+    moved = fixed or (travel is not None and travel > MOVED_M)
     reached = (task := task_of(summary)) is None or task.get("reached") is True
     if not moved and travel is not None:
         console.print(f"the object did not really move: {travel * 1e3:.2f} mm")

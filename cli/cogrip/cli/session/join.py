@@ -37,7 +37,8 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.web.family import public
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.session import IN_ORDER, SECONDS_OVER, ClientSession
-from cogrip.protocol.settings import SeatSettings, Settings, digest
+from cogrip.protocol.settings import SeatSettings, Settings
+from cogrip.protocol.settings_digest import digest
 from cogrip.sim.runs.folder import client_recording, write_account
 from cogrip.sim.runs.summary import of_client
 from cogrip.sim.runs.verdict import succeeded, why_not
@@ -122,7 +123,7 @@ def join(
     """
     above_zero("--seconds", seconds)
     console = make_console(soft_wrap=True)
-    settings = load(config, overrides) if config else None
+    settings = load(config, overrides, world=False) if config else None
     if overrides and not config:
         raise BadInput("--set changes the settings of --config; without one they are the server's")
     room = room or (settings.name if settings else "")

@@ -11,8 +11,9 @@ from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.registry import axes_of, make, record_of
 from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.protocol.line.delays import expected_frames, one_way
+from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import SeatSettings, Settings, seat_axes
-from cogrip.sim.analysis.advice import advise_seat
+from cogrip.sim.analysis.advice import advise_seat, unbounded
 from cogrip.sim.analysis.plausible import hand_findings
 
 DEFAULT_DEVICE = "sim:phantom?hand=reach"
@@ -89,8 +90,8 @@ def judge_seat(
     )
     refused: tuple[str, ...] = ()
     warnings: tuple[str, ...]
-    if seat.object.kind == "scene":  # there is no model; what its device carries is known
-        warnings = tuple(filter(None, [rendered_damper.refusal(seat, record)]))
+    if not kind_of(seat.object.kind).spring:  # there is no model; what its device carries is known
+        warnings = tuple(filter(None, [rendered_damper.refusal(seat, record), *unbounded(seat)]))
         refused = () if allow_unstable else warnings
     elif frames > MOST_ADVISED_FRAMES[seat.coupling.kind] or seat.rates.ticks_per_frame > MOST_ADVISED_TICKS:
         warnings = ("no advice: the delays are too long for the model",)

@@ -6,6 +6,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.cli.session.before_run import AllowUnstable, check_settings
+from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
 from cogrip.cli.session.settings_file import load, refuse_real, try_hands, with_people
 from cogrip.cli.terminal.output import Json, make_console, write_text
 from cogrip.cli.terminal.parameters import Config, Devices, Hands, Overrides, Runs
@@ -23,6 +24,7 @@ def lab(
     hands: Hands = (),
     device: Devices = (),
     allow_unstable: AllowUnstable = False,
+    python_worlds: PythonWorlds = (),
     json: Json = None,
     runs: Runs = Path("runs"),
 ) -> int:
@@ -31,6 +33,7 @@ def lab(
     The cores are those of the live processes. A run folder is left, or with --json only the summary is written. Exit code 0
     only if the run was passive and stable, devices included, and nobody ended in a fault.
     """
+    allow_python_worlds(python_worlds)
     settings = with_people(load(config, overrides), hands, device)
     refuse_real(settings)
     try_hands(settings)

@@ -158,7 +158,7 @@ def _link(
         flags.insert(0, f"link.profile={profile}")
     if seed is not None:
         flags.append(f"seed={seed}")
-    settings = load(config, [*flags, *overrides]) if config else from_flags([*flags, *overrides])
+    settings = load(config, [*flags, *overrides], world=False) if config else from_flags([*flags, *overrides])
     return settings.link, settings.seed
 
 

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from cogrip.cli.runs.run_folder import leave_files, live_run_folder
 from cogrip.cli.session.live_views import ServeView, drawing
 from cogrip.cli.session.log_lines import LogLines
+from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
 from cogrip.cli.session.served_rooms import is_loopback, rooms_of, warn_of
 from cogrip.cli.session.server_state import LOOPBACKS, authenticator_of, channel_of, held_folder, publish
 from cogrip.cli.session.view_child import ViewChild
@@ -51,6 +52,7 @@ def serve(
     report: Report = True,
     record: Record = True,
     quiet: Quiet = False,
+    python_worlds: PythonWorlds = (),
 ) -> int:
     """Serve until Ctrl-C or SIGTERM; then say goodbye to everyone and leave a run folder.
 
@@ -91,6 +93,7 @@ def serve(
     into
         Write into this existing folder instead, and leave its report to its owner (one room only).
     """
+    allow_python_worlds(python_worlds)
     rooms = rooms_of(config, overrides, port, into)
     host = _host(host)
     lines = LogLines(log)

@@ -23,6 +23,7 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import try_for
 from cogrip.devices.registry import is_real
+from cogrip.protocol.object_kinds import KINDS, PYTHON, split_python
 from cogrip.protocol.settings import Settings, rates_of, resolve, seat_axes, seat_settings
 from cogrip.protocol.settings_table import SettingsError, parse_override
 
@@ -30,10 +31,11 @@ NESTED = "is nested too deep for settings, which have three levels; take the bra
 GIVE = "give a settings file, or a name of `cogrip configs`, such as demo"
 
 
-def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
+def load(path: Path, overrides: Sequence[str] = (), *, world: bool = True) -> Settings:
     """Return the settings of a file, or of a bare name such as `demo` those that come with cogrip (docs/commands.md).
 
-    A file of exactly that name comes first; a folder does not count. Raises BadInput, which names the file, for any error
+    A file of exactly that name comes first; a folder does not count. world: try the world as well, which may run another
+    author's program; only who steps it does that. Raises BadInput, which names the file, for any error
     in it.
     """
     text = ""
@@ -59,7 +61,10 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
         raise BadInput(f"{path}: holds no table of settings; {GIVE}")
     _place_traces(table, file.parent)
     _place_scene(table, file.parent)
-    return _resolved(table, overrides, f"{path}: ")
+    settings = _resolved(table, overrides, f"{path}: ")
+    if world:
+        _try_world(settings, f"{path}: ")
+    return settings
 
 
 def _file_of(path: Path) -> Path:
@@ -121,6 +126,8 @@ def _overrides(texts: Sequence[str]) -> dict[str, Any]:
             found[key] = str(Path(value).absolute())
         if key == "object.file" and isinstance(value, str) and value:
             found[key] = _scene_at(Path(), value)
+        if key == "object.kind" and isinstance(value, str):
+            found[key] = _kind_at(Path(), value)
     return found
 
 
@@ -134,8 +141,10 @@ def _place_traces(table: dict[str, Any], folder: Path) -> None:
 
 
 def _place_scene(table: dict[str, Any], folder: Path) -> None:
-    """Make the path of a scene, which is relative to the settings file, absolute."""
+    """Make the path of a scene or a world, which is relative to the settings file, absolute."""
     section = table.get("object")
+    if isinstance(section, dict) and isinstance(section.get("kind"), str):
+        section["kind"] = _kind_at(folder, section["kind"])
     if isinstance(section, dict) and isinstance(section.get("file"), str) and section["file"]:
         section["file"] = _scene_at(folder, section["file"])
 
@@ -144,6 +153,22 @@ def _scene_at(folder: Path, name: str) -> str:
     """Return the absolute path of a scene: in `folder`, else the one of that name that comes with cogrip."""
     here, ours = (folder / name).absolute(), shipped_scene(name)
     return str(ours if ours.is_file() and not here.exists() else here)
+
+
+def _kind_at(folder: Path, kind: str) -> str:
+    """Return a kind of object; where it is a class in a file, with the file's absolute path."""
+    file, class_name = split_python(kind)
+    return f"{PYTHON}{(folder / file).absolute()}:{class_name}" if kind.startswith(PYTHON) and file else kind
+
+
+def _try_world(settings: Settings, where: str) -> None:
+    """Raise BadInput for a world that cannot be had, before anything is started."""
+    if settings.object.kind not in KINDS:
+        from cogrip.server.worlds.registry import WorldKindError, make_foreign
+        from cogrip.server.worlds.world import WorldError
+
+        with BadInput.of(WorldKindError, WorldError, where=where):
+            make_foreign(settings.object.kind, [seat_settings(settings, seat) for seat in range(len(settings.users))])
 
 
 def _try_scene(settings: Settings, where: str) -> None:

@@ -19,9 +19,18 @@ from cogrip.cli.terminal.tables import Fitted, plain_table
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
 from cogrip.sim.experiments.folder import ExperimentFolder, FolderError
-from cogrip.sim.experiments.methods.method import CLEAN, METHODS, NETWORKS, OWN, ChoiceError, choose, session_settings
+from cogrip.sim.experiments.methods.method import (
+    CLEAN,
+    METHODS,
+    NETWORKS,
+    OWN,
+    ChoiceError,
+    choose,
+    methods_of,
+    session_settings,
+)
 from cogrip.sim.experiments.methods.query import Comparison, prepare
-from cogrip.sim.experiments.methods.table import TABLE, cells, note, ours_failed, unstable
+from cogrip.sim.experiments.methods.table import cells, columns_of, note, ours_failed, unstable
 from cogrip.sim.experiments.runner import run_experiment
 from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.folder import finite
@@ -36,7 +45,7 @@ def compare(
     /,
     *,
     profiles: str = ",".join(NETWORKS),
-    methods: str = ",".join(METHODS),
+    methods: str | None = None,
     seeds: int = SEEDS,
     hands: Hands = (),
     overrides: Overrides = (),
@@ -62,7 +71,7 @@ def compare(
     profiles
         Network profiles, with commas between: names of link.profile, or `own` for [link] as the settings have it.
     methods
-        Methods, with commas between: wave (ours), paper, coupling, tdpa.
+        Methods, with commas between: wave (ours), paper, coupling, tdpa; else all, in a scene all but paper, which has none.
     seeds
         How many sessions of each: a seed is that of the network's losses and of hand tremor, the same for all methods.
     out
@@ -92,15 +101,15 @@ def compare(
 
 
 def _prepare(
-    config: Path, overrides: tuple[str, ...], hands: tuple[str, ...], methods: str, profiles: str, seeds: int
+    config: Path, overrides: tuple[str, ...], hands: tuple[str, ...], methods: str | None, profiles: str, seeds: int
 ) -> Comparison:
     with BadInput.of(ChoiceError, where="compare: "):
-        chosen = choose("method", _names(methods), tuple(METHODS))
+        chosen = choose("method", _names(methods), tuple(METHODS)) if methods is not None else ()
         networks = choose("profile", _names(profiles), (*NETWORKS, CLEAN, OWN))
         settings = with_people(load(config, overrides), hands, ())
         try_hands(settings)
         check_plausible(settings)
-        return prepare(settings, chosen, networks, seeds)
+        return prepare(settings, chosen or methods_of(settings), networks, seeds)
 
 
 def _sessions(asked: Comparison) -> dict[str, Settings]:
@@ -177,7 +186,8 @@ def methods_table(summary: Mapping[str, Any]) -> Group:
 
 
 def _table(summary: Mapping[str, Any], *, verdicts: bool, numbers: bool) -> Table:
-    columns = [f"{column.heading.replace(' ', chr(10))}\n{column.unit}" for column in TABLE] if numbers else []
+    shown = columns_of(summary)
+    columns = [f"{column.heading.replace(' ', chr(10))}\n{column.unit}" for column in shown] if numbers else []
     table = plain_table(["method", *(["stability"] if verdicts else []), *columns], [], left=2 if verdicts else 1)
     if verdicts:
         table.columns[1].no_wrap = False
@@ -186,7 +196,7 @@ def _table(summary: Mapping[str, Any], *, verdicts: bool, numbers: bool) -> Tabl
         if row["network"] != last:
             last = row["network"]
             table.add_row(Text(last, style="bold"))
-        verdict, *values = cells(row, worst_too=False)
+        verdict, *values = cells(row, worst_too=False, columns=shown)
         bad = unstable(row)
         judged = [Text(verdict, style="red" if bad else "")] if verdicts else []
         measured = map(Text, values) if numbers else ()

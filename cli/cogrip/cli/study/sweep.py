@@ -20,7 +20,7 @@ from cogrip.sim.experiments.folder import ExperimentFolder, FolderError
 from cogrip.sim.experiments.ray_cluster import ClusterError, RayWorkers
 from cogrip.sim.experiments.runner import Outcome, run_experiment
 from cogrip.sim.experiments.sweep.grid import GridError, parse_axis
-from cogrip.sim.experiments.sweep.measures import DEFAULT, MeasureError, needs_session
+from cogrip.sim.experiments.sweep.measures import MeasureError, defaults, needs_session
 from cogrip.sim.experiments.sweep.picture import draw_measure
 from cogrip.sim.experiments.sweep.query import Sweep, prepare
 from cogrip.sim.experiments.worker_pool import LocalWorkers
@@ -34,7 +34,7 @@ def sweep(
     /,
     *,
     vary: Annotated[tuple[str, ...], Parameter(negative="")],
-    measure: Annotated[tuple[str, ...], Parameter(negative="")] = DEFAULT,
+    measure: Annotated[tuple[str, ...], Parameter(negative="")] = (),
     overrides: Overrides = (),
     out: Path | None = None,
     workers: Annotated[WorkerCount, Parameter(name=["--workers", "--jobs"])] = None,
@@ -55,7 +55,8 @@ def sweep(
     measure
         What to read of each case: a path into summary.json (users.0.peak_force_n, users.*.peak_force_n), or a number
         of the lifted model (lifted.radius_without_structural, lifted.stable, lifted.largest_stable_stiffness_npm,
-        lifted.felt_stiffness_npm, ...), for which no session is run. Repeatable.
+        lifted.felt_stiffness_npm, ...), for which no session is run. Repeatable. Else verdict, forces, margins, travel; of a
+        scene lift, slip and contact force too.
     out
         The sweep's folder; else `sweeps/<name>-<digest>`, the digest being that of the query.
     cluster
@@ -84,6 +85,7 @@ def sweep(
 
 def _prepare(config: Path, overrides: tuple[str, ...], vary: tuple[str, ...], measure: tuple[str, ...]) -> Sweep:
     settings = load(config, overrides)
+    measure = measure or defaults(settings)
     with BadInput.of(GridError, MeasureError):
         axes = [parse_axis(text) for text in vary]
         if needs_session(measure):

@@ -11,7 +11,7 @@ from cogrip.devices.registry import Family
 from cogrip.devices.settings import MOST_AXES, Address, Setting, check_axes, keys_of, read_settings, unknown
 from cogrip.devices.simulated import grasp, hands, ideal, phantom, pose, reconstructed_hand, recorded_hand, waypoints
 from cogrip.devices.simulated.device import Plant, SimulatedDevice
-from cogrip.protocol.settings import PLACES, POSE_AXES
+from cogrip.protocol.setting_types import PLACES, POSE_AXES
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,13 +8,14 @@ On a machine that turns it goes from one rotation vector to the next in the same
 from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
+from operator import add
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.settings import Finite, NotNegative
 from cogrip.devices.simulated.hands import ImpedanceSettings, Vector
 from cogrip.devices.simulated.pose import pose_drive
 from cogrip.protocol.rotations import between, exp
-from cogrip.protocol.settings import PLACES
+from cogrip.protocol.setting_types import PLACES
 
 
 class WaypointSettings(ImpedanceSettings, frozen=True, kw_only=True):
@@ -50,37 +51,47 @@ class WaypointHand:
                 )
             courses.append(course or (0.0,) * len(times))
         self._places = list(zip(*courses[:axes], strict=True))
-        self._home: Vector = (0.0,) * axes
         self._rate_hz = 1
+        self._start_at((0.0,) * axes)
+
+    def _start_at(self, home: Vector) -> None:
+        """Set the place at each time; then, for each stroke, places and strokes by axis, the strokes, and its time."""
+        self._home = home
+        self._at = [tuple([begin + x for begin, x in zip(home, place, strict=True)]) for place in self._places]
+        steps = [tuple([b - a for a, b in zip(here, there, strict=True)]) for here, there in pairwise(self._places)]
+        self._strokes = [
+            (list(zip(at, step, strict=True)), step, late - early)
+            for at, step, (early, late) in zip(self._at, steps, pairwise(self._times), strict=False)
+        ]
 
     def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
         """See `Hand.open`."""
         self._rate_hz = rate_hz
-        self._home = home_m or (0.0,) * len(self._home)
+        self._start_at(home_m or (0.0,) * len(self._home))
         return self._home
 
-    def _at(self, tick: int) -> tuple[Vector, Vector]:
-        """Return place from home, or pose, and its rates."""
-        now, times, places = tick / self._rate_hz, self._times, self._places
+    def _course(self, tick: int) -> tuple[Vector, Vector]:
+        """Return place, or pose, and its rates."""
+        now, times = tick / self._rate_hz, self._times
         after = bisect_right(times, now)
+        at = self._at[max(0, after - 1)]
         if after in (0, len(times)):
-            place = places[max(0, after - 1)]
-            return place, (0.0,) * len(place)
-        stroke_s = times[after] - times[after - 1]
+            return at, (0.0,) * len(at)
+        pairs, step, stroke_s = self._strokes[after - 1]
         z = (now - times[after - 1]) / stroke_s
         s, w = z * z * z * (10.0 + z * (6.0 * z - 15.0)), 30.0 * z * z * (1.0 - z) ** 2 / stroke_s
-        steps = list(zip(places[after - 1], places[after], strict=True))
-        return tuple([a + s * (b - a) for a, b in steps]), tuple([w * (b - a) for a, b in steps])
+        return tuple([start + s * stroke for start, stroke in pairs]), tuple([w * stroke for stroke in step])
 
     def intended(self, tick: int) -> tuple[Vector, Vector]:
-        place, rates = self._at(tick)
+        place, rates = self._course(tick)
         if len(place) > PLACES and any(rates[PLACES:]):  # rates of a rotation vector are no angular velocity
-            step = between(exp(place[PLACES:]), exp(self._at(tick + 1)[0][PLACES:]))
+            step = between(exp(place[PLACES:]), exp(self._course(tick + 1)[0][PLACES:]))
             rates = rates[:PLACES] + tuple([self._rate_hz * each for each in step])
-        return tuple([home + x for home, x in zip(self._home, place, strict=True)]), rates
+        return place, rates
 
     def drive(self, tick: int) -> Sequence[float]:
         if len(self._home) > PLACES:
             return pose_drive(self, tick)
         place, speed = self.intended(tick)
-        return [self.stiffness_npm * x + self.damping_nspm * v for x, v in zip(place, speed, strict=True)]
+        k, b = self.stiffness_npm, self.damping_nspm
+        return list(map(add, [k * x for x in place], [b * v for v in speed]))

@@ -96,6 +96,9 @@ class SeatStep(Record, frozen=True, gc=False):
     lost: int
     up_reserve_j: Number = None
     line_reserve_j: Number = None
+    normal_n: Number = None  # contact forces at the seat's tool, and its slip; none without a scene
+    friction_n: Number = None
+    slip_m: Number = None
 
 
 class Step(Record, frozen=True, gc=False):

@@ -63,6 +63,9 @@ DESCRIPTIONS = {
     "line_reserve_j": "energy in at the client's port less the energy out at the server's, as of this frame",
     "up_used_j": "energy that came out of the line up, so far",
     "down_made_j": "energy that went into the line down, so far",
+    "normal_n": "normal force of all contacts of the seat's tool; null: no scene",
+    "friction_n": "friction of all contacts of the seat's tool",
+    "slip_m": "tangential motion of the seat's tool along the body that it touches, since they met",
     # geoms and poses of a scene
     "shapes": "shapes that the scene is drawn of",
     "size_m": "size as MJCF has it: radius, half lengths",

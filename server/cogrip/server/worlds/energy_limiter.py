@@ -53,3 +53,7 @@ class EnergyLimiter:
             self.limited += 1
         self.level_j = min(level_j, self.most_j)
         return factor
+
+    def account(self) -> dict[str, float]:
+        """Return the ledger as a summary has it."""
+        return {"level_j": self.level_j, "paid_j": self.paid_j, "limited_frames": self.limited}

@@ -4,6 +4,7 @@ Passive for any K, B, b, m_o, n (theory section 3.3); the balance there holds to
 """
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -15,12 +16,15 @@ RAMP_S = 0.3  # time in which a newcomer's stiffness grows, energy permitting
 
 
 class GripWorld(World):
-    """`stretch` is e, shape (n, a).
+    """A free object that people grip from all sides.
+
+    `stretch` is e, shape (n, a).
 
     A spring with stiffness adaptation saves what its damper takes, and what it releases itself where it grows softer, to grow
     stiffer with.
     """
 
+    kept: ClassVar[tuple[str, ...]] = ("stretch", "_ledger", "_growing")
     can_follow = True
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
@@ -46,6 +50,12 @@ class GripWorld(World):
     def leave(self, user: int) -> None:
         self.holding[user] = False
         self.stretch[user] = self.stiffness[user] = self.damping[user] = self.force[user] = 0.0
+
+    @property
+    def energy_j(self) -> float:
+        stretch, velocity = self.stretch, self.velocity
+        stored = 0.5 * (dot(self.stiffness * stretch, stretch) + self.mass_kg * dot(velocity, velocity))
+        return stored + float(self._ledger.sum())
 
     def proxy(self, user: int) -> Array:
         place: Array = self.position + self.stretch[user] + self.offset[user]

@@ -55,7 +55,7 @@ class PaperWorld(LaggedWorld):
 
     def step(self, inputs: Array) -> Array:
         period, b, c, u = self.frame_s, self.impedance, self.wave_gain, inputs
-        stored_before = self._stored()
+        stored_before = self.energy_j
         proxy_velocity = c * u - self.force / b  # the force is one step old: T_VE of P eq. 17
         self.hand = self.hand + period * proxy_velocity
         self.force = self.contact(proxy_velocity)
@@ -65,17 +65,10 @@ class PaperWorld(LaggedWorld):
         moved = self.move_object()
         lost += self.object_damping * dot(moved, moved) / period
         port = (0.5 * period) * (u * u - back * back).sum(axis=1)
-        error = port.sum() + dot(self.external_force, moved) - (self._stored() - stored_before) - lost
+        error = port.sum() + dot(self.external_force, moved) - (self.energy_j - stored_before) - lost
         self.balance_error_j = max(self.balance_error_j, abs(float(error)))
         self._book(port)
         return back
-
-    def _stored(self) -> float:
-        stretch = self.hand - self.position
-        if self.one_sided:
-            stretch = np.maximum(0.0, self.side * stretch[:, 0])[:, None]
-        springs = (self.stiffness * stretch * stretch).sum()
-        return float(0.5 * (springs + self.mass_kg * dot(self.velocity, self.velocity)))
 
 
 class CoupledWorld(LaggedWorld):

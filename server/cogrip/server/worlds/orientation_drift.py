@@ -15,6 +15,9 @@ SHARE = 1.0 / 16.0
 NONE: Vector = (0.0, 0.0, 0.0)
 
 
+SAVED = 13  # numbers of a saved state
+
+
 class OrientationDrift:
     """Drift of one tool. `report` before a step whose row is known to be of that pose, then `step`.
 
@@ -32,6 +35,18 @@ class OrientationDrift:
         self._ahead: Vector | None = None  # travelled by the tool less the hand, at the first report
         self._travelled = NONE
         self.correction_radps = self.drift_rad = NONE
+
+    def save(self) -> tuple[float, ...]:
+        """Return the state between two steps."""
+        known = 0.0 if self._ahead is None else 1.0
+        return (known, *(self._ahead or NONE), *self._travelled, *self.correction_radps, *self.drift_rad)
+
+    def restore(self, saved: Sequence[float]) -> None:
+        """Continue from a saved state."""
+        ahead, self._travelled, self.correction_radps, self.drift_rad = (
+            (saved[at], saved[at + 1], saved[at + 2]) for at in (1, 4, 7, 10)
+        )
+        self._hand, self._ahead = None, ahead if saved[0] else None
 
     def report(self, rotation_rad: Sequence[float], travelled_rad: Sequence[float]) -> None:
         """Enter how the hand had turned at the end of the frame that is stepped next."""

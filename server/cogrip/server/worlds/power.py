@@ -75,6 +75,7 @@ class PowerWorld(HandWorld):
     [m/s], shape (n, 2a).
     """
 
+    kept = ("controlled",)
     inputs_per_axis = 4
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:

@@ -14,18 +14,25 @@ from cogrip.server.worlds.world import MOST_SAVED_J, Array, HandWorld, dot
 
 
 class PushWorld(HandWorld):
-    """Depth is d = s (x_s - x_o) on the first axis.
+    """Contact that only pushes, at a free object or a wall.
+
+    Depth is d = s (x_s - x_o) on the first axis.
 
     A spring with stiffness adaptation grows stiffer at no cost while nothing is pressed in. Else it pays from what its contact
     took: T F (w - v) - change of K max(d, 0)^2 / 2, which is never below 0, as the step is implicit.
     """
 
+    kept = ("_ledger",)
     can_follow = True
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         super().__init__(seats)
         self._ledger = np.zeros(len(seats))  # [J]
         self._saving = bool(self.follows.any())
+
+    @property
+    def energy_j(self) -> float:
+        return super().energy_j + float(self._ledger.sum())
 
     def aim(self, user: int, stiffness_npm: float) -> None:
         self.target_stiffness[user] = stiffness_npm

@@ -20,35 +20,24 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Any, NamedTuple
 
-import msgspec
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.rotations import UNTURNED, Quaternion, exp, inverse, log, product, turned
-from cogrip.protocol.settings import PLACES, SeatSettings
+from cogrip.protocol.rotations import UNTURNED, exp, inverse, log, product, turned
+from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.task import Task
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
-from cogrip.server.worlds.orientation_drift import OrientationDrift
+from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
 from cogrip.server.worlds.scene_file import MOST_RATE, Scene, Tool, body_of
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.task_watch import TaskWatch
-from cogrip.server.worlds.world import Array, Row, World, WorldError, dot
+from cogrip.server.worlds.turning_ports import TurningPorts
+from cogrip.server.worlds.world import Array, Row, World, WorldError, check_saved, dot
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-_FULL = (mujoco.mjtWarning.mjWARN_CONTACTFULL, mujoco.mjtWarning.mjWARN_CNSTRFULL)
-
-
-class Saved(msgspec.Struct, frozen=True):
-    """State of a scene. physics: MuJoCo's own; ledger: of the limiter, level, paid [J] and frames limited."""
-
-    physics: bytes
-    holding: tuple[bool, ...]
-    solid: tuple[bool, ...]
-    ledger: tuple[float, float, int]
-    work: tuple[float, ...]
-    work_error: tuple[float, ...]
-    balance_error_j: float
+_FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
 
 
 class Grip(NamedTuple):
@@ -68,8 +57,9 @@ class SceneWorld(World):
     weighs nothing and stays; one that is taken inside a body touches nothing until it has left it (`solid`).
     """
 
-    def __init__(self, seats: Sequence[SeatSettings], scene: Scene, substeps: int, task: Task | None = None) -> None:
-        """Raise SceneError for a task with a body that the scene has not."""
+    port_damped = True  # a tool that is held has the damper of its wave port
+
+    def __init__(self, seats: Sequence[SeatSettings], scene: Scene, substeps: int) -> None:
         model = scene.model
         self.scene, self.substeps = scene, substeps
         self.data = mujoco.MjData(model)
@@ -81,19 +71,17 @@ class SceneWorld(World):
         self._energy = 0.0
         super().__init__(seats)
         self.limiter = EnergyLimiter(self.frame_s)
+        self.contacts = SceneContacts(scene, self.frame_s)
+        self._users = [seat.user for seat in seats]
         self.solid = np.zeros(len(seats), dtype=bool)
-        self._driven = [user for user, tool in enumerate(scene.tools) if tool.driven]
         self._dofs = np.array([range(tool.dof, tool.dof + 3) for tool in scene.tools])
         self._places = np.array([range(tool.coordinate, tool.coordinate + 3) for tool in scene.tools])
-        self._turning_dofs = self._dofs[self._driven] + 3
-        self._turning_impedance = np.array([[seat.coupling.rotational_impedance_nms] for seat in seats])
+        self.turning = TurningPorts(scene, seats, self.frame_s)
         self._port_impedance = np.repeat(self.impedance, self.axes, axis=1)
-        self._port_impedance[:, PLACES:] = self._turning_impedance
+        self._port_impedance[:, PLACES:] = self.turning.impedance
         self._drive = np.sqrt(2.0 * self._port_impedance)
         self._driven_axes = np.ones((len(seats), self.axes), dtype=bool)
         self._driven_axes[:, PLACES:] = [[tool.driven] for tool in scene.tools]
-        self._turning_gain = np.sqrt(2.0 / self._turning_impedance)
-        self._drift = {user: OrientationDrift(self.frame_s) for user in self._driven}
         self._grips = [self._grip(tool) for tool in scene.tools]
         start = np.array([model.body_pos[tool.body] for tool in scene.tools])
         self.offset[:, :PLACES] = self._start - start  # from the object's frame to each hand's own
@@ -102,10 +90,16 @@ class SceneWorld(World):
         for user in range(len(seats)):
             self._park(user)
         self._refresh()
-        self.task = None
-        if task is not None and task.stated:
-            self._body = body_of(scene, task.body)
-            self.task = TaskWatch(task, self.frame_s, self.data.xpos[self._body], self.data.xquat[self._body])
+        self._watch: tuple[int, TaskWatch] | None = None  # body of the task, and its progress
+
+    def watch(self, task: Task) -> None:
+        """Watch how far a task comes, if it states one. Raises SceneError for a body that the scene has not."""
+        if task.stated:
+            body = body_of(self.scene, task.body)
+            self._watch = body, TaskWatch(task, self.frame_s, *self._pose_of(body))
+
+    def _pose_of(self, body: int) -> tuple[list[float], list[float]]:
+        return self.data.xpos[body].tolist(), self.data.xquat[body].tolist()
 
     def _grip(self, tool: Tool) -> Grip:
         model, body, dof = self.scene.model, tool.body, tool.dof
@@ -114,7 +108,7 @@ class SceneWorld(World):
         return Grip(
             geoms,
             *contact,
-            model.dof_damping[dof : dof + (6 if tool.turns else 3)].copy(),
+            model.dof_damping[dof : dof + tool.dofs].copy(),
             float(model.body_gravcomp[body]),
         )
 
@@ -185,23 +179,11 @@ class SceneWorld(World):
 
     def proxy(self, user: int) -> Array:
         place: Array = self.data.qpos[self._places[user]] - self._zero[user]
-        return place if self.axes == PLACES else np.concatenate((place, log(self._turned(user))))
-
-    def _turned(self, user: int) -> Quaternion:
-        """Return by how much a tool is turned from its start."""
-        tool = self.scene.tools[user]
-        if not tool.turns:
-            return UNTURNED
-        at = slice(tool.coordinate + 3, tool.coordinate + 7)
-        return product(self.data.qpos[at].tolist(), inverse(self.scene.model.qpos0[at].tolist()))
-
-    def drift_rad(self, user: int) -> Row:
-        """Return the drift of a tool's orientation from its hand's, as last known (`orientation_drift`)."""
-        return self._drift[user].drift_rad
+        return place if self.axes == PLACES else np.concatenate((place, log(self.turning.turned(self.data, user))))
 
     def hand_turned(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
-        if user in self._drift:
-            self._drift[user].report(rotation_rad, travelled_rad)
+        if user in self.turning.drift:
+            self.turning.drift[user].report(rotation_rad, travelled_rad)
 
     def stiffness_of(self, user: int) -> float | None:
         return None
@@ -211,16 +193,11 @@ class SceneWorld(World):
     def join(self, user: int, position_m: Array) -> None:
         data, grip, tool = self.data, self._grips[user], self.scene.tools[user]
         data.qpos[self._places[user]] = self._zero[user] + position_m[:PLACES]
-        data.qvel[tool.dof : tool.dof + (6 if tool.turns else 3)] = 0.0
-        damping = np.repeat(self.impedance[user], 3)
-        if tool.turns:
-            turning = self._turning_impedance[user] if tool.orientation in ("driven", "damped") else np.zeros(1)
-            damping = np.concatenate((damping, np.repeat(turning, 3)))
-        self.scene.model.dof_damping[tool.dof : tool.dof + len(damping)] = grip.damping + damping
-        if tool.driven:
-            at = slice(tool.coordinate + 3, tool.coordinate + 7)
-            data.qpos[at] = product(exp(position_m[PLACES:].tolist()), self.scene.model.qpos0[at].tolist())
-            self._drift[user].begin()
+        self.turning.place(data, user, position_m[PLACES:].tolist())
+        dofs = slice(tool.dof, tool.dof + tool.dofs)
+        data.qvel[dofs] = 0.0
+        damping = np.concatenate((np.repeat(self.impedance[user], PLACES), self.turning.damping(user)))
+        self.scene.model.dof_damping[dofs] = grip.damping + self.port_damped * damping
         self.scene.model.body_gravcomp[tool.body] = grip.gravcomp
         self.holding[user] = True
         self._touch(user, False)
@@ -233,6 +210,7 @@ class SceneWorld(World):
 
     def reset(self) -> None:
         mujoco.mj_resetData(self.scene.model, self.data)
+        self.contacts.forget()
         self.limiter = EnergyLimiter(self.frame_s)
         for user in range(len(self.holding)):
             self._park(user)
@@ -240,7 +218,7 @@ class SceneWorld(World):
 
     def _park(self, user: int) -> None:
         model, tool = self.scene.model, self.scene.tools[user]
-        dofs = slice(tool.dof, tool.dof + (6 if tool.turns else 3))
+        dofs = slice(tool.dof, tool.dof + tool.dofs)
         self.holding[user] = False
         self.force[user] = 0.0
         self.data.qfrc_applied[dofs] = 0.0
@@ -267,51 +245,37 @@ class SceneWorld(World):
 
     def _refresh(self) -> None:
         """Bring data up to a state that was changed by hand, whose energy is then the one to count from."""
-        mujoco.mj_step1(self.scene.model, self.data)
+        model = self.scene.model
+        mujoco.mj_step1(model, self.data)
+        self._carried = carried = np.flatnonzero(model.body_gravcomp)
+        self._weight = (model.body_gravcomp[carried] * model.body_mass[carried])[:, None] * model.opt.gravity
         self._energy = self._measure()
 
     def _measure(self) -> float:
         """Return kinetic and potential energy [J]; MuJoCo's potential counts weight that `gravcomp` carries."""
-        model, data = self.scene.model, self.data
-        carried = np.flatnonzero(model.body_gravcomp)
-        weight = (model.body_gravcomp[carried] * model.body_mass[carried])[:, None] * model.opt.gravity
-        return float(data.energy[0] + data.energy[1]) + dot(weight, data.xipos[carried])
+        data = self.data
+        return float(data.energy[0] + data.energy[1]) + dot(self._weight, data.xipos[self._carried])
+
+    def _gain(self) -> float:
+        """Return how much energy the bodies have got since the frame before [J]; by hand none is given them."""
+        before, self._energy = self._energy, self._measure()
+        self.gained_j += self._energy - before
+        return self._energy - before
 
     # Stepping
 
     def step(self, inputs: Array) -> Array:
-        model, data, dofs, b = self.scene.model, self.data, self._dofs, self._port_impedance
+        data, turning, b = self.data, self.turning, self._port_impedance
         held = self.holding[:, None] & self._driven_axes
-        given_u = u = np.where(held, inputs, 0.0)
-        frames = self._frames()
+        theirs = u = np.where(held, inputs, 0.0)  # of the hands; u: what drives the tools
         local = u
-        if frames is not None:
-            u = self._corrected(u)
-            local = self._turn(frames, u, back=True)
+        frames = turning.frames(data)
+        if turning.driven:
+            u = turning.corrected(u, self.limiter.level_j)
+            local = turning.to_tools(frames, u)
         drive = self._drive * local
-        data.qfrc_applied[dofs] = drive[:, :PLACES]
-        if frames is not None:
-            data.qfrc_applied[self._turning_dofs] = drive[self._driven, PLACES:]
         before = data.qpos[self._places]
-        moved, squares, rates = np.zeros_like(u), np.zeros_like(u), np.zeros_like(u)  # sums of q_k, q_k^2
-        for _ in range(self.substeps):
-            data.efc_margin[:] = 0.0
-            mujoco.mj_step2(model, data)
-            everything = data.qvel
-            if not everything.dot(everything) < MOST_RATE**2:
-                raise WorldError(
-                    f"the scene left all bounds at {data.time:.3f} s: velocities are {_largest(everything)}"
-                )
-            rates[:, :PLACES] = everything[dofs]
-            if frames is not None:
-                rates[self._driven, PLACES:] = everything[self._turning_dofs]
-            moved += rates
-            squares += rates * rates
-            mujoco.mj_step1(model, data)
-        if any(data.warning[kind].number for kind in _FULL):
-            raise WorldError(
-                f"the scene has more contacts than its memory at {data.time:.3f} s: raise <size memory> in it"
-            )
+        moved, squares = self.integrate(drive)
         period, substep = self.frame_s, self.frame_s / self.substeps
         w = moved / self.substeps
         w[:, :PLACES] = (data.qpos[self._places] - before) / period
@@ -322,63 +286,63 @@ class SceneWorld(World):
         error = np.where(held, (0.5 * period) * (local * local - back * back) - given - lost, 0.0)
         self.balance_error_j = max(self.balance_error_j, abs(float(error.sum())))
         force = drive - b * w
-        if frames is not None:
-            back, force = self._turn(frames, back), self._turn(frames, force)
-            self._watch_drift(self._turn(frames, w), u - given_u)
+        if turning.driven:
+            back, force = turning.to_world(frames, back), turning.to_world(frames, force)
+            turning.watch(data, turning.to_world(frames, w), u - theirs)
         self.force = force
 
-        energy = self._measure()
-        factor = self.limiter.limit(dot(given_u, given_u), dot(back, back), energy - self._energy)
-        self._energy = energy
+        factor = self.limiter.limit(dot(theirs, theirs), dot(back, back), self._gain())
         if factor < 1.0:
             back = factor * back
-        self._book(((0.5 * period) * (given_u * given_u - back * back)).sum(axis=1))
-        if np.any(self.holding & ~self.solid):
+        self._book(((0.5 * period) * (theirs * theirs - back * back)).sum(axis=1))
+        if not self.solid.all() and np.any(self.holding & ~self.solid):
             self._make_solid()
-        if self.task is not None:
-            self.task.step(data.xpos[self._body].tolist(), data.xquat[self._body].tolist(), bool(self.holding.any()))
         return back
 
-    # Rotation
+    def integrate(self, force: Array) -> tuple[Array, Array]:
+        """Step through a frame, these forces on the tools [N, N m]. Return the sums of q_k and q_k^2. Raises WorldError."""
+        model, data, dofs = self.scene.model, self.data, self._dofs
+        turning = self.turning.driven
+        data.qfrc_applied[dofs] = force[:, :PLACES]
+        if turning:
+            data.qfrc_applied[self.turning.dofs] = force[turning, PLACES:]
+        rates, moved, squares = np.zeros_like(force), np.zeros_like(force), np.zeros_like(force)
+        for left in reversed(range(self.substeps)):
+            data.efc_margin[:] = 0.0
+            mujoco.mj_step2(model, data)
+            everything = data.qvel
+            if not everything.dot(everything) < MOST_RATE**2:
+                raise WorldError(
+                    f"the scene left all bounds at {data.time:.3f} s: velocities are {_largest(everything)}"
+                )
+            rates[:, :PLACES] = everything[dofs]
+            if turning:
+                rates[turning, PLACES:] = everything[self.turning.dofs]
+            moved += rates
+            squares += rates * rates
+            if not left:
+                self.contacts.read(data)
+            mujoco.mj_step1(model, data)
+        if data.warning.number[_FULL].any():
+            raise WorldError(
+                f"the scene has more contacts than its memory at {data.time:.3f} s: raise <size memory> in it"
+            )
+        if self._watch:
+            body, progress = self._watch
+            progress.step(*self._pose_of(body), bool(self.holding.any()))
+        return moved, squares
 
-    def _frames(self) -> Array | None:
-        """Return the orientation of each driven tool as a matrix, shape (driven, 3, 3); None where none is driven."""
-        if not self._driven:
-            return None
-        bodies = [self.scene.tools[user].body for user in self._driven]
-        frames: Array = self.data.xmat[bodies].reshape(-1, 3, 3)
-        return frames
+    def limiter_account(self) -> dict[str, float] | None:
+        return self.limiter.account()
 
-    def _turn(self, frames: Array, rows: Array, back: bool = False) -> Array:
-        """Return rows of the ports whose last three axes are turned from the tools' own frames to the world's, or back."""
-        out = rows.copy()
-        turning = rows[self._driven, PLACES:]
-        matrices = frames.transpose(0, 2, 1) if back else frames
-        out[self._driven, PLACES:] = (matrices * turning[:, None, :]).sum(axis=2)
-        return out
+    def contact_of(self, user: int) -> Touch:
+        return self.contacts.touches[user]
 
-    def _corrected(self, u: Array) -> Array:
-        """Return the waves with what turns tools back to their hands, as far as the limiter's ledger pays for it."""
-        out = u.copy()
-        for user in self._driven:
-            out[user, PLACES:] += np.array(self._drift[user].correction_radps) / self._turning_gain[user]
-        cost_j = 0.5 * self.frame_s * (dot(out, out) - dot(u, u))
-        if cost_j > 0.0 and cost_j > self.limiter.level_j:
-            return u
-        return out
-
-    def _watch_drift(self, rates: Array, added: Array) -> None:
-        """Enter how the driven tools have turned; added: waves that were not the hand's."""
-        for user in self._driven:
-            turned_by = rates[user, PLACES:] - added[user, PLACES:] / self._drive[user, PLACES:]  # sqrt(2b) w = u + v
-            self._drift[user].step(self._turned(user), turned_by.tolist())
-
-    def limiter_account(self) -> dict[str, float]:
-        limiter = self.limiter
-        return {"level_j": limiter.level_j, "paid_j": limiter.paid_j, "limited_frames": limiter.limited}
+    def scene_account(self) -> dict[str, Any]:
+        return self.contacts.account(self._users)
 
     def task_account(self) -> dict[str, Any] | None:
-        return self.task.account() if self.task is not None else None
+        return self._watch[1].account() if self._watch else None
 
     # Saving
 
@@ -394,29 +358,29 @@ class SceneWorld(World):
         self.data.qpos[:] = coordinates
         self._refresh()
 
-    def save(self) -> Saved:
-        """Return the state between two frames; a world of the same scene continues from it bit for bit."""
+    def save(self) -> Row:
         mujoco.mj_getState(self.scene.model, self.data, self._state, _STATE)
         limiter = self.limiter
-        return Saved(
-            self._state.tobytes(), tuple(self.holding.tolist()), tuple(self.solid.tolist()),
-            (limiter.level_j, limiter.paid_j, limiter.limited), tuple(self.port_work.tolist()),
-            tuple(self._work_error.tolist()), self.balance_error_j,
-        )  # fmt: skip
+        seats = np.concatenate((self.holding, self.solid, self.port_work, self._work_error)).tolist()
+        ledger = limiter.level_j, limiter.paid_j, float(limiter.limited), self.balance_error_j
+        return (*self.turning.save(), *self._state.tolist(), *seats, *ledger)
 
-    def restore(self, saved: Saved) -> None:
-        """Continue from a saved state. Raises WorldError for one of another scene, and nothing has changed."""
-        if len(saved.physics) != self._state.nbytes or len(saved.holding) != len(self.holding):
-            raise WorldError("the saved state is of another scene: its size or its seats differ")
-        for user, (holding, solid) in enumerate(zip(saved.holding, saved.solid, strict=True)):
+    def restore(self, saved: Row) -> None:
+        seats, physics = len(self.holding), self._state.size
+        turned = self.turning.saved_numbers
+        check_saved(saved, turned + physics + 4 * seats + 4)
+        state = np.array(saved[turned:])
+        holding, solid, work, work_error = state[physics:-4].reshape(4, seats)
+        for user in range(seats):
             self._park(user)
-            if holding:
-                self.join(user, np.zeros(3))
-                self._touch(user, solid)
-        mujoco.mj_setState(self.scene.model, self.data, np.frombuffer(saved.physics), _STATE)
-        self.limiter.level_j, self.limiter.paid_j, self.limiter.limited = saved.ledger
-        self.port_work, self._work_error = np.array(saved.work), np.array(saved.work_error)
-        self.balance_error_j = saved.balance_error_j
+            if holding[user]:
+                self.join(user, np.zeros(self.axes))
+                self._touch(user, bool(solid[user]))
+        mujoco.mj_setState(self.scene.model, self.data, state[:physics], _STATE)
+        self.turning.restore(saved[:turned])
+        self.limiter.level_j, self.limiter.paid_j, limited, self.balance_error_j = saved[-4:]
+        self.limiter.limited = int(limited)
+        self.port_work, self._work_error = work, work_error
         self._refresh()
 
 

@@ -20,9 +20,11 @@ from xml.parsers import expat
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
-from cogrip.protocol.settings import POSE_AXES, Orientation, Settings, Side
+from cogrip.protocol.setting_types import PLACES, POSE_AXES, Orientation, Side
+from cogrip.protocol.settings import Settings
 
 MOST_BYTES = 8_000_000
+MOST_CONTACTS = 8  # of a tool whose forces are measured, the strongest ones
 MOST_ELEMENTS = 5000  # of XML, those that it repeats counted: more take minutes to load
 MOST_MEMORY = 2**28  # that <size memory> may ask for
 MOST_RATE = 1e5  # of anything after one step [m/s, rad/s]
@@ -73,6 +75,11 @@ class Tool:
     coordinate: int
     turns: bool
     orientation: Orientation
+
+    @property
+    def dofs(self) -> int:
+        """Return the number of its degrees of freedom."""
+        return POSE_AXES if self.turns else PLACES
 
     @property
     def driven(self) -> bool:
@@ -159,6 +166,8 @@ def make_scene(text: str, seats: Sequence[Held], step_s: float, name: str = "sce
                 before = [each for each in range(seat) if seats[each].side == held.side and chosen[each] not in bodies]
                 place = object_m + np.array([sign * (radius_m + CLEAR_M), APART_M * len(before), 0.0])
                 _add_tool(spec, body, held, place.tolist())
+        for body in chosen:
+            _add_sensor(spec, body)
         model = spec.compile()
         _try_step(model, name)
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
@@ -274,6 +283,7 @@ def _complete(spec: mujoco.MjSpec, options: set[str], step_s: float) -> tuple[tu
     dampers = int(mujoco.mjtDisableBit.mjDSBL_DAMPER) | int(
         mujoco.mjtDisableBit.mjDSBL_EULERDAMP
     )  # the ports are dampers
+    dampers |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # and contacts are measured by sensors
     option.disableflags = (option.disableflags & ~dampers) | mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return tuple(filled), tuple(own)
 
@@ -308,6 +318,15 @@ def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[f
         geom.mass = TOOL_KG / len(geoms)
         for key, value in _GEOM.items():
             setattr(geom, key, value)
+
+
+def _add_sensor(spec: mujoco.MjSpec, body_name: str) -> None:
+    """Add the sensor of the forces of a tool's strongest contacts (`scene_contacts`); those of the seats are the last ones."""
+    fields = mujoco.mjtConDataField.mjCONDATA_FOUND, mujoco.mjtConDataField.mjCONDATA_FORCE
+    what = sum(1 << int(field) for field in fields)
+    strongest = 2  # how contacts are chosen: MJCF's reduce="maxforce"
+    body, kind = mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtSensor.mjSENS_CONTACT  # with all that hangs on it
+    spec.add_sensor(type=kind, objtype=body, objname=body_name, intprm=[what, strongest, MOST_CONTACTS])
 
 
 def _first_free(model: mujoco.MjModel, tools: set[int]) -> int:

@@ -51,6 +51,7 @@ class ListState:
 class SmallGripWorld(GripWorld):
     """State in lists; the arrays of `GripWorld` are views of them, to be read or set as a whole."""
 
+    kept = ("_paid_j", "_excess_j")
     _place: list[float]
     _speed: list[float]
     _external: list[float]
@@ -66,6 +67,10 @@ class SmallGripWorld(GripWorld):
         self._paid_j = [0.0] * len(seats)  # the ledger
         self._excess_j = [0.0] * len(seats)  # of `_work` over the exact sum
         self._follows: list[bool] = self.follows.tolist()
+
+    @property
+    def energy_j(self) -> float:
+        return super().energy_j + sum(self._paid_j)
 
     def ports_changed(self) -> None:
         """Let the next step compute the ports' constants anew."""

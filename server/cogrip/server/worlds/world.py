@@ -2,14 +2,17 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from math import isfinite
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.line.energy_sums import add_compensated
-from cogrip.protocol.settings import PLACES, SeatSettings
+from cogrip.protocol.object_kinds import kind_of
+from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.waves import server_gain
 
 Array = NDArray[np.float64]
@@ -34,10 +37,21 @@ class World(ABC):
 
     Positions of a user (proxy, device) are in that user's own frame: `offset` is what joining put between it and the
     object's (theory section 3.7: the proxy starts on the object, wherever the hand is).
+
+    failed  why it is not stepped any more, "" while it is
     """
 
+    axes_allowed: ClassVar[Sequence[int]] = (1, 2, 3)
+    seats_allowed: ClassVar[Sequence[int]] = range(1, 257)
+    kept: ClassVar[tuple[str, ...]] = (
+        "position", "velocity", "offset", "force", "holding", "stiffness", "damping", "target_stiffness", "external_force",
+        "port_work", "_work_error", "balance_error_j",
+    )  # fmt: skip
+    """Attributes, numbers or arrays of them, that hold what changes; each class names its own."""
     inputs_per_axis = 1  # waves
+    gained_j = 0.0  # energy that the bodies of a scene have got in all steps so far
     can_follow = False  # `aim` may be called: stiffness changes within the energy law
+    failed = ""
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         first = seats[0]
@@ -82,6 +96,11 @@ class World(ABC):
     def step(self, inputs: Array) -> Array:
         """Advance the object by one frame. inputs: shape (n, inputs); returns what goes back to each."""
 
+    @property
+    @abstractmethod
+    def energy_j(self) -> float:
+        """Kinetic and potential energy of all that is in the world, and what springs may spend on growing stiffer."""
+
     @abstractmethod
     def proxy(self, user: int) -> Array:
         """Return the proxy of a person [m], shape (a,), in the person's own frame."""
@@ -115,6 +134,26 @@ class World(ABC):
         """Go back to the start, held by nobody, after a WorldError."""
         raise NotImplementedError(f"{type(self).__name__}: no state here is one that it cannot go on from")
 
+    def save(self) -> Row:
+        """Return the state between two steps; a world of the same seats continues from it bit for bit."""
+        arrays = [np.ravel(np.asarray(getattr(self, name), dtype=float)) for name in self._all_kept()]
+        row: list[float] = np.concatenate(arrays).tolist()
+        return tuple(row)
+
+    def restore(self, saved: Row) -> None:
+        """Continue from a saved state. Raises WorldError for one that is not of such a world, and nothing has changed."""
+        before = {name: getattr(self, name) for name in self._all_kept()}
+        sizes = [np.size(value) for value in before.values()]
+        check_saved(saved, sum(sizes))
+        for (name, value), part in zip(before.items(), np.split(np.array(saved), np.cumsum(sizes)[:-1]), strict=True):
+            old = np.asarray(value)
+            new = part.astype(old.dtype).reshape(old.shape)
+            setattr(self, name, new if isinstance(value, np.ndarray) else new.tolist())
+
+    @classmethod
+    def _all_kept(cls) -> list[str]:
+        return list(dict.fromkeys(name for each in reversed(cls.__mro__) for name in vars(each).get("kept", ())))
+
     def coordinates(self) -> tuple[str, Row]:
         """Return the digest of the scene and the coordinates of all its bodies; "" and () where there is only the object."""
         return "", ()
@@ -146,6 +185,14 @@ class World(ABC):
         """Return how far the task of the settings has come; None where they state none."""
         return None
 
+    def scene_account(self) -> dict[str, Any] | None:
+        """Return contact forces, slip and lift of the run so far (docs/summary.md); None where there are no bodies."""
+        return None
+
+    def contact_of(self, user: int) -> tuple[float | None, float | None, float | None]:
+        """Return normal force and friction at a person's tool [N], and its slip [m]; None where there are no bodies."""
+        return None, None, None
+
     def stiffness_of(self, user: int) -> float | None:
         """Return K of a user's spring now [N/m]; None where there is no spring."""
         return float(self.stiffness[user, 0])
@@ -173,13 +220,25 @@ class World(ABC):
         return not all(abs(place) <= REACH_M for place in self.motion()[: self.places])
 
 
+def check_saved(saved: Row, length: int) -> None:
+    """Raise WorldError for a saved state of another length, or with a number in it that is none."""
+    if len(saved) != length:
+        raise WorldError(
+            f"the saved state has {len(saved)} numbers, not {length}: it is of another world, or of other seats"
+        )
+    if not all(map(isfinite, saved)):
+        raise WorldError("the saved state is not all finite")
+
+
 class HandWorld(World):
     """A world that keeps each proxy's own place: `hand` is x_s, shape (n, a), in the object's frame."""
+
+    kept = ("hand",)
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         super().__init__(seats)
         self.hand = np.zeros_like(self.force)
-        self.fixed = seats[0].object.kind == "wall"
+        self.fixed = kind_of(seats[0].object.kind).fixed
         self.one_sided = seats[0].one_sided
 
     def join(self, user: int, position_m: Array) -> None:
@@ -195,6 +254,13 @@ class HandWorld(World):
         self.holding[user] = True
         self.stiffness[user] = self.target_stiffness[user]  # costs nothing while nothing is stretched
         self.damping[user] = self.target_damping[user]
+
+    @property
+    def energy_j(self) -> float:
+        stretch = self.hand - self.position
+        if self.one_sided:
+            stretch = np.maximum(0.0, self.side * stretch[:, 0])[:, None]
+        return 0.5 * (dot(self.stiffness * stretch, stretch) + self.mass_kg * dot(self.velocity, self.velocity))
 
     def leave(self, user: int) -> None:
         self.holding[user] = False

@@ -141,6 +141,18 @@ def overloads(settings: Settings) -> tuple[str, ...]:
     return tuple(text for _, text in sorted(found))
 
 
+def unbounded(settings: Settings | SeatSettings) -> tuple[str, ...]:
+    """Return why a scene may shake its hands, () where it is driven by waves: then its limiter bounds what comes out."""
+    kind = settings.coupling.kind
+    if settings.object.kind != "scene" or kind == "wave":
+        return ()
+    text = (
+        f'coupling.kind = "{kind}": nothing bounds the energy that a scene makes under it, and no model tells whether it is '
+        'stable: it is there to compare with; set coupling.kind = "wave"'
+    )
+    return (text,)
+
+
 def _section(settings: Settings, number: int) -> str:
     """Return the section of settings with the damper of this person's device: a user's own value is above [coupling]'s."""
     own = getattr(settings.users[number], damper_of(settings.coupling).key)

@@ -16,6 +16,7 @@ from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.protocol.line.delays import OneWayDelay, expected_frames, one_way
+from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.settings import Coupling, SeatSettings, Settings, User, seat_axes, seat_settings
 
@@ -155,8 +156,10 @@ def _person(seat: SeatSettings, capability: Capability, delay_frames: float | No
 
 def _session(seat: SeatSettings, people: Sequence[Person]) -> LinearSession:
     scheme, kind = scheme_of(seat.coupling), seat.object.kind
-    if kind == "scene":
-        raise ModelError('object.kind = "scene" has no linear model: contact comes and goes between its bodies')
+    if not kind_of(kind).spring:
+        raise ModelError(
+            f'object.kind = "{kind}" has no linear model: its world alone says how it moves; try it with `cogrip lab`'
+        )
     if kind == "faces" and scheme != "passive":
         raise ModelError(
             f'scheme "{scheme}" does not fit object.kind = "faces": there contact comes and goes, and for a step that is '

@@ -19,7 +19,8 @@ from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.simulated.hands import DirectedHand, Hand, PushHand
-from cogrip.protocol.settings import PLACES, Settings, rates_of, seat_axes
+from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.settings import Settings, rates_of, seat_axes
 from cogrip.sim.analysis.advice import Finding
 
 FAR_OUTSIDE = (

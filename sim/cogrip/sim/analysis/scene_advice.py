@@ -7,7 +7,7 @@ from cogrip.protocol.felt_stiffness import felt_stiffness
 from cogrip.protocol.line.delays import expected_frames, one_way
 from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
 from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, held_by, load_scene
-from cogrip.sim.analysis.advice import Finding, overloads, plain
+from cogrip.sim.analysis.advice import Finding, overloads, plain, unbounded
 
 
 def scene_findings(settings: Settings) -> list[Finding]:
@@ -15,7 +15,8 @@ def scene_findings(settings: Settings) -> list[Finding]:
     seats = [seat_settings(settings, number) for number in range(len(settings.users))]
     given = settings.object
     scene = load_scene(Path(given.file), held_by(settings), seats[0].rates.frame_s / given.substeps)
-    return [*_contact(scene), *(_felt(scene, seat) for seat in seats), *_loads(settings)]
+    felt = [_felt(scene, seat) for seat in seats if seat.coupling.kind == "wave"]
+    return [*_contact(scene), *felt, *_loads(settings)]
 
 
 def _contact(scene: Scene) -> Iterator[Finding]:
@@ -49,3 +50,5 @@ def _felt(scene: Scene, seat: SeatSettings) -> Finding:
 def _loads(settings: Settings) -> Iterator[Finding]:
     for text in overloads(settings):
         yield Finding("device", text, "warning", refused=True)
+    for text in unbounded(settings):
+        yield Finding("scheme", text, "warning", refused=True)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cogrip.protocol.accounts import ClientAccount, LinkCount, RoomAccount, SeatAccount, TickCount
 from cogrip.protocol.recording.records import Datagram, Ledger, Poses, Record, Row, SeatStep, Step, Tick
 from cogrip.protocol.recording.schema import unit_of
-from cogrip.protocol.settings import PLACES
+from cogrip.protocol.setting_types import PLACES
 from cogrip.server.recorder import address_of, start_of
 
 Array = NDArray[Any]

@@ -1,7 +1,8 @@
 """A laboratory session with its recordings in a run folder."""
 
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+import gc
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,7 @@ def run_laboratory(
             )
     with ExitStack() as files:
         record = _recording(settings, folder, files) if folder else unrecorded
+        files.enter_context(_uncollected())
         laboratory = Laboratory(settings, record, begins)
         every = max(1, laboratory.frames // 200)
 
@@ -63,6 +65,18 @@ def run_laboratory(
         write_settings(folder, settings)
         write_summary(folder, summary)
     return Outcome(summary, laboratory.diverged, bool(stop and stop.reason))
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Switch the garbage collector off, as the live loops do: the cores leave no cycles behind, so it would find none."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 def _recording(settings: Settings, folder: Path, files: ExitStack) -> Record:

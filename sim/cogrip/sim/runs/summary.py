@@ -112,6 +112,10 @@ def _of_room(
         summary["server"]["energy_limiter"] = ledger
     if (task := room.world.task_account()) is not None:
         summary["task"] = task
+    if (scene := room.world.scene_account()) is not None:
+        summary["server"]["scene"] = scene
+    if room.world.failed:
+        summary["server"]["world_failed"] = room.world.failed
     return summary
 
 

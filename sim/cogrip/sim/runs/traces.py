@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.protocol.drawing import Shape
 from cogrip.protocol.messages import all_shown
 from cogrip.protocol.recording.reader import Damage, RecordingError
-from cogrip.server.recorder import step_topic
+from cogrip.server.recorder import scene_topics, step_topic
 from cogrip.sim.runs.folder import SERVER_RECORDING, SETTINGS, SUMMARY, client_recording
 from cogrip.sim.runs.records import End, RunRecords, open_run
 
@@ -88,6 +89,7 @@ class Run:
     """One run folder. Seat n of the room is names[n]; `clients` has those whose recording is there; `notes` say what is not.
 
     versions: of the software that ran it, as its recordings have them; several with whose they are.
+    bodies: poses of a scene's bodies that move, as `poses`, seven numbers a body; shapes: what they are drawn of.
     """
 
     folder: Path
@@ -98,6 +100,8 @@ class Run:
     room: Trace | None
     notes: tuple[str, ...]
     versions: tuple[str, ...] = ()
+    bodies: Trace | None = None
+    shapes: tuple[Shape, ...] = ()
 
 
 def load_run(folder: Path) -> Run:
@@ -107,6 +111,7 @@ def load_run(folder: Path) -> Run:
     clients: dict[str, Trace] = {}
     room: Trace | None = None
     versions: tuple[str, ...] = ()
+    bodies: tuple[Trace | None, tuple[Shape, ...]] = None, ()
     try:
         records = open_run(folder)
     except (FileNotFoundError, RecordingError) as error:
@@ -123,6 +128,8 @@ def load_run(folder: Path) -> Run:
             if trace is not None:
                 clients[name] = trace
         room = _try(records, records.server, notes) if records.server else None
+        if room is not None and records.server:
+            bodies = _bodies(records.server, records.room())
     names = _names(summary, settings, clients.values())
     if room is None and not (folder / SERVER_RECORDING).exists():
         notes.append(f"{SERVER_RECORDING} is not here: no proxies, and no line up, in the plots.")
@@ -131,7 +138,7 @@ def load_run(folder: Path) -> Run:
         for name in names
         if name not in clients and not (folder / client_recording(name)).exists()
     ]
-    return Run(folder, summary, settings, names, clients, room, tuple(notes), versions)
+    return Run(folder, summary, settings, names, clients, room, tuple(notes), versions, *bodies)
 
 
 def _try(records: RunRecords, end: End, notes: list[str]) -> Trace | None:
@@ -146,6 +153,19 @@ def _try(records: RunRecords, end: End, notes: list[str]) -> Trace | None:
         notes.append(f"{end.path.name} holds no ticks.")
         return None
     return trace
+
+
+def _bodies(server: End, room: str) -> tuple[Trace | None, tuple[Shape, ...]]:
+    """Return poses and shapes of the bodies of a room's scene; None and () where there is none."""
+    geoms, poses = scene_topics(room)
+    if poses not in server.recording.topics:
+        return None, ()
+    try:
+        shapes = next((each.record.shapes for each in server.records(geoms)), ())
+        trace = trace_of(server, poses)
+    except (RecordingError, KeyError, ValueError, IndexError):  # of another version: the other plots are drawn
+        return None, ()
+    return trace if trace.rows else None, shapes
 
 
 def _versions(records: RunRecords) -> tuple[str, ...]:

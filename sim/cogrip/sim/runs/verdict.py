@@ -198,6 +198,8 @@ def stable(summary: Summary) -> Judgement:
     found, brief = [], []
     if said is True:
         why = [f"{name_of(user)}: {user['reason']}" for user in users if user.get("reason") and not user.get("claimed")]
+        if failed := dig(summary, "server", "world_failed"):
+            why.insert(0, f"The world has ended: {failed}")
         where = vector(dig(summary, "object", "position_m"), scale=1e3)
         found.append(f"Diverged. {'; '.join(why) or f'The object left the workspace, it was last at {where} mm'}")
         brief.append(f"diverged{f' ({why[0]})' if why else ''}")

@@ -1,4 +1,4 @@
-"""The files that a session reads besides its settings: recorded delay traces, recorded hands, and scenes.
+"""The files that a session reads besides its settings: recorded delay traces, recorded hands, scenes, and worlds.
 
 Settings only name them; their digests are part of an experiment's query.
 """
@@ -10,6 +10,7 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import address_of
 from cogrip.devices.recorded_motion import find, split_user
 from cogrip.devices.settings import parse_address
+from cogrip.protocol.object_kinds import PYTHON, split_python
 from cogrip.protocol.settings import Settings
 
 UNREADABLE = "unreadable"  # whoever runs the session says what is wrong with it
@@ -17,7 +18,9 @@ UNREADABLE = "unreadable"  # whoever runs the session says what is wrong with it
 
 def files_read(settings: Settings) -> dict[str, str]:
     """Return the SHA-256 of each file's content, by its path as in the settings."""
-    paths = {settings.link.trace_of(direction) for direction in ("up", "down")} | {settings.object.file}
+    kind = settings.object.kind
+    world = split_python(kind)[0] if kind.startswith(PYTHON) else ""
+    paths = {settings.link.trace_of(direction) for direction in ("up", "down")} | {settings.object.file, world}
     paths -= {""}
     found = {path: _digest(Path(path)) for path in paths}
     for user in settings.users:

@@ -27,7 +27,8 @@ from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.recording.sink import Nowhere, Sink
 from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import Settings, digest, rates_of, seat_axes
+from cogrip.protocol.settings import Settings, rates_of, seat_axes
+from cogrip.protocol.settings_digest import digest
 from cogrip.protocol.version import VERSION
 from cogrip.server.admission import Outside
 from cogrip.server.checkpoint import RoomCheckpoint
@@ -54,6 +55,7 @@ class Person:
         user = settings.users[number]
         self.begins = begins  # tick of the session, at this person's rate, that is their first
         self.rates = rates_of(settings, user)
+        self.ticks_per_frame = self.rates.ticks_per_frame
         self.visit = visit
         self.name = user.name
         self.going = self.gone = False
@@ -120,7 +122,7 @@ class Laboratory:
         self.tick = 0
         self._network_hz = settings.rates.network_hz
         self._frame = 0  # the current one, or the next
-        self._moments = moments_of([person.rates.ticks_per_frame for person in self.people])
+        self._moments = moments_of([person.ticks_per_frame for person in self.people])
         self.frames = max(1, round(settings.seconds * settings.rates.network_hz))
         for person in self.people:
             person.core.record(record(person.core, person.name))
@@ -165,7 +167,7 @@ class Laboratory:
     def come(self, number: int) -> Person:
         """Return a new person in this seat: the same one again, with a hand that begins anew."""
         before = self.people[number]
-        begins = self._frame * before.rates.ticks_per_frame
+        begins = self._frame * before.ticks_per_frame
         person = self.people[number] = Person(self.settings, number, begins, before.visit + 1, self._bare)
         self.now_ns = due_ns(0, self._frame, self._network_hz)
         person.core.record(self._record(person.core, f"{person.name} {person.visit + 1}"))
@@ -238,8 +240,8 @@ class Laboratory:
         """Run one network frame: everybody's M device ticks, the border first."""
         for moment in self._moments:
             number, step = moment[0]
-            rates = self.people[number].rates
-            now_ns = self.now_ns = due_ns(0, self._frame * rates.ticks_per_frame + step, rates.device_hz)
+            person = self.people[number]
+            now_ns = self.now_ns = due_ns(0, self._frame * person.ticks_per_frame + step, person.rates.device_hz)
             self._sense(moment, step == 0)
             if step == 0:
                 self._from_clients()
@@ -258,7 +260,7 @@ class Laboratory:
         frame, now_ns = self._frame, self.now_ns
         for number, step in moment:
             person = self.people[number]
-            tick = frame * person.rates.ticks_per_frame + step
+            tick = frame * person.ticks_per_frame + step
             if person.ticks_at(tick):
                 person.core.sense(tick - person.begins, person.supervised.read(tick - person.begins), now_ns)
             elif border and person.gone:
@@ -270,7 +272,7 @@ class Laboratory:
         frame, now_ns = self._frame, self.now_ns
         for number, step in moment:
             person = self.people[number]
-            core, tick = person.core, frame * person.rates.ticks_per_frame + step
+            core, tick = person.core, frame * person.ticks_per_frame + step
             if person.ticks_at(tick):
                 person.supervised.write(core.act(now_ns))
             if core.session.state == "resuming" or person.migration.newer is not None:
@@ -320,7 +322,7 @@ class Laboratory:
 
     def ticks(self, number: int = 0) -> TickCount:
         """Return the tick count of one person's loop. In virtual time every tick is run, and none is late."""
-        ticks = self._frame * self.people[number].rates.ticks_per_frame
+        ticks = self._frame * self.people[number].ticks_per_frame
         return TickCount(due=ticks, run=ticks)
 
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
+from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings, User, coupling_of
 from cogrip.sim.experiments.methods.trace import TraceRecorder
 from cogrip.sim.session.laboratory import Laboratory
@@ -85,16 +86,16 @@ def furthest_off(people: Sequence[Felt]) -> Felt | None:
 def balanced_loads(settings: Settings) -> Sequence[float] | None:
     """Return the force of each person along the first axis [N]: +- LOAD_N, with sum 0 unless the object is fixed.
 
-    None where that cannot be: one person alone at a free object, faces pushed from one side only, a scene.
+    None where that cannot be: one person alone at a free object, faces pushed from one side only, an object without springs.
     """
     users, kind = settings.users, settings.object.kind
-    if kind == "scene":
+    if not kind_of(kind).spring:
         return None
     if kind == "cube":
         signs = [1.0 if number % 2 == 0 else -1.0 for number in range(len(users))]
     else:
         signs = [1.0 if user.side == "left" else -1.0 for user in users]
-    if kind == "wall":
+    if kind_of(kind).fixed:
         return [LOAD_N * sign for sign in signs]
     left, right = signs.count(1.0), signs.count(-1.0)
     if not left or not right:

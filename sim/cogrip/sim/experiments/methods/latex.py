@@ -15,6 +15,7 @@ from cogrip.sim.experiments.methods.table import (
     NONE,
     TABLE,
     Column,
+    columns_of,
     decimals,
     feels,
     first_seeds,
@@ -31,7 +32,8 @@ _TO_ITSELF = "error_clean_n"  # on the clean link it is 0 by what it means
 
 def latex(summary: Mapping[str, Any]) -> str:
     """Return the whole table environment."""
-    symbols = [f"${column.symbol}$" for column in TABLE]
+    columns = columns_of(summary)
+    symbols = [f"${column.symbol}$" for column in columns]
     lines = [
         "% \\usepackage{booktabs}",
         "\\begin{table*}",
@@ -40,17 +42,17 @@ def latex(summary: Mapping[str, Any]) -> str:
         f"\\label{{{LABEL}}}",
         "\\footnotesize",
         "\\setlength{\\tabcolsep}{3pt}",
-        f"\\begin{{tabular}}{{@{{}}lll{'r' * len(TABLE)}@{{}}}}",
+        f"\\begin{{tabular}}{{@{{}}lll{'r' * len(columns)}@{{}}}}",
         "\\toprule",
         _line(["Network", "Method", "Stability", *symbols]),
-        _line(["", "", "", *(f"({_escaped(column.unit)})" for column in TABLE)]),
+        _line(["", "", "", *(f"({_escaped(column.unit)})" for column in columns)]),
     ]
     for network in dict.fromkeys(row["network"] for row in summary["rows"]):
         rows = [row for row in summary["rows"] if row["network"] == network]
-        best = {column.measure: _best(rows, column) for column in TABLE}
+        best = {column.measure: _best(rows, column) for column in columns}
         lines.append("\\midrule")
         for number, row in enumerate(rows):
-            numbers = [_number(row, column, row["method"] in best[column.measure]) for column in TABLE]
+            numbers = [_number(row, column, row["method"] in best[column.measure]) for column in columns]
             name = "" if number else _escaped(network)
             lines.append(_line([name, _escaped(METHODS[row["method"]].title), _stability(row), *numbers]))
     return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", "\\end{table*}", ""])
@@ -76,9 +78,13 @@ def _caption(summary: Mapping[str, Any]) -> str:
         "rest_mm": "distance left between hands at rest",
         FELT: f"$K_{{\\mathrm{{felt}}}}/K-1$ under a static load, of the person with the largest{first_seeds(seeds)}",
         _TO_ITSELF: "rms difference of forces to the same method on the clean link",
-        "error_ideal_n": "rms difference of forces to the object directly in the hands",
+        "error_ideal_n": "rms difference of forces to the object directly in the hands, by $K$ and $B$ at the device rate",
+        "contact_n": "largest normal force at a tool",
+        "slip_mm": "slip of a tool while the object is lifted",
+        "lifted_mm": "greatest height of the object",
+        "lifted_s": "time for which it is lifted",
     }
-    symbols = "; ".join(f"${column.symbol}$: {what[column.measure]}" for column in TABLE)
+    symbols = "; ".join(f"${column.symbol}$: {what[column.measure]}" for column in columns_of(summary))
     return (
         f"Methods compared, {people} {'people' if people > 1 else 'person'}, {asked['settings']['seconds']:g}~s a session. "
         f"{numbers}. {symbols}. Bold: least in absolute value of the methods that are stable on that network. "
@@ -110,6 +116,8 @@ def _holds(row: Row) -> bool:
 
 def _best(rows: Sequence[Row], column: Column) -> set[str]:
     """Return the methods whose median is least, as printed; none where fewer than two compare, or all are equal."""
+    if not column.ranked:
+        return set()
     found = {
         row["method"]: (size, _print(size, column))
         for row in rows

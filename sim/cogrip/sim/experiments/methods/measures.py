@@ -7,7 +7,7 @@ sampled dampers gave out; with waves `created_mj` is at most this) are a method'
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -16,7 +16,7 @@ import numpy as np
 
 from cogrip.sim.experiments.methods.trace import Array, Trace
 from cogrip.sim.runs.felt_as_intended import SOFTER
-from cogrip.sim.runs.summary_values import Summary, is_number, people, worst_margin
+from cogrip.sim.runs.summary_values import Summary, dig, is_number, people, worst_margin
 from cogrip.sim.runs.verdict import felt
 
 LAST_S = 0.5  # of the rest at the end, over which it is judged
@@ -25,21 +25,28 @@ SWING_MJ = 5.0  # and energy created meanwhile: a long line that only rings make
 ACTIVE_SHARE = 0.1  # of what hands have put in, once what devices leak is taken off: of many people that alone is more
 
 
+def furthest_from_0(values: Sequence[float]) -> float:
+    """Return the value furthest from 0: the worst of most measures."""
+    return max(values, key=abs)
+
+
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """The heading and unit of a measure, a sentence on what it is, and its digits after the point."""
+    """Heading and unit of a measure, a sentence on what it is, its digits after the point, and the worst of its values."""
 
     heading: str
     unit: str
     what: str
     digits: int = 2
+    worst: Callable[[Sequence[float]], float] = furthest_from_0
 
 
 MEASURES: Mapping[str, Measure] = {
     "created_mj": Measure(
         "energy created", "mJ",
         "The most that the network had given out beyond what the hands had put in: the largest value over time of the "
-        "object's kinetic energy and its own damper's take, less the work of all hands; 0 if there never was any.",
+        "object's kinetic energy and its own damper's take (in a scene: of all bodies' energy above that at first), less the "
+        "work of all hands; 0 if there never was any.",
     ),
     "peak_force_n": Measure("peak force", "N", "The largest force on any hand."),
     "force_step_n": Measure("largest step", "N", "The largest change of force on any hand from one tick to the next."),
@@ -75,6 +82,15 @@ MEASURES: Mapping[str, Measure] = {
         "felt stiffness error", "%",
         "By how much the stiffness that a person feels under a static load is off the K asked for that person, K_felt / K - 1; "
         "of the person for whom this share is largest (felt.csv has everybody).", 1,
+    ),
+    "contact_n": Measure("contact force", "N", "Scenes: the largest normal force at any tool."),
+    "slip_mm": Measure(
+        "slip while lifted", "mm",
+        "Scenes: the furthest that a tool slipped along the body that it touches while the object was lifted.", 3,
+    ),
+    "lifted_mm": Measure("lifted", "mm", "Scenes: the greatest height of the object above its start.", 1, min),
+    "lifted_s": Measure(
+        "time lifted", "s", "Scenes: the time for which the object was more than 10 mm above its start.", 2, min
     ),
 }  # fmt: skip
 COLUMNS = (
@@ -169,6 +185,7 @@ def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Arr
     leak_mj = -1e3 * sum(min(0.0, user["energy"]["device_leak_j"]) for user in users)
     made_mj = created_mj - leak_mj  # by the method itself, at least
     pair = trace.position_m.shape[1] > 1
+    scene = dig(summary, "server", "scene") or {}
     return {
         "diverged": bool(diverged),
         "diverged_s": summary["seconds"] if diverged else None,
@@ -182,16 +199,24 @@ def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Arr
         "created_mj": created_mj,
         "peak_force_n": largest(user["peak_force_n"] for user in users),
         "force_step_n": largest(user["peak_force_step_n"] for user in users),
-        "coherence_rms_mm": rms * 1e3 if pair else None,
-        "coherence_max_mm": most * 1e3 if pair else None,
+        "coherence_rms_mm": rms * 1e3 if pair and trace.sees_object else None,
+        "coherence_max_mm": most * 1e3 if pair and trace.sees_object else None,
         "hands_rms_mm": furthest(trace.position_m)[0] * 1e3 if pair else None,
         "rest_mm": apart_m * 1e3 if pair and not diverged else None,
         "rest_swing_n": None if diverged else swing,
         "error_clean_n": force_error_n(trace.force_n, clean),
         "error_ideal_n": None if ideal is None else force_error_n(trace.force_n, ideal),
+        "contact_n": scene.get("peak_contact_n"),
+        "slip_mm": _thousand(scene.get("lifted_slip_m")),
+        "lifted_mm": _thousand(scene.get("lifted_m")),
+        "lifted_s": scene.get("lifted_s"),
         "lost": sum(user["link"]["lost"] for user in users),
         "late": sum(user["link"]["late"] for user in users),
     }
+
+
+def _thousand(value: Any) -> float | None:
+    return 1e3 * value if is_number(value) else None
 
 
 def largest(values: Any) -> float | None:

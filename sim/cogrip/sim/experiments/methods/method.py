@@ -61,6 +61,11 @@ METHODS: Mapping[str, Method] = {
 NETWORKS: tuple[str, ...] = tuple(PROFILES)
 
 
+def methods_of(settings: Settings) -> tuple[str, ...]:
+    """Return the methods that the object of these settings has: the paper's has no scenes."""
+    return tuple(name for name in METHODS if name != "paper" or settings.object.kind != "scene")
+
+
 def choose(what: str, asked: Iterable[str], known: Sequence[str]) -> tuple[str, ...]:
     """Return the names asked for, without repeats, in their order. Raises ChoiceError."""
     found: dict[str, None] = {}

@@ -145,6 +145,11 @@ def draw_all(asked: Comparison, results: Mapping[int, Result], summary: Mapping[
         f"alone. {_MARKS}",
     )  # fmt: skip
     yield from drawn(
+        "lift", "Contact, slip and lift", partial(_dots, rows, ("contact_n", "slip_mm", "lifted_mm", "lifted_s")),
+        "The largest normal force at a tool, how far a tool slipped while the object was lifted, how far it was lifted, and "
+        f"for how long. {_MARKS}",
+    )  # fmt: skip
+    yield from drawn(
         "felt", "Felt stiffness", partial(_felt, rows),
         "The stiffness that each person feels under a static load, as a share of the K asked for that person, the line: a "
         f"mark a person, in the order of the settings, the median over seeds{felt_seeds}; the number is that of the lowest "

@@ -15,7 +15,7 @@ from cogrip.sim.experiments.methods.measures import FELT_MEASURES, MEASURES
 from cogrip.sim.experiments.methods.method import METHODS
 from cogrip.sim.experiments.methods.plots import draw_all
 from cogrip.sim.experiments.methods.query import Comparison
-from cogrip.sim.experiments.methods.table import cells, gather, headings, markdown, note, unstable
+from cogrip.sim.experiments.methods.table import cells, columns_of, gather, headings, markdown, note, unstable
 from cogrip.sim.runs.folder import SUMMARY, summary_text
 from cogrip.sim.runs.judgement import Tone
 from cogrip.sim.runs.plots.style import png
@@ -131,16 +131,17 @@ def _notes(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _table(summary: Mapping[str, Any]) -> Table:
+    columns = columns_of(summary)
     rows: list[Row | str] = []
     network = None
     for each in summary["rows"]:
         if each["network"] != network:
             network = each["network"]
             rows.append(str(network))
-        verdict, *numbers = cells(each)
+        verdict, *numbers = cells(each, columns=columns)
         css = "text bad" if unstable(each) else "text"
         rows.append(Row(METHODS[each["method"]].title, "", [Cell(verdict, css), *map(Cell, numbers)]))
-    return Table(["", *headings()[2:]], rows)
+    return Table(["", *headings(columns)[2:]], rows)
 
 
 def _networks(networks: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> Table:

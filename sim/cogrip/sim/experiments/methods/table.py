@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import statistics
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from cogrip.protocol.version import VERSION
 from cogrip.sim.experiments.experiment import Result
-from cogrip.sim.experiments.methods.measures import FELT_MEASURES, MEASURES
+from cogrip.sim.experiments.methods.measures import FELT_MEASURES, MEASURES, furthest_from_0
 from cogrip.sim.experiments.methods.method import OURS
 from cogrip.sim.experiments.methods.query import FELT_SEEDS, Comparison
-from cogrip.sim.runs.summary_values import is_number
+from cogrip.sim.runs.summary_values import dig, is_number
 
 FELT = "felt_error_percent"
 NONE = "–"
@@ -20,12 +20,13 @@ _JUDGEMENTS = {"diverged": "diverged", "oscillates": "oscillates", "active": "ac
 
 
 class Column(NamedTuple):
-    """A measure in the table: its heading and unit, and its LaTeX symbol."""
+    """A measure in the table: its heading and unit, its LaTeX symbol, and whether the least of it is the best."""
 
     measure: str
     heading: str
     unit: str
     symbol: str
+    ranked: bool = True
 
 
 TABLE = (
@@ -39,6 +40,18 @@ TABLE = (
     Column("error_clean_n", "to clean", "N", "e_{\\mathrm{cl}}"),
     Column("error_ideal_n", "to ideal", "N", "e_{\\mathrm{id}}"),
 )
+SCENE_TABLE = (
+    *(column for column in TABLE if column.measure != FELT),
+    Column("contact_n", "contact", "N", "N_{\\max}", ranked=False),
+    Column("slip_mm", "slip", "mm", "s"),
+    Column("lifted_mm", "lifted", "mm", "h", ranked=False),
+    Column("lifted_s", "lifted for", "s", "t_h", ranked=False),
+)
+
+
+def columns_of(summary: Mapping[str, Any]) -> tuple[Column, ...]:
+    """Return the columns of a comparison's table: a scene has no stiffness that is asked for, but slip and lift."""
+    return SCENE_TABLE if dig(summary, "asked", "settings", "object", "kind") == "scene" else TABLE
 
 
 def gather(asked: Comparison, results: Mapping[int, Result]) -> dict[str, Any]:
@@ -75,18 +88,18 @@ def _gathered(results: Sequence[Result]) -> dict[str, Any]:
         "not_passive": sum(row["passive"] is False for row in ran),
         "not_felt": sum(bool(row["not_felt"]) for row in ran),
         "felt": _felt([row["felt"] for row in ran if row["felt"]]),
-        **{name: spread([row[name] for row in ran]) for name in MEASURES if name != FELT},
+        **{name: spread([row[name] for row in ran], each.worst) for name, each in MEASURES.items() if name != FELT},
         FELT: of_probes([row[FELT] for row in ran if row["felt"]]),
     }
 
 
-def spread(values: Sequence[Any]) -> dict[str, float] | None:
-    """Return median, quartiles and the worst, the value furthest from 0; None without any number."""
+def spread(values: Sequence[Any], worst: Callable[[list[float]], float] = furthest_from_0) -> dict[str, float] | None:
+    """Return median, quartiles and the worst; None without any number."""
     numbers = [float(value) for value in values if is_number(value)]
     if not numbers:
         return None
     first, median, third = statistics.quantiles(numbers, n=4, method="inclusive") if len(numbers) > 1 else numbers * 3
-    return {"median": median, "q1": first, "q3": third, "worst": max(numbers, key=abs)}
+    return {"median": median, "q1": first, "q3": third, "worst": worst(numbers)}
 
 
 def of_probes(values: Sequence[float | None]) -> dict[str, float] | None:
@@ -180,27 +193,36 @@ def _signed(value: float) -> str:
     return "0.0" if float(text) == 0.0 else text.replace("-", "−")
 
 
-def cells(row: Mapping[str, Any], worst_too: bool = True) -> list[str]:
+def cells(row: Mapping[str, Any], worst_too: bool = True, columns: Sequence[Column] = TABLE) -> list[str]:
     """Return one row's text, from the verdict on."""
-    return [verdict(row), *(shown(row, column, worst_too) for column in TABLE)]
+    return [verdict(row), *(shown(row, column, worst_too) for column in columns)]
 
 
-def headings() -> list[str]:
+def headings(columns: Sequence[Column] = TABLE) -> list[str]:
     """Return the headings of the table."""
-    return ["profile", "method", "stability", *(f"{column.heading} [{column.unit}]" for column in TABLE)]
+    return ["profile", "method", "stability", *(f"{column.heading} [{column.unit}]" for column in columns)]
 
 
 def note(summary: Mapping[str, Any], worst: str = "worst in brackets") -> str:
     """Return the note under the table."""
     seeds = len(summary["asked"]["seeds"])
-    felt = f"felt{first_seeds(seeds)}"
+    own = (
+        f"felt{first_seeds(seeds)}: stiffness felt under a static load against the K asked for, where more than half of the "
+        "probes came to rest"
+    )
+    ideal = "the object directly in the hands"
+    if columns_of(summary) is SCENE_TABLE:
+        own = (
+            "contact: largest normal force at a tool; slip: of a tool along what it touches, while the object is lifted; "
+            "lifted, lifted for: how far, and for how long (the least in brackets)"
+        )
+        ideal = "tools on springs K and dampers B at the device rate"
     return (
         f"Median over {seeds} seed{'s' if seeds > 1 else ''} ({worst}). created: energy that came out and no hand had put in, "
         "encoders included; peak, step: largest force, and largest change of it in one tick; views: distance between the "
         "object's positions as reported to two people, rms and max over time; rest: distance left between hands that hold "
-        f"still at the end; {felt}: stiffness felt under a static load against the K asked for, where more than half of the "
-        "probes came to rest; to clean, to ideal: rms force difference to the same method on a clean link, and to the object "
-        "directly in the hands. Sessions that diverged are measured up to then."
+        f"still at the end; {own}; to clean, to ideal: rms force difference to the same method on a clean link, and to {ideal}"
+        ". Sessions that diverged are measured up to then."
     )
 
 
@@ -211,8 +233,9 @@ def first_seeds(seeds: int) -> str:
 
 def markdown(summary: Mapping[str, Any]) -> str:
     """Return the table in Markdown."""
-    lines = [_bars(headings()), _bars(["---", "---", "---", *["---:"] * len(TABLE)])]
-    lines += [_bars([row["network"], row["method"], *cells(row)]) for row in summary["rows"]]
+    columns = columns_of(summary)
+    lines = [_bars(headings(columns)), _bars(["---", "---", "---", *["---:"] * len(columns)])]
+    lines += [_bars([row["network"], row["method"], *cells(row, columns=columns)]) for row in summary["rows"]]
     return "\n".join([*lines, "", note(summary), ""])
 
 

@@ -27,7 +27,9 @@ class Trace:
     view_m      (m, n, a)  the object's position as last reported to each person [m]
     object_m    (m, a)     the object [m]
     work_j      (m,)       work of all hands against the forces on them so far: sum of F (x_{k+1} - x_k) [J]
-    object_j    (m,)       energy that reached the object so far: kinetic, and what its own damping took [J]
+    object_j    (m,)       energy that reached the object so far: kinetic, and what its own damping took; in a scene what all
+                           bodies have got [J]
+    sees_object            whether the object is what is reported: to virtual coupling in a scene it is each person's tool
     """
 
     frame_s: float
@@ -37,6 +39,7 @@ class Trace:
     object_m: Array
     work_j: Array
     object_j: Array
+    sees_object: bool = True
 
 
 _BUCKETS = 250
@@ -62,6 +65,7 @@ class TraceRecorder:
         self._people = len(laboratory.people)
         self._axes = laboratory.settings.object.axes
         self._forces, self._motion, self._work = array("d"), array("d"), array("d")
+        self._gained = array("d")
         self._starts = np.array(starts_m)
 
     def each_tick(self, laboratory: Laboratory) -> None:
@@ -79,6 +83,7 @@ class TraceRecorder:
             self._motion.extend(core.coupling.object_state[:axes])
         self._motion.extend(laboratory.room.world.motion())
         self._work.append(work)
+        self._gained.append(laboratory.room.world.gained_j)
 
     def trace(self) -> Trace:
         """Return what was recorded."""
@@ -96,6 +101,7 @@ class TraceRecorder:
         moved = np.diff(place, axis=0, prepend=np.zeros((1, axes)))
         kinetic = 0.5 * settings.object.mass_kg * (speed * speed).sum(axis=1)
         damped = settings.object.damping_nspm / frame_s * np.cumsum((moved * moved).sum(axis=1))
+        scene = settings.object.kind == "scene"
         return Trace(
             frame_s,
             np.array(self._forces).reshape(-1, people, axes),
@@ -103,5 +109,6 @@ class TraceRecorder:
             view,
             place,
             np.array(self._work),
-            kinetic + damped,
+            np.array(self._gained) if scene else kinetic + damped,
+            not (scene and settings.coupling.kind in OWN_FRAME),
         )

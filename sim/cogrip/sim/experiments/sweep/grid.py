@@ -44,7 +44,7 @@ def parse_axis(text: str) -> Axis:
         raise GridError(
             f"--vary {text!r}: write it as key=first:last:count, key=first:last:countlog or key=value,value"
         )
-    if ":" in spec:
+    if ":" in spec and "," not in spec:  # addresses of devices have colons
         return _span(key, spec, text)
     values = tuple(_value(part.strip()) for part in spec.split(","))
     if any(value == "" for value in values):

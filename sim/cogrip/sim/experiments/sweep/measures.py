@@ -17,6 +17,7 @@ from cogrip.sim.analysis.stability import largest_stable, verdict
 from cogrip.sim.runs.folder import finite
 
 DEFAULT = ("passive", "diverged", "users.*.peak_force_n", "users.*.energy.line_margin_j", "object.travel_m")
+SCENE = tuple(f"server.scene.{name}" for name in ("lifted_m", "lifted_s", "lifted_slip_m", "slip_m", "peak_contact_n"))
 PREFIX = "lifted."
 
 
@@ -39,6 +40,11 @@ LIFTED: dict[str, Callable[[Settings], float | bool | None]] = {
     "lifted.felt_inertia_kg": lambda settings: _slow(settings).inertia_kg,
 }
 """Numbers of the lifted model of the whole session; felt values are those of user 0 of an object that cannot move."""
+
+
+def defaults(settings: Settings) -> tuple[str, ...]:
+    """Return the measures of sessions of such settings where none are named."""
+    return DEFAULT + (SCENE if settings.object.kind == "scene" else ())
 
 
 class MeasureError(ValueError):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from os.path import commonprefix
 from typing import Any
 
 import numpy as np
@@ -199,8 +200,15 @@ def _scale(panel: Axes, axis: Axis, which: str) -> None:
         panel.set(**{f"{which}scale": "log"})
     places, _ = _places(axis)
     if not axis.numeric or len(places) <= MOST_TICKS:  # the values computed, and no others
-        (panel.set_xticks if which == "x" else panel.set_yticks)(places, [_text(value) for value in axis.values])
+        (panel.set_xticks if which == "x" else panel.set_yticks)(places, _tick_labels(axis))
         (panel.xaxis if which == "x" else panel.yaxis).minorticks_off()
+
+
+def _tick_labels(axis: Axis) -> list[str]:
+    """Return what tells the values apart: of the addresses sim:ideal?mass_kg=1 and sim:ideal?mass_kg=2 the numbers."""
+    texts = [_text(value) for value in axis.values]
+    same = commonprefix(texts).rfind("=") + 1  # noqa: RUF071 (of characters, not of folders)
+    return [f"…{text[same:]}" if same else text for text in texts]
 
 
 def _text(value: Any) -> str:

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cogrip.protocol.settings import PLACES
+from cogrip.protocol.setting_types import PLACES
 from cogrip.sim.runs.plots.curves import (
     DETAIL_S,
     Line,

@@ -11,17 +11,22 @@ from matplotlib.figure import Figure
 from cogrip.sim.runs.plots.coherence import coherence
 from cogrip.sim.runs.plots.energy import energies
 from cogrip.sim.runs.plots.motion import forces, positions, waves
+from cogrip.sim.runs.plots.scene import bodies, contacts
 from cogrip.sim.runs.plots.timing import link, loops
 from cogrip.sim.runs.traces import Run
 
 
 class Plot(NamedTuple):
-    """File name, heading, function (NotDrawnError says why there is nothing to draw), and what to look for."""
+    """File name, heading, function (NotDrawnError says why there is nothing to draw), and what to look for.
+
+    scene: for scenes alone; other runs have no such plot, and no word on it.
+    """
 
     name: str
     heading: str
     draw: Callable[[Run], Figure]
     caption: str
+    scene: bool = False
 
 
 PLOTS = (
@@ -34,6 +39,16 @@ PLOTS = (
         "forces", "Forces", forces,
         "What each hand feels and what its proxy does to the object, which is the same curve shifted by the delay: "
         "look for swings that grow, and for a bar at the foot, where the force was held back.",
+    ),
+    Plot(
+        "bodies", "Bodies", bodies,
+        "Where each body of the scene is, from where it began, and by how much it is turned: what is held should stay where "
+        "the hands are, and a body that turns in them hangs below the line between them.", True,
+    ),
+    Plot(
+        "contacts", "Contact forces and slip", contacts,
+        "The normal force at each tool, its friction, and how far it has slipped along the body that it touches: what is held "
+        "by friction begins to slip where friction reaches the normal force times the coefficient of friction.", True,
     ),
     Plot(
         "waves", "Waves", waves,

@@ -4,7 +4,7 @@ A tick's record holds the sample that the core was given and stands where its fo
 between the two halves of the tick stand before it (`cogrip.client.recorder`): they wait until it is clear whose they are.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, Literal, Protocol
 
@@ -22,7 +22,7 @@ from cogrip.server.admission import Denied, Grant, Outside
 from cogrip.server.checkpoint import CheckpointError
 from cogrip.server.inputs import Idle
 from cogrip.server.inputs import decode as decode_server_input
-from cogrip.server.recorder import RecordedServer, address_of, step_topic
+from cogrip.server.recorder import RecordedServer, address_of, scenes_of, step_topic
 from cogrip.server.recorder import start_of as server_start
 from cogrip.sim.runs.replay.replay_input import ReplayInput, UntoldError
 
@@ -111,6 +111,7 @@ class ServerPlay:
             lambda: _told(replay_input, "ticket"),
         )
         self.core = RecordedServer(rooms, software, outside)
+        self._refuse_other_scenes(scenes_of(replay_input.recording.header.start))
         for room in self.core.rooms:
             self.core.count_ticks(room, lambda: _ticks(_told(replay_input, "ticks")))
         self.core.record(sink)
@@ -139,6 +140,14 @@ class ServerPlay:
                 self.ticks += given.steps
             with suppress(CheckpointError):  # refused then, too: the server began without it
                 core.handle(given, now_ns)
+
+    def _refuse_other_scenes(self, recorded: Mapping[str, str]) -> None:
+        """Raise ValueError where a file is not the one that was recorded."""
+        for room in self.core.rooms:
+            was, now = recorded.get(room.name), room.world.coordinates()[0]
+            if was is not None and was != now:
+                file = room.settings.object.file
+                raise ValueError(f"{file} is another scene ({now}) than the recorded one ({was}); put that file back")
 
     def finish(self) -> None:
         """Nothing is left to do."""

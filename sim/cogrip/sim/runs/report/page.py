@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from cogrip.sim.runs.judgement import Tone
 from cogrip.sim.runs.report.tables import dropped_table, people_table, room_table, settings_tables
-from cogrip.sim.runs.summary_values import lent_j, number
+from cogrip.sim.runs.summary_values import dig, lent_j, number
 from cogrip.sim.runs.traces import MOST_PEOPLE, Run, load_run
 from cogrip.sim.runs.verdict_text import verdict
 
@@ -51,6 +51,8 @@ def draw_plots(run: Run) -> list[Picture]:
     for plot in PLOT_TABLE:
         file = folder / f"{plot.name}.png"
         file.unlink(missing_ok=True)
+        if plot.scene and dig(run.settings, "object", "kind") != "scene":
+            continue
         drawn = picture(plot.heading, plot.caption, plot.draw, run)
         if drawn.png is not None:
             file.write_bytes(drawn.png)

@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from cogrip.protocol.settings import PLACES, Settings, User
+from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.settings import Settings, User
 from cogrip.sim.runs.summary_values import (
     UNKNOWN,
     Summary,
@@ -203,6 +204,15 @@ _ROOM: tuple[_Line, ...] = (
     ("error of the energy balance", "", lambda summary: energy(dig(summary, "server", "energy_balance_error_j"))),
 )
 
+_SCENE: tuple[_Line, ...] = (
+    ("peak normal force at a tool", "N", _at("server.scene.peak_contact_n", digits=2)),
+    ("largest slip at a tool", "mm", _at("server.scene.slip_m", 1e3, 3)),
+    ("object lifted by", "mm", _at("server.scene.lifted_m", 1e3)),
+    ("time lifted", "s", _at("server.scene.lifted_s", digits=2)),
+    ("slip while lifted", "mm", _at("server.scene.lifted_slip_m", 1e3, 3)),
+    ("object turned by", "degrees", _at("server.scene.turned_deg")),
+)
+
 
 def _rows(lines: Iterable[_Line | str], shown: Sequence[dict[str, Any]]) -> list[Row | str]:
     return [
@@ -234,6 +244,8 @@ def room_table(summary: Summary) -> Table:
     if task := task_of(summary):
         rows.append(row(f"task with the {task.get('body')}", [task_result(task)]))
         rows += [row(f"task: {words}", [value]) for words, value in task_goals(task)]
+    if isinstance(dig(summary, "server", "scene"), dict):
+        rows += _rows(_SCENE, [summary])
     return Table([], [*rows, *_rows(_LOOP, [loop])])
 
 

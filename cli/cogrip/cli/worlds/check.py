@@ -1,0 +1,105 @@
+"""`cogrip worlds check`: the conformance suite on one world, for its author."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from rich.console import Console
+
+from cogrip.cli.session.python_worlds import allow_python_worlds
+from cogrip.cli.session.settings_file import load
+from cogrip.cli.session.shipped_settings import SUFFIX, shipped_names
+from cogrip.cli.terminal.output import make_console
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.protocol.object_kinds import KINDS, PYTHON, split_python
+from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.protocol.settings_table import SettingsError
+from cogrip.server.io.call_limit import CALL_LIMIT_S, call_limit
+from cogrip.server.schemes import make_room_world
+from cogrip.server.worlds.conformance import CHECKS, Subject, UnfitError
+from cogrip.server.worlds.guarded import GuardedWorld, TooLongError, told
+from cogrip.server.worlds.registry import WorldKindError, world_of
+from cogrip.server.worlds.world import World, WorldError
+
+MOST_SEATS = 4  # of those that are tried
+
+
+def world_check(world: str, /) -> int:
+    """Run the conformance suite on one world.
+
+    It is tried with its fewest and its most seats and axes, up to four and three. Exit code 0 when all promises are kept.
+
+    Parameters
+    ----------
+    world
+        A kind of object (`cogrip worlds list`), `python:FILE.py:CLASS`, which is run, or settings, whose world is tried as it
+        stands there.
+    """
+    cases = _cases(world)
+    console = make_console(soft_wrap=True)
+    broken = sum(not _keeps(check, cases, console) for check in CHECKS)
+    console.print(f"{len(CHECKS) - broken} of {len(CHECKS)} promises kept")
+    return 1 if broken else 0
+
+
+def _keeps(check: Callable[[Subject], str], cases: dict[str, Subject], console: Console) -> bool:
+    """Run one check on every case, and print what came of it."""
+    measured = ""
+    for case, subject in cases.items():
+        try:
+            measured = check(subject)
+        except (UnfitError, WorldError) as error:
+            problem = str(error)
+        except TooLongError:
+            problem = f"one step takes longer than {CALL_LIMIT_S:g} s"
+        except (Exception, SystemExit) as error:  # noqa: BLE001 (its author has to see it)
+            problem = told(error)
+        else:
+            continue
+        console.print(f"✗ {check.__name__}, {case}: {problem}", markup=False, highlight=False)
+        return False
+    console.print(f"✓ {check.__name__}{': ' if measured else ''}{measured}", markup=False, highlight=False)
+    return True
+
+
+def _cases(world: str) -> dict[str, Subject]:
+    """Return what is tried, by number of seats and axes. Raises BadInput."""
+    if world.endswith(SUFFIX) or (world in shipped_names() and world not in KINDS):
+        settings = load(Path(world))
+        if settings.coupling.kind != "wave":
+            raise BadInput(f'{world}: coupling.kind = "{settings.coupling.kind}": only worlds for waves are checked')
+        return dict([_case(settings)])
+    if world == "scene":
+        raise BadInput("scene: which one? Give settings with it, such as lift")
+    kind = world
+    if world.startswith(PYTHON):
+        file, name = split_python(world)
+        allow_python_worlds((Path(file).absolute().parent,))
+        kind = f"{PYTHON}{Path(file).absolute()}:{name}"
+    with BadInput.of(WorldKindError, SettingsError):
+        found = world_of(kind).make
+        axes, seats = found.axes_allowed, found.seats_allowed  # type: ignore[attr-defined]
+        few, many = (
+            (min(axes), min(seats)),
+            (max(axes), max(each for each in seats if each <= max(MOST_SEATS, min(seats)))),
+        )
+        return dict(_case(resolve(_table(kind, *each))) for each in dict.fromkeys((few, many)))
+
+
+def _table(kind: str, axes: int, seats: int) -> dict[str, object]:
+    users = [{"name": f"user{number}", "side": ("left", "right")[number % 2]} for number in range(seats)]
+    return {"object": {"kind": kind, "axes": axes}, "users": users}
+
+
+def _case(settings: Settings) -> tuple[str, Subject]:
+    seats = [seat_settings(settings, seat) for seat in range(len(settings.users))]
+
+    def make() -> World:
+        world = make_room_world(settings, seats)
+        return world.inner if isinstance(world, GuardedWorld) else world
+
+    with BadInput.of(WorldKindError, WorldError):
+        make()
+    people, axes = len(seats), settings.object.axes
+    name = f"{people} {'seat' if people == 1 else 'seats'}, {axes} {'axis' if axes == 1 else 'axes'}"
+    return name, Subject(make, call_limit, (time.perf_counter_ns, time.thread_time_ns), settings.object.kind == "scene")

@@ -1,0 +1,74 @@
+"""Kinds of object, by `object.kind` of the settings, and what both ends need to know of each.
+
+A kind is one that comes with cogrip, the name of an entry point of another package, or `python:FILE.py:CLASS`. Only the
+server loads the world of a kind: to a client the name of another one is a text.
+"""
+
+import re
+from pathlib import PurePath
+from typing import Annotated, NamedTuple
+
+import msgspec
+
+PYTHON = "python:"
+MOST_TEXT = 64
+KIND_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9 ._:-]*\Z"
+KindText = Annotated[str, msgspec.Meta(min_length=1, max_length=MOST_TEXT, pattern=KIND_PATTERN)]
+LocalKindText = Annotated[str, msgspec.Meta(min_length=1, max_length=4096)]
+
+
+class ObjectKind(NamedTuple):
+    """Properties of a kind.
+
+    one_sided  contact only pushes (theory section 3.4)
+    fixed      nobody moves it
+    spring     the spring of `coupling` stands between a person and it; else its world alone says how it feels
+    """
+
+    one_sided: bool = False
+    fixed: bool = False
+    spring: bool = True
+
+
+KINDS = {
+    "cube": ObjectKind(),
+    "faces": ObjectKind(one_sided=True),
+    "wall": ObjectKind(one_sided=True, fixed=True),
+    "scene": ObjectKind(spring=False),
+}
+"""Kinds that come with cogrip."""
+
+_FOREIGN = ObjectKind(spring=False)
+
+
+def kind_of(name: str) -> ObjectKind:
+    """Return the properties of a kind."""
+    return KINDS.get(name, _FOREIGN)
+
+
+def split_python(name: str) -> tuple[str, str]:
+    """Return file and class of a kind that begins with PYTHON; "" where it lacks one."""
+    file, _, class_name = name.removeprefix(PYTHON).rpartition(":")
+    return file, class_name
+
+
+def shared_kind(name: str) -> str:
+    """Return a kind as both ends know it: a file without its folder, which differs from machine to machine."""
+    if not name.startswith(PYTHON):
+        return name
+    file, class_name = split_python(name)
+    return f"{PYTHON}{PurePath(file).name}:{class_name}"
+
+
+def unfit_kind(name: str) -> str:
+    """Return why no welcome can carry a kind, with the cure; "" where one can."""
+    file, class_name = split_python(name)
+    if name.startswith(PYTHON) and not (file.endswith(".py") and class_name.isidentifier()):
+        return f'write "{PYTHON}FILE.py:CLASS", such as "{PYTHON}my_world.py:TwoMasses"'
+    shared = shared_kind(name)
+    if len(shared) > MOST_TEXT or not re.match(KIND_PATTERN, shared):
+        return (
+            f'"{shared}" is shown to everyone who joins: let it be letters, digits, blanks and . _ : - , at most {MOST_TEXT} '
+            "of them; rename file or class"
+        )
+    return ""

@@ -1,0 +1,24 @@
+"""Fingerprint of the settings that both ends of a session must agree on."""
+
+import hashlib
+from pathlib import PurePath
+
+import msgspec
+
+from cogrip.protocol.settings import Settings, coupling_of, rates_of
+
+
+def digest(settings: Settings) -> str:
+    """Return a fingerprint of everything the ends must agree on (not: hand, duration, emulated link)."""
+    users = [
+        (user.name, user.side, coupling_of(settings, user), rates_of(settings, user).device_hz)
+        for user in settings.users
+    ]
+    shared = [settings.rates.network_hz, settings.object.shared(settings.object.axes), settings.playout, users]
+    if settings.object.kind == "scene":  # a path differs from machine to machine
+        shared += [
+            PurePath(settings.object.file).name,
+            settings.object.substeps,
+            [(user.tool, user.orientation) for user in settings.users],
+        ]
+    return hashlib.sha256(msgspec.json.encode(shared, order="deterministic")).hexdigest()[:16]

@@ -1,0 +1,271 @@
+"""Guard of a world that another author wrote: its answers are checked, its energy at the ports is bounded.
+
+It is called in `advance`, `join` and `leave`, to save and restore, and for its shapes. One that raises, answers something else
+than was agreed, or takes too long is never called again: `advance` raises WorldError, and `failed` says why.
+
+More than what came in, what it held at first (at most MOST_HELD_J) and the limiter's start never goes out: E is never below 0,
+and no change of E goes by uncounted, also where people join and leave or the world is put back (`energy_limiter`).
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+
+from cogrip.protocol.drawing import MOST_SHAPES, Shape
+from cogrip.protocol.messages import shown
+from cogrip.protocol.settings import SeatSettings
+from cogrip.server.worlds.energy_limiter import EnergyLimiter
+from cogrip.server.worlds.world import REACH_M, Array, Row, World, WorldError, dot
+
+T = TypeVar("T")
+
+MOST_HELD_J = 1.0  # at first, as people may get it
+LEAST_J = -1e-9  # rounding about 0
+MOST_WAVE = 1e3  # sqrt(W): 0.5 MW
+MOST_PLACE = 1e3  # m, m/s: an object is put back long before
+MOST_SAVED = 10_000  # numbers: a checkpoint holds them
+
+
+class TooLongError(BaseException):
+    """A call of the world takes too long. No `except Exception` in the world keeps it from getting here."""
+
+
+class GuardedWorld(World):
+    """One world from outside. kind: as in the settings, for errors; identity: its code, which a checkpoint must share.
+
+    limited  makes what raises TooLongError in a call that takes too long; the driver sets its own
+    """
+
+    def __init__(self, seats: Sequence[SeatSettings], make: Callable[[], World], kind: str, identity: str) -> None:
+        super().__init__(seats)
+        self.kind, self._identity = kind, identity
+        self.limited: Callable[[], AbstractContextManager[None]] = nullcontext
+        self.limiter = EnergyLimiter(self.frame_s)
+        self._shape = len(seats), self.axes
+        self._where = self._place = np.zeros(self.axes)
+        self._proxies = np.zeros(self._shape)
+        self._shapes: tuple[Shape, ...] = ()
+        self._bodies, self._energy = 0, 0.0
+        with self._named("its constructor"):
+            self.inner = make()
+            self._check_made()
+            self._look()
+            self._start = self._saved()
+        if self._energy > MOST_HELD_J:
+            raise WorldError(
+                f"{kind}: holds {self._energy:.3g} J at first, more than {MOST_HELD_J:g}: let it begin at rest"
+            )
+
+    def _check_made(self) -> None:
+        inner = self.inner
+        if inner.axes != self.axes or inner.inputs_per_axis != 1 or len(inner.holding) != len(self.holding):
+            raise WorldError("does not call its base's constructor with the seats that it is given")
+        shapes = tuple(inner.geoms())
+        if len(shapes) > MOST_SHAPES:
+            raise WorldError(f"has {len(shapes)} shapes, more than {MOST_SHAPES}")
+        self._shapes = msgspec.convert(msgspec.to_builtins(shapes), tuple[Shape, ...])
+        self._bodies = 1 + max((shape.body for shape in self._shapes if shape.body is not None), default=-1)
+
+    # Calls of the world
+
+    @contextmanager
+    def _named(self, verb: str) -> Iterator[None]:
+        """Make a WorldError with the world's name of whatever is raised inside; the world has failed then."""
+        try:
+            with self.limited():
+                yield
+        except TooLongError:
+            self.failed = f"{self.kind}: takes too long in {verb}"
+        except WorldError as error:
+            self.failed = f"{self.kind}: {error}"
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # noqa: BLE001 (it is another author's, and may call sys.exit)
+            self.failed = f"{self.kind}: {told(error)} in {verb}"
+        if self.failed:
+            raise WorldError(self.failed)
+
+    def _try(self, verb: str, call: Callable[[], T], otherwise: T) -> T:
+        """Return what a call gives, or `otherwise` where it fails or the world has failed: the next step will say so."""
+        if self.failed:
+            return otherwise
+        try:
+            with self._named(verb):
+                return call()
+        except WorldError:
+            return otherwise
+
+    def _look(self) -> None:
+        """Take over what the room asks for between two steps."""
+        inner, seats = self.inner, range(len(self.holding))
+        self._energy = _number(inner.energy_j)
+        self._place = _array("position", inner.position, (self.axes,), MOST_PLACE)
+        self.velocity = _array("velocity", inner.velocity, (self.axes,), MOST_PLACE)
+        self._proxies = _array("proxy", [inner.proxy(user) for user in seats], self._shape, MOST_PLACE)
+
+    def _saved(self) -> Row:
+        row = tuple(map(float, self.inner.save()))
+        if len(row) > MOST_SAVED:
+            raise WorldError(f"save gives {len(row)} numbers, more than {MOST_SAVED}")
+        _array("save", row, (len(row),), np.inf)
+        return row
+
+    def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
+        if self.failed:
+            raise WorldError(self.failed)
+        held = self.holding[:, None]
+        u, before = np.where(held, np.array(rows), 0.0), self._energy
+        with self._named("advance"):
+            answers = _array("advance", self.inner.advance([tuple(row) for row in u.tolist()]), self._shape, MOST_WAVE)
+            self._look()
+        back = np.where(held, answers, 0.0)
+        factor = self.limiter.limit(dot(u, u), dot(back, back), self._energy - before)
+        if factor < 1.0:
+            back = factor * back
+        self.force = np.where(held, (u - back) / self.wave_gain, 0.0)
+        self._book((0.5 * self.frame_s) * (u * u - back * back).sum(axis=1))
+        moved: list[list[float]] = back.tolist()
+        return moved
+
+    def step(self, inputs: Array) -> Array:
+        return np.array(self.advance(inputs.tolist()))
+
+    def join(self, user: int, position_m: Array) -> None:
+        def joined() -> None:
+            self.inner.join(user, np.array(position_m))
+            self._proxies = _array(
+                "proxy", [self.inner.proxy(each) for each in range(len(self.holding))], self._shape, MOST_PLACE
+            )
+            self.offset = _array("offset", self.inner.offset, self._shape, MOST_PLACE)
+
+        self.holding[user] = True
+        self._try("join", joined, None)
+
+    def leave(self, user: int) -> None:
+        self.holding[user] = False
+        self.force[user] = 0.0
+        self._try("leave", lambda: self.inner.leave(user), None)
+
+    # What the room asks between two steps
+
+    @property
+    def energy_j(self) -> float:
+        return self._energy
+
+    @property
+    def position(self) -> Array:
+        """Place of the object [m]. To set it puts the whole world back to where it began."""
+        return self._place
+
+    @position.setter
+    def position(self, value: Array) -> None:
+        if hasattr(self, "inner"):  # not in the base's constructor
+            self._try("restore", lambda: self._go_to(self._start), None)
+
+    @property
+    def out_of_reach(self) -> bool:
+        return super().out_of_reach or bool(np.any(np.abs(self._proxies - self.offset) > REACH_M))
+
+    def _go_to(self, saved: Row) -> None:
+        """Restore a state in which nobody holds anything; energy that it has more counts as made."""
+        before = self._energy
+        self.inner.restore(saved)
+        for user in range(len(self.holding)):
+            self.inner.leave(user)
+        self._look()
+        self.limiter.limit(0.0, 0.0, max(0.0, self._energy - before))
+
+    def proxy(self, user: int) -> Array:
+        place: Array = self._proxies[user]
+        return place
+
+    def rest(self) -> None:
+        """Leave it as it is: its author lets it come to rest."""
+
+    def reset(self) -> None:
+        """Do nothing: it has failed, and is not called again."""
+
+    def stiffness_of(self, user: int) -> float | None:
+        return None
+
+    def limiter_account(self) -> dict[str, float]:
+        return self.limiter.account()
+
+    def geoms(self) -> Sequence[Shape]:
+        return self._shapes
+
+    def poses_of_bodies(self) -> Array:
+        still = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (self._bodies, 1))
+        shape = still.shape
+        return self._try(
+            "poses_of_bodies", lambda: _array("poses", self.inner.poses_of_bodies(), shape, MOST_PLACE), still
+        )
+
+    # Saving
+
+    @classmethod
+    def _all_kept(cls) -> list[str]:
+        return ["holding", "offset", "force", "port_work", "_work_error"]
+
+    def save(self) -> Row:
+        limiter = self.limiter
+        own = super().save()
+        return *own, limiter.level_j, limiter.paid_j, float(limiter.limited), *self._saved()
+
+    def restore(self, saved: Row) -> None:
+        size = len(super().save())
+        own, ledger, inner = saved[:size], saved[size : size + 3], saved[size + 3 :]
+        self.inner.restore(inner)
+        super().restore(own)
+        self._look()
+        self.limiter.level_j, self.limiter.paid_j, limited = ledger
+        self.limiter.limited = int(limited)
+
+    def coordinates(self) -> tuple[str, Row]:
+        return self._identity, self._try("save", self._saved, self._start)
+
+    def place(self, position_m: Row, scene: str, coordinates: Row) -> None:
+        if scene != self._identity:
+            raise WorldError("its world is another one: the file or the package has been changed")
+        problem = ""
+        try:
+            with self._named("restore"):
+                self._go_to(coordinates)
+            if self._energy > MOST_HELD_J:
+                problem = f"its world holds {self._energy:.3g} J, more than {MOST_HELD_J:g}"
+        except WorldError as error:
+            problem, self.failed = str(error), ""
+        if problem:
+            self._go_to(self._start)
+        self.limiter = EnergyLimiter(self.frame_s)  # a new server's: nobody has held it yet
+        if problem:
+            raise WorldError(problem)
+
+
+def told(error: BaseException) -> str:
+    """Return what was raised and where, in one line."""
+    text = shown(" ".join(f"{type(error).__name__}: {error}".split()))[:200]
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return f"{text} (line {trace.tb_lineno})" if trace is not None else text
+
+
+def _number(value: Any) -> float:
+    energy = float(value)
+    if not energy >= LEAST_J or energy == np.inf:
+        raise WorldError(f"energy_j is {energy}: count from the lowest, so that it is a number and never below 0")
+    return energy
+
+
+def _array(name: str, value: Any, shape: tuple[int, ...], most: float) -> Array:
+    """Return a value as a new array. Raises WorldError for another shape, and for numbers that are none or beyond `most`."""
+    found = np.array(value, dtype=float)
+    if found.shape != shape:
+        raise WorldError(f"{name} has the shape {found.shape}, not {shape}")
+    if not np.all(np.abs(found) <= most):
+        raise WorldError(f"{name} is not finite, or beyond {most:g}: {found.ravel()[:6].tolist()}")
+    return found

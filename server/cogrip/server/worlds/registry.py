@@ -1,0 +1,149 @@
+"""Worlds by kind: those that come with cogrip, those of other packages by entry point, and classes in Python files.
+
+The module behind a kind is imported when it is asked for. A Python file is run only where the administrator allows its folder:
+settings may be anybody's.
+"""
+
+import hashlib
+import importlib.util
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from cogrip.protocol.messages import shown
+from cogrip.protocol.object_kinds import KINDS, PYTHON, shared_kind, split_python
+from cogrip.protocol.settings import SeatSettings
+from cogrip.server.worlds.guarded import GuardedWorld
+from cogrip.server.worlds.world import World
+
+WORLDS: dict[str, str] = {
+    "cube": "cogrip.server.worlds.grip:GripWorld",
+    "faces": "cogrip.server.worlds.push:PushWorld",
+    "wall": "cogrip.server.worlds.push:PushWorld",
+}
+"""Kind -> "module:class" of its world for waves. A scene needs more than its seats: `cogrip.server.schemes`."""
+
+GROUP = "cogrip.worlds"
+ALLOWED = "COGRIP_PYTHON_WORLDS"
+"""Environment variable with the folders whose Python files may be run, as PATH has them."""
+
+
+class WorldKindError(ValueError):
+    """A kind of object without a world, or whose world cannot be loaded."""
+
+
+class Found(NamedTuple):
+    """A class of worlds. identity: which code it is, for checkpoints."""
+
+    make: Callable[[Sequence[SeatSettings]], World]
+    identity: str
+
+
+@cache
+def foreign() -> Mapping[str, str]:
+    """Return the kinds of other packages with their targets. Those that come with cogrip cannot be replaced."""
+    return {point.name: point.value for point in entry_points(group=GROUP) if point.name not in KINDS}
+
+
+def world_of(kind: str) -> Found:
+    """Return the class of a kind. Raises WorldKindError."""
+    if kind.startswith(PYTHON):
+        return _of_file(kind)
+    target = WORLDS.get(kind) or foreign().get(kind)
+    if target is None:
+        known = [*KINDS, *foreign()]
+        near = get_close_matches(kind, known, n=1)
+        cure = f'did you mean "{near[0]}"?' if near else f"there are: {', '.join(known)}; or {PYTHON}FILE.py:CLASS"
+        raise WorldKindError(f'object.kind: there is no world "{kind}"; {cure}')
+    module, _, name = target.partition(":")
+    try:
+        return Found(_checked(getattr(import_module(module), name), kind), target)
+    except WorldKindError:
+        raise
+    except Exception as error:
+        if kind in WORLDS:
+            raise
+        raise _broken(kind, error, "mend or remove its package") from error
+
+
+def make_foreign(kind: str, seats: Sequence[SeatSettings]) -> World:
+    """Return the guarded world of a kind that does not come with cogrip. Raises WorldKindError, WorldError."""
+    found = world_of(kind)
+    named = shared_kind(kind)
+    for key, count, allowed in (
+        ("object.axes", seats[0].object.axes, getattr(found.make, "axes_allowed", ())),
+        ("users", len(seats), getattr(found.make, "seats_allowed", ())),
+    ):
+        if count not in allowed:
+            raise WorldKindError(f"{key} = {count}, but {named} takes {_listed(allowed)}: change one of them")
+    return GuardedWorld(seats, lambda: found.make(seats), named, found.identity)
+
+
+def _listed(allowed: Sequence[int]) -> str:
+    if isinstance(allowed, range) and len(allowed) > 2:
+        return f"{allowed[0]} to {allowed[-1]}"
+    return " or ".join(map(str, allowed))
+
+
+def check_allowed(file: Path) -> None:
+    """Raise WorldKindError for a file that the administrator has not allowed."""
+    folders = [Path(each).resolve() for each in os.environ.get(ALLOWED, "").split(os.pathsep) if each]
+    if not any(file.resolve().is_relative_to(folder) for folder in folders):
+        raise WorldKindError(
+            f"object.kind: {file} is a program, and settings may be anybody's: it is run only where its folder is allowed; "
+            f"read it, then give --python-worlds {file.parent}, or set {ALLOWED}"
+        )
+
+
+def _of_file(kind: str) -> Found:
+    name, class_name = split_python(kind)
+    file = Path(name)
+    check_allowed(file)
+    try:
+        source = file.read_bytes()
+    except OSError as error:
+        raise WorldKindError(f"object.kind: {file}: cannot be read: {error.strerror}") from None
+    digest = hashlib.sha256(source).hexdigest()[:16]
+    try:
+        module = _run(str(file.resolve()), digest)
+    except (Exception, SystemExit) as error:
+        raise _broken(str(file), error, "correct it") from error
+    if not hasattr(module, class_name):
+        raise WorldKindError(f"object.kind: {file} has no class {class_name}; name one that is in it")
+    return Found(_checked(getattr(module, class_name), kind), f"{shared_kind(kind)} {digest}")
+
+
+@cache
+def _run(file: str, digest: str) -> Any:
+    """Return the module of a file, run once for each content."""
+    name = f"cogrip_world_{digest}"
+    spec = importlib.util.spec_from_file_location(name, file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look for it there
+    spec.loader.exec_module(module)
+    return module
+
+
+def _checked(found: Any, kind: str) -> type[World]:
+    if not (isinstance(found, type) and issubclass(found, World)):
+        raise WorldKindError(
+            f"object.kind: {kind} is no class of worlds; derive it from cogrip.server.worlds.tool_world.ToolWorld"
+        )
+    for name in ("axes_allowed", "seats_allowed"):
+        allowed = getattr(found, name)
+        if not (isinstance(allowed, Sequence) and allowed and all(isinstance(each, int) for each in allowed)):
+            raise WorldKindError(f"object.kind: {kind}: {name} = {allowed!r}: give the counts as (1,) or range(1, 5)")
+    return found
+
+
+def _broken(name: str, error: BaseException, cure: str) -> WorldKindError:
+    said = shown(" ".join(f"{type(error).__name__}: {error}".split()))
+    return WorldKindError(f"object.kind: {name} fails as it is loaded: {said}; {cure}")

@@ -1,0 +1,297 @@
+"""The guard of worlds from outside: what fails is named and never called again, and no world gives out what it did not get."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cogrip.protocol.drawing import Shape
+from cogrip.server.io import call_limit
+from cogrip.server.worlds.energy_limiter import START_J
+from cogrip.server.worlds.grip import GripWorld
+from cogrip.server.worlds.guarded import MOST_HELD_J, GuardedWorld
+from cogrip.server.worlds.tool_world import ToolWorld
+from cogrip.server.worlds.world import Array, Row, WorldError
+
+from tests.server import broken_worlds as broken
+from tests.server.broken_worlds import Springs, seats
+
+KIND = "python:mine.py:Mine"
+
+
+def guarded(world: type[ToolWorld], count: int = 2, axes: int = 2) -> GuardedWorld:
+    given = seats(count, axes)
+    return GuardedWorld(given, lambda: world(given), KIND, "this code")
+
+
+def held(world: type[ToolWorld]) -> GuardedWorld:
+    made = guarded(world)
+    for user in range(2):
+        made.join(user, np.full(2, 0.01))
+    return made
+
+
+def until_failed(world: GuardedWorld) -> str:
+    """Push until it fails. Returns what the error says."""
+    for _ in range(200):
+        try:
+            world.advance([(0.05, 0.02)] * 2)
+        except WorldError as error:
+            return str(error)
+    pytest.fail("it goes on")
+
+
+@pytest.mark.parametrize(
+    ("world", "words"),
+    [
+        (broken.Raises, "KeyError: 'bead 7' (line "),
+        (broken.Diverges, "advance is not finite, or beyond 1000: [nan, "),
+        (broken.Shapeless, "advance has the shape (1, 2), not (2, 2)"),
+        (broken.WritesIntoForce, "read-only"),
+        (broken.Quits, "SystemExit: 3 (line "),
+        (broken.CountsFromAbove, "never below 0"),
+    ],
+)
+def test_a_world_that_fails_is_named_and_never_called_again(world: type[ToolWorld], words: str) -> None:
+    room = held(world)
+    said = until_failed(room)
+    assert said.startswith(f"{KIND}: ")
+    assert words in said
+    assert said == room.failed
+    room.inner = None  # type: ignore[assignment]
+    for again in (lambda: room.advance([(0.0, 0.0)] * 2), lambda: room.step(np.zeros((2, 2)))):
+        with pytest.raises(WorldError):
+            again()
+    room.reset()
+    room.leave(0)
+    room.join(0, np.zeros(2))
+    room.position = np.zeros(2)
+    assert np.isfinite([*room.motion(), *room.proxy_of(0), *room.force_of(0), *room.worked()]).all()
+    assert room.coordinates()[0] == "this code"
+    assert room.failed == said
+
+
+def test_a_world_that_takes_for_ever_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(call_limit, "CALL_LIMIT_S", 0.02)
+    room = held(broken.Endless)
+    room.limited = call_limit.call_limit
+    assert until_failed(room) == f"{KIND}: takes too long in advance"
+
+
+@pytest.mark.parametrize(
+    ("world", "words"),
+    [
+        (broken.HoldsMuch, "holds 38.4 J at first, more than 1: let it begin at rest"),
+        (type("Few", (Springs,), {"__init__": lambda self, given: Springs.__init__(self, given[:1])}), "constructor"),
+        (type("Bare", (Springs,), {"__init__": lambda self, given: None}), "AttributeError"),
+        (type("Many", (Springs,), {"geoms": lambda self: [Shape("box", (1.0, 1.0, 1.0))] * 1025}), "1025 shapes, more"),
+        (type("Odd", (Springs,), {"geoms": lambda self: [Shape("box", (1.0,))]}), "ValidationError"),
+        (type("Vast", (Springs,), {"save": lambda self: (0.0,) * 10_001}), "save gives 10001 numbers, more than"),
+    ],
+)
+def test_a_world_that_cannot_be_made_says_why(world: type[ToolWorld], words: str) -> None:
+    with pytest.raises(WorldError, match=words) as caught:
+        guarded(world)
+    assert str(caught.value).startswith(KIND)
+
+
+# Energy ----------------------------------------------------------------------------------------------------------------
+
+
+class Hanging(Springs):
+    """Holds 0.4 J at first, and lets people have it."""
+
+    def __init__(self, given: Sequence[object]) -> None:
+        super().__init__(given)  # type: ignore[arg-type]
+        self.place = self.place + np.sqrt(0.4 * 2.0 / self.npm / self.place.size)
+
+
+class Liar(Springs):
+    """Claims to hold 1 J, and to lose a part of it in each frame, while it sends out waves."""
+
+    told_j = 1.0
+
+    @property
+    def energy_j(self) -> float:
+        return self.told_j
+
+    def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
+        self.told_j = max(0.0, self.told_j - 0.01)
+        return [(3.0,) * self.axes for _ in rows]
+
+
+class Pump(Liar):
+    """Claims to be filled up anew whenever somebody takes hold."""
+
+    def join(self, user: int, position_m: Array) -> None:
+        super().join(user, position_m)
+        self.told_j = 1.0
+
+
+def attacks() -> dict[str, Callable[[int, Array], Array]]:
+    random = np.random.default_rng(1)
+    return {
+        "noise": lambda frame, back: random.normal(size=back.shape),
+        "ends that lose nothing": lambda frame, back: back + (frame % 50 == 0),
+        "forty cycles of pulling": lambda frame, back: np.full_like(back, 2.0 if frame % 32 < 16 else -2.0),
+        "nothing": lambda frame, back: np.zeros_like(back),
+    }
+
+
+@pytest.mark.parametrize("attack", attacks())
+@pytest.mark.parametrize(
+    "world",
+    [
+        Springs, Hanging, Liar, Pump, broken.CreatesSlowly, broken.ExplicitEuler, broken.HidesEnergy, broken.JumpsToTheHand,
+        broken.CountsTwice,
+    ],
+)  # fmt: skip
+def test_no_more_comes_out_than_came_in_and_was_held_at_first(world: type[ToolWorld], attack: str) -> None:
+    """Also where people come and go, and where the object is put back."""
+    room, wave = held(world), attacks()[attack]
+    start, came, back = room.energy_j, 0.0, np.zeros((2, 2))
+    for frame in range(40 * 32):
+        if frame % 100 == 60:
+            room.leave(frame // 100 % 2)
+        if frame % 100 == 80:
+            room.join(frame // 100 % 2, np.full(2, 0.001 * (frame % 7)))
+        if frame % 500 == 499:
+            for user in (0, 1):
+                room.leave(user)
+            room.position = np.full(2, 1.0)
+            for user in (0, 1):
+                room.join(user, np.zeros(2))
+        u = np.clip(wave(frame, back), -4.0, 4.0)
+        try:
+            back = np.array(room.advance(u.tolist()))
+        except WorldError:
+            return  # the room has ended
+        u = np.where(room.holding[:, None], u, 0.0)
+        came += 0.5 * room.frame_s * float((u * u - back * back).sum())
+        assert room.limiter.level_j >= 0.0 or not back.any()
+        if back.any():
+            assert came >= room.energy_j - start - START_J - 1e-9
+        assert sum(room.worked()) == pytest.approx(came, abs=1e-9)
+    assert -came <= MOST_HELD_J + START_J + 1e-9
+
+
+def test_a_sound_world_is_never_limited_and_passes_unchanged() -> None:
+    room, alone = held(Springs), Springs(seats())
+    for user in range(2):
+        alone.join(user, np.full(2, 0.01))
+    random = np.random.default_rng(2)
+    for _ in range(500):
+        rows = random.normal(size=(2, 2)).tolist()
+        assert room.advance(rows) == alone.advance(rows)
+        assert room.force == pytest.approx(alone.force, abs=1e-12)
+        assert [room.proxy_of(user) for user in (0, 1)] == [alone.proxy_of(user) for user in (0, 1)]
+    assert room.worked() == pytest.approx(alone.worked(), abs=1e-15)
+    assert room.limiter_account()["limited_frames"] == 0
+
+
+def test_tools_out_of_reach_are_put_back_though_the_object_is_not() -> None:
+    room = held(Springs)
+    assert not room.out_of_reach
+    room.inner.place = np.full((2, 2), 2.1)  # type: ignore[attr-defined]
+    room.advance([(0.0, 0.0)] * 2)
+    assert room.out_of_reach
+    for user in range(2):
+        room.leave(user)
+    room.position = np.zeros(2)
+    assert not room.out_of_reach
+    assert room.energy_j == 0.0
+
+
+def test_one_that_fails_as_somebody_joins_or_leaves_ends_with_the_next_step() -> None:
+    def fail(*given: object) -> None:
+        raise OSError("no disk")
+
+    for name in ("join", "leave"):
+        room = held(type("Torn", (Springs,), {}))
+        setattr(room.inner, name, fail)
+        getattr(room, name)(0, *([np.zeros(2)] if name == "join" else []))
+        with pytest.raises(WorldError, match=rf"OSError: no disk \(line \d+\) in {name}"):
+            room.advance([(0.0, 0.0)] * 2)
+
+
+def test_a_world_without_tools_is_guarded_as_well() -> None:
+    """The cube as it comes with cogrip, under another name."""
+    given = seats()
+    room, alone = GuardedWorld(given, lambda: GripWorld(given), KIND, "this code"), GripWorld(given)
+    for user, place in enumerate(((0.01, 0.0), (0.0, -0.02))):
+        room.join(user, np.array(place))
+        alone.join(user, np.array(place))
+    rows = np.random.default_rng(3).normal(size=(300, 2, 2)).tolist()
+    assert [room.advance(row) for row in rows] == [alone.advance(row) for row in rows]
+    assert room.motion() == alone.motion()
+    assert room.limiter_account()["limited_frames"] == 0
+
+
+# Saving ----------------------------------------------------------------------------------------------------------------
+
+
+def course(room: GuardedWorld, seed: int) -> list[object]:
+    random = np.random.default_rng(seed)
+    rows = random.normal(size=(100, 2, 2)).tolist()
+    return [(room.advance(row), room.motion(), tuple(room.worked()), room.save()) for row in rows]
+
+
+@pytest.mark.parametrize("world", [Springs, broken.CreatesSlowly])
+def test_a_guarded_world_goes_on_bit_for_bit_with_its_ledger(world: type[ToolWorld]) -> None:
+    room = held(world)
+    course(room, 1)
+    room.leave(1)
+    saved = room.save()
+    expected = course(room, 2)
+    again = held(world)
+    course(again, 3)
+    again.restore(saved)
+    assert again.save() == saved
+    assert course(again, 2) == expected
+
+
+def test_after_a_restart_everything_is_where_it_was_and_nobody_holds_it() -> None:
+    room = held(Springs)
+    course(room, 1)
+    after = guarded(Springs)
+    after.place(room.motion()[:2], *room.coordinates())
+    assert after.energy_j == room.energy_j
+    assert not after.holding.any()
+    assert not after.inner.holding.any()
+    assert after.inner.save()[-8:] == room.inner.save()[-8:]  # place and speed
+
+
+@pytest.mark.parametrize(
+    ("identity", "spoil", "words"),
+    [
+        ("other code", lambda row: row, "its world is another one"),
+        ("this code", lambda row: row[:-1], "numbers, not"),
+        ("this code", lambda row: (*row[:-1], float("nan")), "not all finite"),
+        ("this code", lambda row: (*row[:-1], 10.0), "holds 10 J, more than 1"),
+    ],
+)
+def test_a_checkpoint_of_another_world_changes_nothing(identity: str, spoil: Callable[[Row], Row], words: str) -> None:
+    room = guarded(Springs)
+    before = room.save()
+    with pytest.raises(WorldError, match=words):
+        room.place((0.0, 0.0), identity, spoil(room.coordinates()[1]))
+    assert room.save()[:-3] == before[:-3]
+    assert not room.failed
+    room.advance([(0.0, 0.0)] * 2)
+
+
+def test_the_limit_of_time_needs_the_main_thread_alone() -> None:
+    """Elsewhere there is none, and nothing is left behind."""
+    from threading import Thread
+
+    done: list[Path] = []
+
+    def inside() -> None:
+        with call_limit.call_limit():
+            done.append(Path())
+
+    thread = Thread(target=inside)
+    thread.start()
+    thread.join()
+    assert done

@@ -1,0 +1,63 @@
+"""Worlds of every scheme save their state, and one that is made anew goes on from it bit for bit."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.server.schemes import make_world
+from cogrip.server.worlds.world import Row, World, WorldError
+
+SCHEMES: dict[str, dict[str, Any]] = {
+    "wave": {},
+    "adapted": {"compensate": True},
+    "paper": {"server_step": "paper", "stiffness_npm": 300.0},
+    "coupling": {"kind": "coupling", "stiffness_npm": 300.0},
+    "tdpa": {"kind": "tdpa"},
+}
+
+
+def made(kind: str, scheme: str) -> World:
+    users = [{"name": f"user{number}", "side": ("left", "right")[number % 2]} for number in range(3)]
+    settings = resolve({"object": {"kind": kind, "axes": 2}, "users": users, "coupling": SCHEMES[scheme]})
+    return make_world([seat_settings(settings, number) for number in range(3)])
+
+
+def course(world: World, seed: int) -> list[object]:
+    """Step it at random, with people who join and leave."""
+    random = np.random.default_rng(seed)
+    seen: list[object] = []
+    for frame in range(80):
+        if frame % 20 == 0:
+            user = int(random.integers(3))
+            world.leave(user) if world.holding[user] else world.join(user, 0.01 * random.normal(size=2))
+        if frame % 20 == 10 and world.can_follow:
+            world.aim(0, float(random.uniform(100.0, 2000.0)))
+        rows: list[Row] = [tuple(row) for row in 0.05 * random.normal(size=(3, 2 * world.inputs_per_axis))]
+        answers = [tuple(row) for row in world.advance(rows)]
+        seen.append((answers, world.motion(), tuple(world.worked()), [world.proxy_of(user) for user in range(3)]))
+    return [seen, world.save(), world.energy_j]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("kind", ["cube", "faces", "wall"])
+def test_a_world_goes_on_bit_for_bit_where_it_was_saved(kind: str, scheme: str) -> None:
+    world = made(kind, scheme)
+    course(world, 1)
+    saved = world.save()
+    expected = course(world, 2)
+    for again in (made(kind, scheme), world):
+        again.restore(saved)
+        assert again.save() == saved
+        assert course(again, 2) == expected
+
+
+def test_a_saved_state_of_another_world_changes_nothing() -> None:
+    world, other = made("cube", "wave"), made("wall", "wave")
+    course(world, 1)
+    before = world.save()
+    for state in (other.save(), before[:-1], (*before[:-1], float("inf"))):
+        with pytest.raises(WorldError, match=r"numbers, not|not all finite"):
+            world.restore(state)
+        assert world.save() == before

@@ -1,0 +1,102 @@
+"""Worlds with tools: the identity of the port, and the examples of docs/worlds.md against closed forms."""
+
+from math import atan, cos, sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cogrip.protocol.object_kinds import PYTHON
+from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.server.worlds.registry import ALLOWED, world_of
+
+from tests.server.broken_worlds import Springs, seats
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples" / "worlds"
+FRAME_S = 1.0 / 128.0
+
+
+@pytest.fixture(autouse=True)
+def allowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(ALLOWED, str(EXAMPLES))
+
+
+def example(file: str, name: str, users: int, **given: Any) -> Any:
+    kind = f"{PYTHON}{EXAMPLES / file}:{name}"
+    people = [{"name": f"user{number}"} for number in range(users)]
+    settings = resolve({"object": {"kind": kind, **given}, "users": people})
+    return world_of(kind).make([seat_settings(settings, number) for number in range(users)])
+
+
+def hold(world: Any) -> Any:
+    for user in range(len(world.holding)):
+        world.join(user, np.full(world.axes, 0.01 * user))
+    return world
+
+
+def test_what_comes_in_at_a_port_is_the_work_of_force_and_damper() -> None:
+    """(u^2 - v^2) T/2 = (sqrt(2b) u - b w) w T at each tool, and all of it is stored where nothing is lost."""
+    world, random = hold(Springs(seats(3, 2))), np.random.default_rng(1)
+    b = world.impedance
+    for _ in range(300):
+        u, before, energy, work = random.normal(size=(3, 2)), world.tools, world.energy_j, world.port_work
+        v = world.step(u)
+        w = (world.tools - before) / FRAME_S
+        port_j = 0.5 * FRAME_S * (u * u - v * v)
+        assert port_j == pytest.approx(FRAME_S * (np.sqrt(2.0 * b) * u - b * w) * w, abs=1e-14)
+        assert world.force == pytest.approx(np.sqrt(2.0 * b) * u - b * w, abs=1e-12)
+        assert world.port_work - work == pytest.approx(port_j.sum(axis=1), abs=1e-14)
+        assert world.energy_j - energy == pytest.approx(port_j.sum(), abs=1e-14)
+
+
+def test_a_tool_that_nobody_holds_is_driven_by_nothing() -> None:
+    world = Springs(seats(2, 1))
+    world.join(0, np.array([0.02]))
+    v = world.step(np.array([[1.0], [1.0]]))
+    assert v[1] == 0.0
+    assert world.tools[1] == 0.0
+    assert world.force[1] == 0.0
+    assert world.proxy(0) == pytest.approx(world.tools[0] + 0.02)
+
+
+def test_two_masses_swing_against_each_other_as_the_midpoint_rule_has_it() -> None:
+    """Free of hands and friction: x = d cos(n theta), tan(theta / 2) = (T / 2) sqrt(2 K / m)."""
+    world = example("two_masses.py", "TwoMasses", 2, mass_kg=0.3, axes=2)
+    start = np.array([[0.01, 0.0], [-0.01, 0.0]])
+    world.place, world.friction_nspm = start.copy(), 0.0
+    theta = 2.0 * atan(0.5 * FRAME_S * sqrt(2.0 * 300.0 / 0.3))
+    for frame in range(1, 500):
+        world.step(np.zeros((2, 2)))
+        assert world.tools == pytest.approx(start * cos(frame * theta), abs=1e-12)
+
+
+def test_the_spring_between_two_masses_holds_what_both_press() -> None:
+    world = hold(example("two_masses.py", "TwoMasses", 2, damping_nspm=2.0))
+    press_n = 3.0
+    u = press_n / np.sqrt(2.0 * world.impedance) * np.array([[1.0], [-1.0]])
+    for _ in range(1500):
+        world.step(u)
+    assert world.tools[1] - world.tools[0] == pytest.approx(-press_n / 300.0, rel=1e-9)
+    assert world.force == pytest.approx(np.array([[press_n], [-press_n]]), rel=1e-9)
+
+
+@pytest.mark.parametrize(("direction", "field_nspm"), [(1.0, 15.0), (-1.0, 1.0)])
+def test_a_steady_push_reaches_the_speed_that_the_field_allows(direction: float, field_nspm: float) -> None:
+    """(b + B) w = sqrt(2b) u along the guide, and K x across it."""
+    world = hold(example("viscous_field.py", "ViscousField", 1, axes=2, mass_kg=0.05))
+    b = float(world.impedance[0, 0])
+    for _ in range(400):
+        world.step(np.array([[direction * 2.0, 1.0]]) / sqrt(2.0 * b))
+    assert world.speed[0, 0] == pytest.approx(direction * 2.0 / (b + field_nspm), rel=1e-9)
+    assert world.tools[0, 1] == pytest.approx(1.0 / 400.0, rel=1e-9)
+
+
+def test_the_soft_line_is_as_soft_as_its_springs_in_a_row() -> None:
+    world = hold(example("soft_line.py", "SoftLine", 2, axes=3, mass_kg=0.1))
+    pull = 2.0 * np.array([[-1.0, 0.0, 0.5], [1.0, 0.0, -0.5]])
+    for _ in range(3000):
+        world.step(pull / np.sqrt(2.0 * world.impedance))
+    assert world.tools[1] - world.tools[0] == pytest.approx(pull[1] * 8 / 2000.0, rel=1e-6, abs=1e-12)
+    assert np.diff(world.place, axis=0) == pytest.approx(np.tile(pull[1] / 2000.0, (8, 1)), rel=1e-6, abs=1e-12)
+    assert world.poses_of_bodies()[:, :3].mean(axis=0) == pytest.approx(world.place.mean(axis=0))

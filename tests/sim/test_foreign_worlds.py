@@ -1,0 +1,177 @@
+"""Sessions around worlds from outside: the examples of docs/worlds.md, one that fails, and one whose server is killed."""
+
+from itertools import count
+from pathlib import Path
+
+import pytest
+
+from cogrip.cli.session.settings_file import load
+from cogrip.protocol import messages
+from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.messages import Farewell, Heartbeat
+from cogrip.protocol.recording.reader import open_recording
+from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings_digest import digest
+from cogrip.server.admission import Outside
+from cogrip.server.checkpoint import CheckpointError, decode, encode
+from cogrip.server.core import ServerCore
+from cogrip.server.io.call_limit import call_limit
+from cogrip.server.loop import LiveServer
+from cogrip.server.rate_limit import RateLimiter
+from cogrip.server.room import Room
+from cogrip.server.seat_limits import Record
+from cogrip.server.unencrypted_channel import UnencryptedListener
+from cogrip.server.worlds.conformance import CHECKS, Subject
+from cogrip.server.worlds.guarded import GuardedWorld
+from cogrip.server.worlds.registry import ALLOWED
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.replay.verify import verify
+from cogrip.sim.runs.summary import of_laboratory
+from cogrip.sim.runs.verdict import stable, succeeded
+from cogrip.sim.session.laboratory import Laboratory
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples" / "worlds"
+NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py"))
+FAILING = """
+class Failing(TwoMasses):
+    '''Raises after a while.'''
+    frame = 0
+    def move(self, force_n, damping_nspm):
+        super().move(force_n, damping_nspm)
+        self.frame += 1
+        if self.frame == 40:
+            raise RuntimeError("the spring broke")
+"""
+TABLE = """
+name = "{name}"
+seconds = 1.0
+[object]
+kind = "{kind}"
+[[users]]
+name = "anna"
+hand = "reach&amplitude_m=0.02"
+[[users]]
+name = "ben"
+hand = "hold"
+"""
+
+
+@pytest.fixture(autouse=True)
+def allowed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv(ALLOWED, f"{EXAMPLES}:{tmp_path}")
+
+
+def world_in(room: Room) -> GuardedWorld:
+    assert isinstance(room.world, GuardedWorld)
+    return room.world
+
+
+def failing(folder: Path) -> Settings:
+    """Return the settings of a world that raises in its fortieth frame."""
+    text = (EXAMPLES / "two_masses.py").read_text()
+    (folder / "failing.py").write_text(text + FAILING)
+    (folder / "failing.toml").write_text(TABLE.format(name="failing", kind="python:failing.py:Failing"))
+    return load(folder / "failing.toml")
+
+
+def test_there_are_three_examples() -> None:
+    assert NAMES == ["soft_line", "two_masses", "viscous_field"]
+    for path in EXAMPLES.glob("*.py"):
+        assert len(path.read_text().splitlines()) <= 100
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_example_keeps_every_promise_and_is_held_and_replayed(name: str, tmp_path: Path) -> None:
+    settings = load(EXAMPLES / f"{name}.toml", ["seconds=2.5"])
+    for check in CHECKS:
+        check(Subject(lambda: world_in(Room(settings)).inner))
+    outcome = run_laboratory(settings, tmp_path)
+    assert succeeded(outcome.summary)
+    assert outcome.summary["object"]["travel_m"] > 0.005
+    ledger = outcome.summary["server"]["energy_limiter"]
+    assert ledger["limited_frames"] == 0
+    assert ledger["level_j"] >= 0.0
+    for path in tmp_path.glob("*.mcap"):
+        assert not verify(open_recording(path)).difference
+
+
+def test_a_world_that_raises_ends_its_session_by_name(tmp_path: Path) -> None:
+    laboratory = Laboratory(failing(tmp_path))
+    laboratory.run()
+    words = "python:failing.py:Failing: RuntimeError: the spring broke (line "
+    assert laboratory.diverged.startswith(words)
+    assert laboratory.room.steps == 40
+    summary = of_laboratory(laboratory)
+    assert stable(summary).sentence.startswith(f"Diverged. The world has ended: {words}")
+    for _ in range(64):
+        laboratory.frame()
+    for person in laboratory.people:
+        assert words[:40] in person.core.session.failed
+        assert person.core.act(laboratory.now_ns) == (0.0,)
+
+
+def test_other_rooms_go_on_when_a_world_fails(tmp_path: Path) -> None:
+    (tmp_path / "sound.toml").write_text(TABLE.format(name="sound", kind="cube"))
+    sessions = count(1)
+    core = ServerCore([failing(tmp_path), load(tmp_path / "sound.toml")], "test", Outside(lambda: next(sessions)))
+    for room in core.rooms:
+        for seat in room.seats:
+            room.take_seat(seat.number, next(sessions), 1, 0, Record("sim:ideal", 1, 1024.0, 40.0, 4.0))
+            seat.address = f"{room.name} {seat.name}"
+    world_in(core.rooms[0]).failed = "python:failing.py:Failing: broken"
+    for room in 2 * core.rooms:
+        core.tick(room, 0)
+    heard = {str(address): messages.decode(datagram) for address, datagram in core.outbox}
+    ended = heard["failing anna"]
+    assert isinstance(ended, Farewell)
+    assert ended.reason == "the world has ended: python:failing.py:Failing: broken"
+    assert [seat.state for seat in core.rooms[0].seats] == ["free", "free"]
+    assert [seat.state for seat in core.rooms[1].seats] == ["seated", "seated"]
+    assert isinstance(heard["sound anna"], Heartbeat)
+    assert "failing: anna lost the seat: the world has ended" in core.events[0].text
+
+
+def test_a_live_server_bounds_the_time_of_a_step() -> None:
+    settings = load(EXAMPLES / "two_masses.toml")
+    server = LiveServer(
+        [settings], "127.0.0.1", 0, Stop(), print, lambda core: UnencryptedListener(RateLimiter(b"s"), core.knows)
+    )
+    server.listen()
+    server.close()
+    assert world_in(server.core.rooms[0]).limited is call_limit
+
+
+def test_after_a_kill_the_next_server_goes_on_where_the_world_was() -> None:
+    laboratory = Laboratory(load(EXAMPLES / "soft_line.toml", ["seconds=3"]))
+    for _ in range(200):
+        laboratory.frame()
+    before = world_in(laboratory.room)
+    (checkpoint,) = laboratory.kill()
+    state = before.inner.save()
+    laboratory.restart([decode(encode(checkpoint))])
+    after = world_in(laboratory.room)
+    assert after.inner.save()[-54:] == state[-54:]  # places and speeds of nine beads in three axes
+    assert not after.holding.any()
+    laboratory.run()
+    assert not laboratory.diverged
+    assert after.holding.all(), "both came back"
+    assert after.limiter.limited == 0
+
+
+def test_a_checkpoint_of_a_changed_file_is_refused(tmp_path: Path) -> None:
+    first = Room(failing(tmp_path))
+    file = tmp_path / "failing.py"
+    file.write_text(file.read_text().replace("300.0", "200.0"))
+    second = Room(load(tmp_path / "failing.toml"))
+    with pytest.raises(CheckpointError, match="its world is another one"):
+        second.restore(first.checkpoint(), 0)
+
+
+def test_the_folder_of_a_file_is_in_no_digest_and_no_welcome(tmp_path: Path) -> None:
+    here = load(EXAMPLES / "two_masses.toml")
+    (tmp_path / "two_masses.py").write_text((EXAMPLES / "two_masses.py").read_text())
+    (tmp_path / "two_masses.toml").write_text((EXAMPLES / "two_masses.toml").read_text())
+    there = load(tmp_path / "two_masses.toml")
+    assert digest(here) == digest(there)
+    assert Room(there).seats[0].settings.object.kind == "python:two_masses.py:TwoMasses"
+    assert digest(load(EXAMPLES / "two_masses.toml", ["object.kind=cube"])) != digest(here)
