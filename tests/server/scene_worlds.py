@@ -10,7 +10,9 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.cli.session.settings_file import load
 from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.server.schemes import make_scene_world
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_file import Scene, held_by, load_scene, make_scene
 
@@ -18,6 +20,8 @@ Array = NDArray[np.float64]
 T, B = 1 / 128, 20.0
 SCENES = Path(__file__).parents[2] / "configs" / "scenes"
 SHIPPED = ("wall", "lift", "pile")
+WORST_J = {"wall": 1e-5, "lift": 1e-5, "pile": 1e-5, "peg": 1e-2, "table": 1e-2, "valve": 1e-2, "wheel": 1e-2}
+"""Settings of scenes that come with cogrip: most energy that a window of any length may give back beyond what came in."""
 
 
 def world_of(scene: str | Path, tools: Sequence[str] = ("", ""), substeps: int = 4, b: float = B) -> SceneWorld:
@@ -35,10 +39,18 @@ def world_of(scene: str | Path, tools: Sequence[str] = ("", ""), substeps: int =
     return SceneWorld([seat_settings(settings, number) for number in range(len(tools))], loaded, substeps)
 
 
+def world_of_settings(name: str) -> SceneWorld:
+    """Return the world of settings that come with cogrip: their scene, tools and axes."""
+    settings = load(Path(name))
+    world = make_scene_world(settings, [seat_settings(settings, number) for number in range(len(settings.users))])
+    assert isinstance(world, SceneWorld)
+    return world
+
+
 def hold(world: SceneWorld) -> SceneWorld:
     """Let everybody take hold, each hand in the middle of its own frame."""
     for user in range(len(world.holding)):
-        world.join(user, np.zeros(3))
+        world.join(user, np.zeros(world.axes))
     return world
 
 
@@ -48,37 +60,40 @@ def port_j(u: Array, v: Array) -> float:
 
 
 def springs_j(world: SceneWorld) -> float:
-    """Return what the springs of all contacts hold, sum of K r^2 / 2 over those of depth r > 0.
+    """Return what the springs of contacts, equalities and limits hold, which is none of the world's own energy.
 
-    A contact row has stiffness k and damping c by its mass, and impedance i. The implicit step divides what it asks for by
-    1 + h c + h^2 k i, and its `efc_D` has that as a factor: K = D k i / (1 + h c + h^2 k i). Rows are made in the next step.
+    MuJoCo's integrator solves f = D0 (-a - B v+ - K I (r + h v+)) and gives D = D0 (1 + h B + h^2 K I); the spring is D0 K I.
+    D is known after a step only, which is done with a copy.
     """
     model, data = world.scene.model, copy(world.data)
+    h = float(model.opt.timestep)
+    if not data.nefc:
+        return 0.0
     data.efc_margin[:] = 0.0
     mujoco.mj_step2(model, data)
-    if not data.ncon:
-        return 0.0
-    rows = data.contact.efc_address[data.contact.efc_address >= 0]
-    (k, c, i), h = data.efc_KBIP[rows, :3].T, model.opt.timestep
-    stiffness = data.efc_D[rows] * k * i / (1.0 + h * c + h * h * k * i)
-    return float((0.5 * stiffness * np.minimum(data.efc_pos[rows], 0.0) ** 2).sum())
+    stiffness, damping = data.efc_KBIP[:, 0] * data.efc_KBIP[:, 2], data.efc_KBIP[:, 1]
+    spring = data.efc_D * stiffness / (1.0 + h * damping + h * h * stiffness)
+    stretched = np.where(
+        data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY, data.efc_pos, np.minimum(data.efc_pos, 0.0)
+    )
+    return 0.5 * float((spring * stretched**2).sum())
 
 
 def adversary(world: SceneWorld, seed: int) -> Callable[[Array], Array]:
     """Return waves from the waves that came back: hands drawn to places about the object, jerks, mirrors, periods."""
     random = np.random.default_rng(seed)
-    count = len(world.holding)
-    state = {"left": 0, "mode": 0, "goal": np.zeros((count, 3)), "frame": 0, "gain": 1.0, "period": 8}
+    shape = len(world.holding), world.axes
+    state = {"left": 0, "mode": 0, "goal": np.zeros(shape), "frame": 0, "gain": 1.0, "period": 8}
 
     def next_waves(back: Array) -> Array:
         if state["left"] == 0:
             state.update(
                 left=int(random.integers(5, 120)), mode=int(random.integers(4)), gain=float(10.0 ** random.uniform(-1, 0.5)),
-                goal=random.uniform(-0.12, 0.12, (count, 3)), period=int(random.integers(2, 30)),
+                goal=random.uniform(-0.12, 0.12, shape), period=int(random.integers(2, 30)),
             )  # fmt: skip
         state["left"] -= 1
         state["frame"] += 1
-        place = np.array([world.proxy(user) for user in range(count)])
+        place = np.array([world.proxy(user) for user in range(shape[0])])
         drawn = np.clip(30.0 * state["gain"] * (state["goal"] - place), -2.0, 2.0)
         if state["mode"] == 1:
             return drawn + random.normal(0.0, 0.3 * state["gain"], drawn.shape)

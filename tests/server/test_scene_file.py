@@ -22,9 +22,8 @@ URDF = """<robot name="r"><link name="base"/><link name="arm"><inertial><mass va
 
 
 def scene_of(bodies: str, *tools: str, more: str = ""):
-    return make_scene(
-        f"<mujoco>{more}<worldbody>{bodies}</worldbody></mujoco>", tools or ("",), ("left", "right") * 2, STEP
-    )
+    seats = [Held(tool, ("left", "right")[seat % 2], "") for seat, tool in enumerate(tools or ("",))]
+    return make_scene(f"<mujoco>{more}<worldbody>{bodies}</worldbody></mujoco>", seats, STEP)
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -76,7 +75,7 @@ def test_tools_that_are_added(tool: str, balls: int, boxes: int) -> None:
     assert kinds.count(mujoco.mjtGeom.mjGEOM_SPHERE) == balls
     assert kinds.count(mujoco.mjtGeom.mjGEOM_BOX) == boxes
     assert scene.model.body_mass[scene.tools[0].body] == pytest.approx(0.05)
-    assert not scene.tools[0].free
+    assert not scene.tools[0].turns
 
 
 def test_added_tools_start_beside_the_object_each_on_its_side() -> None:
@@ -103,7 +102,7 @@ def test_bodies_of_the_scene_are_tools_and_begin_where_they_stand(joints: str) -
 def test_a_body_of_that_name_comes_before_the_word() -> None:
     scene = scene_of(BALL, "ball", "box")
     assert scene.model.body("ball").id == scene.tools[0].body
-    assert scene.tools[0].free
+    assert scene.tools[0].turns
     assert scene.object == -1, "the only free body is a tool"
 
 

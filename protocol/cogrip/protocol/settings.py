@@ -21,6 +21,7 @@ from cogrip.protocol.object_kinds import KindText, LocalKindText, kind_of, share
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
 from cogrip.protocol.setting_types import MOST_RENDERED_NPM, MOST_WAVES, PLACES, POSE_AXES, Name, Seconds, Seed, Side
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
+from cogrip.protocol.task import Task, unfit
 
 HUMAN_POWER_W = 10.0  # of a hand on a hand-sized device, on average (docs/security.md)
 REMOTE_FORCE_N = 40.0  # as strong as the arms on the market
@@ -139,6 +140,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rates: RatesSection = RatesSection()
     coupling: Coupling = Coupling()
     object: ObjectSection = ObjectSection()
+    task: Task = Task()
     link: Link = Link()
     playout: Playout = Playout()
     admission: Admission = Admission()
@@ -330,6 +332,8 @@ def _check_fit(settings: Settings) -> None:
 def _check_object(settings: Settings) -> None:
     """Raise SettingsError for settings that do not fit the kind of object."""
     given, coupling = settings.object, settings.coupling
+    if why := unfit(settings.task, given.kind == "scene"):
+        raise SettingsError(why)
     if why := unfit_kind(given.kind):
         raise SettingsError(f'object.kind = "{given.kind}": {why}')
     if given.kind != "scene":

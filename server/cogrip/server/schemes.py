@@ -71,7 +71,10 @@ def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World
         "wave": scene.SceneWorld, "coupling": driven_scene.CoupledScene, "tdpa": driven_scene.PowerScene,
     }  # fmt: skip
     make = worlds[settings.coupling.kind]
-    return make(seats, scene_file.load_scene(Path(given.file), scene_file.held_by(settings), step_s), given.substeps)
+    loaded = scene_file.load_scene(Path(given.file), scene_file.held_by(settings), step_s)
+    world = make(seats, loaded, given.substeps)
+    world.watch(settings.task)
+    return world
 
 
 def make_room_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:

@@ -30,6 +30,7 @@ from cogrip.protocol.settings import Settings
 from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_log, read_accounts, write_settings, write_summary
 from cogrip.sim.runs.report.page import write_report
 from cogrip.sim.runs.summary import of_accounts
+from cogrip.sim.runs.summary_values import task_of
 from cogrip.sim.runs.verdict import succeeded
 
 MOVED_M = 0.005  # an object that travelled less has not really moved
@@ -53,7 +54,7 @@ def demo(
     """Two simulated people hold one cube, or what the settings name, over UDP on this machine; ends with a report.
 
     A server, one client a person, UDP on loopback, an emulated link. Exit code 0 only if the run was passive and stable,
-    devices included, nothing broke off, and the object really moved.
+    devices included, nothing broke off, and the object really moved; of a scene, if its task was reached.
 
     Parameters
     ----------
@@ -157,10 +158,12 @@ def _conclude(settings: Settings, folder: Path, failed: dict[str, str], stop: St
     for name, how in failed.items():
         console.print(f"{name}: {how}; see {_log(folder, name)}")
     travel = summary["object"]["travel_m"]  # None where the server left no account of the object
-    moved = kind_of(settings.object.kind).fixed or (travel is not None and travel > MOVED_M)
+    fixed = settings.object.kind == "scene" or kind_of(settings.object.kind).fixed
+    moved = fixed or (travel is not None and travel > MOVED_M)
+    reached = (task := task_of(summary)) is None or task.get("reached") is True
     if not moved and travel is not None:
         console.print(f"the object did not really move: {travel * 1e3:.2f} mm")
     console.print(f"report: {report}")
     if stop.reason:
         return 130
-    return 0 if succeeded(summary) and moved and not failed else 1
+    return 0 if succeeded(summary) and moved and reached and not failed else 1

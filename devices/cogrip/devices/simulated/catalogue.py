@@ -9,7 +9,7 @@ import msgspec
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import MOST_AXES, Address, Setting, check_axes, keys_of, read_settings, unknown
-from cogrip.devices.simulated import hands, ideal, phantom, pose, reconstructed_hand, recorded_hand, waypoints
+from cogrip.devices.simulated import grasp, hands, ideal, phantom, pose, reconstructed_hand, recorded_hand, waypoints
 from cogrip.devices.simulated.device import Plant, SimulatedDevice
 from cogrip.protocol.setting_types import PLACES, POSE_AXES
 
@@ -51,6 +51,7 @@ HANDS: dict[str, HandKind] = {
     "sine": HandKind(hands.SineSettings, hands.directed(hands.sine_course)),
     "tremor": HandKind(hands.TremorSettings, hands.directed(hands.tremor_course)),
     "waypoints": HandKind(waypoints.WaypointSettings, waypoints.WaypointHand, turns="can"),
+    "grasp": HandKind(grasp.GraspSettings, grasp.make_grasp, turns="can"),
     "csv": HandKind(recorded_hand.RecordedSettings, recorded_hand.RecordedHand, takes="FILE"),
     "recording": HandKind(hands.ImpedanceSettings, reconstructed_hand.ReconstructedHand, takes="RUN"),
     "crank": HandKind(pose.CrankSettings, pose.CrankHand, turns="only"),

@@ -27,10 +27,12 @@ from cogrip.protocol.drawing import Shape
 from cogrip.protocol.rotations import UNTURNED, exp, inverse, log, product, turned
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.task import Task
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
-from cogrip.server.worlds.scene_file import MOST_RATE, Scene, Tool
+from cogrip.server.worlds.scene_file import MOST_RATE, Scene, Tool, body_of
 from cogrip.server.worlds.scene_shapes import shapes_of
+from cogrip.server.worlds.task_watch import TaskWatch
 from cogrip.server.worlds.turning_ports import TurningPorts
 from cogrip.server.worlds.world import Array, Row, World, WorldError, check_saved, dot
 
@@ -88,6 +90,16 @@ class SceneWorld(World):
         for user in range(len(seats)):
             self._park(user)
         self._refresh()
+        self._watch: tuple[int, TaskWatch] | None = None  # body of the task, and its progress
+
+    def watch(self, task: Task) -> None:
+        """Watch how far a task comes, if it states one. Raises SceneError for a body that the scene has not."""
+        if task.stated:
+            body = body_of(self.scene, task.body)
+            self._watch = body, TaskWatch(task, self.frame_s, *self._pose_of(body))
+
+    def _pose_of(self, body: int) -> tuple[list[float], list[float]]:
+        return self.data.xpos[body].tolist(), self.data.xquat[body].tolist()
 
     def _grip(self, tool: Tool) -> Grip:
         model, body, dof = self.scene.model, tool.body, tool.dof
@@ -315,6 +327,9 @@ class SceneWorld(World):
             raise WorldError(
                 f"the scene has more contacts than its memory at {data.time:.3f} s: raise <size memory> in it"
             )
+        if self._watch:
+            body, progress = self._watch
+            progress.step(*self._pose_of(body), bool(self.holding.any()))
         return moved, squares
 
     def limiter_account(self) -> dict[str, float] | None:
@@ -325,6 +340,9 @@ class SceneWorld(World):
 
     def scene_account(self) -> dict[str, Any]:
         return self.contacts.account(self._users)
+
+    def task_account(self) -> dict[str, Any] | None:
+        return self._watch[1].account() if self._watch else None
 
     # Saving
 

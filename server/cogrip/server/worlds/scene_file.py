@@ -43,6 +43,10 @@ _GEOM = {
     "solimp": (CONTACT_SHARE, CONTACT_SHARE, 0.001, 0.5, 2.0),
     "solref": (-CONTACT_RATE_PS2 * (1.0 - CONTACT_SHARE), -CONTACT_DAMPING_PS * (1.0 - CONTACT_SHARE)),
 }
+_EQUALITY = {key: _GEOM[key] for key in ("solimp", "solref")}
+STICTION_SHARE = (
+    0.9999  # of joints with dry friction: at MuJoCo's usual 0.9 they creep by what the friction should hold
+)
 _OPTION = {
     "integrator": mujoco.mjtIntegrator.mjINT_DISCRETE,
     "cone": mujoco.mjtCone.mjCONE_ELLIPTIC,
@@ -252,9 +256,18 @@ def _complete(spec: mujoco.MjSpec, options: set[str], step_s: float) -> tuple[tu
             setattr(spec.option, key, value)
             filled.append(f"option {key}")
     fresh = mujoco.MjSpec()
-    usual, usual_pair = fresh.worldbody.add_geom(), fresh.add_pair()
-    for what, elements, default in (("geom", list(spec.geoms), usual), ("pair", list(spec.pairs), usual_pair)):
-        for key, value in _GEOM.items():
+    fixed = fresh.worldbody.add_body()
+    friction = {
+        "solimp_friction": (STICTION_SHARE, STICTION_SHARE, 0.001, 0.5, 2.0),
+        "solref_friction": (2.0 * step_s, 1.0),
+    }
+    for what, elements, default, wanted in (
+        ("geom", spec.geoms, fixed.add_geom(), _GEOM),
+        ("pair", spec.pairs, fresh.add_pair(), _GEOM),
+        ("equality", spec.equalities, fresh.add_equality(), _EQUALITY),
+        ("joint", [joint for joint in spec.joints if np.any(joint.frictionloss)], fixed.add_joint(), friction),
+    ):
+        for key, value in wanted.items():
             same = [element for element in elements if np.array_equal(getattr(element, key), getattr(default, key))]
             for element in same:
                 setattr(element, key, value)
@@ -319,6 +332,17 @@ def _add_sensor(spec: mujoco.MjSpec, body_name: str) -> None:
 def _first_free(model: mujoco.MjModel, tools: set[int]) -> int:
     free = [int(model.jnt_bodyid[joint]) for joint in range(model.njnt) if model.jnt_type[joint] == _FREE[0]]
     return next((body for body in free if body not in tools), -1)
+
+
+def body_of(scene: Scene, name: str) -> int:
+    """Return the number of a body; "" is the object. Raises SceneError."""
+    model = scene.model
+    named = {model.body(body).name: body for body in range(1, model.nbody)}
+    body = named.get(name, -1) if name else scene.object
+    if body < 0:
+        there = ", ".join(sorted(filter(None, named))[:MOST_NAMED])
+        raise SceneError(f"task.body = {name!r} is no body of the scene; its bodies are {there or 'without names'}")
+    return body
 
 
 def _object(model: mujoco.MjModel, tools: set[str]) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], float]:

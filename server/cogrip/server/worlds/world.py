@@ -181,6 +181,10 @@ class World(ABC):
         """Return the ledger of what bounds the energy that goes back; None where the step itself makes none."""
         return None
 
+    def task_account(self) -> dict[str, Any] | None:
+        """Return how far the task of the settings has come; None where they state none."""
+        return None
+
     def scene_account(self) -> dict[str, Any] | None:
         """Return contact forces, slip and lift of the run so far (docs/summary.md); None where there are no bodies."""
         return None

@@ -110,6 +110,8 @@ def _of_room(
     )
     if (ledger := room.world.limiter_account()) is not None:
         summary["server"]["energy_limiter"] = ledger
+    if (task := room.world.task_account()) is not None:
+        summary["task"] = task
     if (scene := room.world.scene_account()) is not None:
         summary["server"]["scene"] = scene
     if room.world.failed:

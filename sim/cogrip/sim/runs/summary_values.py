@@ -50,6 +50,35 @@ def energy(value_j: Any) -> str:
     return f"{value_j:.1g} J"
 
 
+_GOALS = (
+    ("lifted_m", "lifted", "at least", 1e3, 1, "mm"), ("turned_rad", "turned", "at least", 1.0, 3, "rad"),
+    ("within_m", "off its place", "at most", 1e3, 2, "mm"), ("tilt_rad", "tilted", "at most", 1.0, 3, "rad"),
+)  # fmt: skip
+
+
+def task_of(summary: Summary) -> dict[str, Any] | None:
+    """Return the result of the task; None where the settings stated none."""
+    task = summary.get("task")
+    return task if isinstance(task, dict) else None
+
+
+def task_result(task: dict[str, Any]) -> str:
+    """Return whether a task was reached, and when."""
+    return f"reached after {number(task.get('at_s'), digits=2)} s" if task.get("reached") is True else "not reached"
+
+
+def task_goals(task: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return each goal of a task in words, and what came of it."""
+    return [
+        (
+            words,
+            f"{number(dig(task, 'goals', key, 'value'), scale=scale, digits=digits)} {unit} ({most} {scale * asked:g})",
+        )
+        for key, words, most, scale, digits, unit in _GOALS
+        if is_number(asked := dig(task, "goals", key, "asked"))
+    ]
+
+
 def people(summary: Summary) -> list[dict[str, Any]]:
     users = summary.get("users")
     return [user for user in users if isinstance(user, dict)] if isinstance(users, list) else []

@@ -12,6 +12,9 @@ from cogrip.sim.runs.summary_values import (
     people,
     seat_sessions,
     share,
+    task_goals,
+    task_of,
+    task_result,
     ticks_share,
 )
 from cogrip.sim.runs.verdict import judgements
@@ -27,6 +30,7 @@ def verdict(summary: Summary, tank_j: float | None = None) -> list[tuple[Tone, s
         return [("bad", "There is no summary of this run: only what its traces hold can be shown.")]
     return [
         *((judgement.tone, judgement.sentence) for judgement in judgements(summary, tank_j)),
+        *_task(summary),
         *((tone, sentence) for tone, sentence, _ in notes(summary)),
     ]
 
@@ -39,6 +43,13 @@ def notes(summary: Summary) -> Iterator[tuple[Tone, str, str]]:
     ):  # fmt: skip
         for tone, sentence in sentences(summary):
             yield tone, sentence, about
+
+
+def _task(summary: Summary) -> Iterator[tuple[Tone, str]]:
+    if task := task_of(summary):
+        goals = "; ".join(f"{words} {value}" for words, value in task_goals(task))
+        tone: Tone = "good" if task.get("reached") is True else "warn"
+        yield tone, f"Task {task_result(task)}: {task.get('body')} {goals}."
 
 
 def _balance(summary: Summary) -> Iterator[tuple[Tone, str]]:

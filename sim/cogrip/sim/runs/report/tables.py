@@ -19,6 +19,9 @@ from cogrip.sim.runs.summary_values import (
     people,
     seat_sessions,
     share,
+    task_goals,
+    task_of,
+    task_result,
     ticks_share,
     vector,
 )
@@ -238,6 +241,9 @@ def room_table(summary: Summary) -> Table:
     rows = _rows(_ROOM, [summary])
     if is_number(paid_j := dig(summary, "server", "energy_limiter", "paid_j")):
         rows.append(row("taken by the energy limiter", [energy(paid_j)]))
+    if task := task_of(summary):
+        rows.append(row(f"task with the {task.get('body')}", [task_result(task)]))
+        rows += [row(f"task: {words}", [value]) for words, value in task_goals(task)]
     if isinstance(dig(summary, "server", "scene"), dict):
         rows += _rows(_SCENE, [summary])
     return Table([], [*rows, *_rows(_LOOP, [loop])])

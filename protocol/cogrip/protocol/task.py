@@ -1,0 +1,37 @@
+"""Settings of a task: what people are to do with a body of a scene."""
+
+from typing import Annotated, Literal
+
+import msgspec
+
+Goal = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
+Place = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
+
+
+class Task(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """[task]: what people are to do with a body of a scene. The server's own; goals that are None are none.
+
+    Reached at the first moment at which all goals are: once lifted and turned far enough, and in its place now.
+    """
+
+    body: str = ""  # "" the object
+    lifted_m: Goal | None = None  # at least, above where it starts, at some time
+    turned_rad: Goal | None = None  # at least, about `axis` of the world, either way
+    axis: Literal["x", "y", "z"] = "z"
+    place_m: tuple[Place, Place, Place] = (0.0, 0.0, 0.0)  # from where it starts
+    within_m: Goal | None = None  # of that place
+    tilt_rad: Goal | None = None  # at most, of its upright, at all times before
+    by_s: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None  # after somebody took hold; None: until the end
+
+    @property
+    def stated(self) -> bool:
+        """Return whether there is anything to be done."""
+        return any(goal is not None for goal in (self.lifted_m, self.turned_rad, self.within_m))
+
+
+def unfit(task: Task, scene: bool) -> str:
+    """Return why a task does not fit a room, with or without a scene; "" if it does."""
+    if task == Task() or (scene and task.stated):
+        return ""
+    what = "has no goal" if scene else 'is for object.kind = "scene"'
+    return f"[task] {what}; set task.lifted_m, task.turned_rad or task.within_m in a scene, or leave it out"

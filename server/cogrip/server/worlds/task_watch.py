@@ -1,0 +1,70 @@
+"""Progress of a task: how far a body has been lifted, turned, carried and tilted since its start (`Task` of the settings)."""
+
+from collections.abc import Sequence
+from math import acos, dist
+from typing import Any
+
+from cogrip.protocol.rotations import between, inverse, product, turned
+from cogrip.protocol.task import Task
+
+_AXES = "xyz"
+
+
+class TaskWatch:
+    """Watches one body, a step a frame, from when somebody has taken hold; once the task is reached, all stands still.
+
+    lifted_m, tilted_rad  most so far
+    turned_rad            about the task's axis so far, whole turns counted
+    off_m                 distance from the task's place now
+    at_s                  when the task was reached, None if it is not
+    """
+
+    def __init__(self, task: Task, frame_s: float, place_m: Sequence[float], quaternion: Sequence[float]) -> None:
+        self.task = task
+        self._frame_s = frame_s
+        self._start, self._upright = tuple(place_m), tuple(quaternion)
+        self._goal = [at + by for at, by in zip(place_m, task.place_m, strict=True)]
+        self._orientation: Sequence[float] = self._upright
+        self._frames = 0
+        self.lifted_m = self.turned_rad = self.tilted_rad = 0.0
+        self.off_m = dist(place_m, self._goal)
+        self.at_s: float | None = None
+
+    def step(self, place_m: Sequence[float], quaternion: Sequence[float], held: bool = True) -> None:
+        """Enter where the body is after a frame, and how it is turned; held: somebody holds a tool."""
+        if self.at_s is not None or not (held or self._frames):
+            return
+        task = self.task
+        self._frames += 1
+        self.lifted_m = max(self.lifted_m, place_m[2] - self._start[2])
+        self.turned_rad += between(self._orientation, quaternion)[_AXES.index(task.axis)]
+        self._orientation = quaternion
+        up = turned(product(quaternion, inverse(self._upright)), (0.0, 0.0, 1.0))
+        self.tilted_rad = max(self.tilted_rad, acos(max(-1.0, min(1.0, up[2]))))
+        self.off_m = dist(place_m, self._goal)
+        now_s = self._frames * self._frame_s
+        if all(met for _, _, met in self._goals().values()) and (task.by_s is None or now_s <= task.by_s):
+            self.at_s = now_s
+
+    def _goals(self) -> dict[str, tuple[float, float, bool]]:
+        """Return what is asked for, what is there, and whether that will do, by the setting's name."""
+        task = self.task
+        least = {"lifted_m": (task.lifted_m, self.lifted_m), "turned_rad": (task.turned_rad, abs(self.turned_rad))}
+        most = {"within_m": (task.within_m, self.off_m), "tilt_rad": (task.tilt_rad, self.tilted_rad)}
+        found = {key: (asked, value, value >= asked) for key, (asked, value) in least.items() if asked is not None}
+        return found | {
+            key: (asked, value, value <= asked) for key, (asked, value) in most.items() if asked is not None
+        }
+
+    def account(self) -> dict[str, Any]:
+        """Return the result, as `summary.json` has it."""
+        goals = {
+            key: {"asked": asked, "value": value, "met": met} for key, (asked, value, met) in self._goals().items()
+        }
+        return {
+            "body": self.task.body or "object",
+            "reached": self.at_s is not None,
+            "at_s": self.at_s,
+            "by_s": self.task.by_s,
+            "goals": goals,
+        }

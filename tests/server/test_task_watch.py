@@ -1,0 +1,80 @@
+"""Progress of a task: heights, angles over whole turns, places and tilts, both sides of each bound."""
+
+from math import cos, pi, sin
+
+import pytest
+
+from cogrip.protocol.rotations import UNTURNED, exp, product
+from cogrip.protocol.task import Task
+from cogrip.server.worlds.task_watch import TaskWatch
+
+T = 1 / 128
+START = (0.1, 0.2, 0.3)
+
+
+def watch_of(**task: object) -> TaskWatch:
+    return TaskWatch(Task(**task), T, START, UNTURNED)
+
+
+def moved(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> tuple[float, float, float]:
+    return START[0] + x, START[1] + y, START[2] + z
+
+
+@pytest.mark.parametrize(("height_m", "reached"), [(0.0399, False), (0.0401, True)])
+def test_a_body_is_lifted_above_its_start(height_m: float, reached: bool) -> None:
+    watch = watch_of(lifted_m=0.04)
+    for _ in range(3):
+        watch.step(moved(z=height_m), UNTURNED)
+    assert watch.lifted_m == pytest.approx(height_m)
+    assert watch.at_s == (T if reached else None)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_whole_turns_are_counted_either_way(sign: float, axis: str) -> None:
+    watch = watch_of(turned_rad=5 * pi, axis=axis)
+    unit = [float(each == axis) for each in "xyz"]
+    for step in range(1, 600):
+        watch.step(START, exp([0.03 * step * sign * part for part in unit]))
+        assert (watch.at_s is not None) == (0.03 * step >= 5 * pi)
+    assert watch.turned_rad == pytest.approx(sign * 5 * pi, abs=0.03)
+
+
+def test_what_was_lifted_is_then_to_be_in_its_place() -> None:
+    watch = watch_of(lifted_m=0.04, place_m=(0.05, 0.0, 0.0), within_m=0.002)
+    watch.step(moved(x=0.05), UNTURNED)
+    assert watch.at_s is None, "never lifted"
+    watch.step(moved(x=0.05, z=0.05), UNTURNED)
+    assert watch.at_s is None, "not down"
+    watch.step(moved(x=0.047), UNTURNED)
+    assert watch.at_s is None, "3 mm off"
+    watch.step(moved(x=0.0485), UNTURNED)
+    assert watch.at_s == 4 * T
+    account = watch.account()
+    assert account["reached"]
+    assert account["goals"]["within_m"] == {"asked": 0.002, "value": pytest.approx(0.0015), "met": True}
+    watch.step(moved(), UNTURNED)
+    assert watch.account() == account, "what was reached stands"
+
+
+@pytest.mark.parametrize(("tilt_rad", "reached"), [(0.099, True), (0.101, False)])
+def test_what_was_tilted_too_far_stays_spilt(tilt_rad: float, reached: bool) -> None:
+    """A turn about the upright is no tilt."""
+    watch = watch_of(lifted_m=0.01, tilt_rad=0.1)
+    lying = exp([tilt_rad * cos(1.0), tilt_rad * sin(1.0), 0.0])
+    watch.step(START, product(lying, exp([0.0, 0.0, 2.0])))
+    assert watch.tilted_rad == pytest.approx(tilt_rad)
+    watch.step(moved(z=0.02), UNTURNED)
+    assert (watch.at_s is not None) is reached
+
+
+@pytest.mark.parametrize(("frames", "reached"), [(10, True), (11, False)])
+def test_time_runs_from_when_somebody_took_hold(frames: int, reached: bool) -> None:
+    watch = TaskWatch(Task(lifted_m=0.01, by_s=10 * T), T, START, UNTURNED)
+    for _ in range(100):
+        watch.step(moved(z=1.0), UNTURNED, held=False)
+    assert watch.lifted_m == 0.0
+    for _ in range(frames - 1):
+        watch.step(START, UNTURNED)
+    watch.step(moved(z=0.02), UNTURNED)
+    assert (watch.at_s is not None) is reached
