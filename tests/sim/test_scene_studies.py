@@ -24,7 +24,7 @@ from cogrip.sim.runs.verdict import passive, stable
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 LIFT = Path("lift")
-BRIEF = ["seconds=3"]
+BRIEF = ["seconds=4"]
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_the_summary_and_the_table_of_steps_agree(folder: Path, tmp_path: Path) 
 
 def case(method: str, *overrides: str) -> dict[str, Any]:
     """Measure one session of the lift on its own network, without its carrying."""
-    settings = load(LIFT, ["seconds=5", *overrides])
+    settings = load(LIFT, ["seconds=5.4", *overrides])
     asked = prepare(settings, [method], [OWN], 1)
     return measure_case(Job(1, json.dumps(asked.base), method, OWN, asked.seeds[0], asked.rest_s, felt=True))
 
