@@ -24,7 +24,7 @@ from cogrip.sim.runs.verdict import passive, stable
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 LIFT = Path("lift")
-BRIEF = ["seconds=4"]
+BRIEF = ["seconds=3.5"]
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,11 @@ def test_the_summary_and_the_table_of_steps_agree(folder: Path, tmp_path: Path) 
 
 def case(method: str, *overrides: str) -> dict[str, Any]:
     """Measure one session of the lift on its own network, without its carrying."""
-    settings = load(LIFT, ["seconds=5.4", *overrides])
+    still = [
+        user.hand.replace("carry_m=0.04", "carry_m=0").replace("hold_s=0.5", "hold_s=2") for user in load(LIFT).users
+    ]
+    hands = [f"users.{number}.hand={hand}" for number, hand in enumerate(still)]
+    settings = load(LIFT, ["seconds=5.5", *hands, *overrides])
     asked = prepare(settings, [method], [OWN], 1)
     return measure_case(Job(1, json.dumps(asked.base), method, OWN, asked.seeds[0], asked.rest_s, felt=True))
 
