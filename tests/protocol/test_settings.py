@@ -1,6 +1,7 @@
 """The one schema: what is refused, with which words, on both sides of every bound; overrides; what the seats share."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -380,3 +381,14 @@ def test_a_scene_is_bound_by_its_name_and_no_welcome_carries_its_path() -> None:
     seat = seat_settings(there, 0)
     assert b"somewhere" not in msgspec.msgpack.encode(seat)
     assert (seat.asked_npm, seat.predicted_stiffness(3.0), seat.one_sided) == (None, None, False)
+
+
+def test_the_digest_of_a_scene_is_that_of_its_text(tmp_path: Path) -> None:
+    """Wherever the file lies; another text is another room."""
+    digests = []
+    for folder, text in (("here", "<mujoco/>"), ("there", "<mujoco/>"), ("elsewhere", "<mujoco> </mujoco>")):
+        (tmp_path / folder).mkdir()
+        file = tmp_path / folder / "box.xml"
+        file.write_text(text)
+        digests.append(digest(resolve({"object": {"kind": "scene", "axes": 3, "file": str(file)}})))
+    assert digests[0] == digests[1] != digests[2]
