@@ -2,7 +2,7 @@
 
 import platform
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from cogrip.protocol.recording import recover as recover_module
+from cogrip.protocol.recording.derived import DERIVED
 from cogrip.protocol.recording.folder import recordings_of
-from cogrip.protocol.recording.reader import MAGIC, Message, RecordingError, open_recording
+from cogrip.protocol.recording.reader import MAGIC, Message, Recording, RecordingError, open_recording
 from cogrip.protocol.recording.records import Gap, kind_of
 from cogrip.protocol.recording.recover import Recovered, recover
 from cogrip.protocol.recording.writer import RecordingWriter
@@ -38,13 +39,18 @@ class Chunk:
     messages: tuple[Message, ...]
 
 
+def own(recording: Recording, messages: Iterable[Message]) -> list[Message]:
+    """Return the messages but for those that are derived of others, which are made anew."""
+    return [message for message in messages if kind_of(recording.topics[message.topic]) not in DERIVED]
+
+
 def chunks_of(path: Path) -> list[Chunk]:
     """Return the chunks by the file's index, as the mcap package reads it."""
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
     indices = sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset)
-    contents = list(open_recording(path).chunks())
+    contents = [own(open_recording(path), chunk) for chunk in open_recording(path).chunks()]
     assert len(contents) == len(indices) > 2
     return [
         Chunk(index.chunk_start_offset, index.chunk_start_offset + index.chunk_length, tuple(content))
@@ -58,7 +64,8 @@ every_file = pytest.mark.parametrize("source", FILES, ids=lambda path: f"{path.p
 
 
 def messages_of(path: Path) -> list[Message]:
-    return list(open_recording(path).messages())
+    recording = open_recording(path)
+    return own(recording, recording.messages())
 
 
 def gaps_of(path: Path) -> list[tuple[int, Gap]]:
@@ -102,7 +109,7 @@ def saved(source: Path, data: bytes, folder: Path, cut: bool | None = None) -> R
     assert path.read_bytes() == data
     assert found.path == folder / f"{source.stem}.recovered.mcap"
     recording = open_recording(found.path)
-    messages = list(recording.messages())
+    messages = own(recording, recording.messages())
     assert recording.complete
     assert not recording.damage
     if cut is None:
@@ -112,7 +119,7 @@ def saved(source: Path, data: bytes, folder: Path, cut: bool | None = None) -> R
         summary = make_reader(file).get_summary()
         assert summary is not None
         assert summary.statistics is not None
-        assert summary.statistics.message_count == len(messages)
+        assert summary.statistics.message_count == len(list(recording.messages()))
     kept = [message for message in messages if kind_of(recording.topics[message.topic]) != "gap"]
     assert found.messages == len(kept)
     assert found.seconds == pytest.approx((kept[-1].time_ns - kept[0].time_ns) * 1e-9 if kept else 0.0, abs=1e-9)

@@ -21,7 +21,7 @@ KEPT = (".mcap", "summary.json", "settings.json")
 LABORATORY = {
     "name": "laboratory",
     "seed": 7,
-    "seconds": 0.75,
+    "seconds": 0.7,
     "object": {"axes": 3},
     "coupling": {"stiffness_npm": 1500.0},
     "link": {"delay_ms": 10, "jitter_ms": 5, "loss": 0.1, "duplicate": 0.05, "reorder": 0.05},
@@ -54,7 +54,7 @@ def live(folder: Path) -> None:
         "--config",
         str(config),
         "--seconds",
-        "1",
+        "0.95",
         "--runs",
         str(runs),
     ]

@@ -5,7 +5,7 @@ import pytest
 
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.worlds.driven_scene import CoupledScene, DrivenScene, PowerScene
-from cogrip.server.worlds.scene_file import make_scene
+from cogrip.server.worlds.scene_file import Held, make_scene
 from cogrip.server.worlds.world import Array, WorldError
 
 from tests.server.scene_worlds import T
@@ -26,7 +26,7 @@ def alone(world: type[DrivenScene], xml: str = EMPTY, **coupling: object) -> Dri
         "users": [{"tool": "ball"}],
     }
     seats = [seat_settings(resolve(table), 0)]
-    made = world(seats, make_scene(xml, ("ball",), ("left",), T / 4), 4)
+    made = world(seats, make_scene(xml, [Held("ball", "left", "")], T / 4), 4)
     made.join(0, np.array([0.005, 0.0, 0.0]))
     return made
 

@@ -46,7 +46,8 @@ def test_the_laboratory_still_comes_to_the_same_numbers(tmp_path):
         old, new = open_recording(RECORDINGS / "laboratory" / name), open_recording(tmp_path / name)
         comparison = Comparison(old.topics)
         for message in old.messages():
-            comparison.expect(message)
+            if kind_of(old.topics[message.topic]) not in DERIVED:
+                comparison.expect(message)
         for message in new.messages():
             if kind_of(new.topics[message.topic]) not in DERIVED:
                 comparison.put(*message)

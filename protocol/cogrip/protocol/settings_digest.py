@@ -1,7 +1,7 @@
 """Fingerprint of the settings that both ends of a session must agree on."""
 
 import hashlib
-from pathlib import PurePath
+from pathlib import Path
 
 import msgspec
 
@@ -17,8 +17,16 @@ def digest(settings: Settings) -> str:
     shared = [settings.rates.network_hz, settings.object.shared(settings.object.axes), settings.playout, users]
     if settings.object.kind == "scene":  # a path differs from machine to machine
         shared += [
-            PurePath(settings.object.file).name,
+            _scene(Path(settings.object.file)),
             settings.object.substeps,
             [(user.tool, user.orientation) for user in settings.users],
         ]
     return hashlib.sha256(msgspec.json.encode(shared, order="deterministic")).hexdigest()[:16]
+
+
+def _scene(file: Path) -> str:
+    """Return a digest of a scene's text; its name where it cannot be read."""
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return file.name
