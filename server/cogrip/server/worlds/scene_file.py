@@ -43,7 +43,11 @@ _GEOM = {
     "solimp": (CONTACT_SHARE, CONTACT_SHARE, 0.001, 0.5, 2.0),
     "solref": (-CONTACT_RATE_PS2 * (1.0 - CONTACT_SHARE), -CONTACT_DAMPING_PS * (1.0 - CONTACT_SHARE)),
 }
-_EQUALITY = {key: _GEOM[key] for key in ("solimp", "solref")}
+HOLD_RATE_PS2, HOLD_DAMPING_PS = 4.0 * CONTACT_RATE_PS2, 2.0 * CONTACT_DAMPING_PS  # of welds: they are to store little
+_EQUALITY = {
+    "solimp": _GEOM["solimp"],
+    "solref": (-HOLD_RATE_PS2 * (1.0 - CONTACT_SHARE), -HOLD_DAMPING_PS * (1.0 - CONTACT_SHARE)),
+}
 STICTION_SHARE = (
     0.9999  # of joints with dry friction: at MuJoCo's usual 0.9 they creep by what the friction should hold
 )
