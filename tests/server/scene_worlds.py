@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 T, B = 1 / 128, 20.0
 SCENES = Path(__file__).parents[2] / "configs" / "scenes"
 SHIPPED = ("wall", "lift", "pile")
-WORST_J = {"wall": 1e-5, "lift": 1e-5, "pile": 1e-5, "peg": 2e-2, "table": 1e-2, "valve": 1e-2, "wheel": 1e-2}
+WORST_J = {"wall": 1e-5, "lift": 1e-5, "pile": 1e-5, "peg": 1e-2, "table": 1e-2, "valve": 1e-2, "wheel": 1e-2}
 """Settings of scenes that come with cogrip: most energy that a window of any length may give back beyond what came in."""
 
 

@@ -57,7 +57,7 @@ def test_nothing_changes_for_a_checkpoint_of_another_scene(lifted: tuple[Room, R
     broken = msgspec.structs.replace(checkpoint, coordinates=(float("nan"), *checkpoint.coordinates[1:]))
     short = msgspec.structs.replace(checkpoint, coordinates=checkpoint.coordinates[1:])
     cases = [
-        (other_scene(tmp_path), checkpoint, "its scene is another one"),
+        (other_scene(tmp_path), checkpoint, "with other settings"),
         (load(LIFT), short, "its scene is another one"),
         (load(LIFT), broken, "not all finite"),
     ]
