@@ -41,7 +41,10 @@ def test_any_text_is_a_device_or_a_device_error(text: str) -> None:
         ("sym:ideal", ["'sym'", "did you mean 'sim'"]),
         ("sim:fantom", ["'fantom'", "did you mean 'phantom'", "ideal, phantom"]),
         ("sim:", ["ideal, phantom"]),
-        ("sim:ideal?hand=rech", ["'rech'", "did you mean 'reach'", "hold, push, reach, sine, tremor, waypoints, grasp, csv"]),
+        (
+            "sim:ideal?hand=rech",
+            ["'rech'", "did you mean 'reach'", "hold, push, reach, sine, tremor, waypoints, grasp, csv"],
+        ),
         ("sim:ideal?hand=hold:3", ["hold takes no argument"]),
         ("sim:ideal?hand=csv", ["hand=csv:FILE"]),
         ("sim:ideal?hand=csv:f.csv&x=a", ["'time'"]),

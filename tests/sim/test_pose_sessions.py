@@ -14,6 +14,8 @@ from cogrip.server.worlds import orientation_drift
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.sim.session.laboratory import Laboratory
 
+from tests.extent import long
+
 Array = NDArray[np.float64]
 HZ = 128
 LOSSY = ("link.loss=0.03",)
@@ -80,7 +82,7 @@ def wheel(stop_s: float, *overrides: str) -> Settings:
     return load(Path("wheel"), (*stopped, f"seconds={stop_s + 4.0}", *overrides))
 
 
-@pytest.mark.parametrize("overrides", [(), LOSSY])
+@pytest.mark.parametrize("overrides", [LOSSY, long(())])
 def test_two_people_turn_a_wheel(overrides: tuple[str, ...]) -> None:
     session = Turned(wheel(5.0, *overrides))
     assert not session.laboratory.diverged
