@@ -3,7 +3,6 @@
 usage: python docs/figures/scenes.py [FOLDER]
 """
 
-import shutil
 import sys
 from collections.abc import Iterator
 from io import BytesIO
@@ -12,7 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from PIL import Image
-from view import FLAGS, FOLDER, PROGRAMS, SHOW
+from view import FOLDER, SHOW, started_browser
 
 from cogrip.cli.session.settings_file import load
 from cogrip.sim.runs.laboratory_run import run_laboratory
@@ -53,16 +52,9 @@ def pictures(browser: Any) -> Iterator[Image.Image]:
 
 
 def main(folder: Path) -> None:
-    """Start a browser and write the picture of all."""
-    from playwright.sync_api import sync_playwright
-
-    program = next(filter(None, map(shutil.which, PROGRAMS)), None)
-    if program is None:
-        raise SystemExit(f"no browser: install one of {', '.join(PROGRAMS)}")
-    with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=program, headless=True, args=FLAGS)
+    """Write the picture of all."""
+    with started_browser() as browser:
         tiles = [picture.crop(STAGE).resize(TILE, Image.Resampling.LANCZOS) for picture in pictures(browser)]
-        browser.close()
     rows = -(-len(tiles) // COLUMNS)
     sheet = Image.new("RGB", (COLUMNS * TILE[0], rows * TILE[1]), "white")
     for number, tile in enumerate(tiles):

@@ -8,6 +8,7 @@ The session is run in virtual time and shown from its recording, at exact times:
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -99,8 +100,9 @@ def write(browser: Any, folder: Path) -> list[Path]:
     return paths
 
 
-def main(folder: Path) -> None:
-    """Start a browser and write the pictures."""
+@contextmanager
+def started_browser() -> Iterator[Any]:
+    """Start a browser without a window. Exits with the cure where there is none."""
     from playwright.sync_api import sync_playwright
 
     program = next(filter(None, map(shutil.which, PROGRAMS)), None)
@@ -108,9 +110,15 @@ def main(folder: Path) -> None:
         raise SystemExit(f"no browser: install one of {', '.join(PROGRAMS)}")
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=program, headless=True, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+def main(folder: Path) -> None:
+    """Write the pictures."""
+    with started_browser() as browser:
         for written in write(browser, folder):
             print(f"{written}: {written.stat().st_size / 1e6:.2f} MB")
-        browser.close()
 
 
 if __name__ == "__main__":

@@ -142,33 +142,30 @@ def most_above_input_j(world: SceneWorld, seed: int, frames: int) -> tuple[float
     return above, window
 
 
-def holds_no_more(name: str, seeds: int, frames: int) -> None:
-    """Check sessions of random hands."""
+def holds_no_more(name: str, seeds: int, frames: int) -> float:
+    """Check sessions of random hands. Return by how much a window's gain exceeded its input at most."""
+    worst = -inf
     for seed in range(seeds):
         world = hold(world_of_settings(name))
         above, window = most_above_input_j(world, seed, frames)
         assert above <= 1e-9, seed
-        assert window <= WORST_J[name], seed
         assert world.limiter.limited == 0, seed
+        worst = max(worst, window)
+    return worst
 
 
 @pytest.mark.parametrize("name", WORST_J)
 def test_world_holds_no_more_than_came_in(name: str) -> None:
-    holds_no_more(name, 2, 300)
-
-
-LONG = [
-    pytest.param(name, marks=pytest.mark.xfail(reason="a window of 17.6 mJ, at its bar on a post"))
-    if name == "peg"
-    else name
-    for name in WORST_J
-]
+    assert holds_no_more(name, 2, 300) <= WORST_J[name]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", LONG)
+@pytest.mark.parametrize("name", WORST_J)
 def test_world_holds_no_more_than_came_in_over_a_hundred_sessions(name: str) -> None:
-    holds_no_more(name, 100, 1000)
+    worst_j = holds_no_more(name, 100, 1000)
+    if name == "peg" and worst_j > WORST_J[name]:
+        pytest.xfail(f"a window of {worst_j * 1e3:.1f} mJ, more than {WORST_J[name] * 1e3:g}: why is not known")
+    assert worst_j <= WORST_J[name]
 
 
 def attack(world: SceneWorld, frames: int) -> float:
