@@ -58,7 +58,7 @@ def test_another_input_makes_another_run(run: Path, cogrip: Cogrip) -> None:
 
 def test_a_closed_file_that_differs_was_closed(run: Path, cogrip: Cogrip) -> None:
     rewrite(run / ANNA, tick(100, lambda record: msgspec.structs.replace(record, lost=7)))
-    assert "was not closed" not in cogrip("replay", run, "--verify")[1]
+    assert "its end is missing" not in cogrip("replay", run, "--verify")[1]
     (anna,) = cogrip.answer("replay", run / ANNA, "--verify", code=1)["files"]
     assert anna["cut"] is False
 
@@ -143,7 +143,7 @@ def test_what_was_cut_is_recovered_when_it_is_opened_and_that_is_said(run: Path,
     assert problems == ""
     said, problems = cogrip.texts("replay", run / ANNA, "--verify")
     assert problems == ""
-    assert f"{ANNA}: was not closed; what is there was compared" in said
+    assert f"{ANNA}: its end is missing; what is there was compared" in said
 
 
 def test_what_is_still_being_written_is_read_as_it_is(run: Path, cogrip: Cogrip) -> None:
@@ -152,7 +152,7 @@ def test_what_is_still_being_written_is_read_as_it_is(run: Path, cogrip: Cogrip)
         lock(writer.fileno())
         said, problems = cogrip.texts("replay", run, "--verify")
         assert problems == ""
-        assert f"{ANNA}: was not closed; what is there was compared" in said
+        assert f"{ANNA}: its end is missing; what is there was compared" in said
         assert not list(run.glob("*.recovered.mcap"))
         assert f"{run / ANNA} is still being written; end its session first" in cogrip.err("recover", run, code=1)
     assert cogrip("recover", run)[0] == 0

@@ -122,6 +122,7 @@ class End:
             assert not recording.damage, self.name
             assert not verdict.cut, self.name
         else:
+            assert verdict.cut, self.name
             print(
                 f"{self.name}: {(killed_ns - last_ns) * 1e-6:.0f} ms before its kill ({self._excused_ns * 1e-6:.0f} ms of"
                 f" them excused), {verdict.ticks} ticks play again"

@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cogrip.protocol.io.recorder import RING_BYTES, Recorder, open_recorder, ring_for
+from cogrip.protocol.io.recorder import RING_BYTES, Recorder, is_being_written, open_recorder, ring_for
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import Message, RecordingError, open_recording
 from cogrip.protocol.recording.records import Clock, Gap
@@ -134,7 +134,7 @@ def test_everything_that_is_put_is_in_the_file(start, words):
         *(Message(EVENT, number, text(number)) for number in range(5000)),
         Message(COMMAND, 5000, b'{"verb":"leave"}'),
     ]
-    assert recording.complete
+    assert (recording.complete, recording.cut) == (True, False)
     assert recording.header == header()
     assert (words, recorder.lost, recorder.trouble) == ([], 0, "")
 
@@ -251,6 +251,33 @@ def test_a_writer_that_is_asked_to_end_goes_on_to_the_loops_end(start, words):
     recorder.close()
     assert numbers_in(recorder.path)[-1000:] == list(range(10**9, 10**9 + 1000))
     assert not words
+
+
+KILLED_LOOP = """
+import json, os, signal, sys
+from pathlib import Path
+from cogrip.protocol.io.recorder import open_recorder
+from cogrip.protocol.recording.header import header_of
+
+recorder = open_recorder(Path(sys.argv[1]), header_of(json.loads(sys.argv[2])), print)
+for number in range(5000):
+    recorder.put(0, number, b'{"text":"%d"}' % number)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_the_recording_of_a_killed_loop_is_closed_and_says_that_its_end_is_missing(tmp_path):
+    path = tmp_path / "client-anna.mcap"
+    loop = subprocess.run(
+        [sys.executable, "-c", KILLED_LOOP, str(path), json.dumps(header().metadata())],
+        check=False, capture_output=True, timeout=LIMIT_S,
+    )  # fmt: skip
+    assert loop.returncode == -signal.SIGKILL, loop.stderr
+    wait_for(lambda: not is_being_written(path))
+    assert numbers_in(path, complete=True) == list(range(5000))
+    recording = open_recording(path)
+    list(recording.chunks())
+    assert recording.cut
 
 
 def test_a_removed_folder_comes_back_whole(start, words):

@@ -72,7 +72,7 @@ def test_when_the_disk_fills_up_what_is_in_the_file_is_what_counts(desk, limit_f
     limit_files(most_bytes)
     desk.put(1500)
     desk.task.take()
-    desk.task.finish()
+    desk.task.finish(cut=False)
     there = desk.in_file()
     assert there == list(range(len(there)))
     assert len(there) == desk.ring.saved < desk.put_messages
@@ -94,7 +94,7 @@ def test_a_spool_that_finds_no_room_ends_no_recording(desk, monkeypatch):
         desk.task.take()
         desk.task.flush()
     assert asked
-    desk.task.finish()
+    desk.task.finish(cut=False)
     recording = open_recording(desk.path)
     assert [message.time_ns for message in recording.messages() if message.topic == EVENT] == list(range(1000))
     assert recording.complete
@@ -115,7 +115,7 @@ def test_of_a_file_that_cannot_be_put_back_nothing_counts_as_saved(desk, noticed
         desk.task.flush()
         assert desk.ring.saved == 0
         desk.put(100)
-    desk.task.finish()
+    desk.task.finish(cut=False)
     assert desk.ring.saved == 0
     assert desk.ring.said.startswith(f"{desk.path}: the file is gone: it was removed and cannot be put back: ")
 

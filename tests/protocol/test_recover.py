@@ -160,11 +160,11 @@ def test_it_plays_again_up_to_the_cut(tmp_path_factory: pytest.TempPathFactory, 
 
 
 @pytest.mark.parametrize(
-    ("source", "recovered"),
-    every(3, [(source, recovered) for source in FILES for recovered in (False, True)]),
+    ("source", "end"),
+    every(5, [(source, end) for source in FILES for end in ("open", "recovered", "closed as cut")]),
     ids=lambda value: f"{value.parent.name}-{value.stem}" if isinstance(value, Path) else value,
 )
-def test_no_cut_is_a_difference(source: Path, tmp_path: Path, recovered: bool) -> None:
+def test_no_cut_is_a_difference(source: Path, tmp_path: Path, end: str) -> None:
     """At every place between two messages: outputs stand before the tick or step that they are of, or behind their input."""
     chunks = CHUNKS[source]
     recording, messages = open_recording(source), joined(chunks)
@@ -177,8 +177,11 @@ def test_no_cut_is_a_difference(source: Path, tmp_path: Path, recovered: bool) -
             writer = RecordingWriter(file, recording.header)
             for message in messages[: place + 1]:
                 writer.put(*message)
-            writer.flush()
-        found.append(played(recover(path).path if recovered else path))
+            if end == "closed as cut":
+                writer.finish(cut=True)
+            else:
+                writer.flush()
+        found.append(played(recover(path).path if end == "recovered" else path))
     assert [verdict.difference for verdict in found] == [None] * len(found)
     assert all(verdict.exact and verdict.cut for verdict in found)
 
@@ -190,6 +193,33 @@ def test_a_recovery_still_says_that_it_was_cut(tmp_path: Path) -> None:
     assert (verdict.exact, verdict.cut, verdict.hole) == (True, True, None)
     again = recover(found.path)
     assert open_recording(again.path).header.cut, "and so does what is recovered of it"
+
+
+def test_a_recording_whose_loop_was_killed_before_a_tick_was_recorded_says_that_it_is_cut(tmp_path: Path) -> None:
+    """The datagram is there, the tick that sent it is not: taken for whole, that is a difference; closed as cut, it is none."""
+    source = next(source for source in FILES if source.stem.startswith("client"))
+    recording, messages = open_recording(source), joined(CHUNKS[source])
+    kinds = [kind_of(recording.topics[message.topic]) for message in messages]
+    place = max(place for place, kind in enumerate(kinds) if kind == "datagram_out" and "tick" in kinds[place:])
+    found = {}
+    for cut in (False, True):
+        path = tmp_path / f"{cut}.mcap"
+        with path.open("wb") as file:
+            writer = RecordingWriter(file, recording.header)
+            for message in messages[: place + 1]:
+                writer.put(*message)
+            writer.finish(cut)
+        found[cut] = played(path)
+        with path.open("rb") as file:
+            summary = make_reader(file).get_summary()
+        assert summary is not None
+        assert [index.name for index in summary.metadata_indexes] == ["cogrip", "cogrip.cut"][: 1 + cut]
+        assert summary.statistics is not None
+        assert summary.statistics.metadata_count == 1 + cut
+    assert (found[False].exact, found[False].cut) == (False, False)
+    assert (found[True].exact, found[True].cut) == (True, True)
+    again = recover(tmp_path / "True.mcap")
+    assert open_recording(again.path).header.cut, "a copy of it says so too"
 
 
 def test_a_whole_file_is_saved_whole(tmp_path: Path) -> None:

@@ -132,7 +132,7 @@ def _words(file: str, verdict: Verdict) -> list[str]:
     elif verdict.hole is not None:
         lines.append(f"{describe(verdict.hole, -verdict.start_ns * 1e-9)}: nothing after can be compared")
     if verdict.cut:
-        lines.append("was not closed; what is there was compared")
+        lines.append("its end is missing; what is there was compared")
     return [f"{file}: {line}" for line in lines]
 
 

@@ -141,14 +141,15 @@ class Task:
         with suppress(OSError):
             lock(self._stream.fd)
 
-    def finish(self) -> None:
+    def finish(self, cut: bool) -> None:
+        """Write what is left and close the file. cut: the loop is gone, perhaps between two messages that belong together."""
         self.take()
         if self.ring.lost_there > self._lost:
             self._note_gap(self.ring.lost_there - self._lost)
         self.anchor()
         self._try(self._writer.flush)
         self._count()
-        self._try(self._writer.finish)
+        self._try(self._writer.finish, cut)
         self._try(self._stream.flush)
         self._keep_the_file()
 
@@ -176,7 +177,7 @@ def main(arguments: list[str]) -> int:
             task.flush()
         if select.select([source], [], [], TAKE_EVERY_S)[0]:  # closed: nobody is left on the other side
             break
-    task.finish()
+    task.finish(cut=not task.ring.finished)
     return 0
 
 

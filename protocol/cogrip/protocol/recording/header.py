@@ -16,6 +16,7 @@ from cogrip.protocol.rates import Hz
 from cogrip.protocol.version import VERSION
 
 NAME = "cogrip"
+CUT = "cogrip.cut"  # another metadata record: the end is missing, as the loop ended before it closed the recording
 CHECK = "check"
 FORMAT = 1
 

@@ -21,7 +21,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.records import Metadata
 
-from cogrip.protocol.recording.header import FORMAT, NAME, Header, header_of
+from cogrip.protocol.recording.header import CUT, FORMAT, NAME, Header, header_of
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = range(0x01, 0x08)
@@ -69,12 +69,14 @@ class Recording:
 
     damage    known once a pass is over
     complete  its writer closed the file; known once a pass is over
+    cut       the last messages may be missing, though the file is closed; known once a pass is over
     """
 
     path: Path
     header: Header
     damage: list[Damage] = field(default_factory=list)
     complete: bool = False
+    cut: bool = False
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -82,7 +84,7 @@ class Recording:
 
     def chunks(self) -> Iterator[list[Message]]:
         """Yield intact chunks, oldest first."""
-        self.damage, self.complete, known = [], False, 0
+        self.damage, self.complete, self.cut, known = [], False, self.header.cut, 0
         last_ns: int | None = None  # of the newest intact chunk
         with self.path.open("rb") as file:
             for chunk in self._read(file):
@@ -117,6 +119,8 @@ class Recording:
                 # or a length that would pass over one, which may be damaged itself
                 if here or not _fits(file, offset) or _next_chunk(file, offset + 1, end) is not None:
                     reason = "damaged"
+                elif opcode == METADATA:
+                    self.cut = self.cut or _named(file, offset, length, CUT)
             if here:
                 self.damage.append(Damage(offset, end - offset, None, None, reason))
                 yield []
@@ -287,6 +291,13 @@ def _agrees(file: IO[bytes], begin: int) -> bool:
     (inner,) = _INNER.unpack_from(head, _SIGNATURE_AT + len(_SIGNATURE))
     signed = head[_SIGNATURE_AT : _SIGNATURE_AT + len(_SIGNATURE)] == _SIGNATURE
     return bool(signed and length <= MOST_BYTES and length == len(head) - _FRAME.size + inner)
+
+
+def _named(file: IO[bytes], begin: int, length: int, name: str) -> bool:
+    """Return whether the metadata record here has this name."""
+    file.seek(begin + _FRAME.size)
+    text = name.encode()
+    return file.read(min(length, _LENGTH.size + len(text))) == _LENGTH.pack(len(text)) + text
 
 
 def _fits(file: IO[bytes], begin: int) -> bool:

@@ -43,11 +43,15 @@ def recover(path: Path) -> Recovered:
     last = None
     for chunk in recording.chunks():  # the first pass: the header says whether the end is missing
         last = chunk[-1].time_ns
-    cut = not recording.complete or any(each.to_ns is None and each.from_ns == last for each in recording.damage)
+    cut = (
+        recording.cut
+        or not recording.complete
+        or any(each.to_ns is None and each.from_ns == last for each in recording.damage)
+    )
     unfinished = target.with_suffix(f".{os.getpid()}.part")  # half a recovery must not stand for the whole old file
     try:
         with unfinished.open("wb") as file:
-            header = msgspec.structs.replace(recording.header, cut=cut or recording.header.cut)
+            header = msgspec.structs.replace(recording.header, cut=cut)
             messages, seconds = _copy(recording, RecordingWriter(file, header, path.parent))
         unfinished.rename(target)
     except OSError:

@@ -104,15 +104,15 @@ def _file_in(folder: Path | None) -> FileIO:
 class Summary:
     """Summary of one file, gathered while it is written."""
 
-    def __init__(self, metadata: MetadataIndex, folder: Path | None) -> None:
-        """`metadata` is the file's only one; for `folder` see `Spool`."""
+    def __init__(self, folder: Path | None) -> None:
+        """`folder`: see `Spool`."""
         self._schemas = bytearray()
         self._channels = bytearray()
         self._chunks = Spool(folder)
-        self._metadata = record_bytes(metadata)
+        self._metadata = bytearray()
         self._statistics = Statistics(
             attachment_count=0, channel_count=0, channel_message_counts=Counter(), chunk_count=0, message_count=0,
-            message_end_time=0, message_start_time=0, metadata_count=1, schema_count=0,
+            message_end_time=0, message_start_time=0, metadata_count=0, schema_count=0,
         )  # fmt: skip
 
     def add(self, described: Schema | Channel) -> bytes:
@@ -125,6 +125,11 @@ class Summary:
             self._channels += record
             self._statistics.channel_count += 1
         return record
+
+    def add_metadata(self, index: MetadataIndex) -> None:
+        """Add a metadata record that is written."""
+        self._metadata += record_bytes(index)
+        self._statistics.metadata_count += 1
 
     def add_chunk(self, index: ChunkIndex, messages: dict[int, int]) -> None:
         """Add a chunk that was written. messages: their number by channel. Raises OSError."""
@@ -147,7 +152,7 @@ class Summary:
             (Opcode.STATISTICS, (record_bytes(self._statistics),)),
             (Opcode.CHUNK_INDEX, self._chunks.pieces()),
             (Opcode.ATTACHMENT_INDEX, ()),
-            (Opcode.METADATA_INDEX, (self._metadata,)),
+            (Opcode.METADATA_INDEX, (bytes(self._metadata),)),
         )
         at, crc, offsets = start, 0, b""
         for opcode, records in groups:

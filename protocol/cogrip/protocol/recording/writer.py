@@ -18,7 +18,7 @@ from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Metadata, Metadata
 from mcap.records import Header as FileHeader
 
 from cogrip.protocol.recording.derived import DERIVED, Pictures
-from cogrip.protocol.recording.header import NAME, Header
+from cogrip.protocol.recording.header import CUT, NAME, Header
 from cogrip.protocol.recording.reader import MAGIC
 from cogrip.protocol.recording.records import KINDS, kind_of
 from cogrip.protocol.recording.scene_messages import SCHEMAS
@@ -45,9 +45,8 @@ class RecordingWriter:
         self._epoch_ns = header.epoch_ns
         self._compress = zstandard.ZstdCompressor().compress
         self._write(MAGIC + record_bytes(FileHeader("", LIBRARY)))
-        metadata = record_bytes(Metadata(NAME, header.metadata()))
-        self._summary = Summary(MetadataIndex(self._at, len(metadata), NAME), folder)
-        self._write(metadata)
+        self._summary = Summary(folder)
+        self._write_metadata(NAME, header.metadata())
         self._records = bytearray()  # of the chunk that is being filled
         self._entries: dict[int, bytearray] = {}  # of it, by channel, in the order in which the channels came
         self._first_ns = self._last_ns = 0  # of it
@@ -118,14 +117,24 @@ class RecordingWriter:
         self._end_chunk()
         self._stream.flush()
 
-    def finish(self) -> None:
-        """Write the index. The stream stays open."""
+    def finish(self, cut: bool = False) -> None:
+        """Write the index. The stream stays open.
+
+        cut: messages may be missing at the end; the file says so.
+        """
         self._end_chunk()
+        if cut:
+            self._write_metadata(CUT, {})
         self._write(record_bytes(DataEnd(0)))
         for piece in self._summary.pieces(self._at):
             self._write(piece)
         self._write(MAGIC)
         self._summary.close()
+
+    def _write_metadata(self, name: str, texts: dict[str, str]) -> None:
+        record = record_bytes(Metadata(name, texts))
+        self._summary.add_metadata(MetadataIndex(self._at, len(record), name))
+        self._write(record)
 
     def _write(self, data: bytes | bytearray) -> None:
         self._stream.write(data)

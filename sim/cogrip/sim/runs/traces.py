@@ -200,7 +200,9 @@ def losses(end: End) -> list[str]:
     missing = sum(timed.record.messages for timed in end.records("gap"))
     if missing:
         notes.append(f"{end.path.name}: {missing} messages were not recorded, the writer was too slow.")
-    if not end.recording.complete and not end.damage:
+    if end.recording.cut:
+        notes.append(f"{end.path.name}: its process was killed; all that it had recorded until then is here.")
+    elif not end.recording.complete and not end.damage:
         notes.append(f"{end.path.name} was not closed: its run was cut short; all that was written is here.")
     return notes
 

@@ -17,13 +17,17 @@ class UntoldError(Exception):
 
 
 class ReplayInput:
-    """Iterate once. The recorder's own messages, derived ones too, are taken out; it ends early at the first `hole`."""
+    """Iterate once. The recorder's own messages, derived ones too, are taken out; it ends early at the first `hole`.
+
+    cut  it was read to its end, behind which messages are missing
+    """
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
         self.kinds = [kind_of(topic) for topic in recording.topics]
         self.hole: Damage | Gap | None = None
         self.hole_ns: int | None = None
+        self.cut = False
         self.first_ns: int | None = None
         self.last_ns = 0
         self._messages = self._read()
@@ -46,6 +50,7 @@ class ReplayInput:
                     return
                 if record is not Clock:
                     yield message
+        self.cut = recording.cut or not recording.complete
         if recording.complete and recording.damage:
             self.hole, self.hole_ns = recording.damage[0], recording.damage[0].from_ns
 
@@ -53,6 +58,11 @@ class ReplayInput:
         self._ahead.append(message)
         if self.kinds[message.topic] == "answer":
             self._answers.append(_answer(message.payload))
+
+    @property
+    def whole(self) -> bool:
+        """Nothing is known to be missing of what was read so far."""
+        return self.hole is None and not self.cut
 
     def __iter__(self) -> Iterator[Message]:
         while True:
