@@ -94,6 +94,7 @@ class Coupling(ABC, Generic[M]):
 
     and reads
 
+        frame_ticks    device ticks in a frame, M
         local_n        part of the law that follows the hand's own motion
         reduced        whether less than the settings ask for is rendered
         implausible    whether the wave of this frame was larger than any device like this one brings about
@@ -107,6 +108,7 @@ class Coupling(ABC, Generic[M]):
 
     def __init__(self, seat: SeatSettings) -> None:
         axes = seat.object.axes
+        self.frame_ticks = seat.rates.ticks_per_frame
         self.applied_n: Sequence[float] = (0.0,) * axes
         self.carried_nspm = inf
         self.ramp_gain = 1.0
@@ -171,12 +173,12 @@ class Coupling(ABC, Generic[M]):
         """Enter a tick that has passed without a hand."""
 
     @abstractmethod
-    def end_frame(self, spare_j: float = inf) -> None:
-        """End a frame, which may give the line at most `spare_j` more energy than it brought."""
+    def end_frame(self, spare_j: float = inf) -> int:
+        """End a frame, which may give the line at most `spare_j` more energy than it brought. Return the ticks of the next."""
 
     @abstractmethod
-    def start_frame(self) -> None:
-        """Play what has come for the next frame."""
+    def start_frame(self) -> int:
+        """Play what has come for the next frame. Return for how many ticks."""
 
     @abstractmethod
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
@@ -199,7 +201,7 @@ class Coupling(ABC, Generic[M]):
         """Count the frames that came down."""
 
     @property
-    def playout_frames(self) -> int | None:
+    def playout_frames(self) -> float | None:
         """Frames that the jitter buffer holds back now; None without one."""
         return None
 

@@ -78,6 +78,7 @@ class LiveClient:
     _up: Link | None = field(init=False, default=None)
     _down: Link | None = field(init=False, default=None)
     _counts: dict[str, int] = field(init=False, default_factory=dict)
+    _half_tick_ns: int = field(init=False, default=0)
 
     def run(self) -> Ended | ClientSession:
         """Return the session once it has ended; or at once, and still open, where the server gives an observer's place only.
@@ -100,6 +101,7 @@ class LiveClient:
         core, seat = self._core, self._core.seat
         assert seat is not None
         self._link(seat)
+        self._half_tick_ns = round(0.5e9 * seat.rates.tick_s)
         device = self.device = first_axes(self.device, seat.object.axes)
         spared = not self.allow_unstable
         supervised = SupervisedDevice(device, core, seat.rates.device_hz, lambda: time.monotonic_ns(), spared=spared)
@@ -282,14 +284,14 @@ class LiveClient:
             else:
                 up.send(message, now_ns)
         if up is not None and up.next_ns is not None:
-            for message in up.due(now_ns):
+            for message in up.due(now_ns + self._half_tick_ns):  # at the tick that is nearest
                 self.paths.send(message, message == hello)
 
     def _drain(self, now_ns: int) -> None:
         down, core = self._down, self._core
         self.paths.drain(now_ns, core.receive if down is None else down.send, core.session.is_welcome)
         if down is not None and down.next_ns is not None:
-            for message in down.due(now_ns):
+            for message in down.due(now_ns + self._half_tick_ns):
                 core.receive(message, now_ns)
 
 

@@ -121,14 +121,15 @@ class PassivityControl(LatestStateCoupling[Power]):
         if margin < self.down_reserve.least_j:
             self.down_reserve.least_j = margin
 
-    def end_frame(self, spare_j: float = inf) -> None:
+    def end_frame(self, spare_j: float = inf) -> int:
         self.energy.end_frame()
         self._number += 1
         rate = 1.0 / self._frame_s
         self._speed = tuple([(now - then) * rate for now, then in zip(self._moved, self._border, strict=True)])
         self._border = self._moved.copy()
+        return self.frame_ticks
 
-    def start_frame(self) -> None:
+    def start_frame(self) -> int:
         """Go by the newest force and energy from now on, by the last ones where none came."""
         self._frame += 1
         before = self._receiver.acknowledged
@@ -136,6 +137,7 @@ class PassivityControl(LatestStateCoupling[Power]):
             self._update(self._receiver.latest, before)
         self.down_reserve.elapse()
         self.down_reserve.update(min(self.left_j) + self._slack_j)
+        return self.frame_ticks
 
     def _update(self, newest: Power, before: int) -> None:
         """Go by a message. before: number of the one before it."""

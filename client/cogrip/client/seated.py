@@ -89,6 +89,9 @@ class SeatedClient:
         self.tick = self._acted = -1
         self.force_n: Row = (0.0,) * seat.object.axes
         self._ticks_per_frame = rates.ticks_per_frame
+        self._frame_begin = 0  # tick at which the frame under way began, and that at which it ends
+        self._frame_end = rates.ticks_per_frame
+        self._wave_end = 0  # tick at which what is played now is to be followed by the next wave
         self._rate_hz = float(rates.device_hz)
         self._origin_m: Row | None = None
         self._origin_pose: Row = ()
@@ -144,18 +147,19 @@ class SeatedClient:
         self._fit()
 
     def renew(self, session_id: int) -> None:
-        """Begin a new line, whose first frame began at the last border: with nothing, up to where the hand is now."""
+        """Begin a new line, whose first frame began where the last one ended: with nothing, up to where the hand is now."""
         self.session_id = session_id
         self.coupling = coupling = self._scheme.make(self.settings)
         self.ledger.begin_line(coupling)
         self._fit_coupling()
         if self._origin_m is not None:
             self._begin_at(self.hand.position_m)
-        ticks = self.tick % self._ticks_per_frame
-        if self.tick < 0 or (ticks == 0 and self._acted != self.tick):
-            return  # `act` begins the frame
-        coupling.start_frame()
-        for _ in range(ticks):
+        if self.tick < 0:
+            return
+        if self._acted == self.tick or self.tick < self._wave_end:  # else `act` begins to play
+            self._start_frame(self.tick)
+        self._frame_end = self._frame_begin + self._ticks_per_frame
+        for _ in range(self.tick - self._frame_begin):
             coupling.elapse_absent()
 
     def _begin_at(self, position_m: Row) -> None:
@@ -209,6 +213,8 @@ class SeatedClient:
             else:
                 self._begin_at(position)
                 self._frame_start_m = position
+                self._frame_begin = tick - tick % self._ticks_per_frame
+                self._frame_end = self._frame_begin + self._ticks_per_frame
         elif self._enter(elapsed, position) and self.session.state == "seated":
             message = self.coupling.message(
                 self.session_id, self.session.clock.stamp(now_ns), self._origin_pose, self._place(), hand.velocity_mps
@@ -241,35 +247,42 @@ class SeatedClient:
                 mean.append(step * rate)
             ledger.work.add(work)
         first = self.tick - elapsed + 1
-        border, velocity = False, hand.start_mps
+        ended, velocity = False, hand.start_mps
         faulty, hold = self.safety.state == "fault", 1.0
         if self._stopped is None:
             self._parting_mps = mean
         else:  # a hand whose force fades runs off: the line is sent one that goes on as it did, and releases the object
             hold = max(0.0, 1.0 - (self.tick - self._stopped) / (RELEASE_S * self._rate_hz))
             velocity = mean = self._parting_mps
-        ticks_per_frame, port = self._ticks_per_frame, self.port
+        port = self.port
         for tick in range(first, self.tick + 1):
-            if border:  # a frame border inside the ticks that were skipped
-                coupling.start_frame()
+            if tick > self._wave_end:  # it ended within the ticks that were skipped
+                self._start_frame(tick - 1)
             if faulty:
                 coupling.elapse_absent()
             else:
                 coupling.elapse(mean, velocity, hold)
-            border = tick % ticks_per_frame == 0
-            if border:
+            if tick >= self._frame_end:
+                ended = True
                 port.enter(ledger.work.value, ledger.closed_given_j + coupling.given_border_j)
-                coupling.end_frame(port.spare_j)
+                length = coupling.end_frame(port.spare_j)
                 if position_m is not None:
-                    self._end_frame(position_m)
+                    self._end_frame(position_m, tick - self._frame_begin)
+                self._frame_begin, self._frame_end = tick, tick + length
         port.enter(ledger.work.value, ledger.closed_given_j + coupling.given_j)
         ledger.compare()
-        return border or elapsed >= ticks_per_frame
+        return ended
 
-    def _end_frame(self, position_m: tuple[float, ...]) -> None:
+    def _start_frame(self, tick: int) -> None:
+        """Play the next wave from this tick on."""
+        ticks = self.coupling.start_frame()
+        late = (tick - self._wave_end) % self._ticks_per_frame if ticks == self._ticks_per_frame else 0
+        self._wave_end = tick + ticks - late
+
+    def _end_frame(self, position_m: tuple[float, ...], ticks: int) -> None:
         start_m, self._frame_start_m = self._frame_start_m, position_m
         self.peaks.travel_m += dist(position_m[:PLACES], start_m[:PLACES])
-        self.port.end_frame(start_m, position_m, self._ticks_per_frame / self._rate_hz, self.coupling.stored_j)
+        self.port.end_frame(start_m, position_m, ticks / self._rate_hz, self.coupling.stored_j)
         if self._felt is not None and self.safety.state == "live":  # not while the force is released
             side = self.settings.side_sign
             self._felt.add(side * position_m[0], side * self.force_n[0])
@@ -277,8 +290,8 @@ class SeatedClient:
     def act(self, now_ns: int) -> tuple[float, ...]:
         """Return force [N] and torque [N m], shape (axes,), to hold until the next tick: F of P eq. 9, which loads the hand."""
         coupling, safety, session = self.coupling, self.safety, self.session
-        if self.tick % self._ticks_per_frame == 0:
-            coupling.start_frame()
+        if self.tick >= self._wave_end:
+            self._start_frame(self.tick)
             if coupling.implausible:
                 safety.note("wave beyond what the device can bring about")
             if coupling.played:  # records come in clumps: a frame that is played in its time is as good as a new one

@@ -71,10 +71,11 @@ class VirtualCoupling(LatestStateCoupling[State]):
         drag = zip(self._stretch, self.object_state[len(velocity_mps) :], velocity_mps, strict=True)
         return self.ramp_gain * self._rendered_nspm * sum([speed * own for e, speed, own in drag if e])
 
-    def end_frame(self, spare_j: float = inf) -> None:
+    def end_frame(self, spare_j: float = inf) -> int:
         self._number += 1
+        return self.frame_ticks
 
-    def start_frame(self) -> None:
+    def start_frame(self) -> int:
         if self._receiver.pop() and self._receiver.latest:
             before, stretch = self.object_state, self._stretch
             self.object_state = state = self._receiver.latest.position_m + self._receiver.latest.velocity_mps
@@ -82,6 +83,7 @@ class VirtualCoupling(LatestStateCoupling[State]):
                 self._given_j.add(-self.stored_j)
                 self._stretch = [e and e + before[axis] - state[axis] for axis, e in enumerate(stretch)]
                 self._given_j.add(self.stored_j)
+        return self.frame_ticks
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
         axes = len(position_m)

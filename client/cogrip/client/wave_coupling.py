@@ -14,6 +14,7 @@ e = (1 - s) sqrt(2b) y, is written off: the receiver counts it as played (docs/d
 Where the device carries less than b, `series_impedance` stands between hand and port: y is then the port's velocity y_p.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from math import inf, sqrt
 from operator import sub
@@ -23,6 +24,7 @@ from cogrip.client.series_impedance import SeriesImpedance
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.decimation import make_decimator
+from cogrip.protocol.line.energy_ledger import HISTORY
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
 from cogrip.protocol.line.receiver import LineReceiver
@@ -35,6 +37,7 @@ from cogrip.protocol.waves import device_gain, wave_of
 COMPENSATED_FRACTION = 1.0 / 16.0  # fraction of what was withheld that a frame compensates
 Held = tuple[Row, float, float, Sequence[float] | None]
 """Returning wave of a tick, its gain s, the ratio r of impedances, and what limits took from the force."""
+QUIET = 128  # frames for which a tick must be spare before frames are sent later by one; fewer where more is spare
 OPEN = 0.5  # fraction of a wave that a released end reflects: with more it yields more, and swings more
 
 
@@ -43,6 +46,9 @@ class ForwardLine:
 
     energy   through the port, `made_now_j` and `used_now_j` set tick by tick
     given_j  energy that the line gave, less what it took, up to the last frame that ended
+    ticks    of the line so far
+    phase    ticks by which the newest frame ended later than frames of M ticks would have
+    spare    ticks by which the server says that frames may be sent later; below 0: should be sent sooner
     """
 
     def __init__(self, seat: SeatSettings) -> None:
@@ -52,24 +58,32 @@ class ForwardLine:
         )
         self.sender = LineSender(axes, seat.playout.redundancy)
         self.energy = PortEnergy()
+        self.frame_ticks = rates.ticks_per_frame
         self._half_frame_s = 0.5 * rates.tick_s * rates.ticks_per_frame
         self._withheld = [0.0] * axes  # sum of what frames lacked the energy for
         self._given = CompensatedSum()
+        self.ticks = self.phase = self.spare = 0
+        self._ends: deque[int] = deque(maxlen=HISTORY)  # ticks at which the newest frames ended
+        self._shift = 0  # ticks that the frame under way has more than M
+        self._shifted: int | None = None  # number of the first frame with the present phase
+        self._spared = 0  # sum of what was spare in each frame since there has been something
 
     @property
     def given_j(self) -> float:
         return self._given.value
 
-    def end_frame(self, returning: Row, spare_j: float) -> Row:
-        """Send the wave of the frame that ends, of at most `spare_j` more energy than `returning` brought; and return it.
+    def end_frame(self, spare_j: float) -> Row:
+        """Send the wave of the frame that ends, of at most `spare_j` more energy than came through the port; and return it.
 
-        What is withheld is sent later, a part a frame, out of what is spare then.
+        What is withheld is sent later, a part a frame, out of what is spare then. A frame of more ticks than M has the integral
+        of all of them, and so may have more energy than they had: that too is asked of `spare_j`.
         """
+        self.phase += self._shift
         sent = self.decimator.take()
         mean, held = sent, self._withheld
         if any(held):
             sent = tuple([u + COMPENSATED_FRACTION * h for u, h in zip(mean, held, strict=True)])
-        brought = self._half_frame_s * sum([v * v for v in returning])
+        brought = self.energy.used_now_j
         going = self._half_frame_s * sum([u * u for u in sent])
         most = max(0.0, spare_j + brought)
         if going > most:
@@ -78,11 +92,31 @@ class ForwardLine:
             going *= scale * scale
         if sent is not mean:
             self._withheld = [h + u - out for h, u, out in zip(held, mean, sent, strict=True)]
-            self.energy.made_now_j = max(self.energy.made_now_j, going)
+        self.energy.made_now_j = max(self.energy.made_now_j, going)
         self._given.add(brought - going)
         self.sender.push(sent)
         self.energy.end_frame()
+        self._ends.append(self.ticks)
         return sent
+
+    def next_length(self, acknowledged: int) -> int:
+        """Return the ticks of the next frame: M, or as many more or fewer as shift the phase by what is spare.
+
+        acknowledged: frames that the server had played when it said so. All at once at first; then by one tick, when the server
+        has heard of the last shift; to send later only if it has said so for a while (QUIET).
+        """
+        self._shift = 0
+        self._spared = self._spared + self.spare if self.spare > 0 else 0
+        first = self._shifted is None
+        if acknowledged > (self._shifted or 0) and (self.spare < 0 or self._spared > (0 if first else QUIET)):
+            self._shift = max(-1, min(self.frame_ticks - 1 if first else 1, self.spare))
+            self._shifted, self._spared = self.sender.next_number, 0
+        return self.frame_ticks + self._shift
+
+    def since(self, number: int) -> int | None:
+        """Return the ticks since frame `number` ended; None for one that is not known any more."""
+        place = number - self.sender.next_number
+        return self.ticks - self._ends[place] if -len(self._ends) <= place < 0 else None
 
 
 class ReturningLine:
@@ -91,24 +125,26 @@ class ReturningLine:
     gain         s of this frame
     written_off  sum of e over the ticks of this frame, shape (axes,)
     margin_j     energy margin that this frame reported, None where none did
-    loops        delays of the last second [frames]
+    applied      ticks for which this frame has been applied
     """
 
     def __init__(self, seat: SeatSettings) -> None:
         axes, rates, playout = seat.object.axes, seat.rates, seat.playout
-        self.receiver = LineReceiver(axes, playout.frames, rates.frame_s, playout.tank_mj * 1e-3, playout.concealment)
+        self.receiver = LineReceiver(
+            axes, playout.frames, rates.frame_s, playout.tank_mj * 1e-3, playout.concealment,
+            late=playout.late, ticks=rates.ticks_per_frame,
+        )  # fmt: skip
         self.gain = 1.0
         self.written_off = [0.0] * axes
         self.margin_j: float | None = None
-        self.loops = LoopMeter(rates.network_hz)
+        self.applied = 0
         self.reserve = EnergyReserve(rates.network_hz)
         self._ticks_per_frame = rates.ticks_per_frame
         self._rounding = rounding_fraction(rates.ticks_per_frame)
-        self._frame = 0
 
     def pop(self) -> Row:
         """Return the wave of the next frame."""
-        self._frame += 1
+        self.applied = 0
         receiver = self.receiver
         if any(self.written_off):
             receiver.write_off([e / self._ticks_per_frame for e in self.written_off])
@@ -117,11 +153,9 @@ class ReturningLine:
         self.gain, self.margin_j = receiver.gain, None
         self.reserve.elapse()
         if receiver.metadata is not None:
-            made_j, _, acknowledged = receiver.metadata
+            made_j, _, _ = receiver.metadata
             self.margin_j = margin = made_j - receiver.played_j + self._rounding * made_j
             self.reserve.update(margin)
-            if acknowledged:
-                self.loops.add(self._frame - acknowledged)
         return wave
 
 
@@ -139,9 +173,12 @@ class WaveCoupling(Coupling[Waves]):
         self.late: DelayLine[Held] = DelayLine()
         self._series = SeriesImpedance(axes, tick_s)
         self._ratio = 1.0  # r of this tick
+        self._acknowledged = 0  # frames that the server had played when it sent its newest message
+        self._applied = 0  # ticks for which the wave from the server had been applied when the newest frame ended
         self.forward: Sequence[float] = (0.0,) * axes
         self.up, self.down = ForwardLine(seat), ReturningLine(seat)
         self.energy = self.up.energy
+        self.loops = LoopMeter(seat.rates.network_hz, seat.rates.ticks_per_frame)
         self.down_reserve = self.down.reserve
 
     @property
@@ -163,6 +200,7 @@ class WaveCoupling(Coupling[Waves]):
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
         """Enter a tick. At hold = 0 the line's end is half open (u = v would be a free one): the object is almost free."""
         root, down = self._root, self.down
+        self._count_tick()
         forward = []
         made = used = 0.0
         velocity = mean_velocity_mps if self._from_displacement else velocity_mps
@@ -190,18 +228,30 @@ class WaveCoupling(Coupling[Waves]):
 
     def elapse_absent(self) -> None:
         """Enter a tick without a hand: send 0, absorb what comes (a matched termination)."""
+        self._count_tick()
         self.forward = (0.0,) * len(self.sent)
         self._series.reset()
         self.up.decimator.push(self.forward)
         for v in self.late.push((self.returning, self.down.gain, self._ratio, self.cut_n))[0]:
             self.energy.used_now_j += v * v * self._half_tick_s
 
-    def end_frame(self, spare_j: float = inf) -> None:
-        self.sent = self.up.end_frame(self.returning, spare_j)
+    def _count_tick(self) -> None:
+        self.up.ticks += 1
+        self.down.applied += 1
 
-    def start_frame(self) -> None:
+    def end_frame(self, spare_j: float = inf) -> int:
+        self.sent = self.up.end_frame(spare_j)
+        self._applied = self.down.applied
+        return self.up.next_length(self._acknowledged)
+
+    def start_frame(self) -> int:
         """Play the returning wave of the next frame, held over its ticks: lossless (P eq. 3-5)."""
         self.returning = wave = self.down.pop()
+        receiver = self.down.receiver
+        if receiver.metadata is not None and (acknowledged := receiver.metadata[2]):
+            since = self.up.since(acknowledged - 1)
+            if since is not None:
+                self.loops.add(since + self.up.frame_ticks)
         most = self._most_wave
         self.implausible = max(wave) > most or min(wave) < -most
         if self.implausible:
@@ -209,6 +259,7 @@ class WaveCoupling(Coupling[Waves]):
         margin = self.down.margin_j
         if margin is not None and (self.down_margin_j is None or margin < self.down_margin_j):
             self.down_margin_j = margin
+        return receiver.hold
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
         """Return F = b xdot - sqrt(2b) v (P eq. 16), with the velocity estimated now."""
@@ -241,15 +292,21 @@ class WaveCoupling(Coupling[Waves]):
     ) -> Waves:
         first, waves, total, squares = self.up.sender.contents()
         acknowledged, state = self.down.receiver.acknowledged, origin_m + position_m
-        return Waves(session, first, waves, total, squares, self.energy.made_j, self.port_j, acknowledged, stamp, state)
+        return Waves(
+            session, first, waves, total, squares, self.energy.made_j, self.port_j, acknowledged, stamp, state, self.up.phase,
+            self._applied,
+        )  # fmt: skip
 
     def receive(self, message: Waves) -> bool:
         if len(message.state) != len(self.object_state):
             return False
         metadata = (message.made_j, message.port_j, message.acknowledged)
-        fits = self.down.receiver.receive(message.first, message.waves, message.total, message.squares, metadata)
+        receiver = self.down.receiver
+        early = max(0, receiver.hold - self.down.applied)
+        fits = receiver.receive(message.first, message.waves, message.total, message.squares, metadata, early)
         if fits:
             self.object_state = message.state
+            self.up.spare, self._acknowledged = message.phase, message.acknowledged
         return fits
 
     @property
@@ -269,7 +326,7 @@ class WaveCoupling(Coupling[Waves]):
         return self.down.receiver.lost
 
     @property
-    def playout_frames(self) -> int:
+    def playout_frames(self) -> float:
         return self.down.receiver.playout_frames
 
     def playout_account(self) -> PlayoutAccount | None:
@@ -280,4 +337,4 @@ class WaveCoupling(Coupling[Waves]):
 
     def loop_frames(self) -> float | None:
         """Return the measured loop of the last second: frames from a forward wave to the frame its answer is applied in."""
-        return self.down.loops.median()
+        return self.loops.median()

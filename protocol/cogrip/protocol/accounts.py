@@ -51,10 +51,10 @@ class PlayoutAccount(msgspec.Struct, frozen=True, array_like=True):
     """Playout of one direction's frames."""
 
     depth_frames: float = 0.0  # mean over all frames
-    least_frames: int = 0
-    most_frames: int = 0
-    repeated: int = 0  # ticks in which no frame was played, to be one frame deeper
-    skipped: int = 0  # frames passed over, to be one frame shallower
+    least_frames: float = 0.0
+    most_frames: float = 0.0
+    repeated: int = 0  # times that the playout delay was made longer
+    skipped: int = 0  # times that it was made shorter
     concealed: int = 0  # frames that were missing when they were due
     longest_gap: int = 0  # most of these in a row
 

@@ -1,7 +1,7 @@
-"""The loop of a line in frames: a running median over the last second (`SPEC.md` section 8).
+"""The loop of a line: a running median over the last second (`SPEC.md` section 8).
 
-A wave is sent, answered, and the answer is applied: each end sees by `acknowledged` how many frames that took, 2d + 1 with
-d frames of delay in each direction, playout delay included.
+A wave is sent, answered, and the answer is applied: each end sees by `acknowledged` and its own ticks how long that took,
+2d + 1 frames with d frames of delay in each direction, playout delay included.
 """
 
 from collections import Counter, deque
@@ -10,21 +10,22 @@ MOST_LOOP_FRAMES = 4096  # longest loop that is believed
 
 
 class LoopMeter:
-    """Median of the last `window` loops.
+    """Median of the last `window` loops, entered in ticks.
 
     implausible  values that cannot be a loop: counted and ignored
     """
 
-    __slots__ = ("_counts", "_last", "implausible")
+    __slots__ = ("_counts", "_last", "_ticks_per_frame", "implausible")
 
-    def __init__(self, window: int) -> None:
+    def __init__(self, window: int, ticks_per_frame: int = 1) -> None:
+        self._ticks_per_frame = ticks_per_frame
         self._last: deque[int] = deque(maxlen=window)
         self._counts: Counter[int] = Counter()
         self.implausible = 0
 
-    def add(self, loop_frames: int) -> None:
+    def add(self, loop_ticks: int) -> None:
         """Enter one measured loop."""
-        if not 1 <= loop_frames <= MOST_LOOP_FRAMES:
+        if not self._ticks_per_frame <= loop_ticks <= MOST_LOOP_FRAMES * self._ticks_per_frame:
             self.implausible += 1
             return
         last, counts = self._last, self._counts
@@ -33,19 +34,19 @@ class LoopMeter:
             counts[oldest] -= 1
             if not counts[oldest]:
                 del counts[oldest]
-        last.append(loop_frames)
-        counts[loop_frames] += 1
+        last.append(loop_ticks)
+        counts[loop_ticks] += 1
 
     @property
     def full(self) -> bool:
         """True once the window is full."""
         return len(self._last) == self._last.maxlen
 
-    def median(self) -> int | None:
-        """Return the median, None before the first loop."""
+    def median(self) -> float | None:
+        """Return the median [frames], None before the first loop."""
         half = len(self._last) / 2
         for loop in sorted(self._counts):
             half -= self._counts[loop]
             if half <= 0:
-                return loop
+                return loop / self._ticks_per_frame
         return None

@@ -16,7 +16,7 @@ from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
 from cogrip.protocol.setting_types import MOST_WAVES, POSE_AXES, SeatNumber
 from cogrip.protocol.settings import SeatSettings
 
-PROTOCOL_VERSION = 4
+PROTOCOL_VERSION = 5
 MAGIC: Literal["cogrip"] = "cogrip"
 MAX_DATAGRAM_BYTES = 1232  # fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
 DTLS_BYTES = 37  # that DTLS adds to a message: record header 13, AES-GCM nonce 8 and tag 16
@@ -28,6 +28,7 @@ DEVICE_BYTES = 200  # of a device address: its beginning stands in `device`, the
 LEAVE_TEXT_BYTES = 220  # and that of a leave, which has an account behind it
 
 Counter = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
+Ticks = Annotated[int, msgspec.Meta(ge=-(2**31), le=2**31)]
 Session = Annotated[int, msgspec.Meta(ge=1, le=2**63 - 1)]
 Ns = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
 WaveValue = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]  # sqrt(W)
@@ -138,6 +139,12 @@ class Waves(Message, frozen=True, tag=4):
     state: Annotated[tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=MOST_STATE)]
     # client: hand's position before frame 0, then after the newest frame [m], of a pose also the angle travelled between
     # [rad]; server: object's position [m], velocity [m/s]; axes 4 to 6 are a rotation vector [rad], its rates [rad/s]
+    # client: device ticks by which the newest frame ended later than frames of M ticks would have; server: ticks by which the
+    # client may send later, below 0 should send sooner
+    phase: Ticks = 0
+    applied: Counter = (
+        0  # client: ticks for which frame `acknowledged` - 1 had been applied when the newest frame ended
+    )
 
 
 class State(Message, frozen=True, tag=5):
@@ -223,7 +230,7 @@ class Person(Message, frozen=True, tag=11):
     rtt_ms: Milliseconds | None
     up_ms: Milliseconds | None  # one-way delays, without jitter buffers
     down_ms: Milliseconds | None
-    buffer_frames: Frames | None  # depth of the jitter buffer up
+    buffer_frames: Annotated[float, msgspec.Meta(ge=0.0, le=2.0**53)] | None  # depth of the jitter buffer up
     behind_frames: Frames | None  # sent down and not yet applied when the newest applied frame was sent up
     lost: Counter  # frames up, so far
     sent: Counter

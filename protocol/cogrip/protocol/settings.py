@@ -15,7 +15,7 @@ from cogrip.protocol import decimation
 from cogrip.protocol import felt_stiffness as felt
 from cogrip.protocol import setting_types as types
 from cogrip.protocol.line.concealment import Concealed
-from cogrip.protocol.line.delays import expected_frames, one_way
+from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.link_profile import Link, LinkProfile, check_link
 from cogrip.protocol.object_kinds import KindText, LocalKindText, kind_of, shared_kind, unfit_kind
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
@@ -88,6 +88,7 @@ class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """[playout]: playout delay, redundancy, tank and concealment of both lines (SPEC.md 5)."""
 
     frames: Annotated[int, msgspec.Meta(ge=0, le=256)] | Literal["auto"] = "auto"  # auto: adapted to the jitter
+    late: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] = 0.01  # rate of late frames that "auto" aims at
     redundancy: Annotated[int, msgspec.Meta(ge=1, le=32)] = 8
     tank_mj: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0
     concealment: Concealed = "elastic"  # of frames that are missing
@@ -284,8 +285,7 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
     up, down = settings.link.direction("up"), settings.link.direction("down")
     rendered = coupling.stiffness_npm
     if coupling.compensate and coupling.kind == "wave":
-        held = [(each.delay_ms, expected_frames(settings.playout, each, rates)) for each in (up, down)]
-        frames = sum(one_way(delay_ms, playout_frames, rates).frames for delay_ms, playout_frames in held)
+        frames = sum(line_delay(settings.playout, each, rates).frames for each in (up, down))
         compliance = _compliance(coupling, rates, frames * rates.frame_s)
         try:
             rendered = felt.compensated_stiffness(coupling.stiffness_npm, coupling.impedance_nspm, compliance)

@@ -125,7 +125,7 @@ class ServerCore:
             elif message.stamp.echo_ns:
                 self._drop("implausible stamp")
             if type(message) is not Heartbeat and (
-                type(message) is not room.frame or seat.port is None or not seat.port.receive(message)
+                type(message) is not room.frame or seat.port is None or not seat.port.receive(message, now_ns)
             ):
                 self._drop("unfit")  # it keeps no seat: who can bring nothing in counts as silent
                 return

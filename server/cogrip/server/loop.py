@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Protocol
 
 from cogrip.protocol.channel import Address, Channel, place_text
+from cogrip.protocol.io.arrivals import Arrivals
 from cogrip.protocol.io.pacing import SPIN_NS, Pacer
 from cogrip.protocol.io.realtime import engage, release
 from cogrip.protocol.io.receive_buffer import OVERRUN, enlarge, overrun
@@ -87,6 +88,7 @@ class LiveServer:
     _received: int = field(init=False, default=0)
     _sent: int = field(init=False, default=0)
     _socket: socket.socket = field(init=False)
+    _arrivals: Arrivals = field(init=False)
     _start_ns: int = field(init=False, default=0)
     _overran: int = field(init=False, default=0)
     _cut_short: int = field(init=False, default=0)
@@ -104,6 +106,7 @@ class LiveServer:
         except OSError as error:
             raise _cannot_listen(self.host, self.port, error) from None
         self._socket.setblocking(False)
+        self._arrivals = Arrivals(self._socket)
         host, port = self._socket.getsockname()[:2]
         outside = Outside(
             lambda: secrets.randbelow(2**63 - 1) + 1, self.authenticator, lambda: secrets.token_urlsafe(16), ticket_hash
@@ -251,7 +254,7 @@ class LiveServer:
         self._report()
 
     def _drain(self, now_ns: int) -> None:
-        receive, decrypt, handle = self._socket.recvfrom, self.channel.receive, self.core.receive
+        receive, decrypt, handle = self._arrivals.receive, self.channel.receive, self.core.receive
         renewed = self.channel.renewed
         for count in range(MOST_AT_ONCE):
             if count % CLOCK_EVERY == CLOCK_EVERY - 1 and time.monotonic_ns() - now_ns > self._drain_limit_ns:
@@ -259,7 +262,7 @@ class LiveServer:
                 self._cut_short += 1
                 break
             try:
-                datagram, address = receive(MAX_DATAGRAM_BYTES + 1)
+                datagram, address, arrived_ns = receive(MAX_DATAGRAM_BYTES + 1, now_ns)
             except BlockingIOError:
                 self._received += count
                 break
@@ -270,7 +273,7 @@ class LiveServer:
             while renewed:
                 self.core.handle(inputs.UnbindAddress(renewed.popleft()), now_ns)  # type: ignore[arg-type]
             for message in carried:
-                handle(message, address, now_ns)
+                handle(message, address, arrived_ns)
         else:
             self._received += MOST_AT_ONCE
         self._flush()

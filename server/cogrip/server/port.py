@@ -23,17 +23,19 @@ class Port(ABC):
     axes           of the seat
     origin, hand   hand before its first frame and after its newest [m, rad]; None before the first
     turned         how the hand had turned after the frame popped last; None where that is not known, or nothing turns
+    next_step_ns   time of the room's next step, which its room sets; None before the first
     up_margin_j    least energy margin of the line up so far; None where no ledger of one direction is kept
     up_reserve     energy reserve of the line up
     behind         frames sent down that the client had not applied when it sent the frame popped last; None before that
     playout_frames depth of the jitter buffer now; None without one
-    loops          delays of the loop over the last second; None where no stiffness adapts to them
+    loops          the loop over the last second; None where no stiffness adapts to it
     """
 
+    next_step_ns: int | None = None
     up_margin_j: float | None = 0.0
     turned: Turned | None = None
     behind: int | None = None
-    playout_frames: int | None = None
+    playout_frames: float | None = None
     loops: LoopMeter | None = None
     _receiver: LineReceiver | StateReceiver[Any]
 
@@ -45,8 +47,8 @@ class Port(ABC):
         self.up_reserve = EnergyReserve(seat.rates.network_hz)
 
     @abstractmethod
-    def receive(self, message: Any) -> bool:
-        """Take in a frame, of the scheme's message type; False for one that cannot be of this line."""
+    def receive(self, message: Any, now_ns: int) -> bool:
+        """Take in a frame, of the scheme's message type, that came now; False for one that cannot be of this line."""
 
     @abstractmethod
     def pop(self, frames: int) -> Row:

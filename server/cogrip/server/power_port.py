@@ -35,7 +35,7 @@ class PowerPort(LatestStatePort[Power]):
         self._out = [CompensatedSum() for _ in range(axes)]
         self._force = (0.0,) * axes
 
-    def receive(self, message: Power) -> bool:
+    def receive(self, message: Power, now_ns: int) -> bool:
         return message.of_axes(self.axes) and self._accept(message)
 
     @property

@@ -12,6 +12,7 @@ from cogrip.protocol.channel import Address
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.messages import Heartbeat
+from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.protocol.settings import Settings, seat_settings
 from cogrip.protocol.settings_digest import digest
@@ -174,7 +175,7 @@ class Room:
             self.idle(1)
             return []
         world, seats = self.world, self.seats
-        rows = self._pop(frames)
+        rows = self._pop(frames, now_ns)
         before = world.motion()[: world.places]
         if not any(seat.on_object for seat in seats):
             world.rest()  # an object that nobody holds is put down
@@ -219,15 +220,17 @@ class Room:
             out += self.observer_slots.views(self.steps, world, seats, now_ns)
         return out
 
-    def _pop(self, frames: int) -> list[Row]:
+    def _pop(self, frames: int, now_ns: int) -> list[Row]:
         """Return the row of each seat. A seat whose first frame is there takes hold of the object; springs get their aim."""
         world = self.world
+        next_step_ns = now_ns + NS_PER_S // self.settings.rates.network_hz
         rows = []
         for number, seat in enumerate(self.seats):
             port = seat.port
             if port is None:
                 rows.append(self._idle_row)
                 continue
+            port.next_step_ns = next_step_ns
             missed = frames
             if not seat.on_object and port.origin is not None:
                 world.join(number, np.array(port.origin + self._idle_row[port.axes : world.axes]))

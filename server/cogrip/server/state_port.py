@@ -62,7 +62,7 @@ class StatePort(LatestStatePort[State]):
         super().__init__(seat, limits)
         self._row: Row = (0.0,) * (2 * self.axes)
 
-    def receive(self, message: State) -> bool:
+    def receive(self, message: State, now_ns: int) -> bool:
         return len(message.position_m) == self.axes and self._accept(message)
 
     @property

@@ -14,6 +14,7 @@ from cogrip.protocol.settings import SeatSettings
 FOLLOW_S = 1.0
 READINGS_HZ = 4
 REPORTS, REPORT_EVERY_S = 4, 60
+AGREED_FRAMES = 0.25  # by which two readings of the loop differ at most
 ALIKE = 1e-6  # a goal that differs by less from the aim is the aim
 
 
@@ -36,8 +37,8 @@ class StiffnessAdapter:
         self._grows = 1.0 + seat.rates.frame_s / FOLLOW_S
         self._every = max(1, seat.rates.network_hz // READINGS_HZ)
         self._frames = 0
-        self._seen: int | None = None  # loop at the last reading
-        self._used: int | None = None  # loop of the goal
+        self._seen: float | None = None  # loop at the last reading
+        self._used: float | None = None  # loop of the goal
         self._reports = REPORTS  # that may be made now
         self._report_every = REPORT_EVERY_S * seat.rates.network_hz
         self._last_report = True  # `reached` as it was reported last
@@ -62,7 +63,7 @@ class StiffnessAdapter:
     def _read_loop(self) -> None:
         loop, before = self._loops.median(), self._seen
         self._seen = loop
-        if loop is None or loop != before or loop == self._used:
+        if loop is None or before is None or abs(loop - before) > AGREED_FRAMES or loop == self._used:
             return
         self._used = loop
         seat, coupling = self._seat, self._seat.coupling
@@ -83,7 +84,7 @@ class StiffnessAdapter:
             self._last_report = self.reached
             self.reported = self._text(self._used)
 
-    def _text(self, loop: int) -> str:
+    def _text(self, loop: float) -> str:
         coupling, compliance_mpn = self._seat.coupling, self._seat.line_compliance(loop)
         wanted = f"a felt stiffness of {coupling.stiffness_npm:g} N/m is"
         by = f"by the delay now measured ({(loop - 1) * self._seat.rates.frame_s * 1e3:.0f} ms both ways together)"

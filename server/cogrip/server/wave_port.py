@@ -6,12 +6,14 @@ from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Stamp, Waves
+from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.setting_types import PLACES, POSE_AXES
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.port import Port, Row, Turned
 from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 
-MOST_POSES = 512  # kept until their frames are popped
+MOST_KEPT = 512  # frames of which more than the wave is kept until they are popped
+SLACK_NS = 1000  # by which a step that was due exactly then may have been rounded
 MOST_M = 1e3  # from the middle of a person's own frame
 
 
@@ -23,8 +25,10 @@ class WavePort(Port):
         axes, playout, frame_s = self.axes, seat.playout, seat.rates.frame_s
         self._half_frame_s = 0.5 * frame_s
         self._receiver: LineReceiver = LineReceiver(
-            axes, playout.frames, frame_s, playout.tank_mj * 1e-3, playout.concealment
-        )
+            axes, playout.frames, frame_s, playout.tank_mj * 1e-3, playout.concealment,
+            late=playout.late, ticks=seat.rates.ticks_per_frame, by_frames=True,
+        )  # fmt: skip
+        self._rates = seat.rates
         self._sender = LineSender(axes, playout.redundancy)
         coupling = seat.coupling
         self._limiter = WaveLimiter(
@@ -33,10 +37,11 @@ class WavePort(Port):
         self._port_j: float | None = None
         self._sent_j = 0.0  # energy of the forward waves at their sender, as last reported
         self._made_j = CompensatedSum()
-        self.loops = LoopMeter(seat.rates.network_hz) if seat.follows else None
+        self.loops = LoopMeter(seat.rates.network_hz, seat.rates.ticks_per_frame) if seat.follows else None
+        self._applied: dict[int, int] = {}  # by frame that is not popped yet: ticks for which its wave had been applied
         self._poses: dict[int, Turned] = {}  # of the hand after frames that are not popped yet
 
-    def receive(self, message: Waves) -> bool:
+    def receive(self, message: Waves, now_ns: int) -> bool:
         axes = self.axes
         turning = axes == POSE_AXES
         if len(message.state) != 2 * axes + PLACES * turning:
@@ -44,18 +49,25 @@ class WavePort(Port):
         if self.origin is None and not all(-MOST_M <= place <= MOST_M for place in message.state):
             return False  # no hand is there
         metadata = (message.made_j, message.port_j, message.acknowledged)
-        if not self._receiver.receive(message.first, message.waves, message.total, message.squares, metadata):
+        if not self._receiver.receive(
+            message.first, message.waves, message.total, message.squares, metadata, self._early(now_ns), message.phase
+        ):
             return False
         self.hand = message.state[axes : 2 * axes]
         if self.origin is None:
             self.origin = message.state[:axes]
-        if (
-            turning
-            and len(self._poses) < MOST_POSES
-            and self._receiver.newest == (newest := message.first + len(message.waves) // axes - 1)
-        ):
-            self._poses[newest] = self.hand[PLACES:], message.state[2 * axes :]
+        newest = message.first + len(message.waves) // axes - 1
+        if self._receiver.newest == newest and len(self._applied) < MOST_KEPT:
+            self._applied[newest] = message.applied
+            if turning:
+                self._poses[newest] = self.hand[PLACES:], message.state[2 * axes :]
         return True
+
+    def _early(self, now_ns: int) -> int:
+        """Return the whole ticks from now to the next step."""
+        if self.next_step_ns is None:
+            return 0
+        return max(0, (self.next_step_ns - now_ns + SLACK_NS) * self._rates.device_hz // NS_PER_S)
 
     @property
     def neutral(self) -> Row:
@@ -65,8 +77,11 @@ class WavePort(Port):
         receiver = self._receiver
         wave = receiver.pop(frames)
         self._port_j = self.turned = None
+        popped = receiver.acknowledged - 1
+        applied = self._applied.get(popped)
+        if self._applied:
+            self._applied = {number: ticks for number, ticks in self._applied.items() if number > popped}
         if self._poses:
-            popped = receiver.acknowledged - 1
             self.turned = self._poses.get(popped)
             self._poses = {number: pose for number, pose in self._poses.items() if number > popped}
         self.up_reserve.elapse(frames)
@@ -79,8 +94,8 @@ class WavePort(Port):
                 self.up_margin_j = margin
             if acknowledged:  # from a returning frame to the step that learns it was felt
                 self.behind = self._sender.next_number + frames - acknowledged
-                if self.loops is not None:
-                    self.loops.add(self.behind)
+                if self.loops is not None and applied is not None:
+                    self.loops.add((self.behind + 1) * self._rates.ticks_per_frame - applied)
         for _ in range(frames - 1):
             self._sender.push((0.0,) * self.axes)  # the steps that were missed sent nothing
         return self._limiter.limit(wave)
@@ -124,10 +139,22 @@ class WavePort(Port):
     def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Waves:
         first, waves, total, squares = self._sender.contents()
         acknowledged = self._receiver.acknowledged
-        return Waves(session, first, waves, total, squares, self.made_j, port_j, acknowledged, stamp, object_state)
+        return Waves(
+            session,
+            first,
+            waves,
+            total,
+            squares,
+            self.made_j,
+            port_j,
+            acknowledged,
+            stamp,
+            object_state,
+            self._receiver.spare,
+        )
 
     @property
-    def playout_frames(self) -> int:  # type: ignore[override]
+    def playout_frames(self) -> float:  # type: ignore[override]
         return self._receiver.playout_frames
 
     def playout_account(self) -> PlayoutAccount:

@@ -140,7 +140,7 @@ class JoinTable:
         title = Text(f"{view.person} in room {view.room}", style="bold")
         if tick is None:
             return Group(title, Text("nothing is recorded yet", style="dim"))
-        network = [*_network(tick), _number(tick.playout_frames, "d")]
+        network = [*_network(tick), _number(tick.playout_frames, ".3g")]
 
         def line(between: str) -> list[Table]:
             row: list[str | Text] = [_state(tick.state), *_hand(tick, None, between, AXES), *network]

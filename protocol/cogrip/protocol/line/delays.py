@@ -1,30 +1,41 @@
-"""Delays of a link: ends act on ticks and frame borders only (P eq. 14, 15).
+"""Delays of a link, from the border at which a frame ends to the one at which it is played (P eq. 14, 15).
 
-A datagram that was sent at a frame border arrives after the link's delay, is seen at the receiver's next device tick, waits
-for the next frame border, and then for the playout delay. Symbols: M device ticks in a frame, T_n frame period.
+A datagram arrives after the link's delay, and ends act at device ticks only. With a playout delay of a number of frames both
+ends act at common frame borders: it waits for the next one, and then for the playout delay. With "auto" a frame is played at
+the tick at which all but `playout.late` of them are there; a client sends so much before the server's step. Symbols: M device
+ticks in a frame, T_n frame period.
 
-The playout delay that an adaptive jitter buffer (frames = "auto") chooses on a known link follows from the probability that a
-frame is not there o frames after it was sent: every datagram that carries it and was sent since is lost, or still under way.
-Losses are a chain of two states (Gilbert-Elliott), delays are drawn for each datagram independently.
+The probability that a frame is not there a time after it was sent: every datagram that carries it and was sent since is lost,
+or still under way. Losses are a chain of two states (Gilbert-Elliott), delays are drawn for each datagram independently.
 """
 
 from math import ceil, exp
 from typing import NamedTuple, Protocol
 
-from cogrip.protocol.line.jitter_buffer import DEEPEST, Frames, cost, weight_frames
+from cogrip.protocol.line.jitter_buffer import DEEPEST, Frames
 from cogrip.protocol.rates import Rates
 
 _WHOLE = 1e-6  # ticks: a delay this close to a whole number is one, written in rounded milliseconds
 
 
 class OneWayDelay(NamedTuple):
-    """Delay of one direction, stage by stage [device ticks]; the sum is a whole number of frames."""
+    """Delay of one direction, stage by stage [device ticks]; the sum is a whole number."""
 
     link_ticks: float  # as configured
     tick_wait_ticks: float  # to the next device tick
     frame_wait_ticks: float  # from there to the next frame border
     playout_ticks: float
-    frames: int
+    ticks_per_frame: int
+
+    @property
+    def ticks(self) -> int:
+        """All stages together."""
+        return round(self.link_ticks + self.tick_wait_ticks + self.frame_wait_ticks + self.playout_ticks)
+
+    @property
+    def frames(self) -> float:
+        """All stages together [frames]."""
+        return self.ticks / self.ticks_per_frame
 
     @property
     def whole(self) -> bool:
@@ -33,16 +44,19 @@ class OneWayDelay(NamedTuple):
 
 
 def one_way(delay_ms: float, playout_frames: int, rates: Rates) -> OneWayDelay:
-    """Return the stages of a link of `delay_ms` [ms] with a playout delay of `playout_frames`."""
+    """Return the stages of a link of `delay_ms` [ms] whose ends act at common frame borders, `playout_frames` held back."""
+    link, ticks = _in_ticks(delay_ms, rates)
+    M = rates.ticks_per_frame
+    border = -(-ticks // M) * M
+    return OneWayDelay(link, ticks - link, float(border - ticks), float(playout_frames * M), M)
+
+
+def _in_ticks(delay_ms: float, rates: Rates) -> tuple[float, int]:
+    """Return a delay in ticks, and the tick at which it is over."""
     exact = delay_ms * 1e-3 * rates.device_hz
     near = round(exact)
     link = float(near) if abs(exact - near) < _WHOLE else exact
-    ticks = ceil(link)
-    M = rates.ticks_per_frame
-    border = -(-ticks // M)
-    return OneWayDelay(
-        link, ticks - link, float(border * M - ticks), float(playout_frames * M), border + playout_frames
-    )
+    return link, ceil(link)
 
 
 class PlayoutDelay(Protocol):
@@ -50,6 +64,8 @@ class PlayoutDelay(Protocol):
 
     @property
     def frames(self) -> Frames: ...
+    @property
+    def late(self) -> float: ...
     @property
     def redundancy(self) -> int: ...
 
@@ -73,46 +89,45 @@ class Direction(Protocol):
 
 HELD_MS = (10.0, 30.0)  # additional delay of a datagram that is reordered, uniformly distributed
 _SLICES = 8  # of that range
-_NEVER = 1e-9  # fraction of late frames that counts as none
 
 
-def expected_frames(playout: PlayoutDelay, direction: Direction, rates: Rates) -> int:
-    """Return the playout delay on this link [frames]: as set, or as "auto" chooses it in the long run.
+def line_delay(playout: PlayoutDelay, direction: Direction, rates: Rates) -> OneWayDelay:
+    """Return the stages of a line on this link: with the playout delay as set, or as "auto" chooses it in the long run.
 
     Queues before a bottleneck and outages are not considered.
     """
     if playout.frames != "auto":
-        return playout.frames
-    frame_ms = 1e3 / rates.network_hz
-    quickest = one_way(direction.delay_ms, 0, rates).frames
-    if not (direction.jitter_ms or direction.loss or direction.reorder):
-        return 0
-    weight = weight_frames(rates.frame_s)
-    never = _late(playout.redundancy, None, direction, frame_ms, playout.redundancy)
-    best, least = 0, float("inf")
-    for depth in range(DEEPEST + 1):
-        late = _late(quickest + depth, quickest, direction, frame_ms, playout.redundancy) - never
-        found = cost(depth, late, 1.0 - never - late, weight)
-        if found < least:
-            best, least = depth, found
-        if late < _NEVER or depth > least:
-            break
-    return best
+        return one_way(direction.delay_ms, playout.frames, rates)
+    link, ticks = _in_ticks(direction.delay_ms, rates)
+    M, tick_ms, frame_ms = rates.ticks_per_frame, 1e3 * rates.tick_s, 1e3 * rates.frame_s
+    held = 0
+    if direction.jitter_ms or direction.loss or direction.reorder:
+        never = _late(None, 0.0, direction, frame_ms, playout.redundancy)
+        least, most = 0, DEEPEST * M  # bisection: late falls with the time
+        while least < most:
+            middle = (least + most) // 2
+            after_ms = (ticks + middle) * tick_ms
+            late = _late(after_ms, direction.delay_ms, direction, frame_ms, playout.redundancy) - never
+            least, most = (middle + 1, most) if late > playout.late * (1.0 - never) else (least, middle)
+        held = least
+    return OneWayDelay(link, ticks - link, 0.0, float(held), M)
 
 
-def _late(frames: int, quickest: int | None, direction: Direction, frame_ms: float, redundancy: int) -> float:
-    """Return the probability that a frame is not there `frames` after it was sent; quickest None: that it never comes.
+def _late(after_ms: float | None, quickest_ms: float, direction: Direction, frame_ms: float, redundancy: int) -> float:
+    """Return the probability that a frame is not there `after_ms` after it was sent; None: that it never comes.
 
-    Datagram j after the frame's own brings it in time if it is not lost and its delay is at most (frames - j) T_n.
+    Datagram j after the frame's own brings it in time if it is not lost and its delay is at most after_ms - j T_n.
     """
     loss = direction.loss
     enter = stay = loss
     if direction.burst_frames > 1.0:
         enter, stay = loss / (direction.burst_frames * (1.0 - loss)), 1.0 - 1.0 / direction.burst_frames
     good, bad = 1.0 - loss, loss  # probability of the chain's states with the frame not there
-    for sent in range(redundancy if quickest is None else min(redundancy, frames - quickest + 1)):
-        slack_ms = (frames - sent) * frame_ms - direction.delay_ms
-        good *= 0.0 if quickest is None else _under_way(slack_ms, direction)
+    for sent in range(redundancy):
+        slack_ms = None if after_ms is None else after_ms - sent * frame_ms - quickest_ms
+        if slack_ms is not None and slack_ms < -_WHOLE:
+            break
+        good *= 0.0 if slack_ms is None else _under_way(slack_ms, direction)
         good, bad = good * (1.0 - enter) + bad * (1.0 - stay), good * enter + bad * stay
     return good + bad
 

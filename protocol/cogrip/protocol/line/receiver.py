@@ -1,5 +1,8 @@
 """The receiving end of a line: keeps what arrives, counts the fate of every frame, pops one wave a frame (SPEC.md 5 and 6).
 
+A client may play a frame, or a filling, for fewer ticks than M, so that its jitter buffer moves by ticks: of a fraction f of a
+frame all sums take f, and what is left out is owed.
+
 Every frame that is known to have been sent, and whose time has come, is applied (played in time), late (arrived after its
 time) or lost (never arrived): sent = applied + late + lost. No frame is played twice. `WaveLedger` bounds what is played
 besides frames.
@@ -12,10 +15,11 @@ from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.line.concealment import CONCEALMENTS, Concealed
 from cogrip.protocol.line.energy_ledger import HISTORY, WaveLedger
 from cogrip.protocol.line.energy_sums import BOUND_FRACTION, CompensatedSum
-from cogrip.protocol.line.jitter_buffer import PLAY, REPEAT, Frames, make_jitter_buffer
+from cogrip.protocol.line.jitter_buffer import Frames, make_jitter_buffer
 from cogrip.protocol.line.sender import Frame
 
 FURTHEST_JUMP = 1 << 14  # highest number of the newest frame in the first datagram of a line
+LATE = 0.01  # default rate of late frames
 MOST_FRAMES = 32  # of one datagram: the largest redundancy
 
 FrameMetadata = tuple[float, float, int]  # the sender's ledger up to a frame: made_j, port_j, acknowledged (SPEC 9)
@@ -28,12 +32,14 @@ class LineReceiver:
     metadata  of the frame popped last, where a datagram ended with it
     played    the frame popped last had come in time
     gap       it had not, or the pop repeats: what was popped is a filling
+    hold      ticks for which what was popped last is to be played; a server, which moves by whole frames, plays a step
     ledger    energy ledger of this direction
     """
 
     def __init__(
-        self, axes: int, delay_frames: Frames, frame_s: float, tank_j: float = 0.0, concealment: Concealed = "elastic"
-    ) -> None:
+        self, axes: int, delay_frames: Frames, frame_s: float, tank_j: float = 0.0, concealment: Concealed = "elastic",
+        *, late: float = LATE, ticks: int = 1, by_frames: bool = False,
+    ) -> None:  # fmt: skip
         """Make a receiver that has received nothing.
 
         axes          degrees of freedom, 1 to 6
@@ -41,10 +47,16 @@ class LineReceiver:
         frame_s       period T_n of a frame [s]
         tank_j        energy E_0 that the line may lend in all [J] (SPEC 5.4)
         concealment   strategy for gaps (SPEC 5.4)
+        late          rate of late frames that "auto" aims at
+        ticks         device ticks in a frame, M
+        by_frames     each frame is played for M ticks: by a server
         """
         self._axes = axes
         self._zero = (0.0,) * axes
-        self._jitter_buffer = make_jitter_buffer(delay_frames, frame_s)
+        self._jitter_buffer = make_jitter_buffer(delay_frames, frame_s, late, ticks, ticks if by_frames else 1)
+        self._ticks = ticks
+        self._arrival = 0, 0  # of the newest frame: ticks before the next border, and its sender's phase
+        self.hold = 1 if self._jitter_buffer.adapts else ticks
         self._half_frame_s = 0.5 * frame_s
         self._concealment = CONCEALMENTS[concealment](axes, frame_s)
         self.ledger = WaveLedger(axes, tank_j / self._half_frame_s / axes)
@@ -88,9 +100,13 @@ class LineReceiver:
         return concealment.least_gain + (1.0 - concealment.least_gain) * concealment.quality
 
     def receive(
-        self, first: int, waves: Frame, total: Frame, squares: Frame, metadata: FrameMetadata = (0.0, 0.0, 0)
-    ) -> bool:
-        """Take in the contents of one datagram (SPEC 3.6). False, and nothing changed, if they cannot be of this line."""
+        self, first: int, waves: Frame, total: Frame, squares: Frame, metadata: FrameMetadata = (0.0, 0.0, 0),
+        early: int = 0, phase: int = 0,
+    ) -> bool:  # fmt: skip
+        """Take in the contents of one datagram (SPEC 3.6). False, and nothing changed, if they cannot be of this line.
+
+        early: ticks that are left before the next pop; phase: see `AdaptiveJitterBuffer.arrived`.
+        """
         axes = self._axes
         count, rest = divmod(len(waves), axes)
         newest = first + count - 1
@@ -104,7 +120,7 @@ class LineReceiver:
         self._recent[slot] = newest
         cursor = 0 if self._cursor is None else self._cursor
         if newest > self.newest:
-            self.newest, self._fresh = newest, True
+            self.newest, self._fresh, self._arrival = newest, True, (early, phase)
             self._late_wave = waves[-axes:] if newest < cursor else None
         waiting, missing = self._waiting, self._missing
         adapts = self._jitter_buffer.adapts and self._cursor is not None
@@ -122,7 +138,7 @@ class LineReceiver:
                 continue
             self._received += 1
             if adapts:
-                self._jitter_buffer.arrived(number - cursor)
+                self._jitter_buffer.arrived(number - cursor, early, phase)
         if newest >= cursor:
             self._metadata[newest] = metadata
         self.ledger.add_totals(first, self._cursor, total, squares)
@@ -140,7 +156,7 @@ class LineReceiver:
 
     def _begin(self) -> int:
         """Set the cursor by the newest frame; older ones that are not played are late, or lost if they have not come."""
-        cursor = self.newest - self._jitter_buffer.begin(self.newest - min(self._waiting))
+        cursor = self.newest - self._jitter_buffer.begin(self.newest - min(self._waiting), *self._arrival)
         self._due_frames = max(0, cursor)
         for number in range(max(0, cursor - HISTORY), cursor):
             self._drop_or_miss(number)
@@ -150,7 +166,10 @@ class LineReceiver:
         return cursor
 
     def pop(self, frames: int = 1) -> Frame:
-        """Return the wave to apply now, shape (axes,) [sqrt(W)]. frames: 1, and 1 more for each frame that the loop missed."""
+        """Return the wave to apply now for `hold` ticks, shape (axes,) [sqrt(W)].
+
+        frames: 1, and 1 more for each frame that the loop missed.
+        """
         self.metadata = None
         self.played = False
         number = self._cursor
@@ -161,17 +180,19 @@ class LineReceiver:
         else:
             for _ in range(frames - 1):
                 number = self._pass_over(number)
+        ticks = self._ticks
         move = self._jitter_buffer.decide(self.newest - number, number in self._waiting, self._fresh)
         late, self._late_wave, self._fresh = self._late_wave, None, False
-        self.gap = move == REPEAT
+        self.gap = move > 0
         if self.gap:
-            self._cursor = number
+            self._cursor, self.hold = number, move
             filling = self._fill(late, self.newest < number)
             self.ledger.disturbed = True  # `filling` is owed, and the end has yielded: both are to be mended
-            self.ledger.add_compensation(filling, [x * x for x in filling])  # no frame stands for it
-            return self._play(filling)
-        if move != PLAY:
-            number = self._pass_over(number)
+            self._owe(filling, -move / ticks)  # no frame stands for it
+            return self._play(filling, move / ticks)
+        if move == -ticks:
+            number, move = self._pass_over(number), 0
+        self.hold, part = ticks + move, 1.0 + move / ticks
         frame = self._waiting.pop(number, None)
         if frame is not None:
             self.played = True
@@ -184,9 +205,16 @@ class LineReceiver:
         else:
             frame = self._zero
         self._advance(number, frame)
-        played = self._play(frame)
+        if move:
+            self.ledger.disturbed = True
+            self._owe(frame, 1.0 - part)
+        played = self._play(frame, part)
         self.metadata = self._metadata.pop(number, None)
         return played
+
+    def _owe(self, frame: Frame, part: float) -> None:
+        """Enter that this part of a frame is not played, below 0 that it is played as well."""
+        self.ledger.add_compensation([-part * x for x in frame], [-part * x * x for x in frame])
 
     def _miss(self, number: int) -> None:
         """Count a frame whose time has come without it; it may still arrive late."""
@@ -225,27 +253,27 @@ class LineReceiver:
         filled = self._concealment.fill(self._last, limits, late, silent)
         return tuple([max(-most, min(most, x)) for x, most in zip(filled, limits, strict=True)])
 
-    def _play(self, frame: Frame) -> Frame:
-        """Add this frame's compensation and count the energy."""
+    def _play(self, frame: Frame, part: float) -> Frame:
+        """Add this frame's compensation and count the energy. part: of a frame, for which it is played."""
         if self.ledger.disturbed:
-            frame = self._compensate(frame)
+            frame = self._compensate(frame, part)
         square = 0.0
         for value in frame:
             square += value * value
-        self._played_j.add(square * self._half_frame_s)
+        self._played_j.add(part * square * self._half_frame_s)
         self._last = frame
         return frame
 
-    def _compensate(self, frame: Frame) -> Frame:
+    def _compensate(self, frame: Frame, part: float) -> Frame:
         deficit, reserve = self.ledger.deficit, self.ledger.reserve()
         out, compensated, spent = [], [], []
         for axis, p in enumerate(self._concealment.compensate(frame, deficit, reserve, self._last, self.gap)):
             value = frame[axis]
             reach = sqrt(value * value + reserve[axis])  # (value + p)^2 - value^2 <= reserve
             played = max(-reach, min(reach, value + p))
-            compensated.append(played - value)
+            compensated.append(part * (played - value))
             before, after = value * value, played * played
-            spent.append(after - before + BOUND_FRACTION * (after + before))
+            spent.append(part * (after - before) + BOUND_FRACTION * (after + before))
             out.append(played)
         self.ledger.add_compensation(compensated, spent)
         return tuple(out)
@@ -271,9 +299,14 @@ class LineReceiver:
         return LinkCount(self._sent, self._received, self._applied, self.lost, self._late, self._duplicate, pending)
 
     @property
-    def playout_frames(self) -> int:
+    def playout_frames(self) -> float:
         """Playout delay now [frames]."""
         return self._jitter_buffer.frames
+
+    @property
+    def spare(self) -> int:
+        """Ticks by which the sender may send its frames later, and all but `late` of them are in time; below 0: sooner."""
+        return self._jitter_buffer.spare()
 
     def playout_account(self) -> PlayoutAccount:
         """Return how the frames were played out so far."""

@@ -42,7 +42,7 @@ class Tick(Record, frozen=True, gc=False):
     lost: int = 0  # frames from the server, so far
     state: str = "live"  # of the client's safety
     skipped: int = 0  # ticks, so far
-    playout_frames: int | None = None  # playout delay now; none without waves
+    playout_frames: float | None = None  # playout delay now; none without waves
     given_mps: Row | None = None  # the sample's own velocity where it is not `velocity_mps`
     unfit: tuple[tuple[str, ...], tuple[str, ...] | None] | None = None  # a sample with numbers that are not finite
     age_ticks: int = 0  # how old the sample was

@@ -116,9 +116,20 @@ def decimator_row(person: Person, ticks: int) -> Array:
 
 
 def wave_frame(person: Person, rates: Rates) -> StateSpace:
-    """Return one frame of the wave scheme: input v, held over its ticks (P eq. 15); output the wave sent (P eq. 14)."""
-    M = rates.ticks_per_frame
-    return through(np.ones((M, 1)), lift(wave_tick(person, rates), M), decimator_row(person, M)[None, :])
+    """Return one frame of the wave scheme: input v, held over its ticks (P eq. 15); output the wave sent (P eq. 14).
+
+    With a delay of whole frames and p ticks, the frame that is sent has the last p ticks of the frame of v before, and then all
+    but the last p of this one. So the output is the part of those, and one frame later that of the others.
+    """
+    M, p = rates.ticks_per_frame, person.split_ticks
+    row = decimator_row(person, M)
+    ticks = lift(wave_tick(person, rates), M)
+    if not p:
+        return through(np.ones((M, 1)), ticks, row[None, :])
+    parts = np.zeros((2, M))
+    parts[0, : M - p], parts[1, M - p :] = row[p:], row[:p]
+    later = StateSpace(np.zeros((1, 1)), np.array([[0.0, 1.0]]), np.ones((1, 1)), np.array([[1.0, 0.0]]))
+    return series(through(np.ones((M, 1)), ticks, parts), later)
 
 
 def coupled_tick(person: Person, stiffness: Array, rates: Rates) -> StateSpace:

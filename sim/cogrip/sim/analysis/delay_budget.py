@@ -85,5 +85,5 @@ def _line(direction: str, delay: OneWayDelay, rates: Rates) -> tuple[Stage, ...]
         Stage(direction, "link", delay.link_ticks * T, "as configured"),
         Stage(direction, "tick wait", delay.tick_wait_ticks * T, "to the receiver's next tick"),
         Stage(direction, "frame wait", delay.frame_wait_ticks * T, "to the next frame border"),
-        Stage(direction, "playout", delay.playout_ticks * T, "frames kept in hand against jitter"),
+        Stage(direction, "playout", delay.playout_ticks * T, "kept in hand against jitter"),
     )

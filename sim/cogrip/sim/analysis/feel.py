@@ -85,7 +85,7 @@ def impedance(session: LinearSession, user: int, omega_rad_s: Array) -> Complex:
     G = np.zeros((len(w), width * N, width * N), dtype=np.complex128)
     for number, other in enumerate(session.people):
         mine = slice(number * width, (number + 1) * width)
-        frames = other.up.frames + other.down.frames + kind.server_delay
+        frames = other.up_frames + other.down_frames + kind.server_delay
         if number == user:
             answer = reflected(other, rates, z) if width == 1 else np.zeros((len(w), width, width))
         else:
@@ -194,7 +194,8 @@ def decimated(person: Person, rates: Rates, w: Array) -> Complex:
 def reflected(person: Person, rates: Rates, z: Complex) -> Complex:
     """Return R, shape (W, 1, 1): the wave that a client sends back whose device is held still."""
     ticks = np.arange(rates.ticks_per_frame)
-    held = z[:, None] ** ((ticks - booked_late(person)) // rates.ticks_per_frame)  # by the frame that it came in
+    before = person.split_ticks + booked_late(person)
+    held = z[:, None] ** ((ticks - before) // rates.ticks_per_frame)  # by the frame that it came in
     row: Array | Complex = decimator_row(person, rates.ticks_per_frame)
     if person.decimator == "lowpass":
         pole = lowpass_pole(person.lowpass_rad_s, rates)

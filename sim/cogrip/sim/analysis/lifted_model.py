@@ -18,6 +18,9 @@ is without delay: with G all users' chains and S the server, D_G = 0 and P eq. 3
 States: for each user the frames on the way down, the client's (position x, velocity y, velocity estimator, what is kept
 where samples are old, filter), the frames on the way up; then the server's (stretches e, object x_o and v_o, forces of the
 step before for `paper`).
+
+Only the delay of both ways together counts. What it has beyond whole frames splits the frame that is sent: its first ticks
+still have the wave before (`wave_frame`).
 """
 
 from __future__ import annotations
@@ -78,8 +81,8 @@ class LiftedModel:
         self.session = session
         self.kind = kind = KINDS[session.scheme]
         self.users = len(session.people)
-        self._ups = [delay(kind.width, person.up.frames) for person in session.people]
-        self._downs = [delay(kind.width, person.down.frames + kind.server_delay) for person in session.people]
+        self._ups = [delay(kind.width, person.up_frames) for person in session.people]
+        self._downs = [delay(kind.width, person.down_frames + kind.server_delay) for person in session.people]
         here = np.array(session.stiffness_npm)
         clients = [self.client(number, here) for number in range(self.users)]
         self._clients_always = None if kind.stiff_client else clients
@@ -109,7 +112,7 @@ class LiftedModel:
         server = self.kind.server(self.session, stiffness_npm).response(z)
         loop = np.empty((*z.shape, width * N, width * N), dtype=np.complex128)
         for number, person in enumerate(self.session.people):
-            frames = person.up.frames + person.down.frames + self.kind.server_delay
+            frames = person.up_frames + person.down_frames + self.kind.server_delay
             client = self._clients_always[number] if self._clients_always else self.client(number, stiffness_npm)
             mine = slice(number * width, (number + 1) * width)
             loop[..., mine, :] = (client.response(z) * z[..., None, None] ** -frames) @ server[..., mine, :]

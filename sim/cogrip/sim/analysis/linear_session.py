@@ -15,7 +15,7 @@ from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.protocol.line.delays import OneWayDelay, expected_frames, one_way
+from cogrip.protocol.line.delays import OneWayDelay, line_delay, one_way
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.settings import Coupling, SeatSettings, Settings, User, seat_axes, seat_settings
@@ -39,7 +39,7 @@ class Person:
     estimated                             the force law reads the client's velocity estimate, not the exact velocity
     impedance_nspm                        b
     stiffness_npm, damping_nspm           K, B of the spring to the object
-    up, down                              delay of the line in each direction, whole frames
+    up, down                              delay of the line in each direction
     rates                                 of this user's device, and the room's network
     memory                                of that estimate, see `AlphaBeta`
     latency_ticks                         age of a sample when it is read
@@ -62,6 +62,21 @@ class Person:
     estimated: bool = False
     memory: float = MEMORY
     latency_ticks: int = 0
+
+    @property
+    def down_frames(self) -> int:
+        """Whole frames on the way down."""
+        return self.down.ticks // self.rates.ticks_per_frame
+
+    @property
+    def up_frames(self) -> int:
+        """Whole frames on the way up, with what is left of the way down: together they are the whole frames of both."""
+        return (self.up.ticks + self.down.ticks) // self.rates.ticks_per_frame - self.down_frames
+
+    @property
+    def split_ticks(self) -> int:
+        """Ticks of both ways beyond whole frames: a frame that is sent has so many from before the newest wave."""
+        return (self.up.ticks + self.down.ticks) % self.rates.ticks_per_frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,17 +206,14 @@ def _simulated(person: Person, user: User, device: Device, hands: bool, estimate
 
 def line_delays(seat: SeatSettings, delay_frames: float | None = None) -> tuple[OneWayDelay, OneWayDelay]:
     """Return the delays up and down; virtual coupling has no playout. Raises ModelError for a delay below 0."""
-    directions = (seat.up.delay_ms, seat.down.delay_ms)
-    held = [
-        expected_frames(seat.playout, direction, seat.rates) if seat.coupling.kind == "wave" else 0
-        for direction in (seat.up, seat.down)
-    ]
     if delay_frames is not None:
         if not 0.0 <= delay_frames <= MOST_FRAMES:
             raise ModelError(f"delay of {delay_frames:g} frames each way is out of 0 to {MOST_FRAMES}")
-        directions, held = (delay_frames * seat.rates.frame_s * 1e3,) * 2, [0, 0]
-    up, down = (one_way(delay_ms, playout, seat.rates) for delay_ms, playout in zip(directions, held, strict=True))
-    return up, down
+        way = one_way(delay_frames * seat.rates.frame_s * 1e3, 0, seat.rates)
+        return way, way
+    if seat.coupling.kind == "wave":
+        return line_delay(seat.playout, seat.up, seat.rates), line_delay(seat.playout, seat.down, seat.rates)
+    return one_way(seat.up.delay_ms, 0, seat.rates), one_way(seat.down.delay_ms, 0, seat.rates)
 
 
 def rounding_notes(session: LinearSession) -> tuple[str, ...]:

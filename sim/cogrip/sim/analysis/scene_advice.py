@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from cogrip.protocol.felt_stiffness import felt_stiffness
-from cogrip.protocol.line.delays import expected_frames, one_way
+from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
 from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, held_by, load_scene
 from cogrip.sim.analysis.advice import Finding, overloads, plain, unbounded
@@ -34,10 +34,7 @@ def _felt(scene: Scene, seat: SeatSettings) -> Finding:
     """Return the stiffness and the mass that a hand feels (theory 8.4)."""
     tool_kg = float(scene.model.body_mass[scene.tools[seat.seat].body])
     b, frame_s = seat.coupling.impedance_nspm, seat.rates.frame_s
-    frames = sum(
-        one_way(link.delay_ms, expected_frames(seat.playout, link, seat.rates), seat.rates).frames
-        for link in (seat.up, seat.down)
-    )
+    frames = sum(line_delay(seat.playout, link, seat.rates).frames for link in (seat.up, seat.down))
     loop_frames = frames + 1.0
     contact_npm = CONTACT_RATE_PS2 * (tool_kg + b * float(scene.model.opt.timestep))
     felt_npm = felt_stiffness(contact_npm, seat.line_compliance(loop_frames))

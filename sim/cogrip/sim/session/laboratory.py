@@ -1,11 +1,11 @@
 """A whole session in virtual time: the cores of the live processes, their datagrams, an emulated link, no sleeping.
 
-At a frame border the order is that of theory section 6: every client senses and sends, what has arrived by now is delivered,
-the server steps, its answers that have arrived by now are delivered, every client acts. A link delay of exactly d frames
-therefore means d frames.
+At a step of the server the order is that of theory section 6: every client senses and sends, what has arrived by now is
+delivered, the server steps, its answers that have arrived by now are delivered, every client acts. A link delay of exactly d
+frames therefore means d frames.
 
-Between two borders every client ticks on its own grid, exactly: those of one rate at the same moments, in seat order. A client
-receives what has arrived when it ticks itself. All begin a frame together.
+Between two steps every client ticks on its own grid, exactly: those of one rate at the same moments, in seat order. A client
+sends what is ready, and receives what has arrived, when it ticks itself; the server learns when it arrived. All begin together.
 
 People may leave and return, lose their address, or their server: `leave`, `come`, `lose_address`, `kill` and `restart`, each
 between two frames. A network path is an address here, and path migration gives another one.
@@ -210,10 +210,10 @@ class Laboratory:
             if next_ns is None or next_ns > now_ns:
                 continue
             migration, hello = person.migration, person.core.session.hello
-            for datagram in person.up.due(now_ns):
+            for at_ns, datagram in person.up.arrivals(now_ns):
                 address = migration.newest if datagram == hello else migration.path
                 if self.alive and address not in person.lost:
-                    self.server.receive(datagram, address, now_ns)
+                    self.server.receive(datagram, address, at_ns)
 
     def _from_server(self) -> None:
         outbox = self.server.outbox
@@ -243,8 +243,8 @@ class Laboratory:
             person = self.people[number]
             now_ns = self.now_ns = due_ns(0, self._frame * person.ticks_per_frame + step, person.rates.device_hz)
             self._sense(moment, step == 0)
+            self._from_clients()
             if step == 0:
-                self._from_clients()
                 self._to_server()
                 if self.alive:
                     self.server.tick(self.room, now_ns)

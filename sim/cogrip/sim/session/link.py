@@ -241,11 +241,15 @@ class LinkEmulator:
 
     def due(self, now_ns: int) -> list[bytes]:
         """Remove and return what has arrived by now_ns, in order of arrival, ties in order of sending."""
+        return [payload for _, payload in self.arrivals(now_ns)]
+
+    def arrivals(self, now_ns: int) -> list[tuple[int, bytes]]:
+        """Remove and return what has arrived by now_ns, each with its time."""
         flight = self._flight
-        arrived: list[bytes] = []
+        arrived: list[tuple[int, bytes]] = []
         while flight and flight[0][0] <= now_ns:
-            _, number, copy, payload = heapq.heappop(flight)
-            arrived.append(payload)
+            at_ns, number, copy, payload = heapq.heappop(flight)
+            arrived.append((at_ns, payload))
             if number > self._highest:
                 self._highest = number
             elif number < self._highest and not copy:
