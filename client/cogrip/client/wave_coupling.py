@@ -246,20 +246,21 @@ class WaveCoupling(Coupling[Waves]):
 
     def start_frame(self) -> int:
         """Play the returning wave of the next frame, held over its ticks: lossless (P eq. 3-5)."""
-        self.returning = wave = self.down.pop()
+        self._play(self.down.pop())
         receiver = self.down.receiver
         if receiver.metadata is not None and (acknowledged := receiver.metadata[2]):
             since = self.up.since(acknowledged - 1)
             if since is not None:
                 self.loops.add(since + self.up.frame_ticks)
-        most = self._most_wave
-        self.implausible = max(wave) > most or min(wave) < -most
-        if self.implausible:
-            self.returning = tuple([min(max(v, -most), most) for v in wave])
         margin = self.down.margin_j
         if margin is not None and (self.down_margin_j is None or margin < self.down_margin_j):
             self.down_margin_j = margin
         return receiver.hold
+
+    def _play(self, wave: Row) -> None:
+        most = self._most_wave
+        self.implausible = max(wave) > most or min(wave) < -most
+        self.returning = tuple([min(max(v, -most), most) for v in wave]) if self.implausible else wave
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
         """Return F = b xdot - sqrt(2b) v (P eq. 16), with the velocity estimated now."""
@@ -307,6 +308,8 @@ class WaveCoupling(Coupling[Waves]):
         if fits:
             self.object_state = message.state
             self.up.spare, self._acknowledged = message.phase, message.acknowledged
+            if receiver.overdue is not None and early:
+                self._play(receiver.play_overdue(early))
         return fits
 
     @property

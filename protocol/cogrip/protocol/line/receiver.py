@@ -33,6 +33,7 @@ class LineReceiver:
     played    the frame popped last had come in time
     gap       it had not, or the pop repeats: what was popped is a filling
     hold      ticks for which what was popped last is to be played; a server, which moves by whole frames, plays a step
+    overdue   the frame that a filling stands for now, if it has come meanwhile
     ledger    energy ledger of this direction
     """
 
@@ -71,6 +72,8 @@ class LineReceiver:
         self._late_wave: Frame | None = None  # the newest wave of all, come too late
         self._fresh = False  # a newer frame than any before has come since the last pop
         self._last = self._zero  # wave popped last
+        self._concealing = False  # it stands for a frame that was missing
+        self.overdue: Frame | None = None
 
         self._due_frames = self._received = self._applied = self._late = self._duplicate = 0
         self._concealed = self._gap_length = self._longest_gap = 0
@@ -134,6 +137,8 @@ class LineReceiver:
             elif number in missing:
                 missing.discard(number)
                 self._late += 1
+                if number == cursor - 1 and self._concealing:
+                    self.overdue = waves[start : start + axes]
             else:
                 continue
             self._received += 1
@@ -170,8 +175,8 @@ class LineReceiver:
 
         frames: 1, and 1 more for each frame that the loop missed.
         """
-        self.metadata = None
-        self.played = False
+        self.metadata = self.overdue = None
+        self.played = self._concealing = False
         number = self._cursor
         if number is None:
             if self.newest < 0:
@@ -201,6 +206,7 @@ class LineReceiver:
         elif number >= 0:
             self._miss(number)
             frame = self._fill(late, self.newest < number)
+            self._concealing = True
             self.ledger.add_filling(frame)
         else:
             frame = self._zero
@@ -211,6 +217,19 @@ class LineReceiver:
         played = self._play(frame, part)
         self.metadata = self._metadata.pop(number, None)
         return played
+
+    def play_overdue(self, ticks: int) -> Frame:
+        """Return the frame that is overdue, to be played for the `ticks` that are left of its time, in place of its filling.
+
+        The filling had the energy of the line until then, the rest has the frame's own.
+        """
+        frame, part = self.overdue, ticks / self._ticks
+        assert frame is not None
+        self._owe(self._last, part)
+        self._owe(frame, -part)
+        self._played_j.add(part * self._half_frame_s * (_square(frame) - _square(self._last)))
+        self.overdue, self._concealing, self._last = None, False, frame
+        return frame
 
     def _owe(self, frame: Frame, part: float) -> None:
         """Enter that this part of a frame is not played, below 0 that it is played as well."""
@@ -257,10 +276,7 @@ class LineReceiver:
         """Add this frame's compensation and count the energy. part: of a frame, for which it is played."""
         if self.ledger.disturbed:
             frame = self._compensate(frame, part)
-        square = 0.0
-        for value in frame:
-            square += value * value
-        self._played_j.add(part * square * self._half_frame_s)
+        self._played_j.add(part * _square(frame) * self._half_frame_s)
         self._last = frame
         return frame
 
@@ -313,3 +329,10 @@ class LineReceiver:
         buffer = self._jitter_buffer
         mean, least, most = buffer.depths()
         return PlayoutAccount(mean, least, most, buffer.repeated, buffer.skipped, self._concealed, self._longest_gap)
+
+
+def _square(frame: Frame) -> float:
+    square = 0.0
+    for value in frame:
+        square += value * value
+    return square
