@@ -8,15 +8,25 @@ from rich.console import Group
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import plain_table
-from cogrip.protocol.line.delays import expected_frames, one_way
-from cogrip.protocol.line.jitter_buffer import cost, weight_frames
+from cogrip.protocol.line.delays import line_delay
+from cogrip.protocol.line.receiver import LATE
 from cogrip.protocol.link_profile import Link
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.rates import Hz, Rates
 from cogrip.protocol.settings import Playout
 from cogrip.sim.runs.folder import finite
 
-from tests.bench.playout_trial import NothingCameError, Played, arrivals, beaten, best_fixed, fixed_delays, play, ratio
+from tests.bench.playout_trial import (
+    TICKS,
+    NothingCameError,
+    Played,
+    arrivals,
+    beaten,
+    best_fixed,
+    fixed_delays,
+    play,
+    ratio,
+)
 
 BOUND = 1.2  # of the best fixed depth's delay, and of the frames that it loses to lateness
 DIRECTIONS = ("up", "down")
@@ -35,10 +45,11 @@ def bench_playout(
 ) -> int:
     """Play the same datagrams out with frames = "auto" and at every fixed depth, on each profile, in both directions.
 
-    The best fixed depth is chosen with hindsight over all seeds: of one whole delay through all runs, the one with the least
-    delay + W late / in time, W = 0.5 s. held is the delay beyond the quickest datagram; late are the frames that came and were
-    not played, what was passed over among them. "frames" is the best of the numbers that [playout] takes, by the same measure:
-    it counts from the first datagram, whose jitter is luck. beaten: whether any fixed delay is better by 1.2 times in both.
+    The best fixed depth is chosen with hindsight over all seeds: of one delay in ticks through all runs, the shortest with no
+    more late frames than `playout.late` allows. held is the delay beyond the quickest datagram; late are the frames that came
+    and were not played in time, what was passed over among them. "frames" is the least of the numbers that [playout] takes that
+    keeps the same rate: it counts from the first datagram, whose jitter is luck. beaten: whether any fixed delay is better by
+    1.2 times in both.
 
     Parameters
     ----------
@@ -85,41 +96,38 @@ def _trial(name: str, direction: Any, seeds: int, seconds: float, network_hz: in
     runs = [arrivals(link, f"{seed}/{direction}", seconds, network_hz) for seed in range(1, seeds + 1)]
     ours = [play(run, "auto") for run in runs]
     delays = fixed_delays(runs)
-    quickest = delays[0].delay_frames
-    best = best_fixed(delays, network_hz)
-    depth = best.delay_frames - quickest
-    numbers = {frames: [play(run, frames) for run in runs] for frames in range(max(0, depth - 2), depth + 2)}
-    chosen = min(numbers, key=lambda frames: _mean_cost(numbers[frames], network_hz))
+    quickest = delays[0].delay_ticks
+    best = best_fixed(delays)
+    depth = -(-(best.delay_ticks - quickest) // TICKS)
+    numbers = {frames: [play(run, frames) for run in runs] for frames in range(max(0, depth - 2), depth + 3)}
+    chosen = next((frames for frames in numbers if _late(numbers[frames]) <= LATE), depth + 2)
     delay, late = _delay(ours), _late(ours)
-    link_frames = link.delay_ms * 1e-3 * network_hz
-    border = one_way(link.delay_ms, 0, Rates(network_hz, network_hz)).frames
+    tick_ms = 1e3 / network_hz / TICKS
+    link_ticks = link.delay_ms / tick_ms
+    expected = line_delay(Playout(frames="auto"), link, Rates(network_hz * TICKS, network_hz)).ticks
     return {
         "profile": name,
         "direction": direction,
-        "delay_ms": 1e3 * delay / network_hz,
-        "held_frames": delay - quickest,
+        "delay_ms": delay * tick_ms,
+        "held_ms": (delay - quickest) * tick_ms,
         "late_share": late,
         "moves_a_minute": sum(one.account.repeated + one.account.skipped for one in ours) / seeds / seconds * 60.0,
         "most_frames": max(one.account.most_frames for one in ours),
-        "best_frames": depth,
+        "best_held_ms": (best.delay_ticks - quickest) * tick_ms,
         "best_late_share": best.late / best.sent,
-        "best_delay_ms": 1e3 * best.delay_frames / network_hz,
-        "delay_ratio": max(
-            ratio(delay, best.delay_frames), ratio(delay - link_frames, best.delay_frames - link_frames)
-        ),
-        "late_ratio": ratio(late, best.late / best.sent),
+        "best_delay_ms": best.delay_ticks * tick_ms,
+        "delay_ratio": max(ratio(delay, best.delay_ticks), ratio(delay - link_ticks, best.delay_ticks - link_ticks)),
+        "late_ratio": late / LATE,
         "beaten": beaten(delays, delay, late, BOUND),
-        "expected_frames": expected_frames(Playout(frames="auto"), link, Rates(network_hz, network_hz))
-        + border
-        - quickest,
+        "expected_ms": expected * tick_ms,
         "number": chosen,
-        "number_delay_ms": 1e3 * _delay(numbers[chosen]) / network_hz,
+        "number_delay_ms": _delay(numbers[chosen]) * tick_ms,
         "number_late_share": _late(numbers[chosen]),
     }
 
 
 def _delay(runs: list[Played]) -> float:
-    return sum(run.delay_frames for run in runs) / len(runs)
+    return sum(run.delay_ticks for run in runs) / len(runs)
 
 
 def _late(runs: list[Played]) -> float:
@@ -127,11 +135,6 @@ def _late(runs: list[Played]) -> float:
     if not sent:
         raise NothingCameError("nothing was played out before the end")
     return sum(run.late for run in runs) / sent
-
-
-def _mean_cost(runs: list[Played], network_hz: int) -> float:
-    late = _late(runs)
-    return cost(_delay(runs), late, 1.0 - late, weight_frames(1.0 / network_hz))
 
 
 def _table(rows: list[dict[str, Any]], network_hz: int) -> Group:
@@ -144,14 +147,14 @@ def _table(rows: list[dict[str, Any]], network_hz: int) -> Group:
     for row in rows:
         direction = f"{row['profile']} {row['direction']}"
         beside.append([
-            direction, f"{row['delay_ms']:.2f}", f"{row['held_frames']:.2f}", f"{100 * row['late_share']:.3f}",
-            f"{row['moves_a_minute']:.1f}", f"{row['best_delay_ms']:.2f}", str(row["best_frames"]),
+            direction, f"{row['delay_ms']:.2f}", f"{row['held_ms']:.2f}", f"{100 * row['late_share']:.3f}",
+            f"{row['moves_a_minute']:.1f}", f"{row['best_delay_ms']:.2f}", f"{row['best_held_ms']:.2f}",
             f"{100 * row['best_late_share']:.3f}", f"{row['delay_ratio']:.3f}", f"{row['late_ratio']:.3f}",
             "yes" if row["beaten"] else "no",
         ])  # fmt: skip
         share = f"{100 * row['number_late_share']:.3f}"
         numbers.append(
-            [direction, str(row["number"]), f"{row['number_delay_ms']:.2f}", share, str(row["expected_frames"])]
+            [direction, str(row["number"]), f"{row['number_delay_ms']:.2f}", share, f"{row['expected_ms']:.2f}"]
         )
     title = f"auto beside the best fixed depth, {network_hz} frames a second"
     second = ("direction", "frames", "ms", "late %", "expected of auto")
