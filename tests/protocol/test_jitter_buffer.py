@@ -341,7 +341,11 @@ def test_what_is_set_is_what_is_expected() -> None:
     assert line_delay(Playout(frames="auto", redundancy=1), LinkProfile(loss=0.5), rates).ticks == 0
     strict, loose = (Playout(frames="auto", late=late) for late in (0.001, 0.1))
     jitter = LinkProfile(jitter_ms=8.0)
-    assert line_delay(strict, jitter, rates).ticks > line_delay(auto, jitter, rates).ticks > line_delay(loose, jitter, rates).ticks
+    assert (
+        line_delay(strict, jitter, rates).ticks
+        > line_delay(auto, jitter, rates).ticks
+        > line_delay(loose, jitter, rates).ticks
+    )
 
 
 def test_compensation_counts_the_ticks_that_auto_will_hold() -> None:
