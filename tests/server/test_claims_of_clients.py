@@ -33,7 +33,7 @@ def test_claims_push_out_no_seat_session_that_was_measured_as_bad() -> None:
 
 def test_an_old_state_does_not_say_where_the_hand_is() -> None:
     port = StatePort(seat_settings(SETTINGS, 0), SeatLimits(8.5, 2.0, 10.0))
-    assert port.receive(State(7, 5, (0.001,), (0.0,), 0.0, 0, Stamp(1)))
+    assert port.receive(State(7, 5, (0.001,), (0.0,), 0.0, 0, Stamp(1)), 0)
     assert port.hand == (0.001,)
-    port.receive(State(7, 4, (1000.0,), (0.0,), 0.0, 0, Stamp(1)))
+    port.receive(State(7, 4, (1000.0,), (0.0,), 0.0, 0, Stamp(1)), 0)
     assert port.hand == (0.001,)

@@ -52,7 +52,7 @@ def hold(room: Room, frames: range, number: int = 0) -> None:
     for frame in frames:
         port = room.seats[number].port
         assert port is not None
-        assert port.receive(waves(frame))
+        assert port.receive(waves(frame), 0)
         room.tick(frame * FRAME_NS)
 
 
@@ -68,7 +68,7 @@ def test_a_snapshot_says_what_the_room_knows():
     room, pacer = a_room(), Pacer(128, 0)
     take_seat(room)
     hold(room, range(20))
-    assert room.seats[0].port.receive(waves(19)), "a duplicate"
+    assert room.seats[0].port.receive(waves(19), 0), "a duplicate"
     room.seats[0].rtt_ns = 41_000_000
     room.seats[0].clock.read(Stamp(5_010_000_000, 1_000_000_000, 0), 1_040_000_000)  # 40 ms and back, 3.99 s ahead
     for tick in (0, 1, 5):

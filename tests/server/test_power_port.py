@@ -40,7 +40,7 @@ class Seat:
 
     def step(self, message: Power | None) -> tuple[float, ...]:
         if message is not None:
-            assert self.port.receive(message)
+            assert self.port.receive(message, 0)
         if not self.world.holding[0]:
             assert self.port.origin is not None
             self.world.join(0, self.world.position + self.port.origin)
@@ -105,27 +105,27 @@ def test_power_that_is_held_back_is_counted_and_an_honest_hand_is_never_touched(
 def test_a_state_that_no_such_hand_can_be_in_is_dropped_and_counted() -> None:
     seat = Seat(SeatLimits(8.0, 1.0, 8.0))
     seat.step(power(0, 0.0, 0.5, 0.0))
-    assert seat.port.receive(power(1, 0.9, 0.5, 0.0))  # farther than V lets a hand go
-    assert seat.port.receive(power(2, 0.0, 1.1, 0.0))
+    assert seat.port.receive(power(1, 0.9, 0.5, 0.0), 0)  # farther than V lets a hand go
+    assert seat.port.receive(power(2, 0.0, 1.1, 0.0), 0)
     assert seat.port.limited == {"state out of bounds": 2}
     assert seat.port.count().received == 1
 
 
 def test_what_does_not_fit_the_axes_is_unfit() -> None:
     seat = Seat(axes=2)
-    assert not seat.port.receive(power(0, 0.0, 0.0, 0.0, axes=1))
+    assert not seat.port.receive(power(0, 0.0, 0.0, 0.0, axes=1), 0)
     assert seat.port.origin is None
-    assert seat.port.receive(power(0, 0.3, 1.28, 0.0, axes=2))
+    assert seat.port.receive(power(0, 0.3, 1.28, 0.0, axes=2), 0)
     assert seat.port.origin == pytest.approx((0.29, 0.29))  # before the frame that came
 
 
 def test_where_no_message_came_the_proxy_is_asked_for_no_speed_but_still_for_its_place() -> None:
     seat = Seat()
-    assert seat.port.receive(power(0, 0.01, 1.28, 0.5, taken=0.0))
+    assert seat.port.receive(power(0, 0.01, 1.28, 0.5, taken=0.0), 0)
     assert seat.port.pop(1) == (0.01, 1.28, 0.5 + LENT_J, 0.0)
     seat.port.push((2.0, -0.064))  # F w T = -1 mJ: gone in
     assert seat.port.pop(1) == (0.01, 0.0, 0.5 + LENT_J, pytest.approx(1e-3 / CHARGE_DOWN_J))
-    assert seat.port.receive(power(3, 0.01, 0.0, 0.5, taken=5e-4))
+    assert seat.port.receive(power(3, 0.01, 0.0, 0.5, taken=5e-4), 0)
     assert seat.port.pop(1)[3] == pytest.approx(5e-4 / CHARGE_DOWN_J)
     message = seat.port.message(9, Stamp(1), (0.1, 0.2), -0.25)
     assert (message.number, message.force_n, message.entered_j, message.taken_j) == (

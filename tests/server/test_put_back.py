@@ -42,13 +42,13 @@ class Line:
         port, now_ns = self.room.seats[0].port, self.frame * FRAME_NS
         assert port is not None
         if self.room.settings.coupling.kind == "coupling":
-            assert port.receive(State(1, self.frame, (value,), (0.0,), 0.0, 0, Stamp(1)))
+            assert port.receive(State(1, self.frame, (value,), (0.0,), 0.0, 0, Stamp(1)), now_ns)
         else:
             self.sender.push((value,))
             first, waves, total, squares = self.sender.contents()
             self.made_j += 0.5e-9 * FRAME_NS * value * value
             message = Waves(1, first, waves, total, squares, self.made_j, self.made_j, 0, Stamp(1), (0.0, 0.0))
-            assert port.receive(message)
+            assert port.receive(message, now_ns)
         self.sent = [messages.decode(datagram) for _, datagram in self.room.tick(now_ns)]
         self.frame += 1
 

@@ -116,7 +116,9 @@ def test_a_session_stays_passive_and_comes_to_the_depth_that_is_expected(name: s
 
     def note(lab: Laboratory) -> None:
         if lab.seconds > 8.0:  # the first second decides with few frames
-            depths["up"] += [port.playout_frames for seat in lab.room.seats if (port := seat.port) and port.playout_frames]
+            depths["up"] += [
+                port.playout_frames for seat in lab.room.seats if (port := seat.port) and port.playout_frames
+            ]
             depths["down"] += [person.core.coupling.playout_frames or 0.0 for person in lab.people]
 
     lab.run(each_frame=note)
