@@ -17,7 +17,7 @@ from cogrip.client.velocity import AlphaBeta
 from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
-from cogrip.protocol.line.delays import one_way
+from cogrip.protocol.line.delays import OneWayDelay
 from cogrip.protocol.messages import Stamp, State
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.server.schemes import make_world
@@ -104,21 +104,24 @@ class CoresFrame:
 
     def run_ticks(
         self, client: WaveCoupling | VirtualCoupling, person: Person, plant: IdealPlant, error: float, estimate: float
-    ) -> list[float]:
-        """Run M ticks in the order of `ClientCore`; return the estimator's error and estimate after them."""
+    ) -> tuple[list[float], float]:
+        """Run M ticks in the order of `ClientCore`; return the estimator's error and estimate after them, and the wave sent."""
         hz = self.session.people[0].rates.device_hz
         estimator = AlphaBeta(1, 1.0 / hz, person.memory)
         estimator._position, estimator._velocity = [plant.position_m[0] + error], [estimate]
         held = self.push(person, client)
-        for _ in range(self.ticks):
+        sent = 0.0
+        for tick in range(self.ticks):
             velocity = [estimator._velocity[0]] if person.estimated else list(plant.velocity_mps)
             before = plant.position_m[0]
             plant.step((held,), client.force(plant.position_m, velocity))
             client.elapse([(plant.position_m[0] - before) * hz], velocity)
             estimator.update(plant.position_m)
+            if isinstance(client, WaveCoupling) and tick + 1 == self.ticks - person.split_ticks:
+                (sent,) = client.up.decimator.take()
         if not person.estimated:
-            return []
-        return [estimator._position[0] - plant.position_m[0], estimator._velocity[0]]
+            return [], sent
+        return [estimator._position[0] - plant.position_m[0], estimator._velocity[0]], sent
 
     def frame(self, state: Array) -> Array:
         return self.coupled_frame(state) if self.session.scheme == "coupling" else self.wave_frame(state)
@@ -130,12 +133,18 @@ class CoresFrame:
             down, own, up = state[layout.downs[number]], state[layout.clients[number]], state[layout.ups[number]]
             client, plant = WaveCoupling(seat), self.plant(person, own[0], own[1])
             client.returning = (float(down[-1]),)
+            split = person.split_ticks > 0 and person.decimator == "boxcar"  # the others send the last sample of a frame alone
             if person.decimator == "lowpass":
                 client.up.decimator._state = [float(own[-1])]
-            extra = self.run_ticks(client, person, plant, *(own[2:4] if person.estimated else (0.0, 0.0)))
-            (sent,) = client.up.decimator.take()
+            if split:
+                client.up.decimator._sum = [float(own[-1]) * self.ticks]
+            extra, sent = self.run_ticks(client, person, plant, *(own[2:4] if person.estimated else (0.0, 0.0)))
             after = [plant.position_m[0], plant.velocity_mps[0], *extra]
-            out[layout.clients[number]] = [*after, sent] if person.decimator == "lowpass" else after
+            if person.decimator == "lowpass":
+                after += client.up.decimator._state
+            if split:  # what the next frame has of this one
+                after.append(client.up.decimator._sum[0] / self.ticks)
+            out[layout.clients[number]] = after
             arrived.append(up[-1] if up.size else sent)
             out[layout.ups[number]] = np.append(sent, up)[:-1] if up.size else []
         world = self.world(state[layout.server])
@@ -161,7 +170,7 @@ class CoresFrame:
             seen = down[-2:] if down.size else here
             client.receive(State(1, 0, (float(seen[0]),), (float(seen[1]),), 0.0, 0, Stamp(0)))
             client.start_frame()
-            extra = self.run_ticks(client, person, plant, *(own[2:4] if person.estimated else (0.0, 0.0)))
+            extra, _ = self.run_ticks(client, person, plant, *(own[2:4] if person.estimated else (0.0, 0.0)))
             told = np.array([own[0], own[3] if person.estimated else own[1]])
             out[layout.clients[number]] = [plant.position_m[0], plant.velocity_mps[0], *extra]
             inputs.append(up[-2:] if up.size else told)
@@ -275,9 +284,8 @@ def sessions(draw: st.DrawFn) -> tuple[Settings, LiftedModel]:
     }
     resolved = resolve(table)
     session = linear_session(resolved, hands=True, estimated=estimated)
-    delays = [
-        [one_way(draw(st.integers(0, 4)) * FRAME_MS, 0, session.people[0].rates) for _ in "ud"] for _ in session.people
-    ]
+    ticks = st.integers(0, 4 * M) if scheme != "coupling" else st.integers(0, 4).map(lambda frames: frames * M)
+    delays = [[OneWayDelay(float(draw(ticks)), 0.0, 0.0, 0.0, M) for _ in "ud"] for _ in session.people]
     people = zip(session.people, delays, strict=True)
     session = replace(session, people=tuple(replace(person, up=up, down=down) for person, (up, down) in people))
     if (

@@ -124,10 +124,10 @@ def wave_frame(person: Person, rates: Rates) -> StateSpace:
     M, p = rates.ticks_per_frame, person.split_ticks
     row = decimator_row(person, M)
     ticks = lift(wave_tick(person, rates), M)
-    if not p:
-        return through(np.ones((M, 1)), ticks, row[None, :])
     parts = np.zeros((2, M))
     parts[0, : M - p], parts[1, M - p :] = row[p:], row[:p]
+    if not parts[1].any():
+        return through(np.ones((M, 1)), ticks, parts[:1])
     later = StateSpace(np.zeros((1, 1)), np.array([[0.0, 1.0]]), np.ones((1, 1)), np.array([[1.0, 0.0]]))
     return series(through(np.ones((M, 1)), ticks, parts), later)
 
