@@ -53,7 +53,14 @@ def delayed(which: LinearSession, up: int, down: int) -> LinearSession:
 )
 @settings(deadline=None)
 def test_felt_stiffness_is_theory_4(
-    scheme: str, decimator: str, encoder: str, ticks: tuple[int, int], K: float, b: float, cutoff: float, estimated: bool
+    scheme: str,
+    decimator: str,
+    encoder: str,
+    ticks: tuple[int, int],
+    K: float,
+    b: float,
+    cutoff: float,
+    estimated: bool,
 ) -> None:
     """For any delays with the boxcar; the terms of the others are those of whole frames."""
     if decimator != "boxcar":

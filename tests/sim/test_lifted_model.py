@@ -35,8 +35,6 @@ from cogrip.sim.analysis.linear_session import (
 )
 from cogrip.sim.analysis.stability import verdict
 
-from tests.sim.session_measures import FRAME_MS
-
 Array = NDArray[np.float64]
 STIFFNESSES = (100, 500, 1000, 2000, 5000, 10000, 20000)
 PAPER = {
@@ -133,7 +131,9 @@ class CoresFrame:
             down, own, up = state[layout.downs[number]], state[layout.clients[number]], state[layout.ups[number]]
             client, plant = WaveCoupling(seat), self.plant(person, own[0], own[1])
             client.returning = (float(down[-1]),)
-            split = person.split_ticks > 0 and person.decimator == "boxcar"  # the others send the last sample of a frame alone
+            split = (
+                person.split_ticks > 0 and person.decimator == "boxcar"
+            )  # the others send the last sample of a frame alone
             if person.decimator == "lowpass":
                 client.up.decimator._state = [float(own[-1])]
             if split:

@@ -10,6 +10,7 @@ from math import sqrt
 from typing import Annotated, Any, Literal, assert_never
 
 import msgspec
+from msgspec.structs import replace
 
 from cogrip.protocol import decimation
 from cogrip.protocol import felt_stiffness as felt
@@ -17,6 +18,7 @@ from cogrip.protocol import setting_types as types
 from cogrip.protocol.line.concealment import Concealed
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.link_profile import Link, LinkProfile, check_link
+from cogrip.protocol.network_rate import best_rate, take_auto
 from cogrip.protocol.object_kinds import KindText, LocalKindText, kind_of, shared_kind, unfit_kind
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
 from cogrip.protocol.setting_types import MOST_RENDERED_NPM, MOST_WAVES, PLACES, POSE_AXES, Name, Seconds, Seed, Side
@@ -214,6 +216,7 @@ def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
         merged.pop("link", None)
     for key, value in (overrides or {}).items():
         override(merged, key, value, ONLY_USER)
+    automatic = take_auto(merged)
     refuse_unknown(merged, Settings)
     users = merged.get("users")
     for index, user in enumerate(users if isinstance(users, list) else ()):
@@ -223,32 +226,32 @@ def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
         settings = msgspec.convert(merged, Settings)
     except msgspec.ValidationError as error:
         raise SettingsError(readable(str(error), merged, Settings)) from None
+    if automatic:
+        settings = replace(settings, rates=replace(settings.rates, network_hz=_best_rate(settings)))
     _check_fit(settings)
     return settings
+
+
+def _best_rate(settings: Settings) -> int:
+    device_hz = [user.device_hz or settings.rates.device_hz for user in settings.users]
+    ways = [settings.link.direction("up"), settings.link.direction("down")]
+    return best_rate(device_hz, settings.object.axes, not kind_of(settings.object.kind).spring, settings.playout, ways)
 
 
 def for_remote_clients(settings: Settings) -> Settings:
     """Return the settings of a room that other machines may join: device records have bounds in any case."""
     admission = settings.admission
     bounds = {name: bound for name, bound in REMOTE.items() if getattr(admission, name) is None}
-    return msgspec.structs.replace(settings, admission=msgspec.structs.replace(admission, **bounds))
+    return replace(settings, admission=replace(admission, **bounds))
 
 
 def coupling_of(settings: Settings, user: User) -> Coupling:
     """Return [coupling] with this user's own values."""
     names = (
-        "impedance_nspm",
-        "stiffness_npm",
-        "damping_nspm",
-        "decimator",
-        "encoder",
-        "compensate",
-        "rotational_impedance_nms",
-    )
+        "impedance_nspm", "stiffness_npm", "damping_nspm", "decimator", "encoder", "compensate", "rotational_impedance_nms"
+    )  # fmt: skip
     own = {name: getattr(user, name) for name in names}
-    return msgspec.structs.replace(
-        settings.coupling, **{name: value for name, value in own.items() if value is not None}
-    )
+    return replace(settings.coupling, **{name: value for name, value in own.items() if value is not None})
 
 
 def not_passive(settings: Settings) -> str:

@@ -140,7 +140,9 @@ class LineReceiver:
                 if number == cursor - 1 and self._concealing:
                     self.overdue = waves[start : start + axes]
             else:
-                if adapts and number == newest < cursor - HISTORY:  # from longer ago than is remembered: it still says how late they are
+                if (
+                    adapts and number == newest < cursor - HISTORY
+                ):  # from longer ago than is remembered: it still says how late they are
                     self._jitter_buffer.arrived(number - cursor, early, phase)
                 continue
             self._received += 1
