@@ -208,7 +208,7 @@ class Ends:
             self.client.elapse(speed, speed)
         self.client.end_frame()
         message = self.client.message(1, Stamp(0), (0.0,), (0.0,), (0.0,))
-        assert self.port.receive(msgspec.structs.replace(message, made_j=message.made_j - hidden_j))
+        assert self.port.receive(msgspec.structs.replace(message, made_j=message.made_j - hidden_j), 0)
         self.port.pop(1)
 
 

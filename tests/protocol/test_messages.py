@@ -25,7 +25,7 @@ TIMES = accounts.Percentiles(0.1, 0.1, 0.1, 0.1)
 ROW = (0.1, 0.1, 0.1)
 POSE = ROW + ROW
 TURNED = (0.5, -0.5, 0.5, 0.5)
-PLAYOUT = PlayoutAccount(0.1, *[BIG] * 6)
+PLAYOUT = PlayoutAccount(0.1, 0.1, 0.1, *[BIG] * 4)
 TICKS = TickCount(BIG, BIG, TIMES, TIMES)
 CLIENT = ClientAccount(
     POSE, POSE, *[0.1] * 6, COUNT, TIMES, TICKS, True, "s" * 40, "r" * 300, 0.1, PLAYOUT,
@@ -63,9 +63,9 @@ LARGEST: dict[str, messages.AnyMessage] = {
         0.1,
         0.1,
     ),
-    "welcome": messages.Welcome(2**53, BIG, BIG, WORDS, WORDS, LONGEST_SEAT, SECRET, "observer"),
+    "welcome": messages.Welcome(2**53, BIG, BIG, WIDE * 32, WORDS, LONGEST_SEAT, SECRET, "observer"),
     "refuse": messages.Refuse(2**53, BIG, WORDS, "r" * messages.TEXT_BYTES),
-    "waves": messages.Waves(BIG, 2**53, (0.1,) * 96, POSE, POSE, 0.1, 0.1, 2**53, STAMP, (0.1,) * 15),
+    "waves": messages.Waves(BIG, 2**53, (0.1,) * 90, POSE, POSE, 0.1, 0.1, 2**53, STAMP, (0.1,) * 15, -(2**31), 2**53),
     "state": messages.State(BIG, 2**53, POSE, POSE, 0.1, 2**53, STAMP),
     "heartbeat": messages.Heartbeat(BIG, STAMP),
     "leave": messages.Leave(BIG, "r" * messages.LEAVE_TEXT_BYTES, CLIENT),
@@ -103,6 +103,7 @@ quaternions = tuples(st.floats(0.1, 1.0), 4, 4).map(lambda row: tuple(each / mat
 poses = st.tuples(
     st.integers(0, 1023), st.tuples(tuples(st.floats(-1e3, 1e3), 3, 3), quaternions).map(lambda two: two[0] + two[1])
 )
+digests = st.text(max_size=32)
 hellos = st.builds(
     Hello, st.just(messages.MAGIC), counters, short_texts, nanoseconds, short_texts, short_texts, short_texts, short_texts,
     st.integers(1, 6), st.floats(1.0, 1e6), bounds, bounds, roles, secrets, secrets,
@@ -111,12 +112,12 @@ hellos = st.builds(
 anything = st.one_of(
     hellos,
     st.builds(
-        messages.Welcome, counters, nanoseconds, sessions, short_texts, short_texts, st.just(LONGEST_SEAT), secrets, roles
+        messages.Welcome, counters, nanoseconds, sessions, digests, short_texts, st.just(LONGEST_SEAT), secrets, roles
     ),
     st.builds(messages.Refuse, counters, nanoseconds, short_texts, texts),
     st.builds(
-        messages.Waves, sessions, counters, tuples(st.floats(-1e4, 1e4), 1, 96), tuples(totals, 1, 6), tuples(totals, 1, 6),
-        totals, totals, counters, stamps, tuples(st.floats(-1e4, 1e4), 2, 15),
+        messages.Waves, sessions, counters, tuples(st.floats(-1e4, 1e4), 1, 90), tuples(totals, 1, 6), tuples(totals, 1, 6),
+        totals, totals, counters, stamps, tuples(st.floats(-1e4, 1e4), 2, 15), st.integers(-(2**31), 2**31), counters,
     ),
     st.builds(
         messages.State, sessions, counters, tuples(st.floats(-1e3, 1e3), 1, 6), tuples(st.floats(-1e4, 1e4), 1, 6), totals,
@@ -137,8 +138,8 @@ anything = st.one_of(
     ),
     st.builds(
         messages.Person, sessions, counters, st.integers(0, 255), short_texts, st.sampled_from(["joining", "live", "silent"]),
-        tuples(st.floats(-1e3, 1e3), 0, 3), tuples(st.floats(-1e3, 1e3), 0, 3), delays, delays, delays, counts, counts,
-        counters, counters, *[st.none() | totals] * 4,
+        tuples(st.floats(-1e3, 1e3), 0, 3), tuples(st.floats(-1e3, 1e3), 0, 3), delays, delays, delays,
+        st.none() | st.floats(0.0, 2.0**53), counts, counters, counters, *[st.none() | totals] * 4,
     ),
     st.builds(messages.Bodies, sessions, counters, st.lists(poses, min_size=1, max_size=39).map(messages.pack_poses)),
     st.builds(
@@ -274,7 +275,7 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
     assert messages.MAX_MESSAGE_BYTES + messages.DTLS_BYTES == messages.MAX_DATAGRAM_BYTES
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
-        "hello": 964, "welcome": 1016, "refuse": 485, "waves": 1188, "state": 176, "power": 341, "heartbeat": 39, "leave": 1180,
+        "hello": 964, "welcome": 998, "refuse": 485, "waves": 1148, "state": 176, "power": 341, "heartbeat": 39, "leave": 1180,
         "farewell": 766, "view": 1008, "person": 349, "bodies": 1193, "geom": 163,
     }  # fmt: skip
     assert max(largest["welcome"], largest["refuse"]) <= HELLO_BYTES, "no answer to anyone is longer than the hello"

@@ -104,7 +104,7 @@ def test_a_wrong_name_is_answered_with_the_right_ones(path: str, values: tuple[s
         ({"users": [{"nam": "a"}]}, "users.0.nam: there is no such setting; did you mean users.0.name?"),
         ({"copling": {}}, "copling: there is no such setting; did you mean coupling?"),
         ({"stiffness_npm": 1}, "stiffness_npm: there is no such setting; did you mean coupling.stiffness_npm?"),
-        ({"playout": {"zzz": 1}}, "playout.zzz: there is no such setting; known here: frames, redundancy, tank_mj"),
+        ({"playout": {"zzz": 1}}, "playout.zzz: there is no such setting; known here: frames, late, redundancy, tank_mj"),
         ({"coupling": {"stiffness_npm": "stiff"}}, "coupling.stiffness_npm: expects a number, in N/m; got 'stiff'"),
         ({"coupling": {"compensate": 1}}, "coupling.compensate: expects true or false; got 1"),
         ({"coupling": 5}, "coupling: expects a table; got 5"),

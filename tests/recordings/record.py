@@ -54,7 +54,7 @@ def live(folder: Path) -> None:
         "--config",
         str(config),
         "--seconds",
-        "0.95",
+        "0.9",
         "--runs",
         str(runs),
     ]

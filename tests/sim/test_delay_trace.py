@@ -123,7 +123,10 @@ EXAMPLE_MAIN = runpy.run_path(str(EXAMPLE))["main"]
 
 @pytest.mark.parametrize(("kind", "direction"), [("wave", "up"), ("wave", "down"), ("tdpa", "up"), ("tdpa", "down")])
 def test_a_recorded_network_can_be_played(tmp_path, capsys, kind: str, direction: str) -> None:
-    run_laboratory(resolve({"seconds": 1.0, "seed": 4, "link": LINK, "coupling": {"kind": kind}}), tmp_path)
+    run_laboratory(
+        resolve({"seconds": 1.0, "seed": 4, "link": LINK, "playout": {"frames": 2}, "coupling": {"kind": kind}}),
+        tmp_path,
+    )
     assert EXAMPLE_MAIN([str(tmp_path), "anna", direction]) == 0
     told = capsys.readouterr().out
     (tmp_path / "trace.csv").write_text(told)

@@ -8,8 +8,10 @@ import pytest
 
 from cogrip.client.core import ClientCore
 from cogrip.devices.simulated.hands import DirectedHand, ImpedanceSettings
+from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.rates import Rates
+from cogrip.protocol.settings import Playout, resolve
 from cogrip.sim.runs.report.tables import people_table
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory, Person
@@ -179,7 +181,7 @@ def reroute(person: Person, delay_ms: float, seconds: float) -> None:
 def test_the_stiffness_is_felt_as_asked_before_and_after_the_delay_changes(
     kind: str, axes: int, before_ms: float, after_ms: float
 ) -> None:
-    """The playout is fixed: it takes its 4 s to follow, and so the loop. Then the spring does."""
+    """The jitter buffer takes up to 4 s to follow, and so does the loop. Then the spring does."""
     device_hz = 1024 if axes == 3 else 512  # at the lower rate three axes are not at rest in time
     session = Felt(kind, axes, [(0.0, before_ms), (3.5, after_ms)], 11.3, device_hz=device_hz)
     felt, summary = session.felt_npm, session.summary
@@ -189,7 +191,7 @@ def test_the_stiffness_is_felt_as_asked_before_and_after_the_delay_changes(
     assert not summary["diverged"]
     assert least_margin(summary) >= -1e-12
     assert summary["server"]["energy_balance_error_j"] < 1e-12
-    frames = {20.0: 3, 40.0: 6}[after_ms]
+    frames = line_delay(Playout(), LinkProfile(delay_ms=after_ms), Rates(device_hz, 128)).frames
     for user in summary["users"]:
         compliance = (2 * frames + 1) * FRAME_MS * 1e-3 / 120.0
         assert user["rendered_npm"] == pytest.approx(K_NPM / (1.0 - K_NPM * compliance), rel=1e-9)
@@ -200,7 +202,10 @@ def test_without_compensation_the_spring_is_the_one_that_was_asked_for_and_the_p
     session = Felt("wall", 1, [(0.0, 20.0), (3.5, 40.0)], 11.3, coupling={"compensate": False})
     [user] = session.summary["users"]
     assert user["rendered_npm"] == K_NPM
-    compliances = [1.0 / K_NPM + (2 * frames + 1) * FRAME_MS * 1e-3 / 120.0 for frames in (3, 6)]
+    delays = [
+        line_delay(Playout(), LinkProfile(delay_ms=delay_ms), Rates(512, 128)).frames for delay_ms in (20.0, 40.0)
+    ]
+    compliances = [1.0 / K_NPM + (2 * frames + 1) * FRAME_MS * 1e-3 / 120.0 for frames in delays]
     assert session.felt_npm[0] == pytest.approx(1.0 / compliances[0], rel=0.01)
     assert session.felt_npm[-1] == pytest.approx(1.0 / compliances[1], rel=0.02)
     assert user["predicted_stiffness_npm"] == pytest.approx(1.0 / compliances[1], rel=1e-9)
@@ -210,13 +215,14 @@ def test_without_compensation_the_spring_is_the_one_that_was_asked_for_and_the_p
 def test_a_delay_that_puts_the_stiffness_out_of_reach_is_said_and_the_hand_feels_what_the_line_allows() -> None:
     session = Felt("wall", 1, [(0.0, 20.0), (3.5, 60.0)], 15.3, stroke_s=0.8, device_hz=1024)
     [user] = session.summary["users"]
-    line_npm = 120.0 / (17 * FRAME_MS * 1e-3)  # 903.5: softer than what is asked for
+    loop_s = (2 * 62 + 8) * TICK_MS * 1e-3  # 60 ms are 62 ticks
+    line_npm = 120.0 / loop_s  # 930.9: softer than what is asked for
     assert user["rendered_npm"] == pytest.approx(100.0 * K_NPM)
     assert session.felt_npm[-1] == pytest.approx(1.0 / (1e-2 / K_NPM + 1.0 / line_npm), rel=0.02)
     told = [event.text for event in session.laboratory.server.events if event.event == "stiffness"]
     assert len(told) == 1
-    assert "u0 is told: a felt stiffness of 1000 N/m is out of reach by the delay now measured (125 ms" in told[0]
-    assert "coupling.impedance_nspm above 66.41 would do" in told[0]
+    assert "u0 is told: a felt stiffness of 1000 N/m is out of reach by the delay now measured (121 ms" in told[0]
+    assert f"coupling.impedance_nspm above {0.5 * K_NPM * loop_s:.4g} would do" in told[0]
     assert least_margin(session.summary) >= -1e-12
 
 

@@ -92,7 +92,8 @@ class ForwardLine:
             going *= scale * scale
         if sent is not mean:
             self._withheld = [h + u - out for h, u, out in zip(held, mean, sent, strict=True)]
-        self.energy.made_now_j = max(self.energy.made_now_j, going)
+        if sent is not mean or self._shift > 0:
+            self.energy.made_now_j = max(self.energy.made_now_j, going)
         self._given.add(brought - going)
         self.sender.push(sent)
         self.energy.end_frame()

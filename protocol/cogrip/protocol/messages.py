@@ -42,6 +42,7 @@ VIEWED_SEATS = 16  # a view has room for so many; further ones are left out
 Axes = msgspec.Meta(min_length=1, max_length=POSE_AXES)
 Text = Annotated[str, msgspec.Meta(max_length=TEXT_BYTES)]
 ShortText = Annotated[str, msgspec.Meta(max_length=SHORT)]
+Digest = Annotated[str, msgspec.Meta(max_length=32)]
 Secret = Annotated[str, msgspec.Meta(max_length=32, pattern=r"^[A-Za-z0-9_-]*\Z")]  # 128 bits in base64url take 22
 Role = Literal["player", "observer"]
 NO_BOUND = 1e6  # a record's bound that is infinite, on the wire
@@ -106,7 +107,7 @@ class Welcome(Message, frozen=True, tag=2):
     version: Counter
     nonce: Ns
     session: Session
-    digest: ShortText
+    digest: Digest
     software: ShortText
     settings: SeatSettings  # an observer's: those of the room's first seat, with the observer's own name
     ticket: Secret = ""

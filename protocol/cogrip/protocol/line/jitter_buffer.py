@@ -18,6 +18,7 @@ LATE_RUN = 16  # borders at which all that came was too late, before a fixed jit
 REALIGN_WINDOW = 128  # fresh datagrams that must agree before a fixed jitter buffer moves by one frame
 
 WINDOW = 1024  # frames whose lateness counts
+HALF_QUIET = 256  # frames: no delay is kept that nothing has needed for so many, or twice as many
 START_S = 1.0 / 32.0  # playing begins with at most this many seconds of frames in hand
 SPACING = 16  # frames from one skip to the next: what a skip leaves out is compensated meanwhile
 QUIET = 64  # frames for which the offset must be too large before one that is there is cut short
@@ -98,10 +99,13 @@ class AdaptiveJitterBuffer:
         self._waits_above = late * (TOLERANCE if quantum > 1 else 1.0)
         self._most_at_first = round(START_S / frame_s)
 
+        furthest = DEEPEST * steps
         self._offset = 0  # o; that of the first frame played is 0
         self._phase = 0  # the sender's: it adds to the lateness of all that comes from now on
         self._recent: deque[int] = deque(maxlen=WINDOW)  # x less the phase at which it was sent
         self._sorted: list[int] = []
+        self._half = 0  # frames of this half of the quiet time
+        self._most_now = self._most_before = -furthest  # largest entry in this half, and in the one before
         self._since_skip = 0  # frames
         self._too_long = 0  # frames for which the offset has been too large
 
@@ -136,12 +140,18 @@ class AdaptiveJitterBuffer:
             del ordered[bisect_left(ordered, recent[0])]
         recent.append(x)
         insort(ordered, x)
+        self._half += 1
+        if self._half > HALF_QUIET:
+            self._half, self._most_before, self._most_now = 1, self._most_now, x
+        elif x > self._most_now:
+            self._most_now = x
 
     @property
     def _target(self) -> int:
-        """Least o at which no more than the late rate is late."""
+        """Least o at which no more than the late rate is late; but once a path is shorter, what it needs now."""
         ordered = self._sorted
-        return ordered[-1 - int(self._late * len(ordered))] + self._phase
+        most = max(self._most_now, self._most_before)
+        return min(ordered[-1 - int(self._late * len(ordered))], most) + self._phase
 
     def spare(self) -> int:
         """Return by how many steps the sender may send later; negative: should send sooner."""
