@@ -116,7 +116,7 @@ def test_free_motion_that_the_line_makes_heavy_is_not_ok(delay_ms: float, level:
 def test_compensation_that_would_not_be_stable_is_not_called_possible() -> None:
     device = "sim:phantom?hand=hold&friction_n=0"
     people = {f"users__{number}__device": device for number in (0, 1)}
-    near, far = (advise(settings_of(link__delay_ms=20.0, coupling__stiffness_npm=K, **people)) for K in (300.0, 620.0))
+    near, far = (advise(settings_of(link__delay_ms=20.0, coupling__stiffness_npm=K, **people)) for K in (300.0, 660.0))
     assert "compensation is possible" in words(near, "feel")
     assert far.users[0].compensated_npm > far.limit.stiffness_npm
     assert "which is not stable" in words(far, "feel")

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cogrip.protocol.line.delays import OneWayDelay
 from cogrip.protocol.settings import resolve
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, linear_session, scheme_overrides
@@ -21,6 +22,10 @@ def session(
     table = {"users": [{"name": f"u{number}"} for number in range(users)]}
     resolved = resolve(table, {**scheme_overrides(scheme), **(overrides or {})})
     return linear_session(resolved, delay_frames=delay, estimated=False)
+
+
+def ticks_long(ticks: int) -> OneWayDelay:
+    return OneWayDelay(float(ticks), 0.0, 0.0, 0.0, 8)
 
 
 def with_person(which: LinearSession, number: int, **changes: Any) -> LinearSession:
@@ -37,6 +42,15 @@ def test_just_below_the_limit_is_stable_and_just_above_is_not(scheme: str, delay
     sides = limit.stiffness_npm * np.array([[1.0 - 1e-4] * 2, [1.0 + 1e-4] * 2])
     below, above = radius(model, sides)
     assert below < 1.0 < above
+
+
+@pytest.mark.parametrize("ticks", range(0, 25, 3))
+@pytest.mark.parametrize("users", [1, 2])
+def test_the_passive_scheme_has_no_limit_wherever_frames_begin(ticks: int, users: int) -> None:
+    which = session("passive", 0, users=users)
+    for number in range(users):
+        which = with_person(which, number, up=ticks_long(ticks), down=ticks_long(ticks // 2))
+    assert largest_stable(LiftedModel(which)).stiffness_npm is None
 
 
 @pytest.mark.parametrize("delay", [0, 1, 4, 9])
@@ -191,6 +205,10 @@ def any_session(draw: st.DrawFn) -> LinearSession:
             decimator=draw(st.sampled_from(("boxcar", "lowpass"))),
             device_mass_kg=0.1 + 0.05 * number,
         )
+        if scheme != "coupling":
+            which = with_person(
+                which, number, up=ticks_long(draw(st.integers(0, 30))), down=ticks_long(draw(st.integers(0, 30)))
+            )
     return which
 
 

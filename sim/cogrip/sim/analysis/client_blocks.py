@@ -85,6 +85,11 @@ def kept_waves(person: Person) -> slice:
     return slice(past.stop, past.stop + booked_late(person))
 
 
+def sent_later(person: Person) -> float:
+    """Return the part of a frame that is sent with the next one: the last state of a client, where it is above 0."""
+    return person.split_ticks / person.rates.ticks_per_frame if person.decimator == "boxcar" else 0.0
+
+
 def booked_late(person: Person) -> int:
     """Return how many ticks late a displacement enters, with the wave of then; y_est goes with the current wave."""
     return person.latency_ticks if person.encoder == "displacement" else 0
@@ -126,7 +131,7 @@ def wave_frame(person: Person, rates: Rates) -> StateSpace:
     ticks = lift(wave_tick(person, rates), M)
     parts = np.zeros((2, M))
     parts[0, : M - p], parts[1, M - p :] = row[p:], row[:p]
-    if not parts[1].any():
+    if not sent_later(person):  # of a lowpass, or none, the last sample of a frame is sent alone
         return through(np.ones((M, 1)), ticks, parts[:1])
     later = StateSpace(np.zeros((1, 1)), np.array([[0.0, 1.0]]), np.ones((1, 1)), np.array([[1.0, 0.0]]))
     return series(through(np.ones((M, 1)), ticks, parts), later)

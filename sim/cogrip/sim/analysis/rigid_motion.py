@@ -25,7 +25,7 @@ from math import sqrt
 
 import numpy as np
 
-from cogrip.sim.analysis.client_blocks import gliding, kept_waves
+from cogrip.sim.analysis.client_blocks import gliding, kept_waves, sent_later
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import Person
 from cogrip.sim.analysis.state_space import Array
@@ -128,8 +128,8 @@ def _pull(model: LiftedModel, user: int, force: Array, stiffness: Array, vector:
     wave = (force / sqrt(2.0 * person.impedance_nspm))[..., None]
     own = layout.clients[user]
     vector[..., own.start] = -force / person.hand_stiffness_npm
-    if person.decimator == "lowpass":
-        vector[..., own.stop - 1] = wave[..., 0]
+    if (part := sent_later(person)) or person.decimator == "lowpass":
+        vector[..., own.stop - 1] = (part or 1.0) * wave[..., 0]
     vector[..., own][..., kept_waves(person)] = -wave
     vector[..., layout.ups[user]], vector[..., layout.downs[user]] = wave, -wave
     vector[..., layout.server.start + user] = force / stiffness
@@ -164,8 +164,8 @@ def _glide(model: LiftedModel, user: int, vector: Array) -> None:
     for part in gliding(person):
         own[part] = 1.0
     own[kept_waves(person)] = wave
-    if person.decimator == "lowpass":
-        own[-1] = wave
+    if (part := sent_later(person)) or person.decimator == "lowpass":
+        own[-1] = (part or 1.0) * wave
     vector[layout.ups[user]] = vector[layout.downs[user]] = wave
     if session.scheme == "paper":
         vector[layout.server.start + user] = -session.frame_s
