@@ -164,8 +164,8 @@ def _glide(model: LiftedModel, user: int, vector: Array) -> None:
     for part in gliding(person):
         own[part] = 1.0
     own[kept_waves(person)] = wave
-    if (part := sent_later(person)) or person.decimator == "lowpass":
-        own[-1] = (part or 1.0) * wave
+    if (later := sent_later(person)) or person.decimator == "lowpass":
+        own[-1] = (later or 1.0) * wave
     vector[layout.ups[user]] = vector[layout.downs[user]] = wave
     if session.scheme == "paper":
         vector[layout.server.start + user] = -session.frame_s
