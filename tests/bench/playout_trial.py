@@ -68,7 +68,7 @@ class Fixed:
 
     @property
     def late_share(self) -> float:
-        """Of the frames that came."""
+        """Share of the frames that came."""
         return self.late / max(1, self.sent - self.lost)
 
 

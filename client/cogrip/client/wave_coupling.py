@@ -37,7 +37,8 @@ from cogrip.protocol.waves import device_gain, wave_of
 COMPENSATED_FRACTION = 1.0 / 16.0  # fraction of what was withheld that a frame compensates
 Held = tuple[Row, float, float, Sequence[float] | None]
 """Returning wave of a tick, its gain s, the ratio r of impedances, and what limits took from the force."""
-QUIET = 128  # frames for which a tick must be spare before frames are sent later by one; fewer where more is spare
+QUIET = 256  # frames for which two ticks must be spare before frames are sent later by one; fewer where more is spare
+PRESSING = 64  # frames for which one must be lacking before frames are sent sooner
 OPEN = 0.5  # fraction of a wave that a released end reflects: with more it yields more, and swings more
 
 
@@ -66,7 +67,7 @@ class ForwardLine:
         self._ends: deque[int] = deque(maxlen=HISTORY)  # ticks at which the newest frames ended
         self._shift = 0  # ticks that the frame under way has more than M
         self._shifted: int | None = None  # number of the first frame with the present phase
-        self._spared = 0  # sum of what was spare in each frame since there has been something
+        self._asked = 0  # sum of what was spare in each frame, since the sign changed
 
     @property
     def given_j(self) -> float:
@@ -104,14 +105,21 @@ class ForwardLine:
         """Return the ticks of the next frame: M, or as many more or fewer as shift the phase by what is spare.
 
         acknowledged: frames that the server had played when it said so. All at once at first; then by one tick, when the server
-        has heard of the last shift; to send later only if it has said so for a while (QUIET).
+        has heard of the last shift and has said so for a while (QUIET, PRESSING).
         """
-        self._shift = 0
-        self._spared = self._spared + self.spare if self.spare > 0 else 0
-        first = self._shifted is None
-        if acknowledged > (self._shifted or 0) and (self.spare < 0 or self._spared > (0 if first else QUIET)):
-            self._shift = max(-1, min(self.frame_ticks - 1 if first else 1, self.spare))
-            self._shifted, self._spared = self.sender.next_number, 0
+        self._shift, spare = 0, self.spare
+        if spare > 0:
+            spare -= 1  # a single tick is not worth a shift: jitter soon takes it back
+        self._asked = self._asked + spare if self._asked * spare > 0 else spare
+        if self._shifted is None:
+            if self.spare and acknowledged:
+                self._shift = max(-1, min(self.frame_ticks - 1, self.spare))
+        elif acknowledged > self._shifted and not -PRESSING <= self._asked <= QUIET:
+            self._shift = 1 if spare > 0 else -1
+        if self._shift + self.frame_ticks < 1:
+            self._shift = 0
+        if self._shift:
+            self._shifted, self._asked = self.sender.next_number, 0
         return self.frame_ticks + self._shift
 
     def since(self, number: int) -> int | None:

@@ -11,7 +11,7 @@ from cogrip.protocol.rates import Rates, misfit
 
 AUTO = "auto"
 RATES_HZ = (128, 256, 512, 1024)
-PERSON_S = 120e-6  # of a server's time for one person's frame, encrypted and recorded (docs/performance.md)
+PERSON_S = 120e-6  # of a server's time for one person's frame, encrypted and recorded (`dev.py bench network`)
 WORLD_S = 500e-6  # for a scene's frame; the objects that come with the runtime cost next to nothing
 SERVER_SHARE = 0.4  # of a processor that one room may take
 LINK_SHARE = 0.5  # of a link's capacity that one line may take

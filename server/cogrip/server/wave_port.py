@@ -13,7 +13,7 @@ from cogrip.server.port import Port, Row, Turned
 from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 
 MOST_KEPT = 512  # frames of which more than the wave is kept until they are popped
-SLACK_NS = 1000  # by which a step that was due exactly then may have been rounded
+SLACK_NS = 2  # by which times that are due together may differ, each rounded
 MOST_M = 1e3  # from the middle of a person's own frame
 
 
