@@ -220,7 +220,8 @@ def printed(table: Any) -> list[str]:
 def test_tables_fit_eighty_columns_with_the_widest_that_networks_make() -> None:
     played = dict.fromkeys(
         ["delay_ms", "best_delay_ms", "number_delay_ms", "expected_ms"], 327.81
-    ) | {"profile": "satellite", "direction": "down", "held_ms": 35.39, "best_held_ms": 35.16, "late_share": 0.12345, "moves_a_minute": 123.4,
+    ) | {"profile": "satellite", "direction": "down", "held_ms": 35.39, "best_held_ms": 35.16,
+         "late_share": 0.12345, "moves_a_minute": 123.4,
          "best_late_share": 0.12345, "delay_ratio": 1.234, "late_ratio": 12.345, "beaten": True,
          "number": 12, "number_late_share": 0.12345}  # fmt: skip
     storm = SessionRow("satellite", 16, 100_000.0, 400, 400, -1.2e-10, 12.34, 123.4, 12.345, 12.34, 12.3, 12.3)
