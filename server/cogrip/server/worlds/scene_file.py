@@ -57,6 +57,9 @@ _OPTION = {
     "impratio": 3000.0,
     "jacobian": mujoco.mjtJacobian.mjJAC_DENSE,
 }
+SPARSE_FROM = (
+    32  # degrees of freedom: a larger scene's solver is faster with sparse matrices, a smaller one's is slower
+)
 _SLIDES = [mujoco.mjtJoint.mjJNT_SLIDE] * 3
 _FREE = [mujoco.mjtJoint.mjJNT_FREE]
 
@@ -173,6 +176,8 @@ def make_scene(text: str, seats: Sequence[Held], step_s: float, name: str = "sce
         for body in chosen:
             _add_sensor(spec, body)
         model = spec.compile()
+        if model.nv >= SPARSE_FROM and "jacobian" not in options:
+            model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
         _try_step(model, name)
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
         if isinstance(error, SceneError):
