@@ -2,7 +2,7 @@
 
     a = 2 a_1 - a_2        a_1: solved in the last step, where MuJoCo would start from, a_2 in the one before
 
-Where many bodies are pushed together this spares a quarter of the work. What the solver arrives at is the same within its tolerance.
+Where many bodies are pushed together this spares a quarter of the work. The answers are the same within the solver's tolerance.
 """
 
 import mujoco  # type: ignore[import-untyped]
