@@ -123,8 +123,10 @@ class SceneWorld(World):
         if self._object < 0:
             return np.zeros(self.axes)
         at = self.data.qpos[self._object : self._object + 7]
-        turned = log(product(at[3:].tolist(), inverse(self._unturned))) if self.axes > PLACES else ()
-        return np.concatenate((at[:3] - self._start, turned))
+        place: Array = at[:3] - self._start
+        if self.axes == PLACES:
+            return place
+        return np.concatenate((place, log(product(at[3:].tolist(), inverse(self._unturned)))))
 
     @position.setter
     def position(self, value: Array) -> None:
@@ -311,8 +313,8 @@ class SceneWorld(World):
         data.qfrc_applied[dofs] = force[:, :PLACES]
         if turning:
             data.qfrc_applied[self.turning.dofs] = force[turning, PLACES:]
-        rates, moved, squares = np.zeros_like(force), np.zeros_like(force), np.zeros_like(force)
-        for left in reversed(range(self.substeps)):
+        rates = np.zeros((self.substeps, *force.shape))
+        for number, rate in enumerate(rates, 1):
             data.efc_margin[:] = 0.0
             self._equalities.correct(data)
             self._warm.extrapolate(data)
@@ -322,12 +324,10 @@ class SceneWorld(World):
                 raise WorldError(
                     f"the scene left all bounds at {data.time:.3f} s: velocities are {_largest(everything)}"
                 )
-            rates[:, :PLACES] = everything[dofs]
+            rate[:, :PLACES] = everything[dofs]
             if turning:
-                rates[turning, PLACES:] = everything[self.turning.dofs]
-            moved += rates
-            squares += rates * rates
-            if not left:
+                rate[turning, PLACES:] = everything[self.turning.dofs]
+            if number == self.substeps:
                 self.contacts.read(data)
             mujoco.mj_step1(model, data)
         if data.warning.number[_FULL].any():
@@ -337,6 +337,8 @@ class SceneWorld(World):
         if self._watch:
             body, progress = self._watch
             progress.step(*self._pose_of(body), bool(self.holding.any()))
+        moved: Array = np.add.reduce(rates, axis=0, initial=0.0)
+        squares: Array = np.add.reduce(rates * rates, axis=0, initial=0.0)
         return moved, squares
 
     def limiter_account(self) -> dict[str, float] | None:
