@@ -48,7 +48,7 @@ def way_error_m(model: mujoco.MjModel, data: mujoco.MjData, at: np.ndarray) -> f
 @pytest.mark.parametrize("jacobian", ["dense", "sparse"])
 @pytest.mark.parametrize("kind", EQUALITIES)
 def test_rows_of_places_go_the_way_of_the_step(kind: str, jacobian: str) -> None:
-    """What is left of h^2/2 J' v is of the third order in the step."""
+    """An error of the third order in the step is left of h^2/2 J' v."""
     joint = 'joint name="hinge"'
     text = BODIES.format(step=STEP_S, jacobian=jacobian, joint=joint, equality=EQUALITIES[kind])
     model = mujoco.MjModel.from_xml_string(text)
