@@ -75,6 +75,15 @@ def test_a_crowded_scene_has_sparse_matrices(bodies: int, own: str, sparse: bool
     assert bool(mujoco.mj_isSparse(scene.model)) == sparse
 
 
+@pytest.mark.parametrize(("balls", "searched"), [(16, False), (17, True)])
+def test_bodies_of_few_geoms_in_a_crowded_scene_are_tried_one_by_one(balls: int, searched: bool) -> None:
+    large = "<body><freejoint/>" + "<geom size='.01'/>" * balls + "</body>"
+    crowd = "<body><freejoint/><geom size='.01'/></body>" * 5
+    off = scene_of(large + crowd, "ball").model.opt.disableflags
+    assert bool(off & mujoco.mjtDisableBit.mjDSBL_MIDPHASE) != searched
+    assert not scene_of(BALL, "ball").model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_MIDPHASE
+
+
 # Tools ---------------------------------------------------------------------------------------------------------------
 
 
