@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from cogrip.server.worlds.scene_file import MOST_BYTES, Held, SceneError, load_scene, make_scene
+from cogrip.server.worlds.scene_file import MOST_BYTES, SPARSE_FROM, Held, SceneError, load_scene, make_scene
 
 from tests.server.scene_worlds import SCENES, SHIPPED, hold, world_of
 
@@ -63,6 +63,25 @@ def test_what_would_break_a_port_is_switched_back() -> None:
     assert not off & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
     assert off & mujoco.mjtDisableBit.mjDSBL_AUTORESET
     assert scene.model.opt.timestep == STEP
+
+
+@pytest.mark.parametrize(
+    ("bodies", "own", "sparse"), [(4, "", False), (5, "", True), (5, "dense", False), (4, "sparse", True)]
+)
+def test_a_crowded_scene_has_sparse_matrices(bodies: int, own: str, sparse: bool) -> None:
+    crowd = "<body><freejoint/><geom size='.01'/></body>" * bodies  # of 6 degrees of freedom, a tool of 3
+    scene = scene_of(crowd, "ball", "ball", more=f"<option jacobian='{own}'/>" if own else "")
+    assert (scene.model.nv >= SPARSE_FROM) == (bodies == 5)
+    assert bool(mujoco.mj_isSparse(scene.model)) == sparse
+
+
+@pytest.mark.parametrize(("balls", "searched"), [(16, False), (17, True)])
+def test_bodies_of_few_geoms_in_a_crowded_scene_are_tried_one_by_one(balls: int, searched: bool) -> None:
+    large = "<body><freejoint/>" + "<geom size='.01'/>" * balls + "</body>"
+    crowd = "<body><freejoint/><geom size='.01'/></body>" * 5
+    off = scene_of(large + crowd, "ball").model.opt.disableflags
+    assert bool(off & mujoco.mjtDisableBit.mjDSBL_MIDPHASE) != searched
+    assert not scene_of(BALL, "ball").model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_MIDPHASE
 
 
 # Tools ---------------------------------------------------------------------------------------------------------------

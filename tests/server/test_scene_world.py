@@ -162,10 +162,7 @@ def test_world_holds_no_more_than_came_in(name: str) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", WORST_J)
 def test_world_holds_no_more_than_came_in_over_a_hundred_sessions(name: str) -> None:
-    worst_j = holds_no_more(name, 100, 1000)
-    if name == "peg" and worst_j > WORST_J[name]:
-        pytest.xfail(f"a window of {worst_j * 1e3:.1f} mJ, more than {WORST_J[name] * 1e3:g}: why is not known")
-    assert worst_j <= WORST_J[name]
+    assert holds_no_more(name, 100, 1000) <= WORST_J[name]
 
 
 def attack(world: SceneWorld, frames: int) -> float:
@@ -190,6 +187,9 @@ def test_contact_that_creates_energy_is_bounded_by_the_limiter() -> None:
 def test_boxes_that_touch_by_their_faces_create_energy_and_by_balls_in_their_corners_none() -> None:
     """Where two boxes meet, points of contact come and go, each with a spring that is pressed already."""
     text = (SCENES / "pile.xml").read_text().replace("0 -.01 .14", "0 .005 .14")  # the topmost box about to fall
+    text = text.replace(
+        "<default>", '<option jacobian="dense"/><default>', 1
+    )  # on whose course the number of points changes
     faces = text.replace('contype="0" conaffinity="3"', "").replace('contype="2"', 'contype="0"')
     assert faces != text
     worst_j = [most_above_input_j(hold(world_of(each)), 25, 260)[1] for each in (faces, text)]

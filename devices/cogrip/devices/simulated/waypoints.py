@@ -59,6 +59,10 @@ class WaypointHand:
         self._home = home
         self._at = [tuple([begin + x for begin, x in zip(home, place, strict=True)]) for place in self._places]
         steps = [tuple([b - a for a, b in zip(here, there, strict=True)]) for here, there in pairwise(self._places)]
+        k = self.stiffness_npm
+        self._rest = [
+            [k * x for x in at] for at in (*self._at[:1], *self._at[-1:])
+        ]  # drive before the first time, and after the last
         self._strokes = [
             (list(zip(at, step, strict=True)), step, late - early)
             for at, step, (early, late) in zip(self._at, steps, pairwise(self._times), strict=False)
@@ -92,6 +96,9 @@ class WaypointHand:
     def drive(self, tick: int) -> Sequence[float]:
         if len(self._home) > PLACES:
             return pose_drive(self, tick)
-        place, speed = self.intended(tick)
+        after = bisect_right(self._times, tick / self._rate_hz)
+        if after in (0, len(self._times)):
+            return self._rest[after > 0]
+        place, speed = self._course(tick)
         k, b = self.stiffness_npm, self.damping_nspm
         return list(map(add, [k * x for x in place], [b * v for v in speed]))

@@ -29,11 +29,13 @@ from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.task import Task
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
+from cogrip.server.worlds.equality_rows import EqualityRows
 from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
 from cogrip.server.worlds.scene_file import MOST_RATE, Scene, Tool, body_of
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.task_watch import TaskWatch
 from cogrip.server.worlds.turning_ports import TurningPorts
+from cogrip.server.worlds.warm_start import WarmStart
 from cogrip.server.worlds.world import Array, Row, World, WorldError, check_saved, dot
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -69,6 +71,7 @@ class SceneWorld(World):
         self._unturned = model.qpos0[self._object + 3 : self._object + 7].tolist() if scene.object >= 0 else UNTURNED
         self._shapes, self._drawn = shapes_of(scene, self._start)
         self._energy = 0.0
+        self._equalities, self._warm = EqualityRows(model), WarmStart(model)
         super().__init__(seats)
         self.limiter = EnergyLimiter(self.frame_s)
         self.contacts = SceneContacts(scene, self.frame_s)
@@ -120,8 +123,10 @@ class SceneWorld(World):
         if self._object < 0:
             return np.zeros(self.axes)
         at = self.data.qpos[self._object : self._object + 7]
-        turned = log(product(at[3:].tolist(), inverse(self._unturned))) if self.axes > PLACES else ()
-        return np.concatenate((at[:3] - self._start, turned))
+        place: Array = at[:3] - self._start
+        if self.axes == PLACES:
+            return place
+        return np.concatenate((place, log(product(at[3:].tolist(), inverse(self._unturned)))))
 
     @position.setter
     def position(self, value: Array) -> None:
@@ -211,6 +216,7 @@ class SceneWorld(World):
     def reset(self) -> None:
         mujoco.mj_resetData(self.scene.model, self.data)
         self.contacts.forget()
+        self._warm.forget()
         self.limiter = EnergyLimiter(self.frame_s)
         for user in range(len(self.holding)):
             self._park(user)
@@ -247,6 +253,7 @@ class SceneWorld(World):
         """Bring data up to a state that was changed by hand, whose energy is then the one to count from."""
         model = self.scene.model
         mujoco.mj_step1(model, self.data)
+        self._equalities.arrange(self.data)
         self._carried = carried = np.flatnonzero(model.body_gravcomp)
         self._weight = (model.body_gravcomp[carried] * model.body_mass[carried])[:, None] * model.opt.gravity
         self._energy = self._measure()
@@ -306,21 +313,21 @@ class SceneWorld(World):
         data.qfrc_applied[dofs] = force[:, :PLACES]
         if turning:
             data.qfrc_applied[self.turning.dofs] = force[turning, PLACES:]
-        rates, moved, squares = np.zeros_like(force), np.zeros_like(force), np.zeros_like(force)
-        for left in reversed(range(self.substeps)):
+        rates = np.zeros((self.substeps, *force.shape))
+        for number, rate in enumerate(rates, 1):
             data.efc_margin[:] = 0.0
+            self._equalities.correct(data)
+            self._warm.extrapolate(data)
             mujoco.mj_step2(model, data)
             everything = data.qvel
             if not everything.dot(everything) < MOST_RATE**2:
                 raise WorldError(
                     f"the scene left all bounds at {data.time:.3f} s: velocities are {_largest(everything)}"
                 )
-            rates[:, :PLACES] = everything[dofs]
+            rate[:, :PLACES] = everything[dofs]
             if turning:
-                rates[turning, PLACES:] = everything[self.turning.dofs]
-            moved += rates
-            squares += rates * rates
-            if not left:
+                rate[turning, PLACES:] = everything[self.turning.dofs]
+            if number == self.substeps:
                 self.contacts.read(data)
             mujoco.mj_step1(model, data)
         if data.warning.number[_FULL].any():
@@ -330,6 +337,8 @@ class SceneWorld(World):
         if self._watch:
             body, progress = self._watch
             progress.step(*self._pose_of(body), bool(self.holding.any()))
+        moved: Array = np.add.reduce(rates, axis=0, initial=0.0)
+        squares: Array = np.add.reduce(rates * rates, axis=0, initial=0.0)
         return moved, squares
 
     def limiter_account(self) -> dict[str, float] | None:
@@ -363,13 +372,14 @@ class SceneWorld(World):
         limiter = self.limiter
         seats = np.concatenate((self.holding, self.solid, self.port_work, self._work_error)).tolist()
         ledger = limiter.level_j, limiter.paid_j, float(limiter.limited), self.balance_error_j
-        return (*self.turning.save(), *self._state.tolist(), *seats, *ledger)
+        return (*self.turning.save(), *self._warm.save(), *self._state.tolist(), *seats, *ledger)
 
     def restore(self, saved: Row) -> None:
         seats, physics = len(self.holding), self._state.size
         turned = self.turning.saved_numbers
-        check_saved(saved, turned + physics + 4 * seats + 4)
-        state = np.array(saved[turned:])
+        first = turned + self._warm.numbers
+        check_saved(saved, first + physics + 4 * seats + 4)
+        state = np.array(saved[first:])
         holding, solid, work, work_error = state[physics:-4].reshape(4, seats)
         for user in range(seats):
             self._park(user)
@@ -378,6 +388,7 @@ class SceneWorld(World):
                 self._touch(user, bool(solid[user]))
         mujoco.mj_setState(self.scene.model, self.data, state[:physics], _STATE)
         self.turning.restore(saved[:turned])
+        self._warm.restore(saved[turned:first])
         self.limiter.level_j, self.limiter.paid_j, limited, self.balance_error_j = saved[-4:]
         self.limiter.limited = int(limited)
         self.port_work, self._work_error = work, work_error

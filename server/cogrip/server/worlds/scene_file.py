@@ -57,6 +57,10 @@ _OPTION = {
     "impratio": 3000.0,
     "jacobian": mujoco.mjtJacobian.mjJAC_DENSE,
 }
+SPARSE_FROM = (
+    32  # degrees of freedom: a larger scene's solver is faster with sparse matrices, a smaller one's is slower
+)
+MOST_TRIED_GEOMS = 16  # of a body in such a scene: to try each with each is faster than to search trees of them
 _SLIDES = [mujoco.mjtJoint.mjJNT_SLIDE] * 3
 _FREE = [mujoco.mjtJoint.mjJNT_FREE]
 
@@ -173,6 +177,10 @@ def make_scene(text: str, seats: Sequence[Held], step_s: float, name: str = "sce
         for body in chosen:
             _add_sensor(spec, body)
         model = spec.compile()
+        if model.nv >= SPARSE_FROM and "jacobian" not in options:
+            model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
+            if max(model.body_geomnum) <= MOST_TRIED_GEOMS:
+                model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
         _try_step(model, name)
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
         if isinstance(error, SceneError):
