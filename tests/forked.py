@@ -1,7 +1,8 @@
 """Commands of cogrip as processes that begin at once: forked from one process of ours that has imported what they need.
 
 A command so begun has a process id, a session, an environment, a folder, standard streams, signals and an exit code of its own.
-Its imports alone would take it about a second of processor time. Where there is no safe fork it is started anew.
+Its imports alone would take it about a second of processor time. Where there is no safe fork it is started anew. What such a
+command starts with `python -P -m MODULE` is forked from it in turn; tests/test_hostile_folder.py starts all of these anew.
 """
 
 import atexit
@@ -10,12 +11,15 @@ import gc
 import importlib
 import json
 import os
+import runpy
 import select
 import signal
 import socket
 import struct
 import subprocess
 import sys
+import threading
+import traceback
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -26,15 +30,17 @@ from cogrip.protocol.io.realtime import PRIORITY
 
 PRELOADED = (
     "numpy", "encodings.idna", "cryptography.x509", "OpenSSL.SSL", "serial", "prometheus_client", "cogrip.cli.main",
-    *(f"cogrip.cli.session.{each}" for each in ("demo", "join", "lab", "relay", "serve")),
+    *(f"cogrip.cli.session.{each}" for each in ("demo", "gateway", "join", "lab", "relay", "serve", "view")),
     *(f"cogrip.cli.devices.{each}" for each in ("calibrate", "check", "conform", "emulate")),
     *(f"cogrip.cli.admin.{each}" for each in ("kick", "token_list", "token_new", "token_revoke", "who")),
     *(f"cogrip.devices.{each}.family" for each in ("emulated", "haply", "hid", "serial")),
     "cogrip.devices.io.serial_port", "cogrip.devices.simulated.catalogue", "cogrip.devices.simulated.phantom",
     "cogrip.protocol.io.dtls_client", "cogrip.server.io.dtls_channel",
+    "cogrip.protocol.recording.writer", "cogrip.view.io.page_server", "numpy.polynomial", "rich._unicode_data",
 )  # fmt: skip
 """Not what draws a report: every process locks its memory, and would copy that too."""
 _LENGTH = struct.Struct("=I")
+_COMM = 15  # characters of a process's name
 _MESSAGE = struct.Struct("=ii")  # the process id, then the exit code as `subprocess` has it
 
 
@@ -126,6 +132,20 @@ def start(
         [sys.executable, *begin, *words], stdin=stdin, stdout=stdout, stderr=stderr, text=True, start_new_session=True,
         env={**environment, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
+
+
+def child_of(pid: int, name: str = "") -> int:
+    """Return the only child of a process, or that which runs a module or a command of cogrip of this name."""
+    children = [
+        int(child) for task in Path(f"/proc/{pid}/task").iterdir() for child in (task / "children").read_text().split()
+    ]
+    (found,) = (each for each in children if not name or _runs(each, name))
+    return found
+
+
+def _runs(pid: int, name: str) -> bool:
+    folder = Path(f"/proc/{pid}")
+    return (folder / "comm").read_text().strip() == name[:_COMM] or name.encode() in (folder / "cmdline").read_bytes()
 
 
 def never_late(process: Any) -> None:
@@ -225,12 +245,64 @@ def _separate(request: dict[str, Any], descriptors: Sequence[int]) -> None:
     sys.argv = ["-c" if request["code"] else "cogrip", *request["arguments"]]
 
 
+class _Child(subprocess.Popen[Any]):
+    """A process that a command starts: forked from it where it would be another Python, and no thread could hold a lock."""
+
+    def __init__(self, args: Sequence[str], **how: Any) -> None:
+        words = [os.fspath(word) for word in args]
+        if words[:3] == [sys.executable, "-P", "-m"] and _threads() == 1:
+            how["preexec_fn"] = functools.partial(_run_module, words[3:], how.get("env"), how.get("pass_fds", ()))
+        super().__init__(args, **how)
+
+
+def _threads() -> int:
+    return len(list(Path("/proc/self/task").iterdir()))
+
+
+def _run_module(words: Sequence[str], environment: Mapping[str, str] | None, kept: Sequence[int]) -> None:
+    """Be `python -m WORDS`, as far as that shows: `subprocess` has made streams, folder and session. Never returns."""
+    code = 1
+    try:
+        atexit._clear()
+        signal.set_wakeup_fd(-1)
+        for number in signal.valid_signals():
+            if callable(signal.getsignal(number)):
+                signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+        if environment is not None:
+            os.environ.clear()
+            os.environ.update(environment)
+        for each in {int(name) for name in os.listdir("/proc/self/fd")} - {0, 1, 2, *kept}:
+            with suppress(OSError):
+                os.close(each)
+        module, *arguments = words
+        sys.argv = [module, *arguments]
+        name = arguments[0] if module == "cogrip.cli" else module.rpartition(".")[2]
+        Path("/proc/self/comm").write_text(name)
+        sys.modules.pop(module, None)
+        gc.enable()
+        runpy.run_module(module, run_name="__main__", alter_sys=True)
+        code = 0
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    except BaseException:  # noqa: BLE001 - as an interpreter does
+        traceback.print_exc()
+    finally:
+        with suppress(Exception):
+            threading._shutdown()
+            atexit._run_exitfuncs()
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(code)
+
+
 if __name__ == "__main__":
     for _name in PRELOADED:
         importlib.import_module(_name)
     gc.collect()
     gc.freeze()  # what is never looked at again is never copied
-    assert len(list(Path("/proc/self/task").iterdir())) == 1, "a process with threads cannot be forked"
+    assert _threads() == 1, "a process with threads cannot be forked"
+    subprocess.Popen = _Child  # type: ignore[misc]
     _request = _forked(socket.socket(fileno=int(sys.argv[1])))
     if _request is not None:
         # Nothing of this module is the command's: its sockets are closed, its names are not seen.

@@ -10,7 +10,6 @@ import struct
 import termios
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 from tests import forked
 
@@ -132,9 +131,7 @@ class Terminal:
 
     def kill(self) -> None:
         """End the command at once, not its shell."""
-        pid = self.process.pid
-        (command,) = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-        os.kill(int(command), signal.SIGKILL)
+        os.kill(forked.child_of(self.process.pid), signal.SIGKILL)
 
     def type(self, keys: str) -> None:
         os.write(self._ours, keys.encode())
@@ -169,10 +166,4 @@ class JobShell(Terminal):
 
     def drawing(self) -> int:
         """Return the process id of what draws the live table of the only command here."""
-        (command,) = _children(self.process.pid)
-        (found,) = (pid for pid in _children(command) if b"live_views" in Path(f"/proc/{pid}/cmdline").read_bytes())
-        return found
-
-
-def _children(pid: int) -> list[int]:
-    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+        return forked.child_of(forked.child_of(self.process.pid), "live_views")

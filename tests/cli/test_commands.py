@@ -11,7 +11,7 @@ CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 DEMO = str(CONFIGS / "demo.toml")
 
 
-@pytest.mark.parametrize("seconds", [0.75, long(4)])
+@pytest.mark.parametrize("seconds", [0.4, long(4)])
 @pytest.mark.parametrize("config", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
 def test_every_shipped_config_runs(config, seconds, cogrip):
     summary = cogrip.answer("lab", config, "--set", f"seconds={seconds}")

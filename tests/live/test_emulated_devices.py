@@ -176,6 +176,7 @@ def test_an_arm_that_vanishes_ends_a_session_that_nobody_watches(start, session)
     session.close(ben)
 
 
+@pytest.mark.long
 @fairly
 def test_the_demo_with_two_arms(start, tmp_path):
     """Counts that are no clocks; the numbers are those of `dev.py bench devices`."""

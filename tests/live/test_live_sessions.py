@@ -141,7 +141,7 @@ def test_the_server_stops_and_everyone_is_told(run, serve, tmp_path):
     assert summary_in(tmp_path / "server")["users"][0]["ticks"]["run"] > 0
 
 
-@pytest.mark.parametrize("stop", [("--stop-s", "0.75"), ()])
+@pytest.mark.parametrize("stop", [("--stop-s", "0.75"), long(())])
 def test_a_replay_that_has_run_out_ends_its_session(run, serve, tmp_path, stop):
     hand = tmp_path / "hand.csv"
     hand.write_text("t,x\n" + "".join(f"{tick / 100},{0.0001 * tick}\n" for tick in range(101)))

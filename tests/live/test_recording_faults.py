@@ -20,6 +20,7 @@ from cogrip.protocol.recording.records import kind_of
 from cogrip.sim.runs.folder import SERVER_RECORDING, client_recording
 from cogrip.sim.runs.replay.verify import verify
 
+from tests import forked
 from tests.extent import every
 from tests.live.held_arms import LIMIT_S, until
 
@@ -57,10 +58,7 @@ class End:
             return hasattr(self, "_follower")
 
         self.until(opened, "its file can be opened")
-        pid = self.process.popen.pid
-        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-        commands = {int(child): Path(f"/proc/{child}/cmdline").read_bytes() for child in children}
-        (self.writer,) = [child for child, command in commands.items() if b"recording_process" in command]
+        self.writer = forked.child_of(self.process.popen.pid, "recording_process")
 
     def newest(self) -> int:
         """Number of the newest tick or step in the file."""

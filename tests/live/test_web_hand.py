@@ -15,6 +15,7 @@ from websockets.typing import Subprotocol
 
 from cogrip.devices.web.messages import OWN_HAND, OwnHand, Pointer, decode_own_hand, encode_pointer
 
+from tests import forked
 from tests.live.conftest import Process
 from tests.live.held_arms import DEMO, LIMIT_S
 from tests.view.example_programs import example, started
@@ -101,20 +102,9 @@ def test_a_client_that_is_killed_ends_its_page(run, serve, tmp_path) -> None:
 def test_a_page_that_is_killed_lets_go_and_is_told_once(run, serve, tmp_path) -> None:
     person, page = joined(run, serve, tmp_path)
     page.until(lambda hand: hand.taken > 0, holds=True)
-    os.kill(page_of(person.popen.pid), signal.SIGKILL)
+    os.kill(forked.child_of(person.popen.pid, "view"), signal.SIGKILL)
     person.hear("the page's process has ended, and the hand has let go")
     person.signal(signal.SIGINT)
     assert person.end() == 0, person.said
     assert person.said.count("the page's process has ended") == 1
     assert "page gone: let go 1" in person.said
-
-
-def page_of(pid: int) -> int:
-    """Return the process of a client's page."""
-    tasks = Path(f"/proc/{pid}/task")
-    if not tasks.exists():
-        pytest.skip("no /proc on this system")
-    for child in " ".join(each.read_text() for each in tasks.glob("*/children")).split():
-        if b"view" in Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0"):
-            return int(child)
-    raise AssertionError("no page")

@@ -1,6 +1,7 @@
 """The guard of worlds from outside: what fails is named and never called again, and no world gives out what it did not get."""
 
 from collections.abc import Callable, Sequence
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from cogrip.server.worlds.guarded import MOST_HELD_J, GuardedWorld
 from cogrip.server.worlds.tool_world import ToolWorld
 from cogrip.server.worlds.world import Array, Row, WorldError
 
+from tests.extent import every
 from tests.server import broken_worlds as broken
 from tests.server.broken_worlds import Springs, seats
 
@@ -129,6 +131,12 @@ class Pump(Liar):
         self.told_j = 1.0
 
 
+WORLDS = (
+    Springs, Hanging, Liar, Pump, broken.CreatesSlowly, broken.ExplicitEuler, broken.HidesEnergy, broken.JumpsToTheHand,
+    broken.CountsTwice,
+)  # fmt: skip
+
+
 def attacks() -> dict[str, Callable[[int, Array], Array]]:
     random = np.random.default_rng(1)
     return {
@@ -139,14 +147,7 @@ def attacks() -> dict[str, Callable[[int, Array], Array]]:
     }
 
 
-@pytest.mark.parametrize("attack", attacks())
-@pytest.mark.parametrize(
-    "world",
-    [
-        Springs, Hanging, Liar, Pump, broken.CreatesSlowly, broken.ExplicitEuler, broken.HidesEnergy, broken.JumpsToTheHand,
-        broken.CountsTwice,
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("world", "attack"), every(3, product(WORLDS, attacks())))
 def test_no_more_comes_out_than_came_in_and_was_held_at_first(world: type[ToolWorld], attack: str) -> None:
     """Also where people come and go, and where the object is put back."""
     room, wave = held(world), attacks()[attack]

@@ -103,6 +103,7 @@ def test_all_methods_but_the_papers_have_scenes() -> None:
     assert "paper" in methods_of(load(Path("lan")))
 
 
+@pytest.mark.long
 def test_waves_lift_where_other_methods_at_the_same_stiffness_diverge() -> None:
     ours = case("wave")
     assert not ours["diverged"]

@@ -25,6 +25,7 @@ from cogrip.view.page import self_contained
 from cogrip.view.recording import ViewError, open_view
 from cogrip.view.scene import WORKSPACE_M, Scene, to_json, turn_of, workspace_of
 
+from tests.extent import long
 from tests.recording_files import rewrite
 from tests.view.browser_page import BrowserPage
 from tests.view.page_server import PageServer, serving
@@ -165,7 +166,7 @@ def test_page_draws_a_body_where_it_has_moved_and_turned_to(open_page: Open) -> 
         assert green > 0.5 * red > blue, "the object in contact, in the colour of contact"
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", [long("light"), "dark"])
 def test_page_draws_all_kinds_and_hides_what_is_not_known_or_not_held(open_page: Open, scheme: str) -> None:
     away = [(0.0, 0.07 * number - 0.1, 0.02, 1.0, 0.0, 0.0, 0.0) for number in range(4)]
     with serving(PageServer(to_json(drawn_of()))) as server:

@@ -1,6 +1,6 @@
 """The page in a real browser, shown a session that runs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import product
 from math import nan
@@ -12,6 +12,7 @@ import pytest
 from cogrip.view.frames import NOT_PASSIVE, Frame, Vector, encode
 from cogrip.view.scene import Scene, SceneEvent, to_json
 
+from tests.extent import long
 from tests.view.browser_page import BrowserPage
 from tests.view.page_server import TOKEN, PageServer, serving
 from tests.view.pictured import anchor, frame, lost, moving, scene
@@ -26,38 +27,44 @@ def shown(open_page: Open, server: PageServer, **context: object) -> BrowserPage
     return page
 
 
+@pytest.fixture(scope="module")
+def opened(open_shared_page: Open) -> Iterator[tuple[BrowserPage, PageServer]]:
+    """A page of two people, to whose frames each test gives numbers of its own."""
+    with serving(PageServer(to_json(scene()))) as server:
+        yield shown(open_shared_page, server), server
+
+
 def is_in_contact_colour(colour: np.ndarray) -> bool:
     red, _, blue = colour
     return bool(red - blue > 0.15)
 
 
-def test_object_is_drawn_where_the_state_says(open_page: Open) -> None:
+def test_object_is_drawn_where_the_state_says(opened: tuple[BrowserPage, PageServer]) -> None:
+    page, server = opened
     here, there = (0.03, -0.045, 0.02), (-0.05, -0.03, -0.055)
     bare = replace(frame(1, here, contact=True), people=())
-    with serving(PageServer(to_json(scene()))) as server:
-        page = shown(open_page, server)
-        for number, (view, (full, empty)) in enumerate(product("1234", [(here, there), (there, here)])):
-            page.tab.keyboard.press(view)
-            server.send(encode(replace(bare, number=number, position_m=full)))
-            assert page.until_drawn(number)["drawn"]["object"] == list(full)
-            picture = page.picture()
-            assert is_in_contact_colour(page.pixel(picture, full))
-            assert not is_in_contact_colour(page.pixel(picture, empty))
-            for axis in range(3):
-                corner = [value + 0.018 * (each == axis) for each, value in enumerate(full)]  # inside the box of 40 mm
-                assert is_in_contact_colour(page.pixel(picture, corner))
-            column, row = page.state(f"cogrip.project({list(full)})")
-            assert not is_in_contact_colour(picture[round(row), round(column) - 120]), "it is no larger than it is"
-
-
-def test_people_are_drawn_in_their_colours_at_device_and_proxy(open_page: Open) -> None:
-    told = scene()
-    sent = frame(3, (0.01, 0.02, -0.03))
-    with serving(PageServer(to_json(told))) as server:
-        page = shown(open_page, server)
-        server.send(encode(sent))
-        drawn = page.until_drawn(3)["drawn"]
+    for number, (view, (full, empty)) in enumerate(product("1234", [(here, there), (there, here)]), 10):
+        page.tab.keyboard.press(view)
+        server.send(encode(replace(bare, number=number, position_m=full)))
+        assert page.until_drawn(number)["drawn"]["object"] == list(full)
         picture = page.picture()
+        assert is_in_contact_colour(page.pixel(picture, full))
+        assert not is_in_contact_colour(page.pixel(picture, empty))
+        for axis in range(3):
+            corner = [value + 0.018 * (each == axis) for each, value in enumerate(full)]  # inside the box of 40 mm
+            assert is_in_contact_colour(page.pixel(picture, corner))
+        column, row = page.state(f"cogrip.project({list(full)})")
+        assert not is_in_contact_colour(picture[round(row), round(column) - 120]), "it is no larger than it is"
+
+
+def test_people_are_drawn_in_their_colours_at_device_and_proxy(opened: tuple[BrowserPage, PageServer]) -> None:
+    page, server = opened
+    told = scene()
+    sent = frame(20, (0.01, 0.02, -0.03))
+    page.tab.keyboard.press("4")
+    server.send(encode(sent))
+    drawn = page.until_drawn(20)["drawn"]
+    picture = page.picture()
     for person, markers, told_of in zip(sent.people, drawn["people"], told.people, strict=True):
         hand = [value + offset for value, offset in zip(person.hand_m, anchor(person.seat, 2), strict=True)]
         assert markers["hand"] == hand
@@ -100,17 +107,16 @@ def test_page_reads_what_was_written(open_page: Open) -> None:
             assert got[name] == float(np.float32(getattr(person, name)))
 
 
-def test_ghost_is_what_the_chosen_person_is_shown(open_page: Open) -> None:
-    sent = frame(1)
-    with serving(PageServer(to_json(scene()))) as server:
-        page = shown(open_page, server)
-        server.send(encode(sent))
-        assert page.until_drawn(1)["drawn"]["ghost"] == list(sent.people[0].seen_m)
-        page.tab.locator("article", has_text="ben").get_by_text("ghost").click()
-        page.until(f"cogrip.frame.drawn.ghost?.[0] === {sent.people[1].seen_m[0]}")
-        assert "as ben is shown it" in page.text(".label.ghost")
-        page.tab.keyboard.press("g")
-        page.until("cogrip.frame.drawn.ghost === null")
+def test_ghost_is_what_the_chosen_person_is_shown(opened: tuple[BrowserPage, PageServer]) -> None:
+    page, server = opened
+    sent = frame(30)
+    server.send(encode(sent))
+    assert page.until_drawn(30)["drawn"]["ghost"] == list(sent.people[0].seen_m)
+    page.tab.locator("article", has_text="ben").get_by_text("ghost").click()
+    page.until(f"cogrip.frame.drawn.ghost?.[0] === {sent.people[1].seen_m[0]}")
+    assert "as ben is shown it" in page.text(".label.ghost")
+    page.tab.keyboard.press("g")
+    page.until("cogrip.frame.drawn.ghost === null")
 
 
 def test_state_line_says_state_delay_and_passivity(open_page: Open) -> None:
@@ -138,27 +144,25 @@ def test_state_line_says_state_delay_and_passivity(open_page: Open) -> None:
     assert page.state("cogrip.stats.malformed") == 0
 
 
-def test_hidden_and_unknown_things_are_not_drawn(open_page: Open) -> None:
-    sent = lost(frame(1), 0)
+def test_hidden_and_unknown_things_are_not_drawn(opened: tuple[BrowserPage, PageServer]) -> None:
+    page, server = opened
+    sent = lost(frame(50), 0)
     people = (sent.people[0], replace(sent.people[1], flags=0))
-    with serving(PageServer(to_json(scene()))) as server:
-        page = shown(open_page, server)
-        server.send(encode(replace(sent, people=people)))
-        (markers,) = page.until_drawn(1)["drawn"]["people"]
+    server.send(encode(replace(sent, people=people)))
+    (markers,) = page.until_drawn(50)["drawn"]["people"]
     assert markers["seat"] == 1
     assert markers["hand"] is None
     assert markers["proxy"] is not None
 
 
-def test_malformed_messages_are_counted_and_change_nothing(open_page: Open) -> None:
-    good = encode(frame(7))
-    with serving(PageServer(to_json(scene()))) as server:
-        page = shown(open_page, server)
-        for bad in (good[:-1], good[:50], b"", bytes([9]) + good[1:], "{", good[:97] + b"\x63" + good[98:]):
-            server.send(bad)
-        server.send(good)
-        page.until_drawn(7)
-    assert page.state("cogrip.stats.malformed") == 5, "an unknown kind is another version's, not malformed"
+def test_malformed_messages_are_counted_and_change_nothing(opened: tuple[BrowserPage, PageServer]) -> None:
+    page, server = opened
+    before, good = page.state("cogrip.stats.malformed"), encode(frame(60))
+    for bad in (good[:-1], good[:50], b"", bytes([9]) + good[1:], "{", good[:97] + b"\x63" + good[98:]):
+        server.send(bad)
+    server.send(good)
+    page.until_drawn(60)
+    assert page.state("cogrip.stats.malformed") == before + 5, "an unknown kind is another version's, not malformed"
 
 
 def test_somebody_joins_and_the_camera_stays(open_page: Open) -> None:
@@ -178,10 +182,10 @@ def test_somebody_joins_and_the_camera_stays(open_page: Open) -> None:
 @pytest.mark.parametrize(
     ("code", "reason", "words"),
     [
-        (4401, "", "does not know this page's token"),
+        long(4401, "", "does not know this page's token"),
         (4401, "the seat of 'anna' is taken", "Not admitted: the seat of 'anna' is taken."),
-        (4403, "", "no right"),
-        (4400, "malformed", "Reload"),
+        long(4403, "", "no right"),
+        long(4400, "malformed", "Reload"),
         (4408, "", "trying again"),
     ],
 )
@@ -251,7 +255,7 @@ def test_keyboard_and_buttons(open_page: Open) -> None:
     assert dark.mean() < 0.2
 
 
-@pytest.mark.parametrize(("scheme", "bright"), [("light", True), ("dark", False)])
+@pytest.mark.parametrize(("scheme", "bright"), [long("light", True), ("dark", False)])
 def test_page_follows_the_system_in_dark_and_light(open_page: Open, scheme: str, bright: bool) -> None:
     with serving(PageServer(to_json(scene()))) as server:
         page = shown(open_page, server, color_scheme=scheme)

@@ -73,7 +73,7 @@ def trace(model: LiftedModel, box_npm: tuple[float, float], spread: Spread) -> B
     t = np.linspace(0.0, 1.0, _FIRST_RAYS)
     few = np.array([0, (_FIRST_RAYS - 1) // 2, _FIRST_RAYS - 1])
     known = tracer.scanned(t[few])
-    others = np.setdiff1d(np.arange(_FIRST_RAYS), few)
+    others = np.delete(np.arange(_FIRST_RAYS), few)
     known = _merged(known, tracer.between(t[others], known))
     doubtful = np.ones(len(known.t) - 1, dtype=bool)
     for _ in range(_LEVELS):

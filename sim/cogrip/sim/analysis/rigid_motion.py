@@ -55,7 +55,7 @@ class Rigid:
         vectors = np.broadcast_arrays(np.zeros(model.states), *(freedom.vector for freedom in found))
         self.vectors: Array = np.stack(vectors, axis=-1)[..., 1:]
         self._pivots = np.array([freedom.pivot for freedom in found], dtype=np.intp)
-        self._others = np.setdiff1d(np.arange(model.states), self._pivots)
+        self._others = np.delete(np.arange(model.states), self._pivots)
         self._R = self.vectors[..., self._others, :] @ np.linalg.inv(self.vectors[..., self._pivots, :])
 
     @property
