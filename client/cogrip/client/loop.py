@@ -192,7 +192,7 @@ class LiveClient:
             now_ns = clock()
             core.sense(tick, supervised.read(tick), now_ns)
             self._send(now_ns)
-            self._drain(now_ns)
+            self._drain(clock())  # what came since the tick began was sent by a server that had it so long
             core.timing = (pacer.late_ns // 1000, work_us, pacer.skipped)
             supervised.write(core.act(now_ns))
             self.paths.poll(now_ns, session.state == "resuming")
