@@ -62,7 +62,7 @@ class Setup:
     kind: str = "cube"
     frames: Frames = 8
     seed: int = 1
-    tank_mj: float = 1.0  # of the row `tank`; the others have none
+    tank_mj: float = 1.0  # credit of the rows that fill gaps
     hand: str = HAND
     overrides: tuple[tuple[str, Any], ...] = ()  # of settings, by their paths; the link keeps its own
 
@@ -86,7 +86,7 @@ def table(setup: Setup, name: str) -> dict[str, Any]:
         "seconds": setup.seconds,
         "object": {"kind": setup.kind, "axes": setup.axes, "damping_nspm": 2.0},
         "playout": {"frames": setup.frames} if clean else {
-            "frames": setup.frames, "concealment": name, "tank_mj": setup.tank_mj if name == "tank" else 0.0,
+            "frames": setup.frames, "concealment": name, "tank_mj": setup.tank_mj if name in ("tank", "elastic") else 0.0,
         },
         "link": {"delay_ms": IMPAIRED["delay_ms"]} if clean else dict(IMPAIRED),
         "users": [

@@ -101,9 +101,11 @@ class Coupling(ABC, Generic[M]):
         object_state   positions and velocities of the object as last received, shape (2 axes,)
         down_margin_j  least margin of the line down; None where no ledger of one direction is kept
         down_reserve   its energy reserve
+        credit_left    credit that the line down leaves to the next one, per axis [W] (SPEC 5.4)
     """
 
     down_reserve: EnergyReserve
+    credit_left: float = inf
 
     def __init__(self, seat: SeatSettings) -> None:
         axes = seat.object.axes

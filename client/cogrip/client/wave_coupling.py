@@ -201,6 +201,7 @@ class WaveCoupling(Coupling[Waves]):
 
     def start_frame(self) -> None:
         """Play the returning wave of the next frame, held over its ticks: lossless (P eq. 3-5)."""
+        self.down.receiver.answer = self.sent
         self.returning = wave = self.down.pop()
         most = self._most_wave
         self.implausible = max(wave) > most or min(wave) < -most
@@ -264,6 +265,15 @@ class WaveCoupling(Coupling[Waves]):
     def deficit(self) -> list[float]:
         """Sum of the returning waves that were sent and not played, shape (axes,) [sqrt(W)]."""
         return self.down.receiver.deficit
+
+    @property  # type: ignore[override]
+    def credit_left(self) -> float:
+        return self.down.receiver.ledger.left
+
+    @credit_left.setter
+    def credit_left(self, left: float) -> None:
+        ledger = self.down.receiver.ledger
+        ledger.credit = min(ledger.credit, left)
 
     def lost(self) -> int:
         return self.down.receiver.lost

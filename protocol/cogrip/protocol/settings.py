@@ -85,11 +85,11 @@ class ObjectSection(Object, frozen=True, forbid_unknown_fields=True):
 
 
 class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """[playout]: playout delay, redundancy, tank and concealment of both lines (SPEC.md 5)."""
+    """[playout]: playout delay, redundancy, credit and concealment of both lines (SPEC.md 5)."""
 
     frames: Annotated[int, msgspec.Meta(ge=0, le=256)] | Literal["auto"] = "auto"  # auto: adapted to the jitter
     redundancy: Annotated[int, msgspec.Meta(ge=1, le=32)] = 8
-    tank_mj: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0
+    tank_mj: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 1.0
     concealment: Concealed = "elastic"  # of frames that are missing
 
 
