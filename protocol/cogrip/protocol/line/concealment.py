@@ -147,6 +147,8 @@ class Elastic:
         for axis, value in enumerate(row):
             missing, held = deficit[axis], reserve[axis]
             target = max(-ELASTIC_LIMIT, min(ELASTIC_LIMIT, self._deficit_fraction * missing))
+            reach = sqrt(value * value + 0.25 * smoothing * held)  # so that p can go back as slowly as it came
+            target = max(-value - reach, min(reach - value, target))
             if missing * value < 0.0:  # p takes energy out of this wave: as fast as possible
                 most = min(abs(value), self._dissipation_fraction * abs(missing))
                 target = copysign(max(most, abs(target)), missing)
