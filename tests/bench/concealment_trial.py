@@ -50,6 +50,7 @@ class Trial:
     gaps_m: Gaps
     deficit_m: float  # the largest position deficit of a line, at the moments that count
     diverged: str
+    lent_j: float = 0.0  # what a margin may be below 0: the credit of both directions
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +170,7 @@ def try_out(setup: Setup, name: str) -> Trial:
         step_n=watch.step_n,
         law_peak_n=watch.law_peak_n,
         law_step_n=watch.law_step_n,
+        lent_j=2e-3 * settings.playout.tank_mj,
         least_margin_j=min(margin for margin in margins if margin is not None),
         least_leak_j=min(person.core.ledger.least_leak_j for person in laboratory.people),
         missing=missing / max(1, sent),

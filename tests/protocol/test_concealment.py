@@ -120,7 +120,9 @@ def test_the_deficit_is_compensated_within_seconds() -> None:
     assert max(played[400:]) <= 0.3 + ELASTIC_LIMIT + 1e-12, "and no faster than it may cost energy"
 
 
-def pressed(gap: range, speed: float = 0.0, force: float = 0.1, frames: int = 400, credit_j: float = 1e-3) -> CheckedLine:
+def pressed(
+    gap: range, speed: float = 0.0, force: float = 0.1, frames: int = 400, credit_j: float = 1e-3
+) -> CheckedLine:
     """Return a line to an end under a steady wave whose sqrt(2b) velocity in the gap is `speed` of it."""
     checked = CheckedLine(delay=2, redundancy=4, tank_j=credit_j)
     for number in range(frames):

@@ -131,6 +131,11 @@ class Coupling(ABC, Generic[M]):
         return False
 
     @property
+    def owed_frames(self) -> float:
+        """Position deficit of the line down, in frames of the wave that plays now."""
+        return 0.0
+
+    @property
     def stored_j(self) -> float:
         """Energy kept here of all that the other end gave."""
         return 0.0

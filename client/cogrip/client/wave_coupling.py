@@ -266,7 +266,7 @@ class WaveCoupling(Coupling[Waves]):
         """Sum of the returning waves that were sent and not played, shape (axes,) [sqrt(W)]."""
         return self.down.receiver.deficit
 
-    @property  # type: ignore[override]
+    @property
     def credit_left(self) -> float:
         return self.down.receiver.ledger.left
 
@@ -274,6 +274,11 @@ class WaveCoupling(Coupling[Waves]):
     def credit_left(self, left: float) -> None:
         ledger = self.down.receiver.ledger
         ledger.credit = min(ledger.credit, left)
+
+    @property
+    def owed_frames(self) -> float:
+        square = sum([v * v for v in self.returning])
+        return sum([d * v for d, v in zip(self.deficit, self.returning, strict=True)]) / square if square else 0.0
 
     def lost(self) -> int:
         return self.down.receiver.lost

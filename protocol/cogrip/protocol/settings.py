@@ -196,7 +196,8 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     def predicted_stiffness(self, loop_frames: float, late_frames: float = 0.0) -> float | None:
         """Return K_hand [N/m] of theory section 4 for a measured loop; None without waves or without a spring.
 
-        late_frames: age of the device's samples, which makes the line softer and which no server knows.
+        late_frames: age of the device's samples, and what the line owes of its wave [frames]: both make the line softer, and no
+        server knows of them.
         """
         if self.coupling.kind != "wave" or not kind_of(self.object.kind).spring:
             return None

@@ -101,7 +101,7 @@ class WavePort(Port):
     def power_left(self) -> float:
         return self._limiter.fullness
 
-    @property  # type: ignore[override]
+    @property
     def credit_left(self) -> float:
         return self._receiver.ledger.left
 
