@@ -13,7 +13,7 @@ from tests.bench.concealment import MOST_DRIFT_MM, MOST_PEAK, NOTHING_J, shortfa
 from tests.bench.concealment_trial import CLEAN, ROWS, Setup, Trial, drifts_mm, moments, table, try_out
 from tests.extent import long
 
-MOMENT, LEAKING = Setup(seconds=6.0, seed=4), Setup(seconds=4.0, seed=12)  # their first outage tells ways apart
+MOMENT, LEAKING = Setup(seconds=6.0, seed=4), Setup(seconds=12.0, seed=12)  # their first outage tells ways apart
 HALF_A_MINUTE = long(Setup(seconds=30.0))
 CONFIG = Path(__file__).parents[2] / "configs" / "storm.toml"
 
