@@ -387,23 +387,6 @@ def test_taking_the_seat_anew_brings_in_no_more_power() -> None:
     assert 1e-3 < brought_j + here.world.port_work[0] <= 0.01 * (seconds + 0.25) + 1e-3
 
 
-def test_taking_the_seat_anew_brings_no_new_credit() -> None:
-    """A hostile player falls silent after a frame and takes its seat again: all its lines together lend one credit."""
-    desk = Guarded(room(playout={"tank_mj": 1.0, "frames": 0}))
-    lent_j, seat = 0.0, desk.core.rooms[0].seats[0]
-    for session in range(1, 41):
-        player = desk.welcome("x", nonce=session)
-        desk.core.receive(waves(player.session, 0, 0.5), "x", desk.now_ns)
-        for _ in range(8):
-            desk.tick()
-        desk.core.outbox.clear()
-        assert seat.port is not None
-        lent_j += seat.port.used_j - 0.5**2 / 256.0
-        desk.now_ns += 1_000_000_000
-        assert lent_j <= 1e-3 + 1e-12
-    assert lent_j > 0.5e-3, "it was asked for"
-
-
 def test_a_hand_that_is_nowhere_blinds_no_observer(desk: Guarded) -> None:
     player, seen = desk.welcome("x"), desk.welcome("o", token="o", nonce=2)
     far = messages.decode(waves(player.session, 0, 0.1))

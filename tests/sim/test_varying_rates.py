@@ -138,7 +138,7 @@ def test_without_a_filter_only_one_tick_a_frame_is_passive() -> None:
             user["hand"] = "sine&frequency_hz=120&amplitude_m=0.001"
         margins.append(least_margin(summary_of(**table)))
     assert margins[0] >= NOTHING_J
-    assert margins[1] < -1e-6
+    assert margins[1] < allowed("up_margin_j") - 1e-6
 
 
 def test_no_jolt_where_people_of_many_rates_come_and_go() -> None:
