@@ -1,11 +1,12 @@
 """Credit of the lines up: what a seat lends in all, whoever takes it and however often."""
 
-from tests.server.test_server_core import Desk, room, waves
+from tests.server.test_resumption import Guarded
+from tests.server.test_server_core import room, waves
 
 
 def test_taking_the_seat_anew_brings_no_new_credit() -> None:
     """A hostile player falls silent after a frame and takes its seat again: all its lines together lend one credit."""
-    desk = Desk(room(playout={"tank_mj": 1.0, "frames": 0}))
+    desk = Guarded(room(playout={"tank_mj": 1.0, "frames": 0}))
     lent_j, seat = 0.0, desk.core.rooms[0].seats[0]
     for session in range(1, 41):
         player = desk.welcome("x", nonce=session)
