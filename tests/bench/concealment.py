@@ -26,7 +26,7 @@ KEYS = ("peak_n", "step_n", "law_peak_n", "law_step_n")
 OWN = {  # of the rows, or of flags
     "coupling.kind": "concealment is of waves alone",
     "playout.concealment": "there is a row of each",
-    "playout.tank_mj": "the row `tank` has one",
+    "playout.tank_mj": "the rows have their own",
     "playout.frames": "give --frames",
     "object.kind": "give --object-kind",
     "object.axes": "give --axes",
@@ -164,6 +164,6 @@ def shortfalls(trials: dict[str, Trial], seconds: float = FULL_S) -> list[str]:
         out += [
             f"{key} of {BEST} is not below that of {name}" for key in KEYS if getattr(best, key) >= getattr(trial, key)
         ]
-    if best.least_margin_j < NOTHING_J:
-        out.append(f"a margin of {best.least_margin_j:.1e} J is below 0")
+    if best.least_margin_j < -best.lent_j + NOTHING_J:
+        out.append(f"a margin of {best.least_margin_j:.1e} J is below that of the credit, {-best.lent_j:.1e} J")
     return out

@@ -50,6 +50,7 @@ class Trial:
     gaps_m: Gaps
     deficit_m: float  # the largest position deficit of a line, at the moments that count
     diverged: str
+    lent_j: float = 0.0  # what a margin may be below 0: the credit of both directions
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +63,7 @@ class Setup:
     kind: str = "cube"
     frames: Frames = 8
     seed: int = 1
-    tank_mj: float = 1.0  # of the row `tank`; the others have none
+    tank_mj: float = 1.0  # credit of the rows that fill gaps
     hand: str = HAND
     overrides: tuple[tuple[str, Any], ...] = ()  # of settings, by their paths; the link keeps its own
 
@@ -86,7 +87,7 @@ def table(setup: Setup, name: str) -> dict[str, Any]:
         "seconds": setup.seconds,
         "object": {"kind": setup.kind, "axes": setup.axes, "damping_nspm": 2.0},
         "playout": {"frames": setup.frames} if clean else {
-            "frames": setup.frames, "concealment": name, "tank_mj": setup.tank_mj if name == "tank" else 0.0,
+            "frames": setup.frames, "concealment": name, "tank_mj": setup.tank_mj if name in ("tank", "elastic") else 0.0,
         },
         "link": {"delay_ms": IMPAIRED["delay_ms"]} if clean else dict(IMPAIRED),
         "users": [
@@ -169,6 +170,7 @@ def try_out(setup: Setup, name: str) -> Trial:
         step_n=watch.step_n,
         law_peak_n=watch.law_peak_n,
         law_step_n=watch.law_step_n,
+        lent_j=2e-3 * settings.playout.tank_mj,
         least_margin_j=min(margin for margin in margins if margin is not None),
         least_leak_j=min(person.core.ledger.least_leak_j for person in laboratory.people),
         missing=missing / max(1, sent),

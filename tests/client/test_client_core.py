@@ -199,7 +199,7 @@ def test_the_force_law() -> None:
     client = Client(axes=2)
     force = client.tick(0, 0.0, 0.0)
     client.hear(0, 0.2, -0.1)
-    for number in range(1, 2000):
+    for number in range(1, 12_000):
         if number % M == 0:
             client.hear(due_ns(0, number, DEVICE_HZ), 0.2, -0.1)
         force = client.tick(number, 0.0, 0.0, velocity=[0.03, -0.02])

@@ -226,3 +226,19 @@ def test_what_a_hand_does_once_its_force_fades_does_not_reach_the_object() -> No
 def test_nobody_waits_for_a_line_that_is_not_there(client: Client) -> None:
     client.core.handle(Stop(), client.core.now_ns)
     assert client.core.released
+
+
+def test_a_server_that_is_started_anew_again_and_again_gets_one_credit() -> None:
+    """Each line ends in a gap under force: what the credit paid is not there again."""
+    client, left = silent(), []
+    for number in range(8):
+        back = 1000 + number * 1000
+        client.renew(now(back))
+        run(client, range(back, back + 200), -0.3)
+        left.append(client.core.coupling.credit_left)
+        run(client, range(back + 200, back + 1000), None)
+        left.append(client.core.coupling.credit_left)
+    full_w = 1e-3 / (0.5 * T_N)
+    assert all(later <= earlier + 1e-12 for earlier, later in zip(left[::2], left[1::2], strict=True))
+    assert left[0] <= full_w
+    assert left[-1] < 0.5 * left[0], "it was asked for"

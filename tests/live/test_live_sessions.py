@@ -20,6 +20,7 @@ from cogrip.sim.runs.replay.verify import Verdict, verify
 from tests.extent import long
 from tests.free_ports import free_port
 from tests.live.held_arms import WITHOUT_PLOTS, until
+from tests.sim.session_measures import allowed
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 DEMO = CONFIGS / "demo.toml"
@@ -81,8 +82,8 @@ def test_two_people_hold_one_cube(run, serve, tmp_path):
         assert user["link"]["applied"] > FEW_FRAMES
         assert accounted(user["link"])
         assert user["ticks"]["due"] >= user["ticks"]["run"] > FEW_TICKS
-        assert user["energy"]["up_margin_j"] >= -1e-12
-        assert user["energy"]["down_margin_j"] >= -1e-12
+        assert user["energy"]["up_margin_j"] + allowed("up_margin_j") >= -1e-12
+        assert user["energy"]["down_margin_j"] + allowed("down_margin_j") >= -1e-12
     alone = summary_in(tmp_path / "anna")
     assert alone["users"][0]["proxy_m"] is not None, "the farewell carries the server's part"
     verdicts = replayed(tmp_path)

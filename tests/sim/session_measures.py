@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings import Playout, resolve
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
@@ -26,5 +26,10 @@ def run_frames(laboratory: Laboratory, count: int) -> None:
 
 
 def least_margin(summary: Table) -> float:
-    """Return the least passivity margin of anybody's line [J]."""
-    return float(min(user["energy"][key] for user in summary["users"] for key in MARGINS))
+    """Return by how much the least passivity margin of anybody's line is above what the default credit allows [J]."""
+    return float(min(user["energy"][key] + allowed(key) for user in summary["users"] for key in MARGINS))
+
+
+def allowed(key: str) -> float:
+    """Return by how much this margin may be below 0 with the default credit, of which a whole line has two [J]."""
+    return 1e-3 * Playout().tank_mj * (2.0 if key == "line_margin_j" else 1.0)

@@ -13,7 +13,7 @@ from tests.bench.concealment import MOST_DRIFT_MM, MOST_PEAK, NOTHING_J, shortfa
 from tests.bench.concealment_trial import CLEAN, ROWS, Setup, Trial, drifts_mm, moments, table, try_out
 from tests.extent import long
 
-MOMENT, LEAKING = Setup(seconds=6.0, seed=4), Setup(seconds=4.0, seed=12)  # their first outage tells ways apart
+MOMENT, LEAKING = Setup(seconds=6.0, seed=4), Setup(seconds=12.0, seed=12)  # their first outage tells ways apart
 HALF_A_MINUTE = long(Setup(seconds=30.0))
 CONFIG = Path(__file__).parents[2] / "configs" / "storm.toml"
 
@@ -30,8 +30,8 @@ def trials(setup: Setup) -> dict[str, Trial]:
 def test_no_way_through_gaps_makes_energy(name: str, setup: Setup) -> None:
     trial = trial_of(setup, name)
     assert trial.diverged == ""
-    allowance = -setup.tank_mj * 1e-3 if name == "tank" else 0.0
-    assert trial.least_margin_j >= allowance + NOTHING_J
+    assert trial.lent_j == (0.0 if name in ("zero", "repaid") else 2e-3 * setup.tank_mj)
+    assert trial.least_margin_j >= -trial.lent_j + NOTHING_J
 
 
 @pytest.mark.parametrize("setup", [MOMENT, HALF_A_MINUTE])
@@ -75,12 +75,13 @@ def test_every_recovery_is_judged_once_with_hands_at_rest() -> None:
 
 def test_a_shortfall_is_named() -> None:
     rows = trials(MOMENT)
-    worse = {**rows, "elastic": replace(rows["zero"], name="elastic", least_margin_j=-1e-3)}
+    worse = {**rows, "elastic": replace(rows["zero"], name="elastic", least_margin_j=-1e-3, lent_j=9e-4)}
     found = " / ".join(shortfalls(worse))
     assert "above 0.75 of zero-fill's" in found
     assert "is not below 1 mm" in found
     assert "step_n of elastic is not below that of zero" in found
-    assert "below 0" in found
+    assert "a margin of -1.0e-03 J is below that of the credit, -9.0e-04 J" in found
+    assert "a margin" not in " / ".join(shortfalls({**worse, "elastic": replace(worse["elastic"], lent_j=1e-3)}))
 
 
 @pytest.mark.parametrize("name", ROWS)
@@ -89,7 +90,7 @@ def test_rows_differ_in_what_they_are_about_alone(name: str) -> None:
     assert settings.users == zero.users
     assert settings.object == zero.object
     assert (settings.link == zero.link) is (name != CLEAN)
-    assert (settings.playout.tank_mj > 0.0) is (name == "tank")
+    assert (settings.playout.tank_mj > 0.0) is (name in (CLEAN, "tank", "elastic"))
 
 
 def test_the_config_is_the_storm() -> None:

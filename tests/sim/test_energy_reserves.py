@@ -197,7 +197,7 @@ def test_a_new_server_begins_a_new_line_and_the_client_keeps_the_least_of_all() 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     folder = tmp_path_factory.mktemp("reserves")
-    run_laboratory(session(), folder)
+    run_laboratory(session(playout={"tank_mj": 0.0}), folder)
     return load_run(folder)
 
 

@@ -19,6 +19,7 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import long
+from tests.sim.session_measures import allowed
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 T = 1.0 / 128.0
@@ -134,7 +135,10 @@ def test_many_hands_make_no_energy(count: int, kind: str, dimensions: int, K: fl
     assert summary["object"]["travel_m"] > 1e-3, "it was moved"
     assert summary["server"]["energy_balance_error_j"] < 1e-9
     for user in summary["users"]:
-        assert min(user["energy"][key] for key in ("up_margin_j", "down_margin_j", "line_margin_j")) >= -1e-12
+        assert (
+            min(user["energy"][key] + allowed(key) for key in ("up_margin_j", "down_margin_j", "line_margin_j"))
+            >= -1e-12
+        )
         assert user["state"] in ("live", "degraded")  # one of many is shaken, and let go
 
 

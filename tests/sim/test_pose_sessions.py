@@ -15,6 +15,7 @@ from cogrip.server.worlds.scene import SceneWorld
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import long
+from tests.sim.session_measures import allowed
 
 Array = NDArray[np.float64]
 HZ = 128
@@ -59,7 +60,7 @@ class Turned:
         limiter = self.world.limiter
         seats = [self.laboratory.room.seat_account(number) for number in range(len(self.laboratory.people))]
         ends = [person.core.port.account() for person in self.laboratory.people]
-        lines = min(seat.line_margin_j for seat in seats) >= -1e-12
+        lines = min(seat.line_margin_j for seat in seats) + allowed("line_margin_j") >= -1e-12
         return (
             lines
             and min(end.margin_j or 0.0 for end in ends) >= 0.0

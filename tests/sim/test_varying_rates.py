@@ -29,7 +29,7 @@ from cogrip.sim.session.laboratory import Laboratory, moments_of
 
 from tests.extent import long
 from tests.sim.measured_impedance import measure, static_stiffness
-from tests.sim.session_measures import least_margin, summary_of
+from tests.sim.session_measures import allowed, least_margin, summary_of
 
 NOTHING_J = -1e-12
 DEVICE_HZ = (1024, 2048, 3072, 4096, 8192)
@@ -138,7 +138,7 @@ def test_without_a_filter_only_one_tick_a_frame_is_passive() -> None:
             user["hand"] = "sine&frequency_hz=120&amplitude_m=0.001"
         margins.append(least_margin(summary_of(**table)))
     assert margins[0] >= NOTHING_J
-    assert margins[1] < -1e-6
+    assert margins[1] < allowed("up_margin_j") - 1e-6
 
 
 def test_no_jolt_where_people_of_many_rates_come_and_go() -> None:
@@ -165,7 +165,7 @@ def test_no_jolt_where_people_of_many_rates_come_and_go() -> None:
     laboratory.leave(2)
     run(120)
     assert leaver.core.session.state == "closed"
-    assert leaver.core.coupling.down_margin_j >= NOTHING_J
+    assert leaver.core.coupling.down_margin_j + allowed("down_margin_j") >= NOTHING_J
     laboratory.come(2)
     run(60)
     assert laboratory.people[2].core.safety.state == "live"

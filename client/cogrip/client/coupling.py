@@ -102,9 +102,11 @@ class Coupling(ABC, Generic[M]):
         object_state   positions and velocities of the object as last received, shape (2 axes,)
         down_margin_j  least margin of the line down; None where no ledger of one direction is kept
         down_reserve   its energy reserve
+        credit_left    credit that the line down leaves to the next one, per axis [W] (SPEC 5.4)
     """
 
     down_reserve: EnergyReserve
+    credit_left: float = inf
 
     def __init__(self, seat: SeatSettings) -> None:
         axes = seat.object.axes
@@ -129,6 +131,11 @@ class Coupling(ABC, Generic[M]):
     def played(self) -> bool:
         """True where the frame that plays now had come in its time."""
         return False
+
+    @property
+    def owed_frames(self) -> float:
+        """Position deficit of the line down, in frames of the wave that plays now."""
+        return 0.0
 
     @property
     def stored_j(self) -> float:

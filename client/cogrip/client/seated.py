@@ -369,7 +369,8 @@ class SeatedClient:
         """Return all that this end knows. ticks: of its loop, as its driver counted them."""
         coupling, ledger, safety = self.coupling, self.ledger, self.safety
         loop = coupling.loop_frames()
-        predicted_npm = None if loop is None else self.settings.predicted_stiffness(loop, self._late_frames)
+        more = self._late_frames + max(0.0, coupling.owed_frames)
+        predicted_npm = None if loop is None else self.settings.predicted_stiffness(loop, more)
         return ClientAccount(
             position_m=self.pose,
             force_n=self.wrench,

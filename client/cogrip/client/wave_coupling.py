@@ -255,6 +255,7 @@ class WaveCoupling(Coupling[Waves]):
 
     def start_frame(self) -> int:
         """Play the returning wave of the next frame, held over its ticks: lossless (P eq. 3-5)."""
+        self.down.receiver.answer = self.sent
         self._play(self.down.pop())
         receiver = self.down.receiver
         if receiver.metadata is not None and (acknowledged := receiver.metadata[2]):
@@ -333,6 +334,20 @@ class WaveCoupling(Coupling[Waves]):
     def deficit(self) -> list[float]:
         """Sum of the returning waves that were sent and not played, shape (axes,) [sqrt(W)]."""
         return self.down.receiver.deficit
+
+    @property
+    def credit_left(self) -> float:
+        return self.down.receiver.ledger.left
+
+    @credit_left.setter
+    def credit_left(self, left: float) -> None:
+        ledger = self.down.receiver.ledger
+        ledger.credit = min(ledger.credit, left)
+
+    @property
+    def owed_frames(self) -> float:
+        square = sum([v * v for v in self.returning])
+        return sum([d * v for d, v in zip(self.deficit, self.returning, strict=True)]) / square if square else 0.0
 
     def lost(self) -> int:
         return self.down.receiver.lost

@@ -87,12 +87,12 @@ class ObjectSection(Object, frozen=True, forbid_unknown_fields=True):
 
 
 class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """[playout]: playout delay, redundancy, tank and concealment of both lines (SPEC.md 5)."""
+    """[playout]: playout delay, redundancy, credit and concealment of both lines (SPEC.md 5)."""
 
     frames: Annotated[int, msgspec.Meta(ge=0, le=256)] | Literal["auto"] = "auto"  # auto: adapted to the jitter
     late: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] = 0.01  # rate of late frames that "auto" aims at
     redundancy: Annotated[int, msgspec.Meta(ge=1, le=32)] = 8
-    tank_mj: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0
+    tank_mj: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 1.0
     concealment: Concealed = "elastic"  # of frames that are missing
 
 
@@ -199,7 +199,8 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     def predicted_stiffness(self, loop_frames: float, late_frames: float = 0.0) -> float | None:
         """Return K_hand [N/m] of theory section 4 for a measured loop; None without waves or without a spring.
 
-        late_frames: age of the device's samples, which makes the line softer and which no server knows.
+        late_frames: age of the device's samples, and what the line owes of its wave [frames]: both make the line softer, and no
+        server knows of them.
         """
         if self.coupling.kind != "wave" or not kind_of(self.object.kind).spring:
             return None

@@ -84,6 +84,7 @@ class Seat(Participant):
         self.farewell = b""  # the last one, to be repeated
         self.farewell_ns = 0
         self.power_left = 1.0  # of the power's bucket, when the seat was left
+        self.credit_left = inf  # to the next line up, per axis [W]
         self.limited: dict[str, int] = {}  # limitations before the present port, by reason
 
     def void_ticket(self) -> None:

@@ -1,6 +1,7 @@
 """Port: the server's end of one person's line, between the messages of a coupling scheme and the world."""
 
 from abc import ABC, abstractmethod
+from math import inf
 from typing import Any
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
@@ -26,6 +27,7 @@ class Port(ABC):
     next_step_ns   time of the room's next step, which its room sets; None before the first
     up_margin_j    least energy margin of the line up so far; None where no ledger of one direction is kept
     up_reserve     energy reserve of the line up
+    credit_left    credit that the line up leaves to the next one, per axis [W] (SPEC 5.4)
     behind         frames sent down that the client had not applied when it sent the frame popped last; None before that
     playout_frames depth of the jitter buffer now; None without one
     loops          the loop over the last second; None where no stiffness adapts to it
@@ -33,6 +35,7 @@ class Port(ABC):
 
     next_step_ns: int | None = None
     up_margin_j: float | None = 0.0
+    credit_left: float = inf
     turned: Turned | None = None
     behind: int | None = None
     playout_frames: float | None = None

@@ -63,6 +63,7 @@ class Room:
         seat.farewell, seat.rtt_ns = b"", None
         seat.record, seat.reserved_until_ns = record, None
         seat.port = port = self._scheme.make_port(seat.settings, self.limits(number), power_left)
+        port.credit_left = seat.credit_left  # all seat sessions together lend one credit
         seat.adapter = None
         if port.loops is not None and self.world.can_follow:
             seat.adapter = StiffnessAdapter(seat.settings, port.loops)
@@ -93,7 +94,7 @@ class Room:
         seat.on_object = False
         seat.limited = self.limited(number)
         if seat.port is not None:
-            seat.power_left = seat.port.power_left
+            seat.power_left, seat.credit_left = seat.port.power_left, seat.port.credit_left
         seat.port = seat.adapter = None
         if event != "silence":
             seat.ticket = seat.ticket_hash = ""

@@ -117,6 +117,15 @@ class WavePort(Port):
         return self._limiter.fullness
 
     @property
+    def credit_left(self) -> float:
+        return self._receiver.ledger.left
+
+    @credit_left.setter
+    def credit_left(self, left: float) -> None:
+        ledger = self._receiver.ledger
+        ledger.credit = min(ledger.credit, left)
+
+    @property
     def deficit(self) -> list[float]:
         """Forward waves sent and not played, shape (axes,) [sqrt(W)]."""
         return self._receiver.deficit
@@ -127,6 +136,7 @@ class WavePort(Port):
 
     def push(self, row: Row) -> None:
         self._sender.push(row)
+        self._receiver.answer = row
         self._limiter.book(row)
         square = 0.0  # of all axes first, as the receiver adds them: else rounding alone would make a margin
         for value in row:

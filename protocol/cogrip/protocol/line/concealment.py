@@ -6,16 +6,16 @@ far as they are known (SPEC 5.4). `WaveLedger` bounds every x and p by them: no 
 
     zero      x = 0, p = 0: a matched termination
     repaid    x = 0; p is 1/16 of the deficit, at most COMPENSATION_LIMIT
-    tank      x is the last wave fading out, paid by reserve and tank; p as above, but some reserve is kept for the next gap
-    elastic   the last wave fades more slowly, and is cross-faded to the first frame after the gap, like a spring with a
-              damper: p' = SMOOTHING (target - p), with the deficit as the spring. A reserve is charged for the next gap, and
-              the client's end yields (`WaveCoupling`)
+    tank      x is the last wave fading out, paid by reserve and credit; p as above, but some reserve is kept for the next gap
+    elastic   the last wave is held while the hand rests and fades more slowly while it moves; the first frame after the gap is
+              cross-faded to, like a spring with a damper: p' = SMOOTHING (target - p), with the deficit as the spring. The
+              client's end yields where the hand moves (`WaveCoupling`)
 
 Comparison and numbers: docs/decisions/0003-gaps.md.
 """
 
 from collections.abc import Callable, Sequence
-from math import sqrt
+from math import copysign, sqrt
 from typing import Literal, Protocol
 
 Concealed = Literal["zero", "repaid", "tank", "elastic"]
@@ -35,9 +35,7 @@ DISSIPATION_FRACTION = 1.0 / 16.0  # of the deficit, in one frame, where p takes
 ELASTIC_LIMIT = 0.1  # sqrt(W), of a p that costs energy
 LEAST_GAIN = 0.4  # of sqrt(b), at an end whose wave is missing
 FULL_QUALITY = 0.99  # a quality above this is 1
-TARGET_FRAMES = 8.0  # target of the reserve: frames of BASE_HZ like the largest recent one; a fade takes 7.4
-CHARGE_FRACTION = 0.2  # of a wave, withheld while the reserve is below its target
-PEAK_DECAY = 1.0 / 128.0  # of the largest recent wave, in one frame
+REST_FRACTION = 1.0 / 8.0  # of the wave: a hand whose sqrt(2b) velocity is this much moves
 
 
 class Concealment(Protocol):
@@ -50,10 +48,11 @@ class Concealment(Protocol):
     quality: float
     least_gain: float
 
-    def fill(self, last: Row, limit: Row, late: Row | None = None, silent: bool = True) -> Row:
+    def fill(self, last: Row, limit: Row, answer: Row, late: Row | None = None, silent: bool = True) -> Row:
         """Return x for a missing frame, |x| <= limit.
 
         last    wave played before
+        answer  wave that this end sent with it: last + answer is sqrt(2b) velocity
         late    newest wave of all, if it has come with this pop and too late
         silent  no frame newer than the missing one is known
         """
@@ -70,7 +69,7 @@ class Zero:
     def __init__(self, axes: int, frame_s: float) -> None:
         self._zero = [0.0] * axes
 
-    def fill(self, last: Row, limit: Row, late: Row | None = None, silent: bool = True) -> Row:
+    def fill(self, last: Row, limit: Row, answer: Row, late: Row | None = None, silent: bool = True) -> Row:
         return self._zero
 
     def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
@@ -87,7 +86,7 @@ class Compensated(Zero):
 class Tank(Compensated):
     """Fade of the last wave through a gap."""
 
-    def fill(self, last: Row, limit: Row, late: Row | None = None, silent: bool = True) -> Row:
+    def fill(self, last: Row, limit: Row, answer: Row, late: Row | None = None, silent: bool = True) -> Row:
         return [max(-most, min(most, FADE * wave)) for wave, most in zip(last, limit, strict=True)]
 
     def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
@@ -100,38 +99,42 @@ class Tank(Compensated):
 
 
 class Elastic:
-    """Slow fade and cross-fade, bounded by the reserve: the end yields in a gap and comes back without a jump."""
+    """Hold or slow fade, and cross-fade: the end yields in a gap to a hand that moves, and comes back without a jump."""
 
     def __init__(self, axes: int, frame_s: float) -> None:
         frames = frame_s * BASE_HZ
         self.quality = 1.0
         self.least_gain = LEAST_GAIN
         self._fade = ELASTIC_FADE**frames
-        self._target_frames = TARGET_FRAMES / frames
         self._smoothing = 1.0 - (1.0 - SMOOTHING) ** frames
         self._deficit_fraction = min(1.0, DEFICIT_FRACTION * frames)
         self._dissipation_fraction = min(1.0, DISSIPATION_FRACTION * frames)
         self._added = [0.0] * axes  # p of the last frame
-        self._decay = (1.0 - PEAK_DECAY) ** frames
-        self._peak = [0.0] * axes  # largest recent square [W]
-        self._charging = [True] * axes  # the reserve is below its target
+        self._part = sqrt(1.0 - self._fade * self._fade)  # of the limit: what is left pays for a fade to its end
+        self._rest = 1.0  # of the hand: 1 at rest, 0 moving
         self._was_gap = False
 
-    def fill(self, last: Row, limit: Row, late: Row | None = None, silent: bool = True) -> Row:
-        out = []
-        allowed = 1.0
-        steady = [self._fade * (wave - added) for wave, added in zip(last, self._added, strict=True)]
-        for value, most in zip(late or steady, limit, strict=True):
-            size = abs(value)
-            if size > most:
-                allowed = min(allowed, most / size)
-                value = most if value > 0.0 else -most
-            out.append(value)
+    def fill(self, last: Row, limit: Row, answer: Row, late: Row | None = None, silent: bool = True) -> Row:
+        self._rest = self._resting(last, answer)
+        fade = self._fade + (1.0 - self._fade) * self._rest
         if late is not None:  # the other end is there: no reason to yield
             self._recover()
         elif silent:
-            self.quality *= self._fade * allowed
-        return out
+            self.quality *= fade
+        steady = [fade * (wave - added) for wave, added in zip(last, self._added, strict=True)]
+        reach = [self._part * most for most in limit]
+        return [max(-most, min(most, x)) for x, most in zip(late or steady, reach, strict=True)]
+
+    def _resting(self, last: Row, answer: Row) -> float:
+        """Return how much the hand rests. In a gap one that rested still does where it only follows its own load."""
+        square = sum([wave * wave for wave in last])
+        if not square:
+            return 0.0
+        speed = [wave + sent for wave, sent in zip(last, answer, strict=True)]
+        if self._was_gap:
+            along = sum([wave * each for wave, each in zip(last, speed, strict=True)])
+            return min(self._rest, max(0.0, 1.0 - along / square))
+        return max(0.0, 1.0 - sqrt(sum([each * each for each in speed]) / square) / REST_FRACTION)
 
     def _recover(self) -> None:
         quality = self.quality + self._smoothing * (1.0 - self.quality)
@@ -139,30 +142,21 @@ class Elastic:
 
     def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
         smoothing, added = self._smoothing, self._added
-        braking = 0.5 * smoothing
         after_gap = self._was_gap and not gap
         self._was_gap = gap
         for axis, value in enumerate(row):
             missing, held = deficit[axis], reserve[axis]
-            square = value * value
-            self._peak[axis] = peak = max(square, self._peak[axis] * self._decay)
-            wanted = self._target_frames * peak
-            charging = self._charging[axis] = held < (wanted if self._charging[axis] else 0.5 * wanted)
+            target = max(-ELASTIC_LIMIT, min(ELASTIC_LIMIT, self._deficit_fraction * missing))
+            reach = sqrt(value * value + 0.25 * smoothing * held)  # so that p can go back as slowly as it came
+            target = max(-value - reach, min(reach - value, target))
+            if missing * value < 0.0:  # p takes energy out of this wave: as fast as possible
+                most = min(abs(value), self._dissipation_fraction * abs(missing))
+                target = copysign(max(most, abs(target)), missing)
             if gap:  # what the end writes off in a gap (`LineReceiver.write_off`) is not compensated before its end
                 target = 0.0
-            elif charging:
-                target = -CHARGE_FRACTION * value
-            else:
-                target = max(-ELASTIC_LIMIT, min(ELASTIC_LIMIT, self._deficit_fraction * missing))
-                reach = sqrt(square + braking * max(0.0, held - wanted))  # so that p can go back as slowly as it came
-                target = max(-value - reach, min(reach - value, target))
-            if missing * value < 0.0 and not gap:  # p takes energy out of this wave: as fast as possible
-                most = min(abs(value), self._dissipation_fraction * abs(missing))
-                if most > abs(target):
-                    target = most if missing > 0.0 else -most
             p = last[axis] - value if after_gap else added[axis]
             p += smoothing * (target - p)
-            reach = sqrt(square + held)
+            reach = sqrt(value * value + held)
             added[axis] = max(-value - reach, min(reach - value, p))
         if not gap:
             self._recover()

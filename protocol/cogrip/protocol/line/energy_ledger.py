@@ -1,6 +1,6 @@
 """The energy ledger of a line's receiver: what was sent, lost, played in gaps and compensated (SPEC.md 5.4, theory 3.5).
 
-Invariant, per axis and at every pop, c the number of the next frame: sum(played^2) <= sum(sent^2 of frames below c) + tank.
+Invariant, per axis and at every pop, c the number of the next frame: sum(played^2) <= sum(sent^2 of frames below c) + credit.
 
 All squares are in W per axis: an energy over T_n / 2. A frame's totals are the sums over all frames before it, by the sender.
 """
@@ -12,6 +12,7 @@ from cogrip.protocol.line.energy_sums import BOUND_FRACTION, RESERVE_FRACTION, W
 from cogrip.protocol.line.sender import Frame
 
 HISTORY = 1024  # frames for which the receiver still knows what it had played
+KEPT = 0.5  # of the credit, for the next gap: compensation does not spend it
 
 
 class WaveLedger:
@@ -21,12 +22,12 @@ class WaveLedger:
     settled_fillings  squares of the fillings before it [W]
     lost_squares      squares lost before it, less these and what may be rounding [W]
     disturbed         something is lost, or may be: before that nothing is compensated
+    credit            what each axis may play beyond what was sent, E_0 2 / (T_n axes) [W]; a next line may have less (`left`)
     """
 
-    def __init__(self, axes: int, tank_w: float) -> None:
-        """tank_w: what each axis may play beyond what was sent, E_0 2 / (T_n axes) [W]."""
+    def __init__(self, axes: int, credit_w: float) -> None:
         self._axes = axes
-        self._tank = tank_w
+        self.credit = credit_w
         self.settled = 0
         self.disturbed = False
         zero = (0.0,) * axes
@@ -94,16 +95,20 @@ class WaveLedger:
         self._compensated.add(row, squares)
 
     def allowance(self, axis: int) -> float:
-        """Squares that may still be played beyond the frames themselves, tank included [W]."""
-        filled, spent, tank = self._filled.squares[axis], self._compensated.squares[axis], self._tank
-        rounding = BOUND_FRACTION * (tank + filled + abs(spent))
-        return self.lost_squares[axis] - spent + tank - (filled - self.settled_fillings[axis]) - rounding
+        """Squares that may still be played beyond the frames themselves, credit included [W]."""
+        filled, spent, credit = self._filled.squares[axis], self._compensated.squares[axis], self.credit
+        rounding = BOUND_FRACTION * (credit + filled + abs(spent))
+        return self.lost_squares[axis] - spent + credit - (filled - self.settled_fillings[axis]) - rounding
 
     def limits(self) -> list[float]:
         """Largest filling on each axis [sqrt(W)]."""
         return [sqrt(max(0.0, self.allowance(axis))) for axis in range(self._axes)]
 
     def reserve(self) -> list[float]:
-        """Squares that compensation may spend [W]; the tank is not for that."""
-        spent = self._compensated.squares
-        return [max(0.0, min(lost - spent[axis], self.allowance(axis))) for axis, lost in enumerate(self.lost_squares)]
+        """Squares that compensation may spend on each axis [W]."""
+        return [max(0.0, self.allowance(axis) - KEPT * self.credit) for axis in range(self._axes)]
+
+    @property
+    def left(self) -> float:
+        """Credit of a line that follows this one, if that has no more of its own: both together lend one credit [W]."""
+        return max(0.0, min(map(self.allowance, range(self._axes))))

@@ -35,10 +35,11 @@ class LineReceiver:
     hold      ticks for which what was popped last is to be played; a server, which moves by whole frames, plays a step
     overdue   the frame that a filling stands for now, if it has come meanwhile
     ledger    energy ledger of this direction
+    answer    wave that the end sent last: its owner sets it before `pop`
     """
 
     def __init__(
-        self, axes: int, delay_frames: Frames, frame_s: float, tank_j: float = 0.0, concealment: Concealed = "elastic",
+        self, axes: int, delay_frames: Frames, frame_s: float, credit_j: float = 0.0, concealment: Concealed = "elastic",
         *, late: float = LATE, ticks: int = 1, by_frames: bool = False,
     ) -> None:  # fmt: skip
         """Make a receiver that has received nothing.
@@ -46,7 +47,7 @@ class LineReceiver:
         axes          degrees of freedom, 1 to 6
         delay_frames  playout delay D in frames, or "auto" to adapt it to the jitter (SPEC 5.5, 5.6)
         frame_s       period T_n of a frame [s]
-        tank_j        energy E_0 that the line may lend in all [J] (SPEC 5.4)
+        credit_j      energy E_0 that the line may lend in all [J] (SPEC 5.4)
         concealment   strategy for gaps (SPEC 5.4)
         late          rate of late frames that "auto" aims at
         ticks         device ticks in a frame, M
@@ -60,7 +61,8 @@ class LineReceiver:
         self.hold = 1 if self._jitter_buffer.adapts else ticks
         self._half_frame_s = 0.5 * frame_s
         self._concealment = CONCEALMENTS[concealment](axes, frame_s)
-        self.ledger = WaveLedger(axes, tank_j / self._half_frame_s / axes)
+        self.ledger = WaveLedger(axes, credit_j / self._half_frame_s / axes)
+        self.answer: Sequence[float] = self._zero
 
         self._cursor: int | None = None  # number of the frame that `pop` plays next
         self.newest = -1
@@ -273,7 +275,7 @@ class LineReceiver:
     def _fill(self, late: Frame | None, silent: bool) -> Frame:
         """Return the filling for a missing frame: as the concealment proposes, as far as the ledger allows."""
         limits = self.ledger.limits()
-        filled = self._concealment.fill(self._last, limits, late, silent)
+        filled = self._concealment.fill(self._last, limits, self.answer, late, silent)
         return tuple([max(-most, min(most, x)) for x, most in zip(filled, limits, strict=True)])
 
     def _play(self, frame: Frame, part: float) -> Frame:

@@ -12,7 +12,9 @@ MOST_CONTROLLED = 0.05
 MOST_REPLACED = 0.05
 """Largest fraction of a direction's frames that were concealed. Telehaptics bears losses of 10 % (docs/decisions/0010)."""
 MOST_REPLACED_AT_REST = 0.001
-"""The same less the longest gap, for the prediction: the reserve kept for gaps makes a line softer."""
+"""The same less the longest gap, for the prediction of a line whose credit did not pay for all of them."""
+MOST_LENT = 0.4
+"""Fraction of the credit that a line has lent at most where the credit paid: compensation spends no more than half of it."""
 MOST_MOVED = 0.01
 """Largest fraction of a direction's frames at which the playout delay changed. Felt stiffness depends on that delay."""
 STIFFNESS_JND = 0.23
@@ -99,8 +101,13 @@ def _worst_reasons(held: list[Row]) -> Iterator[str]:
             yield f"{name_of(row)} felt {measured:.0f} N/m at rest, where {predicted:.0f} N/m is predicted"
 
 
-def not_predicted(row: Row) -> str:
-    """Return why the stiffness that the linear line predicts does not hold of this person's run; "" where it may."""
+def not_predicted(row: Row, credit_j: float) -> str:
+    """Return why the stiffness that the linear line predicts does not hold of this person's run; "" where it may.
+
+    credit_j: what each direction of the line may lend.
+    """
+    margins = [dig(row, "energy", key) for key in ("up_margin_j", "down_margin_j")]
+    paid = credit_j > 0.0 and all(not is_number(each) or each > -MOST_LENT * credit_j for each in margins)
     limited, controlled = _value(row, "at_limit") or 0.0, _value(row, "controlled") or 0.0
     paths = ("up", "down")
     moved = max(_share(row, path, "repeated") + _share(row, path, "skipped") for path in paths)
@@ -114,7 +121,7 @@ def not_predicted(row: Row) -> str:
         return f"the force was at a limit in {_percent(limited)} of the ticks"
     if controlled > MOST_CONTROLLED:
         return f"the device port changed what is felt in {_percent(controlled)} of the ticks"
-    if scattered > MOST_REPLACED_AT_REST:
+    if scattered > (MOST_REPLACED if paid else MOST_REPLACED_AT_REST):
         return f"{_percent(_replaced(row)[0])} of the frames {_replaced(row)[1]} it were replaced"
     if moved > MOST_MOVED:
         return f"the playout's depth changed at {_percent(moved)} of the frames"

@@ -56,14 +56,18 @@ def summarise(
     claims: the clients are others', so that what they alone say decides neither `passive` nor `diverged`; it stands in
     `claimed` of each user, null elsewhere.
     """
-    rows = [{**_user(user, claims), "earlier": [_user(before, claims) for before in user.earlier]} for user in users]
+    credit_j = tank_mj * 1e-3
+    rows = [
+        {**_user(user, claims, credit_j), "earlier": [_user(before, claims, credit_j) for before in user.earlier]}
+        for user in users
+    ]
     sessions = [session for user in users for session in (*user.earlier, user)]
     said = not claims and any(each.client.diverged for each in sessions if each.client)
     return {
         "name": name,
         "seed": seed,
         "seconds": seconds,
-        "passive": passive_of(rows, tank_mj * 1e-3),
+        "passive": passive_of(rows, credit_j),
         "diverged": said or bool(room and room.diverged),
         "playout_frames": playout_frames,
         "object": {
@@ -163,7 +167,7 @@ def _of(end: object, name: str) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def _user(user: UserRecord, claims: bool) -> dict[str, Any]:
+def _user(user: UserRecord, claims: bool, credit_j: float) -> dict[str, Any]:
     client, seat = user.client, user.seat
     device = client.device if client else DeviceAccount()
     row: dict[str, Any] = {
@@ -199,7 +203,7 @@ def _user(user: UserRecord, claims: bool) -> dict[str, Any]:
         "reason": shown(client.reason) if client else None,
         "claimed": {key: _of(client, key) for key in ("diverged", "down_margin_j")} if claims else None,
     }
-    why = not_predicted(row) if row["predicted_stiffness_npm"] is not None else ""
+    why = not_predicted(row, credit_j) if row["predicted_stiffness_npm"] is not None else ""
     return {
         **row,
         "predicted_stiffness_npm": None if why else row["predicted_stiffness_npm"],

@@ -25,7 +25,7 @@ from cogrip.sim.runs.summary_values import (
 
 
 def judgements(summary: Summary, tank_j: float | None = None) -> tuple[Judgement, Judgement, Judgement]:
-    """Return the three judgements. tank_j: what the lines may lend (settings), None if not known."""
+    """Return the three judgements. tank_j: credit of the lines (settings), None if not known."""
     return passive(summary, tank_j), stable(summary), felt(summary)
 
 
@@ -72,7 +72,7 @@ def passive_of(rows: list[Row], tank_j: float) -> bool | None:
 
 
 def least_margin(key: str, tank_j: float) -> float:
-    """Return the least that a margin may be [J]: less what the tank of each direction may lend, and rounding."""
+    """Return the least that a margin may be [J]: less the credit of each direction, and rounding."""
     return -{"line_margin_j": 2.0, "device_margin_j": 0.0}.get(key, 1.0) * tank_j - ROUNDING_J
 
 
@@ -83,10 +83,10 @@ def _measured(row: Row) -> tuple[str, ...]:
 
 
 def passive(summary: Summary, tank_j: float | None = None) -> Judgement:
-    """Judge whether no line, and no device port, ever gave out more energy than had come in."""
+    """Judge whether no line gave out more than had come in and its credit, and no device port more than had come in."""
     users, said = people(summary), summary.get("passive")
     worst, device = worst_margin(users), _worst_device(users)
-    lent = f" The tank may lend {energy(tank_j)}." if tank_j else ""
+    lent = f" The credit of each direction is {energy(tank_j)}." if tank_j else ""
     if said is False:
         return Judgement("passive", "bad", *_not_passive(users, worst, device, tank_j or 0.0, lent))
     if claims := _claimed_margins(users, tank_j or 0.0):
@@ -104,8 +104,8 @@ def passive(summary: Summary, tank_j: float | None = None) -> Judgement:
     port += _least_reserves(users)
     margin_j, ledger, who = worst
     if margin_j < -ROUNDING_J:
-        lender = "its tank" if tank_j else "its passivity controller, E(0),"
-        text = f"Passive: the {ledger} of {who} was {energy(-margin_j)} ahead at most, which {lender} had lent; {port}.{lent}"
+        most = f"by {energy(-margin_j)} at most ({ledger} of {who}), which its credit had lent"
+        text = f"Passive: no line gave out more energy than had been put in but {most}; {port}.{lent}"
     else:
         text = f"Passive: no line ever gave out more energy than had been put in, {port}.{lent}"
     return Judgement("passive", "good", text)

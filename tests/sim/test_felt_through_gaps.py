@@ -1,0 +1,72 @@
+"""Stiffness that is felt through lossy networks, against the prediction, and against the charge that takes it away."""
+
+from statistics import mean
+from typing import Any
+
+import pytest
+
+from cogrip.protocol.settings import Settings, resolve
+from cogrip.sim.experiments.methods.felt import LAST_S, balanced_loads, measure_felt, probe_settings
+from cogrip.sim.runs.felt_as_intended import MOST_LENT
+from cogrip.sim.session.laboratory import Laboratory
+
+from tests.extent import every
+from tests.sim.session_measures import allowed
+
+PREDICTED = 0.1  # of the prediction: what losses may change while the credit pays
+MARGINS = ("up_margin_j", "down_margin_j", "line_margin_j")
+
+
+def lossy(profile: str, seed: int, **playout: Any) -> Settings:
+    users = [{"name": "anna"}, {"name": "ben"}]
+    coupling = {"stiffness_npm": 2000.0, "impedance_nspm": 20.0}
+    link = {"profile": profile}
+    return resolve({"seed": seed, "coupling": coupling, "link": link, "playout": playout, "users": users})
+
+
+def probed(settings: Settings) -> list[tuple[float, dict[str, float]]]:
+    """Return the stiffness predicted for each person over the time that `measure_felt` looks at, and the margins.
+
+    The playout delay follows the network, so the mean is that of the compliance, frame by frame.
+    """
+    loads = balanced_loads(settings)
+    assert loads is not None
+    laboratory = Laboratory(probe_settings(settings, loads))
+    compliances: list[list[float]] = [[] for _ in laboratory.people]
+
+    def look(now: Laboratory) -> None:
+        for number, person in enumerate(now.people):
+            coupling = person.core.coupling
+            if now.seconds > now.settings.seconds - LAST_S and (loop := coupling.loop_frames()) is not None:
+                seat = now.room.seats[number].settings
+                npm = seat.predicted_stiffness(loop, max(0.0, coupling.owed_frames))
+                assert npm is not None
+                compliances[number].append(1.0 / npm)
+
+    laboratory.run(None, look)
+    found = []
+    for number, person in enumerate(laboratory.people):
+        seat = laboratory.room.seat_account(number)
+        margins = (seat.up_margin_j, person.core.coupling.down_margin_j, seat.line_margin_j)
+        values = {key: margin_j for key, margin_j in zip(MARGINS, margins, strict=True) if margin_j is not None}
+        assert len(values) == len(MARGINS)
+        found.append((1.0 / mean(compliances[number]), values))
+    return found
+
+
+@pytest.mark.parametrize("seed", every(6, range(1, 7)))
+@pytest.mark.parametrize("profile", ["wifi", "wan", "lte", "satellite"])
+def test_what_is_predicted_is_felt_while_the_credit_pays(profile: str, seed: int) -> None:
+    settings = lossy(profile, seed)
+    for felt, (predicted_npm, margins) in zip(measure_felt(settings), probed(settings), strict=True):
+        assert all(margin_j >= -allowed(key) - 1e-12 for key, margin_j in margins.items())
+        paid = all(margins[key] > -MOST_LENT * allowed(key) for key in MARGINS[:2])
+        assert felt.felt_npm is not None
+        assert not paid or felt.felt_npm == pytest.approx(predicted_npm, rel=PREDICTED)
+
+
+def test_without_a_credit_the_hand_feels_the_gaps() -> None:
+    """The same network and seed: the test above can fail."""
+    felt = [person.felt_npm or 0.0 for person in measure_felt(lossy("wan", 1, tank_mj=0.0))]
+    predicted = [npm for npm, _ in probed(lossy("wan", 1, tank_mj=0.0))]
+    assert min(one / other for one, other in zip(felt, predicted, strict=True)) < 1.0 - PREDICTED
