@@ -294,7 +294,7 @@ def test_the_late_rate_is_the_one_that_is_set(late: float) -> None:
 @pytest.mark.parametrize("ticks_late", [1, 3, M - 1])
 def test_a_frame_that_is_overdue_is_played_for_what_is_left_of_its_time(ticks_late: int) -> None:
     """Sums of waves and squares are those of the ticks: filling until then, the frame after."""
-    receiver, sender = LineReceiver(1, "auto", FRAME_S, tank_j=1.0, ticks=M), LineSender(1, 1)
+    receiver, sender = LineReceiver(1, "auto", FRAME_S, credit_j=1.0, ticks=M), LineSender(1, 1)
     waves, played, energy = [0.3, -0.2, 0.25, 0.1, 0.05], [], 0.0
     border, held = 0, 0.0
     for tick in range(len(waves) * M):

@@ -191,9 +191,11 @@ def test_the_stiffness_is_felt_as_asked_before_and_after_the_delay_changes(
     assert not summary["diverged"]
     assert least_margin(summary) >= -1e-12
     assert summary["server"]["energy_balance_error_j"] < 1e-12
-    frames = line_delay(Playout(), LinkProfile(delay_ms=after_ms), Rates(device_hz, 128)).frames
+    way = line_delay(Playout(), LinkProfile(delay_ms=after_ms), Rates(device_hz, 128))
     for user, person in zip(summary["users"], session.laboratory.people, strict=True):
-        compliance = (2 * frames + 1) * FRAME_MS * 1e-3 / 120.0
+        loop = person.core.coupling.loop_frames()
+        assert 2.0 * way.frames + 1.0 <= loop <= 2.0 * way.frames + 1.0 + 2.0 / way.ticks_per_frame, "two ticks are not chased"
+        compliance = loop * FRAME_MS * 1e-3 / 120.0
         assert user["rendered_npm"] == pytest.approx(K_NPM / (1.0 - K_NPM * compliance), rel=1e-9)
         owed = (
             max(0.0, person.core.coupling.owed_frames) * FRAME_MS * 1e-3 / 120.0

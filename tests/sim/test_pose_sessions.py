@@ -164,7 +164,7 @@ def test_devices_that_do_not_turn_are_told_how_to_join(tmp_path: Path) -> None:
             {"object": {"kind": "scene", "file": "x", "axes": 3}, "users": [{"orientation": "driven"}]},
             "set object.axes = 6",
         ),
-        ({"object": {"kind": "scene", "file": "x", "axes": 6}, "playout": {"redundancy": 17}}, "set it to at most 16"),
+        ({"object": {"kind": "scene", "file": "x", "axes": 6}, "playout": {"redundancy": 17}}, "set it to at most 15"),
     ],
 )
 def test_settings_that_do_not_fit(change: dict[str, object], said: str) -> None:

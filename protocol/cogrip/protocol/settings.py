@@ -31,8 +31,7 @@ REMOTE_SPEED_MPS = 4.0
 REMOTE_TORQUE_NM = 3.0
 REMOTE_SPEED_RADPS = 40.0
 REMOTE: Mapping[str, float] = {
-    "force_n": REMOTE_FORCE_N, "speed_mps": REMOTE_SPEED_MPS, "torque_nm": REMOTE_TORQUE_NM,
-    "speed_radps": REMOTE_SPEED_RADPS,
+    "force_n": REMOTE_FORCE_N, "speed_mps": REMOTE_SPEED_MPS, "torque_nm": REMOTE_TORQUE_NM, "speed_radps": REMOTE_SPEED_RADPS,
 }  # fmt: skip
 """Bounds of device records, by field of `Admission`, where it sets none."""
 ONLY_USER = "anna"  # where a file names no users
