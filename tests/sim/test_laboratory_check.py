@@ -3,10 +3,12 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from statistics import mean
 from typing import Any
 
 import pytest
 
+from cogrip.devices.for_user import make_for
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.analysis.advice import advise
 from cogrip.sim.analysis.advice_change import Change, Score
@@ -72,9 +74,9 @@ def test_jitter_and_loss_are_in_the_felt_stiffness(wifi: tuple[Settings, Check])
     settings, found = wifi
     [first, *_] = advise(settings).users
     assert all(len(values) == laboratory_check.MOST_SEEDS for values in found.felt_npm.values())
-    assert all(
-        value is not None and value < 0.8 * first.felt_npm for values in found.felt_npm.values() for value in values
-    )
+    npm = [value for values in found.felt_npm.values() for value in values if value is not None]
+    assert len(npm) == laboratory_check.MOST_SEEDS * len(found.felt_npm)
+    assert mean(npm) < 0.95 * first.felt_npm
     assert {finding.level for finding in found.felt()} <= {"note", "warning"}
     assert "calculated without the link's jitter and loss" in advise(settings).findings[3].text
 
@@ -182,9 +184,10 @@ def test_the_stiffest_is_stable_felt_in_a_session_and_better_than_its_neighbours
     assert there == found.settings
     felt = check(there)
     assert felt.stable == "good"
-    for values in felt.felt_npm.values():
-        # the load is on ideal devices, whose samples are not late
-        assert values == pytest.approx((found.felt_npm,), rel=0.05 if people.get("device") else 0.02)
+    late_s = make_for(there.users[0], 1).capability.latency_ticks / there.rates.device_hz
+    expected = 1.0 / (1.0 / found.felt_npm - 0.5 * late_s / found.damper_nspm)
+    for values in felt.felt_npm.values():  # the load is on ideal devices, whose samples are not late
+        assert values == pytest.approx((expected,), rel=0.02)
     key = next(iter(found.overrides))
     for share in (0.5, 0.8, 0.95):
         for stretch in (0.5, 0.9):

@@ -222,8 +222,8 @@ def test_a_damaged_part_is_left_out_and_the_rest_is_shown(run: Path, tmp_path: P
     shutil.copytree(run, tmp_path / "run")
     path = tmp_path / "run" / "server.mcap"
     data = bytearray(path.read_bytes())
-    middle = len(data) // 2
-    data[middle : middle + 20] = bytes(20)  # within a chunk
+    within = data.index(b"\x04\x00\x00\x00zstd", len(data) // 2) + 100  # a chunk, by how it is compressed
+    data[within : within + 20] = bytes(20)
     path.write_bytes(data)
     whole = {frame.number: frame for frame in decoded(run)}
     frames = decoded(tmp_path / "run")
