@@ -2,7 +2,7 @@
 
 Symbols, per axis: a wave of a frame, x wave in place of a missing one, p compensation; w = x + p or a + p is played
 [sqrt(W)]. The position deficit is sum sent - sum played [sqrt(W)], the energy reserve sum sent^2 - sum played^2 [W], both as
-far as they are known (SPEC 5.4). `WaveLedger` bounds every x and p by them: no strategy can make energy.
+far as they are known (SPEC 5.4). `WaveLedger` bounds every x and p: no strategy can make more energy than the credit.
 
     zero      x = 0, p = 0: a matched termination
     repaid    x = 0; p is 1/16 of the deficit, at most COMPENSATION_LIMIT
