@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,9 +13,11 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from cogrip.cli.session.live_views import LiveTable
-from cogrip.protocol.passivity_control import LENT_J
+from cogrip.cli.session.settings_file import load
+from cogrip.protocol.passivity_control import LENT_J, lent_mj
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.inputs import Kick
+from cogrip.sim.runs import summary_values
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.plots import compared
 from cogrip.sim.runs.plots.energy import energies
@@ -113,6 +116,27 @@ def test_a_line_that_lends_shows_it_in_its_margin_and_is_still_passive(kind: str
     assert all(user["energy"]["line_reserve_j"] > -2.0 * lent_j for user in summary["users"])
     assert "which its" in passive(summary, lent_j).sentence
     assert "; least reserve after the first second" in passive(summary, lent_j).sentence
+
+
+@pytest.mark.parametrize(("kind", "lent_j"), [("wave", 1e-3), ("tdpa", LENT_J), ("coupling", 0.0)])
+def test_a_verdict_counts_the_credit_of_lines_alone(kind: str, lent_j: float) -> None:
+    """Virtual coupling has none: it may not give out a microjoule of what a wave line would be allowed."""
+    settings = session(kind, playout={"tank_mj": 1.0})
+    assert lent_mj(settings.coupling, settings.playout) == pytest.approx(1e3 * lent_j)
+    assert summary_values.lent_j(msgspec.to_builtins(settings)) == lent_j
+
+
+def test_virtual_coupling_that_gives_out_microjoules_is_not_passive() -> None:
+    laboratory = Laboratory(
+        load(Path(__file__).parents[2] / "configs" / "compare.toml", ("coupling.kind=coupling", "seconds=4"))
+    )
+    laboratory.run(watch)
+    summary = of_laboratory(laboratory)
+    margins = [
+        user["energy"][key] for user in summary["users"] for key in ("up_margin_j", "down_margin_j", "line_margin_j")
+    ]
+    assert -1e-3 < min(margin for margin in margins if margin is not None) < -1e-8
+    assert summary["passive"] is False
 
 
 # Seats that are taken again -------------------------------------------------------------------------------------------

@@ -8,5 +8,8 @@ CHARGE_DOWN_J = 2e-3  # likewise in the other direction
 
 
 def lent_mj(coupling: Coupling, playout: Playout) -> float:
-    """Return the energy that each direction of a line may lend [mJ]: the tank of a wave line, E(0) of passivity control."""
-    return LENT_J * 1e3 if coupling.kind == "tdpa" else playout.tank_mj
+    """Return the energy that each direction of a line may lend [mJ]: the credit of a wave line, E(0) of passivity control.
+
+    Virtual coupling has no line that could lend anything.
+    """
+    return {"tdpa": LENT_J * 1e3, "coupling": 0.0}.get(coupling.kind, playout.tank_mj)

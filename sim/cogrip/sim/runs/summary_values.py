@@ -127,8 +127,9 @@ def least_reserve(users: list[dict[str, Any]], key: str) -> tuple[float, str] | 
 
 def lent_j(settings: Any) -> float | None:
     """Return what each direction of a line may lend itself [J], by the settings of a run; None where they do not tell."""
-    if dig(settings, "coupling", "kind") == "tdpa":
-        return LENT_J
+    fixed_j = {"tdpa": LENT_J, "coupling": 0.0}.get(dig(settings, "coupling", "kind"))
+    if fixed_j is not None:
+        return fixed_j
     tank_mj = dig(settings, "playout", "tank_mj")
     return tank_mj * 1e-3 if is_number(tank_mj) else None
 
