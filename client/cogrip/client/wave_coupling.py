@@ -134,7 +134,6 @@ class ReturningLine:
     gain         s of this frame
     written_off  sum of e over the ticks of this frame, shape (axes,)
     margin_j     energy margin that this frame reported, None where none did
-    applied      ticks for which this frame has been applied
     """
 
     def __init__(self, seat: SeatSettings) -> None:
@@ -146,14 +145,12 @@ class ReturningLine:
         self.gain = 1.0
         self.written_off = [0.0] * axes
         self.margin_j: float | None = None
-        self.applied = 0
         self.reserve = EnergyReserve(rates.network_hz)
         self._ticks_per_frame = rates.ticks_per_frame
         self._rounding = rounding_fraction(rates.ticks_per_frame)
 
     def pop(self) -> Row:
         """Return the wave of the next frame."""
-        self.applied = 0
         receiver = self.receiver
         if any(self.written_off):
             receiver.write_off([e / self._ticks_per_frame for e in self.written_off])
@@ -183,6 +180,7 @@ class WaveCoupling(Coupling[Waves]):
         self._series = SeriesImpedance(axes, tick_s)
         self._ratio = 1.0  # r of this tick
         self._acknowledged = 0  # frames that the server had played when it sent its newest message
+        self._began = 0  # tick of the line at which the wave began to be applied
         self._applied = 0  # ticks for which the wave from the server had been applied when the newest frame ended
         self.forward: Sequence[float] = (0.0,) * axes
         self.up, self.down = ForwardLine(seat), ReturningLine(seat)
@@ -209,7 +207,7 @@ class WaveCoupling(Coupling[Waves]):
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
         """Enter a tick. At hold = 0 the line's end is half open (u = v would be a free one): the object is almost free."""
         root, down = self._root, self.down
-        self._count_tick()
+        self.up.ticks += 1
         forward = []
         made = used = 0.0
         velocity = mean_velocity_mps if self._from_displacement else velocity_mps
@@ -237,26 +235,23 @@ class WaveCoupling(Coupling[Waves]):
 
     def elapse_absent(self) -> None:
         """Enter a tick without a hand: send 0, absorb what comes (a matched termination)."""
-        self._count_tick()
+        self.up.ticks += 1
         self.forward = (0.0,) * len(self.sent)
         self._series.reset()
         self.up.decimator.push(self.forward)
         for v in self.late.push((self.returning, self.down.gain, self._ratio, self.cut_n))[0]:
             self.energy.used_now_j += v * v * self._half_tick_s
 
-    def _count_tick(self) -> None:
-        self.up.ticks += 1
-        self.down.applied += 1
-
     def end_frame(self, spare_j: float = inf) -> int:
         self.sent = self.up.end_frame(spare_j)
-        self._applied = self.down.applied
+        self._applied = self.up.ticks - self._began
         return self.up.next_length(self._acknowledged)
 
     def start_frame(self) -> int:
         """Play the returning wave of the next frame, held over its ticks: lossless (P eq. 3-5)."""
         self.down.receiver.answer = self.sent
         self._play(self.down.pop())
+        self._began = self.up.ticks
         receiver = self.down.receiver
         if receiver.metadata is not None and (acknowledged := receiver.metadata[2]):
             since = self.up.since(acknowledged - 1)
@@ -313,7 +308,7 @@ class WaveCoupling(Coupling[Waves]):
             return False
         metadata = (message.made_j, message.port_j, message.acknowledged)
         receiver = self.down.receiver
-        early = max(0, receiver.hold - self.down.applied)
+        early = max(0, receiver.hold - (self.up.ticks - self._began))
         fits = receiver.receive(message.first, message.waves, message.total, message.squares, metadata, early)
         if fits:
             self.object_state = message.state
