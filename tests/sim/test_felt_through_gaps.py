@@ -70,3 +70,22 @@ def test_without_a_credit_the_hand_feels_the_gaps() -> None:
     felt = [person.felt_npm or 0.0 for person in measure_felt(lossy("wan", 1, tank_mj=0.0))]
     predicted = [npm for npm, _ in probed(lossy("wan", 1, tank_mj=0.0))]
     assert min(one / other for one, other in zip(felt, predicted, strict=True)) < 1.0 - PREDICTED
+
+
+@pytest.mark.parametrize("profile", ["lan", "wifi", "wan", "lte"])
+def test_the_account_of_who_has_left_predicts_what_was_felt_before(profile: str) -> None:
+    """Once the object is released, hardly a wave plays: what is owed, over that, says nothing of the hand."""
+    hand = "reach&amplitude_m=0.005&stroke_s=1&delay_s=0.5&stop_s=1.5"
+    laboratory = Laboratory(resolve({
+        "seed": 2, "seconds": 12.0, "object": {"kind": "wall"}, "link": {"profile": profile},
+        "users": [{"name": "anna", "hand": hand}],
+    }))  # fmt: skip
+    while laboratory.seconds < 8.0:
+        laboratory.frame()
+    core = laboratory.people[0].core
+    felt_npm = core.force_n[0] / core.position_m[0]
+    laboratory.leave(0)
+    while core.account is None:
+        laboratory.frame()
+    assert core.account.predicted_stiffness_npm == pytest.approx(felt_npm, rel=0.02)
+    assert core.account.felt_stiffness_npm == pytest.approx(felt_npm, rel=0.02)

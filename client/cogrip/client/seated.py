@@ -91,6 +91,7 @@ class SeatedClient:
         self._ticks_per_frame = rates.ticks_per_frame
         self._frame_begin = 0  # tick at which the frame under way began, and that at which it ends
         self._frame_end = rates.ticks_per_frame
+        self._owed: deque[float] = deque(maxlen=max(2, round(REST_S / rates.frame_s)))  # frames, of the last live ones
         self._wave_end = 0  # tick at which what is played now is to be followed by the next wave
         self._rate_hz = float(rates.device_hz)
         self._origin_m: Row | None = None
@@ -283,7 +284,10 @@ class SeatedClient:
         start_m, self._frame_start_m = self._frame_start_m, position_m
         self.peaks.travel_m += dist(position_m[:PLACES], start_m[:PLACES])
         self.port.end_frame(start_m, position_m, ticks / self._rate_hz, self.coupling.stored_j)
-        if self._felt is not None and self.safety.state == "live":  # not while the force is released
+        if self.safety.state != "live":  # the force is released
+            return
+        self._owed.append(max(0.0, self.coupling.owed_frames))
+        if self._felt is not None:
             side = self.settings.side_sign
             self._felt.add(side * position_m[0], side * self.force_n[0])
 
@@ -369,7 +373,7 @@ class SeatedClient:
         """Return all that this end knows. ticks: of its loop, as its driver counted them."""
         coupling, ledger, safety = self.coupling, self.ledger, self.safety
         loop = coupling.loop_frames()
-        more = self._late_frames + max(0.0, coupling.owed_frames)
+        more = self._late_frames + sum(self._owed) / max(1, len(self._owed))
         predicted_npm = None if loop is None else self.settings.predicted_stiffness(loop, more)
         return ClientAccount(
             position_m=self.pose,
