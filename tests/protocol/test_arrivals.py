@@ -1,16 +1,76 @@
-"""Arrival times of datagrams on a real socket: between the sending and the receiving, never falling."""
+"""Arrival times of datagrams: the kernel's stamp on the loop's own clock, never falling, never after the loop's time."""
 
 import socket
+import struct
 import sys
-import time
+from typing import Any
 
 import pytest
 
+from cogrip.protocol.io import arrivals as module
 from cogrip.protocol.io.arrivals import Arrivals
+
+UTC_NS, MONOTONIC_NS = 1_790_000_000 * 10**9, 50 * 10**9  # the two clocks now
+MS = 10**6
+ANYBODY = ("127.0.0.1", 4000)
+
+
+class StampedSocket:
+    """A socket with one datagram, stamped with this time [ns, UTC]; None: not stamped."""
+
+    stamp_ns: int | None = None
+
+    def setsockopt(self, *_: Any) -> None:
+        """Take any option."""
+
+    def recvmsg(self, *_: Any) -> tuple[bytes, list[tuple[int, int, bytes]], int, Any]:
+        if self.stamp_ns is None:
+            return b"x", [], 0, ANYBODY
+        data = struct.pack("@ll", *divmod(self.stamp_ns, 10**9))
+        return b"x", [(socket.SOL_SOCKET, module._SO_TIMESTAMPNS, data)], 0, ANYBODY
+
+    recvfrom = recvmsg
 
 
 @pytest.fixture
-def ends():
+def stamped(monkeypatch: pytest.MonkeyPatch) -> tuple[Arrivals, StampedSocket]:
+    class Clocks:
+        time_ns = staticmethod(lambda: UTC_NS)
+        monotonic_ns = staticmethod(lambda: MONOTONIC_NS)
+
+    monkeypatch.setattr(module, "time", Clocks)
+    monkeypatch.setattr(sys, "platform", "linux")
+    receiver = StampedSocket()
+    return Arrivals(receiver), receiver  # type: ignore[arg-type]
+
+
+def test_a_stamp_is_read_on_the_loops_own_clock(stamped: tuple[Arrivals, StampedSocket]) -> None:
+    arrivals, receiver = stamped
+    for age_ms in (7, 5, 5, 1):
+        receiver.stamp_ns = UTC_NS - age_ms * MS
+        assert arrivals.receive(100, MONOTONIC_NS) == (b"x", ANYBODY, MONOTONIC_NS - age_ms * MS)
+
+
+def test_no_arrival_is_before_an_earlier_one_or_after_the_loops_time(stamped: tuple[Arrivals, StampedSocket]) -> None:
+    """Whatever is done to UTC meanwhile, and where a datagram comes while the loop is at it."""
+    arrivals, receiver = stamped
+    times = []
+    for age_ms, now_ms in ((5, 0), (3_600_000, 0), (4, 0), (-3_600_000, 0), (8, 2), (0, 1)):
+        receiver.stamp_ns = UTC_NS - age_ms * MS
+        now_ns = MONOTONIC_NS + now_ms * MS
+        times.append(arrivals.receive(100, now_ns)[2])
+        assert times[-1] <= now_ns
+    assert times == sorted(times)
+    assert [MONOTONIC_NS - at_ns for at_ns in times] == [5 * MS, 5 * MS, 4 * MS, 0, 0, 0]
+
+
+def test_without_a_stamp_it_is_the_loops_time(stamped: tuple[Arrivals, StampedSocket]) -> None:
+    arrivals, _ = stamped
+    assert arrivals.receive(100, 123) == (b"x", ANYBODY, 123)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel gives no arrival times here")
+def test_the_kernel_stamps_every_datagram_of_a_real_socket_in_order() -> None:
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
@@ -18,37 +78,14 @@ def ends():
         receiver.bind(("127.0.0.1", 0))
         receiver.setblocking(False)
         sender.bind(("127.0.0.1", 0))
-        yield Arrivals(receiver), sender, receiver.getsockname()
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="the kernel gives no arrival times here")
-def test_a_datagram_came_after_it_was_sent_and_before_what_came_later(ends) -> None:
-    arrivals, sender, address = ends
-    sent = []
-    for number in range(5):
-        sent.append(time.monotonic_ns())
-        sender.sendto(bytes([number]), address)
-    came = [arrivals.receive(100, time.monotonic_ns() + 10**9) for _ in range(5)]
-    assert [data for data, _, _ in came] == [bytes([number]) for number in range(5)]
-    assert [sender_address for _, sender_address, _ in came] == [sender.getsockname()] * 5
-    times = [at_ns for _, _, at_ns in came]
-    assert times == sorted(times)
-    slack_ns = 1_000_000  # by which UTC may be slewed meanwhile; a pause between reading the clocks only makes it later
-    assert all(one - slack_ns <= at_ns for one, at_ns in zip(sent, times, strict=True))
-    assert times[-1] <= time.monotonic_ns()
-
-
-def test_none_came_after_the_time_that_the_loop_goes_by(ends) -> None:
-    arrivals, sender, address = ends
-    now_ns = time.monotonic_ns()
-    sender.sendto(b"x", address)
-    assert arrivals.receive(100, now_ns)[2] == now_ns
-    with pytest.raises(BlockingIOError):
-        arrivals.receive(100, now_ns)
-
-
-def test_where_the_kernel_stamps_nothing_it_is_the_loops_time(ends) -> None:
-    arrivals, sender, address = ends
-    arrivals._stamped = False
-    sender.sendto(b"x", address)
-    assert arrivals.receive(100, 123) == (b"x", sender.getsockname(), 123)
+        arrivals = Arrivals(receiver)
+        for number in range(5):
+            sender.sendto(bytes([number]), receiver.getsockname())
+        far_ns = 2**62  # the loop's time bounds nothing here
+        came = [arrivals.receive(100, far_ns) for _ in range(5)]
+        assert [(data, address) for data, address, _ in came] == [(bytes([n]), sender.getsockname()) for n in range(5)]
+        times = [at_ns for _, _, at_ns in came]
+        assert times == sorted(times)
+        assert 0 < times[-1] < far_ns, "stamped, each of them"
+        with pytest.raises(BlockingIOError):
+            arrivals.receive(100, far_ns)
