@@ -148,6 +148,11 @@ class Coupling(ABC, Generic[M]):
         """Energy that went into the coupling here."""
 
     @property
+    def entered_j(self) -> float:
+        """Energy that the hand put in: into the line, unless there is something between the two."""
+        return self.port_j
+
+    @property
     @abstractmethod
     def given_j(self) -> float:
         """Energy that the other end gave this one, less what it took."""

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from cogrip.client.coupling import AnyCoupling
+from cogrip.client.local_contact import make_local
 from cogrip.client.passivity_control import PassivityControl
 from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
@@ -31,5 +32,6 @@ class Scheme:
 SCHEMES: dict[Kind, Scheme] = {
     "wave": Scheme(WaveCoupling, Waves, ("b", "impedance_nspm"), "impedance_nspm"),
     "coupling": Scheme(VirtualCoupling, State, ("B", "damping_nspm"), "stiffness_npm"),
+    "local": Scheme(make_local, Waves, ("B", "damping_nspm"), "stiffness_npm"),
     "tdpa": Scheme(PassivityControl, Power, ("b", "impedance_nspm"), "stiffness_npm"),
 }

@@ -165,6 +165,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     playout: Playout
     up: LinkProfile
     down: LinkProfile
+    copy_kg: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0  # mass that each client simulates itself
 
     @property
     def side_sign(self) -> float:
@@ -201,7 +202,10 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         late_frames: age of the device's samples, and what the line owes of its wave [frames]: both make the line softer, and no
         server knows of them.
         """
-        if self.coupling.kind != "wave" or not kind_of(self.object.kind).spring:
+        kind = kind_of(self.object.kind)
+        if self.coupling.kind == "local" and kind.fixed:
+            return self.coupling.stiffness_npm
+        if self.coupling.kind != "wave" or not kind.spring:
             return None
         rendered = self.rendered_npm
         if self.follows:
@@ -259,7 +263,7 @@ def not_passive(settings: Settings) -> str:
     coupling = settings.coupling
     if coupling.kind == "coupling":
         return 'coupling.kind = "coupling"'
-    if coupling.kind == "tdpa":
+    if coupling.kind == "local" or coupling.kind == "tdpa":
         return ""
     if coupling.kind != "wave":
         assert_never(coupling.kind)
@@ -301,8 +305,14 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
             )
     return SeatSettings(
         settings.name, user.name, seat, settings.seed, settings.seconds, rates, coupling, rendered,
-        settings.object.shared(seat_axes(settings, user)), user.side, settings.playout, up, down,
+        settings.object.shared(seat_axes(settings, user)), user.side, settings.playout, up, down, _copy_kg(settings),
     )  # fmt: skip
+
+
+def _copy_kg(settings: Settings) -> float:
+    """Return the mass of a client's own copy of a free object: as much as the server keeps where everybody is there."""
+    local = settings.coupling.kind == "local" and settings.object.kind == "faces"
+    return settings.object.mass_kg / (len(settings.users) + 1) if local else 0.0
 
 
 def _compliance(coupling: Coupling, rates: Rates, round_trip_s: float) -> float:

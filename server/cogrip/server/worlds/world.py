@@ -118,6 +118,9 @@ class World(ABC):
         """Take in how a hand had turned as it sent the row of the next step: its rotation vector, and the angle travelled."""
         raise NotImplementedError(f"{type(self).__name__}: nothing turns here")
 
+    def report(self, user: int, hand_m: Row, proxy_m: Row) -> None:  # noqa: B027
+        """Take in where a hand and its proxy were after the newest frame, as its client says, in the hand's own frame."""
+
     def start_ledger(self, user: int) -> None:
         """Count the user's work from here: a new seat session."""
         self.port_work[user] = self._work_error[user] = 0.0

@@ -107,7 +107,7 @@ def scheme_of(coupling: Coupling) -> Scheme:
             "`cogrip lab` and `cogrip sweep` run whole sessions of it"
             + (" (coupling.compensate has no effect there)" if coupling.compensate else "")
         )
-    if coupling.kind == "coupling":
+    if coupling.kind == "coupling" or coupling.kind == "local":  # each client's own contact is one, without a delay
         return "coupling"
     if coupling.kind != "wave":
         assert_never(coupling.kind)
