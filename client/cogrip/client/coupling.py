@@ -15,7 +15,7 @@ from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Power, Stamp, State, Waves
+from cogrip.protocol.messages import Geom, Power, Stamp, State, Waves
 from cogrip.protocol.settings import SeatSettings
 
 M = TypeVar("M", Waves, State, Power)
@@ -203,6 +203,10 @@ class Coupling(ABC, Generic[M]):
     @abstractmethod
     def receive(self, message: M) -> bool:
         """Take in a message; False where it does not fit."""
+
+    def receive_shape(self, geom: Geom) -> bool:
+        """Take in a shape of the room's fixed geometry; False where it does not fit, or is of no use here."""
+        return False
 
     @abstractmethod
     def lost(self) -> int:

@@ -74,6 +74,10 @@ class LocalCoupling(WaveCoupling):
         self._position = None
         self._move(zero, zero)
 
+    def _leave_line(self) -> None:
+        """Enter a tick in which nothing is sent, and what comes is absorbed."""
+        super().elapse_absent()
+
     def _enter_line(self, velocity_mps: Sequence[float]) -> None:
         """Enter a tick of the line, whose port has moved at this mean velocity."""
         super().elapse(velocity_mps, velocity_mps)
@@ -221,8 +225,3 @@ class LocalFaces(LocalFace):
             return
         wanted = self.surface_m + (target - self.surface_m) * self._tick_s / RETURN_S
         self.surface_m = max(wanted, hand_m) if side > 0.0 else min(wanted, hand_m)
-
-
-def make_local(seat: SeatSettings) -> LocalCoupling:
-    """Return the coupling of a seat for its kind of object."""
-    return {"wall": LocalWall, "faces": LocalFaces}[seat.object.kind](seat)

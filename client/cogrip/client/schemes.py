@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from cogrip.client.coupling import AnyCoupling
-from cogrip.client.local_contact import make_local
+from cogrip.client.local_contact import LocalFaces, LocalWall
+from cogrip.client.local_scene import LocalScene
 from cogrip.client.passivity_control import PassivityControl
 from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
@@ -27,6 +28,14 @@ class Scheme:
     message: type[Frame]
     damper: tuple[str, str]
     softer_key: str
+
+
+def make_local(seat: SeatSettings) -> AnyCoupling:
+    """Return the coupling with local contact of a seat's kind of object."""
+    makers: dict[str, Callable[[SeatSettings], AnyCoupling]] = {
+        "wall": LocalWall, "faces": LocalFaces, "scene": LocalScene,
+    }  # fmt: skip
+    return makers[seat.object.kind](seat)
 
 
 SCHEMES: dict[Kind, Scheme] = {

@@ -180,7 +180,8 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     @property
     def asked_npm(self) -> float | None:
         """K that was asked for; None where no spring stands between a person and the object."""
-        return self.coupling.stiffness_npm if kind_of(self.object.kind).spring else None
+        spring = self.coupling.kind == "local" or kind_of(self.object.kind).spring
+        return self.coupling.stiffness_npm if spring else None
 
     @property
     def follows(self) -> bool:
@@ -363,6 +364,11 @@ def _check_object(settings: Settings) -> None:
             raise SettingsError(
                 f'object.axes = {given.axes}, but object.kind = "{given.kind}" has at most {PLACES}; lower it'
             )
+    if coupling.kind == "local" and given.kind not in ("wall", "faces", "scene"):
+        raise SettingsError(
+            f'coupling.kind = "local" renders contact, and with object.kind = "{given.kind}" a client knows none; '
+            'set object.kind to "wall", "faces" or "scene", or coupling.kind = "wave"'
+        )
     if kind_of(given.kind).spring:
         return
     compensated = [user.name for user in settings.users if coupling_of(settings, user).compensate]
