@@ -253,4 +253,12 @@ class LatestStateCoupling(Coupling[L]):
         return self._receiver.count()
 
 
+def spring_j(stiffness_npm: float, stretch_m: float, peak_n: float) -> float:
+    """Return the energy in a spring whose force ends at `peak_n`."""
+    force = stiffness_npm * abs(stretch_m)
+    if force <= peak_n:
+        return 0.5 * force * abs(stretch_m)
+    return peak_n * (abs(stretch_m) - 0.5 * peak_n / stiffness_npm)
+
+
 AnyCoupling = Coupling[Any]

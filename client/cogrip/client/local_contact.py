@@ -21,7 +21,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from math import inf, sqrt
 
-from cogrip.client.coupling import Row
+from cogrip.client.coupling import Row, spring_j
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability
 from cogrip.protocol.line.energy_sums import CompensatedSum
@@ -44,7 +44,7 @@ class LocalCoupling(WaveCoupling):
         self._tick_s = seat.rates.tick_s
         self._side = seat.side_sign
         self._asked_npm, self._asked_nspm = seat.coupling.stiffness_npm, seat.coupling.damping_nspm
-        self._lag_s = 0.0
+        self._lag_s, self._peak_n = 0.0, inf  # of the device
         self._stiffness = self._asked_npm  # K and B as they are rendered now
         self._hand_j = CompensatedSum()  # work of the hand
         self._position: Row | None = None  # of the hand at this tick
@@ -52,7 +52,7 @@ class LocalCoupling(WaveCoupling):
 
     def fit(self, record: Capability, lag_s: float) -> None:
         super().fit(record, lag_s)
-        self._lag_s = lag_s
+        self._lag_s, self._peak_n = lag_s, record.peak_force_n
 
     @property
     def entered_j(self) -> float:
@@ -112,8 +112,7 @@ class LocalFace(LocalCoupling):
 
     @property
     def stored_j(self) -> float:
-        depth = self._depth()
-        return 0.5 * self.ramp_gain * self._stiffness * depth * depth
+        return self.ramp_gain * spring_j(self._stiffness, self._depth(), self._peak_n)
 
     def _depth(self) -> float:
         """Return max(d, 0)."""
@@ -125,8 +124,7 @@ class LocalFace(LocalCoupling):
         side, zero = self._side, [0.0] * len(position_m)
         damping = self._carry()
         self._position = tuple(position_m)
-        if self.newest >= 0:
-            self._place(position_m[0])
+        self._place(position_m[0])
         depth = self._depth()
         self.proxy_m = (position_m[0] - side * depth, *position_m[1:])
         if depth <= 0.0:
@@ -163,6 +161,7 @@ class LocalWall(LocalFace):
         self._enter_line(zero)
 
     def _place(self, hand_m: float) -> None:
+        """A wall that nobody has spoken of is where walls are: in the middle."""
         side, target = self._side, self.object_state[0]
         if self.surface_m is None:
             self.surface_m = hand_m
@@ -218,6 +217,8 @@ class LocalFaces(LocalFace):
 
     def _place(self, hand_m: float) -> None:
         """Let a face that nobody touches go to where the object is: a spring that stores nothing makes nothing."""
+        if self.newest < 0:
+            return
         side, target = self._side, self.object_state[0]
         if self.surface_m is None:
             self.surface_m = hand_m if side * (hand_m - target) > 0.0 else target

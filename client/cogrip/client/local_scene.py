@@ -11,11 +11,11 @@ gone since, is sent later, as far as the hand's work pays for it.
 """
 
 from collections.abc import Sequence
-from math import sqrt
+from math import dist, sqrt
 
 from msgspec.structs import replace
 
-from cogrip.client.coupling import Row
+from cogrip.client.coupling import Row, spring_j
 from cogrip.client.fixed_shapes import FixedShape, Vector
 from cogrip.client.local_contact import LocalCoupling
 from cogrip.client.proxy import Ball, Proxy, without
@@ -98,12 +98,7 @@ class LocalScene(LocalCoupling):
     def stored_j(self) -> float:
         if self._position is None:
             return 0.0
-        return (
-            0.5
-            * self.ramp_gain
-            * self._stiffness
-            * sum([(x - p) ** 2 for x, p in zip(self._position, self.proxy_m, strict=True)])
-        )
+        return self.ramp_gain * spring_j(self._stiffness, dist(self._position, self.proxy_m), self._peak_n)
 
     # The law
 

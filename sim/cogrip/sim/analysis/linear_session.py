@@ -83,7 +83,7 @@ class Person:
 class LinearSession:
     """The linear part of a session. `midpoint`: the passive step is theory 3.3's (gripped), else 3.4's (pushed).
 
-    frame_s: T_n, everybody's; device ticks are each person's own. local: contact is each client's own, none of it on the network
+    frame_s: T_n, everybody's; device ticks are each person's own. local: each client renders its own contact
     """
 
     scheme: Scheme
