@@ -1,5 +1,6 @@
 """Contact that the client renders itself: the wall's energy gate, and the copy of a free object's mass."""
 
+import itertools
 from math import sqrt
 
 import pytest
@@ -93,7 +94,7 @@ def test_wall_that_jumps_into_a_resting_hand_spends_what_the_contact_has_dissipa
     send(coupling, line, 0.0, -0.02)
     coupling.start_frame()
     felt = [before, *[hand.move(hand.place) for _ in range(500)]]
-    assert max(abs(after - earlier) for earlier, after in zip(felt, felt[1:], strict=False)) <= MOST_STEP_N * (1 + 1e-9)
+    assert max(abs(after - earlier) for earlier, after in itertools.pairwise(felt)) <= MOST_STEP_N * (1 + 1e-9)
     assert felt[-1] > before
     assert (felt[-1] ** 2 - before**2) / (2.0 * K) == pytest.approx(saved, rel=1e-6)  # what the spring holds now more
     for tick in range(500):  # the wall follows a hand that yields, without pushing it
@@ -114,7 +115,7 @@ def test_wall_that_leaves_lets_go_step_by_step() -> None:
     felt += [hand.move(0.003) for _ in range(50)]
     assert felt[0] == pytest.approx(3.0)
     assert felt[-1] == 0.0
-    assert max(abs(after - before) for before, after in zip(felt, felt[1:], strict=False)) <= MOST_STEP_N * (1 + 1e-9)
+    assert max(abs(after - before) for before, after in itertools.pairwise(felt)) <= MOST_STEP_N * (1 + 1e-9)
     assert coupling.surface_m == 0.05
 
 
