@@ -7,7 +7,7 @@ import msgspec
 Decimator = Literal["boxcar", "lowpass", "none"]
 Encoder = Literal["displacement", "velocity"]
 Side = Literal["left", "right"]
-Kind = Literal["wave", "coupling", "tdpa"]
+Kind = Literal["wave", "local", "coupling", "tdpa"]
 ServerStep = Literal["passive", "paper"]
 Orientation = Literal["", "driven", "free", "damped", "fixed"]
 

@@ -261,7 +261,7 @@ def not_passive(settings: Settings) -> str:
         return 'coupling.kind = "coupling"'
     if coupling.kind == "tdpa":
         return ""
-    if coupling.kind != "wave":
+    if coupling.kind != "wave" and coupling.kind != "local":
         assert_never(coupling.kind)
     active = ['coupling.server_step = "paper"'] if coupling.server_step == "paper" else []
     decimators = {coupling_of(settings, user).decimator for user in settings.users}

@@ -11,6 +11,7 @@ from cogrip.protocol.messages import Power, State, Waves
 from cogrip.protocol.object_kinds import KINDS
 from cogrip.protocol.setting_types import Kind
 from cogrip.protocol.settings import SeatSettings, Settings
+from cogrip.server.local_port import LocalPort
 from cogrip.server.port import Port
 from cogrip.server.power_port import PowerPort
 from cogrip.server.seat_limits import SeatLimits
@@ -48,6 +49,7 @@ class Scheme(NamedTuple):
 
 SCHEMES: dict[Kind, Scheme] = {
     "wave": Scheme(Waves, WavePort, make_wave_world),
+    "local": Scheme(Waves, LocalPort, make_wave_world),
     "coupling": Scheme(State, StatePort, CoupledWorld),
     "tdpa": Scheme(Power, PowerPort, PowerWorld),
 }
@@ -63,12 +65,18 @@ def make_world(seats: Sequence[SeatSettings]) -> World:
 
 def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:
     """Return the world of a scene. Raises SceneError for a file that cannot be used."""
-    from cogrip.server.worlds import driven_scene, scene, scene_file  # MuJoCo is loaded where there is a scene
+    from cogrip.server.worlds import (
+        driven_scene,
+        local_scene,
+        scene,
+        scene_file,
+    )  # MuJoCo is loaded where there is a scene
 
     given = settings.object
     step_s = seats[0].rates.frame_s / given.substeps
     worlds: dict[Kind, type[scene.SceneWorld]] = {
-        "wave": scene.SceneWorld, "coupling": driven_scene.CoupledScene, "tdpa": driven_scene.PowerScene,
+        "wave": scene.SceneWorld, "local": local_scene.LocalScene, "coupling": driven_scene.CoupledScene,
+        "tdpa": driven_scene.PowerScene,
     }  # fmt: skip
     make = worlds[settings.coupling.kind]
     loaded = scene_file.load_scene(Path(given.file), scene_file.held_by(settings), step_s)

@@ -107,6 +107,8 @@ def scheme_of(coupling: Coupling) -> Scheme:
             "`cogrip lab` and `cogrip sweep` run whole sessions of it"
             + (" (coupling.compensate has no effect there)" if coupling.compensate else "")
         )
+    if coupling.kind == "local":
+        raise ModelError('coupling.kind = "local": there is no linear model of contact that a client renders itself')
     if coupling.kind == "coupling":
         return "coupling"
     if coupling.kind != "wave":
