@@ -261,7 +261,7 @@ class Bodies(Message, frozen=True, tag=12):
 
 
 class Geom(Message, frozen=True, tag=13):
-    """One of the shapes that a scene is drawn of, for an observer (`drawing.Shape`)."""
+    """One of the shapes that a scene is drawn of, for an observer (`drawing.Shape`), or that a player's client renders."""
 
     session: Session
     count: Annotated[int, msgspec.Meta(ge=1, le=MOST_SHAPES)]  # of shapes
@@ -278,6 +278,15 @@ class Geom(Message, frozen=True, tag=13):
     def __post_init__(self) -> None:
         if not _is_unit(self.orientation):
             raise ValueError("the orientation is no unit quaternion")
+
+    @classmethod
+    def of(cls, shapes: Sequence[Shape], number: int, session: int) -> "Geom":
+        """Return the message of one of these shapes."""
+        told = shapes[number]
+        return cls(
+            session, len(shapes), number, told.kind, told.size_m, told.body, told.place_m, told.orientation, told.rgba,
+            told.seat, told.object,
+        )  # fmt: skip
 
     @property
     def shape(self) -> Shape:

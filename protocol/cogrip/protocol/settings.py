@@ -264,9 +264,9 @@ def not_passive(settings: Settings) -> str:
     coupling = settings.coupling
     if coupling.kind == "coupling":
         return 'coupling.kind = "coupling"'
-    if coupling.kind == "local" or coupling.kind == "tdpa":
+    if coupling.kind == "tdpa":
         return ""
-    if coupling.kind != "wave":
+    if coupling.kind != "wave" and coupling.kind != "local":
         assert_never(coupling.kind)
     active = ['coupling.server_step = "paper"'] if coupling.server_step == "paper" else []
     decimators = {coupling_of(settings, user).decimator for user in settings.users}

@@ -25,7 +25,7 @@ class Port(ABC):
     origin, hand   hand before its first frame and after its newest [m, rad]; None before the first
     turned         how the hand had turned after the frame popped last; None where that is not known, or nothing turns
     next_step_ns   time of the room's next step, which its room sets; None before the first
-    proxy          of the newest frame, which the client reports [m]; None where it does not
+    proxy          of the newest frame, as its client reports it, in the hand's own frame [m]; None where it does not
     up_margin_j    least energy margin of the line up so far; None where no ledger of one direction is kept
     up_reserve     energy reserve of the line up
     credit_left    credit that the line up leaves to the next one, per axis [W] (SPEC 5.4)

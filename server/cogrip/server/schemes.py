@@ -66,12 +66,18 @@ def make_world(seats: Sequence[SeatSettings]) -> World:
 
 def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:
     """Return the world of a scene. Raises SceneError for a file that cannot be used."""
-    from cogrip.server.worlds import driven_scene, scene, scene_file  # MuJoCo is loaded where there is a scene
+    from cogrip.server.worlds import (
+        driven_scene,
+        local_scene,
+        scene,
+        scene_file,
+    )  # MuJoCo is loaded where there is a scene
 
     given = settings.object
     step_s = seats[0].rates.frame_s / given.substeps
     worlds: dict[Kind, type[scene.SceneWorld]] = {
-        "wave": scene.SceneWorld, "coupling": driven_scene.CoupledScene, "tdpa": driven_scene.PowerScene,
+        "wave": scene.SceneWorld, "local": local_scene.LocalScene, "coupling": driven_scene.CoupledScene,
+        "tdpa": driven_scene.PowerScene,
     }  # fmt: skip
     make = worlds[settings.coupling.kind]
     loaded = scene_file.load_scene(Path(given.file), scene_file.held_by(settings), step_s)

@@ -56,7 +56,8 @@ class SceneWorld(World):
     """`position` and `velocity` are those of the scene's object, its start being 0; `orientation` is its quaternion.
 
     A tool starts where the file has it, for a hand in the middle of its own frame. One that nobody holds touches nothing,
-    weighs nothing and stays; one that is taken inside a body touches nothing until it has left it (`solid`).
+    weighs nothing and stays; one that is taken inside a body touches nothing until it has left it (`solid`). One that is
+    `kinematic` is put where it is to be, touches nothing and is not driven: none here (`local_scene`).
     """
 
     port_damped = True  # a tool that is held has the damper of its wave port
@@ -76,7 +77,7 @@ class SceneWorld(World):
         self.limiter = EnergyLimiter(self.frame_s)
         self.contacts = SceneContacts(scene, self.frame_s)
         self._users = [seat.user for seat in seats]
-        self.solid = np.zeros(len(seats), dtype=bool)
+        self.solid, self.kinematic = np.zeros((2, len(seats)), dtype=bool)
         self._dofs = np.array([range(tool.dof, tool.dof + 3) for tool in scene.tools])
         self._places = np.array([range(tool.coordinate, tool.coordinate + 3) for tool in scene.tools])
         self.turning = TurningPorts(scene, seats, self.frame_s)
@@ -241,7 +242,7 @@ class SceneWorld(World):
 
     def _make_solid(self) -> None:
         """Let tools touch that are held and inside of nothing: contact begins without energy."""
-        for user in np.flatnonzero(self.holding & ~self.solid).tolist():
+        for user in np.flatnonzero(self.holding & ~self.solid & ~self.kinematic).tolist():
             self._touch(user, True)
             self._refresh()
             contact, geoms = self.data.contact, self._grips[user].geoms
@@ -302,8 +303,7 @@ class SceneWorld(World):
         if factor < 1.0:
             back = factor * back
         self._book(((0.5 * period) * (theirs * theirs - back * back)).sum(axis=1))
-        if not self.solid.all() and np.any(self.holding & ~self.solid):
-            self._make_solid()
+        self._make_solid()
         return back
 
     def integrate(self, force: Array) -> tuple[Array, Array]:

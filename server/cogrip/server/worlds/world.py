@@ -118,8 +118,17 @@ class World(ABC):
         """Take in how a hand had turned as it sent the row of the next step: its rotation vector, and the angle travelled."""
         raise NotImplementedError(f"{type(self).__name__}: nothing turns here")
 
-    def report(self, user: int, hand_m: Row, proxy_m: Row) -> None:  # noqa: B027
+    def report(self, user: int, hand_m: Row, proxy_m: Row) -> None:
         """Take in where a hand and its proxy were after the newest frame, as its client says, in the hand's own frame."""
+        return
+
+    def engaged_at(self, user: int) -> Row:
+        """Return where the line took hold of a tool [m], in the hand's own frame; () where it holds none, or since joining."""
+        return ()
+
+    def local_shapes(self, user: int) -> Sequence[Shape]:
+        """Return the shapes with which a person's client renders contact itself, in the hand's own frame."""
+        return ()
 
     def start_ledger(self, user: int) -> None:
         """Count the user's work from here: a new seat session."""
