@@ -142,9 +142,9 @@ def overloads(settings: Settings) -> tuple[str, ...]:
 
 
 def unbounded(settings: Settings | SeatSettings) -> tuple[str, ...]:
-    """Return why a scene may shake its hands, () where it is driven by waves: then its limiter bounds what comes out."""
+    """Return why a scene may shake its hands, () where waves drive it: then its limiter bounds what comes out."""
     kind = settings.coupling.kind
-    if settings.object.kind != "scene" or kind == "wave":
+    if settings.object.kind != "scene" or kind in ("wave", "local"):
         return ()
     text = (
         f'coupling.kind = "{kind}": nothing bounds the energy that a scene makes under it, and no model tells whether it is '
