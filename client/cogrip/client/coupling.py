@@ -133,6 +133,11 @@ class Coupling(ABC, Generic[M]):
         return False
 
     @property
+    def pressed(self) -> tuple[float, Sequence[float]] | None:
+        """Depth in fixed geometry [m], and its direction; None where it is not known here."""
+        return None
+
+    @property
     def owed_frames(self) -> float:
         """Position deficit of the line down, in frames of the wave that plays now."""
         return 0.0

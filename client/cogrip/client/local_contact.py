@@ -148,6 +148,10 @@ class LocalWall(LocalFace):
         self._counted_j = 0.0  # U as `saved_j` knows it
 
     @property
+    def pressed(self) -> tuple[float, Sequence[float]]:
+        return self._depth(), (self._side, *(0.0,) * (len(self.sent) - 1))
+
+    @property
     def given_j(self) -> float:
         return 0.0
 

@@ -11,12 +11,12 @@ gone since, is sent later, as far as the hand's work pays for it.
 """
 
 from collections.abc import Sequence
-from math import dist, sqrt
+from math import dist, hypot
 
 from msgspec.structs import replace
 
 from cogrip.client.coupling import Row, spring_j
-from cogrip.client.fixed_shapes import FixedShape, Vector
+from cogrip.client.fixed_shapes import FixedShape
 from cogrip.client.local_contact import LocalCoupling
 from cogrip.client.proxy import Ball, Proxy, without
 from cogrip.protocol.messages import Geom, Waves
@@ -95,6 +95,14 @@ class LocalScene(LocalCoupling):
         return self.engaged_m is not None and self.down.receiver.gap
 
     @property
+    def pressed(self) -> tuple[float, Sequence[float]] | None:
+        if self._position is None:
+            return None
+        deep = [x - p for x, p in zip(self._position, self.proxy_m, strict=True)]
+        depth = hypot(*deep)
+        return depth, [each / depth for each in deep] if depth else deep
+
+    @property
     def stored_j(self) -> float:
         if self._position is None:
             return 0.0
@@ -139,11 +147,9 @@ class LocalScene(LocalCoupling):
             self.reduced = self.reduced or reduced
             total, local = list(without(line, normals)), without(self.local_n, normals)
         self.local_n = local
-        if normals:
-            deep: Vector = tuple([x - p for x, p in zip(position_m, self.proxy_m, strict=True)])  # type: ignore[assignment]
-            depth = sqrt(sum([each * each for each in deep]))
+        if normals and self.pressed:
+            depth, along = self.pressed
             if depth > 0.0:
-                along = [each / depth for each in deep]
                 speed = sum([e * v for e, v in zip(along, velocity_mps, strict=True)])
                 size = max(0.0, self._stiffness * depth + damping * speed)
                 total = [f + size * e for f, e in zip(total, along, strict=True)]

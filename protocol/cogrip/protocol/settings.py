@@ -184,6 +184,17 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         return self.coupling.stiffness_npm if spring else None
 
     @property
+    def local_contact(self) -> str | None:
+        """Kind of object with which the client renders contact itself; None where the line does it all."""
+        return self.object.kind if self.coupling.kind == "local" else None
+
+    @property
+    def holds_still(self) -> bool:
+        """True where a hand can press on what nobody moves: the stiffness that it feels is measured there."""
+        kind = self.object.kind
+        return kind_of(kind).fixed or (self.coupling.kind == "local" and kind == "scene")
+
+    @property
     def follows(self) -> bool:
         """True where the server adapts the spring to the measured loop (docs/decisions/0012-measured-delay.md)."""
         coupling = self.coupling
@@ -203,10 +214,9 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         late_frames: age of the device's samples, and what the line owes of its wave [frames]: both make the line softer, and no
         server knows of them.
         """
-        kind = kind_of(self.object.kind)
-        if self.coupling.kind == "local" and kind.fixed:
+        if self.coupling.kind == "local" and self.holds_still:
             return self.coupling.stiffness_npm
-        if self.coupling.kind != "wave" or not kind.spring:
+        if self.coupling.kind != "wave" or not kind_of(self.object.kind).spring:
             return None
         rendered = self.rendered_npm
         if self.follows:
