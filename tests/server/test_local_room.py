@@ -38,6 +38,7 @@ class Player:
         self.sender, self.made_j, self.first = LineSender(3, 8), 0.0, (0.0, 0.0, 0.0)
         self.geoms: dict[int, Geom] = {}
         self.state: tuple[float, ...] = ()
+        self.heard_ns = 0  # clock reading of the newest message
 
     def send(self, proxy: Place, wave: Place, now_ns: int) -> bool:
         port = self.room.seats[self.seat].port
@@ -46,7 +47,18 @@ class Player:
         first, waves, total, squares = self.sender.contents()
         self.made_j += 0.5 * T * math.fsum(value * value for value in wave)
         state = self.first + proxy + proxy
-        message = Waves(self.session, first, waves, total, squares, self.made_j, self.made_j, 0, Stamp(1), state)
+        message = Waves(
+            self.session,
+            first,
+            waves,
+            total,
+            squares,
+            self.made_j,
+            self.made_j,
+            0,
+            Stamp(now_ns + 1, self.heard_ns),
+            state,
+        )
         decoded = messages.decode(messages.encode(message))
         return port.receive(decoded, now_ns)
 
@@ -56,7 +68,7 @@ class Player:
         if isinstance(message, Geom):
             self.geoms[message.number] = message
         elif isinstance(message, Waves):
-            self.state = message.state
+            self.state, self.heard_ns = message.state, message.stamp.sent_ns
 
 
 class Session:
@@ -101,7 +113,11 @@ def test_a_clear_tool_is_where_its_client_says_and_its_line_brings_nothing() -> 
     world = room.world
     assert isinstance(world, LocalScene)
     assert world.limiter.level_j == pytest.approx(1e-3, abs=2e-5)  # the box settles on the floor
-    assert world.worked()[0] == pytest.approx(0.5 * T * 0.25 * 200, rel=0.05)  # what came is lost, and counted as gone
+    port = room.seats[0].port
+    assert port is not None
+    assert port.absorbed_j == pytest.approx(0.5 * T * 0.25 * 200, rel=0.05)  # it has left the line
+    assert world.worked()[0] == 0.0
+    assert room.seats[0].line_margin_j > -1e-12
 
 
 def test_near_the_box_it_is_told_where_the_line_takes_hold_and_far_from_it_no_more() -> None:

@@ -87,6 +87,11 @@ class Port(ABC):
         return 0.0
 
     @property
+    def absorbed_j(self) -> float:
+        """Energy that came out of the line here and did not go to the world."""
+        return 0.0
+
+    @property
     @abstractmethod
     def rounding_j(self) -> float:
         """Error that rounding alone can make in the energy ledger of both directions."""

@@ -218,15 +218,15 @@ class Room:
                 continue
             answer = tuple(answers[number])
             port.push(answer if port.axes == world.axes else answer[: port.axes])
-            port_in_j = port.port_in_j()
+            port_in_j, left_j = port.port_in_j(), work[number] + port.absorbed_j
             seat.line_reserve.elapse(frames)
             if port_in_j is not None:
-                reserve_j = port_in_j - work[number] + port.rounding_j
+                reserve_j = port_in_j - left_j + port.rounding_j
                 seat.line_reserve.update(reserve_j)
                 seat.line_margin_j = min(seat.line_margin_j, reserve_j)
             seen = state if port.axes == world.axes else state[: port.axes] + state[world.axes : world.axes + port.axes]
             stamp, engaged = seat.clock.stamp(now_ns), world.engaged_at(number)
-            message = port.message(seat.session, stamp, seen + engaged, -work[number])
+            message = port.message(seat.session, stamp, seen + engaged, -left_j)
             out.append((seat.address, messages.encode(message)))
         if self.observer_slots.observers:
             out += self.observer_slots.views(self.steps, world, seats, now_ns)

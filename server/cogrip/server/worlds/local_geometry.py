@@ -130,8 +130,7 @@ def _shape(model: mujoco.MjModel, data: mujoco.MjData, geom: int, start: _Array)
     kind, place, size = _RENDERED.get(int(model.geom_type[geom])), data.geom_xpos[geom] - start, model.geom_size[geom]
     if kind is None or max(np.abs(place).max(), size.max()) > _MOST_M:
         return None
+    size = np.zeros(3) if kind == "plane" else np.maximum(size, 0.0)  # planes have no end, however they are drawn
     turned = np.zeros(4)
     mujoco.mju_mat2Quat(turned, data.geom_xmat[geom])
-    return Shape(
-        kind, tuple(np.maximum(size, 0.0).tolist()), place_m=tuple(place.tolist()), orientation=tuple(turned.tolist())
-    )
+    return Shape(kind, tuple(size.tolist()), place_m=tuple(place.tolist()), orientation=tuple(turned.tolist()))

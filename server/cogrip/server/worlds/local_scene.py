@@ -1,9 +1,9 @@
 """Scene whose clients render contact with what is fixed themselves: a line takes hold of a tool only where something moves.
 
 A tool is *clear* (`kinematic`) as long as nothing that moves is near (`clearance`): it is put where its client's proxy is, at
-rest, and touches nothing, so that it does no work on anything; no wave goes back, and one that comes is lost. Near something it
-is *engaged*: from there on, at rest, its wave port drives it as in `SceneWorld`. Where nothing has been near for RELEASE_S, and
-the line is calm, the tool is clear again, and what it held as motion is lost.
+rest, and touches nothing, so that it does no work on anything; no wave goes back, and one that comes counts for nothing. Near
+something it is *engaged*: from there on, at rest, its wave port drives it as in `SceneWorld`. Where nothing has been near for
+RELEASE_S, and the line is calm, the tool is clear again, and what it held as motion is lost.
 
 A clear tool weighs nothing and has no velocity: wherever it is put the bodies' energy is the same. It comes to be engaged
 outside of everything, so that no contact begins pressed. So neither change brings energy (theory 8.7).
@@ -82,8 +82,6 @@ class LocalScene(SceneWorld):
         clear = (self.holding & self.kinematic)[:, None]
         back = super().step(np.where(clear, 0.0, inputs))
         back = np.where(clear, 0.0, back)
-        lost = np.where(clear, inputs, 0.0)
-        self._book((0.5 * self.frame_s) * (lost * lost).sum(axis=1))
         for user in np.flatnonzero(self._quiet >= self._release).tolist():
             calm = dist(self.force[user].tolist(), (0.0,) * self.axes) <= CALM_N
             if calm or self._quiet[user] >= self._release_anyway:
