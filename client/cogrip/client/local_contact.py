@@ -112,7 +112,12 @@ class LocalFace(LocalCoupling):
 
     @property
     def stored_j(self) -> float:
-        return self.ramp_gain * spring_j(self._stiffness, self._depth(), self._peak_n)
+        return self.ramp_gain * self.spring_j
+
+    @property
+    def spring_j(self) -> float:
+        """U, were the force not ramped."""
+        return spring_j(self._stiffness, self._depth(), self._peak_n)
 
     def _depth(self) -> float:
         """Return max(d, 0)."""
@@ -169,18 +174,20 @@ class LocalWall(LocalFace):
         side, target = self._side, self.object_state[0]
         if self.surface_m is None:
             self.surface_m = hand_m
-        stored, depth, wanted = self.stored_j, self._depth(), side * (hand_m - target)
+        stored, depth, wanted = self.spring_j, self._depth(), side * (hand_m - target)
         self.saved_j = min(MOST_SAVED_J, self.saved_j - (stored - self._counted_j))
         if depth == wanted or depth == 0.0 >= wanted:
             self.surface_m, self._counted_j = target, stored
             return
-        stiffness, rendered = self._stiffness, self.ramp_gain * self._stiffness
-        step = MOST_STEP_N / stiffness if stiffness else inf
-        most = sqrt(depth * depth + 2.0 * max(0.0, self.saved_j) / rendered) if rendered else inf
-        goal = max(wanted, 0.0)
-        grown = min(max(goal, depth - step), most, depth + step)
-        self.surface_m = target if grown == goal else hand_m - side * grown
-        self._counted_j = after = self.stored_j
+        goal, stiffness = max(wanted, 0.0), self._stiffness
+        grown = goal
+        if stiffness:
+            step = MOST_STEP_N / stiffness
+            most = sqrt(depth * depth + 2.0 * max(0.0, self.saved_j) / stiffness)
+            grown = min(max(goal, depth - step), most, depth + step)
+        if grown != depth:
+            self.surface_m = target if grown == goal else hand_m - side * grown
+        self._counted_j = after = self.spring_j
         self.saved_j -= max(0.0, after - stored)
 
 

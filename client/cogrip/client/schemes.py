@@ -40,7 +40,7 @@ def make_local(seat: SeatSettings) -> AnyCoupling:
 
 SCHEMES: dict[Kind, Scheme] = {
     "wave": Scheme(WaveCoupling, Waves, ("b", "impedance_nspm"), "impedance_nspm"),
-    "coupling": Scheme(VirtualCoupling, State, ("B", "damping_nspm"), "stiffness_npm"),
     "local": Scheme(make_local, Waves, ("B", "damping_nspm"), "stiffness_npm"),
+    "coupling": Scheme(VirtualCoupling, State, ("B", "damping_nspm"), "stiffness_npm"),
     "tdpa": Scheme(PassivityControl, Power, ("b", "impedance_nspm"), "stiffness_npm"),
 }

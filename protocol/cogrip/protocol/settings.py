@@ -19,7 +19,7 @@ from cogrip.protocol.line.concealment import Concealed
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.link_profile import Link, LinkProfile, check_link
 from cogrip.protocol.network_rate import best_rate, take_auto
-from cogrip.protocol.object_kinds import KindText, LocalKindText, kind_of, shared_kind, unfit_kind
+from cogrip.protocol.object_kinds import LOCAL_KINDS, KindText, LocalKindText, kind_of, shared_kind, unfit_kind
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
 from cogrip.protocol.setting_types import MOST_RENDERED_NPM, MOST_WAVES, PLACES, POSE_AXES, Name, Seconds, Seed, Side
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
@@ -374,7 +374,7 @@ def _check_object(settings: Settings) -> None:
             raise SettingsError(
                 f'object.axes = {given.axes}, but object.kind = "{given.kind}" has at most {PLACES}; lower it'
             )
-    if coupling.kind == "local" and given.kind not in ("wall", "faces", "scene"):
+    if coupling.kind == "local" and given.kind not in LOCAL_KINDS:
         raise SettingsError(
             f'coupling.kind = "local" renders contact, and with object.kind = "{given.kind}" a client knows none; '
             'set object.kind to "wall", "faces" or "scene", or coupling.kind = "wave"'

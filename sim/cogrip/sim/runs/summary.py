@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # a client leaves a summary too, and has neither
 
 
 class UserRecord(msgspec.Struct, frozen=True):
-    """One user's two ends; None where an end was never heard. asked_npm: K of the settings; local: `local_contact` of the seat."""
+    """One user's two ends; None where an end was never heard. asked_npm: K of the settings; local: `local_contact`."""
 
     name: str
     client: ClientAccount | None
