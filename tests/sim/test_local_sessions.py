@@ -1,4 +1,4 @@
-"""Sessions of `coupling.kind = "local"`: what is felt on every network, the first touch, free motion, walls that jump, margins."""
+"""Sessions of `coupling.kind = "local"`: what is felt on every network, first touch, free motion, walls that jump, margins."""
 
 from itertools import pairwise
 
