@@ -47,16 +47,16 @@ def _cylinder(size: Sequence[float], x: float, y: float, z: float) -> Nearest:
 
 
 def _box(size: Sequence[float], x: float, y: float, z: float) -> Nearest:
-    beyond = (abs(x) - size[0], abs(y) - size[1], abs(z) - size[2])
-    most = max(beyond)
-    if most <= 0.0:
-        axis = beyond.index(most)
-        inside = [0.0, 0.0, 0.0]
-        inside[axis] = copysign(1.0, (x, y, z)[axis])
-        return most, (inside[0], inside[1], inside[2])
-    out = [max(each, 0.0) for each in beyond]
-    distance = hypot(*out)
-    return distance, (copysign(out[0] / distance, x), copysign(out[1] / distance, y), copysign(out[2] / distance, z))
+    i, j, k = abs(x) - size[0], abs(y) - size[1], abs(z) - size[2]
+    if (i > 0.0) + (j > 0.0) + (k > 0.0) < 2:  # above a face, or inside
+        if i >= j and i >= k:
+            return i, (1.0 if x > 0.0 else -1.0, 0.0, 0.0)
+        if j >= k:
+            return j, (0.0, 1.0 if y > 0.0 else -1.0, 0.0)
+        return k, (0.0, 0.0, 1.0 if z > 0.0 else -1.0)
+    i, j, k = max(i, 0.0), max(j, 0.0), max(k, 0.0)
+    distance = sqrt(i * i + j * j + k * k)
+    return distance, (copysign(i / distance, x), copysign(j / distance, y), copysign(k / distance, z))
 
 
 _NEAREST: dict[ShapeKind, Callable[[Sequence[float], float, float, float], Nearest]] = {

@@ -11,7 +11,7 @@ gone since, is sent later, as far as the hand's work pays for it.
 """
 
 from collections.abc import Sequence
-from math import dist, hypot
+from math import sqrt
 
 from msgspec.structs import replace
 
@@ -36,8 +36,9 @@ class LocalScene(LocalCoupling):
         self._proxy = Proxy((), ())
         self.engaged_m: Row | None = None
         self._share = 0.0  # s of the line's beginning
+        self._depth, self._along = 0.0, (0.0, 0.0, 0.0)  # |x - p|, e
         self._growth = seat.rates.frame_s / GROW_S
-        self._frame_s = seat.rates.frame_s
+        self._frame_s, self._rate_hz = seat.rates.frame_s, float(seat.rates.device_hz)
 
     # Geometry
 
@@ -95,43 +96,47 @@ class LocalScene(LocalCoupling):
         return self.engaged_m is not None and self.down.receiver.gap
 
     @property
-    def pressed(self) -> tuple[float, Sequence[float]] | None:
-        if self._position is None:
-            return None
-        deep = [x - p for x, p in zip(self._position, self.proxy_m, strict=True)]
-        depth = hypot(*deep)
-        return depth, [each / depth for each in deep] if depth else deep
+    def pressed(self) -> tuple[float, Sequence[float]]:
+        return self._depth, self._along
 
     @property
     def stored_j(self) -> float:
-        if self._position is None:
-            return 0.0
-        return self.ramp_gain * spring_j(self._stiffness, dist(self._position, self.proxy_m), self._peak_n)
+        return self.ramp_gain * spring_j(self._stiffness, self._depth, self._peak_n)
 
     # The law
 
     def _move(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
-        before = self.proxy_m
+        p, q, r = self.proxy_m
         if self._position is not None:
-            T = self._tick_s
-            self._position = tuple([x + T * v for x, v in zip(self._position, mean_velocity_mps, strict=True)])
+            (x, y, z), (i, j, k), T = self._position, mean_velocity_mps, self._tick_s
+            self._position = x + T * i, y + T * j, z + T * k
             self._follow()
         if self.engaged_m is None:
             self._leave_line()
             return
-        rate = 1.0 / self._tick_s
-        moved = [rate * (after - earlier) for after, earlier in zip(self.proxy_m, before, strict=True)]
-        written_off = list(self.down.written_off)
-        self._enter_line(moved)
-        if self._share < 1.0:  # the line owes nothing of this: it is this end that shows it later
-            more = [now - was for now, was in zip(self.down.written_off, written_off, strict=True)]
-            self.down.written_off = written_off
-            self.up.withhold([each / self.frame_ticks for each in more])
+        x, y, z = self.proxy_m
+        rate = self._rate_hz
+        written_off = self.down.written_off
+        if self._share == 1.0:
+            self._enter_line((rate * (x - p), rate * (y - q), rate * (z - r)))
+            return
+        self.down.written_off = [0.0] * PLACES
+        self._enter_line((rate * (x - p), rate * (y - q), rate * (z - r)))
+        # the line owes nothing of what its gain at the beginning leaves: it is this end that shows it later
+        self.up.withhold([each / self.frame_ticks for each in self.down.written_off])
+        self.down.written_off = written_off
 
     def _follow(self) -> None:
         assert self._position is not None
-        x, y, z = self._position[:PLACES]
-        self.proxy_m = self._proxy.follow((x, y, z))
+        x, y, z = self._position
+        self.proxy_m = p, q, r = self._proxy.follow((x, y, z))
+        if self._proxy.normals:
+            x, y, z = x - p, y - q, z - r
+            self._depth = depth = sqrt(x * x + y * y + z * z)
+            if depth > 0.0:
+                self._along = x / depth, y / depth, z / depth
+        else:
+            self._depth = 0.0
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
         damping = self._carry()
@@ -139,20 +144,20 @@ class LocalScene(LocalCoupling):
         self._position = tuple(position_m)
         if anew:
             self._follow()
-        reduced, normals = self.reduced, self._proxy.normals
-        total = [0.0] * PLACES
-        local: Sequence[float] = total
+        total, normals = [0.0] * PLACES, self._proxy.normals
+        self.local_n = total
         if self.engaged_m is not None:
-            line = super().force(position_m, velocity_mps)
+            reduced = self.reduced
+            total = list(without(super().force(position_m, velocity_mps), normals))
+            self.local_n = without(self.local_n, normals)
             self.reduced = self.reduced or reduced
-            total, local = list(without(line, normals)), without(self.local_n, normals)
-        self.local_n = local
-        if normals and self.pressed:
-            depth, along = self.pressed
-            if depth > 0.0:
-                speed = sum([e * v for e, v in zip(along, velocity_mps, strict=True)])
-                size = max(0.0, self._stiffness * depth + damping * speed)
-                total = [f + size * e for f, e in zip(total, along, strict=True)]
-                there = self._stiffness * sum([e * x for e, x in zip(along, position_m, strict=True)]) + damping * speed
-                self.local_n = [f + there * e for f, e in zip(local, along, strict=True)]
+        if self._depth > 0.0:
+            i, j, k = self._along
+            speed = damping * (i * velocity_mps[0] + j * velocity_mps[1] + k * velocity_mps[2])
+            size = max(0.0, self._stiffness * self._depth + speed)
+            there = self._stiffness * (i * position_m[0] + j * position_m[1] + k * position_m[2]) + speed
+            a, b, c = self.local_n
+            self.local_n = a + there * i, b + there * j, c + there * k
+            a, b, c = total
+            total = [a + size * i, b + size * j, c + size * k]
         return total

@@ -14,10 +14,12 @@ from math import inf, sqrt
 
 from cogrip.client.fixed_shapes import FixedShape, Vector
 
-SWEEPS = 8  # over the planes that are in the way
-TOUCHING_M = 1e-9
+SWEEPS = 16  # over the planes that are in the way, at most
+TOUCHING_M = 1e-9  # a sweep that moves the proxy by less ends the search
 Ball = tuple[Vector, float]
 """Centre from the tool's own [m], radius [m]."""
+Plane = tuple[Vector, float]
+"""n and g."""
 
 
 class Proxy:
@@ -26,53 +28,65 @@ class Proxy:
     def __init__(self, balls: Sequence[Ball], shapes: Sequence[FixedShape]) -> None:
         self._pairs = [(shape, *centre, radius) for shape in shapes for centre, radius in balls]
         self._solid = [False] * len(self._pairs)  # those that a ball has been outside of
-        self._clear_m = -inf  # from here on nothing is nearer than this
+        self._due_m = [0.0] * len(self._pairs)  # path of p from which on a pair may be in the way again
+        self._path_m = 0.0  # of p, at most
+        self._soonest_m = 0.0  # least of `_due_m`
         self.place_m: Vector | None = None
         self.normals: list[Vector] = []
 
     def follow(self, hand_m: Vector) -> Vector:
         """Move the proxy towards the hand. Return where it is."""
-        before = self.place_m or hand_m
-        x, y, z = before
-        ahead = [hand_m[0] - x, hand_m[1] - y, hand_m[2] - z]
+        x, y, z = self.place_m or hand_m
+        ahead = (hand_m[0] - x, hand_m[1] - y, hand_m[2] - z)
         way = sqrt(ahead[0] * ahead[0] + ahead[1] * ahead[1] + ahead[2] * ahead[2])
-        if way < self._clear_m:
-            self._clear_m -= way
-            self.place_m = hand_m
-            return hand_m
-        near, least = [], inf
-        for number, (shape, cx, cy, cz, radius) in enumerate(self._pairs):
-            gap, normal = shape.gap(x + cx, y + cy, z + cz, radius)
-            if gap >= 0.0:
-                self._solid[number] = True
-            if self._solid[number] and gap <= way:
-                near.append((normal, gap))
-            least = min(least, abs(gap))
-        self.normals = []
-        if not near:
-            self._clear_m = least - way
-            self.place_m = hand_m
-            return hand_m
-        self._clear_m = -inf
-        step, pushed = _nearest(ahead, near)
-        self.normals = _orthonormal([normal for (normal, _), push in zip(near, pushed, strict=True) if push > 0.0])
+        path = self._path_m
+        planes: list[Plane] = []
+        if path + way >= self._soonest_m:
+            due = self._due_m
+            for number, (shape, cx, cy, cz, radius) in enumerate(self._pairs):
+                if path + way < due[number]:
+                    continue
+                gap, normal = shape.gap(x + cx, y + cy, z + cz, radius)
+                if gap >= 0.0:
+                    self._solid[number] = True
+                due[number] = path + abs(gap)
+                if self._solid[number] and gap <= way:
+                    _add(planes, normal, gap)
+            self._soonest_m = min(due, default=inf)
+        step, self.normals = _nearest(ahead, planes) if planes else (ahead, [])
         self.place_m = place = (x + step[0], y + step[1], z + step[2]) if self.normals else hand_m
+        self._path_m = path + sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
         return place
 
 
-def _nearest(ahead: Sequence[float], near: Sequence[tuple[Vector, float]]) -> tuple[Vector, list[float]]:
-    """Return the step nearest to `ahead` with n step + g >= 0 for all, and how far each plane pushes it back (Hildreth)."""
-    pushed = [0.0] * len(near)
+def _add(planes: list[Plane], normal: Vector, gap: float) -> None:
+    """Add a plane, or keep the nearer of two that are parallel: all balls of a pad on one wall are one."""
+    for number, (other, nearest) in enumerate(planes):
+        if other == normal:
+            if gap < nearest:
+                planes[number] = normal, gap
+            return
+    planes.append((normal, gap))
+
+
+def _nearest(ahead: Vector, planes: Sequence[Plane]) -> tuple[Vector, list[Vector]]:
+    """Return the step nearest to `ahead` with n step + g >= 0 for all planes, and the normals that hold it (Hildreth)."""
+    pushed = [0.0] * len(planes)
     a, b, c = ahead
-    for _ in range(SWEEPS if len(near) > 1 else 1):
-        for number, ((i, j, k), gap) in enumerate(near):
+    for _ in range(SWEEPS):
+        most = 0.0
+        for number, ((i, j, k), gap) in enumerate(planes):
             before = pushed[number]
             push = max(0.0, before - (i * a + j * b + k * c + gap))
             if push != before:
                 more = push - before
                 a, b, c = a + more * i, b + more * j, c + more * k
                 pushed[number] = push
-    return (a, b, c), pushed
+                most = max(most, abs(more))
+        if most < TOUCHING_M or len(planes) == 1:
+            break
+    held = [normal for (normal, _), push in zip(planes, pushed, strict=True) if push > 0.0]
+    return (a, b, c), held if len(held) < 2 else _orthonormal(held)
 
 
 def _orthonormal(normals: Sequence[Vector]) -> list[Vector]:
