@@ -50,7 +50,7 @@ def wanderers(world: LocalScene, seed: int) -> Callable[[Array], tuple[Array, Ar
     def go_on(back: Array) -> tuple[Array, Array]:
         for user in np.flatnonzero(left <= 0).tolist():
             start = world.offset[user]
-            goal[user] = start + random.uniform(-0.08, 0.08, 3)
+            goal[user] = start + random.uniform((-0.08, -0.08, -0.03), 0.08)  # seldom below a floor
             left[user], mode[user] = random.integers(5, 150), random.integers(4)
             speed[user], gain[user] = 10.0 ** random.uniform(-1.5, 1.0), 10.0 ** random.uniform(-1.5, 0.5)
             if random.random() < 0.2:

@@ -47,12 +47,12 @@ class Clearance:
         least = np.sqrt(np.add.reduce(away * away, axis=2)) - self._reach - moved
         there = (self._tools < 0) | holding[self._tools]
         for ball, other in zip(*np.nonzero((least < most_m) & self._touches & there), strict=True):
-            near = least[ball, other]
+            near = float(least[ball, other])
             if near < most_m and not self._fields[other]:
-                most = most_m + moved[other]
-                one, two = int(self._balls[ball]), int(self._obstacles[other])
-                near = mujoco.mj_geomDistance(self._model, data, one, two, most, None) - moved[other]
-            most_m = min(most_m, float(near))
+                pad, one, two = moved[other], int(self._balls[ball]), int(self._obstacles[other])
+                away_m = mujoco.mj_geomDistance(self._model, data, one, two, most_m + pad, None)
+                near = float(away_m - pad) if away_m < most_m + pad else most_m
+            most_m = min(most_m, near)
         return most_m
 
     def _speeds(self, data: mujoco.MjData, at: _Array) -> _Array:

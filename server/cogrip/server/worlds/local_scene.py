@@ -27,7 +27,7 @@ RELEASE_S = 0.25
 RELEASE_ANYWAY_S = 1.0  # whatever the line does
 CALM_N = 1.0  # force at the tool below which its line is calm
 MOST_WAYS = 8  # in which a tool goes to its proxy in a frame, each as far as it is clear
-CLOSE_M = 1e-4  # gap below which a tool is engaged
+CLOSE_M = 2e-4  # gap below which a tool is engaged; it goes on its way until half of it is left
 OUT_M = 1e-6  # that a tool is put outside of what is fixed
 MOST_OUT_M = 1e-3  # by which it is put there: what is deeper in touches nothing until it has left (`solid`)
 MOST_OUTS = 8
@@ -99,8 +99,8 @@ class LocalScene(SceneWorld):
         left, gone, gap = min(length, self._most_m), 0.0, inf
         for _ in range(MOST_WAYS):
             gap = self._gap(user, left)
-            part = min(gap - CLOSE_M, left)
-            if part <= 0.0:
+            part = min(gap - 0.5 * CLOSE_M, left)
+            if gap < CLOSE_M or part <= 0.0:
                 break
             gone, left = gone + part, left - part
             data.geom_xpos[balls] += (goal - start) * (part / length)

@@ -385,7 +385,8 @@ class SceneWorld(World):
             self._park(user)
             if holding[user]:
                 self.join(user, np.zeros(self.axes))
-                self._touch(user, bool(solid[user]))
+        for user in np.flatnonzero(holding).tolist():  # after all have joined, which may change those before
+            self._touch(user, bool(solid[user]))
         mujoco.mj_setState(self.scene.model, self.data, state[:physics], _STATE)
         self.turning.restore(saved[:turned])
         self._warm.restore(saved[turned:first])
