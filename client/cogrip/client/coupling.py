@@ -15,7 +15,7 @@ from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Power, Stamp, State, Waves
+from cogrip.protocol.messages import Geom, Power, Stamp, State, Waves
 from cogrip.protocol.settings import SeatSettings
 
 M = TypeVar("M", Waves, State, Power)
@@ -133,6 +133,11 @@ class Coupling(ABC, Generic[M]):
         return False
 
     @property
+    def pressed(self) -> tuple[float, Sequence[float]] | None:
+        """Depth in fixed geometry [m], and its direction; None where it is not known here."""
+        return None
+
+    @property
     def owed_frames(self) -> float:
         """Position deficit of the line down, in frames of the wave that plays now."""
         return 0.0
@@ -146,6 +151,11 @@ class Coupling(ABC, Generic[M]):
     @abstractmethod
     def port_j(self) -> float:
         """Energy that went into the coupling here."""
+
+    @property
+    def entered_j(self) -> float:
+        """Energy that the hand put in: into the line, unless there is something between the two."""
+        return self.port_j
 
     @property
     @abstractmethod
@@ -199,6 +209,10 @@ class Coupling(ABC, Generic[M]):
     def receive(self, message: M) -> bool:
         """Take in a message; False where it does not fit."""
 
+    def receive_shape(self, geom: Geom) -> bool:
+        """Take in a shape of the room's fixed geometry; False where it does not fit, or is of no use here."""
+        return False
+
     @abstractmethod
     def lost(self) -> int:
         """Return the number of frames from the server that were lost."""
@@ -242,6 +256,14 @@ class LatestStateCoupling(Coupling[L]):
 
     def count(self) -> LinkCount:
         return self._receiver.count()
+
+
+def spring_j(stiffness_npm: float, stretch_m: float, peak_n: float) -> float:
+    """Return the energy in a spring whose force ends at `peak_n`."""
+    force = stiffness_npm * abs(stretch_m)
+    if force <= peak_n:
+        return 0.5 * force * abs(stretch_m)
+    return peak_n * (abs(stretch_m) - 0.5 * peak_n / stiffness_npm)
 
 
 AnyCoupling = Coupling[Any]

@@ -101,6 +101,10 @@ class ForwardLine:
         self._ends.append(self.ticks)
         return sent
 
+    def withhold(self, waves: Sequence[float], *, anew: bool = False) -> None:
+        """Add to what waits to be sent, a sum over frames, shape (axes,) [sqrt(W)]. anew: in place of what has waited."""
+        self._withheld = list(waves) if anew else [h + u for h, u in zip(self._withheld, waves, strict=True)]
+
     def next_length(self, acknowledged: int) -> int:
         """Return the ticks of the next frame: M, or as many more or fewer as shift the phase by what is spare.
 

@@ -19,7 +19,7 @@ from cogrip.protocol.line.concealment import Concealed
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.link_profile import Link, LinkProfile, check_link
 from cogrip.protocol.network_rate import best_rate, take_auto
-from cogrip.protocol.object_kinds import KindText, LocalKindText, kind_of, shared_kind, unfit_kind
+from cogrip.protocol.object_kinds import LOCAL_KINDS, KindText, LocalKindText, kind_of, shared_kind, unfit_kind
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
 from cogrip.protocol.setting_types import MOST_RENDERED_NPM, MOST_WAVES, PLACES, POSE_AXES, Name, Seconds, Seed, Side
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
@@ -165,6 +165,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     playout: Playout
     up: LinkProfile
     down: LinkProfile
+    copy_kg: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0  # mass that each client simulates itself
 
     @property
     def side_sign(self) -> float:
@@ -179,7 +180,19 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     @property
     def asked_npm(self) -> float | None:
         """K that was asked for; None where no spring stands between a person and the object."""
-        return self.coupling.stiffness_npm if kind_of(self.object.kind).spring else None
+        spring = self.coupling.kind == "local" or kind_of(self.object.kind).spring
+        return self.coupling.stiffness_npm if spring else None
+
+    @property
+    def local_contact(self) -> str | None:
+        """Kind of object with which the client renders contact itself; None where the line does it all."""
+        return self.object.kind if self.coupling.kind == "local" else None
+
+    @property
+    def holds_still(self) -> bool:
+        """True where a hand can press on what nobody moves: the stiffness that it feels is measured there."""
+        kind = self.object.kind
+        return kind_of(kind).fixed or (self.coupling.kind == "local" and kind == "scene")
 
     @property
     def follows(self) -> bool:
@@ -201,6 +214,8 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         late_frames: age of the device's samples, and what the line owes of its wave [frames]: both make the line softer, and no
         server knows of them.
         """
+        if self.coupling.kind == "local" and self.holds_still:
+            return self.coupling.stiffness_npm
         if self.coupling.kind != "wave" or not kind_of(self.object.kind).spring:
             return None
         rendered = self.rendered_npm
@@ -301,8 +316,14 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
             )
     return SeatSettings(
         settings.name, user.name, seat, settings.seed, settings.seconds, rates, coupling, rendered,
-        settings.object.shared(seat_axes(settings, user)), user.side, settings.playout, up, down,
+        settings.object.shared(seat_axes(settings, user)), user.side, settings.playout, up, down, _copy_kg(settings),
     )  # fmt: skip
+
+
+def _copy_kg(settings: Settings) -> float:
+    """Return the mass of a client's own copy of a free object: as much as the server keeps where everybody is there."""
+    local = settings.coupling.kind == "local" and settings.object.kind == "faces"
+    return settings.object.mass_kg / (len(settings.users) + 1) if local else 0.0
 
 
 def _compliance(coupling: Coupling, rates: Rates, round_trip_s: float) -> float:
@@ -353,6 +374,11 @@ def _check_object(settings: Settings) -> None:
             raise SettingsError(
                 f'object.axes = {given.axes}, but object.kind = "{given.kind}" has at most {PLACES}; lower it'
             )
+    if coupling.kind == "local" and given.kind not in LOCAL_KINDS:
+        raise SettingsError(
+            f'coupling.kind = "local" renders contact, and with object.kind = "{given.kind}" a client knows none; '
+            'set object.kind to "wall", "faces" or "scene", or coupling.kind = "wave"'
+        )
     if kind_of(given.kind).spring:
         return
     compensated = [user.name for user in settings.users if coupling_of(settings, user).compensate]

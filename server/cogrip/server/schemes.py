@@ -18,6 +18,7 @@ from cogrip.server.seat_limits import SeatLimits
 from cogrip.server.state_port import StatePort
 from cogrip.server.wave_port import WavePort
 from cogrip.server.worlds.lagged import CoupledWorld, PaperWorld
+from cogrip.server.worlds.local_faces import LocalFacesWorld
 from cogrip.server.worlds.power import PowerWorld
 from cogrip.server.worlds.registry import make_foreign, world_of
 from cogrip.server.worlds.small_room import MOST, SmallGripWorld
@@ -49,7 +50,7 @@ class Scheme(NamedTuple):
 
 SCHEMES: dict[Kind, Scheme] = {
     "wave": Scheme(Waves, WavePort, make_wave_world),
-    "local": Scheme(Waves, LocalPort, make_wave_world),
+    "local": Scheme(Waves, LocalPort, LocalFacesWorld),
     "coupling": Scheme(State, StatePort, CoupledWorld),
     "tdpa": Scheme(Power, PowerPort, PowerWorld),
 }

@@ -142,9 +142,9 @@ def overloads(settings: Settings) -> tuple[str, ...]:
 
 
 def unbounded(settings: Settings | SeatSettings) -> tuple[str, ...]:
-    """Return why a scene may shake its hands, () where it is driven by waves: then its limiter bounds what comes out."""
+    """Return why a scene may shake its hands, () where waves drive it: then its limiter bounds what comes out."""
     kind = settings.coupling.kind
-    if settings.object.kind != "scene" or kind == "wave":
+    if settings.object.kind != "scene" or kind in ("wave", "local"):
         return ()
     text = (
         f'coupling.kind = "{kind}": nothing bounds the energy that a scene makes under it, and no model tells whether it is '
@@ -199,6 +199,9 @@ def _passivity(seats: Sequence[SeatSettings]) -> list[Finding]:
         text = "not passive: plain virtual coupling makes energy of delay, so its stability holds for these very numbers only"
         return [Finding("passivity", text, level="note")]
     found = []
+    if coupling.kind == "local":
+        text = "contact is each client's own, bounded by the energy at its device; the line behind it is passive on any network"
+        return [Finding("passivity", text)]
     if coupling.server_step == "paper":
         text = "not passive: the paper's server step uses a force one frame old, so stability holds for these very numbers only"
         found.append(Finding("passivity", text, level="note"))
@@ -283,7 +286,8 @@ def feel_level(felt_npm: float, asked_npm: float) -> Level:
 
 
 def _felt_text(user: UserAdvice, seat: SeatSettings, limit: Limit) -> str:
-    gaps = any(direction.jitter_ms or direction.loss for direction in (seat.up, seat.down))
+    local = seat.coupling.kind == "local"
+    gaps = not local and any(direction.jitter_ms or direction.loss for direction in (seat.up, seat.down))
     where = " at rest, calculated without the link's jitter and loss" if gaps else " at rest"
     text = f"{user.name}: {plain(user.asked_npm)} N/m will feel like {plain(user.felt_npm)} N/m{where}"
     if seat.coupling.compensate:

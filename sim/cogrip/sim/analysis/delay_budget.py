@@ -20,7 +20,7 @@ from cogrip.sim.analysis.linear_session import LinearSession, Person
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """One stage of a path; direction: "up", "server" or "down"."""
+    """One stage of a path; direction: "up", "server", "down", or "client" where nothing of it crosses the network."""
 
     direction: str
     name: str
@@ -32,6 +32,9 @@ def budget(session: LinearSession, user: int) -> tuple[Stage, ...]:
     """Return every stage of one user's round trip in order, those without delay included."""
     person = session.people[user]
     rates = person.rates
+    if session.local:
+        why = "the force of contact is held over a tick: half a tick on average"
+        return (Stage("client", "hold", 0.5 * rates.tick_s, why),)
     hold = Stage("down", "hold", 0.5 * rates.frame_s, "an answer is held over a frame: half a frame on average")
     if session.scheme == "coupling":
         server = Stage("server", "step", rates.frame_s, "what a step has moved is seen after it")

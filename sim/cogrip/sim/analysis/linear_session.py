@@ -83,7 +83,7 @@ class Person:
 class LinearSession:
     """The linear part of a session. `midpoint`: the passive step is theory 3.3's (gripped), else 3.4's (pushed).
 
-    frame_s: T_n, everybody's; device ticks are each person's own.
+    frame_s: T_n, everybody's; device ticks are each person's own. local: each client renders its own contact
     """
 
     scheme: Scheme
@@ -93,6 +93,7 @@ class LinearSession:
     midpoint: bool
     object_mass_kg: float
     object_damping_nspm: float
+    local: bool = False
 
     @property
     def stiffness_npm(self) -> tuple[float, ...]:
@@ -107,9 +108,7 @@ def scheme_of(coupling: Coupling) -> Scheme:
             "`cogrip lab` and `cogrip sweep` run whole sessions of it"
             + (" (coupling.compensate has no effect there)" if coupling.compensate else "")
         )
-    if coupling.kind == "local":
-        raise ModelError('coupling.kind = "local": there is no linear model of contact that a client renders itself')
-    if coupling.kind == "coupling":
+    if coupling.kind == "coupling" or coupling.kind == "local":  # each client's own contact is one, without a delay
         return "coupling"
     if coupling.kind != "wave":
         assert_never(coupling.kind)
@@ -177,7 +176,8 @@ def _session(seat: SeatSettings, people: Sequence[Person]) -> LinearSession:
         raise ModelError(
             f'object.kind = "{kind}" has no linear model: its world alone says how it moves; try it with `cogrip lab`'
         )
-    if kind == "faces" and scheme != "passive":
+    local = seat.coupling.kind == "local"
+    if kind == "faces" and scheme != "passive" and not local:
         raise ModelError(
             f'scheme "{scheme}" does not fit object.kind = "faces": there contact comes and goes, and for a step that is '
             "not passive a model of lasting contact would promise too much; "
@@ -187,10 +187,11 @@ def _session(seat: SeatSettings, people: Sequence[Person]) -> LinearSession:
         scheme=scheme,
         frame_s=seat.rates.frame_s,
         people=tuple(people),
-        fixed=kind == "wall",
+        fixed=local or kind == "wall",  # to a client its own contact is hardest where the face behind it stands still
         midpoint=kind == "cube",
         object_mass_kg=seat.object.mass_kg,
         object_damping_nspm=seat.object.damping_nspm,
+        local=local,
     )
 
 
@@ -208,6 +209,8 @@ def _simulated(person: Person, user: User, device: Device, hands: bool, estimate
 
 def line_delays(seat: SeatSettings, delay_frames: float | None = None) -> tuple[OneWayDelay, OneWayDelay]:
     """Return the delays up and down; virtual coupling has no playout. Raises ModelError for a delay below 0."""
+    if seat.coupling.kind == "local":
+        return one_way(0.0, 0, seat.rates), one_way(0.0, 0, seat.rates)
     if delay_frames is not None:
         if not 0.0 <= delay_frames <= MOST_FRAMES:
             raise ModelError(f"delay of {delay_frames:g} frames each way is out of 0 to {MOST_FRAMES}")

@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 
 from cogrip.protocol.network_profiles import PROFILES
+from cogrip.protocol.object_kinds import LOCAL_KINDS
 from cogrip.protocol.settings import Settings, User, rates_of, resolve
 from cogrip.protocol.settings_table import copied
 
@@ -44,6 +45,10 @@ METHODS: Mapping[str, Method] = {
             "playout.frames": "auto",
         },
     ),
+    "local": Method(
+        "cogrip's local contact",
+        {"coupling.kind": "local", "coupling.server_step": "passive", "playout.frames": "auto"},
+    ),
     "paper": Method(
         "the paper's waves",  # over the same line: what differs is P's own filter, encoder and server step
         {
@@ -62,8 +67,10 @@ NETWORKS: tuple[str, ...] = tuple(PROFILES)
 
 
 def methods_of(settings: Settings) -> tuple[str, ...]:
-    """Return the methods that the object of these settings has: the paper's has no scenes."""
-    return tuple(name for name in METHODS if name != "paper" or settings.object.kind != "scene")
+    """Return the methods that the object of these settings has: the paper's has no scenes, and a cube no contact."""
+    kind = settings.object.kind
+    kept = {"paper": kind != "scene", "local": kind in LOCAL_KINDS}
+    return tuple(name for name in METHODS if kept.get(name, True))
 
 
 def choose(what: str, asked: Iterable[str], known: Sequence[str]) -> tuple[str, ...]:
