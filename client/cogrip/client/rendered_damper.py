@@ -9,7 +9,9 @@ from typing import NamedTuple
 from cogrip.client.schemes import SCHEMES
 from cogrip.client.velocity import NOISE_N, Carried, largest_impedance
 from cogrip.devices.device import Capability, DeviceError
-from cogrip.protocol.settings import Coupling, SeatSettings
+from cogrip.protocol.coupling_settings import Coupling
+from cogrip.protocol.setting_types import Kind
+from cogrip.protocol.settings import SeatSettings
 
 ROUNDING = 1e-9  # of a bound: settings are decimal
 
@@ -30,6 +32,11 @@ def damper_of(coupling: Coupling) -> Damper:
     """Return the damper in the client's own force law."""
     symbol, key = SCHEMES[coupling.kind].damper
     return Damper(symbol, key, getattr(coupling, key))
+
+
+def damper_key(kind: Kind) -> str:
+    """Return the key of [coupling] that holds that damper."""
+    return SCHEMES[kind].damper[1]
 
 
 def refusal(seat: SeatSettings, record: Capability, section: str = "coupling") -> str:

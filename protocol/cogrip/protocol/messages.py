@@ -146,6 +146,8 @@ class Waves(Message, frozen=True, tag=4):
     applied: Counter = (
         0  # client: ticks for which frame `acknowledged` - 1 had been applied when the newest frame ended
     )
+    impedance_nspm: Annotated[float, msgspec.Meta(ge=0.0, le=1e4)] = 0.0  # with which the newest frame was made
+    since: Counter = 0  # number of the first frame with that impedance; both 0: the settings' one
 
 
 class State(Message, frozen=True, tag=5):

@@ -242,6 +242,8 @@ class Room:
                 continue
             row = port.pop(missed)
             rows.append(row if port.axes == world.axes else row + self._idle_row[port.axes :])
+            if port.impedance_nspm is not None:
+                world.set_impedance(number, port.impedance_nspm)
             if port.turned is not None:
                 world.hand_turned(number, *port.turned)
             if seat.adapter is not None:

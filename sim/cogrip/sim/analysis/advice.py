@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from cogrip.client.rendered_damper import bound_words, damper_of, refusal, rounded_down
+from cogrip.client.rendered_damper import bound_words, damper_key, damper_of, refusal, rounded_down
 from cogrip.client.velocity import Bound, largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for
@@ -155,7 +155,7 @@ def unbounded(settings: Settings | SeatSettings) -> tuple[str, ...]:
 
 def _section(settings: Settings, number: int) -> str:
     """Return the section of settings with the damper of this person's device: a user's own value is above [coupling]'s."""
-    own = getattr(settings.users[number], damper_of(settings.coupling).key)
+    own = getattr(settings.users[number], damper_key(settings.coupling.kind))
     return "coupling" if own is None else f"users.{number}"
 
 

@@ -15,10 +15,11 @@ from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.protocol.coupling_settings import Coupling
 from cogrip.protocol.line.delays import OneWayDelay, line_delay, one_way
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Coupling, SeatSettings, Settings, User, seat_axes, seat_settings
+from cogrip.protocol.settings import SeatSettings, Settings, User, seat_axes, seat_settings
 
 Scheme = Literal["passive", "paper", "coupling"]
 MOST_FRAMES = 256
