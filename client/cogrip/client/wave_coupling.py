@@ -18,14 +18,16 @@ from collections.abc import Sequence
 from math import inf, sqrt
 from operator import sub
 
+from msgspec.structs import replace
+
 from cogrip.client.coupling import Coupling, DelayLine, Row
 from cogrip.client.line_tuner import LineTuner
 from cogrip.client.series_impedance import SeriesImpedance
 from cogrip.client.velocity import largest_impedance
 from cogrip.client.wave_lines import ForwardLine, ReturningLine
 from cogrip.devices.device import Capability
-from cogrip.protocol.accounts import LinkCount, PlayoutAccount
-from cogrip.protocol.line_tuning import ImpedanceChanges, Tuning
+from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
+from cogrip.protocol.line_tuning import ImpedanceChanges, Tuning, corner_hz
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.settings import SeatSettings
@@ -62,6 +64,10 @@ class WaveCoupling(Coupling[Waves]):
         self.forward: Sequence[float] = (0.0,) * axes
         self.up, self.down = ForwardLine(seat), ReturningLine(seat)
         self.energy = self.up.energy
+        self._impedances, self._filters_hz = (
+            (self._b, self._b),
+            (self._filter_hz, self._filter_hz),
+        )  # least and most in use
         self.loops = LoopMeter(seat.rates.network_hz, seat.rates.ticks_per_frame)
         self.down_reserve = self.down.reserve
 
@@ -85,6 +91,11 @@ class WaveCoupling(Coupling[Waves]):
         if not up.filter.lag_ticks == down.filter.lag_ticks == lag_ticks or ratio != 1.0:
             up.withhold([owed / self.frame_ticks for owed in up.filter.retune(lag_ticks, ratio)])
             down.receiver.write_off([-owed / self.frame_ticks for owed in down.filter.retune(lag_ticks, ratio)])
+        begins = not up.sender.next_number
+        least, most = (inf, -inf) if begins else self._filters_hz
+        self._filters_hz = min(least, self._filter_hz), max(most, self._filter_hz)
+        least, most = (inf, -inf) if begins else self._impedances
+        self._impedances = min(least, found.impedance_nspm), max(most, found.impedance_nspm)
         if ratio == 1.0:
             return
         gain = min(1.0, 1.0 / sqrt(ratio))
@@ -272,6 +283,21 @@ class WaveCoupling(Coupling[Waves]):
     @property
     def playout_frames(self) -> float:
         return self.down.receiver.playout_frames
+
+    @property
+    def _filter_hz(self) -> float:
+        return corner_hz(self.up.filter.lag_ticks * self._tick_s)
+
+    def seat_now(self) -> SeatSettings:
+        seat = self._seat
+        coupling, line = (
+            replace(seat.coupling, impedance_nspm=self._b),
+            replace(seat.line, wave_filter_hz=self._filter_hz),
+        )
+        return replace(seat, coupling=coupling, line=line)
+
+    def line_account(self) -> LineAccount:
+        return LineAccount(self._b, *self._impedances, self._filter_hz, *self._filters_hz)
 
     def playout_account(self) -> PlayoutAccount | None:
         return self.down.receiver.playout_account()

@@ -17,9 +17,10 @@ LEAST_FILTER_HZ = 0.05
 
 
 class CouplingBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Scheme, and the spring between proxy and object (theory sections 1 to 5)."""
+    """Scheme, wave impedance, and the spring between proxy and object (theory sections 1 to 5)."""
 
     kind: types.Kind = "wave"
+    impedance_nspm: types.Impedance | types.Auto = USUAL_NSPM
     stiffness_npm: types.Stiffness = 1000.0
     damping_nspm: types.Damping = 10.0
     compensate: bool = False
@@ -31,9 +32,8 @@ class CouplingBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class CouplingSection(CouplingBase, frozen=True, forbid_unknown_fields=True):
-    """[coupling]: with the wave impedance and the corner of the filter on both waves, or "auto" (theory 7.1 to 7.3)."""
+    """[coupling]: with the corner of the filter on both waves, and by what "auto" chooses (theory 7.1 to 7.3)."""
 
-    impedance_nspm: types.Impedance | types.Auto = USUAL_NSPM
     wave_filter_hz: types.FilterHz | types.Auto = 0.0
     prefer: types.Prefer = "balanced"
 

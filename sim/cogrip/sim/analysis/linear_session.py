@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, assert_never
 
+import numpy as np
+
 from cogrip.client.velocity import MEMORY, memory_for
 from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
@@ -17,9 +19,11 @@ from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.protocol.coupling_settings import Coupling
 from cogrip.protocol.line.delays import OneWayDelay, line_delay, one_way
+from cogrip.protocol.line_tuning import filter_lag_s
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.settings import SeatSettings, Settings, User, seat_axes, seat_settings
+from cogrip.sim.analysis.state_space import Complex
 
 Scheme = Literal["passive", "paper", "coupling"]
 MOST_FRAMES = 256
@@ -44,6 +48,7 @@ class Person:
     rates                                 of this user's device, and the room's network
     memory                                of that estimate, see `AlphaBeta`
     latency_ticks                         age of a sample when it is read
+    filter_lag_s                          S of the filter on each wave; 0: none
     """
 
     name: str
@@ -63,6 +68,17 @@ class Person:
     estimated: bool = False
     memory: float = MEMORY
     latency_ticks: int = 0
+    filter_lag_s: float = 0.0
+
+    @property
+    def filter_kept(self) -> float:
+        """Fraction of the filter's last output in the next one, S / (S + T_n)."""
+        return self.filter_lag_s / (self.filter_lag_s + self.rates.frame_s)
+
+    def filtered(self, z: Complex) -> Complex:
+        """Return the response of the filter to frames."""
+        kept = self.filter_kept
+        return np.asarray((1.0 - kept) / (1.0 - kept / z), dtype=np.complex128)
 
     @property
     def down_frames(self) -> int:
@@ -167,6 +183,7 @@ def _person(seat: SeatSettings, capability: Capability, delay_frames: float | No
         estimated=not capability.gives_velocity,
         memory=memory_for(capability, seat.rates.tick_s),
         latency_ticks=capability.latency_ticks,
+        filter_lag_s=filter_lag_s(seat.line.wave_filter_hz) if coupling.kind == "wave" else 0.0,
     )
 
 
