@@ -220,6 +220,11 @@ class Coupling(ABC, Generic[M]):
         """Return the measured loop: frames from a message to the frame in which its answer is applied."""
         return None
 
+    def go_on_from(self, before: "AnyCoupling") -> None:
+        """Begin as this line of the same seat ended; `fit` comes after."""
+        self.down_margin_j = before.down_margin_j  # of all lines: the new one begins with 0
+        self.credit_left = before.credit_left  # all lines together lend one credit
+
     def seat_now(self) -> SeatSettings:
         """Return the seat's settings with what is in use in place of what was to begin with."""
         return self._seat

@@ -20,7 +20,7 @@ from operator import sub
 
 from msgspec.structs import replace
 
-from cogrip.client.coupling import Coupling, DelayLine, Row
+from cogrip.client.coupling import AnyCoupling, Coupling, DelayLine, Row
 from cogrip.client.line_tuner import LineTuner
 from cogrip.client.series_impedance import SeriesImpedance
 from cogrip.client.velocity import largest_impedance
@@ -81,8 +81,13 @@ class WaveCoupling(Coupling[Waves]):
         if self._tuner is not None:
             self._tuner.carried_nspm = largest_impedance(record, self._tick_s).impedance_nspm
             if not self.up.sender.next_number:
-                self.tune(self._tuner.tuning())
+                self.tune(self._tuner.begin())
         self._most_wave = wave_of(self._b, *self._most_motion)
+
+    def go_on_from(self, before: AnyCoupling) -> None:
+        super().go_on_from(before)
+        if self._tuner is not None and isinstance(before, WaveCoupling) and before._tuner is not None:
+            self._tuner.go_on_from(before._tuner)
 
     def tune(self, found: Tuning) -> None:
         """Have this impedance and filter from the next frame on (theory 7.3)."""

@@ -39,6 +39,11 @@ def tuning(loop_s: float, prefer: Prefer, carried_nspm: float = USUAL_NSPM) -> T
     return Tuning(bounded(b), max(0.0, min(SHARE * loop_s, SLOPE * (loop_s - LONG_S))))
 
 
+def flat_s(prefer: Prefer) -> float:
+    """Return up to which loop time a device that carries enough has the same tuning."""
+    return min(2.0 * MASS_KG[prefer] / USUAL_NSPM, LONG_S)
+
+
 def bounded(impedance_nspm: float) -> float:
     """Return the impedance that a seat which may choose has, of the one that it asks for."""
     return min(max(impedance_nspm, LEAST_NSPM), MOST_NSPM)
@@ -55,17 +60,19 @@ def filter_lag_s(corner: float) -> float:
 
 
 class LoopFollower:
-    """Loop time that a line goes by: that of its meter, slowly. factor: by which it changes in a step, at most.
+    """Loop time that a line goes by: that of its meter, slowly, or `flat_s` where that is longer.
+
+    factor: by which it changes in a step, at most
 
     A reading becomes the goal once two in a row agree and it is NEW away from the last. `update` is called once in `frames`
     frames, so `factor` is exp(frames T_n / FOLLOW_S).
     """
 
-    __slots__ = ("_every", "_frame_s", "_goal_s", "_seen_s", "_waited", "factor", "loop_s")
+    __slots__ = ("_every", "_flat_s", "_frame_s", "_goal_s", "_seen_s", "_waited", "factor", "loop_s")
 
-    def __init__(self, loop_s: float, frame_s: float, frames: int) -> None:
-        self.loop_s = self._goal_s = loop_s
-        self._frame_s = frame_s
+    def __init__(self, loop_s: float, prefer: Prefer, frame_s: float, frames: int) -> None:
+        self._flat_s, self._frame_s = flat_s(prefer), frame_s
+        self.loop_s = self._goal_s = max(loop_s, self._flat_s)
         self.factor = exp(frames * frame_s / FOLLOW_S)
         self._every = max(1, round(1.0 / (READINGS_HZ * frames * frame_s)))
         self._waited = 0
@@ -80,7 +87,7 @@ class LoopFollower:
         self.loop_s = min(max(self._goal_s, self.loop_s / self.factor), self.loop_s * self.factor)
 
     def _read(self, loop: float | None) -> None:
-        before, self._seen_s = self._seen_s, None if loop is None else loop * self._frame_s
+        before, self._seen_s = self._seen_s, None if loop is None else max(loop * self._frame_s, self._flat_s)
         now = self._seen_s
         agreed = now is not None and before is not None and abs(now - before) <= AGREED * now
         if now is not None and agreed and abs(now - self._goal_s) > NEW * self._goal_s:

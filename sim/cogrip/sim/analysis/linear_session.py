@@ -12,6 +12,7 @@ from typing import Literal, assert_never
 
 import numpy as np
 
+from cogrip.client.rendered_damper import impedance_on
 from cogrip.client.velocity import MEMORY, memory_for
 from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
@@ -171,7 +172,7 @@ def _person(seat: SeatSettings, capability: Capability, delay_frames: float | No
         name=seat.user,
         device_mass_kg=capability.apparent_mass_kg,
         device_damping_nspm=0.0,
-        impedance_nspm=coupling.impedance_nspm,
+        impedance_nspm=impedance_on(seat, capability),
         stiffness_npm=seat.rendered_npm,
         damping_nspm=coupling.damping_nspm,
         decimator=coupling.decimator,
