@@ -6,17 +6,23 @@ value, the bound and the cure. `seat_settings` returns what one user's client an
 
 from collections import Counter
 from collections.abc import Mapping
-from math import sqrt
 from typing import Annotated, Any, Literal, assert_never
 
 import msgspec
 from msgspec.structs import replace
 
-from cogrip.protocol import decimation
 from cogrip.protocol import felt_stiffness as felt
 from cogrip.protocol import setting_types as types
+from cogrip.protocol.coupling_settings import (
+    Coupling,
+    CouplingSection,
+    LineTuning,
+    line_compliance,
+    of_seat,
+    round_trip_s,
+    unfit_line,
+)
 from cogrip.protocol.line.concealment import Concealed
-from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.link_profile import Link, LinkProfile, check_link
 from cogrip.protocol.network_rate import best_rate, take_auto
 from cogrip.protocol.object_kinds import LOCAL_KINDS, KindText, LocalKindText, kind_of, shared_kind, unfit_kind
@@ -42,26 +48,6 @@ class RatesSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     device_hz: DeviceHz = 1024
     network_hz: Hz = 128
-
-
-class Coupling(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """[coupling]: scheme, wave impedance, and the spring between proxy and object (theory sections 1 to 5)."""
-
-    kind: types.Kind = "wave"
-    impedance_nspm: types.Impedance = 20.0
-    stiffness_npm: types.Stiffness = 1000.0
-    damping_nspm: types.Damping = 10.0
-    compensate: bool = False
-    decimator: types.Decimator = "boxcar"
-    lowpass_rad_s: Annotated[float, msgspec.Meta(ge=1e-3, le=1e5)] = 50.0
-    server_step: types.ServerStep = "passive"
-    encoder: types.Encoder = "displacement"
-    rotational_impedance_nms: types.RotationalImpedance = 0.02  # of the axes that turn, where there are six
-
-    @property
-    def length_m(self) -> float:
-        """Characteristic length l [m], by which an angle is a length of the same impedance: b l^2 = b_r."""
-        return sqrt(self.rotational_impedance_nms / self.impedance_nspm)
 
 
 class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -119,7 +105,9 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     side: Side = "left"
     device_mass_kg: types.Mass = 0.1
     device_damping_nspm: types.Damping = 0.0
-    impedance_nspm: types.Impedance | None = None
+    impedance_nspm: types.Impedance | types.Auto | None = None
+    wave_filter_hz: types.FilterHz | types.Auto | None = None
+    prefer: types.Prefer | None = None
     stiffness_npm: types.Stiffness | None = None
     damping_nspm: types.Damping | None = None
     decimator: types.Decimator | None = None
@@ -140,7 +128,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seed: Seed = 1
     seconds: Seconds = 10.0
     rates: RatesSection = RatesSection()
-    coupling: Coupling = Coupling()
+    coupling: CouplingSection = CouplingSection()
     object: ObjectSection = ObjectSection()
     task: Task = Task()
     link: Link = Link()
@@ -165,6 +153,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     playout: Playout
     up: LinkProfile
     down: LinkProfile
+    line: LineTuning = LineTuning()
     copy_kg: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0  # mass that each client simulates itself
 
     @property
@@ -200,13 +189,18 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         coupling = self.coupling
         return coupling.compensate and coupling.kind == "wave" and coupling.server_step == "passive"
 
+    @property
+    def loop_s(self) -> float:
+        """Loop time as the settings say it, playout delay included [s]."""
+        return round_trip_s(self.playout, (self.up, self.down), self.rates) + self.rates.frame_s
+
     def line_compliance(self, loop_frames: float) -> float:
         """Return C_line [m/N] of theory section 4 for a measured loop of `loop_frames` network frames.
 
         The loop counts the frames from a forward wave's own frame to the frame in which its answer is applied: 2d + 1 for d
         frames of delay in each direction.
         """
-        return _compliance(self.coupling, self.rates, (loop_frames - 1.0) * self.rates.frame_s)
+        return line_compliance(self.coupling, self.line, self.rates, (loop_frames - 1.0) * self.rates.frame_s)
 
     def predicted_stiffness(self, loop_frames: float, late_frames: float = 0.0) -> float | None:
         """Return K_hand [N/m] of theory section 4 for a measured loop; None without waves or without a spring.
@@ -249,8 +243,13 @@ def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
 
 def _best_rate(settings: Settings) -> int:
     device_hz = [user.device_hz or settings.rates.device_hz for user in settings.users]
-    ways = [settings.link.direction("up"), settings.link.direction("down")]
-    return best_rate(device_hz, settings.object.axes, not kind_of(settings.object.kind).spring, settings.playout, ways)
+    scene = not kind_of(settings.object.kind).spring
+    return best_rate(device_hz, settings.object.axes, scene, settings.playout, ways_of(settings))
+
+
+def ways_of(settings: Settings) -> tuple[LinkProfile, LinkProfile]:
+    """Return both directions of the link, up and down."""
+    return settings.link.direction("up"), settings.link.direction("down")
 
 
 def for_remote_clients(settings: Settings) -> Settings:
@@ -260,13 +259,20 @@ def for_remote_clients(settings: Settings) -> Settings:
     return replace(settings, admission=replace(admission, **bounds))
 
 
-def coupling_of(settings: Settings, user: User) -> Coupling:
+def coupling_asked(settings: Settings, user: User) -> CouplingSection:
     """Return [coupling] with this user's own values."""
-    names = (
-        "impedance_nspm", "stiffness_npm", "damping_nspm", "decimator", "encoder", "compensate", "rotational_impedance_nms"
-    )  # fmt: skip
-    own = {name: getattr(user, name) for name in names}
+    own = {name: getattr(user, name) for name in CouplingSection.__struct_fields__ if hasattr(user, name)}
     return replace(settings.coupling, **{name: value for name, value in own.items() if value is not None})
+
+
+def coupling_of(settings: Settings, user: User) -> Coupling:
+    """Return the coupling of this user's seat."""
+    return tuned_coupling(settings, user)[0]
+
+
+def tuned_coupling(settings: Settings, user: User) -> tuple[Coupling, LineTuning]:
+    """Return the coupling of this user's seat, and the tuning of its line."""
+    return of_seat(coupling_asked(settings, user), settings.playout, ways_of(settings), rates_of(settings, user))
 
 
 def not_passive(settings: Settings) -> str:
@@ -298,13 +304,14 @@ def rates_of(settings: Settings, user: User) -> Rates:
 def seat_settings(settings: Settings, seat: int) -> SeatSettings:
     """Return what user number `seat` and the server share. Raises SettingsError where compensation is out of reach."""
     user = settings.users[seat]
-    coupling = coupling_of(settings, user)
+    coupling, line = tuned_coupling(settings, user)
     rates = rates_of(settings, user)
-    up, down = settings.link.direction("up"), settings.link.direction("down")
+    up, down = ways_of(settings)
+    if why := unfit_line(coupling, line):
+        raise SettingsError(f"users.{seat} ({user.name}): {why}")
     rendered = coupling.stiffness_npm
     if coupling.compensate and coupling.kind == "wave":
-        frames = sum(line_delay(settings.playout, each, rates).frames for each in (up, down))
-        compliance = _compliance(coupling, rates, frames * rates.frame_s)
+        compliance = line_compliance(coupling, line, rates, round_trip_s(settings.playout, (up, down), rates))
         try:
             rendered = felt.compensated_stiffness(coupling.stiffness_npm, coupling.impedance_nspm, compliance)
         except felt.OutOfReachError as error:
@@ -316,7 +323,7 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
             )
     return SeatSettings(
         settings.name, user.name, seat, settings.seed, settings.seconds, rates, coupling, rendered,
-        settings.object.shared(seat_axes(settings, user)), user.side, settings.playout, up, down, _copy_kg(settings),
+        settings.object.shared(seat_axes(settings, user)), user.side, settings.playout, up, down, line, _copy_kg(settings),
     )  # fmt: skip
 
 
@@ -324,14 +331,6 @@ def _copy_kg(settings: Settings) -> float:
     """Return the mass of a client's own copy of a free object: as much as the server keeps where everybody is there."""
     local = settings.coupling.kind == "local" and settings.object.kind == "faces"
     return settings.object.mass_kg / (len(settings.users) + 1) if local else 0.0
-
-
-def _compliance(coupling: Coupling, rates: Rates, round_trip_s: float) -> float:
-    lag = decimation.lag_s(coupling.decimator, rates.frame_s, coupling.lowpass_rad_s)
-    if coupling.server_step == "paper":
-        # P's force is one frame old: it moves the proxy back by F T_n / b (theory section 4)
-        lag -= 2.0 * rates.frame_s
-    return felt.line_compliance(coupling.impedance_nspm, round_trip_s, lag)
 
 
 def _check_fit(settings: Settings) -> None:

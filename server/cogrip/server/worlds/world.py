@@ -109,6 +109,16 @@ class World(ABC):
         """Set the target of a user's stiffness; the energy law decides how fast it is reached."""
         raise NotImplementedError(f"{type(self).__name__}: a stiffness that changes would not be passive here")
 
+    def set_impedance(self, user: int, impedance_nspm: float) -> None:
+        """Let a person's port have this impedance from the next step on: any is passive (theory 7.3)."""
+        if self.impedance[user, 0] != impedance_nspm:
+            self.impedance[user] = impedance_nspm
+            self.impedance_changed(user)
+
+    def impedance_changed(self, user: int) -> None:
+        """Compute anew what is kept of a person's impedance; a world that keeps more of it extends this."""
+        self.wave_gain[user] = server_gain(float(self.impedance[user, 0]))
+
     def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
         """Step in plain floats: a row a user in, a row a user out."""
         answers: list[list[float]] = self.step(np.array(rows)).tolist()
