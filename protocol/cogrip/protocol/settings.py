@@ -25,11 +25,12 @@ from cogrip.protocol.coupling_settings import (
 from cogrip.protocol.line.concealment import Concealed
 from cogrip.protocol.link_profile import Link, LinkProfile, check_link
 from cogrip.protocol.network_rate import best_rate, take_auto
-from cogrip.protocol.object_kinds import LOCAL_KINDS, KindText, LocalKindText, kind_of, shared_kind, unfit_kind
+from cogrip.protocol.object_fit import unfit_object
+from cogrip.protocol.object_kinds import KindText, LocalKindText, kind_of, shared_kind
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
-from cogrip.protocol.setting_types import MOST_RENDERED_NPM, MOST_WAVES, PLACES, POSE_AXES, Name, Seconds, Seed, Side
+from cogrip.protocol.setting_types import MOST_RENDERED_NPM, PLACES, POSE_AXES, Name, Seconds, Seed, Side
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
-from cogrip.protocol.task import Task, unfit
+from cogrip.protocol.task import Task
 
 HUMAN_POWER_W = 10.0  # of a hand on a hand-sized device, on average (docs/security.md)
 REMOTE_FORCE_N = 40.0  # as strong as the arms on the market
@@ -40,6 +41,7 @@ REMOTE: Mapping[str, float] = {
     "force_n": REMOTE_FORCE_N, "speed_mps": REMOTE_SPEED_MPS, "torque_nm": REMOTE_TORQUE_NM, "speed_radps": REMOTE_SPEED_RADPS,
 }  # fmt: skip
 """Bounds of device records, by field of `Admission`, where it sets none."""
+MOST_PEOPLE = 256
 ONLY_USER = "anna"  # where a file names no users
 
 
@@ -134,7 +136,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     link: Link = Link()
     playout: Playout = Playout()
     admission: Admission = Admission()
-    users: Annotated[tuple[User, ...], msgspec.Meta(min_length=1, max_length=256)] = (User(name=ONLY_USER),)
+    users: Annotated[tuple[User, ...], msgspec.Meta(min_length=1, max_length=MOST_PEOPLE)] = (User(name=ONLY_USER),)
 
 
 class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
@@ -154,7 +156,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     up: LinkProfile
     down: LinkProfile
     line: LineTuning = LineTuning()
-    copy_kg: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0  # mass that each client simulates itself
+    people: Annotated[int, msgspec.Meta(ge=1, le=MOST_PEOPLE)] = 1  # seats of the room
 
     @property
     def side_sign(self) -> float:
@@ -176,6 +178,11 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     def local_contact(self) -> str | None:
         """Kind of object with which the client renders contact itself; None where the line does it all."""
         return self.object.kind if self.coupling.kind == "local" else None
+
+    @property
+    def copy_kg(self) -> float:
+        """Mass of a client's own copy of a free object, as much as the server keeps where everybody is there; 0 without one."""
+        return self.object.mass_kg / (self.people + 1) if self.local_contact == "faces" else 0.0
 
     @property
     def holds_still(self) -> bool:
@@ -323,14 +330,8 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
             )
     return SeatSettings(
         settings.name, user.name, seat, settings.seed, settings.seconds, rates, coupling, rendered,
-        settings.object.shared(seat_axes(settings, user)), user.side, settings.playout, up, down, line, _copy_kg(settings),
+        settings.object.shared(seat_axes(settings, user)), user.side, settings.playout, up, down, line, len(settings.users),
     )  # fmt: skip
-
-
-def _copy_kg(settings: Settings) -> float:
-    """Return the mass of a client's own copy of a free object: as much as the server keeps where everybody is there."""
-    local = settings.coupling.kind == "local" and settings.object.kind == "faces"
-    return settings.object.mass_kg / (len(settings.users) + 1) if local else 0.0
 
 
 def _check_fit(settings: Settings) -> None:
@@ -346,80 +347,9 @@ def _check_fit(settings: Settings) -> None:
         raise SettingsError(
             f'coupling.server_step = "paper" is a step of the wave scheme; with coupling.kind = "{kind}" leave it "passive"'
         )
-    _check_object(settings)
+    compensated = [user.name for user in settings.users if coupling_of(settings, user).compensate]
+    if why := unfit_object(settings, compensated):
+        raise SettingsError(why)
     check_link(settings.link)
     for seat in range(len(settings.users)):
         seat_settings(settings, seat)
-
-
-def _check_object(settings: Settings) -> None:
-    """Raise SettingsError for settings that do not fit the kind of object."""
-    given, coupling = settings.object, settings.coupling
-    if why := unfit(settings.task, given.kind == "scene"):
-        raise SettingsError(why)
-    if why := unfit_kind(given.kind):
-        raise SettingsError(f'object.kind = "{given.kind}": {why}')
-    if given.kind != "scene":
-        users = list(enumerate(settings.users))
-        own = [("object.file", given.file)]
-        own += [(f"users.{n}.tool", user.tool) for n, user in users]
-        own += [(f"users.{n}.orientation", user.orientation) for n, user in users]
-        for key, value in own:
-            if value:
-                raise SettingsError(
-                    f'{key} = {value!r} is for object.kind = "scene", not "{given.kind}"; leave one of them out'
-                )
-        if given.axes > PLACES:
-            raise SettingsError(
-                f'object.axes = {given.axes}, but object.kind = "{given.kind}" has at most {PLACES}; lower it'
-            )
-    if coupling.kind == "local" and given.kind not in LOCAL_KINDS:
-        raise SettingsError(
-            f'coupling.kind = "local" renders contact, and with object.kind = "{given.kind}" a client knows none; '
-            'set object.kind to "wall", "faces" or "scene", or coupling.kind = "wave"'
-        )
-    if kind_of(given.kind).spring:
-        return
-    compensated = [user.name for user in settings.users if coupling_of(settings, user).compensate]
-    scene, step = given.kind == "scene", coupling.server_step
-    refused = [
-        (scene and not given.file, 'object.file = "" names no scene', 'give an MJCF or URDF file, such as "lift.xml"'),
-        (
-            scene and given.axes not in (PLACES, POSE_AXES),
-            f"object.axes = {given.axes}, but a scene has 3 (places) or 6 (poses)",
-            "set one of them",
-        ),
-        (
-            given.axes == PLACES and any(user.orientation == "driven" for user in settings.users),
-            'orientation = "driven" needs a hand that turns',
-            "set object.axes = 6",
-        ),
-        (
-            given.axes * settings.playout.redundancy > MOST_WAVES,
-            f"playout.redundancy = {settings.playout.redundancy} of {given.axes} axes is more than a datagram holds",
-            f"set it to at most {MOST_WAVES // given.axes}",
-        ),
-        (
-            scene and given.axes == POSE_AXES and coupling.kind != "wave",
-            f'coupling.kind = "{coupling.kind}" has no poses',
-            'set coupling.kind = "wave", or object.axes = 3',
-        ),
-        (
-            not scene and coupling.kind != "wave",
-            f'coupling.kind = "{coupling.kind}" does not fit it',
-            'set coupling.kind = "wave"',
-        ),
-        (
-            step != "passive",
-            f'coupling.server_step = "{step}" does not fit it',
-            'set coupling.server_step = "passive"',
-        ),
-        (
-            bool(compensated),
-            f"coupling.compensate = true ({', '.join(compensated)}), but it has no spring to stiffen",
-            "set it to false",
-        ),
-    ]
-    for found, what, cure in refused:
-        if found:
-            raise SettingsError(f'object.kind = "{given.kind}": {what}; {cure}')
