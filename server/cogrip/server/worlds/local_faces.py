@@ -37,18 +37,18 @@ class LocalFacesWorld(HandWorld):
         self.touching[user] = 0.0
 
     def leave(self, user: int) -> None:
-        before = self._kept_kg
+        before = self.moving_kg
         super().leave(user)
-        self.velocity = self.velocity * (before / self._kept_kg)
+        self.velocity = self.velocity * (before / self.moving_kg)
 
     @property
-    def _kept_kg(self) -> float:
+    def moving_kg(self) -> float:
         """M, without the copies of those who are there."""
         return self.whole_kg - self.copy_kg * int(self.holding.sum())
 
     @property
     def energy_j(self) -> float:
-        return 0.5 * self._kept_kg * dot(self.velocity, self.velocity)
+        return 0.5 * self.moving_kg * dot(self.velocity, self.velocity)
 
     def step(self, inputs: Array) -> Array:
         period, u = self.frame_s, np.where(self.holding[:, None], inputs, 0.0)
@@ -60,7 +60,7 @@ class LocalFacesWorld(HandWorld):
             held = np.where(self.holding, self.impedance[:, 0], 0.0)
             gain = self.impedance[:, 0] * self.wave_gain[:, 0]  # sqrt(2b)
             drive = gain * u[:, 0]
-            inertia = 2.0 * self._kept_kg / period
+            inertia = 2.0 * self.moving_kg / period
             pull, weight = (
                 inertia * self.velocity + self.external_force,
                 np.full(self.axes, inertia + self.object_damping),

@@ -80,6 +80,11 @@ class World(ABC):
         self.balance_error_j = 0.0
 
     @property
+    def moving_kg(self) -> float:
+        """Mass of the object that moves here."""
+        return self.mass_kg
+
+    @property
     def places(self) -> int:
         """Number of axes that are places; where there are six, the last three are a rotation vector [rad]."""
         return min(self.axes, PLACES)
