@@ -9,6 +9,7 @@ usage: python docs/figures/delay.py [FOLDER]
 import sys
 import tomllib
 from concurrent.futures import ProcessPoolExecutor
+from math import isnan, nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +23,7 @@ from cogrip.sim.experiments.methods.case import run_session
 from cogrip.sim.experiments.methods.felt import measure_felt
 from cogrip.sim.experiments.methods.measures import at_rest, created_at_rest_j, force_error_n, is_oscillating
 from cogrip.sim.experiments.methods.method import METHODS, ideal_settings, methods_of, session_settings
-from cogrip.sim.runs.plots.style import ALARM, LINES, Sheet, colour, title
+from cogrip.sim.runs.plots.style import INK, LINES, Sheet, colour, title
 
 FOLDER = Path(__file__).parent.parent / "pictures"
 SHOWN = ("wave", "tuned", "local", "tdpa", "coupling")
@@ -73,12 +74,17 @@ def draw(points: list[Point]) -> Page:
         }
         mine = [point for point in points if point.method == method]
         for panel, key in ((left, "felt_npm"), (right, "error_n")):
-            there = [(point.round_trip_ms, value) for point in mine if (value := getattr(point, key)) is not None]
-            panel.plot([x for x, _ in there], [y for _, y in there], marker="osD^v"[number], ms=4, **style)
-            if there and len(there) < len(mine):
-                panel.plot(*there[-1], marker="x", ms=11, mew=2, color=ALARM, zorder=5)
+            values = [nan if (value := getattr(point, key)) is None else value for point in mine]
+            delays = [point.round_trip_ms for point in mine]
+            panel.plot(delays, values, marker="osD^v"[number], ms=4, **style)
+            if not all(map(isnan, values)):
+                failed = [each for each, value in zip(delays, values, strict=True) if isnan(value)]
+                height = {"transform": panel.get_xaxis_transform(), "clip_on": False}
+                panel.plot(
+                    failed, [1.0 - 0.03 * number] * len(failed), "x", ms=8, mew=2, color=style["color"], **height
+                )
         legend.append((METHODS[method].title, style))
-    legend.append(("unstable beyond", {"color": ALARM, "marker": "x", "lw": 0, "ms": 9, "mew": 2}))
+    legend.append(("unstable, or never at rest", {"color": INK, "marker": "x", "lw": 0, "ms": 8, "mew": 2}))
     left.set_ylim(0.0, 1.1 * K)
     right.set_ylim(bottom=0.0)
     title(left, "felt stiffness of a wall of 1000 N/m [N/m]")

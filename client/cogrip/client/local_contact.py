@@ -30,6 +30,7 @@ from cogrip.protocol.settings import SeatSettings
 
 MOST_SAVED_J = 1e-3  # E
 MOST_STEP_N = 0.5  # by which a surface that moves may change the force in a tick
+APART_S = 0.025  # for which a contact that is lost may come back as the same one
 RETURN_S = 0.05  # time constant with which a face that nobody touches goes to where the object is
 
 
@@ -131,12 +132,15 @@ class LocalFace(LocalCoupling):
         self._place(position_m[0])
         depth = self._depth()
         self.proxy_m = (position_m[0] - side * depth, *position_m[1:])
-        if depth <= 0.0:
-            self.local_n = zero
-            return zero
-        law = self._stiffness * depth + damping * side * (velocity_mps[0] - self._speed)
-        self.local_n = [self._stiffness * position_m[0] + damping * velocity_mps[0], *zero[1:]]
-        return [side * max(0.0, law), *zero[1:]]
+        law = 0.0
+        if depth > 0.0:
+            law = max(0.0, self._stiffness * depth + damping * side * (velocity_mps[0] - self._speed))
+        self.local_n = [self._own_n(side * law, position_m[0], damping * velocity_mps[0]), *zero[1:]]
+        return [side * law, *zero[1:]]
+
+    def _own_n(self, law_n: float, hand_m: float, damped_n: float) -> float:
+        """Return the part of the law's force that follows the hand's own motion: all of it, where nothing else moves."""
+        return law_n
 
     @abstractmethod
     def _place(self, hand_m: float) -> None:
@@ -201,6 +205,9 @@ class LocalFaces(LocalFace):
         super().__init__(seat)
         self._mass = seat.copy_kg
         self._worked, self._lined = CompensatedSum(), CompensatedSum()
+        self._own_m = self._hand_m = 0.0  # way of the hand in this contact; place
+        self._apart = 0  # ticks since the last contact
+        self._apart_ticks = round(APART_S / self._tick_s)
 
     @property
     def given_j(self) -> float:

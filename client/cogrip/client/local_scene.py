@@ -155,9 +155,8 @@ class LocalScene(LocalCoupling):
             i, j, k = self._along
             speed = damping * (i * velocity_mps[0] + j * velocity_mps[1] + k * velocity_mps[2])
             size = max(0.0, self._stiffness * self._depth + speed)
-            there = self._stiffness * (i * position_m[0] + j * position_m[1] + k * position_m[2]) + speed
             a, b, c = self.local_n
-            self.local_n = a + there * i, b + there * j, c + there * k
+            self.local_n = a + size * i, b + size * j, c + size * k
             a, b, c = total
             total = [a + size * i, b + size * j, c + size * k]
         return total
