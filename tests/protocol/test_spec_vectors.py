@@ -17,7 +17,14 @@ from cogrip.client import passivity_control as client_passivity
 from cogrip.client import path_migration
 from cogrip.protocol import accounts, clock, dtls_records, loop_meter, messages, passivity_control, session
 from cogrip.protocol import settings as settings_module
-from cogrip.protocol.accounts import ClientAccount, DelayAccount, DeviceAccount, PlayoutAccount, SeatAccount
+from cogrip.protocol.accounts import (
+    ClientAccount,
+    DelayAccount,
+    DeviceAccount,
+    LineAccount,
+    PlayoutAccount,
+    SeatAccount,
+)
 from cogrip.protocol.channel import PEER
 from cogrip.protocol.io import dtls_client
 from cogrip.protocol.io.dtls_client import DtlsClient
@@ -199,6 +206,7 @@ def test_the_small_lists_and_the_maps_have_the_names_of_the_page() -> None:
     small = (
         ("Counts", accounts.LinkCount), ("Percentiles", accounts.Percentiles), ("Ticks", accounts.TickCount),
         ("Playout", PlayoutAccount), ("Delay", DelayAccount), ("Device", DeviceAccount),
+        ("Line", LineAccount),
     )  # fmt: skip
     for title, struct in small:
         text = leave.partition(f"{title}: ")[2].partition(".")[0]

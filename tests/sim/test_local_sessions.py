@@ -1,10 +1,12 @@
 """Sessions of `coupling.kind = "local"`: what is felt on every network, first touch, free motion, walls that jump, margins."""
 
+import tomllib
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from cogrip.cli.session.shipped_settings import shipped, shipped_scene
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.runs.summary import of_laboratory
@@ -139,3 +141,57 @@ def test_people_push_an_object_to_and_fro_and_it_comes_to_rest(network: str) -> 
     laboratory.run(lambda now: moved.append(float(world.position[0])))
     assert max(moved) - min(moved) > 0.005
     assert not laboratory.room.diverged
+
+
+def of_scene(name: str, network: str, seconds: float, loss: float = 0.0, **user: object) -> Settings:
+    """Return a session of a scene that comes with cogrip, rendered by its clients."""
+    table = tomllib.loads(shipped(name).read_text())
+    users = [{**each, **user} for each in table["users"]]
+    scene = {**table["object"], "file": str(shipped_scene(table["object"]["file"]))}
+    link = {"profile": network, **({"loss": loss} if loss else {})}
+    return resolve(
+        {
+            **table, "seconds": seconds, "object": scene, "coupling": {"kind": "local"}, "link": link, "playout": {},
+            "users": users,
+        }
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("network", every(4, PROFILES))
+def test_fixed_shapes_of_a_scene_feel_as_stiff_as_asked(network: str) -> None:
+    laboratory = Laboratory(of_scene("wall", network, 3.5, 0.05))
+    laboratory.run()
+    laboratory.close_ledger()
+    account = laboratory.people[0].core.account
+    assert account is not None
+    assert account.peak_force_n > 4.0
+    assert account.felt_stiffness_npm == pytest.approx(1000.0, rel=1e-6)
+    assert account.device.margin_j is not None
+    assert account.device.margin_j >= 0.0
+
+
+def test_hand_that_moves_freely_in_a_scene_feels_nothing_of_the_line() -> None:
+    settings = of_scene("wall", "wan", 3.0, device="sim:phantom", hand="sine&amplitude_m=0.03&frequency_hz=1")
+    laboratory, felt, places = Laboratory(settings), set(), []
+
+    def watch(now: Laboratory) -> None:
+        felt.add(now.people[0].core.force_n)
+        places.append((now.people[0].core.position_m[0], float(now.room.world.proxy(0)[0])))
+
+    laboratory.run(watch)
+    assert felt == {(0.0, 0.0, 0.0)}
+    assert max(tool for _, tool in places) > 0.02  # and yet the tool moves
+
+
+@pytest.mark.parametrize(
+    ("name", "network"), [("lift", "lan"), long("lift", "wifi"), long("lift", "wan"), long("pile", "wan")]
+)
+def test_task_is_done_by_clients_that_render_contact_themselves(name: str, network: str) -> None:
+    settings = of_scene(name, network, 10.0)
+    laboratory = Laboratory(settings)
+    laboratory.run()
+    laboratory.close_ledger()
+    summary = of_laboratory(laboratory)
+    assert passive(summary, settings.playout.tank_mj * 1e-3).tone == "good"
+    assert summary["task"]["reached"]
+    assert summary["server"]["energy_limiter"]["limited_frames"] == 0

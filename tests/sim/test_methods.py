@@ -261,7 +261,11 @@ def test_a_seed_is_the_same_hands_for_every_method_and_others_for_another() -> N
 
 @pytest.mark.parametrize(
     ("asked", "words"),
-    [("wavs", "did you mean wave"), ("zzzz", "there are: wave, paper, coupling, tdpa"), ("", "there is no method")],
+    [
+        ("wavs", "did you mean wave"),
+        ("zzzz", "there are: wave, tuned, paper, coupling, tdpa"),
+        ("", "there is no method"),
+    ],
 )
 def test_unknown_names(asked: str, words: str) -> None:
     with pytest.raises(ChoiceError, match=words):

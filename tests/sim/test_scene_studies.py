@@ -99,7 +99,7 @@ def case(method: str, *overrides: str) -> dict[str, Any]:
 
 
 def test_all_methods_but_the_papers_have_scenes() -> None:
-    assert methods_of(load(LIFT)) == ("wave", "coupling", "tdpa")
+    assert methods_of(load(LIFT)) == ("wave", "tuned", "coupling", "tdpa")
     assert "paper" in methods_of(load(Path("lan")))
 
 

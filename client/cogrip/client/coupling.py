@@ -11,7 +11,7 @@ from math import inf
 from typing import Any, Generic, TypeVar
 
 from cogrip.devices.device import Capability
-from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
 from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
@@ -109,7 +109,7 @@ class Coupling(ABC, Generic[M]):
     credit_left: float = inf
 
     def __init__(self, seat: SeatSettings) -> None:
-        axes = seat.object.axes
+        self._seat, axes = seat, seat.object.axes
         self.frame_ticks = seat.rates.ticks_per_frame
         self.applied_n: Sequence[float] = (0.0,) * axes
         self.carried_nspm = inf
@@ -232,6 +232,19 @@ class Coupling(ABC, Generic[M]):
 
     def loop_frames(self) -> float | None:
         """Return the measured loop: frames from a message to the frame in which its answer is applied."""
+        return None
+
+    def go_on_from(self, before: "AnyCoupling") -> None:
+        """Begin as this line of the same seat ended; `fit` comes after."""
+        self.down_margin_j = before.down_margin_j  # of all lines: the new one begins with 0
+        self.credit_left = before.credit_left  # all lines together lend one credit
+
+    def seat_now(self) -> SeatSettings:
+        """Return the seat's settings with what is in use in place of what was to begin with."""
+        return self._seat
+
+    def line_account(self) -> LineAccount | None:
+        """Return impedance and filter of the line; None without waves."""
         return None
 
 

@@ -66,8 +66,7 @@ class EnergyLedger:
         self.closed_entered_j += before.entered_j
         self._reserve_j, self._lost, self._playout = self.down_reserve_j, self.lost, self.playout_account()
         self._count = msgspec.structs.replace(self.count(), pending=0)
-        coupling.down_margin_j = before.down_margin_j  # of all lines: the new one begins with 0
-        coupling.credit_left = before.credit_left  # all lines together lend one credit
+        coupling.go_on_from(before)
         self.coupling = coupling
 
     @property

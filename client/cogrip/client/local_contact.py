@@ -41,7 +41,6 @@ class LocalCoupling(WaveCoupling):
 
     def __init__(self, seat: SeatSettings) -> None:
         super().__init__(seat)
-        self._tick_s = seat.rates.tick_s
         self._side = seat.side_sign
         self._asked_npm, self._asked_nspm = seat.coupling.stiffness_npm, seat.coupling.damping_nspm
         self._lag_s, self._peak_n = 0.0, inf  # of the device

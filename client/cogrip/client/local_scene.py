@@ -31,7 +31,7 @@ class LocalScene(LocalCoupling):
 
     def __init__(self, seat: SeatSettings) -> None:
         super().__init__(seat)
-        self._seat = seat.seat
+        self._number = seat.seat
         self._geoms: dict[int, Geom] = {}
         self._proxy = Proxy((), ())
         self.engaged_m: Row | None = None
@@ -61,7 +61,7 @@ class LocalScene(LocalCoupling):
         shapes = [self._geoms[number].shape for number in sorted(self._geoms)]
         balls: list[Ball] = []
         for shape in shapes:
-            if shape.seat == self._seat and shape.kind == "sphere":
+            if shape.seat == self._number and shape.kind == "sphere":
                 x, y, z = shape.place_m
                 balls.append(((x, y, z), shape.size_m[0]))
         proxy = Proxy(balls, [FixedShape(shape) for shape in shapes if shape.seat is None])

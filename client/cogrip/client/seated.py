@@ -373,7 +373,7 @@ class SeatedClient:
         coupling, ledger, safety = self.coupling, self.ledger, self.safety
         loop = coupling.loop_frames()
         more = self._late_frames + sum(self._owed) / max(1, len(self._owed))
-        predicted_npm = None if loop is None else self.settings.predicted_stiffness(loop, more)
+        predicted_npm = None if loop is None else coupling.seat_now().predicted_stiffness(loop, more)
         return ClientAccount(
             position_m=self.pose,
             force_n=self.wrench,
@@ -395,4 +395,5 @@ class SeatedClient:
             device=self.port.account(),
             down_reserve_j=ledger.down_reserve_j,
             peak_torque_nm=self.peaks.torque_nm,
+            line=coupling.line_account(),
         )

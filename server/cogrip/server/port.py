@@ -24,6 +24,7 @@ class Port(ABC):
     axes           of the seat
     origin, hand   hand before its first frame and after its newest [m, rad]; None before the first
     turned         how the hand had turned after the frame popped last; None where that is not known, or nothing turns
+    impedance_nspm of the row popped last; None where the settings' one stays
     next_step_ns   time of the room's next step, which its room sets; None before the first
     proxy          of the newest frame, as its client reports it, in the hand's own frame [m]; None where it does not
     up_margin_j    least energy margin of the line up so far; None where no ledger of one direction is kept
@@ -34,6 +35,7 @@ class Port(ABC):
     loops          the loop over the last second; None where no stiffness adapts to it
     """
 
+    impedance_nspm: float | None = None
     next_step_ns: int | None = None
     up_margin_j: float | None = 0.0
     credit_left: float = inf

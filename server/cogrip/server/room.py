@@ -255,6 +255,8 @@ class Room:
             rows.append(row if port.axes == world.axes else row + self._idle_row[port.axes :])
             if port.proxy is not None and port.hand is not None:
                 world.report(number, port.hand, port.proxy)
+            if port.impedance_nspm is not None:
+                world.set_impedance(number, port.impedance_nspm)
             if port.turned is not None:
                 world.hand_turned(number, *port.turned)
             if seat.adapter is not None:

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from cogrip.protocol.settings import SeatSettings
-from cogrip.protocol.waves import device_gain
 from cogrip.server.worlds.world import Array, HandWorld, Row, dot
 
 
@@ -26,7 +25,6 @@ class LocalFacesWorld(HandWorld):
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         super().__init__(seats)
         self.whole_kg, self.copy_kg = self.mass_kg, seats[0].copy_kg
-        self._gain = device_gain(1.0) * np.sqrt(self.impedance[:, 0])
         self.touching = np.zeros_like(self.force)  # hand less proxy of each person [m]
 
     def report(self, user: int, hand_m: Row, proxy_m: Row) -> None:
@@ -39,18 +37,18 @@ class LocalFacesWorld(HandWorld):
         self.touching[user] = 0.0
 
     def leave(self, user: int) -> None:
-        before = self._kept_kg
+        before = self.moving_kg
         super().leave(user)
-        self.velocity = self.velocity * (before / self._kept_kg)
+        self.velocity = self.velocity * (before / self.moving_kg)
 
     @property
-    def _kept_kg(self) -> float:
+    def moving_kg(self) -> float:
         """M, without the copies of those who are there."""
         return self.whole_kg - self.copy_kg * int(self.holding.sum())
 
     @property
     def energy_j(self) -> float:
-        return 0.5 * self._kept_kg * dot(self.velocity, self.velocity)
+        return 0.5 * self.moving_kg * dot(self.velocity, self.velocity)
 
     def step(self, inputs: Array) -> Array:
         period, u = self.frame_s, np.where(self.holding[:, None], inputs, 0.0)
@@ -60,8 +58,9 @@ class LocalFacesWorld(HandWorld):
             self.force[:, 0] = self.stiffness[:, 0] * self.touching[:, 0]
         else:
             held = np.where(self.holding, self.impedance[:, 0], 0.0)
-            drive = self._gain * u[:, 0]
-            inertia = 2.0 * self._kept_kg / period
+            gain = self.impedance[:, 0] * self.wave_gain[:, 0]  # sqrt(2b)
+            drive = gain * u[:, 0]
+            inertia = 2.0 * self.moving_kg / period
             pull, weight = (
                 inertia * self.velocity + self.external_force,
                 np.full(self.axes, inertia + self.object_damping),
@@ -70,7 +69,7 @@ class LocalFacesWorld(HandWorld):
             weight[0] += np.add.reduce(held)
             mid = pull / weight
             self.force[:, 0] = drive - held * mid[0]
-            back[:, 0] = np.where(self.holding, self._gain * mid[0] - u[:, 0], 0.0)
+            back[:, 0] = np.where(self.holding, gain * mid[0] - u[:, 0], 0.0)
             before = self.energy_j
             self.position, self.velocity = self.position + period * mid, 2.0 * mid - self.velocity
             came = period * dot(self.force[:, 0], np.full_like(drive, mid[0])) + period * dot(self.external_force, mid)

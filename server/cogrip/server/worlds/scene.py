@@ -18,7 +18,7 @@ Data are kept as after `mj_step1`: places, energies and contacts are those of th
 
 from collections.abc import Sequence
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
@@ -31,7 +31,8 @@ from cogrip.protocol.task import Task
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.equality_rows import EqualityRows
 from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
-from cogrip.server.worlds.scene_file import MOST_RATE, Scene, Tool, body_of
+from cogrip.server.worlds.scene_file import MOST_RATE, Scene, body_of
+from cogrip.server.worlds.scene_grips import grip_of
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.task_watch import TaskWatch
 from cogrip.server.worlds.turning_ports import TurningPorts
@@ -40,16 +41,6 @@ from cogrip.server.worlds.world import Array, Row, World, WorldError, check_save
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
-
-
-class Grip(NamedTuple):
-    """Values of a seat's tool in the model as the scene has them."""
-
-    geoms: list[int]
-    contype: Array
-    conaffinity: Array
-    damping: Array
-    gravcomp: float
 
 
 class SceneWorld(World):
@@ -81,12 +72,10 @@ class SceneWorld(World):
         self._dofs = np.array([range(tool.dof, tool.dof + 3) for tool in scene.tools])
         self._places = np.array([range(tool.coordinate, tool.coordinate + 3) for tool in scene.tools])
         self.turning = TurningPorts(scene, seats, self.frame_s)
-        self._port_impedance = np.repeat(self.impedance, self.axes, axis=1)
-        self._port_impedance[:, PLACES:] = self.turning.impedance
-        self._drive = np.sqrt(2.0 * self._port_impedance)
+        self._set_ports()
         self._driven_axes = np.ones((len(seats), self.axes), dtype=bool)
         self._driven_axes[:, PLACES:] = [[tool.driven] for tool in scene.tools]
-        self._grips = [self._grip(tool) for tool in scene.tools]
+        self._grips = [grip_of(model, tool) for tool in scene.tools]
         start = np.array([model.body_pos[tool.body] for tool in scene.tools])
         self.offset[:, :PLACES] = self._start - start  # from the object's frame to each hand's own
         self._zero = model.qpos0[self._places]  # coordinates of a hand at 0
@@ -96,6 +85,11 @@ class SceneWorld(World):
         self._refresh()
         self._watch: tuple[int, TaskWatch] | None = None  # body of the task, and its progress
 
+    def _set_ports(self) -> None:
+        self._port_impedance = np.repeat(self.impedance, self.axes, axis=1)
+        self._port_impedance[:, PLACES:] = self.turning.impedance
+        self._drive = np.sqrt(2.0 * self._port_impedance)
+
     def watch(self, task: Task) -> None:
         """Watch how far a task comes, if it states one. Raises SceneError for a body that the scene has not."""
         if task.stated:
@@ -104,17 +98,6 @@ class SceneWorld(World):
 
     def _pose_of(self, body: int) -> tuple[list[float], list[float]]:
         return self.data.xpos[body].tolist(), self.data.xquat[body].tolist()
-
-    def _grip(self, tool: Tool) -> Grip:
-        model, body, dof = self.scene.model, tool.body, tool.dof
-        geoms = [geom for geom in range(model.ngeom) if model.body_rootid[model.geom_bodyid[geom]] == body]
-        contact = model.geom_contype[geoms].copy(), model.geom_conaffinity[geoms].copy()
-        return Grip(
-            geoms,
-            *contact,
-            model.dof_damping[dof : dof + tool.dofs].copy(),
-            float(model.body_gravcomp[body]),
-        )
 
     # Motion of the object
 
@@ -202,13 +185,26 @@ class SceneWorld(World):
         self.turning.place(data, user, position_m[PLACES:].tolist())
         dofs = slice(tool.dof, tool.dof + tool.dofs)
         data.qvel[dofs] = 0.0
-        damping = np.concatenate((np.repeat(self.impedance[user], PLACES), self.turning.damping(user)))
-        self.scene.model.dof_damping[dofs] = grip.damping + self.port_damped * damping
+        self._damp(user)
         self.scene.model.body_gravcomp[tool.body] = grip.gravcomp
         self.holding[user] = True
         self._touch(user, False)
         self._refresh()
         self._make_solid()
+
+    def _damp(self, user: int) -> None:
+        """Give a held tool the damper of its port."""
+        tool = self.scene.tools[user]
+        damping = np.concatenate((np.repeat(self.impedance[user], PLACES), self.turning.damping(user)))
+        dofs = slice(tool.dof, tool.dof + tool.dofs)
+        self.scene.model.dof_damping[dofs] = self._grips[user].damping + self.port_damped * damping
+
+    def impedance_changed(self, user: int) -> None:
+        self.turning.set_impedance(user, float(self.impedance[user, 0]))
+        self._set_ports()
+        if self.holding[user]:
+            self._damp(user)
+            self._refresh()
 
     def leave(self, user: int) -> None:
         self._park(user)

@@ -80,6 +80,11 @@ class World(ABC):
         self.balance_error_j = 0.0
 
     @property
+    def moving_kg(self) -> float:
+        """Mass of the object that moves here."""
+        return self.mass_kg
+
+    @property
     def places(self) -> int:
         """Number of axes that are places; where there are six, the last three are a rotation vector [rad]."""
         return min(self.axes, PLACES)
@@ -108,6 +113,16 @@ class World(ABC):
     def aim(self, user: int, stiffness_npm: float) -> None:
         """Set the target of a user's stiffness; the energy law decides how fast it is reached."""
         raise NotImplementedError(f"{type(self).__name__}: a stiffness that changes would not be passive here")
+
+    def set_impedance(self, user: int, impedance_nspm: float) -> None:
+        """Let a person's port have this impedance from the next step on: any is passive (theory 7.3)."""
+        if self.impedance[user, 0] != impedance_nspm:
+            self.impedance[user] = impedance_nspm
+            self.impedance_changed(user)
+
+    def impedance_changed(self, user: int) -> None:
+        """Compute anew what is kept of a person's impedance; a world that keeps more of it extends this."""
+        self.wave_gain[user] = server_gain(float(self.impedance[user, 0]))
 
     def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
         """Step in plain floats: a row a user in, a row a user out."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from cogrip.client.rendered_damper import bound_words, damper_of, refusal, rounded_down
+from cogrip.client.rendered_damper import bound_words, damper_key, damper_on, refusal, rounded_down
 from cogrip.client.velocity import Bound, largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for
@@ -155,7 +155,7 @@ def unbounded(settings: Settings | SeatSettings) -> tuple[str, ...]:
 
 def _section(settings: Settings, number: int) -> str:
     """Return the section of settings with the damper of this person's device: a user's own value is above [coupling]'s."""
-    own = getattr(settings.users[number], damper_of(settings.coupling).key)
+    own = getattr(settings.users[number], damper_key(settings.coupling.kind))
     return "coupling" if own is None else f"users.{number}"
 
 
@@ -223,10 +223,10 @@ def _user(session: LinearSession, number: int, seat: SeatSettings, record: Capab
         # C_line from the model itself: 1 / K_felt - 1 / K_rendered
         compliance = 1.0 / felt - 1.0 / seat.rendered_npm
         try:
-            compensated = compensated_stiffness(coupling.stiffness_npm, coupling.impedance_nspm, compliance)
+            compensated = compensated_stiffness(coupling.stiffness_npm, person.impedance_nspm, compliance)
         except OutOfReachError:
-            enough = coupling.stiffness_npm * compliance * coupling.impedance_nspm
-    share = damper_of(coupling).value_nspm * seat.rates.tick_s / person.device_mass_kg
+            enough = coupling.stiffness_npm * compliance * person.impedance_nspm
+    share = damper_on(seat, record).value_nspm * seat.rates.tick_s / person.device_mass_kg
     carried = largest_impedance(record, seat.rates.tick_s)
     return UserAdvice(
         person.name, coupling.stiffness_npm, felt, compensated, enough, free_kg, person.device_mass_kg, share,
@@ -257,7 +257,7 @@ def _calmer(session: LinearSession) -> str:
 
 
 def _seat(user: UserAdvice, seat: SeatSettings, record: Capability, section: str, limit: Limit) -> Iterator[Finding]:
-    damper, carried = damper_of(seat.coupling), largest_impedance(record, seat.rates.tick_s)
+    damper, carried = damper_on(seat, record), largest_impedance(record, seat.rates.tick_s)
     if text := refusal(seat, record, section):
         yield Finding("device", text, "warning", refused=True)
     else:
@@ -275,7 +275,18 @@ def _seat(user: UserAdvice, seat: SeatSettings, record: Capability, section: str
         )
     if user.asked_npm:
         yield Finding("feel", _felt_text(user, seat, limit), feel_level(user.felt_npm, user.asked_npm))
+    if seat.line.live or seat.line.wave_filter_hz:
+        yield Finding("line", _line_text(user.name, seat, damper.value_nspm))
     yield _free(user)
+
+
+def _line_text(name: str, seat: SeatSettings, impedance_nspm: float) -> str:
+    corner = seat.line.wave_filter_hz
+    filtered = f"a filter of {plain(corner, 3)} Hz" if corner else "no filter"
+    chosen = f'; "auto" changes them with the delay as measured, {seat.line.prefer}' if seat.line.live else ""
+    return (
+        f"{name}: b = {plain(impedance_nspm, 3)} N s/m and {filtered} on a loop of {1e3 * seat.loop_s:.0f} ms{chosen}"
+    )
 
 
 def feel_level(felt_npm: float, asked_npm: float) -> Level:
@@ -290,7 +301,7 @@ def _felt_text(user: UserAdvice, seat: SeatSettings, limit: Limit) -> str:
     gaps = not local and any(direction.jitter_ms or direction.loss for direction in (seat.up, seat.down))
     where = " at rest, calculated without the link's jitter and loss" if gaps else " at rest"
     text = f"{user.name}: {plain(user.asked_npm)} N/m will feel like {plain(user.felt_npm)} N/m{where}"
-    if seat.coupling.compensate:
+    if seat.coupling.compensate or seat.line.live:
         return text
     if user.compensated_npm is not None:
         if limit.stiffness_npm is not None and user.compensated_npm > limit.stiffness_npm:

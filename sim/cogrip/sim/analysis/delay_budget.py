@@ -42,9 +42,11 @@ def budget(session: LinearSession, user: int) -> tuple[Stage, ...]:
     return (
         _encoder(person, rates),
         _decimator(person, rates),
+        *_filter(person, "up"),
         *_line("up", person.up, rates),
         Stage("server", "step", 0.0, "the wave is answered in the step that it reaches"),
         *_line("down", person.down, rates),
+        *_filter(person, "down"),
         hold,
     )
 
@@ -80,6 +82,11 @@ def _decimator(person: Person, rates: Rates) -> Stage:
         lag = T / expm1(person.lowpass_rad_s * T)
         return Stage("up", "decimator", lag, f"first-order filter at {person.lowpass_rad_s:g} rad/s")
     return Stage("up", "decimator", 0.0, "no filter: the last wave of a frame")
+
+
+def _filter(person: Person, direction: str) -> tuple[Stage, ...]:
+    why = "low-pass filter on the wave, for slow motion"
+    return (Stage(direction, "wave filter", person.filter_lag_s, why),) if person.filter_lag_s else ()
 
 
 def _line(direction: str, delay: OneWayDelay, rates: Rates) -> tuple[Stage, ...]:

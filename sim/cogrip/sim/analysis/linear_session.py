@@ -10,15 +10,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, assert_never
 
+import numpy as np
+
+from cogrip.client.rendered_damper import impedance_on
 from cogrip.client.velocity import MEMORY, memory_for
 from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.protocol.coupling_settings import Coupling
 from cogrip.protocol.line.delays import OneWayDelay, line_delay, one_way
+from cogrip.protocol.line_tuning import filter_lag_s
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Coupling, SeatSettings, Settings, User, seat_axes, seat_settings
+from cogrip.protocol.settings import SeatSettings, Settings, User, seat_axes, seat_settings
+from cogrip.sim.analysis.state_space import Complex
 
 Scheme = Literal["passive", "paper", "coupling"]
 MOST_FRAMES = 256
@@ -43,6 +49,7 @@ class Person:
     rates                                 of this user's device, and the room's network
     memory                                of that estimate, see `AlphaBeta`
     latency_ticks                         age of a sample when it is read
+    filter_lag_s                          S of the filter on each wave; 0: none
     """
 
     name: str
@@ -62,6 +69,17 @@ class Person:
     estimated: bool = False
     memory: float = MEMORY
     latency_ticks: int = 0
+    filter_lag_s: float = 0.0
+
+    @property
+    def filter_kept(self) -> float:
+        """Fraction of the filter's last output in the next one, S / (S + T_n)."""
+        return self.filter_lag_s / (self.filter_lag_s + self.rates.frame_s)
+
+    def filtered(self, z: Complex) -> Complex:
+        """Return the response of the filter to frames."""
+        kept = self.filter_kept
+        return np.asarray((1.0 - kept) / (1.0 - kept / z), dtype=np.complex128)
 
     @property
     def down_frames(self) -> int:
@@ -155,7 +173,7 @@ def _person(seat: SeatSettings, capability: Capability, delay_frames: float | No
         name=seat.user,
         device_mass_kg=capability.apparent_mass_kg,
         device_damping_nspm=0.0,
-        impedance_nspm=coupling.impedance_nspm,
+        impedance_nspm=impedance_on(seat, capability),
         stiffness_npm=seat.rendered_npm,
         damping_nspm=coupling.damping_nspm,
         decimator=coupling.decimator,
@@ -167,6 +185,7 @@ def _person(seat: SeatSettings, capability: Capability, delay_frames: float | No
         estimated=not capability.gives_velocity,
         memory=memory_for(capability, seat.rates.tick_s),
         latency_ticks=capability.latency_ticks,
+        filter_lag_s=filter_lag_s(seat.line.wave_filter_hz) if coupling.kind == "wave" else 0.0,
     )
 
 

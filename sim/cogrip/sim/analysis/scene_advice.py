@@ -5,6 +5,7 @@ from pathlib import Path
 
 from cogrip.protocol.felt_stiffness import felt_stiffness
 from cogrip.protocol.line.delays import line_delay
+from cogrip.protocol.line_tuning import filter_lag_s
 from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
 from cogrip.server.worlds.local_geometry import local_geometry
 from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, MOST_NAMED, Scene, held_by, load_scene
@@ -58,7 +59,7 @@ def _felt(scene: Scene, seat: SeatSettings) -> Finding:
     loop_frames = frames + 1.0
     contact_npm = CONTACT_RATE_PS2 * (tool_kg + b * float(scene.model.opt.timestep))
     felt_npm = felt_stiffness(contact_npm, seat.line_compliance(loop_frames))
-    mass_kg = tool_kg + 0.5 * b * loop_frames * frame_s
+    mass_kg = tool_kg + 0.5 * b * (loop_frames * frame_s + 2.0 * filter_lag_s(seat.line.wave_filter_hz))
     own = "" if "geom solref" not in scene.own else " where contact is as hard as by default"
     text = f"{seat.user}: a fixed body is felt with {plain(felt_npm)} N/m at rest{own}; the free tool as {plain(mass_kg, 3)} kg"
     return Finding("felt", text)

@@ -200,6 +200,7 @@ def _user(user: UserRecord, claims: bool, credit_j: float) -> dict[str, Any]:
         "playout": {"up": _struct(_of(seat, "playout")), "down": _struct(_of(client, "playout"))},
         "delay": _delay(client.delay if client else DelayAccount()),
         "rendered_npm": _of(seat, "rendered_npm"),
+        "line": _struct(_of(client, "line")),
         "ticks": _ticks(_of(client, "ticks")),
         "state": shown(client.state) if client else None,
         "reason": shown(client.reason) if client else None,

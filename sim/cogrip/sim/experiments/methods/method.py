@@ -19,7 +19,7 @@ from cogrip.protocol.settings import Settings, User, rates_of, resolve
 from cogrip.protocol.settings_table import copied
 
 CLEAN, OWN = "clean", "own"
-OURS = "wave"
+OURS = ("wave", "tuned")
 
 
 class ChoiceError(ValueError):
@@ -34,15 +34,23 @@ class Method:
     overrides: Mapping[str, Any]
 
 
+_WAVE: Mapping[str, Any] = {
+    "coupling.kind": "wave",
+    "coupling.server_step": "passive",
+    "coupling.decimator": "boxcar",
+    "coupling.encoder": "displacement",
+    "playout.frames": "auto",
+}
 METHODS: Mapping[str, Method] = {
-    OURS: Method(
-        "cogrip's waves",
+    "wave": Method("cogrip's waves", _WAVE),
+    "tuned": Method(
+        "cogrip's waves, tuned",
         {
-            "coupling.kind": "wave",
-            "coupling.server_step": "passive",
-            "coupling.decimator": "boxcar",
-            "coupling.encoder": "displacement",
-            "playout.frames": "auto",
+            **_WAVE,
+            "coupling.impedance_nspm": "auto",
+            "coupling.wave_filter_hz": "auto",
+            "coupling.prefer": "balanced",
+            "coupling.compensate": False,
         },
     ),
     "local": Method(

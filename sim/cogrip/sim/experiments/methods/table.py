@@ -127,7 +127,7 @@ def feels(found: Mapping[str, float] | None) -> bool:
 def ours_failed(summary: Mapping[str, Any]) -> bool:
     """Return whether cogrip's own method diverged or oscillated anywhere, or gave out energy that had not been put in."""
     return any(
-        row["method"] == OURS and (row["diverged"] or row["oscillates"] or row["not_passive"])
+        row["method"] in OURS and (row["diverged"] or row["oscillates"] or row["not_passive"])
         for row in summary["rows"]
     )
 
