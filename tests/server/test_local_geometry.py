@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cogrip.cli.session.settings_file import load
+from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.worlds.local_geometry import MOST_LOCAL, LocalGeometry
 from cogrip.sim.analysis.scene_advice import scene_findings
 
@@ -129,17 +130,20 @@ def test_height_fields_are_kept_clear_of_by_a_ball_around_them() -> None:
     assert distance == pytest.approx(radius + 0.01 + 0.005, abs=2e-3)
 
 
-def local_texts(name: str, *changes: str) -> list[str]:
-    findings = scene_findings(load(Path(name), ["coupling.kind=local", *changes]))
-    return [finding.text for finding in findings if finding.topic == "local"]
+def local_texts(settings: Settings) -> list[str]:
+    return [finding.text for finding in scene_findings(settings) if finding.topic == "local"]
 
 
 def test_advice_says_what_is_rendered_where(tmp_path: Path) -> None:
     at_hand = "is rendered at the hand; bodies that move are felt through the line"
-    assert local_texts("lift")[0] == f"anna: contact with 1 fixed shape {at_hand}"
-    assert "it is tied to other bodies" in local_texts("table")[0]
-    (tmp_path / "s.xml").write_text(scene(KINDS, more=EXCLUDED))
-    assert local_texts("wall", f"object.file={tmp_path / 's.xml'}", "users.0.tool=hand") == [
+    lift, table = (load(Path(name), ["coupling.kind=local"]) for name in ("lift", "table"))
+    assert local_texts(lift)[0] == f"anna: contact with 1 fixed shape {at_hand}"
+    assert "it turns, or has joints of its own" in local_texts(table)[0]
+    file = tmp_path / "s.xml"
+    file.write_text(scene(KINDS, more=EXCLUDED))
+    thing = {"kind": "scene", "axes": 3, "file": str(file)}
+    users = [{"name": "anna", "tool": "hand"}]
+    assert local_texts(resolve({"object": thing, "coupling": {"kind": "local"}, "users": users})) == [
         f"anna: contact with 6 fixed shapes {at_hand}",
         "anna: contact with ellipsoid, far is the server's: no client renders it",
     ]

@@ -142,6 +142,33 @@ def test_near_the_box_it_is_told_where_the_line_takes_hold_and_far_from_it_no_mo
     assert left.state[6:] != place
 
 
+@pytest.mark.parametrize("delay", [0, 3, 20])
+def test_waves_of_before_an_engagement_was_known_move_no_tool(delay: int) -> None:
+    """A client that sends the same wave all the time, and hears of what the server does `delay` frames late."""
+    session = Session(room_of())
+    left = session.players[0]
+    heard: list[int] = []
+    engaged, moved = [], []
+    for frame in range(120):
+        heard.append(left.heard_ns)
+        left.heard_ns = heard[max(0, frame - delay)]
+        session.step((min(0.002 * frame, 0.06), 0.0, 0.0), AWAY[1], wave=(0.05, 0.0, 0.0))
+        engaged.append(len(left.state) == 9)
+        moved.append(session.room.world.proxy_of(0)[0])
+    began = engaged.index(True)
+    assert all(engaged[began:])
+    place = left.state[6]
+    moves = [number for number in range(began, 120) if abs(moved[number] - place) > 1e-6]
+    assert moves[0] - began == pytest.approx(
+        delay + 2, abs=1
+    )  # heard in the next frame, and played in the one after it
+    port = session.room.seats[0].port
+    assert port is not None
+    lost = 0.5 * T * 0.05**2 * moves[0]
+    assert port.absorbed_j == pytest.approx(lost, rel=0.05)
+    assert session.room.seats[0].line_margin_j > -1e-12
+
+
 @pytest.mark.parametrize(("scene", "fixtures"), [("wall", 1), ("lift", 1)])
 def test_all_shapes_are_told_in_half_a_second_and_again(scene: str, fixtures: int) -> None:
     session = Session(room_of(scene))

@@ -256,7 +256,7 @@ def holds_no_more(scene: str, seeds: int, frames: int) -> None:
             excess = world.energy_j - start - came
             assert excess <= 1e-9, seed
             held = excess + springs_j(world)
-            assert held - least <= 1e-9, seed
+            assert held - least <= 1e-8, seed  # 2e-9 in the pile, whose boxes and tools touch at many points
             least = min(least, held)
             assert world.limiter.level_j >= 0.0
             seen |= {(clear[user], world.kinematic[user]) for user in (0, 1)}
