@@ -140,7 +140,7 @@ def driven(world: World, seed: int, frames: int = 200) -> float:
 
 @pytest.mark.parametrize("scene", ["lift", "wall", "peg"])
 def test_a_scene_gives_out_no_more_than_came_in(scene: str) -> None:
-    """The damper of a tool changes with its port, so what comes in is what the scene gets, and nothing is limited; with six axes b_r goes along."""
+    """The damper of a tool changes with its port, so nothing has to be limited; with six axes b_r goes along."""
     world = hold(world_of_settings(scene) if scene == "peg" else world_of(scene))
     length = world.turning.impedance / world.impedance
     assert driven(world, 1) >= -1e-3
@@ -188,10 +188,11 @@ def test_a_client_that_lies_about_its_impedance_harms_its_own_line_alone() -> No
     coupling.message = lie
     seen = set()
     laboratory.run(each_frame=lambda laboratory: seen.add(float(laboratory.room.world.impedance[0, 0])))
-    assert len(seen) > 100
+    assert len(seen) > 40
     assert min(seen) == LEAST_NSPM
     assert max(seen) == MOST_NSPM
-    assert not laboratory.diverged
+    assert not laboratory.people[1].core.diverged
+    assert not laboratory.room.diverged
     assert laboratory.room.world.impedance[1, 0] == 20.0
     assert laboratory.room.world.balance_error_j < 1e-9
     for seat in laboratory.room.seats:
