@@ -111,6 +111,16 @@ def test_answers_made_with_the_new_impedance_are_played_as_they_are() -> None:
     assert end.coupling.returning == pytest.approx((0.5 + end.coupling.down.receiver._concealment._added[0],))
 
 
+@pytest.mark.parametrize(("said", "read"), [(5e-324, 1.0), (1e4, 60.0)])
+def test_what_a_server_says_is_bounded(said: float, read: float) -> None:
+    end = End()
+    for _ in range(30):
+        end.answer(0.5, said)
+        end.frame(0.0)
+    assert end.coupling._made_nspm == read
+    assert 0.0 < abs(end.coupling.returning[0]) < 1.0
+
+
 def test_each_message_says_which_impedance_holds_and_since_when() -> None:
     end = End()
     for number in range(4):
