@@ -308,8 +308,9 @@ def test_accounts_of_older_peers_have_no_reserves() -> None:
     whole[3][17] = whole[3][17][:6]
     read = decode(msgpack.packb([*whole[:3], whole[3][:18]]))
     assert isinstance(read, messages.Leave)
+    device = msgspec.structs.replace(CLIENT.device, reserve_j=None)
     assert read.account == msgspec.structs.replace(
-        CLIENT, down_reserve_j=None, peak_torque_nm=0.0, device=msgspec.structs.replace(CLIENT.device, reserve_j=None)
+        CLIENT, down_reserve_j=None, peak_torque_nm=0.0, device=device, line=None
     )
     farewell = msgpack.unpackb(encode(LARGEST["farewell"]))
     farewell[3] = farewell[3][:6]

@@ -1,9 +1,9 @@
 """Choice of impedance and filter while a line is in use: what suits the loop as measured, slowly (`line_tuning`).
 
 A change of b holds from a frame on, and the next comes no sooner than a datagram repeats frames: so each datagram says all that
-those in it need. The filter is this end's alone: its lag S changes from frame to frame, and by GENTLE of S + T_n at most, as what
-is in it is then so much less, or more, than the wave asks for. Until that is made up for, the force is off by RATE of it at most,
-the rate of S.
+those in it need. The filter is this end's alone: its lag S changes from frame to frame, by GENTLE of S + T_n at most, as what
+is in it is then so much less, or more, than the wave asks for. Until that is made up for, the force is off by RATE of it at
+most.
 """
 
 from cogrip.protocol.line_tuning import LoopFollower, Tuning, bounded, filter_lag_s, tuning

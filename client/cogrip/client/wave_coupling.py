@@ -27,7 +27,7 @@ from cogrip.client.velocity import largest_impedance
 from cogrip.client.wave_lines import ForwardLine, ReturningLine
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
-from cogrip.protocol.line_tuning import ImpedanceChanges, Tuning, corner_hz
+from cogrip.protocol.line_tuning import ImpedanceChanges, Tuning, bounded, corner_hz
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.settings import SeatSettings
@@ -242,7 +242,7 @@ class WaveCoupling(Coupling[Waves]):
             self.object_state = message.state
             self.up.spare, self._acknowledged = message.phase, message.acknowledged
             if message.impedance_nspm:
-                self._answered.add(message.since, message.impedance_nspm)
+                self._answered.add(message.since, bounded(message.impedance_nspm))
             if receiver.overdue is not None and early:
                 self._play_overdue(early)
         return fits

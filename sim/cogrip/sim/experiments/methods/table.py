@@ -36,6 +36,7 @@ TABLE = (
     Column("coherence_rms_mm", "views", "mm", "\\delta_{\\mathrm{rms}}"),
     Column("coherence_max_mm", "max", "mm", "\\delta_{\\max}"),
     Column("rest_mm", "rest", "mm", "d"),
+    Column("rest_swing_n", "swing", "N", "\\Delta F_{\\mathrm{r}}"),
     Column(FELT, "felt", "%", "\\epsilon_K"),
     Column("error_clean_n", "to clean", "N", "e_{\\mathrm{cl}}"),
     Column("error_ideal_n", "to ideal", "N", "e_{\\mathrm{id}}"),
