@@ -158,7 +158,7 @@ def holds_no_more(name: str, seeds: Iterable[int], frames: int) -> float:
 
 @pytest.mark.parametrize("name", every(2, WORST_J))
 def test_world_holds_no_more_than_came_in(name: str) -> None:
-    assert holds_no_more(name, range(2), 300) <= WORST_J[name]
+    assert holds_no_more(name, range(1), 300) <= WORST_J[name]
 
 
 @pytest.mark.long
