@@ -29,10 +29,10 @@ NOT_QUICK = {  # modules in these folders that start processes, simulate whole s
     "test_recording_file", "test_recording_process", "test_recover", "test_relived_hand", "test_replayed_motion",
     "test_report_socket", "test_ring", "test_state_folder", "test_stop", "test_token_file", "test_vendor_devices",
 }  # fmt: skip
-EXAMPLES = {"quick": 10, "default": 20, "all": 1000}
+EXAMPLES = {"quick": 10, "default": 12, "all": 1000}
 """Examples of a law that names no number itself."""
 TESTS = Path(__file__).parent
-SHARE = {"quick": 0.05, "default": 0.2, "all": 1.0}
+SHARE = {"quick": 0.05, "default": 0.1, "all": 1.0}
 """Share of the examples of a law that names a number."""
 LEAST_EXAMPLES = 12
 HANGS_S, WATCH_EVERY_S = 330.0, 30.0

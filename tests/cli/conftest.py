@@ -12,10 +12,10 @@ from cogrip.protocol.settings import resolve
 from cogrip.sim.experiments.experiment import Job, Measure, Result, run_cases
 from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.plots import style
 
 from tests.bench.__main__ import main as run_bench
 from tests.cli.command import Cogrip
+from tests.sim.reported_runs import blank_pictures
 
 TABLE: dict[str, Any] = {
     "name": "pair",
@@ -48,11 +48,10 @@ def run(recorded: Path, empty_folder: Path) -> Path:
     return Path("run")
 
 
-@pytest.fixture(autouse=True, scope="session")
-def coarse() -> Iterator[None]:
-    """Draw pictures of few pixels: what they show is tested elsewhere."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(style, "DPI", 30)
+@pytest.fixture(autouse=True, scope="module")
+def blank() -> Iterator[None]:
+    """Make empty pictures: what they show is tested elsewhere."""
+    with blank_pictures():
         yield
 
 

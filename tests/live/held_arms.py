@@ -30,6 +30,7 @@ AWAY = (
     r"encoder \w jumped by|no reply for 50 ms"  # says a driver whose arm's process, or itself, was away for 10, 50 ms
 )
 STALLED = ("the loop was away", "device stall", "its guard process did not start within")
+MACHINE_STALLED = "this machine took the processor away"
 FREE = "push&force_n=0"  # nobody holds it
 
 
@@ -182,7 +183,7 @@ def fairly(test: Callable[..., None]) -> Callable[..., None]:
         except (AssertionError, pytest.fail.Exception):
             for process in start.all:
                 if process.stalled:
-                    pytest.skip(f"this machine took the processor away for too long: {process.said}")
+                    pytest.skip(f"{MACHINE_STALLED} for too long: {process.said}")
             raise
 
     return judged
@@ -215,6 +216,10 @@ class Session:
         except (ValueError, OSError, RecordingError):
             return ""
         return msgspec.json.decode(newest.payload, type=Tick).state if newest else ""
+
+    def until_state(self, name: str, state: str) -> None:
+        """Wait until the recording of a person says so, or somebody has stalled, who was not to."""
+        until(lambda: self.state(name) == state, f"{name}'s recording says {state}", company=self._start.all)
 
     def summary(self, name: str) -> dict:
         (path,) = (self._folder / name).glob("*/summary.json")

@@ -13,7 +13,7 @@ import sys
 import pytest
 
 from tests.extent import long
-from tests.live.held_arms import BROKEN_LAW, OWN_TERMINAL, WITHIN, WITHOUT_PLOTS, fairly, until
+from tests.live.held_arms import BROKEN_LAW, OWN_TERMINAL, WITHIN, WITHOUT_PLOTS, fairly
 from tests.live.test_live_sessions import FEW_FRAMES, FEW_TICKS
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
@@ -32,13 +32,13 @@ def test_a_silent_arm_is_without_force_until_its_person_re_arms_it(start, sessio
     assert reason.startswith("device stall")
     anna.hear(rf"`r` and Enter here, or `kill -USR1 {anna.popen.pid}`, re-arms")
     annas.pushes(False)
-    until(lambda: session.state("anna") == "fault", "anna's recording says fault")
+    session.until_state("anna", "fault")
     assert "re-arm" not in anna.said.partition("re-arms; Ctrl-C leaves")[2]
     anna.popen.send_signal(signal.SIGUSR1)
     anna.hear("re-armed: force ramps in")
-    until(lambda: session.state("anna") == "live", "anna's recording says live")
+    session.until_state("anna", "live")
     annas.pushes(True)
-    until(lambda: session.state("ben") == "live", "ben goes on")
+    session.until_state("ben", "live")
     session.close(anna, ben)
     assert anna.said.count("re-armed:") == 1
     assert session.summary("anna")["users"][0]["force_n"] == [0.0]
@@ -82,12 +82,12 @@ def test_an_arm_that_was_unplugged_wants_its_calibration_before_it_is_re_armed(s
         r"(was plugged in again since it was calibrated on|its pose is not known, so) .*`cogrip devices calibrate",
         anna.hear("not re-armed: .*")[0],
     )
-    until(lambda: session.state("anna") == "fault", "anna's recording says fault")
+    session.until_state("anna", "fault")
     calibrate()
     anna.popen.send_signal(signal.SIGUSR1)
     anna.hear("re-armed: force ramps in")
     annas.pushes(True)
-    until(lambda: session.state("ben") == "live", "ben goes on")
+    session.until_state("ben", "live")
     session.close(anna, ben)
 
 
@@ -104,7 +104,7 @@ def test_r_and_enter_at_a_terminal_re_arm(start, session):
         os.write(master, b"r\n")
         person.hear("re-armed: force ramps in")
         os.write(master, b"r\n")  # in no fault
-        until(lambda: session.state("anna") == "live", "live")
+        session.until_state("anna", "live")
         os.write(master, b"\x03")  # Ctrl-C
         assert person.end() == 0, person.said
         assert person.said.count("re-arming") == 1

@@ -32,6 +32,7 @@ def summary_in(folder: Path) -> dict:
     return json.loads(path.read_text())
 
 
+IMPATIENT = "from cogrip.protocol import session; session.RESUME_GIVE_UP_NS = 3 * 10**9\n"  # in place of 10 s
 HOLD = ("--device", "sim:phantom?hand=hold")
 
 
@@ -156,12 +157,12 @@ def test_a_replay_that_has_run_out_ends_its_session(run, serve, tmp_path, stop):
 
 def test_a_killed_server_leaves_no_force(run, serve, tmp_path):
     server, port = serve(DEMO)
-    person = run("join", f"127.0.0.1:{port}", "--runs", tmp_path / "person", code=WITHOUT_PLOTS)
+    person = run("join", f"127.0.0.1:{port}", "--runs", tmp_path / "person", code=IMPATIENT + WITHOUT_PLOTS)
     person.hear("holds cube")
     server.signal(signal.SIGKILL)
     assert person.end() == 1
     assert "force released" in person.said
-    assert "the session broke off, no force is left: no server for 10 s" in person.said
+    assert "the session broke off, no force is left: no server for 3 s" in person.said
     assert summary_in(tmp_path / "person")["users"][0]["force_n"] == [0.0]
     (folder,) = (tmp_path / "person").iterdir()
     assert (folder / "report.html").exists()
@@ -299,7 +300,7 @@ def test_several_rooms_in_one_daemon(run, tmp_path):
 
 
 def test_the_demo(run, tmp_path):
-    demo = run("demo", "--seconds", "2", "--runs", tmp_path)
+    demo = run("demo", "--seconds", "1", "--runs", tmp_path)
     assert demo.end() == 0, demo.said
     (folder,) = tmp_path.iterdir()
     assert summary_in(tmp_path)["passive"]

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from copy import copy
+from functools import lru_cache
 from math import sqrt
 from pathlib import Path
 
@@ -59,16 +59,23 @@ def port_j(u: Array, v: Array) -> float:
     return 0.5 * T * float((u * u - v * v).sum())
 
 
+@lru_cache(maxsize=1)
+def spare(model: mujoco.MjModel) -> mujoco.MjData:
+    """Return memory for a copy of a state: to ask for it takes longer than a step."""
+    return mujoco.MjData(model)
+
+
 def springs_j(world: SceneWorld) -> float:
     """Return what the springs of contacts, equalities and limits hold, which is none of the world's own energy.
 
     MuJoCo's integrator solves f = D0 (-a - B v+ - K I (r + h v+)) and gives D = D0 (1 + h B + h^2 K I); the spring is D0 K I.
     D is known after a step only, which is done with a copy.
     """
-    model, data = world.scene.model, copy(world.data)
-    h = float(model.opt.timestep)
-    if not data.nefc:
+    if not world.data.nefc:
         return 0.0
+    model, data = world.scene.model, spare(world.scene.model)
+    mujoco.mj_copyData(data, model, world.data)
+    h = float(model.opt.timestep)
     data.efc_margin[:] = 0.0
     mujoco.mj_step2(model, data)
     stiffness, damping = data.efc_KBIP[:, 0] * data.efc_KBIP[:, 2], data.efc_KBIP[:, 1]

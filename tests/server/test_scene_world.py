@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections.abc import Iterable
 from itertools import pairwise
 from math import inf, sqrt
 from pathlib import Path
@@ -143,10 +144,10 @@ def most_above_input_j(world: SceneWorld, seed: int, frames: int) -> tuple[float
     return above, window
 
 
-def holds_no_more(name: str, seeds: int, frames: int) -> float:
+def holds_no_more(name: str, seeds: Iterable[int], frames: int) -> float:
     """Check sessions of random hands. Return by how much a window's gain exceeded its input at most."""
     worst = -inf
-    for seed in range(seeds):
+    for seed in seeds:
         world = hold(world_of_settings(name))
         above, window = most_above_input_j(world, seed, frames)
         assert above <= 1e-9, seed
@@ -157,13 +158,14 @@ def holds_no_more(name: str, seeds: int, frames: int) -> float:
 
 @pytest.mark.parametrize("name", every(2, WORST_J))
 def test_world_holds_no_more_than_came_in(name: str) -> None:
-    assert holds_no_more(name, 2, 300) <= WORST_J[name]
+    assert holds_no_more(name, range(1), 300) <= WORST_J[name]
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("part", range(5))
 @pytest.mark.parametrize("name", WORST_J)
-def test_world_holds_no_more_than_came_in_over_a_hundred_sessions(name: str) -> None:
-    assert holds_no_more(name, 100, 1000) <= WORST_J[name]
+def test_world_holds_no_more_than_came_in_over_a_hundred_sessions(name: str, part: int) -> None:
+    assert holds_no_more(name, range(part, 100, 5), 1000) <= WORST_J[name]
 
 
 def attack(world: SceneWorld, frames: int) -> float:

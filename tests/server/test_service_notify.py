@@ -76,8 +76,8 @@ def test_a_manager_that_is_gone_or_does_not_read_holds_nothing(manager):
     ("environ", "every_ns"),
     [
         ({"WATCHDOG_USEC": "1"}, 500),
-        ({"WATCHDOG_USEC": "3000000", "WATCHDOG_PID": str(os.getpid())}, 1_500_000_000),
-        ({"WATCHDOG_USEC": "3000000", "WATCHDOG_PID": str(os.getpid() + 1)}, None),
+        ({"WATCHDOG_USEC": "3000000", "WATCHDOG_PID": "4711"}, 1_500_000_000),
+        ({"WATCHDOG_USEC": "3000000", "WATCHDOG_PID": "4712"}, None),
         ({"WATCHDOG_USEC": "0"}, None),
         ({"WATCHDOG_USEC": "-3"}, None),
         ({"WATCHDOG_USEC": "soon"}, None),
@@ -85,5 +85,6 @@ def test_a_manager_that_is_gone_or_does_not_read_holds_nothing(manager):
         ({"WATCHDOG_USEC": ""}, None),
     ],
 )
-def test_how_often_the_watchdog_wants_to_hear(environ, every_ns):
+def test_how_often_the_watchdog_wants_to_hear(environ, every_ns, monkeypatch):
+    monkeypatch.setattr(os, "getpid", lambda: 4711)
     assert ServiceNotifier(environ).watchdog_every_ns == every_ns

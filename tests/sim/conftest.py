@@ -9,9 +9,8 @@ import pytest
 from cogrip.protocol.settings import resolve
 from cogrip.sim.experiments.methods import query
 from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.plots import style
 
-from tests.sim.reported_runs import SETTINGS
+from tests.sim.reported_runs import SETTINGS, blank_pictures
 
 
 @pytest.fixture(scope="session")
@@ -37,8 +36,7 @@ def felt_once() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def coarse() -> Iterator[None]:
-    """Draw pictures of few pixels, where only their number and names are asked for."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(style, "DPI", 30)
+def blank() -> Iterator[None]:
+    """Make empty pictures, where only their number and names are asked for."""
+    with blank_pictures():
         yield

@@ -1,10 +1,14 @@
 """Reports as tests read them: the page, its tags, and what the terminal shows."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
+import pytest
+from matplotlib.figure import Figure
 from rich.console import Console
 
 from cogrip.cli.runs.summary_table import terminal_summary
@@ -18,6 +22,21 @@ SETTINGS: dict[str, Any] = {
     "playout": {"frames": 2, "tank_mj": 0.5},
     "users": [{"name": "anna", "hand": "reach"}, {"name": "ben", "hand": "hold"}],
 }
+
+
+BLANK = {"png": b"\x89PNG\r\n\x1a\n", "svg": b"<?xml version='1.0'?><svg xmlns='http://www.w3.org/2000/svg'/>"}
+
+
+@contextmanager
+def blank_pictures() -> Iterator[None]:
+    """Lay out and write no figure: that takes longer than a short session."""
+
+    def save(figure: Figure, out: BinaryIO, **how: Any) -> None:
+        out.write(BLANK[how["format"]])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", save)
+        yield
 
 
 class Page(HTMLParser):

@@ -28,7 +28,6 @@ from cogrip.sim.runs.comparison import (
 )
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.plots import compared as plots
-from cogrip.sim.runs.plots import style
 from cogrip.sim.runs.plots.style import colour, shade
 from cogrip.sim.runs.report.compared import compare, is_comparison, write_comparison
 from cogrip.sim.runs.report.page import render
@@ -37,7 +36,7 @@ from cogrip.sim.runs.traces import Run, load_run
 from tests.sim.reported_runs import SETTINGS as TWO_SECONDS
 from tests.sim.reported_runs import Page, assert_self_contained
 
-pytestmark = pytest.mark.usefixtures("coarse")
+pytestmark = pytest.mark.usefixtures("blank")
 THREE = ["first", "soft", "spring"]
 SCRIPT = "<script>alert(1)</script>"
 SETTINGS: dict[str, Any] = {**TWO_SECONDS, "seconds": 1.0}
@@ -73,7 +72,7 @@ def runs(folders: dict[str, Path]) -> dict[str, Run]:
 
 
 @pytest.fixture(scope="module")
-def page_of_three(coarse: None, runs: dict[str, Run]) -> str:
+def page_of_three(blank: None, runs: dict[str, Run]) -> str:
     return compare([runs[name] for name in THREE], THREE)
 
 
@@ -270,14 +269,8 @@ def test_people_who_are_not_everywhere_are_left_out_and_named(runs: dict[str, Ru
     ],
 )
 def test_what_is_missing_of_one_run_is_said(
-    folders: dict[str, Path],
-    runs: dict[str, Run],
-    tmp_path: Path,
-    missing: set[str],
-    said: str,
-    monkeypatch: pytest.MonkeyPatch,
+    folders: dict[str, Path], runs: dict[str, Run], tmp_path: Path, missing: set[str], said: str
 ) -> None:
-    monkeypatch.setattr(style, "png", lambda figure: b"drawn")
     spoilt = Path(shutil.copytree(folders["soft"], tmp_path / "spoilt"))
     for name in missing:
         (spoilt / name).unlink()

@@ -33,7 +33,7 @@ from cogrip.sim.runs.folder import SUMMARY
 from tests.sim.compared_methods import InProcess, row_of, small
 from tests.sim.session_measures import allowed
 
-pytestmark = pytest.mark.usefixtures("felt_once", "coarse")
+pytestmark = pytest.mark.usefixtures("felt_once", "blank")
 
 
 # A whole comparison

@@ -129,6 +129,14 @@ def test_every_plot_of_a_run_could_stand_in_a_paper(drawn_of: dict[int, dict[str
             check(figure)
 
 
+def test_the_same_run_gives_the_same_picture(crowds: dict[int, Run], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(style, "DPI", 30)
+    (plot,) = (plot for plot in PLOTS if plot.name == "waves")
+    drawn, again = (style.png(plot.draw(crowds[1])) for _ in range(2))
+    assert drawn.startswith(b"\x89PNG")
+    assert drawn == again
+
+
 @pytest.mark.parametrize("people", CROWDS)
 def test_a_person_has_one_colour_and_one_marker_everywhere(
     crowds: dict[int, Run], drawn_of: dict[int, dict[str, Figure]], people: int

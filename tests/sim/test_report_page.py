@@ -14,14 +14,14 @@ from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.settings import resolve
 from cogrip.sim.runs.folder import SERVER_RECORDING, client_recording
 from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.plots import registry, style
+from cogrip.sim.runs.plots import registry
 from cogrip.sim.runs.report.page import write_report
 
 from tests.extent import long
 from tests.recording_files import rewrite
 from tests.sim.reported_runs import SETTINGS, Page, assert_self_contained, page_of, printed, text_of
 
-pytestmark = pytest.mark.usefixtures("coarse")
+pytestmark = pytest.mark.usefixtures("blank")
 SCRIPT = "<script>alert(1)</script>"
 PLOTS_IN_VIRTUAL_TIME = {"positions", "forces", "waves", "energy", "link", "coherence"}
 
@@ -49,8 +49,7 @@ def test_report_and_plots_are_left_in_the_folder(folder: Path) -> None:
     ],
     ids=["three axes", "wall", "virtual coupling", "a crowd for a moment"],
 )
-def test_every_kind_of_run_has_a_report(tmp_path: Path, more: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(style, "png", lambda figure: b"drawn")
+def test_every_kind_of_run_has_a_report(tmp_path: Path, more: dict[str, Any]) -> None:
     run_laboratory(resolve({**SETTINGS, "seconds": 0.6, **more}), tmp_path)
     assert "data:image/png" in page_of(tmp_path)
     assert (tmp_path / "plots" / "waves.png").exists() == ("coupling" not in more)
@@ -134,10 +133,7 @@ def test_markup_and_tex_in_names_are_only_text(folder: Path) -> None:
         ),
     ],
 )
-def test_what_is_missing_is_said(
-    folder: Path, missing: set[str], said: str, plots: set[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(style, "png", lambda figure: b"drawn")
+def test_what_is_missing_is_said(folder: Path, missing: set[str], said: str, plots: set[str]) -> None:
     (folder / "plots").mkdir()
     for name in PLOTS_IN_VIRTUAL_TIME:
         (folder / "plots" / f"{name}.png").touch()  # of an earlier report: must not outlive what it was drawn from

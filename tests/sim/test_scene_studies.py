@@ -21,6 +21,7 @@ from cogrip.sim.runs.records import open_run
 from cogrip.sim.runs.report.page import draw_plots
 from cogrip.sim.runs.traces import Run, load_run
 from cogrip.sim.runs.verdict import passive, stable
+from cogrip.sim.session.laboratory import Laboratory
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 LIFT = Path("lift")
@@ -38,13 +39,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # Reports and exports -------------------------------------------------------------------------------------------------
 
 
-def test_a_scene_has_plots_of_its_bodies_and_contacts(folder: Path, coarse: None) -> None:
+def test_a_scene_has_plots_of_its_bodies_and_contacts(folder: Path, blank: None) -> None:
     drawn = {picture.heading: picture.png for picture in draw_plots(load_run(folder))}
     assert drawn["Bodies"]
     assert drawn["Contact forces and slip"]
 
 
-def test_the_curves_are_the_recorded_ones(folder: Path, coarse: None) -> None:
+def test_the_curves_are_the_recorded_ones(folder: Path, blank: None) -> None:
     run = load_run(folder)
     *places, turned = scene_plots.bodies(run).axes
     heights = places[2].lines[0].get_ydata()
@@ -57,12 +58,12 @@ def test_the_curves_are_the_recorded_ones(folder: Path, coarse: None) -> None:
     assert 0.0 < slip.lines[0].get_ydata()[-1] < 0.1
 
 
-def test_without_a_scene_there_is_no_word_on_them(tmp_path: Path, coarse: None) -> None:
+def test_without_a_scene_there_is_no_word_on_them(tmp_path: Path, blank: None) -> None:
     run_laboratory(load(Path("lan"), ["seconds=0.5"]), tmp_path)
     assert not {"Bodies", "Contact forces and slip"} & {picture.heading for picture in draw_plots(load_run(tmp_path))}
 
 
-def test_a_recording_of_an_earlier_version_says_what_is_missing(folder: Path, tmp_path: Path, coarse: None) -> None:
+def test_a_recording_of_an_earlier_version_says_what_is_missing(folder: Path, tmp_path: Path, blank: None) -> None:
     run = load_run(folder)
     bare = Run(tmp_path, run.summary, run.settings, run.names, run.clients, None, ())
     missing = {picture.heading: picture.missing for picture in draw_plots(bare)}
@@ -101,6 +102,15 @@ def case(method: str, *overrides: str) -> dict[str, Any]:
 def test_all_methods_but_the_papers_have_scenes() -> None:
     assert methods_of(load(LIFT)) == ("wave", "tuned", "coupling", "tdpa")
     assert "paper" in methods_of(load(Path("lan")))
+
+
+@pytest.mark.parametrize(("kind", "diverged"), [("wave", ""), ("coupling", "the object left the workspace")])
+def test_virtual_coupling_diverges_where_waves_of_the_same_stiffness_do_not(kind: str, diverged: str) -> None:
+    """Over 20 ms each way, before a hand is at the box."""
+    laboratory = Laboratory(load(LIFT, ["seconds=1.25", f"coupling.kind={kind}", "coupling.stiffness_npm=4000"]))
+    laboratory.run()
+    assert laboratory.diverged.startswith(diverged)
+    assert bool(laboratory.diverged) == bool(diverged)
 
 
 @pytest.mark.long

@@ -79,15 +79,6 @@ def hand(opened: tuple[BrowserPage, PageServer]) -> Iterator[Held]:
     page.tab.mouse.up()
 
 
-@pytest.fixture
-def spoiled_hand(open_page: Open) -> Iterator[Held]:
-    """A page of a test that replaces what the browser says."""
-    with serving(PageServer(to_json(scene(hand=True)))) as server:
-        page = open_page(f"{server.address}&hand")
-        server.wait_for_page()
-        yield Held(page, server)
-
-
 def test_drag_says_where_the_device_is_to_go(hand: Held) -> None:
     x, y = hand.press()
     hand.page.tab.mouse.move(x + 60, y - 40, steps=5)
@@ -148,13 +139,12 @@ def test_window_that_loses_the_user_lets_go(hand: Held, event: str) -> None:
     assert hand.page.state("cogrip.hand.target_m") is None, "until it is pressed again"
 
 
-def test_hidden_tab_lets_go(spoiled_hand: Held) -> None:
-    hand = spoiled_hand
+def test_hidden_tab_lets_go(hand: Held) -> None:
+    changed = "document.dispatchEvent(new Event('visibilitychange'))"
     hand.press()
-    hand.page.state(
-        "Object.defineProperty(document, 'hidden', { get: () => true }), document.dispatchEvent(new Event('visibilitychange'))"
-    )
+    hand.page.state(f"Object.defineProperty(document, 'hidden', {{ get: () => true, configurable: true }}), {changed}")
     assert not hand.until_released()[-1].holds
+    hand.page.state(f"delete document.hidden, {changed}")
 
 
 def test_press_beside_device_and_object_turns_the_camera(hand: Held) -> None:
@@ -175,15 +165,13 @@ def test_object_can_be_pressed_as_well(hand: Held) -> None:
     hand.page.tab.mouse.up()
 
 
-def test_one_axis_is_pulled_along_x(open_page: Open) -> None:
-    with serving(PageServer(to_json(scene(axes=1, hand=True)))) as server:
-        page = open_page(f"{server.address}&hand")
-        server.wait_for_page()
-        held = Held(page, server)
-        x, y = held.press()
-        page.tab.mouse.move(x + 50, y + 30)
-        page.tab.mouse.up()
-        target = held.until_released()[-1].target_m
+def test_one_axis_is_pulled_along_x(hand: Held) -> None:
+    hand.server.send(to_json(scene(axes=1, hand=True)))
+    hand.page.until("cogrip.scene.axes === 1")
+    x, y = hand.press()
+    hand.page.tab.mouse.move(x + 50, y + 30)
+    hand.page.tab.mouse.up()
+    target = hand.until_released()[-1].target_m
     assert target[0] > AT[0] + 0.005
     assert target[1:] == (0.0, 0.0)
 
@@ -203,8 +191,7 @@ def test_finger_pulls_and_its_end_lets_go(open_page: Open) -> None:
         assert page.state(f"cogrip.project({target})") == pytest.approx([x + 45, y - 20], abs=1.0)
 
 
-def test_gamepad_pulls_while_its_button_is_pressed_and_rumbles(spoiled_hand: Held) -> None:
-    hand = spoiled_hand
+def test_gamepad_pulls_while_its_button_is_pressed_and_rumbles(hand: Held) -> None:
     hand.page.tab.keyboard.press("2")  # from the side: x to the right
     hand.page.state(GAMEPAD)
     hand.page.state("pad.axes[0] = 1, pad.buttons[0].pressed = true")
@@ -216,6 +203,7 @@ def test_gamepad_pulls_while_its_button_is_pressed_and_rumbles(spoiled_hand: Hel
     assert (name, effect["strongMagnitude"]) == ("dual-rumble", 0.5)
     hand.page.state("pad.buttons[0].pressed = false")
     said = hand.until_released()
+    hand.page.state("delete navigator.getGamepads")
     along = [each.target_m[0] for each in said[:-1]]
     assert along == sorted(along)
 

@@ -1,6 +1,7 @@
 """The page in a real browser, shown a session that runs."""
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
 from math import nan
@@ -32,6 +33,17 @@ def opened(open_shared_page: Open) -> Iterator[tuple[BrowserPage, PageServer]]:
     """A page of two people, to whose frames each test gives numbers of its own."""
     with serving(PageServer(to_json(scene()))) as server:
         yield shown(open_shared_page, server), server
+
+
+@contextmanager
+def told(opened: tuple[BrowserPage, PageServer], other: Scene) -> Iterator[None]:
+    """Tell the page of another scene for a while."""
+    page, server = opened
+    for each in (other, scene()):
+        server.send(to_json(each))
+        page.until(f"cogrip.scene.axes === {each.axes} && cogrip.scene.people.length === {len(each.people)}")
+        if each is other:
+            yield
 
 
 def is_in_contact_colour(colour: np.ndarray) -> bool:
@@ -78,12 +90,12 @@ def test_people_are_drawn_in_their_colours_at_device_and_proxy(opened: tuple[Bro
         )
 
 
-def test_page_reads_what_was_written(open_page: Open) -> None:
+def test_page_reads_what_was_written(opened: tuple[BrowserPage, PageServer]) -> None:
+    page, server = opened
     sent = replace(
         moving(4_000_000_001, people=5), axes=2, velocity_mps=(0.1, -1 / 3, 1e-9), orientation=(0.8, 0.6, 0.0, 0.0)
     )
-    with serving(PageServer(to_json(scene(5)))) as server:
-        page = shown(open_page, server)
+    with told(opened, scene(5)):
         server.send(encode(sent))
         read = page.until_drawn(sent.number)
     assert (read["axes"], read["time_s"]) == (sent.axes, sent.time_s)
@@ -119,29 +131,30 @@ def test_ghost_is_what_the_chosen_person_is_shown(opened: tuple[BrowserPage, Pag
     page.until("cogrip.frame.drawn.ghost === null")
 
 
-def test_state_line_says_state_delay_and_passivity(open_page: Open) -> None:
+def test_state_line_says_state_delay_and_passivity(opened: tuple[BrowserPage, PageServer]) -> None:
+    page, server = opened
+    malformed = page.state("cogrip.stats.malformed")
     sent = frame(1)
     anna, ben = sent.people
     unknown = replace(
         ben, state="degraded", rtt_ms=nan, up_balance_mj=nan, line_balance_mj=nan, force_n=(nan, 0.0, 0.0)
     )
-    with serving(PageServer(to_json(scene()))) as server:
-        page = shown(open_page, server)
-        for number, (people, lines) in enumerate(
-            [
-                ((replace(anna, rtt_ms=48.2), unknown), ("anna: live, 48 ms, passive", "ben: degraded")),
-                (
-                    (replace(anna, flags=NOT_PASSIVE), ben),
-                    ("anna: live, 40 ms, NOT PASSIVE", "ben: live, 51 ms, passive"),
-                ),
-                (lost(sent, 1).people, ("anna: live, 40 ms, passive", "ben: not here")),
-            ]
-        ):
-            server.send(encode(replace(sent, number=number, people=people)))
-            page.until_drawn(number)
-            page.until(f"document.querySelector('#people article strong').textContent === '{lines[0]}'")
-            assert page.tab.locator("#people article strong").all_inner_texts() == list(lines)
-    assert page.state("cogrip.stats.malformed") == 0
+    for number, (people, lines) in enumerate(
+        [
+            ((replace(anna, rtt_ms=48.2), unknown), ("anna: live, 48 ms, passive", "ben: degraded")),
+            (
+                (replace(anna, flags=NOT_PASSIVE), ben),
+                ("anna: live, 40 ms, NOT PASSIVE", "ben: live, 51 ms, passive"),
+            ),
+            (lost(sent, 1).people, ("anna: live, 40 ms, passive", "ben: not here")),
+        ],
+        40,
+    ):
+        server.send(encode(replace(sent, number=number, people=people)))
+        page.until_drawn(number)
+        page.until(f"document.querySelector('#people article strong').textContent === '{lines[0]}'")
+        assert page.tab.locator("#people article strong").all_inner_texts() == list(lines)
+    assert page.state("cogrip.stats.malformed") == malformed
 
 
 def test_hidden_and_unknown_things_are_not_drawn(opened: tuple[BrowserPage, PageServer]) -> None:
@@ -165,9 +178,9 @@ def test_malformed_messages_are_counted_and_change_nothing(opened: tuple[Browser
     assert page.state("cogrip.stats.malformed") == before + 5, "an unknown kind is another version's, not malformed"
 
 
-def test_somebody_joins_and_the_camera_stays(open_page: Open) -> None:
-    with serving(PageServer(to_json(scene(1)))) as server:
-        page = shown(open_page, server)
+def test_somebody_joins_and_the_camera_stays(opened: tuple[BrowserPage, PageServer]) -> None:
+    page, server = opened
+    with told(opened, scene(1)):
         page.tab.keyboard.press("2")
         before = page.state("cogrip.project([0.05, 0.01, 0])")
         server.send(to_json(SceneEvent(12.5, "joined", "ben", "ben joined")))
@@ -231,26 +244,26 @@ def test_browser_without_webgl_is_told_so(chromium: Any) -> None:
         page.close()
 
 
-def test_keyboard_and_buttons(open_page: Open) -> None:
-    with serving(PageServer(to_json(scene()))) as server:
-        page = shown(open_page, server, color_scheme="light")
-        server.send(encode(frame(1)))
-        page.until_drawn(1)
-        places = []
-        for key, name in (("1", "front"), ("2", "side"), ("3", "top"), ("4", "iso")):
-            page.tab.keyboard.press(key)
-            places.append(page.state("cogrip.project([0.05, 0.02, 0.01])"))
-            page.tab.get_by_role("button", name=name, exact=True).click()
-            assert page.state("cogrip.project([0.05, 0.02, 0.01])") == pytest.approx(places[-1])
-        assert len({tuple(each) for each in places}) == 4
-        page.tab.keyboard.press("y")
-        assert page.text("figure[data-quantity=position] figcaption").startswith("Position y [mm]")
-        page.tab.keyboard.press("?")
-        assert "dark or light" in page.text("#help")
-        page.tab.keyboard.press("Escape")
-        light = page.picture()[60, 700]
-        page.tab.keyboard.press("t")
-        dark = page.picture()[60, 700]
+def test_keyboard_and_buttons(opened: tuple[BrowserPage, PageServer]) -> None:
+    page, server = opened
+    server.send(encode(frame(70)))
+    page.until_drawn(70)
+    places = []
+    for key, name in (("1", "front"), ("2", "side"), ("3", "top"), ("4", "iso")):
+        page.tab.keyboard.press(key)
+        places.append(page.state("cogrip.project([0.05, 0.02, 0.01])"))
+        page.tab.get_by_role("button", name=name, exact=True).click()
+        assert page.state("cogrip.project([0.05, 0.02, 0.01])") == pytest.approx(places[-1])
+    assert len({tuple(each) for each in places}) == 4
+    page.tab.keyboard.press("y")
+    assert page.text("figure[data-quantity=position] figcaption").startswith("Position y [mm]")
+    page.tab.keyboard.press("?")
+    assert "dark or light" in page.text("#help")
+    page.tab.keyboard.press("Escape")
+    light = page.picture()[60, 700]
+    page.tab.keyboard.press("t")
+    dark = page.picture()[60, 700]
+    page.tab.keyboard.press("t")
     assert light.mean() > 0.8
     assert dark.mean() < 0.2
 
@@ -282,17 +295,16 @@ def test_phone_shows_picture_controls_and_plots(open_page: Open) -> None:
         assert page.state("cogrip.project([0.05, 0, 0])") != before
 
 
-def test_plots_have_a_line_for_each_person_and_end_at_the_newest_frame(open_page: Open) -> None:
-    with serving(PageServer(to_json(scene()))) as server:
-        page = shown(open_page, server)
-        for number in range(90):
-            server.send(encode(moving(number)))
-        page.until_drawn(89)
-        assert page.tab.locator("#plots figure").count() == 6
-        for number in range(89, 120):  # the plots take turns, one in a picture
-            server.send(encode(moving(number)))
-            page.until_drawn(number)
-        drawing = page.tab.locator("figure[data-quantity=force] canvas").first.screenshot()
+def test_plots_have_a_line_for_each_person_and_end_at_the_newest_frame(opened: tuple[BrowserPage, PageServer]) -> None:
+    page, server = opened
+    for number in range(100, 190):
+        server.send(encode(moving(number)))
+    page.until_drawn(189)
+    assert page.tab.locator("#plots figure").count() == 6
+    for number in range(190, 220):  # the plots take turns, one in a picture
+        server.send(encode(moving(number)))
+        page.until_drawn(number)
+    drawing = page.tab.locator("figure[data-quantity=force] canvas").first.screenshot()
     assert len(drawing) > 2000, "more than an empty frame"
 
 
@@ -300,14 +312,11 @@ def one_axis(told: Scene, where: Vector) -> Frame:
     return replace(frame(1, where), axes=told.axes)
 
 
-def test_one_axis_offers_one_axis(open_page: Open) -> None:
-    told = scene(axes=1)
-    with serving(PageServer(to_json(told))) as server:
-        page = shown(open_page, server)
-        server.send(encode(one_axis(told, (0.02, 0.0, 0.0))))
-        page.until_drawn(1)
-        page.until("document.getElementById('object').textContent !== ''")
-        assert page.text("#object") == "object x 20.0 mm, 0.100 m/s"
+def test_one_axis_offers_one_axis(opened: tuple[BrowserPage, PageServer]) -> None:
+    page, server = opened
+    with told(opened, scene(axes=1)):
+        server.send(encode(one_axis(scene(axes=1), (0.02, 0.0, 0.0))))
+        page.until("document.getElementById('object').textContent === 'object x 20.0 mm, 0.100 m/s'")
         assert [each.is_visible() for each in page.tab.locator("[data-axis]").all()] == [True, False, False]
         left, right = [page.state(f"cogrip.project([{x}, 0, 0])") for x in (-0.05, 0.05)]
     assert right[0] - left[0] > 100, "x runs to the right"

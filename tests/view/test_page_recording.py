@@ -148,6 +148,7 @@ def test_loop_stays_in_its_range(shared: BrowserPage) -> None:
 
 def test_speed_keys_and_ends(shared: BrowserPage) -> None:
     shared.tab.locator("[data-part=speed]").select_option("10")
+    seek(shared, SECONDS - 4.0)
     shared.tab.keyboard.press(" ")
     shared.until(f"cogrip.player.time_s === {SECONDS} && !cogrip.player.playing")
     assert_drawn_exactly(shared.until_drawn(1499), FRAMES[1499])
