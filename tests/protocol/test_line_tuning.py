@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from cogrip.protocol.line_tuning import (
     FOLLOW_S,
     KEPT,
+    LAG_S,
     LEAST_NSPM,
     LONG_S,
     MASS_KG,
@@ -41,7 +42,7 @@ def test_a_line_is_no_heavier_and_no_stiffer_than_asked(loop_s: float, prefer: P
         assert 0.5 * b * loop_s <= MASS_KG[prefer] * (1.0 + 1e-12)
         assert b <= carried * (1.0 + 1e-12)
         assert prefer == "stiff" or b <= USUAL_NSPM
-    assert 0.0 <= lag_s <= SHARE * loop_s
+    assert 0.0 <= lag_s <= max(LAG_S, SHARE * loop_s)
     assert (lag_s > 0.0) == (loop_s > LONG_S)
 
 

@@ -4,7 +4,7 @@ A line of impedance b and loop time T is a spring 2b/T and a mass bT/2: K m = b^
 hands at the ends of long lines ring as masses on a spring do: from LONG_S on a filter of lag S in each direction damps that.
 
     b = least of 2 m / T, `USUAL_NSPM`, and what the device carries; "stiff": what the device carries
-    S = SHARE T, or SLOPE (T - LONG_S) where that is less
+    S = LAG_S, or SHARE T where that is more; SLOPE (T - LONG_S) where that is less
 """
 
 from collections import deque
@@ -17,7 +17,7 @@ from cogrip.protocol.setting_types import Prefer
 USUAL_NSPM = 20.0
 LEAST_NSPM, MOST_NSPM = 1.0, 60.0  # that a seat may choose: scenes are tested from there to there (theory 8.2)
 MASS_KG = {"light": 0.5, "balanced": 1.8, "stiff": inf}  # apparent mass of a line, at most
-LONG_S, SLOPE, SHARE = 0.25, 2.5, 0.65
+LONG_S, SLOPE, LAG_S, SHARE = 0.28, 10.0, 0.41, 0.65
 FOLLOW_S = 5.0  # in which the loop time that is gone by changes by a factor of e
 READINGS_HZ = 4
 AGREED = 0.05  # by which two readings in a row differ at most
@@ -36,7 +36,7 @@ def tuning(loop_s: float, prefer: Prefer, carried_nspm: float = USUAL_NSPM) -> T
     """Return what suits a line of this loop time and a device that carries so much."""
     usual = inf if prefer == "stiff" else USUAL_NSPM
     b = min(2.0 * MASS_KG[prefer] / loop_s, usual, carried_nspm)
-    return Tuning(bounded(b), max(0.0, min(SHARE * loop_s, SLOPE * (loop_s - LONG_S))))
+    return Tuning(bounded(b), max(0.0, min(max(LAG_S, SHARE * loop_s), SLOPE * (loop_s - LONG_S))))
 
 
 def flat_s(prefer: Prefer) -> float:
