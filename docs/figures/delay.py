@@ -21,7 +21,15 @@ from cogrip.protocol.settings import resolve
 from cogrip.sim.analysis.figures.page import Page, Table, save_page
 from cogrip.sim.experiments.methods.case import run_session
 from cogrip.sim.experiments.methods.felt import measure_felt
-from cogrip.sim.experiments.methods.measures import at_rest, created_at_rest_j, force_error_n, is_oscillating
+from cogrip.sim.experiments.methods.measures import (
+    at_rest,
+    created_at_rest_j,
+    created_j,
+    force_error_n,
+    is_active,
+    is_oscillating,
+    put_in_j,
+)
 from cogrip.sim.experiments.methods.method import METHODS, ideal_settings, methods_of, session_settings
 from cogrip.sim.runs.plots.style import INK, LINES, Sheet, colour, title
 
@@ -56,7 +64,9 @@ def measure(method: str, round_trip_ms: float) -> Point:
     if method in methods_of(load(shipped("compare"))):
         moved = run_session(session_settings(over(CUBE, round_trip_ms), method, "own", 1), REST_S)
         ideal, trace = run_session(ideal_settings(over(CUBE, 0.0), 1), REST_S).trace, moved.trace
-        if not moved.diverged and not is_oscillating(at_rest(trace)[1], 1e3 * created_at_rest_j(trace)):
+        created_mj = 1e3 * created_j(trace.work_j, trace.object_j)
+        active = is_active(created_mj, 1e3 * put_in_j(trace.work_j))
+        if not (moved.diverged or active or is_oscillating(at_rest(trace)[1], 1e3 * created_at_rest_j(trace))):
             error = force_error_n(trace.force_n, ideal.force_n)
     return Point(method, round_trip_ms, felt[0].felt_npm if felt else None, error)
 
@@ -85,8 +95,8 @@ def draw(points: list[Point]) -> Page:
                 )
         legend.append((METHODS[method].title, style))
     legend.append(("unstable, or never at rest", {"color": INK, "marker": "x", "lw": 0, "ms": 8, "mew": 2}))
-    left.set_ylim(0.0, 1.1 * K)
-    right.set_ylim(bottom=0.0)
+    left.set_ylim(0.0, 1.3 * K)
+    right.set_ylim(0.0, 1.3 * max(point.error_n or 0.0 for point in points))
     title(left, "felt stiffness of a wall of 1000 N/m [N/m]")
     title(right, "force error, two hands move a cube [N]")
     figure = sheet.finish("round trip of the link [ms]", ["", ""], legend)

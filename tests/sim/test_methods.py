@@ -42,6 +42,7 @@ from cogrip.sim.experiments.methods.method import (
     ChoiceError,
     choose,
     ideal_settings,
+    methods_of,
     session_settings,
 )
 from cogrip.sim.experiments.methods.query import prepare
@@ -53,6 +54,9 @@ from tests.sim.compared_methods import FREE, TWO, small
 from tests.sim.session_measures import FRAME_MS
 
 pytestmark = pytest.mark.usefixtures("felt_once")
+
+HELD = methods_of(resolve(TWO))
+"""Methods that a cube has."""
 
 
 # Measures of known traces

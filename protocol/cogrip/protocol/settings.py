@@ -347,9 +347,9 @@ def _check_fit(settings: Settings) -> None:
         raise SettingsError(
             f'coupling.server_step = "paper" is a step of the wave scheme; with coupling.kind = "{kind}" leave it "passive"'
         )
+    check_link(settings.link)
     compensated = [user.name for user in settings.users if coupling_of(settings, user).compensate]
     if why := unfit_object(settings, compensated):
         raise SettingsError(why)
-    check_link(settings.link)
     for seat in range(len(settings.users)):
         seat_settings(settings, seat)
