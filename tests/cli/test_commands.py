@@ -60,7 +60,10 @@ def test_a_run_leaves_its_folder(tmp_path, cogrip):
             ["lab", DEMO, "--set", "coupling.stiffness_npm=-1"],
             "stiffness_npm: expects a number of at least 0, in N/m; got",
         ),
-        (["lab", DEMO, "--set", "coupling.kind=warp"], 'kind: expects "wave", "coupling" or "tdpa"; got \'warp\''),
+        (
+            ["lab", DEMO, "--set", "coupling.kind=warp"],
+            'kind: expects "wave", "local", "coupling" or "tdpa"; got \'warp\'',
+        ),
         (["lab", DEMO, "--set", "users.7.name=x"], "there is no user number 7"),
         (["lab", DEMO, "--set", "nonsense"], "section.key=value"),
         (["lab", DEMO, "--set", "coupling.compensate=true"], "An impedance above"),

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.wave_coupling import PRESSING, QUIET, ForwardLine
+from cogrip.client.wave_lines import PRESSING, QUIET, ForwardLine
 from cogrip.protocol.settings import resolve, seat_settings
 
 M, T_C = 8, 1.0 / 1024.0

@@ -256,9 +256,9 @@ def test_unauthenticated_peers_are_refused_and_counted(serve, tmp_path):
             peer.send(garbage)
         peer.send(msgpack.packb([1, "cogrip", 99, "9.9", 4711, "what", {"a": "newer"}, "protocol", bytes(HELLO_BYTES)]))
         tag, version, nonce, code, reason = msgpack.unpackb(peer.recv(2000))
-    assert (tag, version, nonce, code) == (3, 5, 4711, "version")
-    assert "client speaks protocol 99, the server 5" in reason
-    server.hear("client speaks protocol 99, the server 5")
+    assert (tag, version, nonce, code) == (3, 6, 4711, "version")
+    assert "client speaks protocol 99, the server 6" in reason
+    server.hear("client speaks protocol 99, the server 6")
     server.signal(signal.SIGTERM)
     server.end()
     dropped = summary_in(tmp_path / "server")["server"]["dropped"]

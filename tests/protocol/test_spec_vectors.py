@@ -15,9 +15,16 @@ import pytest
 
 from cogrip.client import passivity_control as client_passivity
 from cogrip.client import path_migration
-from cogrip.protocol import accounts, clock, dtls_records, loop_meter, messages, passivity_control, session
+from cogrip.protocol import accounts, clock, dtls_records, line_tuning, loop_meter, messages, passivity_control, session
 from cogrip.protocol import settings as settings_module
-from cogrip.protocol.accounts import ClientAccount, DelayAccount, DeviceAccount, PlayoutAccount, SeatAccount
+from cogrip.protocol.accounts import (
+    ClientAccount,
+    DelayAccount,
+    DeviceAccount,
+    LineAccount,
+    PlayoutAccount,
+    SeatAccount,
+)
 from cogrip.protocol.channel import PEER
 from cogrip.protocol.io import dtls_client
 from cogrip.protocol.io.dtls_client import DtlsClient
@@ -199,6 +206,7 @@ def test_the_small_lists_and_the_maps_have_the_names_of_the_page() -> None:
     small = (
         ("Counts", accounts.LinkCount), ("Percentiles", accounts.Percentiles), ("Ticks", accounts.TickCount),
         ("Playout", PlayoutAccount), ("Delay", DelayAccount), ("Device", DeviceAccount),
+        ("Line", LineAccount),
     )  # fmt: skip
     for title, struct in small:
         text = leave.partition(f"{title}: ")[2].partition(".")[0]
@@ -379,7 +387,7 @@ def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
 
 PROTOCOL = (
     messages, session, clock, loop_meter, receiver, concealment, jitter_buffer, passivity_control, client_passivity, room,
-    observers, drawn_bodies, seat_limits, settings_module,
+    observers, drawn_bodies, seat_limits, settings_module, line_tuning,
 )  # fmt: skip
 DTLS = (dtls_channel, dtls_client, rate_limit, path_migration, dtls_records)
 

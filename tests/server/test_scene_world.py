@@ -254,6 +254,33 @@ def test_a_tool_that_nobody_holds_touches_nothing_and_stays() -> None:
     assert not world.force[1].any()
 
 
+def test_a_heavy_tool_of_the_scene_stays_while_nobody_holds_it() -> None:
+    slides = "".join(f"<joint type='slide' axis='{axis}'/>" for axis in ("1 0 0", "0 1 0", "0 0 1"))
+    world = world_of(
+        f"<mujoco><worldbody><body name='ball'>{slides}<geom size='.01' mass='.05'/></body></worldbody></mujoco>",
+        ["ball"],
+    )
+    for _ in range(100):
+        world.step(np.zeros((1, 3)))
+    assert world.proxy(0) == pytest.approx(np.zeros(3), abs=1e-15)
+    world.join(0, np.zeros(3))
+    for _ in range(400):
+        world.step(np.zeros((1, 3)))
+    assert world.data.qvel[2] == pytest.approx(-0.05 * 9.81 / B, rel=1e-6), "held, it sinks against the port's damper"
+
+
+def test_a_tool_inside_a_body_is_restored_as_it_was_whoever_else_holds_one() -> None:
+    world = world_of("lift")
+    world.join(0, np.array([0.082, 0.0, 0.0]))  # the middle of the box
+    world.join(1, np.zeros(3))
+    assert world.solid.tolist() == [False, True]
+    saved = world.save()
+    again = hold(world_of("lift"))
+    again.restore(saved)
+    assert again.solid.tolist() == [False, True]
+    assert again.save() == saved
+
+
 def test_a_tool_that_is_taken_inside_a_body_touches_it_once_it_has_left() -> None:
     world = world_of("lift", ["ball"])
     world.join(0, np.array([0.082, 0.0, 0.0]))  # the middle of the box

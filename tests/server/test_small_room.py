@@ -46,6 +46,9 @@ def test_few_people_are_stepped_as_many_are(count: int, axes: int, seed: int) ->
         elif step % 40 == 39:
             for world in (many, few):
                 world.leave(user)
+        if step % 7 == 3:  # a person's client chooses another impedance
+            for world in (many, few):
+                world.set_impedance(user, 1.0 + step)
         many.external_force = few.external_force = random.uniform(-1.0, 1.0, axes)
         waves = random.uniform(-0.5, 0.5, (count, axes))
         rows = few.advance([tuple(row) for row in waves.tolist()])

@@ -132,11 +132,13 @@ def wave_of(
     late = 0 if person.encoder == "velocity" else person.latency_ticks
     client.set_latency(late)
     for wave in state[len(state) - late :][::-1].tolist():
-        client.late.push(((wave,), 1.0, 1.0, None))
+        client.late.push(((wave,), 1.0, 1.0, None, client._b))
     for _ in range(rates.ticks_per_frame):
         place, velocity = memory.read()
         client.elapse([memory.step(client.force(place, velocity)) * rates.device_hz], velocity)
-    waves = [client.late.push(((0.0,), 1.0, 1.0, None))[0][0] for _ in range(len(client.late))]  # the oldest first
+    waves = [
+        client.late.push(((0.0,), 1.0, 1.0, None, client._b))[0][0] for _ in range(len(client.late))
+    ]  # the oldest first
     return [*memory.state(), *reversed(waves)], list(client.up.decimator.take())
 
 

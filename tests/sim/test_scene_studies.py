@@ -100,8 +100,9 @@ def case(method: str, *overrides: str) -> dict[str, Any]:
 
 
 def test_all_methods_but_the_papers_have_scenes() -> None:
-    assert methods_of(load(LIFT)) == ("wave", "coupling", "tdpa")
+    assert methods_of(load(LIFT)) == ("wave", "tuned", "local", "coupling", "tdpa")
     assert "paper" in methods_of(load(Path("lan")))
+    assert "local" not in methods_of(load(Path("lan")))  # a cube has no contact
 
 
 @pytest.mark.parametrize(("kind", "diverged"), [("wave", ""), ("coupling", "the object left the workspace")])

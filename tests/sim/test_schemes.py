@@ -53,5 +53,5 @@ def test_every_scheme_has_scenes_of_its_own(kind: Kind) -> None:
     world = server_schemes.make_room_world(settings, [seat_settings(settings, 0)])
     row = (0.0,) * world.axes * world.inputs_per_axis
     world.join(0, np.zeros(3))
-    assert len(world.advance([row])[0]) == 3 * (1 if kind == "wave" else 2)
-    assert (world.limiter_account() is not None) == (kind == "wave")
+    assert len(world.advance([row])[0]) == 3 * (1 if kind in ("wave", "local") else 2)
+    assert (world.limiter_account() is not None) == (kind in ("wave", "local"))

@@ -98,6 +98,8 @@ class ClientCore:
             return
         if welcome is not None and welcome.session != seated.session_id:
             seated.renew(welcome.session)
+        if isinstance(message, Geom) and not seated.coupling.receive_shape(message):
+            session.drop("unexpected")
         if message is None or isinstance(message, Person | Bodies | Geom):
             return
         if seated.tick < 0:  # the device is still being opened: what comes now must not set the jitter buffer

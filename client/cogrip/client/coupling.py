@@ -11,11 +11,11 @@ from math import inf
 from typing import Any, Generic, TypeVar
 
 from cogrip.devices.device import Capability
-from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
 from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Power, Stamp, State, Waves
+from cogrip.protocol.messages import Geom, Power, Stamp, State, Waves
 from cogrip.protocol.settings import SeatSettings
 
 M = TypeVar("M", Waves, State, Power)
@@ -109,7 +109,7 @@ class Coupling(ABC, Generic[M]):
     credit_left: float = inf
 
     def __init__(self, seat: SeatSettings) -> None:
-        axes = seat.object.axes
+        self._seat, axes = seat, seat.object.axes
         self.frame_ticks = seat.rates.ticks_per_frame
         self.applied_n: Sequence[float] = (0.0,) * axes
         self.carried_nspm = inf
@@ -133,6 +133,11 @@ class Coupling(ABC, Generic[M]):
         return False
 
     @property
+    def pressed(self) -> tuple[float, Sequence[float]] | None:
+        """Depth in fixed geometry [m], and its direction; None where it is not known here."""
+        return None
+
+    @property
     def owed_frames(self) -> float:
         """Position deficit of the line down, in frames of the wave that plays now."""
         return 0.0
@@ -146,6 +151,11 @@ class Coupling(ABC, Generic[M]):
     @abstractmethod
     def port_j(self) -> float:
         """Energy that went into the coupling here."""
+
+    @property
+    def entered_j(self) -> float:
+        """Energy that the hand put in: into the line, unless there is something between the two."""
+        return self.port_j
 
     @property
     @abstractmethod
@@ -199,6 +209,10 @@ class Coupling(ABC, Generic[M]):
     def receive(self, message: M) -> bool:
         """Take in a message; False where it does not fit."""
 
+    def receive_shape(self, geom: Geom) -> bool:
+        """Take in a shape of the room's fixed geometry; False where it does not fit, or is of no use here."""
+        return False
+
     @abstractmethod
     def lost(self) -> int:
         """Return the number of frames from the server that were lost."""
@@ -218,6 +232,19 @@ class Coupling(ABC, Generic[M]):
 
     def loop_frames(self) -> float | None:
         """Return the measured loop: frames from a message to the frame in which its answer is applied."""
+        return None
+
+    def go_on_from(self, before: "AnyCoupling") -> None:
+        """Begin as this line of the same seat ended; `fit` comes after."""
+        self.down_margin_j = before.down_margin_j  # of all lines: the new one begins with 0
+        self.credit_left = before.credit_left  # all lines together lend one credit
+
+    def seat_now(self) -> SeatSettings:
+        """Return the seat's settings with what is in use in place of what was to begin with."""
+        return self._seat
+
+    def line_account(self) -> LineAccount | None:
+        """Return impedance and filter of the line; None without waves."""
         return None
 
 
@@ -242,6 +269,14 @@ class LatestStateCoupling(Coupling[L]):
 
     def count(self) -> LinkCount:
         return self._receiver.count()
+
+
+def spring_j(stiffness_npm: float, stretch_m: float, peak_n: float) -> float:
+    """Return the energy in a spring whose force ends at `peak_n`."""
+    force = stiffness_npm * abs(stretch_m)
+    if force <= peak_n:
+        return 0.5 * force * abs(stretch_m)
+    return peak_n * (abs(stretch_m) - 0.5 * peak_n / stiffness_npm)
 
 
 AnyCoupling = Coupling[Any]

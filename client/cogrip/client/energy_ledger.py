@@ -25,7 +25,9 @@ class EnergyLedger:
         self.coupling = coupling
         self.work = CompensatedSum()
         self.leak_j = self.least_leak_j = 0.0
-        self.closed_given_j = self.closed_port_j = 0.0  # by and into the closed lines
+        self.closed_given_j = self.closed_port_j = self.closed_entered_j = (
+            0.0  # by, into, by the hand into the closed lines
+        )
         self._reserve_j: float | None = None
         self._lost = 0
         self._count = LinkCount()
@@ -52,7 +54,7 @@ class EnergyLedger:
 
     def compare(self) -> None:
         """Compare the work with the energy that went into all lines."""
-        self.leak_j = leak = self.work.value - (self.closed_port_j + self.coupling.port_j)
+        self.leak_j = leak = self.work.value - (self.closed_entered_j + self.coupling.entered_j)
         if leak < self.least_leak_j:
             self.least_leak_j = leak
 
@@ -61,10 +63,10 @@ class EnergyLedger:
         before = self.coupling
         self.closed_given_j += before.given_j
         self.closed_port_j += before.port_j
+        self.closed_entered_j += before.entered_j
         self._reserve_j, self._lost, self._playout = self.down_reserve_j, self.lost, self.playout_account()
         self._count = msgspec.structs.replace(self.count(), pending=0)
-        coupling.down_margin_j = before.down_margin_j  # of all lines: the new one begins with 0
-        coupling.credit_left = before.credit_left  # all lines together lend one credit
+        coupling.go_on_from(before)
         self.coupling = coupling
 
     @property

@@ -9,7 +9,10 @@ from typing import NamedTuple
 from cogrip.client.schemes import SCHEMES
 from cogrip.client.velocity import NOISE_N, Carried, largest_impedance
 from cogrip.devices.device import Capability, DeviceError
-from cogrip.protocol.settings import Coupling, SeatSettings
+from cogrip.protocol.coupling_settings import Coupling
+from cogrip.protocol.line_tuning import tuning
+from cogrip.protocol.setting_types import Kind
+from cogrip.protocol.settings import SeatSettings
 
 ROUNDING = 1e-9  # of a bound: settings are decimal
 
@@ -32,12 +35,31 @@ def damper_of(coupling: Coupling) -> Damper:
     return Damper(symbol, key, getattr(coupling, key))
 
 
+def damper_key(kind: Kind) -> str:
+    """Return the key of [coupling] that holds that damper."""
+    return SCHEMES[kind].damper[1]
+
+
+def impedance_on(seat: SeatSettings, record: Capability) -> float:
+    """Return b on this device at the delay of the settings: where it is "auto", by what the device carries."""
+    if not seat.line.auto_impedance:
+        return seat.coupling.impedance_nspm
+    carried = largest_impedance(record, seat.rates.tick_s).impedance_nspm
+    return tuning(seat.loop_s, seat.line.prefer, carried).impedance_nspm
+
+
+def damper_on(seat: SeatSettings, record: Capability) -> Damper:
+    """Return the damper that this device renders in this seat."""
+    damper = damper_of(seat.coupling)
+    return damper._replace(value_nspm=impedance_on(seat, record)) if seat.line.auto_impedance else damper
+
+
 def refusal(seat: SeatSettings, record: Capability, section: str = "coupling") -> str:
     """Return why the device must not be driven so, with the value that would do; "" where it carries what is asked.
 
     section: of the settings, in which the value stands.
     """
-    damper, tick_s = damper_of(seat.coupling), seat.rates.tick_s
+    damper, tick_s = damper_on(seat, record), seat.rates.tick_s
     carried = largest_impedance(record, tick_s)
     most, symbol = carried.impedance_nspm, damper.symbol
     if damper.value_nspm <= most * (1.0 + ROUNDING):

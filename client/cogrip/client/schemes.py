@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from cogrip.client.coupling import AnyCoupling
+from cogrip.client.local_contact import LocalFaces, LocalWall
+from cogrip.client.local_scene import LocalScene
 from cogrip.client.passivity_control import PassivityControl
 from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
@@ -28,8 +30,17 @@ class Scheme:
     softer_key: str
 
 
+def make_local(seat: SeatSettings) -> AnyCoupling:
+    """Return the coupling with local contact of a seat's kind of object."""
+    makers: dict[str, Callable[[SeatSettings], AnyCoupling]] = {
+        "wall": LocalWall, "faces": LocalFaces, "scene": LocalScene,
+    }  # fmt: skip
+    return makers[seat.object.kind](seat)
+
+
 SCHEMES: dict[Kind, Scheme] = {
     "wave": Scheme(WaveCoupling, Waves, ("b", "impedance_nspm"), "impedance_nspm"),
+    "local": Scheme(make_local, Waves, ("B", "damping_nspm"), "stiffness_npm"),
     "coupling": Scheme(VirtualCoupling, State, ("B", "damping_nspm"), "stiffness_npm"),
     "tdpa": Scheme(PassivityControl, Power, ("b", "impedance_nspm"), "stiffness_npm"),
 }

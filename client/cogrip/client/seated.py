@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import dist, hypot
+from operator import mul
 
 from cogrip.client.coupling import AnyCoupling
 from cogrip.client.device_port import Cause, DevicePort, cure
@@ -20,7 +21,6 @@ from cogrip.client.schemes import SCHEMES
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
 from cogrip.protocol.messages import Frame, View, clipped, encode
-from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.setting_types import PLACES, POSE_AXES
 from cogrip.protocol.settings import SeatSettings
@@ -99,9 +99,7 @@ class SeatedClient:
         self._frame_start_m: tuple[float, ...] = ()
         self._stopped: int | None = None  # tick of `stop`
         self._parting_mps: Sequence[float] = self.force_n  # velocity of the hand at `stop`
-        self._felt = (
-            FeltStiffness(self.capability.resolution_m, rates.frame_s) if kind_of(seat.object.kind).fixed else None
-        )
+        self._felt = FeltStiffness(self.capability.resolution_m, rates.frame_s) if seat.holds_still else None
         self._fit()
         for event in ("open", "calibrated", "go"):
             self.safety.event(event)
@@ -289,7 +287,8 @@ class SeatedClient:
         self._owed.append(max(0.0, self.coupling.owed_frames))
         if self._felt is not None:
             side = self.settings.side_sign
-            self._felt.add(side * position_m[0], side * self.force_n[0])
+            depth, direction = self.coupling.pressed or (side * position_m[0], (side,))
+            self._felt.add(depth, sum(map(mul, direction, self.force_n)))
 
     def act(self, now_ns: int) -> tuple[float, ...]:
         """Return force [N] and torque [N m], shape (axes,), to hold until the next tick: F of P eq. 9, which loads the hand."""
@@ -374,7 +373,7 @@ class SeatedClient:
         coupling, ledger, safety = self.coupling, self.ledger, self.safety
         loop = coupling.loop_frames()
         more = self._late_frames + sum(self._owed) / max(1, len(self._owed))
-        predicted_npm = None if loop is None else self.settings.predicted_stiffness(loop, more)
+        predicted_npm = None if loop is None else coupling.seat_now().predicted_stiffness(loop, more)
         return ClientAccount(
             position_m=self.pose,
             force_n=self.wrench,
@@ -396,4 +395,5 @@ class SeatedClient:
             device=self.port.account(),
             down_reserve_j=ledger.down_reserve_j,
             peak_torque_nm=self.peaks.torque_nm,
+            line=coupling.line_account(),
         )

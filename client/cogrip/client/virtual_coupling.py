@@ -6,7 +6,7 @@ F = K (x - x_o) + B (xdot - xdot_o) at the device rate, from the last object sta
 from collections.abc import Sequence
 from math import inf
 
-from cogrip.client.coupling import DelayLine, LatestStateCoupling, Row
+from cogrip.client.coupling import DelayLine, LatestStateCoupling, Row, spring_j
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import Stamp, State
@@ -48,7 +48,7 @@ class VirtualCoupling(LatestStateCoupling[State]):
         if self._stretch is None:
             return 0.0
         stiffness, peak = self._rendered_npm, self._peak_n
-        return self.ramp_gain * sum([_spring_j(stiffness, e, peak) for e in self._stretch])
+        return self.ramp_gain * sum([spring_j(stiffness, e, peak) for e in self._stretch])
 
     def set_latency(self, ticks: int) -> None:
         self._late.set_ticks(ticks, (0.0,) * len(self.sent))
@@ -114,11 +114,3 @@ class VirtualCoupling(LatestStateCoupling[State]):
         if 2 * len(message.position_m) != len(self.object_state):
             return False
         return self._receiver.receive(message)
-
-
-def _spring_j(stiffness_npm: float, stretch_m: float, peak_n: float) -> float:
-    """Return the energy in a spring whose force ends at `peak_n`."""
-    force = stiffness_npm * abs(stretch_m)
-    if force <= peak_n:
-        return 0.5 * force * abs(stretch_m)
-    return peak_n * (abs(stretch_m) - 0.5 * peak_n / stiffness_npm)

@@ -84,6 +84,17 @@ class DeviceAccount(msgspec.Struct, frozen=True, array_like=True):
     reserve_j: float | None = None  # least of the energy that the port could still give, after the first second
 
 
+class LineAccount(msgspec.Struct, frozen=True, array_like=True):
+    """Impedance [N s/m] and corner of the wave filter [Hz], 0 for none: at the end, least and most."""
+
+    impedance_nspm: float
+    least_impedance_nspm: float
+    most_impedance_nspm: float
+    wave_filter_hz: float
+    least_filter_hz: float
+    most_filter_hz: float
+
+
 class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     """Account of one person's client at the end of a session."""
 
@@ -107,6 +118,7 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     device: DeviceAccount = DeviceAccount()
     down_reserve_j: float | None = None  # least balance of the downlink after its first second
     peak_torque_nm: float = 0.0
+    line: LineAccount | None = None  # of the last line; None without waves
 
 
 class SeatAccount(msgspec.Struct, frozen=True, array_like=True):

@@ -16,7 +16,7 @@ from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
 from cogrip.protocol.setting_types import MOST_WAVES, POSE_AXES, SeatNumber
 from cogrip.protocol.settings import SeatSettings
 
-PROTOCOL_VERSION = 5
+PROTOCOL_VERSION = 6
 MAGIC: Literal["cogrip"] = "cogrip"
 MAX_DATAGRAM_BYTES = 1232  # fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
 DTLS_BYTES = 37  # that DTLS adds to a message: record header 13, AES-GCM nonce 8 and tag 16
@@ -25,7 +25,7 @@ HELLO_BYTES = 1024  # a hello is padded to this: no answer to an unauthenticated
 TEXT_BYTES = 300  # senders cut a text to this
 SHORT = 40  # characters of a ShortText
 DEVICE_BYTES = 200  # of a device address: its beginning stands in `device`, the whole in the padding
-LEAVE_TEXT_BYTES = 220  # and that of a leave, which has an account behind it
+LEAVE_TEXT_BYTES = 160  # and that of a leave, which has an account behind it
 
 Counter = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Ticks = Annotated[int, msgspec.Meta(ge=-(2**31), le=2**31)]
@@ -146,6 +146,8 @@ class Waves(Message, frozen=True, tag=4):
     applied: Counter = (
         0  # client: ticks for which frame `acknowledged` - 1 had been applied when the newest frame ended
     )
+    impedance_nspm: Annotated[float, msgspec.Meta(ge=0.0, le=1e4)] = 0.0  # with which the newest frame was made
+    since: Counter = 0  # number of the first frame with that impedance; both 0: the settings' one
 
 
 class State(Message, frozen=True, tag=5):
@@ -261,7 +263,7 @@ class Bodies(Message, frozen=True, tag=12):
 
 
 class Geom(Message, frozen=True, tag=13):
-    """One of the shapes that a scene is drawn of, for an observer (`drawing.Shape`)."""
+    """One of the shapes that a scene is drawn of, for an observer (`drawing.Shape`), or that a player's client renders."""
 
     session: Session
     count: Annotated[int, msgspec.Meta(ge=1, le=MOST_SHAPES)]  # of shapes
@@ -278,6 +280,15 @@ class Geom(Message, frozen=True, tag=13):
     def __post_init__(self) -> None:
         if not _is_unit(self.orientation):
             raise ValueError("the orientation is no unit quaternion")
+
+    @classmethod
+    def of(cls, shapes: Sequence[Shape], number: int, session: int) -> "Geom":
+        """Return the message of one of these shapes."""
+        told = shapes[number]
+        return cls(
+            session, len(shapes), number, told.kind, told.size_m, told.body, told.place_m, told.orientation, told.rgba,
+            told.seat, told.object,
+        )  # fmt: skip
 
     @property
     def shape(self) -> Shape:

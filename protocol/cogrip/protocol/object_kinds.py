@@ -38,6 +38,9 @@ KINDS = {
 }
 """Kinds that come with cogrip."""
 
+LOCAL_KINDS = ("wall", "faces", "scene")
+"""Kinds whose contact clients can render themselves."""
+
 _FOREIGN = ObjectKind(spring=False)
 
 

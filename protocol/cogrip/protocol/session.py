@@ -18,7 +18,6 @@ from cogrip.protocol.messages import (
     Bodies,
     Farewell,
     Frame,
-    Geom,
     Heartbeat,
     Hello,
     Leave,
@@ -44,7 +43,7 @@ LEAVE_GIVE_UP_NS = 600_000_000
 SECONDS_OVER = "its --seconds are over"  # of a server with a time limit: no session is cut short
 IN_ORDER = "the server was stopped"  # the farewell of a server that was stopped on purpose begins with this
 
-FOR_OBSERVERS = (View, Person, Bodies, Geom)  # tuples: a union would be made for every datagram
+FOR_OBSERVERS = (View, Person, Bodies)  # tuples: a union would be made for every datagram
 FOR_CLIENTS = (messages.Waves, messages.State, messages.Power, *FOR_OBSERVERS)
 
 ClientState = Literal["idle", "connecting", "seated", "resuming", "leaving", "closed"]

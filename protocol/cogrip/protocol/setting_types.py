@@ -7,12 +7,15 @@ import msgspec
 Decimator = Literal["boxcar", "lowpass", "none"]
 Encoder = Literal["displacement", "velocity"]
 Side = Literal["left", "right"]
-Kind = Literal["wave", "coupling", "tdpa"]
+Kind = Literal["wave", "local", "coupling", "tdpa"]
 ServerStep = Literal["passive", "paper"]
+Prefer = Literal["light", "balanced", "stiff"]
+Auto = Literal["auto"]
 Orientation = Literal["", "driven", "free", "damped", "fixed"]
 
 # lower bounds above 0: a settings file or a welcome with 1e-320 in it would bring infinities into every law
 Impedance = Annotated[float, msgspec.Meta(ge=1e-3, le=1e4)]
+FilterHz = Annotated[float, msgspec.Meta(ge=0.0, le=1e3)]
 RotationalImpedance = Annotated[float, msgspec.Meta(ge=1e-6, le=1e2)]
 Stiffness = Annotated[float, msgspec.Meta(ge=0.0, le=1e7)]
 MOST_RENDERED_NPM = 1e9

@@ -6,24 +6,31 @@ value, the bound and the cure. `seat_settings` returns what one user's client an
 
 from collections import Counter
 from collections.abc import Mapping
-from math import sqrt
 from typing import Annotated, Any, Literal, assert_never
 
 import msgspec
 from msgspec.structs import replace
 
-from cogrip.protocol import decimation
 from cogrip.protocol import felt_stiffness as felt
 from cogrip.protocol import setting_types as types
+from cogrip.protocol.coupling_settings import (
+    Coupling,
+    CouplingSection,
+    LineTuning,
+    line_compliance,
+    of_seat,
+    round_trip_s,
+    unfit_line,
+)
 from cogrip.protocol.line.concealment import Concealed
-from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.link_profile import Link, LinkProfile, check_link
 from cogrip.protocol.network_rate import best_rate, take_auto
-from cogrip.protocol.object_kinds import KindText, LocalKindText, kind_of, shared_kind, unfit_kind
+from cogrip.protocol.object_fit import unfit_object
+from cogrip.protocol.object_kinds import KindText, LocalKindText, kind_of, shared_kind
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
-from cogrip.protocol.setting_types import MOST_RENDERED_NPM, MOST_WAVES, PLACES, POSE_AXES, Name, Seconds, Seed, Side
+from cogrip.protocol.setting_types import MOST_RENDERED_NPM, PLACES, POSE_AXES, Name, Seconds, Seed, Side
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
-from cogrip.protocol.task import Task, unfit
+from cogrip.protocol.task import Task
 
 HUMAN_POWER_W = 10.0  # of a hand on a hand-sized device, on average (docs/security.md)
 REMOTE_FORCE_N = 40.0  # as strong as the arms on the market
@@ -34,6 +41,7 @@ REMOTE: Mapping[str, float] = {
     "force_n": REMOTE_FORCE_N, "speed_mps": REMOTE_SPEED_MPS, "torque_nm": REMOTE_TORQUE_NM, "speed_radps": REMOTE_SPEED_RADPS,
 }  # fmt: skip
 """Bounds of device records, by field of `Admission`, where it sets none."""
+MOST_PEOPLE = 256
 ONLY_USER = "anna"  # where a file names no users
 
 
@@ -42,26 +50,6 @@ class RatesSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     device_hz: DeviceHz = 1024
     network_hz: Hz = 128
-
-
-class Coupling(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """[coupling]: scheme, wave impedance, and the spring between proxy and object (theory sections 1 to 5)."""
-
-    kind: types.Kind = "wave"
-    impedance_nspm: types.Impedance = 20.0
-    stiffness_npm: types.Stiffness = 1000.0
-    damping_nspm: types.Damping = 10.0
-    compensate: bool = False
-    decimator: types.Decimator = "boxcar"
-    lowpass_rad_s: Annotated[float, msgspec.Meta(ge=1e-3, le=1e5)] = 50.0
-    server_step: types.ServerStep = "passive"
-    encoder: types.Encoder = "displacement"
-    rotational_impedance_nms: types.RotationalImpedance = 0.02  # of the axes that turn, where there are six
-
-    @property
-    def length_m(self) -> float:
-        """Characteristic length l [m], by which an angle is a length of the same impedance: b l^2 = b_r."""
-        return sqrt(self.rotational_impedance_nms / self.impedance_nspm)
 
 
 class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -119,7 +107,9 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     side: Side = "left"
     device_mass_kg: types.Mass = 0.1
     device_damping_nspm: types.Damping = 0.0
-    impedance_nspm: types.Impedance | None = None
+    impedance_nspm: types.Impedance | types.Auto | None = None
+    wave_filter_hz: types.FilterHz | types.Auto | None = None
+    prefer: types.Prefer | None = None
     stiffness_npm: types.Stiffness | None = None
     damping_nspm: types.Damping | None = None
     decimator: types.Decimator | None = None
@@ -140,13 +130,13 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seed: Seed = 1
     seconds: Seconds = 10.0
     rates: RatesSection = RatesSection()
-    coupling: Coupling = Coupling()
+    coupling: CouplingSection = CouplingSection()
     object: ObjectSection = ObjectSection()
     task: Task = Task()
     link: Link = Link()
     playout: Playout = Playout()
     admission: Admission = Admission()
-    users: Annotated[tuple[User, ...], msgspec.Meta(min_length=1, max_length=256)] = (User(name=ONLY_USER),)
+    users: Annotated[tuple[User, ...], msgspec.Meta(min_length=1, max_length=MOST_PEOPLE)] = (User(name=ONLY_USER),)
 
 
 class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
@@ -165,6 +155,8 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     playout: Playout
     up: LinkProfile
     down: LinkProfile
+    line: LineTuning = LineTuning()
+    people: Annotated[int, msgspec.Meta(ge=1, le=MOST_PEOPLE)] = 1  # seats of the room
 
     @property
     def side_sign(self) -> float:
@@ -179,7 +171,24 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     @property
     def asked_npm(self) -> float | None:
         """K that was asked for; None where no spring stands between a person and the object."""
-        return self.coupling.stiffness_npm if kind_of(self.object.kind).spring else None
+        spring = self.coupling.kind == "local" or kind_of(self.object.kind).spring
+        return self.coupling.stiffness_npm if spring else None
+
+    @property
+    def local_contact(self) -> str | None:
+        """Kind of object with which the client renders contact itself; None where the line does it all."""
+        return self.object.kind if self.coupling.kind == "local" else None
+
+    @property
+    def copy_kg(self) -> float:
+        """Mass of a client's own copy of a free object, as much as the server keeps where everybody is there; 0 without one."""
+        return self.object.mass_kg / (self.people + 1) if self.local_contact == "faces" else 0.0
+
+    @property
+    def holds_still(self) -> bool:
+        """True where a hand can press on what nobody moves: the stiffness that it feels is measured there."""
+        kind = self.object.kind
+        return kind_of(kind).fixed or (self.coupling.kind == "local" and kind == "scene")
 
     @property
     def follows(self) -> bool:
@@ -187,13 +196,18 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         coupling = self.coupling
         return coupling.compensate and coupling.kind == "wave" and coupling.server_step == "passive"
 
+    @property
+    def loop_s(self) -> float:
+        """Loop time as the settings say it, playout delay included [s]."""
+        return round_trip_s(self.playout, (self.up, self.down), self.rates) + self.rates.frame_s
+
     def line_compliance(self, loop_frames: float) -> float:
         """Return C_line [m/N] of theory section 4 for a measured loop of `loop_frames` network frames.
 
         The loop counts the frames from a forward wave's own frame to the frame in which its answer is applied: 2d + 1 for d
         frames of delay in each direction.
         """
-        return _compliance(self.coupling, self.rates, (loop_frames - 1.0) * self.rates.frame_s)
+        return line_compliance(self.coupling, self.line, self.rates, (loop_frames - 1.0) * self.rates.frame_s)
 
     def predicted_stiffness(self, loop_frames: float, late_frames: float = 0.0) -> float | None:
         """Return K_hand [N/m] of theory section 4 for a measured loop; None without waves or without a spring.
@@ -201,6 +215,8 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         late_frames: age of the device's samples, and what the line owes of its wave [frames]: both make the line softer, and no
         server knows of them.
         """
+        if self.coupling.kind == "local" and self.holds_still:
+            return self.coupling.stiffness_npm
         if self.coupling.kind != "wave" or not kind_of(self.object.kind).spring:
             return None
         rendered = self.rendered_npm
@@ -234,8 +250,13 @@ def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
 
 def _best_rate(settings: Settings) -> int:
     device_hz = [user.device_hz or settings.rates.device_hz for user in settings.users]
-    ways = [settings.link.direction("up"), settings.link.direction("down")]
-    return best_rate(device_hz, settings.object.axes, not kind_of(settings.object.kind).spring, settings.playout, ways)
+    scene = not kind_of(settings.object.kind).spring
+    return best_rate(device_hz, settings.object.axes, scene, settings.playout, ways_of(settings))
+
+
+def ways_of(settings: Settings) -> tuple[LinkProfile, LinkProfile]:
+    """Return both directions of the link, up and down."""
+    return settings.link.direction("up"), settings.link.direction("down")
 
 
 def for_remote_clients(settings: Settings) -> Settings:
@@ -245,13 +266,20 @@ def for_remote_clients(settings: Settings) -> Settings:
     return replace(settings, admission=replace(admission, **bounds))
 
 
-def coupling_of(settings: Settings, user: User) -> Coupling:
+def coupling_asked(settings: Settings, user: User) -> CouplingSection:
     """Return [coupling] with this user's own values."""
-    names = (
-        "impedance_nspm", "stiffness_npm", "damping_nspm", "decimator", "encoder", "compensate", "rotational_impedance_nms"
-    )  # fmt: skip
-    own = {name: getattr(user, name) for name in names}
+    own = {name: getattr(user, name) for name in CouplingSection.__struct_fields__ if hasattr(user, name)}
     return replace(settings.coupling, **{name: value for name, value in own.items() if value is not None})
+
+
+def coupling_of(settings: Settings, user: User) -> Coupling:
+    """Return the coupling of this user's seat."""
+    return tuned_coupling(settings, user)[0]
+
+
+def tuned_coupling(settings: Settings, user: User) -> tuple[Coupling, LineTuning]:
+    """Return the coupling of this user's seat, and the tuning of its line."""
+    return of_seat(coupling_asked(settings, user), settings.playout, ways_of(settings), rates_of(settings, user))
 
 
 def not_passive(settings: Settings) -> str:
@@ -261,7 +289,7 @@ def not_passive(settings: Settings) -> str:
         return 'coupling.kind = "coupling"'
     if coupling.kind == "tdpa":
         return ""
-    if coupling.kind != "wave":
+    if coupling.kind != "wave" and coupling.kind != "local":
         assert_never(coupling.kind)
     active = ['coupling.server_step = "paper"'] if coupling.server_step == "paper" else []
     decimators = {coupling_of(settings, user).decimator for user in settings.users}
@@ -283,13 +311,14 @@ def rates_of(settings: Settings, user: User) -> Rates:
 def seat_settings(settings: Settings, seat: int) -> SeatSettings:
     """Return what user number `seat` and the server share. Raises SettingsError where compensation is out of reach."""
     user = settings.users[seat]
-    coupling = coupling_of(settings, user)
+    coupling, line = tuned_coupling(settings, user)
     rates = rates_of(settings, user)
-    up, down = settings.link.direction("up"), settings.link.direction("down")
+    up, down = ways_of(settings)
+    if why := unfit_line(coupling, line):
+        raise SettingsError(f"users.{seat} ({user.name}): {why}")
     rendered = coupling.stiffness_npm
     if coupling.compensate and coupling.kind == "wave":
-        frames = sum(line_delay(settings.playout, each, rates).frames for each in (up, down))
-        compliance = _compliance(coupling, rates, frames * rates.frame_s)
+        compliance = line_compliance(coupling, line, rates, round_trip_s(settings.playout, (up, down), rates))
         try:
             rendered = felt.compensated_stiffness(coupling.stiffness_npm, coupling.impedance_nspm, compliance)
         except felt.OutOfReachError as error:
@@ -301,16 +330,8 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
             )
     return SeatSettings(
         settings.name, user.name, seat, settings.seed, settings.seconds, rates, coupling, rendered,
-        settings.object.shared(seat_axes(settings, user)), user.side, settings.playout, up, down,
+        settings.object.shared(seat_axes(settings, user)), user.side, settings.playout, up, down, line, len(settings.users),
     )  # fmt: skip
-
-
-def _compliance(coupling: Coupling, rates: Rates, round_trip_s: float) -> float:
-    lag = decimation.lag_s(coupling.decimator, rates.frame_s, coupling.lowpass_rad_s)
-    if coupling.server_step == "paper":
-        # P's force is one frame old: it moves the proxy back by F T_n / b (theory section 4)
-        lag -= 2.0 * rates.frame_s
-    return felt.line_compliance(coupling.impedance_nspm, round_trip_s, lag)
 
 
 def _check_fit(settings: Settings) -> None:
@@ -326,75 +347,9 @@ def _check_fit(settings: Settings) -> None:
         raise SettingsError(
             f'coupling.server_step = "paper" is a step of the wave scheme; with coupling.kind = "{kind}" leave it "passive"'
         )
-    _check_object(settings)
     check_link(settings.link)
+    compensated = [user.name for user in settings.users if coupling_of(settings, user).compensate]
+    if why := unfit_object(settings, compensated):
+        raise SettingsError(why)
     for seat in range(len(settings.users)):
         seat_settings(settings, seat)
-
-
-def _check_object(settings: Settings) -> None:
-    """Raise SettingsError for settings that do not fit the kind of object."""
-    given, coupling = settings.object, settings.coupling
-    if why := unfit(settings.task, given.kind == "scene"):
-        raise SettingsError(why)
-    if why := unfit_kind(given.kind):
-        raise SettingsError(f'object.kind = "{given.kind}": {why}')
-    if given.kind != "scene":
-        users = list(enumerate(settings.users))
-        own = [("object.file", given.file)]
-        own += [(f"users.{n}.tool", user.tool) for n, user in users]
-        own += [(f"users.{n}.orientation", user.orientation) for n, user in users]
-        for key, value in own:
-            if value:
-                raise SettingsError(
-                    f'{key} = {value!r} is for object.kind = "scene", not "{given.kind}"; leave one of them out'
-                )
-        if given.axes > PLACES:
-            raise SettingsError(
-                f'object.axes = {given.axes}, but object.kind = "{given.kind}" has at most {PLACES}; lower it'
-            )
-    if kind_of(given.kind).spring:
-        return
-    compensated = [user.name for user in settings.users if coupling_of(settings, user).compensate]
-    scene, step = given.kind == "scene", coupling.server_step
-    refused = [
-        (scene and not given.file, 'object.file = "" names no scene', 'give an MJCF or URDF file, such as "lift.xml"'),
-        (
-            scene and given.axes not in (PLACES, POSE_AXES),
-            f"object.axes = {given.axes}, but a scene has 3 (places) or 6 (poses)",
-            "set one of them",
-        ),
-        (
-            given.axes == PLACES and any(user.orientation == "driven" for user in settings.users),
-            'orientation = "driven" needs a hand that turns',
-            "set object.axes = 6",
-        ),
-        (
-            given.axes * settings.playout.redundancy > MOST_WAVES,
-            f"playout.redundancy = {settings.playout.redundancy} of {given.axes} axes is more than a datagram holds",
-            f"set it to at most {MOST_WAVES // given.axes}",
-        ),
-        (
-            scene and given.axes == POSE_AXES and coupling.kind != "wave",
-            f'coupling.kind = "{coupling.kind}" has no poses',
-            'set coupling.kind = "wave", or object.axes = 3',
-        ),
-        (
-            not scene and coupling.kind != "wave",
-            f'coupling.kind = "{coupling.kind}" does not fit it',
-            'set coupling.kind = "wave"',
-        ),
-        (
-            step != "passive",
-            f'coupling.server_step = "{step}" does not fit it',
-            'set coupling.server_step = "passive"',
-        ),
-        (
-            bool(compensated),
-            f"coupling.compensate = true ({', '.join(compensated)}), but it has no spring to stiffen",
-            "set it to false",
-        ),
-    ]
-    for found, what, cure in refused:
-        if found:
-            raise SettingsError(f'object.kind = "{given.kind}": {what}; {cure}')

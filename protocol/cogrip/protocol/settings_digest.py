@@ -5,13 +5,13 @@ from pathlib import Path
 
 import msgspec
 
-from cogrip.protocol.settings import Settings, coupling_of, rates_of
+from cogrip.protocol.settings import Settings, coupling_asked, rates_of
 
 
 def digest(settings: Settings) -> str:
     """Return a fingerprint of everything the ends must agree on (not: hand, duration, emulated link)."""
     users = [
-        (user.name, user.side, coupling_of(settings, user), rates_of(settings, user).device_hz)
+        (user.name, user.side, coupling_asked(settings, user), rates_of(settings, user).device_hz)
         for user in settings.users
     ]
     shared = [settings.rates.network_hz, settings.object.shared(settings.object.axes), settings.playout, users]

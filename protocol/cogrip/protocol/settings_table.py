@@ -5,7 +5,6 @@ A table is nested dicts and lists; `users.0.name` is the path of a key in it.
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
 from types import NoneType
 from typing import Any, get_args
 
@@ -62,7 +61,7 @@ def refuse_unknown(
     root = root or struct
     if not isinstance(table, dict):
         return
-    fields = _types(struct)
+    fields = {field.name: field.type for field in msgspec.structs.fields(struct)}
     for key, value in table.items():
         path = f"{where}{key}"
         if key not in fields:
@@ -75,12 +74,6 @@ def refuse_unknown(
         elif isinstance(value, list) and (item_kind := _item_struct(kind)) is not None:
             for index, item in enumerate(value):
                 refuse_unknown(item, item_kind, f"{path}.{index}.", root)
-
-
-@cache
-def _types(struct: type[msgspec.Struct]) -> Mapping[str, Any]:
-    """Return the type of each field."""
-    return {field.name: field.type for field in msgspec.structs.fields(struct)}
 
 
 def _item_struct(kind: Any) -> type[msgspec.Struct] | None:
@@ -98,11 +91,11 @@ def _nearest(key: str, here: Iterable[str], where: str, root: type[msgspec.Struc
     if near:
         return f"{where}{near[0]}"
     sections: dict[str, type[msgspec.Struct]] = {"": root}
-    for name, kind in _types(root).items():
-        if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
-            sections[f"{name}."] = kind
-        elif (item_kind := _item_struct(kind)) is not None:
-            sections[f"{name}.0."] = item_kind
+    for field in msgspec.structs.fields(root):
+        if isinstance(field.type, type) and issubclass(field.type, msgspec.Struct):
+            sections[f"{field.name}."] = field.type
+        elif (item_kind := _item_struct(field.type)) is not None:
+            sections[f"{field.name}.0."] = item_kind
     return next((f"{path}{key}" for path, struct in sections.items() if key in struct.__struct_fields__), "")
 
 
@@ -134,7 +127,7 @@ def _allowed(parts: Sequence[str], root: type[msgspec.Struct]) -> str:
         if part.isdigit():
             kind = _item_struct(kind)
         else:
-            kind = _types(kind)[part]
+            kind = next(field.type for field in msgspec.structs.fields(kind) if field.name == part)
     *others, last = _named(kind)
     return f"{', '.join(others)} or {last}"
 

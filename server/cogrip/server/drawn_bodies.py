@@ -34,13 +34,7 @@ class DrawnBodies:
             (self._turn + each) % len(shapes) for each in range(min(SHAPES_A_VIEW, -(-len(shapes) // VIEWS_A_TURN)))
         ]
         self._turn = (self._turn + len(chosen)) % len(shapes)
-        told: list[Bodies | Geom] = [
-            Geom(
-                1, len(shapes), number, shape.kind, shape.size_m, shape.body, shape.place_m, shape.orientation, shape.rgba,
-                shape.seat, shape.object,
-            )
-            for number, shape in ((each, shapes[each]) for each in chosen)
-        ]  # fmt: skip
+        told: list[Bodies | Geom] = [Geom.of(shapes, number, 1) for number in chosen]
         poses = self._next_poses(_within(world.poses_of_bodies()[:MOST_SHAPES]))
         return [Bodies(1, step, poses), *told] if poses else told
 

@@ -13,6 +13,7 @@ from cogrip.server.port import Port
 from cogrip.server.rate_limit import HELLOS, Buckets
 from cogrip.server.seat_limits import Record
 from cogrip.server.stiffness_adaptation import StiffnessAdapter
+from cogrip.server.told_geometry import ToldGeometry
 
 MOST_EARLIER = 8  # seat sessions before the last one that a seat keeps the accounts of
 
@@ -73,6 +74,7 @@ class Seat(Participant):
         self.rtt_ns: int | None = None  # newest measured round trip
         self.port: Port | None = None
         self.adapter: StiffnessAdapter | None = None
+        self.geometry: ToldGeometry | None = None  # where its client renders contact
         self.on_object = False
         self.line_margin_j = 0.0
         self.line_reserve = EnergyReserve(settings.rates.network_hz)

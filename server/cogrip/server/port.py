@@ -24,7 +24,9 @@ class Port(ABC):
     axes           of the seat
     origin, hand   hand before its first frame and after its newest [m, rad]; None before the first
     turned         how the hand had turned after the frame popped last; None where that is not known, or nothing turns
+    impedance_nspm of the row popped last; None where the settings' one stays
     next_step_ns   time of the room's next step, which its room sets; None before the first
+    proxy          of the newest frame, as its client reports it, in the hand's own frame [m]; None where it does not
     up_margin_j    least energy margin of the line up so far; None where no ledger of one direction is kept
     up_reserve     energy reserve of the line up
     credit_left    credit that the line up leaves to the next one, per axis [W] (SPEC 5.4)
@@ -33,9 +35,11 @@ class Port(ABC):
     loops          the loop over the last second; None where no stiffness adapts to it
     """
 
+    impedance_nspm: float | None = None
     next_step_ns: int | None = None
     up_margin_j: float | None = 0.0
     credit_left: float = inf
+    proxy: Row | None = None
     turned: Turned | None = None
     behind: int | None = None
     playout_frames: float | None = None
@@ -82,6 +86,11 @@ class Port(ABC):
     @property
     def used_j(self) -> float:
         """Energy that came out of the line here so far."""
+        return 0.0
+
+    @property
+    def absorbed_j(self) -> float:
+        """Energy that came out of the line here and did not go to the world."""
         return 0.0
 
     @property

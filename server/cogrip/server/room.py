@@ -23,6 +23,7 @@ from cogrip.server.port import Row
 from cogrip.server.schemes import SCHEMES, make_room_world
 from cogrip.server.seat_limits import BURST_S, Record, SeatLimits, limits_of
 from cogrip.server.stiffness_adaptation import StiffnessAdapter
+from cogrip.server.told_geometry import ToldGeometry
 from cogrip.server.worlds.world import WorldError
 
 RESERVED_NS = 5_000_000_000  # a restored seat is reserved so long for its ticket's holder
@@ -72,6 +73,7 @@ class Room:
         seat.line_margin_j = 0.0
         seat.line_reserve = EnergyReserve(self.settings.rates.network_hz)
         seat.close_seat_session()
+        self._tell_geometry(number)
         self.world.start_ledger(number)
 
     def resume_seat(self, number: int, now_ns: int) -> None:
@@ -79,6 +81,12 @@ class Room:
         seat = self.seats[number]
         seat.step("resume")
         seat.last_received_ns, seat.clock = now_ns, Clock()
+        self._tell_geometry(number)
+
+    def _tell_geometry(self, number: int) -> None:
+        """Tell a player from the first on with which shapes its client is to render contact."""
+        shapes = self.world.local_shapes(number)
+        self.seats[number].geometry = ToldGeometry(shapes, self.settings.rates.network_hz) if shapes else None
 
     def leave_seat(self, number: int, event: str) -> SeatAccount | None:
         """End a seat session by `leave`, `silence`, `kick` or `stop`; only after `silence` the ticket still resumes it.
@@ -203,19 +211,22 @@ class Room:
             port = seat.port
             if port is None:
                 continue
+            if seat.geometry is not None:
+                out += [(seat.address, messages.encode(geom)) for geom in seat.geometry.next(seat.session)]
             if not seat.on_object:  # its device is being opened: frames before its first one would only come late
                 out.append((seat.address, messages.encode(Heartbeat(seat.session, seat.clock.stamp(now_ns)))))
                 continue
             answer = tuple(answers[number])
             port.push(answer if port.axes == world.axes else answer[: port.axes])
-            port_in_j = port.port_in_j()
+            port_in_j, left_j = port.port_in_j(), work[number] + port.absorbed_j
             seat.line_reserve.elapse(frames)
             if port_in_j is not None:
-                reserve_j = port_in_j - work[number] + port.rounding_j
+                reserve_j = port_in_j - left_j + port.rounding_j
                 seat.line_reserve.update(reserve_j)
                 seat.line_margin_j = min(seat.line_margin_j, reserve_j)
             seen = state if port.axes == world.axes else state[: port.axes] + state[world.axes : world.axes + port.axes]
-            message = port.message(seat.session, seat.clock.stamp(now_ns), seen, -work[number])
+            stamp, engaged = seat.clock.stamp(now_ns), world.engaged_at(number)
+            message = port.message(seat.session, stamp, seen + engaged, -left_j)
             out.append((seat.address, messages.encode(message)))
         if self.observer_slots.observers:
             out += self.observer_slots.views(self.steps, world, seats, now_ns)
@@ -242,6 +253,10 @@ class Room:
                 continue
             row = port.pop(missed)
             rows.append(row if port.axes == world.axes else row + self._idle_row[port.axes :])
+            if port.proxy is not None and port.hand is not None:
+                world.report(number, port.hand, port.proxy)
+            if port.impedance_nspm is not None:
+                world.set_impedance(number, port.impedance_nspm)
             if port.turned is not None:
                 world.hand_turned(number, *port.turned)
             if seat.adapter is not None:

@@ -11,12 +11,14 @@ from cogrip.protocol.messages import Power, State, Waves
 from cogrip.protocol.object_kinds import KINDS
 from cogrip.protocol.setting_types import Kind
 from cogrip.protocol.settings import SeatSettings, Settings
+from cogrip.server.local_port import LocalPort
 from cogrip.server.port import Port
 from cogrip.server.power_port import PowerPort
 from cogrip.server.seat_limits import SeatLimits
 from cogrip.server.state_port import StatePort
 from cogrip.server.wave_port import WavePort
 from cogrip.server.worlds.lagged import CoupledWorld, PaperWorld
+from cogrip.server.worlds.local_faces import LocalFacesWorld
 from cogrip.server.worlds.power import PowerWorld
 from cogrip.server.worlds.registry import make_foreign, world_of
 from cogrip.server.worlds.small_room import MOST, SmallGripWorld
@@ -48,6 +50,7 @@ class Scheme(NamedTuple):
 
 SCHEMES: dict[Kind, Scheme] = {
     "wave": Scheme(Waves, WavePort, make_wave_world),
+    "local": Scheme(Waves, LocalPort, LocalFacesWorld),
     "coupling": Scheme(State, StatePort, CoupledWorld),
     "tdpa": Scheme(Power, PowerPort, PowerWorld),
 }
@@ -63,12 +66,18 @@ def make_world(seats: Sequence[SeatSettings]) -> World:
 
 def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:
     """Return the world of a scene. Raises SceneError for a file that cannot be used."""
-    from cogrip.server.worlds import driven_scene, scene, scene_file  # MuJoCo is loaded where there is a scene
+    from cogrip.server.worlds import (
+        driven_scene,
+        local_scene,
+        scene,
+        scene_file,
+    )  # MuJoCo is loaded where there is a scene
 
     given = settings.object
     step_s = seats[0].rates.frame_s / given.substeps
     worlds: dict[Kind, type[scene.SceneWorld]] = {
-        "wave": scene.SceneWorld, "coupling": driven_scene.CoupledScene, "tdpa": driven_scene.PowerScene,
+        "wave": scene.SceneWorld, "local": local_scene.LocalScene, "coupling": driven_scene.CoupledScene,
+        "tdpa": driven_scene.PowerScene,
     }  # fmt: skip
     make = worlds[settings.coupling.kind]
     loaded = scene_file.load_scene(Path(given.file), scene_file.held_by(settings), step_s)

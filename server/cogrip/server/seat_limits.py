@@ -137,11 +137,17 @@ class WaveLimiter(PowerBucket):
         rotational_impedance_nms: float = 1.0,
     ) -> None:  # fmt: skip
         super().__init__(frame_s, limits, power_left)
-        self._largest_square = limits.square_of(impedance_nspm, rotational_impedance_nms)
+        self._limits = limits
+        self._square_m = rotational_impedance_nms / impedance_nspm  # b_r / b, which stays
+        self.set_impedance(impedance_nspm)
         self._half_frame_s = 0.5 * frame_s
         self._brought = 0.0  # |u|^2 of this step
         self._returned = 0.0  # |v|^2 of the last step
         self.taken_j = 0.0  # energy by which waves were limited
+
+    def set_impedance(self, impedance_nspm: float) -> None:
+        """Bound waves as of this impedance from now on."""
+        self._largest_square = self._limits.square_of(impedance_nspm, self._square_m * impedance_nspm)
 
     def limit(self, wave: Row) -> Row:
         square = 0.0

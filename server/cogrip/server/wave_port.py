@@ -4,6 +4,7 @@ from cogrip.protocol.accounts import PlayoutAccount
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
+from cogrip.protocol.line_tuning import ImpedanceChanges, bounded
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.rates import NS_PER_S
@@ -34,6 +35,8 @@ class WavePort(Port):
         self._limiter = WaveLimiter(
             coupling.impedance_nspm, frame_s, limits, power_left, coupling.rotational_impedance_nms
         )
+        self._impedances = ImpedanceChanges(coupling.impedance_nspm) if seat.line.auto_impedance else None
+        self._since = 0  # number of the first returning frame with the impedance of now
         self._port_j: float | None = None
         self._sent_j = 0.0  # energy of the forward waves at their sender, as last reported
         self._made_j = CompensatedSum()
@@ -46,6 +49,9 @@ class WavePort(Port):
         turning = axes == POSE_AXES
         if len(message.state) != 2 * axes + PLACES * turning:
             return False
+        newest = message.first + len(message.waves) // axes - 1
+        if message.since > newest:
+            return False
         if self.origin is None and not all(-MOST_M <= place <= MOST_M for place in message.state):
             return False  # no hand is there
         metadata = (message.made_j, message.port_j, message.acknowledged)
@@ -56,7 +62,8 @@ class WavePort(Port):
         self.hand = message.state[axes : 2 * axes]
         if self.origin is None:
             self.origin = message.state[:axes]
-        newest = message.first + len(message.waves) // axes - 1
+        if self._impedances is not None and message.impedance_nspm:
+            self._impedances.add(message.since, bounded(message.impedance_nspm))
         if self._receiver.newest == newest and len(self._applied) < MOST_KEPT:
             self._applied[newest] = message.applied
             if turning:
@@ -78,6 +85,8 @@ class WavePort(Port):
         wave = receiver.pop(frames)
         self._port_j = self.turned = None
         popped = receiver.acknowledged - 1
+        if self._impedances is not None:
+            self._set_impedance(self._impedances.at(popped))
         applied = self._applied.get(popped)
         if self._applied:
             self._applied = {number: ticks for number, ticks in self._applied.items() if number > popped}
@@ -99,6 +108,13 @@ class WavePort(Port):
         for _ in range(frames - 1):
             self._sender.push((0.0,) * self.axes)  # the steps that were missed sent nothing
         return self._limiter.limit(wave)
+
+    def _set_impedance(self, impedance_nspm: float) -> None:
+        """Have this impedance from the row that is popped on, and from its answer on."""
+        if impedance_nspm != self.impedance_nspm:
+            self.impedance_nspm = impedance_nspm
+            self._since = self._sender.next_number
+            self._limiter.set_impedance(impedance_nspm)
 
     @property
     def made_j(self) -> float:
@@ -161,6 +177,8 @@ class WavePort(Port):
             stamp,
             object_state,
             self._receiver.spare,
+            impedance_nspm=self.impedance_nspm or 0.0,
+            since=self._since,
         )
 
     @property

@@ -18,7 +18,12 @@ from cogrip.sim.analysis.plausible import hand_findings
 
 DEFAULT_DEVICE = "sim:phantom?hand=reach"
 # The server chooses the settings, and the model's work grows with the cube of the frames in flight: a join must not hang.
-MOST_ADVISED_FRAMES = {"wave": 96, "coupling": 40, "tdpa": 512}  # of both directions together; each takes about 2 s
+MOST_ADVISED_FRAMES = {
+    "wave": 96,
+    "local": 512,
+    "coupling": 40,
+    "tdpa": 512,
+}  # of both directions together; each takes about 2 s
 MOST_ADVISED_TICKS = 256  # in a frame
 USUAL_HZ, LOOKED_AHEAD_S = 1024, 60.0  # with which a hand is checked before a server has said its rate and length
 

@@ -62,7 +62,7 @@ def compare(
     forces.
 
     The same command with --out continues where the last one ended. Exit code 0 once it has run, whatever the other methods
-    do; 1 if `wave` diverged or was not passive, or if a session could not be run; 130 if it was interrupted.
+    do; 1 if `wave` or `tuned` diverged or was not passive, or if a session could not be run; 130 if interrupted.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def compare(
     profiles
         Network profiles, with commas between: names of link.profile, or `own` for [link] as the settings have it.
     methods
-        Methods, with commas between: wave (ours), paper, coupling, tdpa; else all, in a scene all but paper, which has none.
+        Methods, with commas between: wave and tuned (ours), paper, coupling, tdpa; else all, in a scene all but paper.
     seeds
         How many sessions of each: a seed is that of the network's losses and of hand tremor, the same for all methods.
     out

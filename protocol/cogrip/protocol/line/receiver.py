@@ -237,6 +237,20 @@ class LineReceiver:
         self.overdue, self._concealing, self._last = None, False, frame
         return frame
 
+    @property
+    def popped(self) -> Frame:
+        """The wave popped last, as it was played."""
+        return self._last
+
+    def scale(self, wave: Frame, gain: float, wanted: float, ticks: int) -> Frame:
+        """Return a wave that plays for `ticks` ticks times `gain`, at most 1; what `wanted` times it has more is owed."""
+        part = ticks / self._ticks
+        less = part * (1.0 - gain * gain)
+        self.ledger.disturbed = True
+        self.ledger.add_compensation([part * (gain - wanted) * x for x in wave], [-less * x * x for x in wave])
+        self._played_j.add(-less * self._half_frame_s * _square(wave))
+        return tuple([gain * x for x in wave])
+
     def _owe(self, frame: Frame, part: float) -> None:
         """Enter that this part of a frame is not played, below 0 that it is played as well."""
         self.ledger.add_compensation([-part * x for x in frame], [-part * x * x for x in frame])

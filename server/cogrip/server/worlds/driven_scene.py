@@ -42,8 +42,7 @@ class DrivenScene(SceneWorld):
         before = self.data.qpos[self._places]
         self.integrate(self.force)
         self._gain()
-        if np.any(self.holding & ~self.solid):
-            self._make_solid()
+        self._make_solid()
         moved: Array = self.data.qpos[self._places] - before
         return moved
 

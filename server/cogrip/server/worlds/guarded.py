@@ -144,6 +144,10 @@ class GuardedWorld(World):
         self.holding[user] = True
         self._try("join", joined, None)
 
+    def impedance_changed(self, user: int) -> None:
+        b = float(self.impedance[user, 0])
+        self._try("set_impedance", lambda: self.inner.set_impedance(user, b), None)
+
     def leave(self, user: int) -> None:
         self.holding[user] = False
         self.force[user] = 0.0

@@ -18,7 +18,7 @@ Data are kept as after `mj_step1`: places, energies and contacts are those of th
 
 from collections.abc import Sequence
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
@@ -31,7 +31,8 @@ from cogrip.protocol.task import Task
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.equality_rows import EqualityRows
 from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
-from cogrip.server.worlds.scene_file import MOST_RATE, Scene, Tool, body_of
+from cogrip.server.worlds.scene_file import MOST_RATE, Scene, body_of
+from cogrip.server.worlds.scene_grips import grip_of
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.task_watch import TaskWatch
 from cogrip.server.worlds.turning_ports import TurningPorts
@@ -42,21 +43,12 @@ _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
 
 
-class Grip(NamedTuple):
-    """Values of a seat's tool in the model as the scene has them."""
-
-    geoms: list[int]
-    contype: Array
-    conaffinity: Array
-    damping: Array
-    gravcomp: float
-
-
 class SceneWorld(World):
     """`position` and `velocity` are those of the scene's object, its start being 0; `orientation` is its quaternion.
 
     A tool starts where the file has it, for a hand in the middle of its own frame. One that nobody holds touches nothing,
-    weighs nothing and stays; one that is taken inside a body touches nothing until it has left it (`solid`).
+    weighs nothing and stays; one that is taken inside a body touches nothing until it has left it (`solid`). One that is
+    `kinematic` is put where it is to be, touches nothing and is not driven: none here (`local_scene`).
     """
 
     port_damped = True  # a tool that is held has the damper of its wave port
@@ -76,16 +68,14 @@ class SceneWorld(World):
         self.limiter = EnergyLimiter(self.frame_s)
         self.contacts = SceneContacts(scene, self.frame_s)
         self._users = [seat.user for seat in seats]
-        self.solid = np.zeros(len(seats), dtype=bool)
+        self.solid, self.kinematic = np.zeros((2, len(seats)), dtype=bool)
         self._dofs = np.array([range(tool.dof, tool.dof + 3) for tool in scene.tools])
         self._places = np.array([range(tool.coordinate, tool.coordinate + 3) for tool in scene.tools])
         self.turning = TurningPorts(scene, seats, self.frame_s)
-        self._port_impedance = np.repeat(self.impedance, self.axes, axis=1)
-        self._port_impedance[:, PLACES:] = self.turning.impedance
-        self._drive = np.sqrt(2.0 * self._port_impedance)
+        self._set_ports()
         self._driven_axes = np.ones((len(seats), self.axes), dtype=bool)
         self._driven_axes[:, PLACES:] = [[tool.driven] for tool in scene.tools]
-        self._grips = [self._grip(tool) for tool in scene.tools]
+        self._grips = [grip_of(model, tool) for tool in scene.tools]
         start = np.array([model.body_pos[tool.body] for tool in scene.tools])
         self.offset[:, :PLACES] = self._start - start  # from the object's frame to each hand's own
         self._zero = model.qpos0[self._places]  # coordinates of a hand at 0
@@ -95,6 +85,11 @@ class SceneWorld(World):
         self._refresh()
         self._watch: tuple[int, TaskWatch] | None = None  # body of the task, and its progress
 
+    def _set_ports(self) -> None:
+        self._port_impedance = np.repeat(self.impedance, self.axes, axis=1)
+        self._port_impedance[:, PLACES:] = self.turning.impedance
+        self._drive = np.sqrt(2.0 * self._port_impedance)
+
     def watch(self, task: Task) -> None:
         """Watch how far a task comes, if it states one. Raises SceneError for a body that the scene has not."""
         if task.stated:
@@ -103,17 +98,6 @@ class SceneWorld(World):
 
     def _pose_of(self, body: int) -> tuple[list[float], list[float]]:
         return self.data.xpos[body].tolist(), self.data.xquat[body].tolist()
-
-    def _grip(self, tool: Tool) -> Grip:
-        model, body, dof = self.scene.model, tool.body, tool.dof
-        geoms = [geom for geom in range(model.ngeom) if model.body_rootid[model.geom_bodyid[geom]] == body]
-        contact = model.geom_contype[geoms].copy(), model.geom_conaffinity[geoms].copy()
-        return Grip(
-            geoms,
-            *contact,
-            model.dof_damping[dof : dof + tool.dofs].copy(),
-            float(model.body_gravcomp[body]),
-        )
 
     # Motion of the object
 
@@ -201,13 +185,26 @@ class SceneWorld(World):
         self.turning.place(data, user, position_m[PLACES:].tolist())
         dofs = slice(tool.dof, tool.dof + tool.dofs)
         data.qvel[dofs] = 0.0
-        damping = np.concatenate((np.repeat(self.impedance[user], PLACES), self.turning.damping(user)))
-        self.scene.model.dof_damping[dofs] = grip.damping + self.port_damped * damping
+        self._damp(user)
         self.scene.model.body_gravcomp[tool.body] = grip.gravcomp
         self.holding[user] = True
         self._touch(user, False)
         self._refresh()
         self._make_solid()
+
+    def _damp(self, user: int) -> None:
+        """Give a held tool the damper of its port."""
+        tool = self.scene.tools[user]
+        damping = np.concatenate((np.repeat(self.impedance[user], PLACES), self.turning.damping(user)))
+        dofs = slice(tool.dof, tool.dof + tool.dofs)
+        self.scene.model.dof_damping[dofs] = self._grips[user].damping + self.port_damped * damping
+
+    def impedance_changed(self, user: int) -> None:
+        self.turning.set_impedance(user, float(self.impedance[user, 0]))
+        self._set_ports()
+        if self.holding[user]:
+            self._damp(user)
+            self._refresh()
 
     def leave(self, user: int) -> None:
         self._park(user)
@@ -241,7 +238,7 @@ class SceneWorld(World):
 
     def _make_solid(self) -> None:
         """Let tools touch that are held and inside of nothing: contact begins without energy."""
-        for user in np.flatnonzero(self.holding & ~self.solid).tolist():
+        for user in np.flatnonzero(self.holding & ~self.solid & ~self.kinematic).tolist():
             self._touch(user, True)
             self._refresh()
             contact, geoms = self.data.contact, self._grips[user].geoms
@@ -302,8 +299,7 @@ class SceneWorld(World):
         if factor < 1.0:
             back = factor * back
         self._book(((0.5 * period) * (theirs * theirs - back * back)).sum(axis=1))
-        if not self.solid.all() and np.any(self.holding & ~self.solid):
-            self._make_solid()
+        self._make_solid()
         return back
 
     def integrate(self, force: Array) -> tuple[Array, Array]:
@@ -385,7 +381,8 @@ class SceneWorld(World):
             self._park(user)
             if holding[user]:
                 self.join(user, np.zeros(self.axes))
-                self._touch(user, bool(solid[user]))
+        for user in np.flatnonzero(holding).tolist():  # after all have joined, which may change those before
+            self._touch(user, bool(solid[user]))
         mujoco.mj_setState(self.scene.model, self.data, state[:physics], _STATE)
         self.turning.restore(saved[:turned])
         self._warm.restore(saved[turned:first])

@@ -176,7 +176,7 @@ def make_scene(text: str, seats: Sequence[Held], step_s: float, name: str = "sce
                 _add_tool(spec, body, held, place.tolist())
         for body in chosen:
             _add_sensor(spec, body)
-        model = spec.compile()
+        model = _compiled(spec, chosen)
         if model.nv >= SPARSE_FROM and "jacobian" not in options:
             model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
             if max(model.body_geomnum) <= MOST_TRIED_GEOMS:
@@ -200,6 +200,16 @@ def make_scene(text: str, seats: Sequence[Held], step_s: float, name: str = "sce
     words = [held.tool for held in seats] + [held.side for held in seats] + [held.orientation for held in seats]
     digest = sha256("\0".join([text, *words, str(step_s)]).encode()).hexdigest()[:16]
     return Scene(model, found, _first_free(model, {tool.body for tool in found}), filled, own, digest)
+
+
+def _compiled(spec: mujoco.MjSpec, tools: Sequence[str]) -> mujoco.MjModel:
+    """Return the model of a scene whose tools' weight can be carried later: MuJoCo carries none where no body has it."""
+    heavy = [spec.body(tool) for tool in tools if not spec.body(tool).gravcomp]
+    for body in heavy:
+        body.gravcomp = 1.0
+    model = spec.compile()
+    model.body_gravcomp[[body.id for body in heavy]] = 0.0
+    return model
 
 
 def _try_step(model: mujoco.MjModel, name: str) -> None:

@@ -76,6 +76,10 @@ class SmallGripWorld(GripWorld):
         """Let the next step compute the ports' constants anew."""
         self._ports = []
 
+    def impedance_changed(self, user: int) -> None:
+        super().impedance_changed(user)
+        self.ports_changed()
+
     def _update_ports(self) -> list[Port]:
         """Return the constants of stiffness and damping, which have changed."""
         impedances, wave_gains = self.impedance[:, 0].tolist(), self.wave_gain[:, 0].tolist()

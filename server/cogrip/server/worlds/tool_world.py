@@ -58,6 +58,10 @@ class ToolWorld(World):
     def rest(self) -> None:
         """Leave it moving: it comes to rest by its own friction."""
 
+    def impedance_changed(self, user: int) -> None:
+        super().impedance_changed(user)
+        self._drive[user] = np.sqrt(2.0 * self.impedance[user])
+
     def step(self, inputs: Array) -> Array:
         held = self.holding[:, None]
         u = np.where(held, inputs, 0.0)

@@ -30,8 +30,13 @@ class TurningPorts:
         self.driven = [user for user, tool in enumerate(scene.tools) if tool.driven]
         self.dofs = np.array([range(scene.tools[user].dof + 3, scene.tools[user].dof + 6) for user in self.driven])
         self.impedance = np.array([[seat.coupling.rotational_impedance_nms] for seat in seats])
+        self._square_m = np.array([[seat.coupling.length_m**2] for seat in seats])
         self._bodies = [scene.tools[user].body for user in self.driven]
         self.drift = {user: OrientationDrift(frame_s) for user in self.driven}
+
+    def set_impedance(self, user: int, impedance_nspm: float) -> None:
+        """Go with the impedance of a seat's places: the characteristic length stays."""
+        self.impedance[user] = self._square_m[user] * impedance_nspm
 
     def damping(self, user: int) -> Array:
         """Return the damper that a held tool turns against, shape (3,), or (0,) where it does not turn."""

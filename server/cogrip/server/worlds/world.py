@@ -80,6 +80,11 @@ class World(ABC):
         self.balance_error_j = 0.0
 
     @property
+    def moving_kg(self) -> float:
+        """Mass of the object that moves here."""
+        return self.mass_kg
+
+    @property
     def places(self) -> int:
         """Number of axes that are places; where there are six, the last three are a rotation vector [rad]."""
         return min(self.axes, PLACES)
@@ -109,6 +114,16 @@ class World(ABC):
         """Set the target of a user's stiffness; the energy law decides how fast it is reached."""
         raise NotImplementedError(f"{type(self).__name__}: a stiffness that changes would not be passive here")
 
+    def set_impedance(self, user: int, impedance_nspm: float) -> None:
+        """Let a person's port have this impedance from the next step on: any is passive (theory 7.3)."""
+        if self.impedance[user, 0] != impedance_nspm:
+            self.impedance[user] = impedance_nspm
+            self.impedance_changed(user)
+
+    def impedance_changed(self, user: int) -> None:
+        """Compute anew what is kept of a person's impedance; a world that keeps more of it extends this."""
+        self.wave_gain[user] = server_gain(float(self.impedance[user, 0]))
+
     def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
         """Step in plain floats: a row a user in, a row a user out."""
         answers: list[list[float]] = self.step(np.array(rows)).tolist()
@@ -117,6 +132,18 @@ class World(ABC):
     def hand_turned(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
         """Take in how a hand had turned as it sent the row of the next step: its rotation vector, and the angle travelled."""
         raise NotImplementedError(f"{type(self).__name__}: nothing turns here")
+
+    def report(self, user: int, hand_m: Row, proxy_m: Row) -> None:
+        """Take in where a hand and its proxy were after the newest frame, as its client says, in the hand's own frame."""
+        return
+
+    def engaged_at(self, user: int) -> Row:
+        """Return where the line took hold of a tool [m], in the hand's own frame; () where it holds none, or since joining."""
+        return ()
+
+    def local_shapes(self, user: int) -> Sequence[Shape]:
+        """Return the shapes with which a person's client renders contact itself, in the hand's own frame."""
+        return ()
 
     def start_ledger(self, user: int) -> None:
         """Count the user's work from here: a new seat session."""

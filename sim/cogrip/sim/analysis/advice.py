@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from cogrip.client.rendered_damper import bound_words, damper_of, refusal, rounded_down
+from cogrip.client.rendered_damper import bound_words, damper_key, damper_on, refusal, rounded_down
 from cogrip.client.velocity import Bound, largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for
@@ -142,9 +142,9 @@ def overloads(settings: Settings) -> tuple[str, ...]:
 
 
 def unbounded(settings: Settings | SeatSettings) -> tuple[str, ...]:
-    """Return why a scene may shake its hands, () where it is driven by waves: then its limiter bounds what comes out."""
+    """Return why a scene may shake its hands, () where waves drive it: then its limiter bounds what comes out."""
     kind = settings.coupling.kind
-    if settings.object.kind != "scene" or kind == "wave":
+    if settings.object.kind != "scene" or kind in ("wave", "local"):
         return ()
     text = (
         f'coupling.kind = "{kind}": nothing bounds the energy that a scene makes under it, and no model tells whether it is '
@@ -155,7 +155,7 @@ def unbounded(settings: Settings | SeatSettings) -> tuple[str, ...]:
 
 def _section(settings: Settings, number: int) -> str:
     """Return the section of settings with the damper of this person's device: a user's own value is above [coupling]'s."""
-    own = getattr(settings.users[number], damper_of(settings.coupling).key)
+    own = getattr(settings.users[number], damper_key(settings.coupling.kind))
     return "coupling" if own is None else f"users.{number}"
 
 
@@ -199,6 +199,9 @@ def _passivity(seats: Sequence[SeatSettings]) -> list[Finding]:
         text = "not passive: plain virtual coupling makes energy of delay, so its stability holds for these very numbers only"
         return [Finding("passivity", text, level="note")]
     found = []
+    if coupling.kind == "local":
+        text = "contact is each client's own, bounded by the energy at its device; the line behind it is passive on any network"
+        return [Finding("passivity", text)]
     if coupling.server_step == "paper":
         text = "not passive: the paper's server step uses a force one frame old, so stability holds for these very numbers only"
         found.append(Finding("passivity", text, level="note"))
@@ -220,10 +223,10 @@ def _user(session: LinearSession, number: int, seat: SeatSettings, record: Capab
         # C_line from the model itself: 1 / K_felt - 1 / K_rendered
         compliance = 1.0 / felt - 1.0 / seat.rendered_npm
         try:
-            compensated = compensated_stiffness(coupling.stiffness_npm, coupling.impedance_nspm, compliance)
+            compensated = compensated_stiffness(coupling.stiffness_npm, person.impedance_nspm, compliance)
         except OutOfReachError:
-            enough = coupling.stiffness_npm * compliance * coupling.impedance_nspm
-    share = damper_of(coupling).value_nspm * seat.rates.tick_s / person.device_mass_kg
+            enough = coupling.stiffness_npm * compliance * person.impedance_nspm
+    share = damper_on(seat, record).value_nspm * seat.rates.tick_s / person.device_mass_kg
     carried = largest_impedance(record, seat.rates.tick_s)
     return UserAdvice(
         person.name, coupling.stiffness_npm, felt, compensated, enough, free_kg, person.device_mass_kg, share,
@@ -254,7 +257,7 @@ def _calmer(session: LinearSession) -> str:
 
 
 def _seat(user: UserAdvice, seat: SeatSettings, record: Capability, section: str, limit: Limit) -> Iterator[Finding]:
-    damper, carried = damper_of(seat.coupling), largest_impedance(record, seat.rates.tick_s)
+    damper, carried = damper_on(seat, record), largest_impedance(record, seat.rates.tick_s)
     if text := refusal(seat, record, section):
         yield Finding("device", text, "warning", refused=True)
     else:
@@ -272,7 +275,18 @@ def _seat(user: UserAdvice, seat: SeatSettings, record: Capability, section: str
         )
     if user.asked_npm:
         yield Finding("feel", _felt_text(user, seat, limit), feel_level(user.felt_npm, user.asked_npm))
+    if seat.line.live or seat.line.wave_filter_hz:
+        yield Finding("line", _line_text(user.name, seat, damper.value_nspm))
     yield _free(user)
+
+
+def _line_text(name: str, seat: SeatSettings, impedance_nspm: float) -> str:
+    corner = seat.line.wave_filter_hz
+    filtered = f"a filter of {plain(corner, 3)} Hz" if corner else "no filter"
+    chosen = f'; "auto" changes them with the delay as measured, {seat.line.prefer}' if seat.line.live else ""
+    return (
+        f"{name}: b = {plain(impedance_nspm, 3)} N s/m and {filtered} on a loop of {1e3 * seat.loop_s:.0f} ms{chosen}"
+    )
 
 
 def feel_level(felt_npm: float, asked_npm: float) -> Level:
@@ -283,10 +297,11 @@ def feel_level(felt_npm: float, asked_npm: float) -> Level:
 
 
 def _felt_text(user: UserAdvice, seat: SeatSettings, limit: Limit) -> str:
-    gaps = any(direction.jitter_ms or direction.loss for direction in (seat.up, seat.down))
+    local = seat.coupling.kind == "local"
+    gaps = not local and any(direction.jitter_ms or direction.loss for direction in (seat.up, seat.down))
     where = " at rest, calculated without the link's jitter and loss" if gaps else " at rest"
     text = f"{user.name}: {plain(user.asked_npm)} N/m will feel like {plain(user.felt_npm)} N/m{where}"
-    if seat.coupling.compensate:
+    if seat.coupling.compensate or seat.line.live:
         return text
     if user.compensated_npm is not None:
         if limit.stiffness_npm is not None and user.compensated_npm > limit.stiffness_npm:

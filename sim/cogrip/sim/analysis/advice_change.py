@@ -140,8 +140,9 @@ def candidates_of(settings: Settings, now: Advice) -> Iterator[tuple[str, Any]]:
     if not coupling.compensate:
         yield "coupling.compensate", True
     yield "coupling.impedance_nspm", rounded_down(min(user.largest_impedance_nspm for user in now.users))
-    for share in (1.25, 1.5, 2.0, 3.0, 0.75, 0.5, 0.25, 0.1):
-        yield "coupling.impedance_nspm", float(f"{share * coupling.impedance_nspm:.3g}")
+    b = coupling.impedance_nspm
+    for share in (1.25, 1.5, 2.0, 3.0, 0.75, 0.5, 0.25, 0.1) if b != "auto" else ():
+        yield "coupling.impedance_nspm", float(f"{share * float(b):.3g}")
     for share in (0.75, 0.5, 0.25, 0.1):
         yield "coupling.stiffness_npm", float(f"{share * coupling.stiffness_npm:.3g}")
     frames = settings.playout.frames

@@ -137,6 +137,14 @@ def wave_frame(person: Person, rates: Rates) -> StateSpace:
     return series(through(np.ones((M, 1)), ticks, parts), later)
 
 
+def wave_filter(person: Person) -> tuple[StateSpace, ...]:
+    """Return the filter on one wave, frame by frame; nothing where there is none. State: its last output."""
+    if not person.filter_lag_s:
+        return ()
+    kept = person.filter_kept
+    return (StateSpace(*(np.array([[value]]) for value in (kept, 1.0 - kept, kept, 1.0 - kept))),)
+
+
 def coupled_tick(person: Person, stiffness: Array, rates: Rates) -> StateSpace:
     """Return one tick of virtual coupling: inputs x_o, v_o; outputs x as read, y_est. `stiffness` is K, (...)."""
     device = device_block(person, rates)

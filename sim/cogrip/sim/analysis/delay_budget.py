@@ -20,7 +20,7 @@ from cogrip.sim.analysis.linear_session import LinearSession, Person
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """One stage of a path; direction: "up", "server" or "down"."""
+    """One stage of a path; direction: "up", "server", "down", or "client" where nothing of it crosses the network."""
 
     direction: str
     name: str
@@ -32,6 +32,9 @@ def budget(session: LinearSession, user: int) -> tuple[Stage, ...]:
     """Return every stage of one user's round trip in order, those without delay included."""
     person = session.people[user]
     rates = person.rates
+    if session.local:
+        why = "the force of contact is held over a tick: half a tick on average"
+        return (Stage("client", "hold", 0.5 * rates.tick_s, why),)
     hold = Stage("down", "hold", 0.5 * rates.frame_s, "an answer is held over a frame: half a frame on average")
     if session.scheme == "coupling":
         server = Stage("server", "step", rates.frame_s, "what a step has moved is seen after it")
@@ -39,9 +42,11 @@ def budget(session: LinearSession, user: int) -> tuple[Stage, ...]:
     return (
         _encoder(person, rates),
         _decimator(person, rates),
+        *_filter(person, "up"),
         *_line("up", person.up, rates),
         Stage("server", "step", 0.0, "the wave is answered in the step that it reaches"),
         *_line("down", person.down, rates),
+        *_filter(person, "down"),
         hold,
     )
 
@@ -77,6 +82,11 @@ def _decimator(person: Person, rates: Rates) -> Stage:
         lag = T / expm1(person.lowpass_rad_s * T)
         return Stage("up", "decimator", lag, f"first-order filter at {person.lowpass_rad_s:g} rad/s")
     return Stage("up", "decimator", 0.0, "no filter: the last wave of a frame")
+
+
+def _filter(person: Person, direction: str) -> tuple[Stage, ...]:
+    why = "low-pass filter on the wave, for slow motion"
+    return (Stage(direction, "wave filter", person.filter_lag_s, why),) if person.filter_lag_s else ()
 
 
 def _line(direction: str, delay: OneWayDelay, rates: Rates) -> tuple[Stage, ...]:

@@ -90,14 +90,15 @@ def impedance(session: LinearSession, user: int, omega_rad_s: Array) -> Complex:
             answer = reflected(other, rates, z) if width == 1 else np.zeros((len(w), width, width))
         else:
             answer = kind.client(other, K[number], other.rates).response(z)
-        G[:, mine, mine] = answer * z[:, None, None] ** -frames
+        G[:, mine, mine] = answer * (z**-frames * other.filtered(z) ** 2)[:, None, None]
     port = _wave_port if session.scheme != "coupling" else _coupled_port
     sent, law = port(person, rates, w)
     drive = np.zeros((len(w), width * N, 1), dtype=np.complex128)
     mine = slice(user * width, (user + 1) * width)
-    drive[:, mine, 0] = sent * z[:, None] ** -person.up.frames
+    filtered = person.filtered(z)[:, None]
+    drive[:, mine, 0] = sent * filtered * z[:, None] ** -person.up.frames
     answers = np.linalg.solve(np.eye(width * N) - server @ G, server @ drive)[:, mine, 0]
-    seen = answers * z[:, None] ** -(person.down.frames + kind.server_delay)
+    seen = answers * filtered * z[:, None] ** -(person.down.frames + kind.server_delay)
     return law(seen * _held(rates, w)[:, None])
 
 

@@ -4,8 +4,8 @@
 
 Each block is expanded over the frame's M ticks, then they are joined, for each user i:
 
-    down_i (delay) -> client_i (hold, M ticks of device, law, encoder, filter, decimator) -> up_i (delay) -> server
-    step -> down_i
+    down_i (delay, wave filter) -> client_i (hold, M ticks of device, law, encoder, filter, decimator)
+    -> up_i (wave filter, delay) -> server step -> down_i
 
 Order inside a frame, as in theory section 6: clients run their M ticks on the wave that has come back, and send; the
 server steps with what has reached it; its answer is seen in the next frame, so the way down holds one frame more than
@@ -27,11 +27,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
 from cogrip.protocol.rates import Rates
-from cogrip.sim.analysis.client_blocks import coupled_frame, wave_frame
+from cogrip.sim.analysis.client_blocks import coupled_frame, wave_filter, wave_frame
 from cogrip.sim.analysis.linear_session import LinearSession, Person, Scheme
 from cogrip.sim.analysis.server_blocks import coupled_step, paper_step, passive_step
 from cogrip.sim.analysis.state_space import Array, Complex, StateSpace, delay, diagonal, series
@@ -81,8 +82,13 @@ class LiftedModel:
         self.session = session
         self.kind = kind = KINDS[session.scheme]
         self.users = len(session.people)
-        self._ups = [delay(kind.width, person.up_frames) for person in session.people]
-        self._downs = [delay(kind.width, person.down_frames + kind.server_delay) for person in session.people]
+        self._ups = [
+            reduce(series, (*wave_filter(person), delay(kind.width, person.up_frames))) for person in session.people
+        ]
+        self._downs = [
+            reduce(series, (delay(kind.width, person.down_frames + kind.server_delay), *wave_filter(person)))
+            for person in session.people
+        ]
         here = np.array(session.stiffness_npm)
         clients = [self.client(number, here) for number in range(self.users)]
         self._clients_always = None if kind.stiff_client else clients
@@ -115,7 +121,8 @@ class LiftedModel:
             frames = person.up_frames + person.down_frames + self.kind.server_delay
             client = self._clients_always[number] if self._clients_always else self.client(number, stiffness_npm)
             mine = slice(number * width, (number + 1) * width)
-            loop[..., mine, :] = (client.response(z) * z[..., None, None] ** -frames) @ server[..., mine, :]
+            way = z**-frames * person.filtered(z) ** 2
+            loop[..., mine, :] = (client.response(z) * way[..., None, None]) @ server[..., mine, :]
         determinant: Complex = np.linalg.det(np.eye(width * N) - loop)
         return determinant
 

@@ -10,15 +10,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, assert_never
 
+import numpy as np
+
+from cogrip.client.rendered_damper import impedance_on
 from cogrip.client.velocity import MEMORY, memory_for
 from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.protocol.coupling_settings import Coupling
 from cogrip.protocol.line.delays import OneWayDelay, line_delay, one_way
+from cogrip.protocol.line_tuning import filter_lag_s
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Coupling, SeatSettings, Settings, User, seat_axes, seat_settings
+from cogrip.protocol.settings import SeatSettings, Settings, User, seat_axes, seat_settings
+from cogrip.sim.analysis.state_space import Complex
 
 Scheme = Literal["passive", "paper", "coupling"]
 MOST_FRAMES = 256
@@ -43,6 +49,7 @@ class Person:
     rates                                 of this user's device, and the room's network
     memory                                of that estimate, see `AlphaBeta`
     latency_ticks                         age of a sample when it is read
+    filter_lag_s                          S of the filter on each wave; 0: none
     """
 
     name: str
@@ -62,6 +69,17 @@ class Person:
     estimated: bool = False
     memory: float = MEMORY
     latency_ticks: int = 0
+    filter_lag_s: float = 0.0
+
+    @property
+    def filter_kept(self) -> float:
+        """Fraction of the filter's last output in the next one, S / (S + T_n)."""
+        return self.filter_lag_s / (self.filter_lag_s + self.rates.frame_s)
+
+    def filtered(self, z: Complex) -> Complex:
+        """Return the response of the filter to frames."""
+        kept = self.filter_kept
+        return np.asarray((1.0 - kept) / (1.0 - kept / z), dtype=np.complex128)
 
     @property
     def down_frames(self) -> int:
@@ -83,7 +101,7 @@ class Person:
 class LinearSession:
     """The linear part of a session. `midpoint`: the passive step is theory 3.3's (gripped), else 3.4's (pushed).
 
-    frame_s: T_n, everybody's; device ticks are each person's own.
+    frame_s: T_n, everybody's; device ticks are each person's own. local: each client renders its own contact
     """
 
     scheme: Scheme
@@ -93,6 +111,7 @@ class LinearSession:
     midpoint: bool
     object_mass_kg: float
     object_damping_nspm: float
+    local: bool = False
 
     @property
     def stiffness_npm(self) -> tuple[float, ...]:
@@ -107,7 +126,7 @@ def scheme_of(coupling: Coupling) -> Scheme:
             "`cogrip lab` and `cogrip sweep` run whole sessions of it"
             + (" (coupling.compensate has no effect there)" if coupling.compensate else "")
         )
-    if coupling.kind == "coupling":
+    if coupling.kind == "coupling" or coupling.kind == "local":  # each client's own contact is one, without a delay
         return "coupling"
     if coupling.kind != "wave":
         assert_never(coupling.kind)
@@ -154,7 +173,7 @@ def _person(seat: SeatSettings, capability: Capability, delay_frames: float | No
         name=seat.user,
         device_mass_kg=capability.apparent_mass_kg,
         device_damping_nspm=0.0,
-        impedance_nspm=coupling.impedance_nspm,
+        impedance_nspm=impedance_on(seat, capability),
         stiffness_npm=seat.rendered_npm,
         damping_nspm=coupling.damping_nspm,
         decimator=coupling.decimator,
@@ -166,6 +185,7 @@ def _person(seat: SeatSettings, capability: Capability, delay_frames: float | No
         estimated=not capability.gives_velocity,
         memory=memory_for(capability, seat.rates.tick_s),
         latency_ticks=capability.latency_ticks,
+        filter_lag_s=filter_lag_s(seat.line.wave_filter_hz) if coupling.kind == "wave" else 0.0,
     )
 
 
@@ -175,7 +195,8 @@ def _session(seat: SeatSettings, people: Sequence[Person]) -> LinearSession:
         raise ModelError(
             f'object.kind = "{kind}" has no linear model: its world alone says how it moves; try it with `cogrip lab`'
         )
-    if kind == "faces" and scheme != "passive":
+    local = seat.coupling.kind == "local"
+    if kind == "faces" and scheme != "passive" and not local:
         raise ModelError(
             f'scheme "{scheme}" does not fit object.kind = "faces": there contact comes and goes, and for a step that is '
             "not passive a model of lasting contact would promise too much; "
@@ -185,10 +206,11 @@ def _session(seat: SeatSettings, people: Sequence[Person]) -> LinearSession:
         scheme=scheme,
         frame_s=seat.rates.frame_s,
         people=tuple(people),
-        fixed=kind == "wall",
+        fixed=local or kind == "wall",  # to a client its own contact is hardest where the face behind it stands still
         midpoint=kind == "cube",
         object_mass_kg=seat.object.mass_kg,
         object_damping_nspm=seat.object.damping_nspm,
+        local=local,
     )
 
 
@@ -206,6 +228,8 @@ def _simulated(person: Person, user: User, device: Device, hands: bool, estimate
 
 def line_delays(seat: SeatSettings, delay_frames: float | None = None) -> tuple[OneWayDelay, OneWayDelay]:
     """Return the delays up and down; virtual coupling has no playout. Raises ModelError for a delay below 0."""
+    if seat.coupling.kind == "local":
+        return one_way(0.0, 0, seat.rates), one_way(0.0, 0, seat.rates)
     if delay_frames is not None:
         if not 0.0 <= delay_frames <= MOST_FRAMES:
             raise ModelError(f"delay of {delay_frames:g} frames each way is out of 0 to {MOST_FRAMES}")

@@ -5,8 +5,10 @@ from pathlib import Path
 
 from cogrip.protocol.felt_stiffness import felt_stiffness
 from cogrip.protocol.line.delays import line_delay
+from cogrip.protocol.line_tuning import filter_lag_s
 from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
-from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, held_by, load_scene
+from cogrip.server.worlds.local_geometry import local_geometry
+from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, MOST_NAMED, Scene, held_by, load_scene
 from cogrip.sim.analysis.advice import Finding, overloads, plain, unbounded
 
 
@@ -16,7 +18,8 @@ def scene_findings(settings: Settings) -> list[Finding]:
     given = settings.object
     scene = load_scene(Path(given.file), held_by(settings), seats[0].rates.frame_s / given.substeps)
     felt = [_felt(scene, seat) for seat in seats if seat.coupling.kind == "wave"]
-    return [*_contact(scene), *felt, *_loads(settings)]
+    local = [each for seat in seats if seat.coupling.kind == "local" for each in _local(scene, seat)]
+    return [*_contact(scene), *felt, *local, *_loads(settings)]
 
 
 def _contact(scene: Scene) -> Iterator[Finding]:
@@ -30,6 +33,24 @@ def _contact(scene: Scene) -> Iterator[Finding]:
         yield Finding("contact", text, "warning")
 
 
+def _local(scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
+    """Yield which contact is rendered at the hand, and which the server's is felt through the line (theory 8.7)."""
+    geometry = local_geometry(scene, seat.seat)
+    if geometry.why:
+        text = f"{seat.user}: all contact is the server's, and the line holds the tool all the time: {geometry.why}"
+        yield Finding("local", text, "note")
+        yield _felt(scene, seat)
+        return
+    fixed = len(geometry.shapes) - len(geometry.balls)
+    shapes = "1 fixed shape" if fixed == 1 else f"{fixed} fixed shapes"
+    text = f"{seat.user}: contact with {shapes} is rendered at the hand; bodies that move are felt through the line"
+    yield Finding("local", text)
+    if left := geometry.left_out:
+        more = f" and {len(left) - MOST_NAMED} more" if len(left) > MOST_NAMED else ""
+        text = f"{seat.user}: contact with {', '.join(left[:MOST_NAMED])}{more} is the server's: no client renders it"
+        yield Finding("local", text, "note")
+
+
 def _felt(scene: Scene, seat: SeatSettings) -> Finding:
     """Return the stiffness and the mass that a hand feels (theory 8.4)."""
     tool_kg = float(scene.model.body_mass[scene.tools[seat.seat].body])
@@ -38,7 +59,7 @@ def _felt(scene: Scene, seat: SeatSettings) -> Finding:
     loop_frames = frames + 1.0
     contact_npm = CONTACT_RATE_PS2 * (tool_kg + b * float(scene.model.opt.timestep))
     felt_npm = felt_stiffness(contact_npm, seat.line_compliance(loop_frames))
-    mass_kg = tool_kg + 0.5 * b * loop_frames * frame_s
+    mass_kg = tool_kg + 0.5 * b * (loop_frames * frame_s + 2.0 * filter_lag_s(seat.line.wave_filter_hz))
     own = "" if "geom solref" not in scene.own else " where contact is as hard as by default"
     text = f"{seat.user}: a fixed body is felt with {plain(felt_npm)} N/m at rest{own}; the free tool as {plain(mass_kg, 3)} kg"
     return Finding("felt", text)

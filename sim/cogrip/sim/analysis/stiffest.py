@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from cogrip.client.rendered_damper import damper_of, rounded_down
+from cogrip.client.rendered_damper import damper_key, rounded_down
 from cogrip.client.velocity import largest_impedance
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.settings import Settings, rates_of, resolve
@@ -57,7 +57,7 @@ def stiffest(settings: Settings, progress: Callable[[int, int], None] = lambda t
 
     Raises ModelError or DeviceError where there is no model, or no such device.
     """
-    key = damper_of(settings.coupling).key
+    key = damper_key(settings.coupling.kind)
     carried = min(
         largest_impedance(
             make_for(user, settings.object.axes).capability, rates_of(settings, user).tick_s
@@ -75,7 +75,7 @@ def stiffest(settings: Settings, progress: Callable[[int, int], None] = lambda t
 
 def eased(found: Stiffest, damper_share: float, stiffness_share: float) -> Stiffest:
     """Return the same with a share of its b and of its K, where sessions did not confirm it."""
-    key = damper_of(found.settings.coupling).key
+    key = damper_key(found.settings.coupling.kind)
     damper_nspm, stiffness_npm = (
         rounded_down(damper_share * found.damper_nspm),
         rounded_down(stiffness_share * found.stiffness_npm),

@@ -121,6 +121,8 @@ def not_predicted(row: Row, credit_j: float) -> str:
         return f"the force was at a limit in {_percent(limited)} of the ticks"
     if controlled > MOST_CONTROLLED:
         return f"the device port changed what is felt in {_percent(controlled)} of the ticks"
+    if row.get("local"):
+        return ""  # what is pressed on is not behind the line
     if scattered > (MOST_REPLACED if paid else MOST_REPLACED_AT_REST):
         return f"{_percent(_replaced(row)[0])} of the frames {_replaced(row)[1]} it were replaced"
     if moved > MOST_MOVED:
@@ -133,7 +135,10 @@ def _value(row: Row, key: str) -> float | None:
 
 
 def _replaced(row: Row) -> tuple[float, str]:
-    """Return the share of frames that were not there in time, `from` or `to` the person, whichever is larger."""
+    """Return the share of frames that were not there in time, `from` or `to` the person, whichever is larger; none of a wall
+    that the client renders itself, which no frame carries."""
+    if row.get("local") == "wall":
+        return 0.0, "to"
     return max((_share(row, "up", "concealed"), "from"), (_share(row, "down", "concealed"), "to"))
 
 

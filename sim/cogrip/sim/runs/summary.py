@@ -30,13 +30,14 @@ if TYPE_CHECKING:  # a client leaves a summary too, and has neither
 
 
 class UserRecord(msgspec.Struct, frozen=True):
-    """One user's two ends; None where an end was never heard. asked_npm: K of the settings."""
+    """One user's two ends; None where an end was never heard. asked_npm: K of the settings; local: `local_contact`."""
 
     name: str
     client: ClientAccount | None
     seat: SeatAccount | None
     earlier: tuple[UserRecord, ...] = ()  # seat sessions of the same user before this one, oldest first
     asked_npm: float | None = None
+    local: str | None = None
 
 
 def summarise(
@@ -106,9 +107,9 @@ def _of_room(
 ) -> dict[str, Any]:
     users = []
     for number, (seat, account) in enumerate(zip(room.seats, accounts, strict=True)):
-        asked_npm = seat.settings.asked_npm
-        earlier = [UserRecord(seat.name, each.client, each.seat, asked_npm=asked_npm) for each in seat.earlier]
-        users.append(UserRecord(seat.name, account, room.seat_account(number), tuple(earlier), asked_npm))
+        asked = seat.settings.asked_npm, seat.settings.local_contact
+        earlier = [UserRecord(seat.name, each.client, each.seat, (), *asked) for each in seat.earlier]
+        users.append(UserRecord(seat.name, account, room.seat_account(number), tuple(earlier), *asked))
     summary = _of_settings(
         room.settings, room.settings.name, seconds, users, room.account(), {**dropped, **_limited(room)}, claims
     )
@@ -127,16 +128,16 @@ def of_client(
     seat: SeatSettings, account: ClientAccount, farewell: Farewell | None, seconds: float, dropped: Mapping[str, int]
 ) -> dict[str, Any]:
     """Return the summary that one live client can give: the server's part as far as it said goodbye."""
-    user = UserRecord(seat.user, account, farewell.seat if farewell else None, asked_npm=seat.asked_npm)
+    user = UserRecord(seat.user, account, farewell.seat if farewell else None, (), seat.asked_npm, seat.local_contact)
     return _of_settings(seat, seat.room, seconds, [user], farewell.room if farewell else None, dropped)
 
 
 def of_accounts(settings: Settings, accounts: Mapping[str, ClientAccount | None]) -> dict[str, Any]:
     """Return the summary of a live run whose server left nothing: what the clients knew."""
     users = [
-        UserRecord(user.name, accounts[user.name], None, asked_npm=seat_settings(settings, number).asked_npm)
-        for number, user in enumerate(settings.users)
-        if user.name in accounts
+        UserRecord(seat.user, accounts[seat.user], None, (), seat.asked_npm, seat.local_contact)
+        for seat in (seat_settings(settings, number) for number in range(len(settings.users)))
+        if seat.user in accounts
     ]
     return _of_settings(settings, settings.name, settings.seconds, users, None, {})
 
@@ -179,6 +180,7 @@ def _user(user: UserRecord, claims: bool, credit_j: float) -> dict[str, Any]:
         "peak_force_step_n": _of(client, "peak_step_n"),
         "travel_m": _of(client, "travel_m"),
         "asked_stiffness_npm": user.asked_npm,
+        "local": user.local,
         "felt_stiffness_npm": _of(client, "felt_stiffness_npm"),
         "predicted_stiffness_npm": _of(client, "predicted_stiffness_npm"),
         "energy": {
@@ -198,6 +200,7 @@ def _user(user: UserRecord, claims: bool, credit_j: float) -> dict[str, Any]:
         "playout": {"up": _struct(_of(seat, "playout")), "down": _struct(_of(client, "playout"))},
         "delay": _delay(client.delay if client else DelayAccount()),
         "rendered_npm": _of(seat, "rendered_npm"),
+        "line": _struct(_of(client, "line")),
         "ticks": _ticks(_of(client, "ticks")),
         "state": shown(client.state) if client else None,
         "reason": shown(client.reason) if client else None,

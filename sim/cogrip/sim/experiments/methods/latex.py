@@ -76,6 +76,7 @@ def _caption(summary: Mapping[str, Any]) -> str:
         "coherence_rms_mm": "distance between the object's positions as reported to two people, rms over time",
         "coherence_max_mm": "its maximum",
         "rest_mm": "distance left between hands at rest",
+        "rest_swing_n": "swing of a force between hands at rest",
         FELT: f"$K_{{\\mathrm{{felt}}}}/K-1$ under a static load, of the person with the largest{first_seeds(seeds)}",
         _TO_ITSELF: "rms difference of forces to the same method on the clean link",
         "error_ideal_n": "rms difference of forces to the object directly in the hands, by $K$ and $B$ at the device rate",

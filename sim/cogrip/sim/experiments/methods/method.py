@@ -14,11 +14,12 @@ from typing import Any
 import msgspec
 
 from cogrip.protocol.network_profiles import PROFILES
+from cogrip.protocol.object_kinds import LOCAL_KINDS
 from cogrip.protocol.settings import Settings, User, rates_of, resolve
 from cogrip.protocol.settings_table import copied
 
 CLEAN, OWN = "clean", "own"
-OURS = "wave"
+OURS = ("wave", "tuned")
 
 
 class ChoiceError(ValueError):
@@ -33,16 +34,28 @@ class Method:
     overrides: Mapping[str, Any]
 
 
+_WAVE: Mapping[str, Any] = {
+    "coupling.kind": "wave",
+    "coupling.server_step": "passive",
+    "coupling.decimator": "boxcar",
+    "coupling.encoder": "displacement",
+    "playout.frames": "auto",
+}
 METHODS: Mapping[str, Method] = {
-    OURS: Method(
-        "cogrip's waves",
+    "wave": Method("cogrip's waves", _WAVE),
+    "tuned": Method(
+        "cogrip's waves, tuned",
         {
-            "coupling.kind": "wave",
-            "coupling.server_step": "passive",
-            "coupling.decimator": "boxcar",
-            "coupling.encoder": "displacement",
-            "playout.frames": "auto",
+            **_WAVE,
+            "coupling.impedance_nspm": "auto",
+            "coupling.wave_filter_hz": "auto",
+            "coupling.prefer": "balanced",
+            "coupling.compensate": False,
         },
+    ),
+    "local": Method(
+        "cogrip's local contact",
+        {"coupling.kind": "local", "coupling.server_step": "passive", "playout.frames": "auto"},
     ),
     "paper": Method(
         "the paper's waves",  # over the same line: what differs is P's own filter, encoder and server step
@@ -62,8 +75,10 @@ NETWORKS: tuple[str, ...] = tuple(PROFILES)
 
 
 def methods_of(settings: Settings) -> tuple[str, ...]:
-    """Return the methods that the object of these settings has: the paper's has no scenes."""
-    return tuple(name for name in METHODS if name != "paper" or settings.object.kind != "scene")
+    """Return the methods that the object of these settings has: the paper's has no scenes, and a cube no contact."""
+    kind = settings.object.kind
+    kept = {"paper": kind != "scene", "local": kind in LOCAL_KINDS}
+    return tuple(name for name in METHODS if kept.get(name, True))
 
 
 def choose(what: str, asked: Iterable[str], known: Sequence[str]) -> tuple[str, ...]:

@@ -36,6 +36,7 @@ TABLE = (
     Column("coherence_rms_mm", "views", "mm", "\\delta_{\\mathrm{rms}}"),
     Column("coherence_max_mm", "max", "mm", "\\delta_{\\max}"),
     Column("rest_mm", "rest", "mm", "d"),
+    Column("rest_swing_n", "swing", "N", "\\Delta F_{\\mathrm{r}}"),
     Column(FELT, "felt", "%", "\\epsilon_K"),
     Column("error_clean_n", "to clean", "N", "e_{\\mathrm{cl}}"),
     Column("error_ideal_n", "to ideal", "N", "e_{\\mathrm{id}}"),
@@ -127,7 +128,7 @@ def feels(found: Mapping[str, float] | None) -> bool:
 def ours_failed(summary: Mapping[str, Any]) -> bool:
     """Return whether cogrip's own method diverged or oscillated anywhere, or gave out energy that had not been put in."""
     return any(
-        row["method"] == OURS and (row["diverged"] or row["oscillates"] or row["not_passive"])
+        row["method"] in OURS and (row["diverged"] or row["oscillates"] or row["not_passive"])
         for row in summary["rows"]
     )
 

@@ -99,7 +99,7 @@ class TraceRecorder:
         place, speed = rows[:, both : both + axes], rows[:, both + axes :]
         frame_s = 1.0 / settings.rates.network_hz
         moved = np.diff(place, axis=0, prepend=np.zeros((1, axes)))
-        kinetic = 0.5 * settings.object.mass_kg * (speed * speed).sum(axis=1)
+        kinetic = 0.5 * world.moving_kg * (speed * speed).sum(axis=1)
         damped = settings.object.damping_nspm / frame_s * np.cumsum((moved * moved).sum(axis=1))
         scene = settings.object.kind == "scene"
         return Trace(

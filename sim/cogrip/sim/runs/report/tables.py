@@ -85,6 +85,17 @@ def _up_down(path: str, digits: int = 0) -> Show:
     return lambda user: " / ".join(show(user) for show in shown)
 
 
+def _in_use(key: str, now: str = "impedance_nspm") -> Show:
+    """Show a value at the end, and its range where it has changed; 0 Hz: no filter."""
+
+    def show(user: dict[str, Any]) -> str:
+        end, least, most = [dig(user, "line", name) for name in (now, key.format("least_"), key.format("most_"))]
+        shown = [number(each, digits=2) for each in (end, least, most)]
+        return shown[0] if least == most else f"{shown[0]} ({shown[1]} to {shown[2]})"
+
+    return show
+
+
 def _depths(user: dict[str, Any]) -> str:
     ends = ("least_frames", "most_frames")
     directions = [dig(user, "playout", direction) for direction in ("up", "down")]
@@ -159,6 +170,8 @@ _PERSON: tuple[_Line | str, ...] = (
     ("felt stiffness", "N/m", _stiffness("felt_stiffness_npm", "not measured")),
     ("predicted stiffness", "N/m", _stiffness("predicted_stiffness_npm", "does not apply")),
     ("rendered stiffness", "N/m", _at("rendered_npm", digits=0)),
+    ("wave impedance", "N s/m", _in_use("{}impedance_nspm")),
+    ("wave filter", "Hz", _in_use("{}filter_hz", "wave_filter_hz")),
     "Device port",
     ("force oscillated", "", _yes_no),
     ("at a limit of the device", "% of ticks", _at("at_limit", 100.0)),
@@ -296,7 +309,10 @@ def _setting(value: Any, default: Any, key: str = "") -> Cell:
 _WHOSE = {
     "device_hz": "as in [rates]", "power_w": "as in [admission]",
     **dict.fromkeys(
-        ("impedance_nspm", "stiffness_npm", "damping_nspm", "decimator", "encoder", "compensate"), "as in [coupling]"
+        (
+            "impedance_nspm", "wave_filter_hz", "prefer", "stiffness_npm", "damping_nspm", "decimator", "encoder", "compensate",
+        ),
+        "as in [coupling]",
     ),
 }  # fmt: skip
 _SHORT = 8  # letters of a number that stands as it is

@@ -1,0 +1,245 @@
+"""Contact rendered by the client itself, at the device rate (`coupling.kind = "local"`; theory section 7.7).
+
+Symbols, along one axis: x hand, p surface [m], v_p its velocity [m/s], s direction in which this person pushes (+1, -1),
+d = s (x - p) depth, K, B spring and damper, U = K max(d, 0)^2 / 2 energy of the spring [J], T_c tick [s].
+
+    F = s max(0, K d + B s (xdot - v_p))  where d > 0, else 0
+
+A surface that is fixed (`LocalWall`) has no line behind it: delay, jitter and loss change nothing that the hand feels. Where it
+is to be elsewhere, because the wall has moved or the hand is found inside it, it goes there as far as that costs no more than
+the contact has dissipated (an energy gate: passive set-position modulation, Lee and Huang, IEEE T-RO 2010):
+
+    each tick E += F (x_{k+1} - x_k) - (U_{k+1} - U_k), at most MOST_SAVED_J      p+ nearest to its goal with U(p+) - U(p) <= E
+
+A face of a free object (`LocalFaces`) is a copy of a part m of its mass, which only the contact pushes; behind it is the wave
+line, of impedance b, returning wave w. A tick of the copy is an implicit midpoint, exact in energy for any m, b, T_c:
+
+    m (v' - v) / T_c = F - F_line      F_line = b v_p - sqrt(2b) w      v_p = (v + v') / 2      u = sqrt(2b) v_p - w
+"""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from math import inf, sqrt
+
+from cogrip.client.coupling import Row, spring_j
+from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.devices.device import Capability
+from cogrip.protocol.line.energy_sums import CompensatedSum
+from cogrip.protocol.messages import Stamp, Waves
+from cogrip.protocol.settings import SeatSettings
+
+MOST_SAVED_J = 1e-3  # E
+MOST_STEP_N = 0.5  # by which a surface that moves may change the force in a tick
+APART_S = 0.025  # for which a contact that is lost may come back as the same one
+RETURN_S = 0.05  # time constant with which a face that nobody touches goes to where the object is
+
+
+class LocalCoupling(WaveCoupling):
+    """Contact here, the wave line behind it.
+
+    proxy_m  where the hand is without the depth of contact, shape (axes,)
+    """
+
+    def __init__(self, seat: SeatSettings) -> None:
+        super().__init__(seat)
+        self._side = seat.side_sign
+        self._asked_npm, self._asked_nspm = seat.coupling.stiffness_npm, seat.coupling.damping_nspm
+        self._lag_s, self._peak_n = 0.0, inf  # of the device
+        self._stiffness = self._asked_npm  # K and B as they are rendered now
+        self._hand_j = CompensatedSum()  # work of the hand
+        self._position: Row | None = None  # of the hand at this tick
+        self.proxy_m: Row = (0.0,) * seat.object.axes
+
+    def fit(self, record: Capability, lag_s: float) -> None:
+        super().fit(record, lag_s)
+        self._lag_s, self._peak_n = lag_s, record.peak_force_n
+
+    @property
+    def entered_j(self) -> float:
+        return self._hand_j.value
+
+    @property
+    def gap(self) -> bool:
+        return False  # the force is made here
+
+    def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
+        work = 0.0
+        for force, speed in zip(self.applied_n, mean_velocity_mps, strict=True):
+            work += force * speed
+        self._hand_j.add(work * self._tick_s)
+        self._move(self.applied_n, mean_velocity_mps)
+
+    def elapse_absent(self) -> None:
+        zero = (0.0,) * len(self.sent)
+        self._position = None
+        self._move(zero, zero)
+
+    def _leave_line(self) -> None:
+        """Enter a tick in which nothing is sent, and what comes is absorbed."""
+        super().elapse_absent()
+
+    def _enter_line(self, velocity_mps: Sequence[float]) -> None:
+        """Enter a tick of the line, whose port has moved at this mean velocity."""
+        super().elapse(velocity_mps, velocity_mps)
+
+    @abstractmethod
+    def _move(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
+        """Enter a tick of what is behind the contact, and of the line."""
+
+    def set_latency(self, ticks: int) -> None:
+        """The line begins behind the contact: its own ticks are never late."""
+
+    def _carry(self) -> float:
+        """Set the stiffness to what the device carries; return the damping that it does."""
+        damping = min(self._asked_nspm, self.carried_nspm)
+        self._stiffness = min(self._asked_npm, self.carried_nspm / self._lag_s if self._lag_s else inf)
+        self.reduced = self._stiffness < self._asked_npm or damping < self._asked_nspm
+        return damping
+
+    def message(
+        self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
+    ) -> Waves:
+        return super().message(session, stamp, origin_m, position_m + self.proxy_m, velocity_mps)
+
+
+class LocalFace(LocalCoupling):
+    """Base of what is touched along the first axis: one surface. `surface_m` is p, None until the object's place is known."""
+
+    def __init__(self, seat: SeatSettings) -> None:
+        super().__init__(seat)
+        self.surface_m: float | None = None
+        self._speed = 0.0  # v_p
+
+    @property
+    def stored_j(self) -> float:
+        return self.ramp_gain * self.spring_j
+
+    @property
+    def spring_j(self) -> float:
+        """U, were the force not ramped."""
+        return spring_j(self._stiffness, self._depth(), self._peak_n)
+
+    def _depth(self) -> float:
+        """Return max(d, 0)."""
+        if self._position is None or self.surface_m is None:
+            return 0.0
+        return max(0.0, self._side * (self._position[0] - self.surface_m))
+
+    def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
+        side, zero = self._side, [0.0] * len(position_m)
+        damping = self._carry()
+        self._position = tuple(position_m)
+        self._place(position_m[0])
+        depth = self._depth()
+        self.proxy_m = (position_m[0] - side * depth, *position_m[1:])
+        law = 0.0
+        if depth > 0.0:
+            law = max(0.0, self._stiffness * depth + damping * side * (velocity_mps[0] - self._speed))
+        self.local_n = [self._own_n(side * law, position_m[0], damping * velocity_mps[0]), *zero[1:]]
+        return [side * law, *zero[1:]]
+
+    def _own_n(self, law_n: float, hand_m: float, damped_n: float) -> float:
+        """Return the part of the law's force that follows the hand's own motion: all of it, where nothing else moves."""
+        return law_n
+
+    @abstractmethod
+    def _place(self, hand_m: float) -> None:
+        """Put the surface where it should be, as far as energy allows."""
+
+
+class LocalWall(LocalFace):
+    """A wall that nobody moves. saved_j: E, what may be spent on moving it."""
+
+    def __init__(self, seat: SeatSettings) -> None:
+        super().__init__(seat)
+        self.saved_j = 0.0
+        self._counted_j = 0.0  # U as `saved_j` knows it
+
+    @property
+    def pressed(self) -> tuple[float, Sequence[float]]:
+        return self._depth(), (self._side, *(0.0,) * (len(self.sent) - 1))
+
+    @property
+    def given_j(self) -> float:
+        return 0.0
+
+    @property
+    def given_border_j(self) -> float:
+        return 0.0
+
+    def _move(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
+        self.saved_j += applied_n[0] * mean_velocity_mps[0] * self._tick_s
+        zero = (0.0,) * len(applied_n)
+        self._enter_line(zero)
+
+    def _place(self, hand_m: float) -> None:
+        """A wall that nobody has spoken of is where walls are: in the middle."""
+        side, target = self._side, self.object_state[0]
+        if self.surface_m is None:
+            self.surface_m = hand_m
+        stored, depth, wanted = self.spring_j, self._depth(), side * (hand_m - target)
+        self.saved_j = min(MOST_SAVED_J, self.saved_j - (stored - self._counted_j))
+        if depth == wanted or depth == 0.0 >= wanted:
+            self.surface_m, self._counted_j = target, stored
+            return
+        goal, stiffness = max(wanted, 0.0), self._stiffness
+        grown = goal
+        if stiffness:
+            step = MOST_STEP_N / stiffness
+            most = sqrt(depth * depth + 2.0 * max(0.0, self.saved_j) / stiffness)
+            grown = min(max(goal, depth - step), most, depth + step)
+        if grown != depth:
+            self.surface_m = target if grown == goal else hand_m - side * grown
+        self._counted_j = after = self.spring_j
+        self.saved_j -= max(0.0, after - stored)
+
+
+class LocalFaces(LocalFace):
+    """A face of a free object: a copy of a part of its mass.
+
+    worked_j  work of the contact on the copy
+    lined_j   energy that went from the copy into the line, tick by tick
+    """
+
+    def __init__(self, seat: SeatSettings) -> None:
+        super().__init__(seat)
+        self._mass = seat.copy_kg
+        self._worked, self._lined = CompensatedSum(), CompensatedSum()
+        self._own_m = self._hand_m = 0.0  # way of the hand in this contact; place
+        self._apart = 0  # ticks since the last contact
+        self._apart_ticks = round(APART_S / self._tick_s)
+
+    @property
+    def given_j(self) -> float:
+        """Energy that the copy gave the contact, and that the line made in frames of more ticks than M."""
+        return super().given_j + self._lined.value - self._worked.value
+
+    @property
+    def given_border_j(self) -> float:
+        return self.given_j
+
+    def _move(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
+        gain = self.down.gain
+        b, root, tick_s = gain * gain * self._b, gain * self._root, self._tick_s
+        force, wave, zero = applied_n[0], self.returning[0], (0.0,) * (len(applied_n) - 1)
+        inertia = 2.0 * self._mass / tick_s
+        mid = (inertia * self._speed + force + root * wave) / (inertia + b)
+        self._speed = 2.0 * mid - self._speed
+        if self.surface_m is not None:
+            self.surface_m += tick_s * mid
+        self._worked.add(force * mid * tick_s)
+        self._lined.add((b * mid - root * wave) * mid * tick_s)
+        row = (mid, *zero)
+        self._enter_line(row)
+
+    def _place(self, hand_m: float) -> None:
+        """Let a face that nobody touches go to where the object is: a spring that stores nothing makes nothing."""
+        if self.newest < 0:
+            return
+        side, target = self._side, self.object_state[0]
+        if self.surface_m is None:
+            self.surface_m = hand_m if side * (hand_m - target) > 0.0 else target
+        if self._depth() > 0.0:
+            return
+        wanted = self.surface_m + (target - self.surface_m) * self._tick_s / RETURN_S
+        self.surface_m = max(wanted, hand_m) if side > 0.0 else min(wanted, hand_m)

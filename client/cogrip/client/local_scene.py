@@ -1,0 +1,162 @@
+"""Contact of a scene at the client (theory 7.7): with fixed geometry by a proxy here, with bodies that move by the wave line.
+
+Symbols: x hand, p proxy [m], e = (x - p) / |x - p|, K, B of [coupling], F_line force of the line, P its free part.
+
+    F = e max(0, K |x - p| + B e xdot) + P F_line
+
+The line's port moves with the proxy. It carries something only while the server says that the tool is engaged: then a body
+that moves is near. Before, the server puts the tool where the proxy is, and the hand feels nothing of the line. It begins with
+a gain s that grows in GROW_S, so that its damper comes smoothly; what it does not show meanwhile, and the way that the hand has
+gone since, is sent later, as far as the hand's work pays for it.
+"""
+
+from collections.abc import Sequence
+from math import sqrt
+
+from msgspec.structs import replace
+
+from cogrip.client.coupling import Row, spring_j
+from cogrip.client.fixed_shapes import FixedShape
+from cogrip.client.local_contact import LocalCoupling
+from cogrip.client.proxy import Ball, Proxy, without
+from cogrip.protocol.messages import Geom, Waves
+from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.settings import SeatSettings
+
+GROW_S = 0.1
+
+
+class LocalScene(LocalCoupling):
+    """engaged_m: where the tool was when it was engaged, in the hand's own frame; None while it is clear."""
+
+    def __init__(self, seat: SeatSettings) -> None:
+        super().__init__(seat)
+        self._number = seat.seat
+        self._geoms: dict[int, Geom] = {}
+        self._proxy = Proxy((), ())
+        self.engaged_m: Row | None = None
+        self._share = 0.0  # s of the line's beginning
+        self._depth, self._along = 0.0, (0.0, 0.0, 0.0)  # |x - p|, e
+        self._growth = seat.rates.frame_s / GROW_S
+        self._frame_s, self._rate_hz = seat.rates.frame_s, float(seat.rates.device_hz)
+
+    # Geometry
+
+    def receive_shape(self, geom: Geom) -> bool:
+        """Take in a shape; all are used once all are there. False for one that does not fit."""
+        if (
+            geom.body is not None
+            or geom.number >= geom.count
+            or any(g.count != geom.count for g in self._geoms.values())
+        ):
+            return False
+        known = self._geoms.get(geom.number)
+        if known is None or known.shape != geom.shape:
+            self._geoms[geom.number] = geom
+            if len(self._geoms) == geom.count:
+                self._build()
+        return True
+
+    def _build(self) -> None:
+        shapes = [self._geoms[number].shape for number in sorted(self._geoms)]
+        balls: list[Ball] = []
+        for shape in shapes:
+            if shape.seat == self._number and shape.kind == "sphere":
+                x, y, z = shape.place_m
+                balls.append(((x, y, z), shape.size_m[0]))
+        proxy = Proxy(balls, [FixedShape(shape) for shape in shapes if shape.seat is None])
+        proxy.place_m = self._proxy.place_m
+        self._proxy = proxy
+
+    # The line
+
+    def receive(self, message: Waves) -> bool:
+        axes, newest = len(self.sent), self.newest
+        state = message.state
+        if len(state) not in (2 * axes, 3 * axes) or not super().receive(replace(message, state=state[: 2 * axes])):
+            return False
+        if self.newest > newest:
+            engaged = state[2 * axes :] or None
+            if engaged is not None and engaged != self.engaged_m and self._position is not None:
+                behind = [self._root * (p - q) / self._frame_s for p, q in zip(self.proxy_m, engaged, strict=True)]
+                self.up.withhold(behind, anew=True)
+                self._share = 0.0
+            self.engaged_m = engaged
+        return True
+
+    def start_frame(self) -> int:
+        ticks = super().start_frame()
+        if self.engaged_m is not None:
+            self._share = min(1.0, self._share + self._growth)
+            self.down.gain *= self._share
+        return ticks
+
+    @property
+    def gap(self) -> bool:
+        return self.engaged_m is not None and self.down.receiver.gap
+
+    @property
+    def pressed(self) -> tuple[float, Sequence[float]]:
+        return self._depth, self._along
+
+    @property
+    def stored_j(self) -> float:
+        return self.ramp_gain * spring_j(self._stiffness, self._depth, self._peak_n)
+
+    # The law
+
+    def _move(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
+        p, q, r = self.proxy_m
+        if self._position is not None:
+            (x, y, z), (i, j, k), T = self._position, mean_velocity_mps, self._tick_s
+            self._position = x + T * i, y + T * j, z + T * k
+            self._follow()
+        if self.engaged_m is None:
+            self._leave_line()
+            return
+        x, y, z = self.proxy_m
+        rate = self._rate_hz
+        written_off = self.down.written_off
+        if self._share == 1.0:
+            self._enter_line((rate * (x - p), rate * (y - q), rate * (z - r)))
+            return
+        self.down.written_off = [0.0] * PLACES
+        self._enter_line((rate * (x - p), rate * (y - q), rate * (z - r)))
+        # the line owes nothing of what its gain at the beginning leaves: it is this end that shows it later
+        self.up.withhold([each / self.frame_ticks for each in self.down.written_off])
+        self.down.written_off = written_off
+
+    def _follow(self) -> None:
+        assert self._position is not None
+        x, y, z = self._position
+        self.proxy_m = p, q, r = self._proxy.follow((x, y, z))
+        if self._proxy.normals:
+            x, y, z = x - p, y - q, z - r
+            self._depth = depth = sqrt(x * x + y * y + z * z)
+            if depth > 0.0:
+                self._along = x / depth, y / depth, z / depth
+        else:
+            self._depth = 0.0
+
+    def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
+        damping = self._carry()
+        anew = self._position is None
+        self._position = tuple(position_m)
+        if anew:
+            self._follow()
+        total, normals = [0.0] * PLACES, self._proxy.normals
+        self.local_n = total
+        if self.engaged_m is not None:
+            reduced = self.reduced
+            total = list(without(super().force(position_m, velocity_mps), normals))
+            self.local_n = without(self.local_n, normals)
+            self.reduced = self.reduced or reduced
+        if self._depth > 0.0:
+            i, j, k = self._along
+            speed = damping * (i * velocity_mps[0] + j * velocity_mps[1] + k * velocity_mps[2])
+            size = max(0.0, self._stiffness * self._depth + speed)
+            a, b, c = self.local_n
+            self.local_n = a + size * i, b + size * j, c + size * k
+            a, b, c = total
+            total = [a + size * i, b + size * j, c + size * k]
+        return total

@@ -1,0 +1,108 @@
+"""Settings of a coupling: [coupling] as it is written, and that of one seat, where "auto" has become a number to begin with."""
+
+from collections.abc import Iterable
+from math import sqrt
+from typing import Annotated
+
+import msgspec
+
+from cogrip.protocol import decimation
+from cogrip.protocol import felt_stiffness as felt
+from cogrip.protocol import setting_types as types
+from cogrip.protocol.line.delays import Direction, PlayoutDelay, line_delay
+from cogrip.protocol.line_tuning import USUAL_NSPM, corner_hz, filter_lag_s, tuning
+from cogrip.protocol.rates import Rates
+
+LEAST_FILTER_HZ = 0.05
+
+
+class CouplingBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Scheme, wave impedance, and the spring between proxy and object (theory sections 1 to 5)."""
+
+    kind: types.Kind = "wave"
+    impedance_nspm: types.Impedance | types.Auto = USUAL_NSPM
+    stiffness_npm: types.Stiffness = 1000.0
+    damping_nspm: types.Damping = 10.0
+    compensate: bool = False
+    decimator: types.Decimator = "boxcar"
+    lowpass_rad_s: Annotated[float, msgspec.Meta(ge=1e-3, le=1e5)] = 50.0
+    server_step: types.ServerStep = "passive"
+    encoder: types.Encoder = "displacement"
+    rotational_impedance_nms: types.RotationalImpedance = 0.02  # of the axes that turn, where there are six
+
+
+class CouplingSection(CouplingBase, frozen=True, forbid_unknown_fields=True):
+    """[coupling]: with the corner of the filter on both waves, and by what "auto" chooses (theory 7.1 to 7.3)."""
+
+    wave_filter_hz: types.FilterHz | types.Auto = 0.0
+    prefer: types.Prefer = "balanced"
+
+
+class Coupling(CouplingBase, frozen=True, forbid_unknown_fields=True):
+    """The coupling of one seat."""
+
+    impedance_nspm: types.Impedance = USUAL_NSPM  # for "auto" that which the seat begins with
+
+    @property
+    def length_m(self) -> float:
+        """Characteristic length l [m], by which an angle is a length of the same impedance: b l^2 = b_r."""
+        return sqrt(self.rotational_impedance_nms / self.impedance_nspm)
+
+
+class LineTuning(msgspec.Struct, frozen=True, array_like=True):
+    """Filter of one seat's waves, and what its client may change: array-like, as a welcome has no room for more keys."""
+
+    wave_filter_hz: types.FilterHz = 0.0  # for "auto" that which the seat begins with; 0: none
+    auto_impedance: bool = False
+    auto_filter: bool = False
+    prefer: types.Prefer = "balanced"
+
+    @property
+    def live(self) -> bool:
+        """True where the client may change anything."""
+        return self.auto_impedance or self.auto_filter
+
+
+def of_seat(
+    asked: CouplingSection, playout: PlayoutDelay, ways: Iterable[Direction], rates: Rates
+) -> tuple[Coupling, LineTuning]:
+    """Return coupling and tuning of a seat: in place of "auto" stands what suits the delay that settings say."""
+    values = msgspec.structs.asdict(asked)
+    prefer, b, corner = [values.pop(name) for name in ("prefer", "impedance_nspm", "wave_filter_hz")]
+    auto = b == "auto", corner == "auto"
+    if any(auto):
+        found = tuning(round_trip_s(playout, ways, rates) + rates.frame_s, prefer)
+        b = found.impedance_nspm if auto[0] else b
+        corner = corner_hz(found.filter_lag_s) if auto[1] else corner
+    live = (
+        asked.kind in ("wave", "local") and asked.server_step == "passive"
+    )  # the other schemes keep what they begin with
+    return Coupling(impedance_nspm=b, **values), LineTuning(corner, auto[0] and live, auto[1] and live, prefer)
+
+
+def unfit_line(coupling: Coupling, line: LineTuning) -> str:
+    """Return why the two do not fit together, "" where they do."""
+    corner = line.wave_filter_hz
+    if line.live and coupling.compensate:
+        return (
+            "coupling.compensate = true needs a line that stays as it is; give impedance_nspm and wave_filter_hz numbers in "
+            'place of "auto", or set compensate to false'
+        )
+    if 0.0 < corner < LEAST_FILTER_HZ:
+        return f"coupling.wave_filter_hz = {corner:g} is below {LEAST_FILTER_HZ:g} Hz; give more, or 0 for no filter"
+    return ""
+
+
+def round_trip_s(playout: PlayoutDelay, ways: Iterable[Direction], rates: Rates) -> float:
+    """Return the delay of both lines together [s], playout included, as far as settings say it."""
+    return sum(line_delay(playout, way, rates).frames for way in ways) * rates.frame_s
+
+
+def line_compliance(coupling: Coupling, line: LineTuning, rates: Rates, round_trip_s: float) -> float:
+    """Return C_line [m/N] of theory section 4 for delays of both directions together [s]."""
+    lag = decimation.lag_s(coupling.decimator, rates.frame_s, coupling.lowpass_rad_s)
+    lag += 2.0 * filter_lag_s(line.wave_filter_hz)
+    if coupling.server_step == "paper":
+        # P's force is one frame old: it moves the proxy back by F T_n / b (theory section 4)
+        lag -= 2.0 * rates.frame_s
+    return felt.line_compliance(coupling.impedance_nspm, round_trip_s, lag)

@@ -1,0 +1,75 @@
+"""Port of the scheme with local models: a wave port whose client also reports its proxy.
+
+In a scene the line takes hold of a tool only now and then, each time where the proxy was then (`worlds.local_scene`). Waves
+that were made before the client knew of it would move the tool by a way that it has gone already: they are absorbed, as are
+those that come while it is clear, and what the line owes of them is written off. They are told by the clock reading that they
+echo.
+"""
+
+from math import dist
+
+from msgspec.structs import replace
+
+from cogrip.protocol.line.energy_sums import CompensatedSum
+from cogrip.protocol.messages import Stamp, Waves
+from cogrip.protocol.settings import SeatSettings
+from cogrip.server.port import Row
+from cogrip.server.seat_limits import FASTER, SeatLimits
+from cogrip.server.wave_port import WavePort
+
+
+class LocalPort(WavePort):
+    """proxy: of the newest frame [m], in the hand's own frame, as fast as the device's record allows; None before the first."""
+
+    def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
+        super().__init__(seat, limits, power_left)
+        self._reach_m = FASTER * limits.speed_mps * seat.rates.frame_s  # in a frame
+        self._reported: Row | None = None
+        self._absorbed_j = CompensatedSum()
+        self._always = seat.object.kind != "scene"  # engaged
+        self._engaged: Row = ()  # as told last
+        self._told: Row = ()  # the engagement that was told last
+        self._told_ns = 0  # when it was told first
+        self._unaware = -1  # newest frame that was made before the client knew of it
+
+    def receive(self, message: Waves, now_ns: int) -> bool:
+        axes = self.axes
+        if len(message.state) != 3 * axes:
+            return False
+        newest = self._receiver.newest
+        if not super().receive(replace(message, state=message.state[: 2 * axes]), now_ns):
+            return False
+        if self._reported is None or self._receiver.newest > newest:
+            self._reported = message.state[2 * axes :]
+        if message.stamp.echo_ns < self._told_ns:
+            self._unaware = max(self._unaware, message.first + len(message.waves) // axes - 1)
+        return True
+
+    def pop(self, frames: int) -> Row:
+        before, reported = self.proxy or self._reported, self._reported
+        if before is not None and reported is not None:
+            away, reach = dist(before, reported), frames * self._reach_m
+            part = reach / away if away > reach else 1.0
+            self.proxy = reported if part == 1.0 else toward(before, reported, part)
+        wave, receiver = super().pop(frames), self._receiver
+        if self._always or (self._engaged and receiver.acknowledged > self._unaware + 1):
+            return wave
+        self._absorbed_j.add(sum([value * value for value in wave]) * self._half_frame_s)
+        if any(receiver.deficit):
+            receiver.write_off(receiver.deficit)
+        return self.neutral
+
+    @property
+    def absorbed_j(self) -> float:
+        return self._absorbed_j.value
+
+    def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Waves:
+        self._engaged = engaged = object_state[2 * self.axes :]
+        if engaged and engaged != self._told:
+            self._told, self._told_ns = engaged, stamp.sent_ns
+        return super().message(session, stamp, object_state, port_j)
+
+
+def toward(start: Row, end: Row, part: float) -> Row:
+    """Return the place at this part of a straight way."""
+    return tuple([a + part * (b - a) for a, b in zip(start, end, strict=True)])

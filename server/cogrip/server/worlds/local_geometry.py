@@ -1,0 +1,136 @@
+"""Geometry with which a client renders contact itself (theory 8.7): the balls of its tool, and fixed shapes that they touch.
+
+All else that the tool can touch is an obstacle: bodies that move, and fixed ones that no client renders. The server's contact
+counts there.
+"""
+
+from dataclasses import dataclass
+
+import mujoco  # type: ignore[import-untyped]
+import numpy as np
+from numpy.typing import NDArray
+
+from cogrip.protocol.drawing import Shape, ShapeKind
+from cogrip.server.worlds.scene_file import Scene
+
+MOST_LOCAL = 64  # shapes that a player is told
+_MOST_M = 1e3  # bounds of a shape (`SPEC.md` section 3.15)
+_G = mujoco.mjtGeom
+_SPHERE = int(_G.mjGEOM_SPHERE)
+_RENDERED: dict[int, ShapeKind] = {
+    int(_G.mjGEOM_PLANE): "plane", int(_G.mjGEOM_BOX): "box", _SPHERE: "sphere", int(_G.mjGEOM_CAPSULE): "capsule",
+    int(_G.mjGEOM_CYLINDER): "cylinder",
+}  # fmt: skip
+_Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class LocalGeometry:
+    """Geometry of one seat. Where its tool is always driven by its line, all but `why` is empty.
+
+    why        the tool is always driven by its line; "" where it is not
+    balls      geoms of the tool
+    obstacles  geoms
+    touches    whether a ball touches an obstacle, shape (balls, obstacles)
+    shapes     what the client is told, in the hand's own frame: what is fixed, then the balls as they are at its middle
+    left_out   names of what is fixed and not told
+    """
+
+    why: str
+    balls: tuple[int, ...] = ()
+    obstacles: tuple[int, ...] = ()
+    touches: NDArray[np.bool_] | None = None
+    shapes: tuple[Shape, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+
+def local_geometry(scene: Scene, seat: int) -> LocalGeometry:
+    """Return the geometry of a seat, of a scene as it was loaded: no world has changed its contact yet."""
+    model, tool = scene.model, scene.tools[seat]
+    solid = (model.geom_contype | model.geom_conaffinity) != 0
+    own = model.body_rootid[model.geom_bodyid] == tool.body
+    balls = np.flatnonzero(own & solid)
+    if why := _why_driven(scene, seat, balls):
+        return LocalGeometry(why)
+    others = np.flatnonzero(solid & ~own)
+    touches = _touching(model, balls, others)
+    others, touches = others[touches.any(axis=0)], touches[:, touches.any(axis=0)]
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    start = model.body_pos[tool.body]
+    fixtures: list[Shape] = []
+    left_out: list[str] = []
+    obstacles: list[int] = []
+    for place, geom in enumerate(others.tolist()):
+        if model.body_weldid[model.geom_bodyid[geom]] != 0:
+            obstacles.append(place)
+            continue
+        shape = _shape(model, data, geom, start)
+        if shape is None or len(fixtures) + len(balls) >= MOST_LOCAL:
+            obstacles.append(place)
+            left_out.append(model.geom(geom).name or f"geom {geom}")
+        else:
+            fixtures.append(shape)
+    middles = data.geom_xpos[balls] - start
+    told = [
+        Shape("sphere", (float(model.geom_size[ball, 0]), 0.0, 0.0), place_m=tuple(middle.tolist()), seat=seat)
+        for ball, middle in zip(balls, middles, strict=True)
+    ]
+    return LocalGeometry(
+        "", tuple(balls.tolist()), tuple(others[obstacles].tolist()), touches[:, obstacles], (*fixtures, *told),
+        tuple(left_out),
+    )  # fmt: skip
+
+
+def tree_of(scene: Scene, seat: int) -> NDArray[np.intp]:
+    """Return a tool's body and all that hang on it."""
+    tree: NDArray[np.intp] = np.flatnonzero(scene.model.body_rootid == scene.tools[seat].body)
+    return tree
+
+
+def _why_driven(scene: Scene, seat: int, balls: NDArray[np.intp]) -> str:
+    """Return why a tool cannot be put where its hand is, "" where it can."""
+    model, tool, tree = scene.model, scene.tools[seat], tree_of(scene, seat)
+    joints = slice(model.body_jntadr[tool.body], model.body_jntadr[tool.body] + model.body_jntnum[tool.body])
+    pairs = np.isin(np.concatenate((model.pair_geom1, model.pair_geom2)), balls).any()
+    kinds = model.geom_type[balls]
+    reasons = [
+        (tool.turns or int(model.body_dofnum[tree].sum()) != tool.dofs, "it turns, or has joints of its own"),
+        (not len(balls) or np.any(kinds != _SPHERE) or len(balls) >= MOST_LOCAL, "it does not touch with balls alone"),
+        (np.any(model.jnt_stiffness[joints]) or np.any(model.jnt_limited[joints]), "its joints have springs or limits"),
+        (pairs or _tied(model, tree), "it is tied to other bodies, or has contact pairs of its own"),
+        (model.ntendon or model.nu or model.nflex, "the scene has tendons, actuators or flexible bodies"),
+    ]
+    return next((text for found, text in reasons if found), "")
+
+
+def _tied(model: mujoco.MjModel, tree: NDArray[np.intp]) -> bool:
+    """Return whether an equality holds one of these bodies."""
+    bodies: list[int] = []
+    for kind, *ends in zip(model.eq_objtype, model.eq_obj1id, model.eq_obj2id, strict=True):
+        of = {int(mujoco.mjtObj.mjOBJ_SITE): model.site_bodyid, int(mujoco.mjtObj.mjOBJ_JOINT): model.jnt_bodyid}
+        places = of.get(int(kind), np.arange(model.nbody))
+        bodies += [int(places[end]) for end in ends if 0 <= end < len(places)]
+    return bool(np.isin(bodies, tree).any())
+
+
+def _touching(model: mujoco.MjModel, ones: NDArray[np.intp], others: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return whether geoms can touch, shape (ones, others)."""
+    kind, answers, body = model.geom_contype, model.geom_conaffinity, model.geom_bodyid
+    touches: NDArray[np.bool_] = (kind[ones, None] & answers[others]) | (answers[ones, None] & kind[others]) != 0
+    one, other = body[ones, None], body[others]
+    excluded = np.isin((one << 16) + other, model.exclude_signature) | np.isin(
+        (other << 16) + one, model.exclude_signature
+    )
+    return touches & ~excluded
+
+
+def _shape(model: mujoco.MjModel, data: mujoco.MjData, geom: int, start: _Array) -> Shape | None:
+    """Return a fixed geom as it is told, None where no client renders it."""
+    kind, place, size = _RENDERED.get(int(model.geom_type[geom])), data.geom_xpos[geom] - start, model.geom_size[geom]
+    if kind is None or max(np.abs(place).max(), size.max()) > _MOST_M:
+        return None
+    size = np.zeros(3) if kind == "plane" else np.maximum(size, 0.0)  # planes have no end, however they are drawn
+    turned = np.zeros(4)
+    mujoco.mju_mat2Quat(turned, data.geom_xmat[geom])
+    return Shape(kind, tuple(size.tolist()), place_m=tuple(place.tolist()), orientation=tuple(turned.tolist()))

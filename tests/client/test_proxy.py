@@ -1,0 +1,154 @@
+"""Proxy on fixed shapes: distances against MuJoCo's, never inside, nearest to the hand, no energy from its moves."""
+
+from math import dist, hypot, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.client.fixed_shapes import KINDS, FixedShape, Vector
+from cogrip.client.proxy import Proxy, without
+from cogrip.protocol.drawing import Shape
+from cogrip.protocol.rotations import exp
+
+mujoco = pytest.importorskip("mujoco")
+length = st.floats(0.01, 0.1)
+coordinate = st.floats(-0.2, 0.2)
+vectors = st.tuples(coordinate, coordinate, coordinate)
+angles = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
+shapes = st.builds(
+    lambda kind, size, place, turn: Shape(kind, size, None, place, exp(turn)),
+    st.sampled_from(sorted(KINDS)),
+    st.tuples(length, length, length),
+    vectors,
+    angles | st.just((0.0, 0.0, 0.0)),
+)
+
+
+def mujoco_gap(shape: Shape, centre: Vector, radius: float) -> tuple[float, Vector]:
+    """Return distance and normal by MuJoCo's own collision functions."""
+    numbers = [" ".join(map(repr, each)) for each in (shape.size_m, shape.place_m, shape.orientation)]
+    fixed = f'<geom name="fixed" type="{shape.kind}" size="{numbers[0]}" pos="{numbers[1]}" quat="{numbers[2]}"/>'
+    place = " ".join(map(repr, centre))
+    ball = f'<body pos="{place}"><freejoint/><geom name="ball" size="{radius!r}"/></body>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{fixed}{ball}</worldbody></mujoco>")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    ends = np.zeros(6)
+    gap = mujoco.mj_geomDistance(model, data, 0, 1, 10.0, ends)
+    away = ends[3:] - ends[:3]
+    size = float(np.linalg.norm(away))
+    return gap, tuple(away / size) if size > 1e-9 else (0.0, 0.0, 0.0)  # type: ignore[return-value]
+
+
+@given(shape=shapes, centre=vectors, radius=st.floats(0.002, 0.02))
+def test_gaps_are_those_of_mujoco(shape: Shape, centre: Vector, radius: float) -> None:
+    gap, normal = FixedShape(shape).gap(*centre, radius)
+    theirs, _ = mujoco_gap(shape, centre, radius)
+    assert hypot(*normal) == pytest.approx(1.0, abs=1e-9)
+    if theirs > 1e-4:
+        assert gap == pytest.approx(theirs, abs=2e-5)
+    else:
+        assert gap <= 2e-4
+
+
+@given(shape=shapes, centre=vectors)
+def test_normal_is_the_way_the_gap_grows(shape: Shape, centre: Vector) -> None:
+    fixed, step = FixedShape(shape), 1e-7
+    gap, normal = fixed.gap(*centre, 0.0)
+    if gap > 1e-4:
+        there = tuple([c + step * n for c, n in zip(centre, normal, strict=True)])
+        assert fixed.gap(there[0], there[1], there[2], 0.0)[0] - gap == pytest.approx(step, rel=1e-3)
+
+
+def outside(fixed: list[FixedShape], place: Vector, radius: float) -> bool:
+    return all(each.gap(*place, radius)[0] >= 0.0 for each in fixed)
+
+
+@given(
+    given_shapes=st.lists(shapes, min_size=1, max_size=3),
+    start=vectors,
+    way=st.lists(st.tuples(*[st.floats(-0.004, 0.004)] * 3), min_size=1, max_size=60),
+    radius=st.floats(0.002, 0.02),
+)
+def test_proxy_is_never_inside_and_never_moves_away_from_the_hand(
+    given_shapes: list[Shape], start: Vector, way: list[Vector], radius: float
+) -> None:
+    fixed = [FixedShape(shape) for shape in given_shapes]
+    if not outside(fixed, start, radius):
+        return
+    proxy, hand = Proxy([((0.0, 0.0, 0.0), radius)], fixed), start
+    before = proxy.follow(hand)
+    for step in way:
+        hand = (hand[0] + step[0], hand[1] + step[1], hand[2] + step[2])
+        place = proxy.follow(hand)
+        assert all(each.gap(*place, radius)[0] >= -1e-5 for each in fixed)
+        # the energy law: a move of the proxy alone never loads the spring
+        assert dist(hand, place) <= dist(hand, before) + 1e-9
+        assert outside(fixed, hand, radius) or proxy.normals or place == hand
+        before = place
+
+
+def ground() -> FixedShape:
+    return FixedShape(Shape("plane", (0.0, 0.0, 0.01)))
+
+
+def test_proxy_of_a_plane_is_the_hand_put_on_it() -> None:
+    proxy = Proxy([((0.0, 0.0, -0.01), 0.005)], [ground()])
+    proxy.follow((0.0, 0.0, 0.1))
+    for deep in np.linspace(0.1, -0.05, 400):
+        place = proxy.follow((0.3 * float(deep), 0.0, float(deep)))
+    assert place == pytest.approx((-0.015, 0.0, 0.015), abs=1e-12)
+    assert proxy.normals == [(0.0, 0.0, 1.0)]
+
+
+def test_corner_holds_the_proxy_by_all_three_planes() -> None:
+    walls = [ground()] + [
+        FixedShape(Shape("plane", (0.0, 0.0, 0.01), None, (0.0, 0.0, 0.0), exp(turn)))
+        for turn in ((0.0, 0.5 * np.pi, 0.0), (-0.5 * np.pi, 0.0, 0.0))
+    ]
+    proxy = Proxy([((0.0, 0.0, 0.0), 0.01)], walls)
+    proxy.follow((0.05, 0.05, 0.05))
+    for share in np.linspace(0.0, 1.0, 100):
+        place = proxy.follow(tuple([0.05 - float(share) * each for each in (0.10, 0.08, 0.06)]))  # type: ignore[arg-type]
+    assert place == pytest.approx((0.01, 0.01, 0.01), abs=1e-9)
+    assert len(proxy.normals) == 3
+    assert without((1.0, 2.0, 3.0), proxy.normals) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+
+
+def test_no_wall_is_too_thin() -> None:
+    sheet = FixedShape(Shape("box", (0.0005, 0.1, 0.1)))
+    proxy = Proxy([((0.0, 0.0, 0.0), 0.002)], [sheet])
+    for x in np.linspace(-0.05, 0.05, 30):  # by more than its thickness a tick
+        place = proxy.follow((float(x), 0.0, 0.0))
+    assert place[0] == pytest.approx(-0.0025, abs=1e-9)
+
+
+def test_shape_in_which_the_hand_begins_holds_it_only_once_it_has_left() -> None:
+    proxy = Proxy([((0.0, 0.0, 0.0), 0.01)], [ground()])
+    for z in (-0.02, -0.01, 0.005):
+        assert proxy.follow((0.0, 0.0, z)) == (0.0, 0.0, z)
+    proxy.follow((0.0, 0.0, 0.02))
+    assert proxy.follow((0.0, 0.0, -0.02))[2] == pytest.approx(0.01)
+
+
+def test_a_tool_of_several_balls_slides_with_the_one_that_touches() -> None:
+    balls = [((0.0, 0.02, 0.0), 0.01), ((0.0, -0.02, 0.01), 0.01)]
+    proxy = Proxy(balls, [ground()])
+    proxy.follow((0.0, 0.0, 0.1))
+    for x in np.linspace(0.0, 0.1, 200):
+        place = proxy.follow((float(x), 0.0, 0.1 - 2.0 * float(x)))
+    assert place == pytest.approx((0.1, 0.0, 0.01), abs=1e-9)
+
+
+def test_round_surface_lets_the_proxy_slide_to_the_nearest_point() -> None:
+    proxy = Proxy([((0.0, 0.0, 0.0), 0.01)], [FixedShape(Shape("sphere", (0.05, 0.0, 0.0)))])
+    proxy.follow((-0.1, 0.02, 0.0))
+    for share in np.linspace(0.0, 1.0, 200):
+        hand = (-0.1 + 0.08 * float(share), 0.02, 0.0)
+        place = proxy.follow(hand)
+    for _ in range(50):
+        place = proxy.follow(hand)
+    away = sqrt(sum(each * each for each in hand))
+    assert place == pytest.approx(tuple(0.06 * each / away for each in hand), abs=1e-6)

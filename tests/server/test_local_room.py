@@ -1,0 +1,247 @@
+"""A room with local models over messages: what a player is told, where its tool goes, what a hostile client can do."""
+
+import math
+
+import numpy as np
+import pytest
+
+from cogrip.cli.session.shipped_settings import shipped_scene
+from cogrip.protocol import messages
+from cogrip.protocol.line.sender import LineSender
+from cogrip.protocol.messages import Geom, Stamp, Waves
+from cogrip.protocol.settings import SettingsError, resolve
+from cogrip.server.local_port import LocalPort
+from cogrip.server.room import Room
+from cogrip.server.seat_limits import FASTER, Record
+from cogrip.server.worlds.local_scene import LocalScene
+
+T = 1 / 128
+FRAME_NS = 7_812_500
+SPEED_MPS = 2.0
+RECORD = Record("sim:ideal", 3, 1024.0, 10.0, SPEED_MPS)
+Place = tuple[float, float, float]
+
+
+def room_of(scene: str = "lift", people: int = 2, **tables: object) -> Room:
+    users = [{"name": f"user{number}", "side": ("left", "right")[number % 2]} for number in range(people)]
+    thing = {"kind": "scene", "axes": 3, "file": str(shipped_scene(f"{scene}.xml"))}
+    return Room(resolve({"object": thing, "coupling": {"kind": "local"}, "users": users, **tables}))
+
+
+class Player:
+    """A client of one seat, in plain code: it sends a proxy and a wave each frame, and reads what comes."""
+
+    def __init__(self, room: Room, seat: int) -> None:
+        self.room, self.seat, self.session = room, seat, 100 + seat
+        room.take_seat(seat, self.session, 1, 0, RECORD)
+        room.seats[seat].address = ("seat", seat)
+        self.sender, self.made_j, self.first = LineSender(3, 8), 0.0, (0.0, 0.0, 0.0)
+        self.geoms: dict[int, Geom] = {}
+        self.state: tuple[float, ...] = ()
+        self.heard_ns = 0  # clock reading of the newest message
+
+    def send(self, proxy: Place, wave: Place, now_ns: int) -> bool:
+        port = self.room.seats[self.seat].port
+        assert port is not None
+        self.sender.push(wave)
+        first, waves, total, squares = self.sender.contents()
+        self.made_j += 0.5 * T * math.fsum(value * value for value in wave)
+        state = self.first + proxy + proxy
+        message = Waves(
+            self.session,
+            first,
+            waves,
+            total,
+            squares,
+            self.made_j,
+            self.made_j,
+            0,
+            Stamp(now_ns + 1, self.heard_ns),
+            state,
+        )
+        decoded = messages.decode(messages.encode(message))
+        return port.receive(decoded, now_ns)
+
+    def read(self, datagram: bytes) -> None:
+        message = messages.decode(datagram)
+        assert message.session == self.session  # type: ignore[union-attr]
+        if isinstance(message, Geom):
+            self.geoms[message.number] = message
+        elif isinstance(message, Waves):
+            self.state, self.heard_ns = message.state, message.stamp.sent_ns
+
+
+class Session:
+    """Everybody of a room, frame by frame."""
+
+    def __init__(self, room: Room) -> None:
+        self.room, self.frame = room, 0
+        self.players = [Player(room, seat) for seat in range(len(room.seats))]
+
+    def step(self, *proxies: Place, wave: Place = (0.0, 0.0, 0.0)) -> int:
+        """Step the room; return the largest number of shapes that one player was told."""
+        now_ns = self.frame * FRAME_NS
+        self.frame += 1
+        for player, proxy in zip(self.players, proxies, strict=True):
+            assert player.send(proxy, wave, now_ns)
+        out = self.room.tick(now_ns)
+        told = [0] * len(self.players)
+        for address, datagram in out:
+            assert isinstance(address, tuple)
+            player = self.players[int(address[1])]
+            before = len(player.geoms)
+            player.read(datagram)
+            told[player.seat] += len(player.geoms) - before
+        return max(told)
+
+
+AWAY: tuple[Place, Place] = ((-0.03, 0.0, 0.05), (0.03, 0.0, 0.05))
+
+
+def test_a_clear_tool_is_where_its_client_says_and_its_line_brings_nothing() -> None:
+    room = room_of()
+    session = Session(room)
+    for frame in range(200):
+        shift = 0.01 * math.sin(0.1 * frame)
+        proxies = [(x, y + shift, z) for x, y, z in AWAY]
+        session.step(*proxies, wave=(0.5, 0.0, 0.0))
+        if frame > 5:
+            for player, proxy in zip(session.players, proxies, strict=True):
+                assert len(player.state) == 6
+                # as the playout of waves has no say in it, the tool is where the newest frame says
+                assert room.world.proxy_of(player.seat) == pytest.approx(proxy, abs=1e-9)
+    world = room.world
+    assert isinstance(world, LocalScene)
+    assert world.limiter.level_j == pytest.approx(1e-3, abs=2e-5)  # the box settles on the floor
+    port = room.seats[0].port
+    assert port is not None
+    assert port.absorbed_j == pytest.approx(0.5 * T * 0.25 * 200, rel=0.05)  # it has left the line
+    assert world.worked()[0] == 0.0
+    assert room.seats[0].line_margin_j > -1e-12
+
+
+def test_near_the_box_it_is_told_where_the_line_takes_hold_and_far_from_it_no_more() -> None:
+    session = Session(room_of())
+    for frame in range(200):
+        session.step((min(0.001 * frame, 0.06), 0.0, 0.0), AWAY[1])
+    left, right = session.players
+    assert len(left.state) == 9
+    assert len(right.state) == 6
+    place = left.state[6:]
+    assert 0.03 < place[0] < 0.045  # the ball meets the box after 44 mm
+    for frame in range(200):
+        session.step((-0.0005 * frame, 0.0, 0.0), AWAY[1])
+    # a client whose proxy leaves sends waves that take the tool along
+    for _ in range(200):
+        tool = session.room.world.proxy_of(0)
+        session.step((-0.03, 0.0, 0.0), AWAY[1], wave=(max(-1.0, 3.0 * (-0.03 - tool[0])), 0.0, 0.0))
+    assert len(left.state) == 6
+    for frame in range(100):
+        session.step((-0.03 + min(0.001 * frame, 0.09), 0.0, 0.0), AWAY[1])
+    assert len(left.state) == 9
+    assert left.state[6:] != place
+
+
+@pytest.mark.parametrize("delay", [0, 3, 20])
+def test_waves_of_before_an_engagement_was_known_move_no_tool(delay: int) -> None:
+    """A client that sends the same wave all the time, and hears of what the server does `delay` frames late."""
+    session = Session(room_of())
+    left = session.players[0]
+    heard: list[int] = []
+    engaged, moved = [], []
+    for frame in range(120):
+        heard.append(left.heard_ns)
+        left.heard_ns = heard[max(0, frame - delay)]
+        session.step((min(0.002 * frame, 0.06), 0.0, 0.0), AWAY[1], wave=(0.05, 0.0, 0.0))
+        engaged.append(len(left.state) == 9)
+        moved.append(session.room.world.proxy_of(0)[0])
+    began = engaged.index(True)
+    assert all(engaged[began:])
+    place = left.state[6]
+    moves = [number for number in range(began, 120) if abs(moved[number] - place) > 1e-6]
+    assert moves[0] - began == pytest.approx(
+        delay + 2, abs=1
+    )  # heard in the next frame, and played in the one after it
+    port = session.room.seats[0].port
+    assert port is not None
+    lost = 0.5 * T * 0.05**2 * moves[0]
+    assert port.absorbed_j == pytest.approx(lost, rel=0.05)
+    assert session.room.seats[0].line_margin_j > -1e-12
+
+
+@pytest.mark.parametrize(("scene", "fixtures"), [("wall", 1), ("lift", 1)])
+def test_all_shapes_are_told_in_half_a_second_and_again(scene: str, fixtures: int) -> None:
+    session = Session(room_of(scene))
+    session.step(*AWAY)
+    assert max(session.step(*AWAY) for _ in range(62)) <= 2
+    for seat, player in enumerate(session.players):
+        shapes = [player.geoms[number].shape for number in range(player.geoms[0].count)]
+        balls = [shape for shape in shapes if shape.seat is not None]
+        assert {shape.seat for shape in balls} == {seat}
+        assert [shape.kind for shape in balls] == ["sphere"] * 4  # a pad
+        assert len(shapes) - len(balls) == fixtures
+        player.geoms.clear()
+    for _ in range(200):
+        session.step(*AWAY)
+    assert len(session.players[0].geoms) == 4 + fixtures  # one that was lost comes again
+
+
+def test_shapes_are_in_the_hands_own_frame() -> None:
+    session = Session(room_of("wall"))
+    for _ in range(20):
+        session.step(*AWAY)
+    world = session.room.world
+    for player in session.players:
+        wall = next(geom.shape for geom in player.geoms.values() if geom.seat is None)
+        world_m = np.array(wall.place_m) - world.offset[player.seat] + world._start  # type: ignore[attr-defined]
+        assert world_m == pytest.approx([0.08, 0.0, 0.0])
+        assert wall.size_m == pytest.approx((0.02, 0.1, 0.1))
+
+
+def test_a_proxy_goes_no_faster_than_the_devices_record() -> None:
+    room = room_of()
+    player = Player(room, 0)
+    port = room.seats[0].port
+    assert isinstance(port, LocalPort)
+    player.send((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0)
+    port.pop(1)
+    player.send((0.5, 0.0, 0.0), (0.0, 0.0, 0.0), FRAME_NS)
+    places = []
+    for _ in range(60):
+        port.pop(1)
+        assert port.proxy is not None
+        places.append(port.proxy[0])
+    assert max(np.diff([0.0, *places])) == pytest.approx(FASTER * SPEED_MPS * T)
+    assert places[-1] == 0.5
+
+
+def test_a_late_frame_takes_no_proxy_back_and_other_lengths_are_unfit() -> None:
+    room = room_of()
+    player = Player(room, 0)
+    port = room.seats[0].port
+    assert port is not None
+    for number in range(3):
+        player.send((0.001 * number, 0.0, 0.0), (0.0, 0.0, 0.0), number * FRAME_NS)
+    late = Waves(100, 1, (0.0,) * 3, (0.0,) * 3, (0.0,) * 3, 0.0, 0.0, 0, Stamp(1), (0.009,) * 9)
+    port.receive(late, 3 * FRAME_NS)
+    port.pop(1)
+    assert port.proxy == (0.002, 0.0, 0.0)
+    for length in (6, 15):
+        other = Waves(100, 3, (0.0,) * 3, (0.0,) * 3, (0.0,) * 3, 0.0, 0.0, 0, Stamp(1), (0.0,) * length)
+        assert not port.receive(other, 3 * FRAME_NS)
+    with pytest.raises(messages.MalformedError):
+        messages.decode(messages.encode(late).replace(np.float64(0.009).tobytes()[::-1], b"\x7f\xf8" + bytes(6)))
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"object.axes": 6}, 'coupling.kind = "local" has no poses; set coupling.kind = "wave", or object.axes = 3'),
+        ({"coupling.server_step": "paper"}, 'with coupling.kind = "local" leave it "passive"'),
+    ],
+)
+def test_settings_that_it_does_not_fit(tables: dict[str, object], words: str) -> None:
+    thing = {"kind": "scene", "axes": 3, "file": str(shipped_scene("lift.xml"))}
+    with pytest.raises(SettingsError) as caught:
+        resolve({"object": thing, "coupling": {"kind": "local"}, "users": [{"name": "anna"}]}, tables)
+    assert words in str(caught.value)
