@@ -217,6 +217,7 @@ def _traces(rows: Rows) -> Figure:
         height = _height(rows, network, traces)
         for method, panel in zip(asked.methods, panels, strict=True):
             panel.set_xlim(0.0, whole_s)
+            panel.set_xticks([0.0, 0.5 * whole_s])  # one at the end would run into the next panel's first
             if height:
                 panel.set_ylim(-height, height)
             if method in traces:
