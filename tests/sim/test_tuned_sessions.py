@@ -93,7 +93,7 @@ def test_a_line_that_changes_while_in_use_plays_again_bit_by_bit(tmp_path: Path)
         assert found.exact, found
 
 
-@pytest.mark.parametrize(("before_ms", "after_ms"), [(2.0, 250.0), (250.0, 2.0)])
+@pytest.mark.parametrize(("before_ms", "after_ms"), [(2.0, 250.0), long(250.0, 2.0)])
 def test_a_line_follows_a_delay_that_nobody_announced(tmp_path: Path, before_ms: float, after_ms: float) -> None:
     """Both ends end with what suits the delay; b changes by 1.3 % at most, and R frames or more lie between two changes."""
     laboratory = Laboratory(resolve(switched(tmp_path, before_ms, after_ms)))
@@ -133,7 +133,8 @@ def test_hands_that_pull_over_a_satellite_are_calm_two_seconds_after_they_rest(s
 
 
 @pytest.mark.parametrize(
-    "coupling", [{}, {"wave_filter_hz": 1.0, "impedance_nspm": 8.0}, {"prefer": "light"}, {"prefer": "stiff"}]
+    "coupling",
+    [{}, {"wave_filter_hz": 1.0, "impedance_nspm": 8.0}, long({"prefer": "light"}), long({"prefer": "stiff"})],
 )
 def test_what_is_felt_is_predicted_with_the_filter(coupling: dict[str, Any]) -> None:
     hand = "reach&amplitude_m=0.02&stroke_s=1&delay_s=0.5&stop_s=1.5"
