@@ -306,6 +306,16 @@ def test_skipped_ticks_are_a_count(crowds: dict[int, Run], tmp_path: Path) -> No
     assert texts[0] == f"p0: 28 of {28 + rows} ticks skipped"
 
 
+@pytest.mark.parametrize(("most", "limits"), [(4e-15, (-1.0, 1.0)), (0.0, None), (2e-6, None)])
+def test_rounding_is_not_magnified_to_fill_a_panel(most: float, limits: tuple[float, float] | None) -> None:
+    sheet = style.Sheet(1)
+    panel = sheet.panels[0, 0]
+    panel.plot([0.0, 1.0], [-most, most])
+    before = panel.get_ylim()
+    sheet.finish("time [s]", ["force [N]"])
+    assert panel.get_ylim() == (limits or before)
+
+
 def test_a_hand_that_follows_correlates_at_its_lag() -> None:
     leads = np.random.default_rng(1).normal(size=4000)
     for first, second, sign in ((leads, np.roll(leads, 51), 1.0), (np.roll(leads, 51), leads, -1.0)):

@@ -32,6 +32,7 @@ DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1))
 LINES: tuple[Any, ...] = ("-", DASHED, (0, (6, 1.5, 1, 1.5)), DOTTED, (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)))
 _BUCKETS = 900  # of a minimum and a maximum each: finer than a pixel
 _STRETCHES = 150
+LEAST_SPAN = 1e-6  # of an axis, in its own unit (N, mm, mJ): rounding is not magnified
 
 
 class NotDrawnError(Exception):
@@ -134,6 +135,9 @@ class Sheet:
         x_labels = [x_label] * self.panels.shape[1] if isinstance(x_label, str) else x_label
         for panel, text in zip(self.panels[-1], x_labels, strict=True):
             panel.set_xlabel(text, fontsize=10, color=INK)
+        for panel in self.panels.flat:
+            if panel.get_yscale() == "linear" and max(map(abs, panel.get_ylim())) < LEAST_SPAN:
+                panel.set_ylim(-1.0, 1.0)
         each = len(y_labels) > self._rows
         for panel, text in zip(self.panels.flat if each else self.panels[:, 0], y_labels, strict=True):
             panel.set_ylabel(text, fontsize=10, color=INK)
