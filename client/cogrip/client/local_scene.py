@@ -15,10 +15,11 @@ from math import sqrt
 
 from msgspec.structs import replace
 
-from cogrip.client.coupling import Row, spring_j
-from cogrip.client.fixed_shapes import FixedShape
+from cogrip.client.coupling import AnyCoupling, Row, spring_j
+from cogrip.client.fixed_shapes import KINDS, FixedShape
 from cogrip.client.local_contact import LocalCoupling
 from cogrip.client.proxy import Ball, Proxy, without
+from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
 from cogrip.protocol.messages import Geom, Waves
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
@@ -34,6 +35,7 @@ class LocalScene(LocalCoupling):
         self._number = seat.seat
         self._geoms: dict[int, Geom] = {}
         self._proxy = Proxy((), ())
+        self._shapes: tuple[Shape, ...] = ()  # of `_proxy`
         self.engaged_m: Row | None = None
         self._share = 0.0  # s of the line's beginning
         self._depth, self._along = 0.0, (0.0, 0.0, 0.0)  # |x - p|, e
@@ -43,32 +45,42 @@ class LocalScene(LocalCoupling):
     # Geometry
 
     def receive_shape(self, geom: Geom) -> bool:
-        """Take in a shape; all are used once all are there. False for one that does not fit."""
-        if (
-            geom.body is not None
-            or geom.number >= geom.count
-            or any(g.count != geom.count for g in self._geoms.values())
-        ):
-            return False
-        known = self._geoms.get(geom.number)
+        """Take in a shape; all are used once all are there, and stay so. False for one that does not fit."""
+        known = self._geoms.setdefault(geom.number, geom) if self._fits(geom) else None
         if known is None or known.shape != geom.shape:
-            self._geoms[geom.number] = geom
-            if len(self._geoms) == geom.count:
-                self._build()
+            return False
+        if known is geom and len(self._geoms) == geom.count:
+            self._build()
         return True
 
+    def _fits(self, geom: Geom) -> bool:
+        """Return whether a shape may be one of those that are told: few enough that a tick has time for them."""
+        counts = {geom.count, *[each.count for each in self._geoms.values()]}
+        few = geom.number < geom.count <= MOST_LOCAL and len(counts) == 1
+        return few and geom.body is None and geom.kind in KINDS
+
     def _build(self) -> None:
-        shapes = [self._geoms[number].shape for number in sorted(self._geoms)]
+        shapes = tuple(self._geoms[number].shape for number in sorted(self._geoms))
+        if shapes == self._shapes:
+            return  # those of the line before: the proxy stays on them
         balls: list[Ball] = []
         for shape in shapes:
             if shape.seat == self._number and shape.kind == "sphere":
                 x, y, z = shape.place_m
                 balls.append(((x, y, z), shape.size_m[0]))
-        proxy = Proxy(balls, [FixedShape(shape) for shape in shapes if shape.seat is None])
+        fixed = [FixedShape(shape) for shape in shapes if shape.seat is None]
+        if len(fixed) * len(balls) > MOST_PAIRS:
+            fixed = []
+        proxy = Proxy(balls, fixed)
         proxy.place_m = self._proxy.place_m
-        self._proxy = proxy
+        self._proxy, self._shapes = proxy, shapes
 
     # The line
+
+    def go_on_from(self, before: AnyCoupling) -> None:
+        super().go_on_from(before)
+        if isinstance(before, LocalScene):  # what the hand presses on does not vanish under it
+            self._proxy, self._shapes = before._proxy, before._shapes
 
     def receive(self, message: Waves) -> bool:
         axes, newest = len(self.sent), self.newest
@@ -81,6 +93,8 @@ class LocalScene(LocalCoupling):
                 behind = [self._root * (p - q) / self._frame_s for p, q in zip(self.proxy_m, engaged, strict=True)]
                 self.up.withhold(behind, anew=True)
                 self._share = 0.0
+            elif engaged is None and self.engaged_m is not None:
+                self.up.withhold((0.0,) * axes, anew=True)  # a tool that is clear is owed nothing
             self.engaged_m = engaged
         return True
 

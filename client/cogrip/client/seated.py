@@ -265,6 +265,7 @@ class SeatedClient:
                 ended = True
                 port.enter(ledger.work.value, ledger.closed_given_j + coupling.given_border_j)
                 length = coupling.end_frame(port.spare_j)
+                port.enter(ledger.work.value, ledger.closed_given_j + coupling.given_border_j)  # what was sent is spent
                 if position_m is not None:
                     self._end_frame(position_m, tick - self._frame_begin)
                 self._frame_begin, self._frame_end = tick, tick + length
