@@ -1,19 +1,22 @@
 """Shapes that a server tells a client with local contact: how many are taken in, and that they stay as they were told."""
 
+from collections.abc import Sequence
+
 import pytest
 from msgspec import structs
 
 from cogrip.client.local_contact import LocalFaces, LocalWall
 from cogrip.client.local_scene import LocalScene
+from cogrip.client.oscillation import OscillationDetector
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Geom, Stamp, Waves
 from cogrip.protocol.settings import resolve, seat_settings
 
-from tests.client.seated_client import T_C, capability
+from tests.client.seated_client import ROOT, T_C, M, capability
 from tests.client.test_local_contact import Hand, seat, send
 
-K = 1000.0
+K, HAND_KG = 1000.0, 0.15
 FLOOR = Shape("plane", (0.0, 0.0, 0.0), place_m=(0.0, 0.0, -0.01))
 BALL = Shape("sphere", (0.01, 0.0, 0.0), seat=0)
 
@@ -124,3 +127,28 @@ def test_clear_tool_is_owed_nothing() -> None:
             coupling.force(place, (0.0,) * 3)
         coupling.end_frame(1.0)
         assert any(coupling.sent) == bool(engaged)
+
+
+def test_hand_that_the_line_presses_onto_geometry_comes_to_rest_there() -> None:
+    """A light hand above the floor, pressed down by 3 N of the line: what the floor carries does not come back at once."""
+    coupling, tick_hz = scene(), 1.0 / T_C
+    tell(coupling, BALL, FLOOR)
+    detector, line = OscillationDetector(3, T_C), LineSender(3, 8)
+    z, speed, wave = 0.002, 0.0, (0.0, 0.0, -3.0 / ROOT)
+    force: Sequence[float] = (0.0,) * 3
+    for tick in range(round(2.0 * tick_hz)):
+        if tick % M == 0:
+            line.push(wave)
+            first, waves, total, squares = line.contents()
+            state = (0.0,) * 6 + (0.0, 0.0, 0.002)
+            assert coupling.receive(Waves(1, first, waves, total, squares, 0.0, 0.0, 0, Stamp(0), state))
+            coupling.end_frame(0.0)
+            coupling.start_frame()
+        force = coupling.force((0.0, 0.0, z), (0.0, 0.0, speed))
+        detector.add(force, False, coupling.local_n)
+        assert not detector.oscillates
+        mean = speed - 0.5 * T_C * force[2] / HAND_KG
+        speed -= T_C * force[2] / HAND_KG
+        z += T_C * mean
+        coupling.elapse((0.0, 0.0, mean), (0.0, 0.0, speed))
+    assert -0.001 < z < 0.001

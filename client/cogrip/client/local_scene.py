@@ -1,13 +1,14 @@
 """Contact of a scene at the client (theory 7.7): with fixed geometry by a proxy here, with bodies that move by the wave line.
 
-Symbols: x hand, p proxy [m], e = (x - p) / |x - p|, K, B of [coupling], F_line force of the line, P its free part.
+Symbols: x hand, p proxy [m], e = (x - p) / |x - p|, K, B of [coupling], F_line force of the line.
 
-    F = e max(0, K |x - p| + B e xdot) + P F_line
+    F = e max(0, K |x - p| + B e xdot) + P F_line        P leaves out what n does, the normals that hold the proxy
 
 The line's port moves with the proxy. It carries something only while the server says that the tool is engaged: then a body
 that moves is near. Before, the server puts the tool where the proxy is, and the hand feels nothing of the line. It begins with
 a gain s that grows in GROW_S, so that its damper comes smoothly; what it does not show meanwhile, and the way that the hand has
-gone since, is sent later, as far as the hand's work pays for it.
+gone since, is sent later, as far as the hand's work pays for it. Where the proxy comes off geometry, P comes back to 1 in GROW_S
+as well: a line that presses the hand onto it would else throw it back at once, and the hand would hammer on.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from math import sqrt
 from msgspec.structs import replace
 
 from cogrip.client.coupling import AnyCoupling, Row, spring_j
-from cogrip.client.fixed_shapes import KINDS, FixedShape
+from cogrip.client.fixed_shapes import KINDS, FixedShape, Vector
 from cogrip.client.local_contact import LocalCoupling
 from cogrip.client.proxy import Ball, Proxy, without
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
@@ -38,6 +39,8 @@ class LocalScene(LocalCoupling):
         self._shapes: tuple[Shape, ...] = ()  # of `_proxy`
         self.engaged_m: Row | None = None
         self._share = 0.0  # s of the line's beginning
+        self._left: list[Vector] = []  # normals that hold the proxy, or have until less than GROW_S ago
+        self._regained = 0.0  # share of the line's force along them that is rendered again
         self._depth, self._along = 0.0, (0.0, 0.0, 0.0)  # |x - p|, e
         self._growth = seat.rates.frame_s / GROW_S
         self._frame_s, self._rate_hz = seat.rates.frame_s, float(seat.rates.device_hz)
@@ -152,18 +155,32 @@ class LocalScene(LocalCoupling):
         else:
             self._depth = 0.0
 
+    def _free(self, line_n: Sequence[float]) -> Row:
+        """Return the line's force without what geometry carries, or has carried until just now."""
+        if not self._left:
+            return tuple(line_n)
+        x, y, z = line_n
+        a, b, c = without(line_n, self._left)
+        gain = self._regained
+        return a + gain * (x - a), b + gain * (y - b), c + gain * (z - c)
+
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
         damping = self._carry()
         anew = self._position is None
         self._position = tuple(position_m)
         if anew:
             self._follow()
-        total, normals = [0.0] * PLACES, self._proxy.normals
+        total: Sequence[float] = [0.0] * PLACES
         self.local_n = total
+        if self._proxy.normals:
+            self._left, self._regained = self._proxy.normals, 0.0
+        elif self._left:
+            self._regained += self._tick_s / GROW_S
+            self._left = self._left if self._regained < 1.0 else []
         if self.engaged_m is not None:
             reduced = self.reduced
-            total = list(without(super().force(position_m, velocity_mps), normals))
-            self.local_n = without(self.local_n, normals)
+            total = super().force(position_m, velocity_mps)
+            total, self.local_n = self._free(total), self._free(self.local_n)
             self.reduced = self.reduced or reduced
         if self._depth > 0.0:
             i, j, k = self._along
