@@ -189,5 +189,5 @@ class LocalScene(LocalCoupling):
             a, b, c = self.local_n
             self.local_n = a + size * i, b + size * j, c + size * k
             a, b, c = total
-            total = [a + size * i, b + size * j, c + size * k]
-        return total
+            return [a + size * i, b + size * j, c + size * k]
+        return list(total)
