@@ -245,7 +245,7 @@ def test_felt_stiffness_needs_a_hand_at_rest_that_presses(network_hz: int) -> No
     assert rest.stiffness_npm() == pytest.approx(750.0)
     rest.add(2.1e-3, 1.5)
     assert rest.stiffness_npm() is None, "it moved"
-    for depth, force in ((-1e-3, 1.0), (1e-3, 0.0)):
+    for depth, force in ((-1e-3, 1.0), (1e-3, 0.0), (1e-18, 1e-15)):
         rest = FeltStiffness(0.0, frame_s)
         for _ in range(samples):
             rest.add(depth, force)

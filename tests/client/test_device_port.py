@@ -262,3 +262,20 @@ def test_the_port_of_a_whole_client_is_passive(kind: str, axes: int, seed: int, 
     margin = core.handle(CloseLedger(TickCount()), core.now_ns).device.margin_j
     assert margin is not None
     assert margin >= -1e-12
+
+
+def test_what_a_line_is_sent_is_not_cut_off_of_the_balance_as_well() -> None:
+    """A line whose energy is absorbed, then spent on what was withheld: the balance has it once."""
+    client = Client(bare=False, speed_mps=1.0)
+    seated = client.core.seated
+    assert seated is not None
+    seated.safety.fail("of the test")
+    for tick in range(64 * M):
+        if tick % M == 0:
+            client.hear(due_ns(0, tick, DEVICE_HZ), 30.0 if tick <= 32 * M else 0.0)
+        if tick == 32 * M:
+            client.waves.up.withhold((1e6,), anew=True)
+        client.tick(tick, 0.0)
+    free_j = 0.5 * seated.capability.apparent_mass_kg
+    assert seated.port.least_j == pytest.approx(-free_j), "all that was there to be spent, and no more"
+    assert seated.port.account().margin_j > 0.0

@@ -1,6 +1,6 @@
 """Proxy on fixed shapes: distances against MuJoCo's, never inside, nearest to the hand, no energy from its moves."""
 
-from math import dist, hypot, sqrt
+from math import dist, hypot, pi, sin, sqrt
 
 import numpy as np
 import pytest
@@ -152,3 +152,43 @@ def test_round_surface_lets_the_proxy_slide_to_the_nearest_point() -> None:
         place = proxy.follow(hand)
     away = sqrt(sum(each * each for each in hand))
     assert place == pytest.approx(tuple(0.06 * each / away for each in hand), abs=1e-6)
+
+
+@pytest.mark.parametrize("half_angle", [0.05, 0.1, 0.3, 0.7])
+def test_acute_groove_holds_the_proxy_and_no_move_loads_the_spring(half_angle: float) -> None:
+    """The hand goes deep into the groove between two walls, along it and out: the proxy slides along its bottom."""
+    groove = [
+        FixedShape(Shape("plane", (0.0,) * 3, orientation=exp((0.0, sign * (pi / 2 - half_angle), 0.0))))
+        for sign in (-1, 1)
+    ]
+    radius = 0.005
+    bottom = radius / sin(half_angle)
+    proxy = Proxy([((0.0, 0.0, 0.0), radius)], groove)
+    place = proxy.follow((0.0, 0.0, bottom + 0.01))
+    ways = [(1e-6 * k, 0.0, bottom + 0.01 - 1e-4 * k) for k in range(600)]
+    ways += [(6e-4, 1e-4 * k, bottom - 0.05) for k in range(300)]
+    for hand in ways:
+        before = dist(hand, place)
+        place = proxy.follow(hand)
+        assert dist(hand, place) <= before + 1e-9
+        assert all(each.gap(*place, radius)[0] >= -1e-8 for each in groove)
+    assert place == pytest.approx((0.0, 0.03 - 1e-4, bottom), abs=1e-6)
+    assert len(proxy.normals) == 2
+
+
+def test_hundreds_of_planes_hold_the_proxy_where_it_is_allowed() -> None:
+    """As many shapes about a tool as there may be: the proxy stays outside of them all, and reaches the nearest place."""
+    random = np.random.default_rng(1)
+    fixed = []
+    for _ in range(200):
+        tilt = random.uniform(-0.5, 0.5, 2)
+        fixed.append(FixedShape(Shape("plane", (0.0,) * 3, orientation=exp((tilt[0], tilt[1], 0.0)))))
+    proxy = Proxy([((0.0, 0.0, 0.0), 0.005)], fixed)
+    place = proxy.follow((0.0, 0.0, 0.1))
+    for k in range(300):
+        hand = (1e-5 * k, 2e-5 * k, 0.1 - 1e-3 * k)
+        before = dist(hand, place)
+        place = proxy.follow(hand)
+        assert dist(hand, place) <= before + 1e-9
+    gaps = [each.gap(*place, 0.005)[0] for each in fixed]
+    assert min(gaps) == pytest.approx(0.0, abs=1e-6)

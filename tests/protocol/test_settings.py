@@ -383,6 +383,12 @@ def test_a_scene_is_bound_by_its_name_and_no_welcome_carries_its_path() -> None:
     assert (seat.asked_npm, seat.predicted_stiffness(3.0), seat.one_sided) == (None, None, False)
 
 
+def test_local_contact_predicts_the_stiffness_of_what_nobody_moves_alone() -> None:
+    local, thing = {"coupling.kind": "local"}, {"users": [{"name": "anna"}], "coupling": {"stiffness_npm": 900.0}}
+    assert seat_settings(resolve({**thing, "object": {"kind": "wall"}}, local), 0).predicted_stiffness(3.0) == 900.0
+    assert seat_settings(resolve(SCENE, local), 0).predicted_stiffness(3.0) is None, "bodies that lines carry"
+
+
 def test_the_digest_of_a_scene_is_that_of_its_text(tmp_path: Path) -> None:
     """Wherever the file lies; another text is another room."""
     digests = []

@@ -123,6 +123,12 @@ def test_what_was_asked_for_stands_beside_what_was_felt(asked_npm: float | None,
     assert (judged.tone, words in judged.sentence) == (tone, True)
 
 
+def test_stiffness_that_is_measured_and_not_predicted_is_said_to_be_measured() -> None:
+    summary = summary_of(person(felt_stiffness_npm=1000.0))
+    summary["users"][0].update(asked_stiffness_npm=1000.0, predicted_stiffness_npm=None, not_predicted=None)
+    assert felt(summary).sentence == "Felt as intended; 1000 N/m at rest, as measured."
+
+
 def test_an_earlier_seat_session_counts() -> None:
     before = port(margin_j=-1.0)
     summary = summary_of(msgspec.structs.replace(person(), earlier=(before,)))

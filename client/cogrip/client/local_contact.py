@@ -21,7 +21,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from math import inf, sqrt
 
-from cogrip.client.coupling import Row, spring_j
+from cogrip.client.coupling import AnyCoupling, Row, spring_j
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability
 from cogrip.protocol.line.energy_sums import CompensatedSum
@@ -53,6 +53,10 @@ class LocalCoupling(WaveCoupling):
     def fit(self, record: Capability, lag_s: float) -> None:
         super().fit(record, lag_s)
         self._lag_s, self._peak_n = lag_s, record.peak_force_n
+
+    def go_on_from(self, before: AnyCoupling) -> None:
+        super().go_on_from(before)
+        self.proxy_m = before.proxy_m if isinstance(before, LocalCoupling) else self.proxy_m
 
     @property
     def entered_j(self) -> float:
@@ -110,6 +114,11 @@ class LocalFace(LocalCoupling):
         self.surface_m: float | None = None
         self._speed = 0.0  # v_p
 
+    def go_on_from(self, before: AnyCoupling) -> None:
+        """Keep the surface where it is: what the hand presses on does not vanish under it."""
+        super().go_on_from(before)
+        self.surface_m = before.surface_m if isinstance(before, LocalFace) else None
+
     @property
     def stored_j(self) -> float:
         return self.ramp_gain * self.spring_j
@@ -154,6 +163,11 @@ class LocalWall(LocalFace):
         super().__init__(seat)
         self.saved_j = 0.0
         self._counted_j = 0.0  # U as `saved_j` knows it
+
+    def go_on_from(self, before: AnyCoupling) -> None:
+        super().go_on_from(before)
+        if isinstance(before, LocalWall):
+            self.saved_j, self._counted_j = before.saved_j, before._counted_j
 
     @property
     def pressed(self) -> tuple[float, Sequence[float]]:

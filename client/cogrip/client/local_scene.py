@@ -1,13 +1,14 @@
 """Contact of a scene at the client (theory 7.7): with fixed geometry by a proxy here, with bodies that move by the wave line.
 
-Symbols: x hand, p proxy [m], e = (x - p) / |x - p|, K, B of [coupling], F_line force of the line, P its free part.
+Symbols: x hand, p proxy [m], e = (x - p) / |x - p|, K, B of [coupling], F_line force of the line.
 
-    F = e max(0, K |x - p| + B e xdot) + P F_line
+    F = e max(0, K |x - p| + B e xdot) + P F_line        P leaves out what n does, the normals that hold the proxy
 
 The line's port moves with the proxy. It carries something only while the server says that the tool is engaged: then a body
 that moves is near. Before, the server puts the tool where the proxy is, and the hand feels nothing of the line. It begins with
 a gain s that grows in GROW_S, so that its damper comes smoothly; what it does not show meanwhile, and the way that the hand has
-gone since, is sent later, as far as the hand's work pays for it.
+gone since, is sent later, as far as the hand's work pays for it. Where the proxy comes off geometry, P returns to 1 in GROW_S
+as well: a line that presses the hand onto it would else throw it back at once, and the contact would chatter.
 """
 
 from collections.abc import Sequence
@@ -15,10 +16,11 @@ from math import sqrt
 
 from msgspec.structs import replace
 
-from cogrip.client.coupling import Row, spring_j
-from cogrip.client.fixed_shapes import FixedShape
+from cogrip.client.coupling import AnyCoupling, Row, spring_j
+from cogrip.client.fixed_shapes import KINDS, FixedShape, Vector
 from cogrip.client.local_contact import LocalCoupling
 from cogrip.client.proxy import Ball, Proxy, without
+from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
 from cogrip.protocol.messages import Geom, Waves
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
@@ -34,8 +36,11 @@ class LocalScene(LocalCoupling):
         self._number = seat.seat
         self._geoms: dict[int, Geom] = {}
         self._proxy = Proxy((), ())
+        self._shapes: tuple[Shape, ...] = ()  # of `_proxy`
         self.engaged_m: Row | None = None
         self._share = 0.0  # s of the line's beginning
+        self._left: list[Vector] = []  # normals that hold the proxy, or have until less than GROW_S ago
+        self._regained = 0.0  # share of the line's force along them that is rendered again
         self._depth, self._along = 0.0, (0.0, 0.0, 0.0)  # |x - p|, e
         self._growth = seat.rates.frame_s / GROW_S
         self._frame_s, self._rate_hz = seat.rates.frame_s, float(seat.rates.device_hz)
@@ -43,32 +48,42 @@ class LocalScene(LocalCoupling):
     # Geometry
 
     def receive_shape(self, geom: Geom) -> bool:
-        """Take in a shape; all are used once all are there. False for one that does not fit."""
-        if (
-            geom.body is not None
-            or geom.number >= geom.count
-            or any(g.count != geom.count for g in self._geoms.values())
-        ):
-            return False
-        known = self._geoms.get(geom.number)
+        """Take in a shape; all are used once all are there, and stay so. False for one that does not fit."""
+        known = self._geoms.setdefault(geom.number, geom) if self._fits(geom) else None
         if known is None or known.shape != geom.shape:
-            self._geoms[geom.number] = geom
-            if len(self._geoms) == geom.count:
-                self._build()
+            return False
+        if known is geom and len(self._geoms) == geom.count:
+            self._build()
         return True
 
+    def _fits(self, geom: Geom) -> bool:
+        """Return whether a shape may be one of those that are told: few enough that a tick has time for them."""
+        counts = {geom.count, *[each.count for each in self._geoms.values()]}
+        few = geom.number < geom.count <= MOST_LOCAL and len(counts) == 1
+        return few and geom.body is None and geom.kind in KINDS
+
     def _build(self) -> None:
-        shapes = [self._geoms[number].shape for number in sorted(self._geoms)]
+        shapes = tuple(self._geoms[number].shape for number in sorted(self._geoms))
+        if shapes == self._shapes:
+            return  # those of the line before: the proxy stays on them
         balls: list[Ball] = []
         for shape in shapes:
             if shape.seat == self._number and shape.kind == "sphere":
                 x, y, z = shape.place_m
                 balls.append(((x, y, z), shape.size_m[0]))
-        proxy = Proxy(balls, [FixedShape(shape) for shape in shapes if shape.seat is None])
+        fixed = [FixedShape(shape) for shape in shapes if shape.seat is None]
+        if len(fixed) * len(balls) > MOST_PAIRS:
+            fixed = []
+        proxy = Proxy(balls, fixed)
         proxy.place_m = self._proxy.place_m
-        self._proxy = proxy
+        self._proxy, self._shapes = proxy, shapes
 
     # The line
+
+    def go_on_from(self, before: AnyCoupling) -> None:
+        super().go_on_from(before)
+        if isinstance(before, LocalScene):  # what the hand presses on does not vanish under it
+            self._proxy, self._shapes = before._proxy, before._shapes
 
     def receive(self, message: Waves) -> bool:
         axes, newest = len(self.sent), self.newest
@@ -81,6 +96,8 @@ class LocalScene(LocalCoupling):
                 behind = [self._root * (p - q) / self._frame_s for p, q in zip(self.proxy_m, engaged, strict=True)]
                 self.up.withhold(behind, anew=True)
                 self._share = 0.0
+            elif engaged is None and self.engaged_m is not None:
+                self.up.withhold((0.0,) * axes, anew=True)  # a tool that is clear is owed nothing
             self.engaged_m = engaged
         return True
 
@@ -138,18 +155,32 @@ class LocalScene(LocalCoupling):
         else:
             self._depth = 0.0
 
+    def _free(self, line_n: Sequence[float]) -> Row:
+        """Return the line's force without what geometry carries, or has carried until just now."""
+        if not self._left:
+            return tuple(line_n)
+        x, y, z = line_n
+        a, b, c = without(line_n, self._left)
+        gain = self._regained
+        return a + gain * (x - a), b + gain * (y - b), c + gain * (z - c)
+
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
         damping = self._carry()
         anew = self._position is None
         self._position = tuple(position_m)
         if anew:
             self._follow()
-        total, normals = [0.0] * PLACES, self._proxy.normals
+        total: Sequence[float] = [0.0] * PLACES
         self.local_n = total
+        if self._proxy.normals:
+            self._left, self._regained = self._proxy.normals, 0.0
+        elif self._left:
+            self._regained += self._tick_s / GROW_S
+            self._left = self._left if self._regained < 1.0 else []
         if self.engaged_m is not None:
             reduced = self.reduced
-            total = list(without(super().force(position_m, velocity_mps), normals))
-            self.local_n = without(self.local_n, normals)
+            total = super().force(position_m, velocity_mps)
+            total, self.local_n = self._free(total), self._free(self.local_n)
             self.reduced = self.reduced or reduced
         if self._depth > 0.0:
             i, j, k = self._along
@@ -158,5 +189,5 @@ class LocalScene(LocalCoupling):
             a, b, c = self.local_n
             self.local_n = a + size * i, b + size * j, c + size * k
             a, b, c = total
-            total = [a + size * i, b + size * j, c + size * k]
-        return total
+            return [a + size * i, b + size * j, c + size * k]
+        return list(total)

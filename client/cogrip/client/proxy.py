@@ -10,12 +10,14 @@ thin the shape. p itself is allowed, so |x - p+| <= |x - p|: no move of the prox
 """
 
 from collections.abc import Sequence
+from itertools import combinations
 from math import inf, sqrt
 
 from cogrip.client.fixed_shapes import FixedShape, Vector
 
-SWEEPS = 16  # over the planes that are in the way, at most
-TOUCHING_M = 1e-9  # a sweep that moves the proxy by less ends the search
+ROUNDS = 12  # in which the planes that hold the proxy are found
+TOUCHING_M = 1e-9  # by which a plane may be in the way
+DEPENDENT = 1e-9  # sine of the angle between normals, squared, below which they are the same
 Ball = tuple[Vector, float]
 """Centre from the tool's own [m], radius [m]."""
 Plane = tuple[Vector, float]
@@ -70,23 +72,66 @@ def _add(planes: list[Plane], normal: Vector, gap: float) -> None:
 
 
 def _nearest(ahead: Vector, planes: Sequence[Plane]) -> tuple[Vector, list[Vector]]:
-    """Return the step nearest to `ahead` with n step + g >= 0 for all planes, and the normals that hold it (Hildreth)."""
-    pushed = [0.0] * len(planes)
-    a, b, c = ahead
-    for _ in range(SWEEPS):
-        most = 0.0
-        for number, ((i, j, k), gap) in enumerate(planes):
-            before = pushed[number]
-            push = max(0.0, before - (i * a + j * b + k * c + gap))
-            if push != before:
-                more = push - before
-                a, b, c = a + more * i, b + more * j, c + more * k
-                pushed[number] = push
-                most = max(most, abs(more))
-        if most < TOUCHING_M or len(planes) == 1:
+    """Return the step nearest to `ahead` with n step + g >= 0 for all planes, and the normals that hold it.
+
+    The dual active-set method: the plane that is most in the way is added to those that hold the step, until none is. Each
+    round takes the step further from `ahead`, so that it ends; where it has not in time, the proxy stays, which is allowed.
+    """
+    step, held = ahead, list[Plane]()
+    for _ in range(ROUNDS):
+        a, b, c = step
+        least, worst = -TOUCHING_M, None
+        for plane in planes:
+            (i, j, k), gap = plane
+            room = i * a + j * b + k * c + gap
+            if room < least:
+                least, worst = room, plane
+        if worst is None:
+            return step, _orthonormal([normal for normal, _ in held])
+        found = _held_by(ahead, worst, held)
+        held.append(worst)
+        if found is None:
             break
-    held = [normal for (normal, _), push in zip(planes, pushed, strict=True) if push > 0.0]
-    return (a, b, c), held if len(held) < 2 else _orthonormal(held)
+        step, held = found
+    return (0.0, 0.0, 0.0), _orthonormal([normal for normal, _ in held])
+
+
+def _held_by(ahead: Vector, newest: Plane, held: Sequence[Plane]) -> tuple[Vector, list[Plane]] | None:
+    """Return the step nearest to `ahead` that `newest` and some of `held`, at most three in all, hold, and those planes."""
+    for more in range(min(len(held), 2) + 1):
+        for others in combinations(held, more):
+            active = [newest, *others]
+            rows = [
+                [*[_along(normal, other) for other, _ in active], -(_along(normal, ahead) + gap)]
+                for normal, gap in active
+            ]
+            pushed = _solved(rows)
+            if pushed is None or min(pushed) < 0.0:
+                continue
+            x, y, z = ahead
+            for push, ((i, j, k), _) in zip(pushed, active, strict=True):
+                x, y, z = x + push * i, y + push * j, z + push * k
+            if all(_along(normal, (x, y, z)) + gap >= -TOUCHING_M for normal, gap in held):
+                return (x, y, z), active
+    return None
+
+
+def _solved(rows: list[list[float]]) -> list[float] | None:
+    """Return the solution of the equations whose rows these are (Gauss, Jordan); None where they are almost dependent."""
+    for at, pivot_row in enumerate(rows):
+        pivot = pivot_row[at]
+        if pivot < DEPENDENT:
+            return None
+        pivot_row[:] = [each / pivot for each in pivot_row]
+        for other in rows:
+            if other is not pivot_row:
+                factor = other[at]
+                other[:] = [each - factor * own for each, own in zip(other, pivot_row, strict=True)]
+    return [row[-1] for row in rows]
+
+
+def _along(one: Vector, other: Vector) -> float:
+    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
 
 
 def _orthonormal(normals: Sequence[Vector]) -> list[Vector]:

@@ -28,6 +28,7 @@ from cogrip.protocol.settings import SeatSettings
 RELEASE_S = 0.5  # from `stop`, in which the line releases the object
 MOST_LOOP_S = 0.5  # for which the end waits until the server knows
 REST_S = 0.5  # for which frames must agree before a hand is at rest
+LEAST_N = 0.05  # with which it presses then: less is the rounding of a hand that touches nothing
 MakePort = Callable[[Capability, float], DevicePort]
 
 
@@ -59,8 +60,7 @@ class FeltStiffness:
             return None
         depths = [depth for depth, _ in self._samples]
         depth, force = sum(depths) / count, sum([force for _, force in self._samples]) / count
-        moved = max(depths) - min(depths)
-        if depth <= 0.0 or force <= 0.0 or moved > max(2.0 * self.resolution_m, 1e-3 * depth):
+        if depth <= 0.0 or force < LEAST_N or max(depths) - min(depths) > max(2.0 * self.resolution_m, 1e-3 * depth):
             return None
         return force / depth
 
@@ -265,6 +265,7 @@ class SeatedClient:
                 ended = True
                 port.enter(ledger.work.value, ledger.closed_given_j + coupling.given_border_j)
                 length = coupling.end_frame(port.spare_j)
+                port.enter(ledger.work.value, ledger.closed_given_j + coupling.given_border_j)  # what was sent is spent
                 if position_m is not None:
                     self._end_frame(position_m, tick - self._frame_begin)
                 self._frame_begin, self._frame_end = tick, tick + length

@@ -13,6 +13,8 @@ ShapeKind = Literal["box", "sphere", "capsule", "cylinder", "ellipsoid", "plane"
 Three = Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=3)]
 Four = Annotated[tuple[float, ...], msgspec.Meta(min_length=4, max_length=4)]
 MOST_SHAPES = 1024  # of a scene, and bodies that move; further ones are left out
+MOST_LOCAL = 64  # shapes with which a player's client renders contact itself
+MOST_PAIRS = 256  # of a ball and a fixed shape among them
 UNTURNED: Four = (1.0, 0.0, 0.0, 0.0)
 
 

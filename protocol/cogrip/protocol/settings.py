@@ -210,12 +210,12 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         return line_compliance(self.coupling, self.line, self.rates, (loop_frames - 1.0) * self.rates.frame_s)
 
     def predicted_stiffness(self, loop_frames: float, late_frames: float = 0.0) -> float | None:
-        """Return K_hand [N/m] of theory section 4 for a measured loop; None without waves or without a spring.
+        """Return K_hand [N/m] of theory section 4 for a measured loop; None without waves or without a spring, and in scenes.
 
         late_frames: age of the device's samples, and what the line owes of its wave [frames]: both make the line softer, and no
         server knows of them.
         """
-        if self.coupling.kind == "local" and self.holds_still:
+        if self.coupling.kind == "local" and kind_of(self.object.kind).fixed:
             return self.coupling.stiffness_npm
         if self.coupling.kind != "wave" or not kind_of(self.object.kind).spring:
             return None

@@ -10,10 +10,9 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
-from cogrip.protocol.drawing import Shape, ShapeKind
+from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape, ShapeKind
 from cogrip.server.worlds.scene_file import Scene
 
-MOST_LOCAL = 64  # shapes that a player is told
 _MOST_M = 1e3  # bounds of a shape (`SPEC.md` section 3.15)
 _G = mujoco.mjtGeom
 _SPHERE = int(_G.mjGEOM_SPHERE)
@@ -66,7 +65,8 @@ def local_geometry(scene: Scene, seat: int) -> LocalGeometry:
             obstacles.append(place)
             continue
         shape = _shape(model, data, geom, start)
-        if shape is None or len(fixtures) + len(balls) >= MOST_LOCAL:
+        fixed = len(fixtures) + 1
+        if shape is None or fixed + len(balls) > MOST_LOCAL or fixed * len(balls) > MOST_PAIRS:
             obstacles.append(place)
             left_out.append(model.geom(geom).name or f"geom {geom}")
         else:

@@ -75,6 +75,9 @@ def _softer(held: list[Row]) -> str:
 def _stiffness(held: list[Row]) -> str:
     """Return the span of the predicted stiffnesses at rest in words, or why none is predicted."""
     found = [value for row in held if (value := _value(row, "predicted_stiffness_npm")) is not None]
+    felt = [value for row in held if (value := _value(row, "felt_stiffness_npm")) is not None]
+    if felt and not found:  # what is pressed on in a scene is predicted of nobody: it may move
+        return f"; {' to '.join(dict.fromkeys(f'{value:.0f}' for value in (min(felt), max(felt))))} N/m at rest, as measured"
     if not found:
         if all(_value(row, "asked_stiffness_npm") is None for row in held):
             return "; no stiffness is asked for here, so none is judged"

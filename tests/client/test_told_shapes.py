@@ -1,0 +1,154 @@
+"""Shapes that a server tells a client with local contact: how many are taken in, and that they stay as they were told."""
+
+from collections.abc import Sequence
+
+import pytest
+from msgspec import structs
+
+from cogrip.client.local_contact import LocalFaces, LocalWall
+from cogrip.client.local_scene import LocalScene
+from cogrip.client.oscillation import OscillationDetector
+from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
+from cogrip.protocol.line.sender import LineSender
+from cogrip.protocol.messages import Geom, Stamp, Waves
+from cogrip.protocol.settings import resolve, seat_settings
+
+from tests.client.seated_client import ROOT, T_C, M, capability
+from tests.client.test_local_contact import Hand, seat, send
+
+K, HAND_KG = 1000.0, 0.15
+FLOOR = Shape("plane", (0.0, 0.0, 0.0), place_m=(0.0, 0.0, -0.01))
+BALL = Shape("sphere", (0.01, 0.0, 0.0), seat=0)
+
+
+def scene() -> LocalScene:
+    thing = {"kind": "scene", "file": "x.xml", "axes": 3}
+    coupling = LocalScene(
+        seat_settings(resolve({"object": thing, "coupling": {"kind": "local"}, "users": [{"name": "anna"}]}), 0)
+    )
+    coupling.fit(capability(3), 0.0)
+    return coupling
+
+
+def tell(coupling: LocalScene, *shapes: Shape) -> list[bool]:
+    return [coupling.receive_shape(Geom.of(shapes, number, 1)) for number in range(len(shapes))]
+
+
+def pressed_n(coupling: LocalScene, depth_m: float) -> float:
+    """Come from above and press the ball this deep into the floor. Returns the force at rest."""
+    coupling.force((0.0, 0.0, 0.001), (0.0, 0.0, 0.0))
+    down = (0.0, 0.0, -(0.001 + depth_m) / T_C)
+    coupling.elapse(down, down)
+    return coupling.force((0.0, 0.0, -depth_m), (0.0, 0.0, 0.0))[2]
+
+
+def test_as_many_shapes_as_a_tick_has_time_for_and_no_more() -> None:
+    far = [structs.replace(FLOOR, place_m=(0.0, 0.0, -0.5 - 0.001 * number)) for number in range(MOST_LOCAL)]
+    most = scene()
+    assert all(tell(most, BALL, FLOOR, *far[: MOST_LOCAL - 2]))
+    assert pressed_n(most, 0.002) == pytest.approx(-K * 0.002)
+    more = scene()
+    assert not any(tell(more, BALL, FLOOR, *far[: MOST_LOCAL - 1]))
+    assert pressed_n(more, 0.002) == 0.0
+
+
+def test_as_many_pairs_as_a_tick_has_time_for_and_no_more() -> None:
+    for balls, force in ((16, -K * 0.002), (17, 0.0)):
+        coupling = scene()
+        assert MOST_PAIRS == 16 * 16
+        assert all(tell(coupling, *[BALL] * balls, *[FLOOR] * 16))
+        assert pressed_n(coupling, 0.002) == pytest.approx(force)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [Shape("ellipsoid", (0.1, 0.1, 0.1)), structs.replace(FLOOR, body=1)],
+    ids=["kind that is not rendered", "body that moves"],
+)
+def test_shape_that_no_client_renders_does_not_fit(shape: Shape) -> None:
+    assert tell(scene(), BALL, shape) == [True, False]
+
+
+def test_shapes_stay_as_they_were_told_first() -> None:
+    coupling = scene()
+    assert all(tell(coupling, BALL, FLOOR))
+    force_n = pressed_n(coupling, 0.002)
+    raised = structs.replace(FLOOR, place_m=(0.0, 0.0, -0.005))
+    assert tell(coupling, BALL, raised) == [True, False]
+    assert coupling.force((0.0, 0.0, -0.002), (0.0,) * 3)[2] == force_n == pytest.approx(-K * 0.002)
+
+
+def test_shapes_do_not_vanish_under_a_hand_whose_line_begins_anew() -> None:
+    before = scene()
+    tell(before, BALL, FLOOR)
+    pressed_n(before, 0.002)
+    coupling = scene()
+    coupling.go_on_from(before)
+    hand = (0.0, 0.0, -0.002)
+    assert coupling.proxy_m == before.proxy_m
+    assert coupling.force(hand, (0.0,) * 3)[2] == pytest.approx(-K * 0.002)
+    assert all(tell(coupling, BALL, FLOOR))
+    assert coupling.force(hand, (0.0,) * 3)[2] == pytest.approx(-K * 0.002)
+    raised = structs.replace(FLOOR, place_m=(0.0, 0.0, -0.005))
+    another = scene()
+    another.go_on_from(coupling)
+    assert all(tell(another, BALL, raised)), "another server may have another scene"
+    assert another.force(hand, (0.0,) * 3)[2] == 0.0, "it is not there for a hand that it has come around"
+
+
+@pytest.mark.parametrize("kind", [LocalWall, LocalFaces])
+def test_surface_does_not_vanish_under_a_hand_whose_line_begins_anew(kind: type[LocalWall | LocalFaces]) -> None:
+    settings = seat("wall" if kind is LocalWall else "faces")
+    before = kind(settings)
+    hand = Hand(before, -0.001)
+    send(before, LineSender(1, 8), 0.0, 0.0)
+    hand.move(-0.001)
+    hand.move(0.003)
+    surface = before.surface_m
+    coupling = kind(settings)
+    coupling.go_on_from(before)
+    coupling.fit(capability(), 0.0)
+    assert surface is not None
+    assert coupling.force((0.003,), (0.0,))[0] == pytest.approx(K * (0.003 - surface))
+
+
+def test_clear_tool_is_owed_nothing() -> None:
+    """Once a tool is clear, what its engagement owed it is not sent: only waves of 0 are."""
+    coupling = scene()
+    tell(coupling, BALL, FLOOR)
+    place = (0.0, 0.0, 0.01)
+    coupling.force(place, (0.0,) * 3)
+    for first, engaged in enumerate([(0.0, 0.0, 0.0), (), ()]):
+        state = (0.0,) * 6 + engaged
+        assert coupling.receive(Waves(1, first, (0.0,) * 3, (0.0,) * 3, (0.0,) * 3, 0.0, 0.0, 0, Stamp(0), state))
+        coupling.start_frame()
+        for _ in range(coupling.frame_ticks):
+            coupling.elapse((0.0,) * 3, (0.0,) * 3)
+            coupling.force(place, (0.0,) * 3)
+        coupling.end_frame(1.0)
+        assert any(coupling.sent) == bool(engaged)
+
+
+def test_hand_that_the_line_presses_onto_geometry_comes_to_rest_there() -> None:
+    """A light hand above the floor, pressed down by 3 N of the line: what the floor carries does not come back at once."""
+    coupling, tick_hz = scene(), 1.0 / T_C
+    tell(coupling, BALL, FLOOR)
+    detector, line = OscillationDetector(3, T_C), LineSender(3, 8)
+    z, speed, wave = 0.002, 0.0, (0.0, 0.0, -3.0 / ROOT)
+    force: Sequence[float] = (0.0,) * 3
+    for tick in range(round(2.0 * tick_hz)):
+        if tick % M == 0:
+            line.push(wave)
+            first, waves, total, squares = line.contents()
+            state = (0.0,) * 6 + (0.0, 0.0, 0.002)
+            assert coupling.receive(Waves(1, first, waves, total, squares, 0.0, 0.0, 0, Stamp(0), state))
+            coupling.end_frame(0.0)
+            coupling.start_frame()
+        force = coupling.force((0.0, 0.0, z), (0.0, 0.0, speed))
+        detector.add(force, False, coupling.local_n)
+        assert not detector.oscillates
+        mean = speed - 0.5 * T_C * force[2] / HAND_KG
+        speed -= T_C * force[2] / HAND_KG
+        z += T_C * mean
+        coupling.elapse((0.0, 0.0, mean), (0.0, 0.0, speed))
+    assert -0.001 < z < 0.001
