@@ -77,6 +77,11 @@ def _nearest(ahead: Vector, planes: Sequence[Plane]) -> tuple[Vector, list[Vecto
     The dual active-set method: the plane that is most in the way is added to those that hold the step, until none is. Each
     round takes the step further from `ahead`, so that it ends; where it has not in time, the proxy stays, which is allowed.
     """
+    if len(planes) == 1:  # as mostly
+        (normal, gap), (a, b, c) = planes[0], ahead
+        i, j, k = normal
+        push = -(i * a + j * b + k * c + gap)
+        return (ahead, []) if push <= TOUCHING_M else ((a + push * i, b + push * j, c + push * k), [normal])
     step, held = ahead, list[Plane]()
     for _ in range(ROUNDS):
         a, b, c = step
