@@ -165,6 +165,7 @@ def test_fixed_shapes_of_a_scene_feel_as_stiff_as_asked(network: str) -> None:
     account = laboratory.people[0].core.account
     assert account is not None
     assert account.peak_force_n > 4.0
+    assert laboratory.room.world.force_of(0) == pytest.approx(laboratory.people[0].core.force_n, abs=0.05)  # as shown
     assert account.felt_stiffness_npm == pytest.approx(1000.0, rel=1e-6)
     assert account.device.margin_j is not None
     assert account.device.margin_j >= 0.0

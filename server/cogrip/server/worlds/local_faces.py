@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.worlds.world import Array, HandWorld, Row, dot
+from cogrip.server.worlds.world import Array, HandWorld, Row, dot, pressed_n
 
 
 class LocalFacesWorld(HandWorld):
@@ -25,11 +25,11 @@ class LocalFacesWorld(HandWorld):
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         super().__init__(seats)
         self.whole_kg, self.copy_kg = self.mass_kg, seats[0].copy_kg
-        self.touching = np.zeros_like(self.force)  # hand less proxy of each person [m]
+        self.touching = np.zeros_like(self.force)  # force of each person on a wall, by their own report [N]
 
     def report(self, user: int, hand_m: Row, proxy_m: Row) -> None:
         self.hand[user] = proxy_m
-        self.touching[user] = np.subtract(hand_m, proxy_m)
+        self.touching[user] = pressed_n(float(self.stiffness[user, 0]), hand_m, proxy_m)
 
     def join(self, user: int, position_m: Array) -> None:
         super().join(user, position_m)
@@ -55,7 +55,7 @@ class LocalFacesWorld(HandWorld):
         back = np.zeros_like(u)
         self.force = np.zeros_like(self.force)
         if self.fixed:
-            self.force[:, 0] = self.stiffness[:, 0] * self.touching[:, 0]
+            self.force[:, 0] = self.touching[:, 0]
         else:
             held = np.where(self.holding, self.impedance[:, 0], 0.0)
             gain = self.impedance[:, 0] * self.wave_gain[:, 0]  # sqrt(2b)

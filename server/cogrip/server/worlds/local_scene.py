@@ -21,7 +21,7 @@ from cogrip.server.worlds.clearance import Clearance
 from cogrip.server.worlds.local_geometry import local_geometry, tree_of
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_file import Scene
-from cogrip.server.worlds.world import Array, Row, check_saved
+from cogrip.server.worlds.world import Array, Row, check_saved, pressed_n
 
 RELEASE_S = 0.25
 RELEASE_ANYWAY_S = 1.0  # whatever the line does
@@ -47,6 +47,7 @@ class LocalScene(SceneWorld):
         self._clearances = [None if each.why else Clearance(scene, each, self.frame_s) for each in self.geometry]
         self._most_m = REMOTE_SPEED_MPS * self.frame_s  # that a tool goes in a frame
         self._release = round(RELEASE_S / self.frame_s)
+        self._pressed = np.zeros((len(seats), self.axes))  # force on fixed shapes, by each client's report [N]
         self._release_anyway = round(RELEASE_ANYWAY_S / self.frame_s)
 
     def local_shapes(self, user: int) -> Sequence[Shape]:
@@ -54,6 +55,7 @@ class LocalScene(SceneWorld):
 
     def report(self, user: int, hand_m: Row, proxy_m: Row) -> None:
         self._goal[user] = proxy_m
+        self._pressed[user] = pressed_n(float(self.target_stiffness[user, 0]), hand_m, proxy_m)
 
     def engaged_at(self, user: int) -> Row:
         return tuple(self._began[user].tolist()) if self.holding[user] and not self.kinematic[user] else ()
@@ -86,6 +88,7 @@ class LocalScene(SceneWorld):
             calm = dist(self.force[user].tolist(), (0.0,) * self.axes) <= CALM_N
             if calm or self._quiet[user] >= self._release_anyway:
                 self._let_go(user)
+        self.force = self.force + np.where(self.holding[:, None], self._pressed, 0.0)
         return back
 
     def _follow(self, user: int, moved: bool) -> bool:

@@ -12,7 +12,7 @@ from cogrip.protocol.drawing import Shape
 from cogrip.protocol.line.energy_sums import add_compensated
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.setting_types import PLACES
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings import REMOTE_FORCE_N, SeatSettings
 from cogrip.protocol.waves import server_gain
 
 Array = NDArray[np.float64]
@@ -245,6 +245,14 @@ class World(ABC):
     def out_of_reach(self) -> bool:
         """Return whether nobody can hold the object where it is, or it is not a number."""
         return not all(abs(place) <= REACH_M for place in self.motion()[: self.places])
+
+
+def pressed_n(stiffness_npm: float, hand_m: Row, proxy_m: Row) -> Array:
+    """Return the force of contact that a client renders [N], shape (a,), by what it reports: an estimate, and bounded."""
+    deep = np.subtract(hand_m, proxy_m)
+    size_n = stiffness_npm * float(np.sqrt(dot(deep, deep)))
+    force: Array = stiffness_npm * min(1.0, REMOTE_FORCE_N / size_n if size_n else 1.0) * deep
+    return force
 
 
 def check_saved(saved: Row, length: int) -> None:
