@@ -11,6 +11,7 @@ from math import hypot, inf, isfinite, nan, pi
 
 from cogrip.devices.device import Capability, Device, DeviceError, Sample
 from cogrip.devices.plausibility import AGE, DRIFT, JUMP, OLD, ForceReports, Plausibility
+from cogrip.protocol.handle import is_unit
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
 from cogrip.protocol.setting_types import PLACES, POSE_AXES
 
@@ -124,6 +125,22 @@ def samples_are_metres(subject: Subject) -> None:
             turned = hypot(*sample.position_m[PLACES:])
             _expect(turned <= pi * (1.0 + 1e-3), f"a rotation vector turns by at most pi: {turned} rad")
             _expect(sample.age_ticks >= 0, f"an age of at least 0: {sample.age_ticks}")
+
+
+def handle_is_as_the_record_says(subject: Subject) -> None:
+    """No button beyond those of the record, an orientation or a grip where it says so, and each one that can be."""
+    with _opened(subject) as device:
+        record = device.capability
+        for sample in [sample for sample in _run(subject, device) if sample is not None]:
+            _expect(0 <= sample.buttons < 1 << record.buttons, f"{record.buttons} buttons: {sample}")
+            _expect(type(sample.buttons) is int, f"a plain int: {sample}")
+            turned, grip_m = sample.orientation, sample.grip_m
+            _expect(
+                turned is None or (record.gives_orientation and is_unit(turned)),
+                f"a unit quaternion, or none: {sample}",
+            )
+            low, high = record.grip_m or (inf, -inf)
+            _expect(grip_m is None or low <= grip_m <= high, f"a grip within {record.grip_m} m, or none: {sample}")
 
 
 def ticks_do_not_fall(subject: Subject) -> None:
@@ -256,6 +273,7 @@ CHECKS: tuple[Callable[[Subject], None], ...] = (
     opens_again,
     refuses_rates,
     samples_are_metres,
+    handle_is_as_the_record_says,
     ticks_do_not_fall,
     refuses_wrong_forces,
     force_keeps_to_the_record,

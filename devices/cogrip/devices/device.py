@@ -18,6 +18,7 @@ from typing import Any, Protocol
 
 import msgspec
 
+from cogrip.protocol.handle import MOST_BUTTONS
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
 
 LARGEST = 1e6  # of any number in a record: what is above is no bound
@@ -105,6 +106,9 @@ class Capability:
     own_damping_nspm    damping of the mechanism itself [N s/m]: at least so much, 0 where it is not known
     own_friction_n      friction of the mechanism itself [N]: at least so much, 0 where it is not known
     rotation            record of the axes that turn; None where there are none
+    buttons             how many buttons it has, 0 to 32
+    gives_orientation   whether samples carry an orientation
+    grip_m              (closed, open) of its gripper [m]; None where it has none
 
     Every limit is a finite number above 0: raises DeviceError for any other.
     """
@@ -127,6 +131,9 @@ class Capability:
     own_damping_nspm: float = 0.0
     own_friction_n: float = 0.0
     rotation: Rotation | None = None
+    buttons: int = 0
+    gives_orientation: bool = False
+    grip_m: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         for name in ("peak_force_n", "continuous_force_n", *_FORMERLY_UNBOUNDED, "apparent_mass_kg"):
@@ -139,9 +146,12 @@ class Capability:
             )
         if not 0.0 <= self.resolution_m <= LARGEST:
             raise self._error(f"resolution_m = {self.resolution_m:g} is not 0 (exact) or a number above")
-        for low, high in self.workspace_m:
+        if not 0 <= self.buttons <= MOST_BUTTONS:
+            raise self._error(f"buttons = {self.buttons} is out of 0 to {MOST_BUTTONS}")
+        ranges = [("workspace_m", *bounds) for bounds in self.workspace_m]
+        for name, low, high in ranges + [("grip_m", *bounds) for bounds in [self.grip_m] if bounds]:
             if not (isfinite(low) and isfinite(high) and low < high):
-                raise self._error(f"workspace_m has ({low:g}, {high:g}): state finite metres, the lower one first")
+                raise self._error(f"{name} has ({low:g}, {high:g}): state finite metres, the lower one first")
 
     def _error(self, what: str) -> DeviceError:
         return DeviceError(f"record of {self.family}:{self.model}: {what}")
@@ -218,11 +228,18 @@ class Sample(msgspec.Struct, frozen=True, gc=False):
 
     It was taken `age_ticks` ticks before the tick it is read at: a device that answers a request is asked at one tick, with
     the force that begins then, and read at the next.
+
+    buttons             bit k is 1 while button k + 1 is held down
+    orientation         unit quaternion (w, x, y, z) of the handle in the device's own frame, where the device knows it
+    grip_m              opening of the gripper [m], where there is one
     """
 
     position_m: tuple[float, ...]
     velocity_mps: tuple[float, ...] | None
     age_ticks: int = 0
+    buttons: int = 0
+    orientation: tuple[float, float, float, float] | None = None
+    grip_m: float | None = None
 
 
 class Device(Protocol):

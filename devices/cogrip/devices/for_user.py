@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
+from msgspec.structs import replace
+
 from cogrip.devices.device import Capability, Device, DeviceError, Sample, defects_named
 from cogrip.devices.registry import make, record_of
 from cogrip.protocol.settings import User
@@ -71,7 +73,9 @@ class FirstAxes:
         if sample is None:
             return None
         axes, velocity = self._axes, sample.velocity_mps
-        return Sample(sample.position_m[:axes], None if velocity is None else velocity[:axes], sample.age_ticks)
+        return replace(
+            sample, position_m=sample.position_m[:axes], velocity_mps=None if velocity is None else velocity[:axes]
+        )
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         acting = self._device.write((*force_n, *self._rest))

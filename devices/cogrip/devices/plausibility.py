@@ -18,6 +18,7 @@ from math import hypot, isfinite, sqrt
 from operator import add, sub
 
 from cogrip.devices.device import Capability, Sample
+from cogrip.protocol.setting_types import PLACES
 
 HAND_MPS2 = 200.0  # peak acceleration of what a hand holds; recorded strokes stay below 100
 HAND_MPS = 0.6  # speed that a hand, or a blow, adds to it within a few milliseconds
@@ -52,6 +53,8 @@ class Plausibility:
 
     def __init__(self, capability: Capability, tick_s: float) -> None:
         self._tick_s = tick_s
+        self._half_tick_s = 0.5 * tick_s
+        self._kept = max(0.0, 1.0 - tick_s / WINDOW_S)  # of the drift, in a tick
         self._motors_mps2 = capability.peak_force_n / capability.apparent_mass_kg
         self._slack_m = SLACK_COUNTS * capability.resolution_m + 1e-6
         self._drift_m = DRIFT_SLACK_M + SLACK_COUNTS * capability.resolution_m
@@ -97,8 +100,12 @@ class Plausibility:
             return OLD if ticks < 0 or tick != last else ""
         step = list(map(sub, position, before))  # zip with `strict` takes three times as long
         square = 0.0
-        for moved in step:
-            square += moved * moved
+        if len(step) == PLACES:  # as below, without a loop
+            x, y, z = step
+            square = x * x + y * y + z * z
+        else:
+            for moved in step:
+                square += moved * moved
         if square < self._quick and ticks == 1:
             self._jumps = max(0.0, self._jumps - 0.5) if self._jumps else 0.0
         elif not isfinite(square):
@@ -148,11 +155,14 @@ class Plausibility:
         """Return what is known of the speed; over a gap it is not."""
         tick_s = self._tick_s
         rate = 1.0 / (ticks * tick_s)
+        if ticks == 1 and self._known and len(step) == PLACES:  # as below, without a loop
+            (x, y, z), (sx, sy, sz) = step, self._speed
+            self._last = [lx := x * rate, ly := y * rate, lz := z * rate]
+            self._speed = [0.5 * (sx + lx), 0.5 * (sy + ly), 0.5 * (sz + lz)]
+            self._late_s = 1.5 * tick_s
+            return
         self._last = last = [moved * rate for moved in step]
-        if self._known:
-            self._speed = [0.5 * both for both in map(add, self._speed, last)]
-        else:
-            self._speed = last
+        self._speed = [0.5 * both for both in map(add, self._speed, last)] if self._known else last
         self._known = known = ticks <= self._gap_ticks
         self._late_s = (1.0 + 0.5 * ticks) * tick_s if known else 1.5 * tick_s
 
@@ -162,16 +172,22 @@ class Plausibility:
         slow, self._reported_mps = self._reported_mps, hypot(*reported)
         if before is None or ticks > self._gap_ticks or not isfinite(sum(reported)):
             return ""
-        half_s = 0.5 * ticks * self._tick_s
-        keep = max(0.0, 1.0 - ticks * self._tick_s / WINDOW_S)
-        drift = self._drift
-        for axis, moved in enumerate(step):
-            drift[axis] = keep * drift[axis] + moved - half_s * (before[axis] + reported[axis])
+        half_s, keep, drift = self._half_tick_s, self._kept, self._drift
+        if ticks != 1:
+            half_s, keep = ticks * half_s, max(0.0, 1.0 - ticks * self._tick_s / WINDOW_S)
+        if len(step) == PLACES:  # as below, without a loop
+            (x, y, z), (dx, dy, dz), (bx, by, bz), (vx, vy, vz) = step, drift, before, reported
+            drift[0] = keep * dx + x - half_s * (bx + vx)
+            drift[1] = keep * dy + y - half_s * (by + vy)
+            drift[2] = keep * dz + z - half_s * (bz + vz)
+        else:
+            for axis, moved in enumerate(step):
+                drift[axis] = keep * drift[axis] + moved - half_s * (before[axis] + reported[axis])
         speed = self._reported_mps
-        self._path = keep * self._path + half_s * (slow + speed) - 3.0 * hypot(*step)
+        self._path = path = keep * self._path + half_s * (slow + speed) - 3.0 * hypot(*step)
         self._top = top = max(0.5 * (1.0 + keep) * self._top, speed, hypot(*self._speed))
         off_m = hypot(*drift)
-        if off_m <= self._drift_m + DRIFT_SHARE * WINDOW_S * top and self._path <= self._path_m:
+        if off_m <= self._drift_m + DRIFT_SHARE * WINDOW_S * top and path <= self._path_m:
             return ""
         self.fault = (
             f"the device's velocity, {speed:.3g} m/s now, and its positions deny each other by"
@@ -181,17 +197,17 @@ class Plausibility:
 
 
 class ForceReports:
-    """Judges what `Device.write` says that acts: a part of what was asked now, or lately."""
+    """Judges what `Device.write` says that acts: a part of what was asked now, or lately.
+
+    asked  to be called with each force [N], shape (axes,), that is being written
+    """
 
     def __init__(self, capability: Capability, rate_hz: int) -> None:
         self._slack_n = REPORT_SLACK * capability.peak_force_n
         self._asked: deque[Sequence[float]] = deque(maxlen=max(2, round(REPORT_S * rate_hz)))
+        self.asked = self._asked.append
         self._odd = 0.0
         self.fault = ""
-
-    def asked(self, force_n: Sequence[float]) -> None:
-        """`force_n` [N], shape (axes,), is being written."""
-        self._asked.append(force_n)
 
     def judge(self, acting_n: Sequence[float]) -> str:
         """REPORT, where this cannot be what acts; "" if it may be. `fault` says why it ends the force, once it goes on."""

@@ -1,7 +1,7 @@
 """A person's motion out of a recording: positions, velocities and forces on the grid of the device ticks."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -20,17 +20,23 @@ from cogrip.protocol.recording.records import Row, Tick, kind_of
 Array: TypeAlias = NDArray[np.float64]
 
 
+HandleSample: TypeAlias = tuple[int, tuple[float, ...] | None, float | None]
+NO_HANDLE: HandleSample = (0, None, None)
+
+
 @dataclass(frozen=True, slots=True)
 class Motion:
     """Tick by tick from the first sample on, ticks without one filled in on a straight line.
 
     position_m, velocity_mps, force_n  shape (n, axes)
+    handles                            buttons, orientation and grip at each tick; () of a device that has none of them
     """
 
     rate_hz: int
     position_m: Array
     velocity_mps: Array
     force_n: Array
+    handles: Sequence[HandleSample] = ()
 
     def at(self, ticks: Array) -> tuple[Array, Array, Array]:
         """Position, velocity and force at these fractional ticks (k,), held outside; each (k, axes)."""
@@ -88,10 +94,12 @@ def read_motion(recording: Recording) -> Motion:
     """Read a client's ticks. Raises DeviceError where fewer than two samples are there."""
     numbers: list[int] = []
     rows: list[tuple[Row, Row, Row]] = []
+    read: list[HandleSample] = []
     for tick in _ticks(recording):
         if tick.position_m is not None:
             numbers.append(tick.tick)
             rows.append((tick.position_m, tick.velocity_mps, tick.force_n))
+            read.append((tick.buttons, _known(tick.orientation), tick.grip_m))
     if len(rows) < 2:
         raise DeviceError(f"replay: {recording.path} holds {len(rows)} samples; a motion needs at least 2")
     most = round(MOST_S * recording.header.rate_hz)
@@ -106,4 +114,10 @@ def read_motion(recording: Recording) -> Motion:
     whole = np.stack(
         [np.stack([np.interp(grid, known, axis) for axis in table[:, part].T], axis=1) for part in range(3)]
     )
-    return Motion(recording.header.rate_hz, whole[0], whole[1], whole[2])
+    handles = [read[row] for row in np.searchsorted(known, grid, side="right") - 1] if set(read) != {NO_HANDLE} else ()
+    return Motion(recording.header.rate_hz, whole[0], whole[1], whole[2], handles)
+
+
+def _known(turned: Row | None) -> tuple[float, ...] | None:
+    """Return an orientation whose numbers are all there."""
+    return None if turned is None or None in turned else turned  # type: ignore[return-value]

@@ -12,12 +12,15 @@ from cogrip.devices.settings import MOST_AXES, Address, Setting, parse_address, 
 FAMILIES: dict[str, str] = {
     "emulated": "cogrip.devices.emulated.family:family",
     "forcedimension": "cogrip.devices.forcedimension.family:family",
+    "gamepad": "cogrip.devices.steered.family:gamepad_family",
     "haply": "cogrip.devices.haply.family:family",
     "hid": "cogrip.devices.hid.family:family",
+    "inverse": "cogrip.devices.inverse.family:family",
     "openhaptics": "cogrip.devices.openhaptics.family:family",
     "replay": "cogrip.devices.replayed.family:family",
     "serial": "cogrip.devices.serial.family:family",
     "sim": "cogrip.devices.simulated.catalogue:family",
+    "spacemouse": "cogrip.devices.steered.family:spacemouse_family",
     "web": "cogrip.devices.web.family:family",
 }
 """scheme -> "module:function"; the function takes nothing and gives a `Family`."""
@@ -33,6 +36,7 @@ class Family:
     axes      address -> how many axes what stands behind it has
     examples  addresses worth listing, each of which `make` accepts
     real      hardware in real time, which no virtual time can hold
+    input_only  no force reaches whoever moves it
     stand_ins addresses under which the same driver meets an emulated device in virtual time: what the conformance suite opens
     """
 
@@ -42,6 +46,7 @@ class Family:
     axes: Callable[[Address], int] = lambda _: MOST_AXES
     stand_ins: tuple[str, ...] = ()
     real: bool = False
+    input_only: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +109,12 @@ def is_real(address: str) -> bool:
     parsed = parse_address(address)
     family = _family(parsed.scheme, address)
     return family.real and f"{parsed.scheme}:{parsed.name}" not in family.stand_ins
+
+
+def is_input_only(address: str) -> bool:
+    """Return whether no force reaches the hand at `address`: it only moves a simulated mass. False for an unknown scheme."""
+    scheme = parse_address(address).scheme
+    return scheme in schemes() and _family(scheme, address).input_only
 
 
 @cache

@@ -7,6 +7,7 @@ A decimator gets one wave a device tick and gives one a frame. `boxcar` cannot c
 
 from collections.abc import Callable, Sequence
 from math import exp, expm1
+from operator import add
 from typing import Protocol
 
 Wave = Sequence[float]
@@ -29,9 +30,7 @@ class Boxcar:
         self._scale = 1.0 / ticks_per_frame
 
     def push(self, wave: Wave) -> None:
-        total = self._sum
-        for axis, value in enumerate(wave):
-            total[axis] += value
+        self._sum = list(map(add, self._sum, wave))
 
     def take(self) -> tuple[float, ...]:
         scale = self._scale

@@ -7,24 +7,26 @@ no force is computed from them.
 
 from collections.abc import Sequence
 from struct import Struct
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
 
 from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
 from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
+from cogrip.protocol.handle import Buttons, EdgeCount, Handle, Opening, Quaternion, is_unit
 from cogrip.protocol.setting_types import MOST_WAVES, POSE_AXES, SeatNumber
 from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.texts import TEXT_BYTES, clipped, shown
 
-PROTOCOL_VERSION = 6
+PROTOCOL_VERSION = 7
 MAGIC: Literal["cogrip"] = "cogrip"
 MAX_DATAGRAM_BYTES = 1232  # fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
 DTLS_BYTES = 37  # that DTLS adds to a message: record header 13, AES-GCM nonce 8 and tag 16
 MAX_MESSAGE_BYTES = MAX_DATAGRAM_BYTES - DTLS_BYTES
 HELLO_BYTES = 1024  # a hello is padded to this: no answer to an unauthenticated peer is longer than its request
-TEXT_BYTES = 300  # senders cut a text to this
 SHORT = 40  # characters of a ShortText
 DEVICE_BYTES = 200  # of a device address: its beginning stands in `device`, the whole in the padding
+MARK_BYTES = 80
 LEAVE_TEXT_BYTES = 160  # and that of a leave, which has an account behind it
 
 Counter = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
@@ -42,8 +44,8 @@ VIEWED_SEATS = 16  # a view has room for so many; further ones are left out
 Axes = msgspec.Meta(min_length=1, max_length=POSE_AXES)
 Text = Annotated[str, msgspec.Meta(max_length=TEXT_BYTES)]
 ShortText = Annotated[str, msgspec.Meta(max_length=SHORT)]
-Digest = Annotated[str, msgspec.Meta(max_length=32)]
 Secret = Annotated[str, msgspec.Meta(max_length=32, pattern=r"^[A-Za-z0-9_-]*\Z")]  # 128 bits in base64url take 22
+Digest = Secret  # of the same letters, so that the longest welcome is no longer than a hello
 Role = Literal["player", "observer"]
 NO_BOUND = 1e6  # a record's bound that is infinite, on the wire
 Bound = Annotated[float, msgspec.Meta(ge=0.0, le=NO_BOUND)]
@@ -53,11 +55,9 @@ Presence = Literal["joining", "live", "silent"]
 MOST_POSES = 39  # of one message
 _POSE = Struct("<H7f")
 MOST_POSE_BYTES = MOST_POSES * _POSE.size
-UNIT = 1e-3  # a unit quaternion's squares add up to 1 within this
 BodyNumber = Annotated[int, msgspec.Meta(ge=0, le=MOST_SHAPES - 1)]
 Sizes = Annotated[tuple[Annotated[float, msgspec.Meta(ge=0.0, le=1e3)], ...], msgspec.Meta(min_length=3, max_length=3)]
 Place = Annotated[tuple[Metres, ...], msgspec.Meta(min_length=3, max_length=3)]
-Quaternion = Annotated[tuple[float, ...], msgspec.Meta(min_length=4, max_length=4)]
 Rgba = Annotated[tuple[Annotated[float, msgspec.Meta(ge=0.0, le=1.0)], ...], msgspec.Meta(min_length=4, max_length=4)]
 Pose = tuple[float, ...]  # place [m], quaternion w, x, y, z
 
@@ -148,6 +148,8 @@ class Waves(Message, frozen=True, tag=4):
     )
     impedance_nspm: Annotated[float, msgspec.Meta(ge=0.0, le=1e4)] = 0.0  # with which the newest frame was made
     since: Counter = 0  # number of the first frame with that impedance; both 0: the settings' one
+    handle: Handle | None = None  # up: where the device has one
+    edges: EdgeCount = 0  # down: edges of buttons that the object's world has been given, in this seat session
 
 
 class State(Message, frozen=True, tag=5):
@@ -160,6 +162,8 @@ class State(Message, frozen=True, tag=5):
     port_j: Total
     acknowledged: Counter
     stamp: Stamp
+    handle: Handle | None = None  # this and the next as in `Waves`
+    edges: EdgeCount = 0
 
 
 class Heartbeat(Message, frozen=True, tag=6):
@@ -213,6 +217,8 @@ class Power(Message, frozen=True, tag=10):
     port_j: Total  # energy in less energy out here, all axes
     acknowledged: Counter  # number of the other direction's message popped last, plus 1; 0: none yet
     stamp: Stamp
+    handle: Handle | None = None  # this and the next as in `Waves`
+    edges: EdgeCount = 0
 
     def of_axes(self, axes: int) -> bool:
         """Return whether every list has one number an axis."""
@@ -241,6 +247,14 @@ class Person(Message, frozen=True, tag=11):
     line_margin_j: Total | None
     up_reserve_j: Total | None  # balance now
     line_reserve_j: Total | None
+    buttons: Buttons = 0  # bit k: button k + 1 is down
+    edges: EdgeCount = 0  # of the buttons, so far: a press between two messages shows here
+    orientation: Quaternion | None = None  # of the handle, as told last
+    grip_m: Opening | None = None
+
+    def __post_init__(self) -> None:
+        if self.orientation is not None and not is_unit(self.orientation):
+            raise ValueError("the orientation is no unit quaternion")
 
 
 class Bodies(Message, frozen=True, tag=12):
@@ -254,7 +268,7 @@ class Bodies(Message, frozen=True, tag=12):
         if len(self.poses) % _POSE.size:
             raise ValueError(f"{len(self.poses)} bytes are no whole poses")
         for body, pose in self.read():
-            if body >= MOST_SHAPES or not all(abs(each) <= 1e3 for each in pose) or not _is_unit(pose[3:]):
+            if body >= MOST_SHAPES or not all(abs(each) <= 1e3 for each in pose) or not is_unit(pose[3:]):
                 raise ValueError(f"the pose of body {body} is out of bounds")
 
     def read(self) -> list[tuple[int, Pose]]:
@@ -278,7 +292,7 @@ class Geom(Message, frozen=True, tag=13):
     object: bool
 
     def __post_init__(self) -> None:
-        if not _is_unit(self.orientation):
+        if not is_unit(self.orientation):
             raise ValueError("the orientation is no unit quaternion")
 
     @classmethod
@@ -298,17 +312,29 @@ class Geom(Message, frozen=True, tag=13):
         )
 
 
+class Mark(Message, frozen=True, tag=14):
+    """A marker. A client that sets one repeats it until the server tells it with `theirs`; the server tells everybody."""
+
+    session: Session
+    number: Counter  # up: of the client's, down: of the room's, from 1
+    text: Annotated[str, msgspec.Meta(max_length=MARK_BYTES)]
+    step: Counter = 0  # down: of the room, when it was set
+    seat: SeatNumber | None = None  # down: who set it; None: the administrator, or the world
+    theirs: Counter = 0  # down: its number up
+
+
+def clipped_mark(text: str) -> str:
+    """Return a marker's text as it is sent: one line of at most MARK_BYTES."""
+    return clipped(shown(text.strip()), MARK_BYTES)
+
+
 def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
     """Return the records of a `Bodies`."""
     return b"".join([_POSE.pack(body, *pose) for body, pose in poses])
 
 
-def _is_unit(quaternion: Sequence[float]) -> bool:
-    return abs(sum([each * each for each in quaternion]) - 1.0) <= UNIT
-
-
 Frame = Waves | State | Power  # what couplings send, one a frame
-Observed = Person | Bodies | Geom  # what observers are sent beside views
+Observed = Person | Bodies | Geom | Mark  # what observers are sent beside views
 AnyMessage = Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell | View | Power | Observed
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
@@ -367,25 +393,3 @@ def with_whole_device(hello: Hello) -> Hello:
     longer = len(whole) > SHORT == len(hello.device) and len(whole.encode()) <= DEVICE_BYTES
     fits = longer and whole.startswith(hello.device)
     return msgspec.structs.replace(hello, device=whole, padding=b"") if fits else hello
-
-
-def clipped(text: str, most: int = TEXT_BYTES) -> str:
-    """Return `text` cut to `most` bytes of UTF-8."""
-    return text.encode("utf-8", "replace")[:most].decode("utf-8", "ignore")
-
-
-def shown(text: str) -> str:
-    """Return a text of the other end with control characters, line ends and changes of the writing direction escaped: nothing
-    in it moves a cursor, turns the text beside it, or looks like a line of ours."""
-    return "".join([each if each.isprintable() else each.encode("unicode_escape").decode() for each in text])
-
-
-def all_shown(value: Any) -> Any:
-    """Return a table from a foreign file with every text in it escaped as by `shown`. Raises RecursionError."""
-    if isinstance(value, str):
-        return shown(value)
-    if isinstance(value, dict):
-        return {shown(key) if isinstance(key, str) else key: all_shown(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [all_shown(item) for item in value]
-    return value

@@ -30,6 +30,25 @@ def log(q: Sequence[float]) -> Vector:
     return scale * x, scale * y, scale * z
 
 
+def of_matrix(rows: Sequence[Sequence[float]]) -> Quaternion | None:
+    """Return the quaternion of a rotation matrix; None for one that is none within its rounding.
+
+    Shepperd's method: the largest of the four components is divided by, so that rounding is not magnified.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    squares = (1.0 + a + e + i, 1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i)
+    largest = max(range(4), key=squares.__getitem__)
+    if not 0.5 < squares[largest] < 5.0:  # 4 w^2, or of x, y, z; False for nan
+        return None
+    s = sqrt(squares[largest])
+    whole = (
+        (s * s, h - f, c - g, d - b), (h - f, s * s, b + d, c + g), (c - g, b + d, s * s, f + h), (d - b, c + g, f + h, s * s),
+    )[largest]  # fmt: skip
+    w, x, y, z = (0.5 * part / s for part in whole)
+    size = w * w + x * x + y * y + z * z
+    return (w, x, y, z) if abs(size - 1.0) <= 1e-3 else None
+
+
 def product(a: Sequence[float], b: Sequence[float]) -> Quaternion:
     """Return the rotation by b, then by a."""
     aw, ax, ay, az = a

@@ -29,6 +29,7 @@ from cogrip.protocol.messages import (
 )
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
 from cogrip.protocol.setting_types import POSE_AXES
+from cogrip.protocol.texts import clipped, shown
 
 HELLO_EVERY_NS = 250_000_000
 GIVE_UP_NS = 3_000_000_000
@@ -44,6 +45,7 @@ SECONDS_OVER = "its --seconds are over"  # of a server with a time limit: no ses
 IN_ORDER = "the server was stopped"  # the farewell of a server that was stopped on purpose begins with this
 
 FOR_OBSERVERS = (View, Person, Bodies)  # tuples: a union would be made for every datagram
+ANSWERS, FOR_SERVERS = (Welcome, Refuse), (Hello, Leave)
 FOR_CLIENTS = (messages.Waves, messages.State, messages.Power, *FOR_OBSERVERS)
 
 ClientState = Literal["idle", "connecting", "seated", "resuming", "leaving", "closed"]
@@ -129,7 +131,7 @@ class ClientSession:
     def leave(self, reason: str, account: ClientAccount | None, now_ns: int) -> None:
         """Send a leave, repeated until the farewell comes or LEAVE_GIVE_UP_NS have passed."""
         if self._step("leave") and self.welcome:
-            text = messages.clipped(reason, messages.LEAVE_TEXT_BYTES)
+            text = clipped(reason, messages.LEAVE_TEXT_BYTES)
             self._leave = messages.encode(Leave(self.welcome.session, text, account))
             self._since_ns = self._next_ns = now_ns
             self.poll(now_ns)
@@ -158,11 +160,11 @@ class ClientSession:
         except messages.MalformedError:
             self.drop("malformed")
             return None
-        if isinstance(message, Welcome | Refuse):
+        if isinstance(message, ANSWERS):
             self._receive_answer(message, now_ns)
             return None
         welcome = self.welcome
-        if isinstance(message, Hello | Leave) or welcome is None:
+        if isinstance(message, FOR_SERVERS) or welcome is None:
             self.drop("unexpected")
             return None
         if message.session != welcome.session:
@@ -189,7 +191,7 @@ class ClientSession:
         if not self._step("farewell"):
             return
         self.farewell = farewell
-        reason = messages.shown(farewell.reason)
+        reason = shown(farewell.reason)
         if not leaving and reason.startswith(IN_ORDER):
             self.ended = reason
         elif not leaving:
@@ -206,7 +208,7 @@ class ClientSession:
         before = self.welcome
         if isinstance(message, Refuse):
             if self._step("refuse"):
-                self.failed = f"the server refused: {messages.shown(message.reason)} [{messages.shown(message.code)}]"
+                self.failed = f"the server refused: {shown(message.reason)} [{shown(message.code)}]"
         elif fault := _unacceptable(before, message):
             if self._step("refuse"):
                 goodbye, self.failed = fault
@@ -234,6 +236,8 @@ class ClientSession:
 
     def poll(self, now_ns: int) -> None:
         """Let time pass: repeat what is unanswered, give up after the longest silence. Call at least every tick."""
+        if self.state == "seated" and now_ns - self.last_received_ns < QUIET_NS:
+            return
         if self.state == "connecting":
             if now_ns - self._since_ns >= GIVE_UP_NS and self._step("silence"):
                 self.failed = f"no server answered within {GIVE_UP_NS / 1e9:g} s"
@@ -300,7 +304,7 @@ def make_hello(
     torque_nm: float = 0.0, speed_radps: float = 0.0,
 ) -> Hello:  # fmt: skip
     """Return a hello. force_n to speed_radps: bounds of the device record; an infinite one is sent as NO_BOUND."""
-    address = messages.clipped(device, messages.DEVICE_BYTES)
+    address = clipped(device, messages.DEVICE_BYTES)
     bounds = [min(bound, messages.NO_BOUND) for bound in (force_n, speed_mps, torque_nm, speed_radps)]
     head = messages.MAGIC, PROTOCOL_VERSION, software, nonce, room, name, digest, address
     force, speed, torque, turning = bounds
@@ -334,7 +338,7 @@ def version_mismatch(theirs: int) -> tuple[str, str]:
 
 def refusal(hello_nonce: int, code: str, reason: str) -> bytes:
     """Return a refusal as a datagram. The reason is clipped: every client reads it, and no answer is longer than its hello."""
-    return messages.encode(Refuse(PROTOCOL_VERSION, hello_nonce, code, messages.clipped(reason)))
+    return messages.encode(Refuse(PROTOCOL_VERSION, hello_nonce, code, clipped(reason)))
 
 
 def nonce_of(datagram: bytes) -> int:

@@ -31,6 +31,7 @@ from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
 from cogrip.protocol.setting_types import MOST_RENDERED_NPM, PLACES, POSE_AXES, Name, Seconds, Seed, Side
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
 from cogrip.protocol.task import Task
+from cogrip.protocol.tool_frame import Button, Rotation, Scale, ToolFrame, rotation_of
 
 HUMAN_POWER_W = 10.0  # of a hand on a hand-sized device, on average (docs/security.md)
 REMOTE_FORCE_N = 40.0  # as strong as the arms on the market
@@ -121,6 +122,11 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # of that tool: "driven" by the hand; "" driven where the room has six axes, else as the body's joints have it
     orientation: types.Orientation = ""
     rotational_impedance_nms: types.RotationalImpedance | None = None
+    # between hand and tool (`tool_frame`)
+    position_scale: Scale = 1.0
+    force_scale: Scale = 1.0
+    rotation: Rotation = ""
+    clutch_button: Button = 0  # from 1; 0: none
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -157,6 +163,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     down: LinkProfile
     line: LineTuning = LineTuning()
     people: Annotated[int, msgspec.Meta(ge=1, le=MOST_PEOPLE)] = 1  # seats of the room
+    tool: ToolFrame | None = None  # None: as the hand moves
 
     @property
     def side_sign(self) -> float:
@@ -170,9 +177,14 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
 
     @property
     def asked_npm(self) -> float | None:
-        """K that was asked for; None where no spring stands between a person and the object."""
+        """K that was asked for, at the hand; None where no spring stands between a person and the object."""
         spring = self.coupling.kind == "local" or kind_of(self.object.kind).spring
-        return self.coupling.stiffness_npm if spring else None
+        return self.force_scale * self.coupling.stiffness_npm if spring else None
+
+    @property
+    def force_scale(self) -> float:
+        """s: stiffness at the hand by that at the tool."""
+        return self.tool.force_scale if self.tool else 1.0
 
     @property
     def local_contact(self) -> str | None:
@@ -216,13 +228,13 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         server knows of them.
         """
         if self.coupling.kind == "local" and kind_of(self.object.kind).fixed:
-            return self.coupling.stiffness_npm
+            return self.force_scale * self.coupling.stiffness_npm
         if self.coupling.kind != "wave" or not kind_of(self.object.kind).spring:
             return None
         rendered = self.rendered_npm
         if self.follows:
             rendered = felt.reachable_stiffness(self.coupling.stiffness_npm, self.line_compliance(loop_frames))
-        return felt.felt_stiffness(rendered, self.line_compliance(loop_frames + late_frames))
+        return self.force_scale * felt.felt_stiffness(rendered, self.line_compliance(loop_frames + late_frames))
 
 
 def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Settings:
@@ -331,7 +343,24 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
     return SeatSettings(
         settings.name, user.name, seat, settings.seed, settings.seconds, rates, coupling, rendered,
         settings.object.shared(seat_axes(settings, user)), user.side, settings.playout, up, down, line, len(settings.users),
+        tool_frame(settings, seat),
     )  # fmt: skip
+
+
+def tool_frame(settings: Settings, seat: int) -> ToolFrame | None:
+    """Return the frame of this seat's tool; None where it moves as the hand does. Raises SettingsError."""
+    user = settings.users[seat]
+    try:
+        frame = ToolFrame(user.position_scale, user.force_scale, rotation_of(user.rotation), user.clutch_button)
+    except ValueError as error:
+        raise SettingsError(f"users.{seat} ({user.name}): {error}") from None
+    axes = seat_axes(settings, user)
+    if not frame.keeps(axes):
+        raise SettingsError(
+            f"users.{seat} ({user.name}): rotation = {user.rotation!r} turns the axes of the room out of its {axes}; "
+            "set object.axes = 3, or turn by half turns"
+        )
+    return None if frame == ToolFrame() else frame
 
 
 def _check_fit(settings: Settings) -> None:

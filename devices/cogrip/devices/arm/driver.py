@@ -16,6 +16,7 @@ from cogrip.devices.arm.model import ArmModel, Pose
 from cogrip.devices.arm.pose import Calibration, KnownPose, OwnLosses, Store, drive_of
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
+from cogrip.protocol.rotations import Quaternion
 
 HEADROOM = 0.92  # of the peak force: currents are those of where the arm was, and hold while it moves on
 SILENT_S = 0.05  # so long after the last reading the arm is where nobody knows: by then there is no current
@@ -75,6 +76,7 @@ class ArmDevice(Driver):
         self.angles: Vector | None = None  # of the joints, at the last reading [rad]
         self._acting: Sequence[float] = ()
         self._offset: Vector = ZERO
+        self._gimbal_offset: Vector = ZERO
         self._weight = WeightCompensation(1, active=False)
         self.reading: Reading | None = None
 
@@ -141,6 +143,9 @@ class ArmDevice(Driver):
             assert self._pose is not None
             self._stamp = port.stamp()
             self._offset = self._pose.offset_counts(self._stamp)
+            home = self.model.gimbal_home_counts
+            loaded = self._pose_kind == "stored" and self.exchange.codec.load((*ZERO, *home)) is not None
+            self._gimbal_offset = ZERO if loaded else home  # a device whose counters were loaded counts from there
             self._place(reading)
         except DeviceError:
             port.close()
@@ -264,7 +269,15 @@ class ArmDevice(Driver):
             raise self._lost(wrong)
         position = self._place(reading)
         self._read_at, self._received_at = taken, self._tick
-        return Sample(tuple(position[: self._axes]), None, age)
+        return Sample(tuple(position[: self._axes]), None, age, reading.buttons, self._turned(reading))
+
+    def _turned(self, reading: Reading) -> Quaternion | None:
+        """Return the handle's orientation, None where it is not known."""
+        gimbal, angles, home = self.model.gimbal, self.angles, self._gimbal_offset
+        if gimbal is None or angles is None or not reading.gimbal:
+            return None
+        counts = [count + offset for count, offset in zip(reading.gimbal, home, strict=True)]
+        return gimbal.orientation(self.model.kinematics, angles, counts)
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         """A device that has failed takes a force that fades out, as long as it can be reached."""

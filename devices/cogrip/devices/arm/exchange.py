@@ -23,13 +23,16 @@ PATIENCE = 0.25  # share of a tick that a reply which is not there yet is waited
 class Reading(msgspec.Struct, frozen=True, gc=False):
     """One reply. raw: what the encoders say (counts, or degrees), one per joint; error: what the device complains of;
 
-    rejected: it did not act upon the request, and what the encoders say is old.
+    rejected: it did not act upon the request, and what the encoders say is old. gimbal: counts d, e, f of the handle, empty
+    where there is none, or it cannot be read; buttons: bit k, button k + 1 is down.
     """
 
     raw: tuple[float, ...]
     error: str = ""
     rejected: bool = False
     model: str = ""
+    gimbal: tuple[float, ...] = ()
+    buttons: int = 0
 
 
 class Port(Protocol):

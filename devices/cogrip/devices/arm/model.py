@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
+from cogrip.devices.arm.gimbal import Gimbal
 from cogrip.devices.arm.kinematics import NO_TORQUE, Kinematics, Vector, joint_torque
 from cogrip.devices.arm.motors import NO_CURRENT, CableDrive, Currents
 from cogrip.devices.device import Capability, DeviceError
@@ -52,6 +53,7 @@ class ArmModel:
     home_counts those that the home pose has
     record      for three axes, with the drive as it is here
     reach_m     radius about the origin where force is meant to be given [m]
+    gimbal      of the handle; None where there is none
     gimbal_home_counts  those that the three counters of the handle have in the home pose
     holds_weight the motors hold the arm's own weight, as with its maker's software
     """
@@ -63,6 +65,7 @@ class ArmModel:
     reach_m: float
     gimbal_home_counts: Vector = (0.0, 0.0, 0.0)
     holds_weight: bool = False
+    gimbal: Gimbal | None = None
 
     def with_settings(self, settings: ArmSettings, where: str) -> ArmModel:
         """This model with the keys that were given in place. Raises DeviceError for a value that no arm has.

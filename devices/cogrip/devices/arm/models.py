@@ -18,6 +18,7 @@ What the tables do not say, and how the records got it:
 
 from dataclasses import replace
 
+from cogrip.devices.arm.gimbal import POLHEM, POLHEM_HID, VINTAGE
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.arm.motors import CableDrive
@@ -79,8 +80,11 @@ _VINTAGE = ArmModel(
         full_scale_ma=3000.0,  # the table's; the firmware would take 6000
     ),
     home_counts=(0.0, 7700.0, 0.0),
-    record=_record("serial", "vintage", 0.10, (800.0, 8.0), 0.88, (2.82e-5, 0.075)),
+    record=replace(
+        _record("serial", "vintage", 0.10, (800.0, 8.0), 0.88, (2.82e-5, 0.075)), gives_orientation=True
+    ),
     reach_m=0.10,
+    gimbal=VINTAGE,
 )  # fmt: skip
 
 _POLHEM = ArmModel(
@@ -91,8 +95,11 @@ _POLHEM = ArmModel(
         limit_ma=_alike(2000.0), full_scale_ma=6000.0,
     ),
     home_counts=(8312.0, -10366.0, 19764.0),
-    record=_record("serial", "polhem", 0.15, (2000.0, 1.0), 1.16, (5.18e-5, 0.049)),
+    record=replace(
+        _record("serial", "polhem", 0.15, (2000.0, 1.0), 1.16, (5.18e-5, 0.049)), gives_orientation=True
+    ),
     reach_m=0.15,
+    gimbal=POLHEM,
     gimbal_home_counts=(0.0, 30.0, 0.0),
     holds_weight=True,
 )  # fmt: skip
@@ -103,7 +110,10 @@ _POLHEM_HID = replace(
     _POLHEM,
     drive=replace(_POLHEM.drive, capstan_m=(0.0288, 0.0130, 0.010), full_scale_ma=3000.0),
     home_counts=(8327.0, -10926.0, 27140.0),
-    record=_record("hid", "polhem-hid", 0.15, (2000.0, 1.0), 1.25, (5.17e-5, 0.063)),
+    record=replace(
+        _record("hid", "polhem-hid", 0.15, (2000.0, 1.0), 1.25, (5.17e-5, 0.063)), buttons=1, gives_orientation=True
+    ),
+    gimbal=POLHEM_HID,
 )
 
 _DEFAULT_WOODY = replace(

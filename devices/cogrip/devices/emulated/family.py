@@ -40,13 +40,14 @@ def make(address: Address, count: int, defaults: Mapping[str, Setting]) -> Devic
     if not seed.isdigit():
         raise DeviceError(f"{where}: seed={seed!r} is not a whole number from 0 on")
     driver_keys = {key: query.pop(key) for key in machine.keys if key in query}
-    driver_keys.setdefault("pose", "home")
+    if "pose" in machine.keys:
+        driver_keys.setdefault("pose", "home")
     firmware = make_firmware(address.name, {**defaults, **query}, int(seed))
     name = f"emulated:{address.name}"
     port = EmulatedPort(name, firmware, reports=machine.reports)
     store = Notebook()
     driver = machine.drive(port, name, store, Address(address.text, address.scheme, address.name, driver_keys), count)
-    if driver_keys["pose"] == "stored" and isinstance(driver, ArmDevice):
+    if driver_keys.get("pose") == "stored" and isinstance(driver, ArmDevice):
         _calibrate(driver, firmware.mechanics, store)
     return EmulatedDevice(driver, firmware, planned, store)
 

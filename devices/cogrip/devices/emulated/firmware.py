@@ -33,6 +33,9 @@ class Firmware(ABC):
     def stop_motors(self) -> None:
         """Motors off, nothing half received: as after power-up."""
 
+    def connect(self) -> None:  # noqa: B027 (most firmwares say nothing)
+        """A program opens the wire."""
+
     def receive(self, data: bytes, now_ns: int) -> None:
         if self._begun_ns is None:
             self._begun_ns = now_ns

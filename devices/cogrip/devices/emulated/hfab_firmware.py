@@ -29,6 +29,7 @@ class HfabFirmware(Firmware):
         super().__init__(mechanics, faults)
         self.number = number
         self.enabled = False  # amplifiers
+        self.gimbal = (0, 0, 0)  # counts d, e, f
         self.pwm = [IDLE_PWM] * 3
         self._fed_ns = 0
         self._buffer = b""
@@ -86,4 +87,4 @@ class HfabFirmware(Firmware):
 
     def _reply(self, error: int) -> None:
         number = self.number % 3 + 1 if self.faults.on("model", self.now_ns) else self.number
-        self.faults.send(b"[%d,%d,%d,%d,0,0,0,%d]\n" % (number, *self._counters, error), self.now_ns)
+        self.faults.send(b"[%d,%d,%d,%d,%d,%d,%d,%d]\n" % (number, *self._counters, *self.gimbal, error), self.now_ns)

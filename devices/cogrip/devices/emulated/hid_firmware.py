@@ -92,7 +92,7 @@ class HidFirmware(Firmware):
             self._number = (self._number + 1) % 65536
             return _REPORT_2016.pack(_int16(-a), _int16(-b), _int16(-c), self._number)
         d, e, f = self.gimbal
-        fields = (a, b, c, d + 10000 * self.button, e, f, self.info)
+        fields = (a, b, c, d + 10000 * (self.button or bool(self.mechanics.body.buttons & 1)), e, f, self.info)
         return _REPORT.pack(*map(_int16, fields)).ljust(BYTES[variant], b"\0")
 
     def press(self) -> None:

@@ -14,12 +14,16 @@ from cogrip.devices.emulated.firmware import Firmware
 from cogrip.devices.emulated.haply_firmware import HaplyFirmware, Joint
 from cogrip.devices.emulated.hfab_firmware import HfabFirmware
 from cogrip.devices.emulated.hid_firmware import HidFirmware
+from cogrip.devices.emulated.inverse_service import MODEL as INVERSE3
+from cogrip.devices.emulated.inverse_service import InverseService
 from cogrip.devices.emulated.mechanics import Body, Mechanics
 from cogrip.devices.haply.family import drive as drive_haply
 from cogrip.devices.haply.models import MODELS as HAPLY
 from cogrip.devices.haply.models import HaplySettings
 from cogrip.devices.hid.family import ARMS as HID_ARMS
 from cogrip.devices.hid.family import drive as drive_hid
+from cogrip.devices.inverse.family import InverseSettings
+from cogrip.devices.inverse.family import drive as drive_inverse
 from cogrip.devices.registry import make
 from cogrip.devices.serial.family import SerialSettings
 from cogrip.devices.serial.family import drive as drive_serial
@@ -81,6 +85,19 @@ MACHINES |= {
     name: Machine("haply", _haply, _drive_haply, tuple(key for key in keys_of(HaplySettings) if key != "model"), model)
     for name, model in HAPLY.items()
 }
+
+
+def _inverse(name: str, body: Body, seed: int, powered_at_m: Vector | None) -> Firmware:
+    return InverseService(Mechanics(INVERSE3, body, powered_at_m), Faults(seed, reports=True))
+
+
+def _drive_inverse(port: Port, name: str, store: Store, address: Address, axes: int) -> Device:
+    return drive_inverse(port, name, address.query, axes, repr(address.text))
+
+
+MACHINES[INVERSE3.record.model] = Machine(
+    "inverse", _inverse, _drive_inverse, keys_of(InverseSettings), INVERSE3, reports=True
+)
 
 
 def make_firmware(

@@ -34,6 +34,11 @@ class Body:
         x, y, z = self._machine.position_m
         return x, y, z
 
+    @property
+    def buttons(self) -> int:
+        """Buttons that the hand holds down, one bit each."""
+        return self._machine.buttons
+
     def advance(self, now_ns: int) -> None:
         tick = now_ns * self._step_hz // 1_000_000_000
         if tick > self._tick:

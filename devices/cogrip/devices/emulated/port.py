@@ -25,6 +25,7 @@ class EmulatedPort:
             raise DeviceError(f"{self.name}: is not there; plug it in")
         self._plugging = self._firmware.plugging
         self._came.clear()
+        self._firmware.connect()
         self._open = True
 
     def write(self, frame: bytes) -> None:

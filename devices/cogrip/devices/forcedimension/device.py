@@ -6,13 +6,15 @@ controller's own watchdog, set here to the longest it has.
 
 import atexit
 from collections.abc import Callable, Sequence
+from ctypes import c_double
 from math import hypot, isfinite
 
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
-from cogrip.devices.forcedimension.models import confirm
+from cogrip.devices.forcedimension.models import confirm, with_handle
 from cogrip.devices.forcedimension.sdk import SATURATED, SUCCESS, TIME_GUARD, Sdk
+from cogrip.protocol.rotations import Quaternion, of_matrix
 
 WATCHDOG = 255  # x 125 us = 32 ms without a force, and the controller turns forces off
 STATUS_TICKS = 128  # how often it is asked whether its forces are still on
@@ -45,6 +47,7 @@ class ForceDimensionDevice(Driver):
         self._open, self._dhd, self._id, self._status = True, sdk.dhd, number, sdk.status()
         self._position, self._tick, self._asked = [0.0, 0.0, 0.0], 0, 0
         self._lost, self._blind = "", False
+        self._rows, self._gap = [[0.0] * 3 for _ in range(3)], c_double()
         _opened.add(self._index)
         atexit.register(self.close)
         try:
@@ -59,7 +62,7 @@ class ForceDimensionDevice(Driver):
             kind = int(dhd.getSystemType(number))
         except ValueError as error:
             raise self._error(f"it does not say what it is ({error}); {CURE}") from None
-        confirm(kind, self._stated, self._where)
+        self.capability = with_handle(self.capability, confirm(kind, self._stated, self._where))
         self._check(dhd.getStatus(status, number), "its state cannot be read")
         if status.reset or not status.power:
             what = "is not calibrated" if status.power else "is switched off: switch it on"
@@ -91,7 +94,24 @@ class ForceDimensionDevice(Driver):
             self._counts["position not finite"] += 1
             self._send(ZERO)
             return None
-        return Sample(tuple(position[: self._axes]), None)
+        return Sample(tuple(position[: self._axes]), None, 0, *self._handle())
+
+    def _handle(self) -> tuple[int, Quaternion | None, float | None]:
+        """Buttons, orientation and grip of the handle, as far as there are any and they can be read."""
+        dhd, record, rows, gap = self._dhd, self.capability, self._rows, self._gap
+        buttons = dhd.getButtonMask(self._id) & ((1 << record.buttons) - 1) if record.buttons else 0
+        turned = grip_m = None
+        if record.gives_orientation:
+            turned = of_matrix(rows) if dhd.getOrientationFrame(rows, self._id) in SUCCESS else None
+            if turned is None:
+                self._counts["orientation not read"] += 1
+        if record.grip_m is not None:
+            closed, opened = record.grip_m
+            if dhd.getGripperGap(gap, self._id) in SUCCESS and isfinite(gap.value):
+                grip_m = min(opened, max(closed, gap.value))
+            else:
+                self._counts["gripper not read"] += 1
+        return buttons, turned, grip_m
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         """A force above the limit keeps its direction; one that is none at all becomes zero."""

@@ -5,14 +5,28 @@ Sources: type numbers as in forcedimension-core 1.0; forces, stiffness, damping 
 the Falcon's continuous force are guesses.
 """
 
-from cogrip.devices.device import DeviceError, encoder_record
+from dataclasses import replace
 
+from cogrip.devices.device import Capability, DeviceError, encoder_record
+
+GRIP_M = (0.0, 0.03)  # data sheets: 25 to 27 mm
 CAUTIOUS = "falcon"  # the record of a device whose model is not stated: the weakest
 
 
 RECORDS = {
-    model: encoder_record(
-        "forcedimension", model, ((-r, r),) * 3, force_n, limits, numbers, rate_hz=2048 if model == CAUTIOUS else 4096
+    model: replace(
+        encoder_record(
+            "forcedimension",
+            model,
+            ((-r, r),) * 3,
+            force_n,
+            limits,
+            numbers,
+            rate_hz=2048 if model == CAUTIOUS else 4096,
+        ),
+        buttons=4 if model == CAUTIOUS else 1,
+        gives_orientation=model[-1] in "67",
+        grip_m=GRIP_M if model[-1] == "7" else None,
     )
     for model, r, force_n, limits, numbers in (
         ("falcon", 0.04, (8.0, 4.0), (3000.0, 20.0), (6e-5, 0.15)),
@@ -47,8 +61,8 @@ TYPES = {
 """dhdGetSystemType -> model; left and right hands are two numbers."""
 
 
-def confirm(number: int, stated: str, where: str) -> None:
-    """Raises DeviceError for a device of an unknown model, or of another one than `stated`."""
+def confirm(number: int, stated: str, where: str) -> str:
+    """Return the model of a type. Raises DeviceError for a device of an unknown model, or of another one than `stated`."""
     model = TYPES.get(number)
     if model is None:
         raise DeviceError(f"{where}: it is of type {number}, which is not known; known are {', '.join(RECORDS)}")
@@ -56,3 +70,10 @@ def confirm(number: int, stated: str, where: str) -> None:
         raise DeviceError(
             f"{where}: it is model={model}, not {stated}; correct the key model, or the number of the device"
         )
+    return model
+
+
+def with_handle(record: Capability, model: str) -> Capability:
+    """Return the record with buttons, orientation and gripper of this model."""
+    own = RECORDS[model]
+    return replace(record, buttons=own.buttons, gives_orientation=own.gives_orientation, grip_m=own.grip_m)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from ctypes import c_double
 from typing import NamedTuple, Protocol
 
 TIME_GUARD = 1  # the device was not asked again so soon; the answer is the last one
@@ -31,6 +32,13 @@ class Dhd(Protocol):
 
     def setForce(self, f: Sequence[float], ID: int) -> int: ...
     def getPosition(self, out: list[float], ID: int) -> int: ...
+    def getOrientationFrame(self, out: list[list[float]], ID: int) -> int:
+        """Rows of the handle's rotation matrix, in the axes of positions."""
+
+    def getGripperGap(self, out: c_double, ID: int) -> int:
+        """Opening of the gripper [m]."""
+
+    def getButtonMask(self, ID: int) -> int: ...
     def getStatus(self, out: Status, ID: int) -> int: ...
     def getSystemType(self, ID: int) -> int:
         """Raises ValueError for a number that the package has no name for, -1 among them."""

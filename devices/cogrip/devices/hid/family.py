@@ -40,7 +40,7 @@ IDENTITY = ("variant", "path", "serial")
 
 def family() -> Family:
     """The family `hid:`, for the registry."""
-    what = "arms over USB HID (Polhem, WoodenHaptics): hid:woodenhaptics?variant=mbed14, teensy64 or mbed8 (read only)"
+    what = "arms over USB HID (Polhem, WoodenHaptics): hid:woodenhaptics?variant=mbed14, teensy64, mbed8"
     return Family(
         what,
         make,
@@ -85,6 +85,11 @@ def _settings(address: Address) -> HidSettings:
 
 
 def _without_force(model: ArmModel) -> ArmModel:
-    """Whoever reads the record knows that no force will come, and the driver counts what is asked for nevertheless."""
-    record = replace(model.record, peak_force_n=NO_FORCE_N, continuous_force_n=NO_FORCE_N)
+    """Return an arm whose reports have neither force nor handle.
+
+    Whoever reads the record knows that no force will come, and the driver counts what is asked for nevertheless.
+    """
+    record = replace(
+        model.record, peak_force_n=NO_FORCE_N, continuous_force_n=NO_FORCE_N, buttons=0, gives_orientation=False
+    )
     return replace(model, drive=replace(model.drive, limit_ma=NO_LIMIT_MA), record=record)

@@ -16,6 +16,7 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.hid.enumeration import VARIANTS
 
 APPLY, LOAD = 0, 1
+MOST_TURNED, PRESSED = 5000, 10000  # counts d: of a gimbal at most, and more while the button is down
 _IN = Struct("<7h")
 _OUT = Struct("<x7h")
 _IN_2016 = Struct("<3hH")
@@ -51,7 +52,9 @@ class ReportCodec:
         if len(data) != self._report_bytes:
             self.skipped += bool(data)
             return []
-        return [Reading(_IN.unpack_from(data)[:3])]
+        a, b, c, d, e, f, _ = _IN.unpack_from(data)
+        pressed = d > MOST_TURNED
+        return [Reading((a, b, c), gimbal=(d - PRESSED * pressed, e, f), buttons=int(pressed))]
 
     def reset(self) -> None:
         """A report comes whole or not at all."""

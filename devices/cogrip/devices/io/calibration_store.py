@@ -3,7 +3,6 @@
 import hashlib
 import os
 import re
-import sys
 from pathlib import Path
 from typing import TypeVar
 
@@ -11,6 +10,7 @@ import msgspec
 
 from cogrip.devices.arm.pose import Calibration, OwnLosses
 from cogrip.devices.device import DeviceError
+from cogrip.devices.io.platform import config_folder
 
 _Kept = TypeVar("_Kept", Calibration, OwnLosses)
 FOLDER = "COGRIP_CALIBRATION"  # environment variable that names another folder
@@ -20,11 +20,7 @@ def calibration_folder() -> Path:
     """Return the folder of this user's calibrations."""
     if named := os.environ.get(FOLDER):
         return Path(named)
-    if sys.platform == "win32":
-        base = Path(os.environ.get("APPDATA") or Path.home() / "AppData" / "Roaming")
-    else:
-        base = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
-    return base / "cogrip" / "calibration"
+    return config_folder() / "cogrip" / "calibration"
 
 
 class CalibrationStore:

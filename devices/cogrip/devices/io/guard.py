@@ -19,6 +19,8 @@ from contextlib import suppress
 
 import msgspec
 
+from cogrip.devices.io.platform import IGNORED_BY_GUARD
+
 BEATS, PUSHING, STEPPED_IN = 0, 1, 2
 """Words of the page: writes of the driver; whether the last left a torque on; how often the guard stepped in."""
 
@@ -124,7 +126,7 @@ def guard(driver: int, port: int, pipe: int, page: memoryview, goodbye: Goodbye)
 
 
 def main(arguments: list[str]) -> int:
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+    for number in IGNORED_BY_GUARD:
         signal.signal(number, signal.SIG_IGN)
     driver, port, pipe, ready, memory = map(int, arguments[:5])
     goodbye = msgspec.json.decode(bytes.fromhex(arguments[5]), type=Goodbye)

@@ -14,12 +14,12 @@ import msgspec
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.guard import BEATS, PUSHING, READY, STEPPED_IN, WORDS, Goodbye
+from cogrip.devices.io.platform import CAN_SHARE
 from cogrip.devices.io.serial_port import SerialPort
 
 START_S = 1.5  # less than a server waits for a client that says nothing
 END_S = 2.0
 LOOK_WRITES = 64  # after so many the port looks whether the guard still lives
-CAN_SHARE = os.name == "posix"  # a port between two processes
 
 
 def any_number() -> int:

@@ -4,14 +4,12 @@ Source: OpenHaptics headers (hdDefines.h, hdDevice.h, hdScheduler.h), for 64 bit
 """
 
 import ctypes
-import sys
 from ctypes import c_char_p, c_double, c_int, c_ubyte, c_uint, c_ulong, c_ushort, c_void_p
 from typing import Any, NamedTuple
 
 from cogrip.devices.device import DeviceError
+from cogrip.devices.io.platform import HD_LIBRARIES
 
-USUAL_NAMES = {"win32": ("HD.dll",), "darwin": ("libHD.dylib",)}
-LINUX_NAMES = ("libHD.so", "libHD.so.3.4", "libHD.so.3.5")
 MOST_ERRORS = 64  # a library that never stops reporting must not hold up its own servo
 
 
@@ -65,7 +63,7 @@ def load(library: str) -> ctypes.CDLL:
 
     Every call gives up the interpreter's lock: the servo thread may hold the library's lock and wait for the interpreter's.
     """
-    names = (library,) if library else USUAL_NAMES.get(sys.platform, LINUX_NAMES)
+    names = (library,) if library else HD_LIBRARIES
     why = ""
     for name in names:
         try:

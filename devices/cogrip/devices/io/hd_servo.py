@@ -30,7 +30,7 @@ MODEL_TYPE, CALIBRATION_STYLE = 0x2501, 0x2555
 NOMINAL_MAX_STIFFNESS, NOMINAL_MAX_FORCE, NOMINAL_MAX_CONTINUOUS_FORCE = 0x2602, 0x2603, 0x2604
 FORCE_OUTPUT = 0x4000
 DONE, CONTINUE, CHECK_STATUS = 0, 1, 0
-CURRENT_POSITION, CURRENT_FORCE = 0x2050, 0x2700
+CURRENT_BUTTONS, CURRENT_POSITION, CURRENT_TRANSFORM, CURRENT_FORCE = 0x2000, 0x2050, 0x2052, 0x2700
 MAX_PRIORITY, MIN_PRIORITY = 0xFFFF, 0
 
 _servos: dict[int, Servo] = {}  # by library: it has one scheduler in a process
@@ -54,6 +54,8 @@ class Frame:
         self._take_errors = take_errors
         self._position = (c_double * 3)()
         self._force = (c_double * 3)()
+        self._transform = (c_double * 16)()
+        self._buttons = (c_int * 1)()
         self.over = False
 
     def call(self, _: object) -> int:
@@ -86,11 +88,13 @@ class Frame:
     def _judge(self) -> Vector:
         hd, position = self._hd, self._position
         hd.hdGetDoublev(CURRENT_POSITION, position)
+        hd.hdGetDoublev(CURRENT_TRANSFORM, self._transform)
+        hd.hdGetIntegerv(CURRENT_BUTTONS, self._buttons)
         self._take_errors()  # of this frame so far, and of the end of the one before
         if hd.hdGetCurrentDevice() != self._handle:  # a device being opened was made current under us
             hd.hdMakeCurrentDevice(self._handle)
             return self._mailbox.skip("another device was current")
-        return self._mailbox.frame((position[0], position[1], position[2]))
+        return self._mailbox.frame((position[0], position[1], position[2]), self._buttons[0], self._transform[:])
 
     def _send(self, force: Vector) -> None:
         self._force[0], self._force[1], self._force[2] = force

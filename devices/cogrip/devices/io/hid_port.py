@@ -8,7 +8,6 @@ what went wrong there is raised at the next verb. Reading while another thread w
 """
 
 import os
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -20,6 +19,7 @@ from typing import Any
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.hid.enumeration import Found, Variant, choose
+from cogrip.devices.io import platform
 from cogrip.devices.io.plugging import stamp_of
 from cogrip.devices.io.report_socket import SocketDevice, is_socket
 
@@ -118,7 +118,7 @@ class HidPort:
 
     def _real(self, path: str, serial: str) -> Any:
         hidapi = load_hidapi(self._backend, self.name)
-        found = choose(_found(hidapi, self._variant.usb_id), self._variant, self.name, path, serial)
+        found = choose(found_devices(hidapi, self._variant.usb_id), self._variant, self.name, path, serial)
         device = hidapi.device()
         try:
             device.open_path(os.fsencode(found.path))
@@ -222,10 +222,9 @@ def _first(device: Any, wait_s: float) -> list[int]:
 
 def load_hidapi(backend: str, name: str) -> ModuleType:
     """The module of the package hidapi for this backend. Raises DeviceError where there is none."""
-    linux = sys.platform.startswith("linux")
-    if backend == "hidraw" and not linux:
+    if backend == "hidraw" and not platform.LINUX:
         raise DeviceError(f"{name}: backend=hidraw is Linux's; leave the key out here")
-    module = "hidraw" if linux and backend != "libusb" else "hid"
+    module = "hidraw" if platform.LINUX and backend != "libusb" else "hid"
     try:
         hidapi = import_module(module)
     except ImportError as error:
@@ -240,7 +239,7 @@ def load_hidapi(backend: str, name: str) -> ModuleType:
     return hidapi
 
 
-def _found(hidapi: ModuleType, usb_id: tuple[int, int]) -> list[Found]:
+def found_devices(hidapi: ModuleType, usb_id: tuple[int, int]) -> list[Found]:
     return [
         Found(
             os.fsdecode(each["path"]),

@@ -1,7 +1,7 @@
-"""Detection of connected devices from the system's own lists: nothing is opened, so nothing moves."""
+"""Detection of connected devices from the system's own lists: no device is opened, so nothing moves."""
 
 import os
-import sys
+import socket
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +13,18 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.haply.models import MODELS as HAPLY_MODELS
 from cogrip.devices.hid.enumeration import VARIANTS, Found, Variant, choose
 from cogrip.devices.hid.family import NAMES as HID_NAMES
-from cogrip.devices.io.hid_port import _found, load_hidapi
-from cogrip.protocol.messages import shown
+from cogrip.devices.inverse.family import DEFAULT as INVERSE_SERVICE
+from cogrip.devices.io.event_file import found_gamepads
+from cogrip.devices.io.hid_port import found_devices, load_hidapi
+from cogrip.devices.io.hid_reports import MULTI_AXIS
+from cogrip.devices.io.platform import LINUX
+from cogrip.devices.steered.spacemouse import USB_IDS
+from cogrip.protocol.texts import shown
 
 BY_ID = Path("/dev/serial/by-id")
 TEENSY_SERIAL = (0x16C0, 0x0483)
+LOOK_S = 0.2  # for a service on this machine
+INPUT_ONLY = "input only, no force reaches the hand"
 USUAL_HID = "woodenhaptics"
 ARDUINO_VID = 0x2341
 HAPLY_BOARDS = {0x003E: "Arduino Due", 0x804D: "Arduino Zero", 0x804E: "Arduino M0 Pro", 0x804F: "Arduino M0"}
@@ -96,7 +103,7 @@ def stable_names(folder: Path = BY_ID) -> dict[str, str]:
 
 def _find_serial() -> list[PluggedIn]:
     """List serial ports without those of the mainboard, behind which nothing can be detected."""
-    ports = [port for port in list_ports.comports() if port.vid is not None or sys.platform != "linux"]
+    ports = [port for port in list_ports.comports() if port.vid is not None or not LINUX]
     return serial_ports(ports, stable_names())
 
 
@@ -104,8 +111,47 @@ def _find_hid() -> list[PluggedIn]:
     """Raises DeviceError where hidapi cannot be had."""
     hidapi = load_hidapi("auto", "hid")
     usb_ids = dict.fromkeys(variant.usb_id for variant in VARIANTS.values())
-    return hid_devices(each for usb_id in usb_ids for each in _found(hidapi, usb_id))
+    return hid_devices(each for usb_id in usb_ids for each in found_devices(hidapi, usb_id))
 
 
-FINDERS: dict[str, Callable[[], list[PluggedIn]]] = {"serial ports": _find_serial, "HID devices": _find_hid}
+def spacemice(found: Iterable[Found]) -> list[PluggedIn]:
+    """The SpaceMouse devices among HID interfaces."""
+    lines = {
+        each.path: PluggedIn(
+            f"spacemouse:{each.path}",
+            shown(f"{each.product or USB_IDS[each.usb_id]} at {each.path}") + f": {INPUT_ONLY}",
+        )
+        for each in found
+        if each.usage in ((0, 0), MULTI_AXIS)
+    }
+    return [lines[path] for path in sorted(lines)]
+
+
+def _find_spacemice() -> list[PluggedIn]:
+    """Raises DeviceError where hidapi cannot be had."""
+    hidapi = load_hidapi("auto", "spacemouse")
+    return spacemice(each for usb_id in USB_IDS for each in found_devices(hidapi, usb_id))
+
+
+def _find_gamepads() -> list[PluggedIn]:
+    return [PluggedIn(f"gamepad:{path}", f"{shown(name)}: {INPUT_ONLY}") for path, name in found_gamepads()]
+
+
+def _find_service() -> list[PluggedIn]:
+    """The Inverse service that listens here: nothing is asked of it."""
+    host, port = INVERSE_SERVICE
+    try:
+        socket.create_connection((host, port), LOOK_S).close()
+    except OSError:
+        return []
+    return [PluggedIn("inverse:", f"something listens at {host}:{port}, as Haply's Inverse service does")]
+
+
+FINDERS: dict[str, Callable[[], list[PluggedIn]]] = {
+    "serial ports": _find_serial,
+    "HID devices": _find_hid,
+    "SpaceMouse": _find_spacemice,
+    "gamepads": _find_gamepads,
+    "Inverse service": _find_service,
+}
 """Kinds of devices, and the function that finds each. It may raise DeviceError, which says why it cannot."""

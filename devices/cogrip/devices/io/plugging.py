@@ -1,8 +1,8 @@
 """The identity of a device's power-up: counters that began with it are void after the next one."""
 
-import sys
-import time
 from pathlib import Path
+
+from cogrip.devices.io.platform import asleep_s
 
 SYSFS, USBFS = Path("/sys/bus/usb/devices"), Path("/dev/bus/usb")
 BOOT = Path("/proc/sys/kernel/random/boot_id")
@@ -27,11 +27,10 @@ def stamp_of(path: str, sysfs: Path = SYSFS, usbfs: Path = USBFS) -> str:
         suspended = SUSPENDED.read_text().strip()
     except OSError:
         suspended = ""
-    if sys.platform == "linux":  # hibernation is not counted above
-        asleep_s = time.clock_gettime(time.CLOCK_BOOTTIME) - time.clock_gettime(time.CLOCK_MONOTONIC)
-        suspended = f"{suspended}.{round(asleep_s)}"
+    if (slept_s := asleep_s()) is not None:  # hibernation is not counted above
+        suspended = f"{suspended}.{round(slept_s)}"
     when = f":{made.st_ctime_ns}" if use_time else ""
-    return f"{boot}:{suspended}:{made.st_ino}:{made.st_rdev}{when}"
+    return f"{boot}:{suspended}:{made.st_ino}:{getattr(made, 'st_rdev', 0)}{when}"
 
 
 def _usb_node(path: str, sysfs: Path, usbfs: Path) -> Path | None:

@@ -1,12 +1,12 @@
 """An emulated device on a pseudo-terminal, as a serial port has it. The link shows to it, also when it changes."""
 
 import os
-import tty
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from cogrip.devices.emulated.firmware import Firmware
+from cogrip.devices.io.platform import open_pseudo_terminal
 from cogrip.devices.io.served_firmware import ServedFirmware
 
 
@@ -28,11 +28,7 @@ class PseudoTerminal(ServedFirmware):
         return self._master >= 0
 
     def plug(self) -> None:
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._master)
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
+        self._master, self._slave, self.path = open_pseudo_terminal()
         if self._link is not None:
             new = self._link.with_name(f".{self._link.name}.new")
             new.unlink(missing_ok=True)

@@ -12,10 +12,10 @@ from contextlib import suppress
 from pathlib import Path
 
 from cogrip.devices.emulated.firmware import Firmware
+from cogrip.devices.io.platform import local_socket
 from cogrip.devices.io.served_firmware import ServedFirmware
 
 LONGEST = 4096
-OFFERED = hasattr(socket, "AF_UNIX") and hasattr(socket, "SOCK_SEQPACKET")
 
 
 def is_socket(path: str) -> bool:
@@ -30,7 +30,7 @@ class SocketDevice:
     """A program's end, with the verbs of hidapi's device: raises OSError where the other end is gone."""
 
     def __init__(self, path: str) -> None:
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket = local_socket()
         try:
             self._socket.connect(path)
             self._socket.setblocking(False)
@@ -73,7 +73,7 @@ class ReportSocket(ServedFirmware):
 
     def plug(self) -> None:
         """Raises OSError; a socket that nobody listens at any more is replaced."""
-        listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        listener = local_socket()
         try:
             if is_socket(self.path):
                 Path(self.path).unlink()

@@ -1,8 +1,6 @@
 """A serial line (USB CDC, or a pty of an emulated device), by pyserial."""
 
 import os
-import select
-import sys
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
@@ -11,17 +9,10 @@ from typing import TypeVar
 import serial
 
 from cogrip.devices.device import DeviceError
+from cogrip.devices.io import platform
 from cogrip.devices.io.plugging import stamp_of
 
-if sys.platform == "win32":
-    NOT_A_LINE: tuple[type[Exception], ...] = (OSError, ValueError)
-else:
-    import termios
-
-    NOT_A_LINE = (OSError, ValueError, termios.error)
-
 BAUD = 115200  # the devices ignore it, but 0 would mean hang-up
-MOST_BYTES = 1 << 16  # taken in at once
 _Answer = TypeVar("_Answer")
 
 
@@ -40,14 +31,13 @@ class SerialPort:
             raise DeviceError(f"{self.name}: is open already; close it first")
         try:
             line = serial.Serial(self.path, BAUD, timeout=0, write_timeout=0, exclusive=True)
-        except NOT_A_LINE as error:  # SerialException is an OSError
+        except platform.NOT_A_LINE as error:  # SerialException is an OSError
             raise DeviceError(f"{self.name}: cannot be opened: {_reason(error)}; {_cure(self.path, error)}") from None
-        with suppress(OSError, ValueError, NotImplementedError, AttributeError):
-            line.set_low_latency_mode(True)  # a pty has none, an ACM port may have none
+        platform.low_latency(line)
         self._line = line
 
     def write(self, frame: bytes) -> None:
-        sent = self._try(lambda line: _write(line, frame))
+        sent = self._try(lambda line: platform.write_some(line, frame))
         if sent != len(frame):
             raise DeviceError(
                 f"{self.name}: took {sent} of {len(frame)} bytes: the device does not read; check it, then re-arm"
@@ -77,48 +67,9 @@ class SerialPort:
 def _read(line: serial.Serial, wait_s: float) -> bytes:
     waiting = line.in_waiting
     if not waiting and wait_s > 0.0:
-        if os.name == "posix":  # a new timeout would set the whole line up anew
-            return _awaited(line.fileno(), wait_s)
-        else:
-            if line.timeout != wait_s:
-                line.timeout = wait_s
-            first: bytes = line.read(1)
-            return first + line.read(line.in_waiting) if first else b""
+        return platform.await_bytes(line, wait_s)
     data: bytes = line.read(waiting) if waiting else b""
     return data
-
-
-def _awaited(descriptor: int, wait_s: float) -> bytes:
-    """Return the bytes that come within `wait_s`. Raises OSError where the other end has gone.
-
-    A terminal whose other end closes says so before an ioctl on it fails: to ask it how much waits would find nothing amiss.
-    Nothing to read, without that, means that somebody else has read it: a guard.
-    """
-    if not select.select([descriptor], [], [], wait_s)[0]:
-        return b""
-    try:
-        data = os.read(descriptor, MOST_BYTES)
-    except BlockingIOError:
-        data = b""
-    if not data and _hung_up(descriptor):
-        raise OSError("the other end has hung up")
-    return data
-
-
-def _hung_up(descriptor: int) -> bool:
-    watch = select.poll()
-    watch.register(descriptor, 0)  # a hang-up is told in any case
-    return any(events & select.POLLHUP for _, events in watch.poll(0))
-
-
-def _write(line: serial.Serial, frame: bytes) -> int:
-    """Write, and return the number of bytes taken. pyserial itself would retry for ever while the buffer is full."""
-    if os.name != "posix":
-        return line.write(frame) or 0
-    try:
-        return os.write(line.fileno(), frame)
-    except BlockingIOError:
-        return 0
 
 
 def _reason(error: Exception) -> str:

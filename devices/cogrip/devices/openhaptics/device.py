@@ -7,7 +7,7 @@ from typing import Protocol
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
 from cogrip.devices.openhaptics.mailbox import ZERO, Mailbox
-from cogrip.devices.openhaptics.models import Facts, lowered
+from cogrip.devices.openhaptics.models import ALL_BUTTONS, Facts, lowered
 
 OK, NEEDS_UPDATE, NEEDS_MANUAL_INPUT = 0x5000, 0x5001, 0x5002
 ENCODER_RESET, AUTO, INKWELL = 1, 2, 4
@@ -94,7 +94,7 @@ class OpenHapticsDevice(Driver):
         if news is None or news.frame == self._seen:
             return None
         self._seen = news.frame
-        return Sample(news.position_m[: self._axes], None, 1)
+        return Sample(news.position_m[: self._axes], None, 1, news.buttons & ALL_BUTTONS, news.orientation)
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         """A force above the limit keeps its direction; one that is none at all becomes zero."""

@@ -29,9 +29,7 @@ class OpenHapticsSettings(msgspec.Struct, frozen=True, kw_only=True):
 
 def family() -> Family:
     """The family `openhaptics:`, for the registry."""
-    what = (
-        "Touch, Phantom Omni, Desktop, Premium (OpenHaptics): openhaptics:NAME?model=touch with the vendor's name of it"
-    )
+    what = "Touch, Phantom Omni, Desktop, Premium (OpenHaptics): openhaptics:NAME?model=touch, NAME the vendor's"
     return Family(what, make, tuple(f"openhaptics:Default Device?model={model}" for model in RECORDS), real=True)
 
 

@@ -11,10 +11,12 @@ from typing import NamedTuple
 
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.openhaptics.errors import FORCE_ERRORS, name_of
+from cogrip.protocol.rotations import Quaternion, of_matrix
 
 SERVO_HZ = 1000  # the library's own pace, unless it is told another one
 HOLD_FRAMES = SERVO_HZ // 20  # 50 ms: a force that the loop has not renewed for so long is not held
 ZERO: Vector = (0.0, 0.0, 0.0)
+_OURS = (2, 0, 1)  # numbers of the library's axes in the order of ours
 
 
 # OpenHaptics has x right, y up, z toward the user, in mm; the common frame x toward the user, y right, z up, in m.
@@ -32,11 +34,18 @@ def to_library(force: Vector) -> Vector:
     return right, up, near
 
 
+def orientation_of(transform: Sequence[float]) -> Quaternion | None:
+    """Orientation of the stylus in our axes by the library's transform, 4 x 4, column by column; None where it is none."""
+    return of_matrix([[transform[4 * column + row] for column in _OURS] for row in _OURS])
+
+
 class News(NamedTuple):
-    """Written by the servo thread. frame counts from 1."""
+    """Written by the servo thread. frame counts from 1; buttons: one bit each."""
 
     frame: int
     position_m: Vector
+    buttons: int = 0
+    orientation: Quaternion | None = None
 
 
 class Order(NamedTuple):
@@ -75,13 +84,13 @@ class Mailbox:
         """Servo: no force any more; the first reason is kept."""
         self.lost = self.lost or text
 
-    def frame(self, position_mm: Vector) -> Vector:
+    def frame(self, position_mm: Vector, buttons: int = 0, transform: Sequence[float] = ()) -> Vector:
         """Servo: one frame's readings, for the frame's force in the library's axes [N]."""
         self._frame += 1
         drop, self._drop = self._drop, False
         position = to_common(position_mm)
         if isfinite(position[0] + position[1] + position[2]):
-            self.news = News(self._frame, position)
+            self.news = News(self._frame, position, buttons, orientation_of(transform) if transform else None)
         else:
             self.counts["position not finite"] += 1
             drop = True

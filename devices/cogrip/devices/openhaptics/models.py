@@ -10,6 +10,8 @@ from math import isfinite
 from cogrip.devices.device import Capability, DeviceError, encoder_record
 
 RATE_HZ = 1024  # a little more than the servo's 1000 Hz: some 24 ticks a second then find nothing new
+BUTTONS = 4  # that the library tells of, whatever the stylus has
+ALL_BUTTONS = (1 << BUTTONS) - 1
 CAUTIOUS = "touch"  # the record of a device whose model is not stated: the weakest
 
 
@@ -18,8 +20,12 @@ def _centred(size_m: tuple[float, ...]) -> tuple[tuple[float, float], ...]:
 
 
 RECORDS = {
-    model: encoder_record(
-        "openhaptics", model, _centred(size_m), force_n, limits, numbers, rate_hz=RATE_HZ, latency_ticks=1
+    model: replace(
+        encoder_record(
+            "openhaptics", model, _centred(size_m), force_n, limits, numbers, rate_hz=RATE_HZ, latency_ticks=1
+        ),
+        buttons=BUTTONS,
+        gives_orientation=True,
     )
     for model, size_m, force_n, limits, numbers in (
         ("touch", (0.070, 0.160, 0.120), (3.3, 0.88), (400.0, 4.0), (5.5e-5, 0.045)),

@@ -5,7 +5,7 @@ The motion is a function of the tick, so it keeps the loop's absolute deadlines:
 
 from collections.abc import Sequence
 from math import inf, isfinite
-from typing import Annotated, Protocol
+from typing import Annotated, Any, Protocol
 
 import msgspec
 import numpy as np
@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
-from cogrip.devices.recorded_motion import Array
+from cogrip.devices.recorded_motion import NO_HANDLE, Array, HandleSample
 from cogrip.devices.settings import NotNegative
 from cogrip.devices.simulated.recorded_hand import minimum_jerk
 
@@ -36,7 +36,10 @@ class PlaySettings(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Source(Protocol):
-    """Source of a recorded motion. Both methods raise DeviceError."""
+    """Source of a recorded motion. Both methods raise DeviceError. handles: of its motion, once that was read."""
+
+    @property
+    def handles(self) -> Sequence[HandleSample]: ...
 
     def capability(self, axes: int) -> Capability:
         """The record of the device that moved so."""
@@ -85,6 +88,8 @@ class ReplayedDevice(Driver):
             )
         ticks = np.arange(first, last + 1e-9, play.speed * recorded_hz / rate_hz)
         grid = np.arange(len(position))
+        handles = self._source.handles
+        self._handles = [handles[int(tick)] for tick in ticks] if handles else []
         course = np.stack([np.interp(ticks, grid, axis) for axis in position[:, : self._axes].T], axis=1)
         speeds = np.stack([np.interp(ticks, grid, axis) for axis in velocity[:, : self._axes].T], axis=1) * play.speed
         if play.loop:
@@ -102,7 +107,8 @@ class ReplayedDevice(Driver):
         rows = len(self._position)
         row = tick % rows if self._play.loop else min(tick, rows - 1)
         velocity = tuple(self._velocity[row].tolist()) if self.capability.gives_velocity else None
-        return Sample(tuple(self._position[row].tolist()), velocity)
+        handle: Any = self._handles[row] if row < len(self._handles) else NO_HANDLE
+        return Sample(tuple(self._position[row].tolist()), velocity, 0, *handle)
 
     def write(self, force_n: Sequence[float]) -> None:
         self._need_open("write")

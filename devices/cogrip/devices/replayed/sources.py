@@ -1,10 +1,12 @@
 """Sources of replayed motions: recorded runs and tables."""
 
+from collections.abc import Sequence
+
 import msgspec
 import numpy as np
 
 from cogrip.devices.device import IDEAL_DAMPING_NSPM, IDEAL_SPEED_MPS, IDEAL_STIFFNESS_NPM, SLEW_NPS, Capability
-from cogrip.devices.recorded_motion import Array, capability_of, find, read_motion
+from cogrip.devices.recorded_motion import Array, HandleSample, capability_of, find, read_motion
 from cogrip.devices.replayed.device import PlaySettings
 from cogrip.devices.settings import keys_of
 from cogrip.devices.simulated.hands import ImpedanceSettings
@@ -37,17 +39,21 @@ class RunSource:
 
     def __init__(self, path: str, user: str) -> None:
         self._path, self._user = path, user
+        self.handles: Sequence[HandleSample] = ()
 
     def capability(self, axes: int) -> Capability:
         return capability_of(find(self._path, self._user))
 
     def motion(self, axes: int, rate_hz: int) -> tuple[int, Array, Array]:
         motion = read_motion(find(self._path, self._user))
+        self.handles = motion.handles
         return motion.rate_hz, motion.position_m, motion.velocity_mps
 
 
 class TableSource:
     """A CSV file: no device is known, so its record is that of a machine that anything can be tried on."""
+
+    handles: Sequence[HandleSample] = ()
 
     def __init__(self, path: str, settings: PlaySettings) -> None:
         """`settings` is a TableSettings."""

@@ -66,9 +66,11 @@ class BracketCodec:
 
 
 def _reading(found: re.Match[bytes]) -> Reading:
-    model, a, b, c, *_, error = map(int, found.groups())
+    model, a, b, c, *gimbal, error = map(int, found.groups())
     kind = MODELS.get(model, f"number {model}")
-    return Reading((a, b, c), error_text(error) if error else "", not 0 <= error < REJECTED, kind)
+    if error:
+        return Reading((a, b, c), error_text(error), not 0 <= error < REJECTED, kind)
+    return Reading((a, b, c), model=kind, gimbal=tuple(gimbal))
 
 
 def error_text(error: int) -> str:

@@ -1,7 +1,10 @@
 """The family `sim:`: a table of machines and a table of hands, and how query keys are shared out between them."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
 from typing import Any, Literal
 
 import msgspec
@@ -11,6 +14,7 @@ from cogrip.devices.registry import Family
 from cogrip.devices.settings import MOST_AXES, Address, Setting, check_axes, keys_of, read_settings, unknown
 from cogrip.devices.simulated import grasp, hands, ideal, phantom, pose, reconstructed_hand, recorded_hand, waypoints
 from cogrip.devices.simulated.device import Plant, SimulatedDevice
+from cogrip.devices.simulated.presses import read_presses
 from cogrip.protocol.setting_types import PLACES, POSE_AXES
 
 
@@ -48,6 +52,7 @@ HANDS: dict[str, HandKind] = {
     "hold": HandKind(hands.ImpedanceSettings, hands.make_hold),
     "push": HandKind(hands.PushSettings, hands.PushHand),
     "reach": HandKind(hands.ReachSettings, hands.directed(hands.reach_course)),
+    "approach": HandKind(hands.ApproachSettings, hands.directed(hands.approach_course)),
     "sine": HandKind(hands.SineSettings, hands.directed(hands.sine_course)),
     "tremor": HandKind(hands.TremorSettings, hands.directed(hands.tremor_course)),
     "waypoints": HandKind(waypoints.WaypointSettings, waypoints.WaypointHand, turns="can"),
@@ -56,6 +61,50 @@ HANDS: dict[str, HandKind] = {
     "recording": HandKind(hands.ImpedanceSettings, reconstructed_hand.ReconstructedHand, takes="RUN"),
     "crank": HandKind(pose.CrankSettings, pose.CrankHand, turns="only"),
 }
+
+GROUP = "cogrip.hands"
+_REGISTERED: dict[str, HandKind] = {}
+
+
+def register_hand(
+    name: str, make: Callable[..., hands.Hand], settings: type[msgspec.Struct] = hands.ImpedanceSettings
+) -> None:
+    """Let `hand=NAME` be a hand of this program's own, in this process.
+
+    make: called with (settings, axes); settings: its query keys, a keyword-only frozen struct. Another package names its hands
+    in the entry point group GROUP, each a function that returns a `HandKind`. Raises DeviceError for a name that is taken.
+    """
+    if name in HANDS or not name.isidentifier():
+        raise DeviceError(f"hand {name!r}: is one of cogrip's own, or no plain name; take another")
+    _REGISTERED[name] = HandKind(settings, make)
+
+
+@cache
+def _installed() -> dict[str, str]:
+    """Return name -> "module:function" of the hands that other packages bring."""
+    return {point.name: point.value for point in entry_points(group=GROUP)}
+
+
+def _kind_called(name: str, where: str) -> HandKind:
+    """Return a kind of hand: ours, one registered here, or one of another package. Raises DeviceError."""
+    kind = HANDS.get(name) or _REGISTERED.get(name)
+    if kind is not None:
+        return kind
+    target = _installed().get(name)
+    if target is None:
+        raise unknown("hand", name, {**HANDS, **_REGISTERED, **dict.fromkeys(_installed())}, where)
+    module, _, function = target.partition(":")
+    try:
+        kind = getattr(import_module(module), function)()
+    except Exception as error:
+        raise DeviceError(
+            f"{where}: hand={name}: {target} fails as it is loaded: {error!r}; mend or remove its package"
+        ) from error
+    if not isinstance(kind, HandKind):
+        raise DeviceError(
+            f"{where}: hand={name}: {target} gives {type(kind).__name__}, not a HandKind; mend or remove its package"
+        )
+    return kind
 
 
 def family() -> Family:
@@ -69,7 +118,7 @@ def _axes(address: Address) -> int:
 
 
 def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
-    """A simulated device; key `hand` is one of HANDS (default hold), `csv:FILE` for a recorded one.
+    """A simulated device; key `hand` is one of HANDS (default hold), `csv:FILE` for a recorded one; `press` presses buttons.
 
     Raises DeviceError for an unknown machine, hand or key, a value out of bounds, or a number of axes that
     is not 1 to 3, or 6 where it turns.
@@ -82,10 +131,11 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
         check_axes(axes, where)
     query: dict[str, Setting] = {**defaults, **address.query}
     kind, argument = _hand_kind(str(query.pop("hand", "hold")), where)
+    presses = read_presses(str(query.pop("press", "")), where)
     machine_keys, hand_keys = keys_of(machine.settings), keys_of(kind.settings)
     for key in query:
         if key not in machine_keys and key not in hand_keys:
-            raise unknown("key", key, ("hand", *machine_keys, *hand_keys), where)
+            raise unknown("key", key, ("hand", "press", *machine_keys, *hand_keys), where)
     machine_settings: Any = read_settings(machine.settings, {k: query[k] for k in query if k in machine_keys}, where)
     hand_settings = read_settings(kind.settings, {k: query[k] for k in query if k in hand_keys}, where)
     if kind.turns == "only" and axes != POSE_AXES:
@@ -97,14 +147,14 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
     else:
         hand = kind.make(hand_settings, axes, *argument)
     plant = machine.plant(machine_settings, axes)
-    return SimulatedDevice(machine.capability(machine_settings, axes), plant, hand, machine_settings.x0_m)
+    record = machine.capability(machine_settings, axes)
+    record = replace(record, buttons=max((press.button for press in presses), default=0))
+    return SimulatedDevice(record, plant, hand, machine_settings.x0_m, presses)
 
 
 def _hand_kind(text: str, where: str) -> tuple[HandKind, tuple[str, ...]]:
     name, colon, argument = text.partition(":")
-    kind = HANDS.get(name)
-    if kind is None:
-        raise unknown("hand", name, HANDS, where)
+    kind = _kind_called(name, where)
     if bool(argument) != bool(kind.takes) or (colon and not argument):
         cure = f"write hand={name}:{kind.takes}" if kind.takes else f"{name} takes no argument: write hand={name}"
         raise DeviceError(f"{where}: hand={text!r}: {cure}")

@@ -4,10 +4,13 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Protocol
 
+from msgspec.structs import replace
+
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.driver import Driver
 from cogrip.devices.settings import fit_axes
 from cogrip.devices.simulated.hands import Hand
+from cogrip.devices.simulated.presses import Press
 
 
 class Plant(Protocol):
@@ -33,12 +36,21 @@ class SimulatedDevice(Driver):
     each tick over that tick. Reading one tick again gives the same sample.
     """
 
-    def __init__(self, capability: Capability, plant: Plant, hand: Hand, start_m: Sequence[float] = ()) -> None:
+    def __init__(
+        self,
+        capability: Capability,
+        plant: Plant,
+        hand: Hand,
+        start_m: Sequence[float] = (),
+        presses: Sequence[Press] = (),
+    ) -> None:
         """`start_m` [m]: where device and hand begin; empty: at 0, or where the hand's motion begins."""
         super().__init__(f"{capability.family}:{capability.model}", capability.axes)
         self.capability = capability
         self.plant = plant
         self.hand = hand
+        self.presses = presses
+        self._spans: list[range] = []  # ticks in which each lasts
         self._start_m = fit_axes(start_m, capability.axes, "x0_m") if start_m else None
         self._force: Sequence[float] = self._zero
 
@@ -57,6 +69,12 @@ class SimulatedDevice(Driver):
         """The device force F [N] held now, as written."""
         return tuple(self._force)
 
+    @property
+    def buttons(self) -> int:
+        """Buttons that are down now, one bit each."""
+        down = {press.button for press, span in zip(self.presses, self._spans, strict=True) if self._tick in span}
+        return sum([1 << button - 1 for button in down])
+
     def open(self, rate_hz: int) -> None:
         """Reads the hand's recording, if it has one: raises DeviceError when that is not usable."""
         self._check_open(rate_hz, self.capability)
@@ -68,6 +86,7 @@ class SimulatedDevice(Driver):
                     "or origin=start for a recording"
                 )
         self.plant.open(rate_hz, self.hand.stiffness_npm, self.hand.damping_nspm, start)
+        self._spans = [press.ticks(rate_hz) for press in self.presses]
         self._force, self._tick, self._open = self._zero, 0, True
 
     def read(self, tick: int) -> Sample:
@@ -81,16 +100,16 @@ class SimulatedDevice(Driver):
             for k in range(last, tick):
                 step(drive(k), force)
             self._tick = tick
-        return self.plant.sense()
+        sample = self.plant.sense()
+        return replace(sample, buttons=self.buttons) if self._spans else sample
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         if not self._open:
             self._need_open("write")
         if len(force_n) != self._axes:
             raise self._wrong_force(force_n)
-        for f in force_n:
-            if not isfinite(f):
-                raise self._wrong_force(force_n, f"; the held force stays {self.force_n}")
+        if not isfinite(sum(force_n)) and not all(map(isfinite, force_n)):
+            raise self._wrong_force(force_n, f"; the held force stays {self.force_n}")
         self._force = tuple(force_n)
         return None
 

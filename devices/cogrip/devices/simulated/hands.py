@@ -11,7 +11,7 @@ axis i are multiplied by direction[i]; missing components are 0.
 """
 
 from collections.abc import Callable, Sequence
-from math import cos, floor, inf, pi, sin, sqrt
+from math import cos, exp, floor, inf, pi, sin, sqrt
 from random import Random
 from typing import Annotated, Any, Protocol, TypeAlias
 
@@ -61,6 +61,15 @@ class ReachSettings(ImpedanceSettings, frozen=True, kw_only=True):
     rest_s: NotNegative = 0.0
     delay_s: NotNegative = 0.0
     stop_s: Annotated[float, Meta(ge=0.0)] = inf
+    direction: tuple[Finite, ...] = (1.0,)
+
+
+class ApproachSettings(ImpedanceSettings, frozen=True, kw_only=True):
+    """Query keys of `approach`. lag_s: in which what is left of the way shrinks to 1/e of it."""
+
+    amplitude_m: Finite = 0.03
+    lag_s: Positive = 0.2
+    delay_s: NotNegative = 0.0
     direction: tuple[Finite, ...] = (1.0,)
 
 
@@ -209,6 +218,23 @@ def reach_course(settings: ReachSettings) -> Course:
         s = amplitude * zz * z * (10.0 + z * (6.0 * z - 15.0))
         w = speed * zz * (1.0 - z) ** 2
         return (amplitude - s, -w) if n & 1 else (s, w)
+
+    return course
+
+
+def approach_course(settings: ApproachSettings) -> Course:
+    """amplitude_m (1 - exp(-(t - delay_s) / lag_s)): each moment as fast as far away, as visual guidance of first order.
+
+    It is within w / 2 of its end after delay_s + lag_s ln(2 amplitude_m / w): Fitts's law with a slope of lag_s ln 2 a bit
+    (Crossman and Goodeve 1983).
+    """
+    amplitude, lag, delay = settings.amplitude_m, settings.lag_s, settings.delay_s
+
+    def course(time_s: float) -> tuple[float, float]:
+        if time_s <= delay:
+            return 0.0, 0.0
+        left = amplitude * exp((delay - time_s) / lag)
+        return amplitude - left, left / lag
 
     return course
 

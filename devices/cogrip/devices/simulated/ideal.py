@@ -12,6 +12,7 @@ import msgspec
 from cogrip.devices.device import IDEAL_SPEED_MPS, IDEAL_STIFFNESS_NPM, SLEW_NPS, Capability, Sample
 from cogrip.devices.settings import Finite, NotNegative, Positive
 from cogrip.devices.simulated.zero_order_hold import discretise
+from cogrip.protocol.setting_types import PLACES
 
 ADVISED_AT_HZ = 1024
 """The loop rate at which the advised damping holds: half of b T_c / m = 1, theory.md section 3.6."""
@@ -53,6 +54,12 @@ class IdealPlant:
         """One exact tick."""
         xs, vs, k = self.position_m, self.velocity_mps, self._k
         p, q, g, h = self._p, self._q, self._g, self._h
+        if len(drive_n) == PLACES:  # as below, without a loop
+            (ux, uy, uz), (fx, fy, fz), (x, y, z), (vx, vy, vz) = drive_n, force_n, xs, vs
+            rx, ry, rz = ux - fx - k * x, uy - fy - k * y, uz - fz - k * z
+            self.position_m = [x + p * vx + g * rx, y + p * vy + g * ry, z + p * vz + g * rz]
+            self.velocity_mps = [q * vx + h * rx, q * vy + h * ry, q * vz + h * rz]
+            return
         for i, u in enumerate(drive_n):
             x, v = xs[i], vs[i]
             r = u - force_n[i] - k * x

@@ -8,7 +8,6 @@ On a machine that turns it goes from one rotation vector to the next in the same
 from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
-from operator import add
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.settings import Finite, NotNegative
@@ -82,8 +81,7 @@ class WaypointHand:
         if after in (0, len(times)):
             return at, (0.0,) * len(at)
         pairs, step, stroke_s = self._strokes[after - 1]
-        z = (now - times[after - 1]) / stroke_s
-        s, w = z * z * z * (10.0 + z * (6.0 * z - 15.0)), 30.0 * z * z * (1.0 - z) ** 2 / stroke_s
+        s, w = _stroke((now - times[after - 1]) / stroke_s, stroke_s)
         return tuple([start + s * stroke for start, stroke in pairs]), tuple([w * stroke for stroke in step])
 
     def intended(self, tick: int) -> tuple[Vector, Vector]:
@@ -96,9 +94,19 @@ class WaypointHand:
     def drive(self, tick: int) -> Sequence[float]:
         if len(self._home) > PLACES:
             return pose_drive(self, tick)
-        after = bisect_right(self._times, tick / self._rate_hz)
-        if after in (0, len(self._times)):
+        now, times = tick / self._rate_hz, self._times
+        after = bisect_right(times, now)
+        if after in (0, len(times)):
             return self._rest[after > 0]
-        place, speed = self._course(tick)
+        pairs, _, stroke_s = self._strokes[after - 1]
+        s, w = _stroke((now - times[after - 1]) / stroke_s, stroke_s)
         k, b = self.stiffness_npm, self.damping_nspm
-        return list(map(add, [k * x for x in place], [b * v for v in speed]))
+        if len(pairs) == PLACES:  # as below, without a loop
+            (x, dx), (y, dy), (z, dz) = pairs
+            return [k * (x + s * dx) + b * (w * dx), k * (y + s * dy) + b * (w * dy), k * (z + s * dz) + b * (w * dz)]
+        return [k * (start + s * stroke) + b * (w * stroke) for start, stroke in pairs]
+
+
+def _stroke(z: float, stroke_s: float) -> tuple[float, float]:
+    """Return the part of a minimum-jerk stroke that is done after the part z of its time, and its rate [1/s]."""
+    return z * z * z * (10.0 + z * (6.0 * z - 15.0)), 30.0 * z * z * (1.0 - z) ** 2 / stroke_s

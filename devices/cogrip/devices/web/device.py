@@ -8,12 +8,13 @@ from math import hypot
 from typing import Protocol
 
 import msgspec
+from msgspec.structs import replace as replace_fields
 
 from cogrip.devices.device import IDEAL_SPEED_MPS, Sample
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.simulated.phantom import PhantomPlant, PhantomSettings, capability
-from cogrip.devices.web.hand import PointerHand, PointerSettings
-from cogrip.devices.web.messages import FrameError, OwnHand, State, decode_pointer, encode_own_hand, vector
+from cogrip.devices.web.hand import SILENCE_S, PointerHand, PointerSettings
+from cogrip.devices.web.messages import BUTTONS, FrameError, OwnHand, State, decode_pointer, encode_own_hand, vector
 
 PEAK_N = (
     20.0  # five times what the hand pulls with: no motors get warm, and a force that sits at its limit would be a fault
@@ -51,16 +52,20 @@ class WebDevice(SimulatedDevice):
         )  # fmt: skip
         plant = PhantomPlant(machine, axes)
         self.pointer = PointerHand(pointer, plant)
-        record = replace(capability(machine, axes), family="web", model="pointer", continuous_force_n=PEAK_N)
+        record = replace(
+            capability(machine, axes), family="web", model="pointer", continuous_force_n=PEAK_N, buttons=BUTTONS
+        )
         super().__init__(record, plant, self.pointer)
         self._link = link
-        self._taken = 0
-        self._every = 1
+        self._taken = self._pressed = 0
+        self._heard = 0  # tick of the newest pointer message
+        self._every = self._rate_hz = 1
 
     def open(self, rate_hz: int) -> None:
         """See `Device.open`."""
         super().open(rate_hz)
         self._every = max(1, rate_hz // TOLD_HZ)
+        self._rate_hz, self._pressed, self._heard = rate_hz, 0, 0
 
     def read(self, tick: int) -> Sample:
         """See `Device.read`. Takes the pointer's messages first."""
@@ -72,7 +77,9 @@ class WebDevice(SimulatedDevice):
         if link.closed and self.pointer.holds:
             self.pointer.let_go()
             self._counts["page gone: let go"] += 1
-        sample = super().read(tick)
+        if self._pressed and (link.closed or tick - self._heard > SILENCE_S * self._rate_hz):
+            self._pressed = 0  # a page that is gone holds nothing down
+        sample = replace_fields(super().read(tick), buttons=self._pressed)
         if tick % self._every == 0:
             state: State = "live" if self.pointer.holds else "free"
             force, limit_n = vector([-force for force in self.pointer.force_n()]), self.capability.peak_force_n
@@ -97,5 +104,5 @@ class WebDevice(SimulatedDevice):
         if self.pointer.holds and pointed.number <= self._taken:  # another tab counts from 1, once this one has let go
             self._counts["late pointer message"] += 1
             return
-        self._taken = pointed.number
+        self._taken, self._pressed, self._heard = pointed.number, pointed.buttons, tick
         self.pointer.point(tick, pointed.target_m, holds=pointed.holds)

@@ -14,7 +14,7 @@ NAMES = ("idle", "pointer")
 def family() -> Family:
     """Return the family `web:`, for the registry."""
     what = "a pointer in a browser: `cogrip join LINK --device web`"
-    return Family(what, make, ("web:pointer",), stand_ins=("web:idle",), real=True)
+    return Family(what, make, ("web:pointer",), stand_ins=("web:idle",), real=True, input_only=True)
 
 
 def public(address: str) -> str:

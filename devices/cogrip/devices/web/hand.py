@@ -28,6 +28,14 @@ SETTLE_S = 0.005  # time constant of its last bit of the way
 STRETCH_N = 3.0  # most force of the spring, with the damper 0.18 m/s; pulled farther it drags the set-point along
 
 
+def lead_m(speed_mps: float) -> float:
+    """Return how far ahead of the set-point a target has to be for it to go at this speed: see `PointerHand._accelerated`."""
+    A, tau = ACCELERATION_MPS2, SETTLE_S
+    if speed_mps < A * tau:
+        return speed_mps * tau
+    return 0.5 * (speed_mps * speed_mps / A + A * tau * tau)
+
+
 class PointerSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Query keys of the hand. power_w: largest mean power of the pointer."""
 

@@ -8,6 +8,7 @@ from typing import Literal
 
 POINTER, OWN_HAND = 2, 3
 HOLDS = 1  # flag of a pointer message
+BUTTONS = 16  # that a pointer message tells of
 MOST_POINTER_M = 10.0  # a pointer farther away is no pointer
 
 State = Literal["free", "joining", "live", "degraded", "fault", "silent"]
@@ -26,11 +27,12 @@ class FrameError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Pointer:
-    """Where a page's pointer wants its hand to be [m]; holds: False lets go."""
+    """Where a page's pointer wants its hand to be [m]; holds: False lets go; buttons: that are down, one bit each."""
 
     number: int
     holds: bool
     target_m: Vector
+    buttons: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,19 +54,19 @@ def vector(values: Sequence[float]) -> Vector:
 
 def encode_pointer(pointer: Pointer) -> bytes:
     """Return a pointer message as bytes."""
-    return _POINTER.pack(POINTER, HOLDS if pointer.holds else 0, 0, pointer.number, *pointer.target_m)
+    return _POINTER.pack(POINTER, HOLDS if pointer.holds else 0, pointer.buttons, pointer.number, *pointer.target_m)
 
 
 def decode_pointer(data: bytes) -> Pointer:
     """Return the pointer message in `data`. Raises FrameError, also for a target that is not finite or implausibly far."""
     if len(data) != POINTER_BYTES or data[0] != POINTER:
         raise FrameError(f"{len(data)} bytes that are no pointer message of {POINTER_BYTES}")
-    _, flags, reserved, number, *target = _POINTER.unpack(data)
-    if flags & ~HOLDS or reserved:
+    _, flags, buttons, number, *target = _POINTER.unpack(data)
+    if flags & ~HOLDS:
         raise FrameError("a reserved bit is set")
     if not all(isfinite(each) and abs(each) <= MOST_POINTER_M for each in target):
         raise FrameError(f"the target is not within {MOST_POINTER_M:g} m")
-    return Pointer(number, bool(flags & HOLDS), vector(target))
+    return Pointer(number, bool(flags & HOLDS), vector(target), buttons)
 
 
 def encode_own_hand(hand: OwnHand) -> bytes:

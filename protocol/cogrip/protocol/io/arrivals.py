@@ -5,9 +5,9 @@ A loop drains its socket once a step, so the time of its own clock says nothing 
 
 import socket
 import struct
-import sys
-import time
 from typing import Any
+
+from cogrip.protocol.io.platform import system, time
 
 _SO_TIMESTAMPNS = 35  # the same on every architecture but Alpha, PA-RISC and SPARC; its message has two native longs
 _TIMESPEC = struct.Struct("@ll")
@@ -19,13 +19,7 @@ class Arrivals:
 
     def __init__(self, receiver: socket.socket) -> None:
         self._socket = receiver
-        self._stamped = False
-        if sys.platform == "linux":
-            try:
-                receiver.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-                self._stamped = True
-            except OSError:  # an emulated kernel
-                pass
+        self._stamped = system.stamped(receiver, _SO_TIMESTAMPNS)
         self._newest_ns = 0  # time of the newest arrival: none is earlier than one before it
 
     def receive(self, most_bytes: int, now_ns: int) -> tuple[bytes, Any, int]:
@@ -33,10 +27,10 @@ class Arrivals:
 
         Raises BlockingIOError where there is none, OSError as `recvfrom` does.
         """
-        if not self._stamped:
+        if self._stamped is None:
             datagram, address = self._socket.recvfrom(most_bytes)
             return datagram, address, now_ns
-        datagram, ancillary, _, address = self._socket.recvmsg(most_bytes, _ANCILLARY_BYTES)
+        datagram, ancillary, _, address = self._stamped(most_bytes, _ANCILLARY_BYTES)
         for level, kind, data in ancillary:
             if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(data) == _TIMESPEC.size:
                 seconds, ns = _TIMESPEC.unpack(data)

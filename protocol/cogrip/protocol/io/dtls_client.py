@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from cogrip.protocol import messages
 from cogrip.protocol.channel import PEER, Address
 from cogrip.protocol.io.dtls import FINAL, Association, client_context
+from cogrip.protocol.texts import shown
 
 PATIENCE_NS = (500_000_000, 700_000_000, 900_000_000)  # wait for an answer to handshake 1, 2, 3 and all later ones
 GIVE_UP_NS = 10_000_000_000
@@ -143,7 +144,7 @@ class DtlsClient:
         except messages.MalformedError:
             return
         if isinstance(message, messages.Refuse):
-            self._hint = messages.shown(f"{message.reason} [{message.code}]")
+            self._hint = shown(f"{message.reason} [{message.code}]")
 
     def _handle_failure(self) -> None:
         """Give up where the failure is final, else let the next attempt follow."""

@@ -8,14 +8,13 @@ skips to the newest tick that is due and counts what it skipped. due = run + ski
 lateness could ever exceed a period. `late_ns` is the last tick's own.
 """
 
-import time
 from collections.abc import Callable
 
 from cogrip.protocol.accounts import Percentiles, TickCount
 from cogrip.protocol.histogram import DurationHistogram
+from cogrip.protocol.io.platform import system, time
 
-SPIN_NS = 60_000
-"""Spinning before a deadline: about what an ordinary thread with 1 ns of timer slack oversleeps."""
+SPIN_NS = system.SPIN_NS
 
 
 class Pacer:

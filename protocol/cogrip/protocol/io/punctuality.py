@@ -10,15 +10,16 @@ import os
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from time import get_clock_info
 from timeit import timeit
 
 from cogrip.protocol.histogram import DurationHistogram
 from cogrip.protocol.io import realtime
 from cogrip.protocol.io.pacing import SPIN_NS, Pacer
+from cogrip.protocol.io.platform import system, time
 
 _MODULE = "cogrip.protocol.io.punctuality"  # not __name__: that may be __main__
 
@@ -80,6 +81,7 @@ class Machine:
     fifo_permission: str  # "yes, ..." or "no, ..." and by what
     lock_permission: str
     loopback_us: dict[str, float] | None
+    lacks: dict[str, str]  # of what Linux has, and what is there instead
     load_after: float | None = None  # the same load when all was measured; the measuring itself is up to 1 of it
 
     @property
@@ -191,7 +193,7 @@ def _clock_read_ns() -> float:
 def _permissions() -> tuple[str, str]:
     """Return whether SCHED_FIFO and locked memory are allowed, and by what, without trying either."""
     if sys.platform != "linux":
-        return ("no, only used on Linux",) * 2
+        return _fifo_permission(), "no, only used on Linux"
     import resource
 
     def permission(capability: int, limit: str, most: int, granted: bool, shown: str) -> str:
@@ -206,28 +208,34 @@ def _permissions() -> tuple[str, str]:
     return fifo, permission(realtime.CAP_IPC_LOCK, "memlock", memlock, False, f"{memlock // 1024} KiB")
 
 
+def _fifo_permission() -> str:
+    """Return what stands for SCHED_FIFO where this is not Linux."""
+    return f"yes, as {system.LACKS['SCHED_FIFO']}" if "fifo" in system.REAL_TIME else "no, only used on Linux"
+
+
 def _load() -> float | None:
     return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
 
 
 def examine() -> Machine:
     """Read the machine's settings and this user's permissions; change nothing."""
-    system = os.uname() if hasattr(os, "uname") else None
+    kernel = os.uname() if hasattr(os, "uname") else None
     fifo, lock = _permissions()
     return Machine(
-        kernel=f"{system.sysname} {system.release} {system.machine}" if system else sys.platform,
-        preemption=_preemption(system.version) if system else None,
+        kernel=f"{kernel.sysname} {kernel.release} {kernel.machine}" if kernel else sys.platform,
+        preemption=_preemption(kernel.version) if kernel else None,
         cpus=os.cpu_count() or 1,
-        usable_cpus=len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1,
+        usable_cpus=system.usable_cpus(),
         virtual=_virtual(),
         governor=_read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
         clock_source=_read("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
-        clock_resolution_ns=time.get_clock_info("monotonic").resolution * 1e9,
+        clock_resolution_ns=get_clock_info(system.CLOCK).resolution * 1e9,
         clock_read_ns=_clock_read_ns(),
         load_1min=_load(),
         fifo_permission=fifo,
         lock_permission=lock,
         loopback_us=loopback_us(),
+        lacks=system.LACKS,
     )
 
 
@@ -289,7 +297,7 @@ def advise(machine: Machine, found: Sequence[Punctuality]) -> list[str]:
         advice.append(
             "This is a virtual machine: its host adds lateness that nothing here removes; use bare metal for force."
         )
-    if machine.preemption != "PREEMPT_RT" and any(word != "in reach" for word in words.values()):
+    if system.LINUX and machine.preemption != "PREEMPT_RT" and any(word != "in reach" for word in words.values()):
         advice.append("A PREEMPT_RT kernel (Debian: linux-image-rt-amd64) shortens the longest latenesses.")
     if busy is not None:
         advice.append(

@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 
+from cogrip.protocol.io.platform import system
+
 PRIORITY = 40
 """SCHED_FIFO priority: above ordinary work, below the kernel's interrupt threads (50 on PREEMPT_RT)."""
 
@@ -181,7 +183,17 @@ def engage(names: Iterable[str] = NAMES, *, priority: int = PRIORITY) -> list[Me
     unknown = sorted(wanted - set(NAMES))
     if unknown:
         raise ValueError(f"unknown real-time measure {unknown[0]!r}: known are {', '.join(NAMES)}")
-    return [_MEASURES[name](priority) for name in NAMES if name in wanted]
+    return [
+        _substitute(name) if name in system.REAL_TIME else _MEASURES[name](priority) for name in NAMES if name in wanted
+    ]
+
+
+def _substitute(name: str) -> Measure:
+    """Take a system's own measure of this name."""
+    try:
+        return Measure(name, True, *system.REAL_TIME[name]())
+    except OSError as error:
+        return _unavailable(name, str(error))
 
 
 def release(measures: Iterable[Measure]) -> None:

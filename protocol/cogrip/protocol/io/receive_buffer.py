@@ -3,6 +3,8 @@
 import socket
 import sys
 
+from cogrip.protocol.io.platform import system
+
 RECEIVE_BUFFER_BYTES = 1 << 20
 SO_MEMINFO, DROPS = 55, 8  # Linux: datagrams that a socket's buffer dropped
 OVERRUN = "socket: receive buffer full"  # reason under which they are counted
@@ -15,7 +17,7 @@ def enlarge(receiver: socket.socket) -> None:
 
 def overrun(receiver: socket.socket) -> int:
     """Return the datagrams dropped so far because the buffer was full; 0 if unknown. Raises OSError once it is closed."""
-    if not sys.platform.startswith("linux"):
+    if not system.LINUX:
         return 0
     info = receiver.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, 4 * (DROPS + 1))
     return int.from_bytes(info[-4:], sys.byteorder) if len(info) == 4 * (DROPS + 1) else 0

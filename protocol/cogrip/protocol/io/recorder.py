@@ -12,6 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.ring import Ring, make_ring
 from cogrip.protocol.recording.header import Header
 
@@ -22,19 +23,11 @@ END_LIMIT_S = 20.0
 _CHECK_EVERY = 64  # messages between two checks of the writer's report
 
 
-def lock(fd: int) -> None:
-    """Lock a file that is written, for as long as a process has this descriptor. Raises OSError where it is locked already."""
-    if os.name == "posix":
-        import fcntl
-
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
 def is_being_written(path: Path) -> bool:
     """Return whether some process is writing `path`. Raises OSError."""
     with path.open("rb") as file:
         try:
-            lock(file.fileno())
+            system.lock(file.fileno())
         except BlockingIOError:
             return True
     return False
@@ -118,13 +111,15 @@ def open_recorder(
         )
         say(f"this session is not recorded: {path}{why}")
         return None
-    with suppress(OSError):
-        lock(out)
+    if system.LOCKS_ARE_INHERITED:
+        with suppress(OSError):
+            system.lock(out)
     try:
         ring = make_ring(ring_for(header.rate_hz) if ring_bytes is None else ring_bytes)
+        handles = [system.handle_of(fd) for fd in (ring.fd, out)]
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "cogrip.protocol.io.recording_process", str(ring.fd), str(out)],
-            stdin=subprocess.PIPE, pass_fds=(ring.fd, out), start_new_session=True,
+            [sys.executable, "-P", "-m", "cogrip.protocol.io.recording_process", *map(str, handles)],
+            stdin=subprocess.PIPE, **system.own_session(*handles),
         )  # fmt: skip
         assert process.stdin is not None
         process.stdin.write(json.dumps({"path": str(path.absolute()), "header": header.metadata()}).encode() + b"\n")

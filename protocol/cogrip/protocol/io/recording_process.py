@@ -1,4 +1,4 @@
-"""The writer of one recording: `python -m cogrip.protocol.io.recording_process RING_FD FILE_FD`, its task on standard input.
+"""The writer of one recording: `python -m cogrip.protocol.io.recording_process RING FILE`, its task on standard input.
 
 It ends when the loop has marked the end of its messages, or is gone: then its end of standard input closes. Meanwhile it
 reads the ring twenty times a second and flushes whole chunks at least four times a second.
@@ -6,16 +6,13 @@ reads the ring twenty times a second and flushes whole chunks at least four time
 
 import json
 import os
-import select
-import signal
 import sys
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, cast
 
-from cogrip.protocol.io.recorder import lock
+from cogrip.protocol.io.platform import system, time
 from cogrip.protocol.io.ring import Ring
 from cogrip.protocol.recording.header import header_of
 from cogrip.protocol.recording.records import Clock, Gap
@@ -114,7 +111,7 @@ class Task:
 
     def _keep_the_file(self) -> None:
         """Put the file back if it was removed meanwhile, else count nothing of it as saved."""
-        if self._gone or os.name != "posix" or os.fstat(self._stream.fd).st_nlink:
+        if self._gone or not system.removed(self._stream.fd):
             return
         try:
             self._rescue()
@@ -132,14 +129,12 @@ class Task:
         self._path.parent.mkdir(parents=True, exist_ok=True)
         fd = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
         try:
-            done, size = 0, os.fstat(self._stream.fd).st_size
-            while done < size:
-                done += os.sendfile(fd, self._stream.fd, done, size - done)
+            system.copy(self._stream.fd, fd)
             os.dup2(fd, self._stream.fd)
         finally:
             os.close(fd)
         with suppress(OSError):
-            lock(self._stream.fd)
+            system.lock(self._stream.fd)
 
     def finish(self, cut: bool) -> None:
         """Write what is left and close the file. cut: the loop is gone, perhaps between two messages that belong together."""
@@ -159,12 +154,15 @@ class Task:
 
 
 def main(arguments: list[str]) -> int:
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # it ends when the loop does, not before
-    with suppress(OSError, AttributeError):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    system.ignore_end_signals()  # it ends when the loop does, not before
+    system.ordinary_priority()
+    ring, file = map(system.descriptor_of, map(int, arguments))
     source = sys.stdin.buffer
-    task = Task(Ring(int(arguments[0])), int(arguments[1]), json.loads(source.readline()))
+    task = Task(Ring(ring), file, json.loads(source.readline()))
+    ended = system.end_of_input(source)
+    if not system.LOCKS_ARE_INHERITED:
+        with suppress(OSError):
+            system.lock(file)
     flushed = anchored = 0.0
     while not task.ring.finished:
         now = time.monotonic()
@@ -175,7 +173,7 @@ def main(arguments: list[str]) -> int:
         if now - flushed >= FLUSH_EVERY_S - TAKE_EVERY_S:
             flushed = now
             task.flush()
-        if select.select([source], [], [], TAKE_EVERY_S)[0]:  # closed: nobody is left on the other side
+        if ended(TAKE_EVERY_S):  # closed: nobody is left on the other side
             break
     task.finish(cut=not task.ring.finished)
     return 0

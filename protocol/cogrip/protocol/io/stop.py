@@ -1,14 +1,19 @@
 """The stop flag of a loop: signals set it, loops read it once a tick."""
 
 import os
-import select
 import signal
 import sys
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from types import FrameType
 from typing import Literal
+
+from cogrip.protocol.io.platform import system
+
+TETHERED = "COGRIP_TETHERED"
+"""Environment variable of a child whose standard input is a pipe from its parent: it is to end when that does."""
 
 
 @dataclass(slots=True)
@@ -18,20 +23,35 @@ class Stop:
     reason  why the loop should end, such as "stopped (SIGTERM)"; "" until then
     rearm   leave a fault
     reload  read files anew
+    typed   other lines that were typed at the terminal
     """
 
     reason: str = ""
     signals: int = 0
     rearm: bool = False
     reload: bool = False
+    typed: list[str] = field(default_factory=list)
 
     def take_rearm(self) -> bool:
         """Return whether re-arming was asked for since the last call: by SIGUSR1, or with `r` and Enter at a terminal."""
-        typed = _typed_r()
+        self._read()
         if not self.rearm:  # looked at before it is taken back: a signal may come between any two steps
-            return typed
+            return False
         self.rearm = False
         return True
+
+    def take_typed(self) -> list[str]:
+        """Return the lines other than `r` that were typed at the terminal since the last call."""
+        self._read()
+        lines, self.typed = self.typed, []
+        return lines
+
+    def _read(self) -> None:
+        for line in system.typed().decode("utf-8", "replace").splitlines():
+            if line.strip().lower() == "r":
+                self.rearm = True
+            elif line.strip():
+                self.typed.append(line.strip())
 
     def take_reload(self) -> bool:
         """Return whether reloading was asked for since the last call, by SIGHUP."""
@@ -47,7 +67,9 @@ def on_signals(stop: Stop, hangup: Literal["terminate", "reload"] = "terminate")
 
     hangup: meaning of a SIGHUP that is not the end of a terminal. A third signal to end interrupts whatever hangs.
     """
-    had_terminal = _has_terminal()
+    had_terminal = system.has_terminal()
+    if os.environ.pop(TETHERED, "") and sys.stdin:
+        threading.Thread(target=_follow_parent, args=(stop, sys.stdin.fileno()), daemon=True).start()
 
     def handle(number: int, frame: FrameType | None) -> None:
         stop.signals += 1
@@ -56,7 +78,7 @@ def on_signals(stop: Stop, hangup: Literal["terminate", "reload"] = "terminate")
             raise KeyboardInterrupt
 
     def hang_up(number: int, frame: FrameType | None) -> None:
-        if hangup == "reload" and not (had_terminal and not _has_terminal()):
+        if hangup == "reload" and not (had_terminal and not system.has_terminal()):
             stop.reload = True
         else:
             handle(number, frame)
@@ -64,11 +86,13 @@ def on_signals(stop: Stop, hangup: Literal["terminate", "reload"] = "terminate")
     def rearm(number: int, frame: FrameType | None) -> None:
         stop.rearm = True
 
-    handlers = {signal.SIGINT: handle, signal.SIGTERM: handle}
-    if sys.platform != "win32":
-        handlers[signal.SIGUSR1] = rearm
-        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # not under nohup
-            handlers[signal.SIGHUP] = hang_up
+    handlers = dict.fromkeys(system.END_SIGNALS, handle)
+    if system.REARM_SIGNAL is not None:
+        handlers[system.REARM_SIGNAL] = rearm
+    if (
+        system.HANGUP_SIGNAL is not None and signal.getsignal(system.HANGUP_SIGNAL) is not signal.SIG_IGN
+    ):  # not under nohup
+        handlers[system.HANGUP_SIGNAL] = hang_up
     before = [(number, signal.signal(number, handler)) for number, handler in handlers.items()]
     try:
         yield stop
@@ -77,35 +101,9 @@ def on_signals(stop: Stop, hangup: Literal["terminate", "reload"] = "terminate")
             signal.signal(number, handler)
 
 
-def _has_terminal() -> bool:
-    """Return whether our session has a terminal: one that was closed is taken from it."""
-    if sys.platform == "win32":
-        return False
-    try:
-        os.close(os.open("/dev/tty", os.O_RDONLY | os.O_NOCTTY))
-    except OSError:
-        return False
-    return True
-
-
-def _typed_r() -> bool:
-    """Return whether a line `r` was typed at our terminal, without waiting."""
-    if sys.platform == "win32" or not sys.stdin or sys.stdin.closed or not sys.stdin.isatty():
-        return False
-    try:
-        descriptor = sys.stdin.fileno()
-        if not _foreground(descriptor) or not select.select([descriptor], [], [], 0.0)[0]:
-            return False
-        return os.read(descriptor, 256).strip().lower() == b"r"
-    except OSError:  # the terminal was closed
-        return False
-
-
-def _foreground(descriptor: int) -> bool:
-    """Return whether we may read the terminal: a job in the background would be stopped for it."""
-    if sys.platform == "win32":
-        return True
-    try:
-        return os.tcgetpgrp(descriptor) == os.getpgrp()
-    except OSError:  # it is not the terminal of our session, where there are no jobs
-        return True
+def _follow_parent(stop: Stop, pipe: int) -> None:
+    """Wait for the end of the pipe, however the parent ends. Its own `kill -9` must not leave a hand with a force."""
+    with suppress(OSError):
+        while os.read(pipe, 1024):
+            pass
+    stop.reason = stop.reason or "stopped (its parent has ended)"

@@ -163,5 +163,11 @@ class Elastic:
         return added
 
 
+def held_force(impedance_nspm: float, credit_j: float, frame_s: float, axes: int) -> float:
+    """Return the force [N] on one axis that `elastic` holds in full in the first missing frame (theory 3.5)."""
+    fade = ELASTIC_FADE ** (frame_s * BASE_HZ)
+    return sqrt(4.0 * impedance_nspm * (1.0 - fade * fade) * credit_j / (frame_s * axes))
+
+
 Maker = Callable[[int, float], Concealment]
 CONCEALMENTS: dict[str, Maker] = {"zero": Zero, "repaid": Compensated, "tank": Tank, "elastic": Elastic}

@@ -10,6 +10,8 @@ docs/decisions/0013-energy-ledger.md.
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypeVar
 
+from cogrip.protocol.setting_types import PLACES
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -69,6 +71,21 @@ class WaveSums:
 
     def add(self, row: Sequence[float], added: Sequence[float] | None = None) -> None:
         """Add a row and its squares, or `added` in place of them. Inline like `CompensatedSum.add`."""
+        if len(row) == PLACES and added is None:  # as below, without a loop
+            (x, y, z), (tx, ty, tz), (sx, sy, sz), (ex, qx, ey, qy, ez, qz) = (
+                row,
+                self.total,
+                self.squares,
+                self._errors,
+            )
+            ux, uy, uz = x - ex, y - ey, z - ez
+            px, py, pz = x * x - qx, y * y - qy, z * z - qz
+            self.total = ax, ay, az = tx + ux, ty + uy, tz + uz
+            self.squares = bx, by, bz = sx + px, sy + py, sz + pz
+            self._errors = [
+                (ax - tx) - ux, (bx - sx) - px, (ay - ty) - uy, (by - sy) - py, (az - tz) - uz, (bz - sz) - pz,
+            ]  # fmt: skip
+            return
         total, squares, errors = [], [], self._errors
         place = 0
         for wave, before, square_before in zip(row, self.total, self.squares, strict=True):

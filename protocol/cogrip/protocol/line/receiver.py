@@ -327,7 +327,8 @@ class LineReceiver:
     @property
     def lost(self) -> int:
         """Frames of `sent` that have not arrived."""
-        return self._sent - self._applied - self._late
+        due, known = self._due_frames, self.newest + 1
+        return (due if due < known else known) - self._applied - self._late
 
     def count(self) -> LinkCount:
         """Return how many frames met which fate."""

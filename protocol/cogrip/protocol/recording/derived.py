@@ -20,9 +20,11 @@ from cogrip.protocol.recording.scene_messages import (
     Body,
     Place,
     Push,
+    Quaternion,
     body_places,
     forces_update,
     frame_transforms,
+    quaternion_of,
     scene_bodies,
     scene_update,
 )
@@ -88,7 +90,7 @@ class RoomPictures:
             yield "scene", scene_update(time_ns, self._bodies(step.seats))
         self._pictures += 1
         places = [Place(f"{self._room}/object", object_m)]
-        places += [Place(self._frame(person), push.at_m) for _, person, push in pushes if push]
+        places += [Place(self._frame(person), push.at_m, _turned(person)) for _, person, push in pushes if push]
         yield "tf", frame_transforms(time_ns, self._room, places)
         yield "forces", forces_update(time_ns, self._room, [push for *_, push in pushes if push])
 
@@ -124,11 +126,15 @@ class RoomPictures:
 
 
 class Pictures:
-    """Derives the messages of all rooms of a recording; of one whose header has no derived topics there are none."""
+    """Derives the messages of all rooms of a recording; of one whose header has no derived topics there are none.
+
+    topics  numbers of those that messages are derived of
+    """
 
     def __init__(self, header: Header) -> None:
         numbers = {topic: number for number, topic in enumerate(header.topics)}
         self._rooms: dict[int, tuple[RoomPictures, dict[str, int]]] = {}
+        self.topics = self._rooms.keys()
         self._kinds: dict[int, str] = {}  # of topics that are no steps
         if not any(kind_of(topic) in DERIVED for topic in header.topics):
             return
@@ -169,6 +175,12 @@ def _push(seat: int, person: SeatStep, anchor: Vector, offset: Row) -> Push | No
         return None
     x, y, z = (place + held - away for place, held, away in zip(proxy_m, anchor, away_m, strict=True))
     return Push((x, y, z), force_n, colour(seat))
+
+
+def _turned(person: SeatStep) -> Quaternion:
+    """Return the orientation of a person's handle; unturned where it is not known."""
+    known = [each for each in person.orientation or () if each is not None]
+    return quaternion_of(known) if len(known) == 4 else Quaternion()
 
 
 def _vector(row: Row) -> Vector | None:

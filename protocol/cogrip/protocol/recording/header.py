@@ -11,8 +11,9 @@ from typing import Annotated
 
 import msgspec
 
-from cogrip.protocol.messages import PROTOCOL_VERSION, shown
+from cogrip.protocol.messages import PROTOCOL_VERSION
 from cogrip.protocol.rates import Hz
+from cogrip.protocol.texts import shown
 from cogrip.protocol.version import VERSION
 
 NAME = "cogrip"

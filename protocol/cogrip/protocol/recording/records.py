@@ -20,11 +20,8 @@ class Record(msgspec.Struct, frozen=True, gc=False):
     """
 
 
-class Tick(Record, frozen=True, gc=False):
-    """One tick of a client: its sample, the force that it answered, and its ledgers after it.
-
-    What changes with every tick stands first, what changes with every frame behind it: so it compresses better.
-    """
+class TickHead(Record, frozen=True, gc=False):
+    """Part of a `Tick` that changes with every tick."""
 
     tick: int
     late_us: int  # how late this tick came
@@ -34,6 +31,15 @@ class Tick(Record, frozen=True, gc=False):
     force_n: Row  # F of P eq. 9, held until the next tick
     work_j: Number  # the hand's work against the force so far
     port_j: Number  # energy that went into the line so far
+
+
+class Tick(TickHead, frozen=True, gc=False):
+    """One tick of a client: its sample, the force that it answered, and its ledgers after it.
+
+    What changes with every tick stands first, what changes with every frame behind it: so it compresses better, and the text
+    of that is encoded once (`RecordedClient`).
+    """
+
     wave_up: Row  # u sent at the last frame border [sqrt(W)]
     wave_down: Row  # v held over this frame [sqrt(W)]
     object_m: Row  # the object as last received
@@ -49,6 +55,9 @@ class Tick(Record, frozen=True, gc=False):
     up_ms: Number = None  # one-way delays as last measured, as far as the clocks' offset is known
     down_ms: Number = None
     reserve_j: Number = None  # balance of the downlink, as of this frame: `margin_j` is its least; none without waves
+    buttons: int = 0  # of the sample: bit k, button k + 1 is down
+    orientation: Row | None = None  # of the handle, quaternion w, x, y, z
+    grip_m: Number = None  # opening of the gripper
     device_reserve_j: Number = None  # that the device port may still give
 
 
@@ -99,6 +108,11 @@ class SeatStep(Record, frozen=True, gc=False):
     normal_n: Number = None  # contact forces at the seat's tool, and its slip; none without a scene
     friction_n: Number = None
     slip_m: Number = None
+    buttons: int = 0  # down, after the edges of this step
+    edges: tuple[int, ...] = ()  # that the world was given in this step: above 0 a button went down, below 0 up
+    edge_ticks: tuple[int, ...] = ()  # how long each had happened when it was sent, of the client's ticks
+    orientation: Row | None = None  # as told last
+    grip_m: Number = None
 
 
 class Step(Record, frozen=True, gc=False):

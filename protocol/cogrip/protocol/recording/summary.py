@@ -8,9 +8,9 @@ import tempfile
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from io import FileIO
 from pathlib import Path
 from struct import Struct
+from typing import IO
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -39,7 +39,7 @@ class Spool:
         """The file lies in `folder` where it can, else where the system keeps such files."""
         self._folder = folder
         self._held = bytearray()
-        self._file: FileIO | None = None
+        self._file: IO[bytes] | None = None
         self._flush_above = HELD_BYTES
         self.length = 0  # bytes, of all that was appended
 
@@ -94,7 +94,7 @@ class Spool:
             self._file.close()
 
 
-def _file_in(folder: Path | None) -> FileIO:
+def _file_in(folder: Path | None) -> IO[bytes]:
     try:
         return tempfile.TemporaryFile("w+b", buffering=0, dir=folder)
     except OSError:  # the folder may have been removed: it comes back only when the recording is flushed

@@ -1,0 +1,1 @@
+"""Haply Inverse3 and its VerseGrip, over the websocket of Haply's Inverse service."""

@@ -1,0 +1,1 @@
+"""SpaceMouse and gamepads: input only. They steer a simulated mass; no force reaches the hand."""

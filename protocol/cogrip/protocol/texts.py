@@ -1,0 +1,27 @@
+"""Texts of the other end and of files: cut to length, and shown without doing anything to a terminal or page."""
+
+from typing import Any
+
+TEXT_BYTES = 300  # senders cut a text to this
+
+
+def clipped(text: str, most: int = TEXT_BYTES) -> str:
+    """Return `text` cut to `most` bytes of UTF-8."""
+    return text.encode("utf-8", "replace")[:most].decode("utf-8", "ignore")
+
+
+def shown(text: str) -> str:
+    """Return a text of the other end with control characters, line ends and changes of the writing direction escaped: nothing
+    in it moves a cursor, turns the text beside it, or looks like a line of ours."""
+    return "".join([each if each.isprintable() else each.encode("unicode_escape").decode() for each in text])
+
+
+def all_shown(value: Any) -> Any:
+    """Return a table from a foreign file with every text in it escaped as by `shown`. Raises RecursionError."""
+    if isinstance(value, str):
+        return shown(value)
+    if isinstance(value, dict):
+        return {shown(key) if isinstance(key, str) else key: all_shown(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [all_shown(item) for item in value]
+    return value
