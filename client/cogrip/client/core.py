@@ -14,14 +14,18 @@ from cogrip.client.coupling import AnyCoupling
 from cogrip.client.device_port import DevicePort
 from cogrip.client.energy_ledger import EnergyLedger
 from cogrip.client.inputs import ClientInput, CloseLedger
+from cogrip.client.markers import Markers
 from cogrip.client.safety import Safety
+from cogrip.client.seat_account import account_of
 from cogrip.client.seated import MakePort, SeatedClient
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
 from cogrip.protocol.histogram import DurationHistogram
-from cogrip.protocol.messages import Bodies, Geom, Hello, Person, Stamp
+from cogrip.protocol.messages import Bodies, Geom, Hello, Mark, Person, Stamp, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
+
+DRAWN = Person, Bodies, Geom, Mark
 
 
 class Delays:
@@ -75,6 +79,8 @@ class ClientCore:
         self.seated: SeatedClient | None = None
         self.account: ClientAccount | None = None
         self.now_ns = 0
+        self.markers = Markers()
+        self.marked: list[str] = []  # markers set or told since its owner emptied it
         self._capability = capability
         self._make_port = make_port
 
@@ -100,7 +106,9 @@ class ClientCore:
             seated.renew(welcome.session)
         if isinstance(message, Geom) and not seated.coupling.receive_shape(message):
             session.drop("unexpected")
-        if message is None or isinstance(message, Person | Bodies | Geom):
+        if isinstance(message, Mark) and self.markers.receive(message, seated.settings.seat):
+            self.marked.append(message.text)
+        if message is None or isinstance(message, DRAWN):
             return
         if seated.tick < 0:  # the device is still being opened: what comes now must not set the jitter buffer
             session.drop("before the first tick")
@@ -111,16 +119,26 @@ class ClientCore:
     def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
         """Enter the ticks since the last call with the sample read now; the session's timers run as well."""
         self.now_ns = now_ns
-        self._seat.sense(tick, sample, now_ns)
+        if self.seated is None:
+            raise _seatless()
+        self.seated.sense(tick, sample, now_ns)
         self.session.poll(now_ns)
+        if self.markers.pending and self.session.state == "seated":
+            self.outbox.extend(map(encode, self.markers.due(self._seat.session_id, now_ns)))
 
     def act(self, now_ns: int) -> tuple[float, ...]:
         """Return the force [N], shape (axes,), to hold until the next tick: F of P eq. 9, which loads the hand."""
-        return self._seat.act(now_ns)
+        if self.seated is None:
+            raise _seatless()
+        return self.seated.act(now_ns)
 
     def _fail(self, reason: str) -> None:
         if self.seated is not None:
             self.seated.safety.fail(reason)
+
+    def _mark(self, text: str) -> None:
+        if self.markers.add(text):
+            self.marked.append(text)
 
     def _stop(self) -> None:
         if self.seated is not None:
@@ -128,7 +146,7 @@ class ClientCore:
 
     def _close_ledger(self, ticks: TickCount) -> ClientAccount:
         rtt_ms = Percentiles.of(self.delays.rtt, 1e6)
-        self.account = self._seat.account(ticks, rtt_ms, self.delays.account(self.session))
+        self.account = account_of(self._seat, ticks, rtt_ms, self.delays.account(self.session))
         return self.account
 
     def _leave(self, reason: str) -> None:
@@ -145,7 +163,7 @@ class ClientCore:
     @property
     def _seat(self) -> SeatedClient:
         if self.seated is None:
-            raise ValueError("there is no seat yet")
+            raise _seatless()
         return self.seated
 
     @property
@@ -206,6 +224,10 @@ class ClientCore:
         return self.seated.safety.diverged if self.seated else ""
 
 
+def _seatless() -> ValueError:
+    return ValueError("there is no seat yet")
+
+
 HANDLERS: Mapping[type[ClientInput], Callable[[ClientCore, Any], ClientAccount | None]] = {
     inputs.Connect: lambda core, given: core.session.connect(core.now_ns),
     inputs.Poll: lambda core, given: core.session.poll(core.now_ns),
@@ -215,6 +237,8 @@ HANDLERS: Mapping[type[ClientInput], Callable[[ClientCore, Any], ClientAccount |
     inputs.ForceApplied: lambda core, given: core._seat.applied(given.force_n),
     inputs.Stop: lambda core, given: core._stop(),
     inputs.Rearm: lambda core, given: core._seat.rearm(),
+    inputs.Clutch: lambda core, given: core._seat.clutch(given.held),
+    inputs.Mark: lambda core, given: core._mark(given.text),
     inputs.CloseLedger: lambda core, given: core._close_ledger(given.ticks),
     inputs.Leave: lambda core, given: core._leave(given.reason),
 }

@@ -7,7 +7,7 @@ A frame:  `end_frame`, then `message` for what is sent; `start_frame` plays what
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
-from math import inf
+from math import inf, sqrt
 from typing import Any, Generic, TypeVar
 
 from cogrip.devices.device import Capability
@@ -25,16 +25,18 @@ Row = tuple[float, ...]
 
 
 class DelayLine(Generic[T]):
-    """Values of the last ticks, where samples are old: a displacement goes with the force that it was made against."""
+    """Values of the last ticks, where samples are old: a displacement goes with the force that it was made against.
+
+    ticks  of the delay
+    """
 
     def __init__(self) -> None:
+        self.ticks = 0
         self._values: deque[T] = deque(maxlen=0)
-
-    def __len__(self) -> int:
-        return len(self._values)
 
     def set_ticks(self, ticks: int, before: T) -> None:
         """Delay by `ticks` ticks from now on. before: stands for ticks that are not known."""
+        self.ticks = ticks
         self._values = deque([*[before] * ticks, *self._values], maxlen=ticks)
 
     def push(self, value: T) -> T:
@@ -56,16 +58,18 @@ class DelayLine(Generic[T]):
 class PortEnergy:
     """Energy through a port so far [J]: `made_j` into the line, `used_j` out of it, `..._now_j` in this frame."""
 
-    __slots__ = ("_made", "_used", "made_now_j", "used_now_j")
+    __slots__ = ("_made", "_stored_j", "_used", "made_now_j", "used_now_j")
 
     def __init__(self) -> None:
         self._made, self._used = CompensatedSum(), CompensatedSum()  # up to the last frame that ended
+        self._stored_j = 0.0  # their difference
         self.made_now_j = self.used_now_j = 0.0
 
     def end_frame(self) -> None:
         """Add the frame that ends."""
         self._made.add(self.made_now_j)
         self._used.add(self.used_now_j)
+        self._stored_j = self._made.value - self._used.value
         self.made_now_j = self.used_now_j = 0.0
 
     @property
@@ -79,7 +83,7 @@ class PortEnergy:
     @property
     def port_j(self) -> float:
         """Energy that stayed in the line."""
-        return (self._made.value - self._used.value) + (self.made_now_j - self.used_now_j)
+        return self._stored_j + (self.made_now_j - self.used_now_j)
 
 
 class Coupling(ABC, Generic[M]):
@@ -117,7 +121,8 @@ class Coupling(ABC, Generic[M]):
         self.cut_n: Sequence[float] | None = None
         self.local_n: Sequence[float] = (0.0,) * axes
         self.reduced = self.implausible = False
-        self.returning: Row = (0.0,) * axes
+        self.still: Row = (0.0,) * axes
+        self.returning: Row = self.still
         self.sent: Row = (0.0,) * axes
         self.object_state: Row = (0.0,) * (2 * axes)
         self.down_margin_j: float | None = 0.0
@@ -134,7 +139,7 @@ class Coupling(ABC, Generic[M]):
 
     @property
     def pressed(self) -> tuple[float, Sequence[float]] | None:
-        """Depth in fixed geometry [m], and its direction; None where it is not known here."""
+        """Depth in fixed geometry where it should be [m], and its direction; None where it is not known here."""
         return None
 
     @property
@@ -160,12 +165,12 @@ class Coupling(ABC, Generic[M]):
     @property
     @abstractmethod
     def given_j(self) -> float:
-        """Energy that the other end gave this one, less what it took."""
+        """Energy that the other end gave this one, less what it took up to the last frame that ended."""
 
     @property
-    def given_border_j(self) -> float:
-        """The same up to the last frame that ended."""
-        return self.given_j
+    def pending_j(self) -> float:
+        """Energy that the ticks of the frame under way would have the other end take."""
+        return 0.0
 
     @property
     @abstractmethod
@@ -186,12 +191,16 @@ class Coupling(ABC, Generic[M]):
         hold: how firmly a hand that takes its leave still holds, from 1 down to 0.
         """
 
+    def elapse_held(self) -> None:
+        """Enter a tick that has passed with the clutch held: the tool stands still."""
+        self.elapse(self.still, self.still)
+
     def elapse_absent(self) -> None:
         """Enter a tick that has passed without a hand."""
 
     @abstractmethod
     def end_frame(self, spare_j: float = inf) -> int:
-        """End a frame, which may give the line at most `spare_j` more energy than it brought. Return the ticks of the next."""
+        """End a frame, which may give the line at most `spare_j`. Return the ticks of the next."""
 
     @abstractmethod
     def start_frame(self) -> int:
@@ -277,6 +286,12 @@ def spring_j(stiffness_npm: float, stretch_m: float, peak_n: float) -> float:
     if force <= peak_n:
         return 0.5 * force * abs(stretch_m)
     return peak_n * (abs(stretch_m) - 0.5 * peak_n / stiffness_npm)
+
+
+def stretch_m(stiffness_npm: float, energy_j: float, peak_n: float) -> float:
+    """Return the stretch of a spring with this energy, whose force ends at `peak_n`: the inverse of `spring_j`."""
+    force = sqrt(2.0 * stiffness_npm * energy_j)
+    return force / stiffness_npm if force <= peak_n else energy_j / peak_n + 0.5 * peak_n / stiffness_npm
 
 
 AnyCoupling = Coupling[Any]

@@ -10,9 +10,10 @@ stays true for every force law if
 
     |F(k)| <= max((E + E_1) / (v_m T), 2 sqrt(b_d (E + E_1) / T))                                             (`limit`)
 
-and if the line is sent no more in a frame than E has to spare (`spare_j`). docs/device_port.md has the derivations, the parts
-of E_0, and the measurements. Passive is not calm: the coupling renders `carried_nspm` at most, what the device carries by its
-record (`largest_impedance`), and less once the force has turned back and forth fast.
+and if the line is sent no more in a frame than E has to spare (`spare_j`). Within a frame E counts as sent what the ticks so
+far would send, as far as it may be sent: E is what is left at the worst if the frame ends now. docs/device_port.md has the
+derivations, the parts of E_0, and the measurements. Passive is not calm: the coupling renders `carried_nspm` at most, what the
+device carries by its record (`largest_impedance`), and less once the force has turned back and forth fast.
 """
 
 from __future__ import annotations
@@ -59,13 +60,21 @@ class DevicePort:
     oscillates    True once the force has oscillated
     """
 
+    __slots__ = (
+        "_changed", "_controlled", "_count_m", "_cut_j", "_damping", "_detector", "_exhausted", "_faded_j",
+        "_forgiven_j", "_free_j", "_friction_n", "_given_j", "_limited", "_most_nspm", "_most_step_m", "_own_j", "_pending_j",
+        "_persists_ticks", "_record_nspm", "_released_at", "_released_left", "_released_ticks", "_releases", "_tick",
+        "_tick_s", "_ticks", "_trust", "_turned", "_up", "balance_j", "carried_nspm", "lag_s", "later_j", "least_j",
+        "oscillates", "ramped", "reserve_j",
+    )  # fmt: skip
+
     def __init__(self, capability: Capability, tick_s: float) -> None:
         self._tick_s = tick_s
         self._up, self._trust = exp(tick_s / UP_S), exp(tick_s / TRUST_S)
         self._released_ticks, self._persists_ticks = round(RELEASED_S / tick_s), round(PERSISTS_S / tick_s)
         self.balance_j = self.least_j = 0.0
         self.later_j = -inf
-        self._given_j = 0.0  # of the last call
+        self._given_j = self._pending_j = 0.0  # of the last call
         self._own_j = 0.0  # what the device's damping has taken
         self._forgiven_j = 0.0  # to hands while their force was ramped
         self._cut_j = 0.0  # what was cut off of the balance, less what was forgiven
@@ -98,9 +107,19 @@ class DevicePort:
 
     # The ledger
 
-    def enter(self, work_j: float, given_j: float) -> None:
-        """Set the hand's work and the energy that the line gave, less what it took, both since the beginning [J]."""
-        self.balance_j = balance = work_j + given_j + self._own_j - self._cut_j
+    def enter(self, work_j: float, given_j: float, pending_j: float = 0.0) -> None:
+        """Set the hand's work and the energy that the line gave, less what it took, both since the beginning [J].
+
+        pending_j: what the line is to take at the end of the frame under way, as far as it may (`spare_j`)
+        """
+        balance = work_j + given_j + self._own_j - self._cut_j
+        if pending_j:
+            spare_j = balance + self._free_j - (self._forgiven_j if self.ramped else 0.0)
+            if pending_j > spare_j:
+                pending_j = max(0.0, spare_j)
+            balance -= pending_j
+            given_j -= pending_j
+        self.balance_j, self._pending_j = balance, pending_j
         taken_j, self._given_j = self._given_j - given_j, given_j
         if self.ramped and balance < 0.0 < taken_j:
             # The hand moves the line without feeling all of it: the line takes what nobody gave, and the motors gave none of
@@ -136,11 +155,11 @@ class DevicePort:
 
     @property
     def spare_j(self) -> float:
-        """Energy that the line may be sent in a frame, beyond what it brought.
+        """Energy that the line may be sent at the end of the frame under way.
 
         While the force is ramped all that was forgiven counts: a hand that pushes then must not load the line for nothing.
         """
-        return (self.earned_j if self.ramped else self.balance_j) + self._free_j
+        return (self.earned_j if self.ramped else self.balance_j) + self._pending_j + self._free_j
 
     # The controllers
 
@@ -275,15 +294,11 @@ class BarePort(DevicePort):
 
     def keep_to(self, capability: Capability) -> None:
         super().keep_to(capability)
-        self.carried_nspm = inf
+        self.carried_nspm = self._free_j = inf
 
     @property
     def paying_nspm(self) -> float:
         return 0.0
-
-    @property
-    def spare_j(self) -> float:
-        return inf
 
     def limit(self, force_n: Sequence[float]) -> Sequence[float]:
         return force_n

@@ -10,6 +10,7 @@ from math import dist
 
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
+from cogrip.protocol.setting_types import PLACES
 
 MOST_SLOPE_NPS = 1000.0  # of any force, whatever the record says: 2000 N/m met at 0.5 m/s (docs/security.md)
 SOFT_SLOPE_NPS = 410.0  # 0.4 N a tick at 1024 Hz
@@ -81,18 +82,21 @@ class ForceLimits:
         """Return the force that goes to the motors for a wish, and enter its heat. fall: of the peak, let through in a gap."""
         if gap or self._soft_left:
             wanted = self._soften(wanted, gap, fall)
-        slewed = self._slew(wanted, self._slope_n, "slew limited")
-        if slewed is not wanted:
-            self.limited = True
-        self.out = slewed
+        if dist(wanted, self.out) > self._slope_n:
+            wanted, self.limited = self._slew(wanted, self._slope_n, "slew limited"), True
+        self.out = wanted
         self.enter()
-        return slewed
+        return wanted
 
     def enter(self) -> None:
         """Enter a tick of the force that went to the motors."""
         square = 0.0
-        for value in self.out:
-            square += value * value
+        if len(self.out) == PLACES:  # as below, without a loop
+            x, y, z = self.out
+            square = x * x + y * y + z * z
+        else:
+            for value in self.out:
+                square += value * value
         self.thermal.enter(square)
 
     def correct(self, force_n: tuple[float, ...], goes_on: bool) -> None:

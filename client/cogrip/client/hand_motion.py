@@ -12,6 +12,7 @@ from cogrip.client.velocity import estimator_for
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.plausibility import JUMP, Plausibility
 from cogrip.protocol.rates import Rates
+from cogrip.protocol.setting_types import PLACES
 
 Position = tuple[float, ...] | None
 RECKON_S = 12.0 / 1024.0  # without a sample, for which dead reckoning goes on
@@ -104,3 +105,19 @@ class HandMotion:
             position_m, velocity_mps, ticks = self.position_m, self.velocity_mps, elapsed
         step_s = ticks / self._rate_hz
         return tuple([place + step_s * speed for place, speed in zip(position_m, velocity_mps, strict=True)])
+
+
+def work_and_velocity(
+    force_n: Sequence[float], start_m: Sequence[float], end_m: Sequence[float], rate_hz: float
+) -> tuple[float, list[float]]:
+    """Return a hand's work against a force that was held from start to end [J], and its mean velocity [m/s], shape (axes,)."""
+    if len(end_m) == PLACES:  # as below, without a loop
+        (fx, fy, fz), (at_x, at_y, at_z), (x, y, z) = force_n, start_m, end_m
+        dx, dy, dz = x - at_x, y - at_y, z - at_z
+        return fx * dx + fy * dy + fz * dz, [dx * rate_hz, dy * rate_hz, dz * rate_hz]
+    work, velocity = 0.0, []
+    for axis, place in enumerate(end_m):
+        step = place - start_m[axis]
+        work += force_n[axis] * step
+        velocity.append(step * rate_hz)
+    return work, velocity

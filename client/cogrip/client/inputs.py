@@ -58,6 +58,18 @@ class Rearm(Input, frozen=True, gc=False):
     """Leave a latched fault. The caller has removed its cause."""
 
 
+class Clutch(Input, frozen=True, gc=False):
+    """Hold the clutch, or release it, whatever its button does."""
+
+    held: bool
+
+
+class Mark(Input, frozen=True, gc=False):
+    """Set a marker, for everybody in the room."""
+
+    text: str
+
+
 class CloseLedger(Input, frozen=True, gc=False):
     """Make up the account of this end. ticks: of its loop, as its driver counted them."""
 
@@ -71,7 +83,9 @@ class Leave(Input, frozen=True, gc=False):
 
 
 SessionInput = Connect | Poll | Leave
-ClientInput = SessionInput | KeepSeat | DeviceOpened | DeviceFailed | ForceApplied | Stop | Rearm | CloseLedger
+ClientInput = (
+    SessionInput | KeepSeat | DeviceOpened | DeviceFailed | ForceApplied | Stop | Rearm | Clutch | Mark | CloseLedger
+)
 
 _decoder: msgspec.json.Decoder[ClientInput] = msgspec.json.Decoder(ClientInput)
 

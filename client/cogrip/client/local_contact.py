@@ -11,6 +11,9 @@ the contact has dissipated (an energy gate: passive set-position modulation, Lee
 
     each tick E += F (x_{k+1} - x_k) - (U_{k+1} - U_k), at most MOST_SAVED_J      p+ nearest to its goal with U(p+) - U(p) <= E
 
+While the force is ramped by a gain g the spring holds g U: that is the U of E. g grows without anybody's work, so a surface of
+whatever kind yields then: it goes with the hand as far as keeps E >= -LENT_J (`ContactGate`). After a fault nothing is paid.
+
 A face of a free object (`LocalFaces`) is a copy of a part m of its mass, which only the contact pushes; behind it is the wave
 line, of impedance b, returning wave w. A tick of the copy is an implicit midpoint, exact in energy for any m, b, T_c:
 
@@ -21,7 +24,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from math import inf, sqrt
 
-from cogrip.client.coupling import AnyCoupling, Row, spring_j
+from cogrip.client.coupling import AnyCoupling, Row, spring_j, stretch_m
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability
 from cogrip.protocol.line.energy_sums import CompensatedSum
@@ -29,9 +32,45 @@ from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.settings import SeatSettings
 
 MOST_SAVED_J = 1e-3  # E
+LENT_J = (
+    1e-4  # by which E may be below 0 while the force is ramped: a touch loads the spring before any force has worked
+)
 MOST_STEP_N = 0.5  # by which a surface that moves may change the force in a tick
-APART_S = 0.025  # for which a contact that is lost may come back as the same one
 RETURN_S = 0.05  # time constant with which a face that nobody touches goes to where the object is
+
+
+class ContactGate:
+    """Energy gate of a contact. saved_j: E, what may be spent on moving the surface into the hand."""
+
+    def __init__(self) -> None:
+        self.saved_j = self._counted_j = 0.0  # E, and U as it knows it
+
+    def begin(self, stored_j: float) -> None:
+        """Let this U count as paid, and nothing more."""
+        self.saved_j, self._counted_j = 0.0, stored_j
+
+    def settle(self, stored_j: float, ramped: bool) -> float:
+        """Enter the U of now. Return how much of it may stay: of a ramped force, what the hand has paid for."""
+        saved = self.saved_j - (stored_j - self._counted_j)
+        if ramped and saved < -LENT_J:
+            unpaid = min(stored_j, -LENT_J - saved)
+            stored_j -= unpaid
+            saved += unpaid
+        self.saved_j, self._counted_j = min(MOST_SAVED_J, saved), stored_j
+        return stored_j
+
+    def move(self, stored_j: float) -> None:
+        """Enter the U after the surface was moved."""
+        self.saved_j -= max(0.0, stored_j - self._counted_j)
+        self._counted_j = stored_j
+
+    def grown(self, depth_m: float, goal_m: float, stiffness_npm: float) -> float:
+        """Return the depth nearest to `goal_m` that E pays for and that changes the force by MOST_STEP_N at most."""
+        if not stiffness_npm:
+            return goal_m
+        step = MOST_STEP_N / stiffness_npm
+        most = sqrt(depth_m * depth_m + 2.0 * max(0.0, self.saved_j) / stiffness_npm)
+        return min(max(goal_m, depth_m - step), most, depth_m + step)
 
 
 class LocalCoupling(WaveCoupling):
@@ -48,6 +87,7 @@ class LocalCoupling(WaveCoupling):
         self._stiffness = self._asked_npm  # K and B as they are rendered now
         self._hand_j = CompensatedSum()  # work of the hand
         self._position: Row | None = None  # of the hand at this tick
+        self.gate = ContactGate()
         self.proxy_m: Row = (0.0,) * seat.object.axes
 
     def fit(self, record: Capability, lag_s: float) -> None:
@@ -56,7 +96,8 @@ class LocalCoupling(WaveCoupling):
 
     def go_on_from(self, before: AnyCoupling) -> None:
         super().go_on_from(before)
-        self.proxy_m = before.proxy_m if isinstance(before, LocalCoupling) else self.proxy_m
+        if isinstance(before, LocalCoupling):
+            self.proxy_m, self.gate, self.ramp_gain = before.proxy_m, before.gate, before.ramp_gain
 
     @property
     def entered_j(self) -> float:
@@ -75,7 +116,9 @@ class LocalCoupling(WaveCoupling):
 
     def elapse_absent(self) -> None:
         zero = (0.0,) * len(self.sent)
-        self._position = None
+        if self._position is not None:
+            self._position = None
+            self.gate.begin(0.0)
         self._move(zero, zero)
 
     def _leave_line(self) -> None:
@@ -92,6 +135,18 @@ class LocalCoupling(WaveCoupling):
 
     def set_latency(self, ticks: int) -> None:
         """The line begins behind the contact: its own ticks are never late."""
+
+    def _spring_j(self, depth_m: float) -> float:
+        """Return g U."""
+        return self.ramp_gain * spring_j(self._stiffness, depth_m, self._peak_n)
+
+    def _kept_m(self, depth_m: float) -> float:
+        """Return the depth that a contact may keep: less where it has not been paid for, none where there is no force."""
+        stored, gain = self._spring_j(depth_m), self.ramp_gain
+        kept = self.gate.settle(stored, gain < 1.0)
+        if gain == 0.0:
+            return 0.0
+        return depth_m if kept == stored else stretch_m(self._stiffness, kept / gain, self._peak_n)
 
     def _carry(self) -> float:
         """Set the stiffness to what the device carries; return the damping that it does."""
@@ -121,12 +176,7 @@ class LocalFace(LocalCoupling):
 
     @property
     def stored_j(self) -> float:
-        return self.ramp_gain * self.spring_j
-
-    @property
-    def spring_j(self) -> float:
-        """U, were the force not ramped."""
-        return spring_j(self._stiffness, self._depth(), self._peak_n)
+        return self._spring_j(self._depth())
 
     def _depth(self) -> float:
         """Return max(d, 0)."""
@@ -138,6 +188,7 @@ class LocalFace(LocalCoupling):
         side, zero = self._side, [0.0] * len(position_m)
         damping = self._carry()
         self._position = tuple(position_m)
+        self._yield(position_m[0])
         self._place(position_m[0])
         depth = self._depth()
         self.proxy_m = (position_m[0] - side * depth, *position_m[1:])
@@ -146,6 +197,12 @@ class LocalFace(LocalCoupling):
             law = max(0.0, self._stiffness * depth + damping * side * (velocity_mps[0] - self._speed))
         self.local_n = [self._own_n(side * law, position_m[0], damping * velocity_mps[0]), *zero[1:]]
         return [side * law, *zero[1:]]
+
+    def _yield(self, hand_m: float) -> None:
+        """Let the surface go with the hand where the depth has not been paid for."""
+        depth = self._depth()
+        if (kept := self._kept_m(depth)) < depth:
+            self.surface_m = hand_m - self._side * kept
 
     def _own_n(self, law_n: float, hand_m: float, damped_n: float) -> float:
         """Return the part of the law's force that follows the hand's own motion: all of it, where nothing else moves."""
@@ -157,32 +214,28 @@ class LocalFace(LocalCoupling):
 
 
 class LocalWall(LocalFace):
-    """A wall that nobody moves. saved_j: E, what may be spent on moving it."""
-
-    def __init__(self, seat: SeatSettings) -> None:
-        super().__init__(seat)
-        self.saved_j = 0.0
-        self._counted_j = 0.0  # U as `saved_j` knows it
-
-    def go_on_from(self, before: AnyCoupling) -> None:
-        super().go_on_from(before)
-        if isinstance(before, LocalWall):
-            self.saved_j, self._counted_j = before.saved_j, before._counted_j
+    """A wall that nobody moves."""
 
     @property
     def pressed(self) -> tuple[float, Sequence[float]]:
-        return self._depth(), (self._side, *(0.0,) * (len(self.sent) - 1))
+        """Depth in the wall where it should be: one that has yielded is softer."""
+        hand = self.object_state[0] if self._position is None else self._position[0]
+        return self._side * (hand - self.object_state[0]), (self._side, *(0.0,) * (len(self.sent) - 1))
 
     @property
     def given_j(self) -> float:
         return 0.0
 
     @property
-    def given_border_j(self) -> float:
+    def pending_j(self) -> float:
         return 0.0
 
+    def end_frame(self, spare_j: float = inf) -> int:
+        """Send back what came, and no more: nothing of the line is the contact's."""
+        return super().end_frame(self.energy.used_now_j)
+
     def _move(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
-        self.saved_j += applied_n[0] * mean_velocity_mps[0] * self._tick_s
+        self.gate.saved_j += applied_n[0] * mean_velocity_mps[0] * self._tick_s
         zero = (0.0,) * len(applied_n)
         self._enter_line(zero)
 
@@ -191,21 +244,15 @@ class LocalWall(LocalFace):
         side, target = self._side, self.object_state[0]
         if self.surface_m is None:
             self.surface_m = hand_m
-        stored, depth, wanted = self.spring_j, self._depth(), side * (hand_m - target)
-        self.saved_j = min(MOST_SAVED_J, self.saved_j - (stored - self._counted_j))
+        depth, wanted = self._depth(), side * (hand_m - target)
         if depth == wanted or depth == 0.0 >= wanted:
-            self.surface_m, self._counted_j = target, stored
+            self.surface_m = target
             return
-        goal, stiffness = max(wanted, 0.0), self._stiffness
-        grown = goal
-        if stiffness:
-            step = MOST_STEP_N / stiffness
-            most = sqrt(depth * depth + 2.0 * max(0.0, self.saved_j) / stiffness)
-            grown = min(max(goal, depth - step), most, depth + step)
-        if grown != depth:
+        goal = max(wanted, 0.0)
+        grown = self.gate.grown(depth, goal, self._stiffness)
+        if grown != depth or not depth:
             self.surface_m = target if grown == goal else hand_m - side * grown
-        self._counted_j = after = self.spring_j
-        self.saved_j -= max(0.0, after - stored)
+        self.gate.move(self._spring_j(self._depth()))
 
 
 class LocalFaces(LocalFace):
@@ -219,18 +266,11 @@ class LocalFaces(LocalFace):
         super().__init__(seat)
         self._mass = seat.copy_kg
         self._worked, self._lined = CompensatedSum(), CompensatedSum()
-        self._own_m = self._hand_m = 0.0  # way of the hand in this contact; place
-        self._apart = 0  # ticks since the last contact
-        self._apart_ticks = round(APART_S / self._tick_s)
 
     @property
     def given_j(self) -> float:
-        """Energy that the copy gave the contact, and that the line made in frames of more ticks than M."""
+        """Energy that copy and line gave the contact: what the copy puts into the line is the line's own to send."""
         return super().given_j + self._lined.value - self._worked.value
-
-    @property
-    def given_border_j(self) -> float:
-        return self.given_j
 
     def _move(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
         gain = self.down.gain
@@ -242,6 +282,7 @@ class LocalFaces(LocalFace):
         if self.surface_m is not None:
             self.surface_m += tick_s * mid
         self._worked.add(force * mid * tick_s)
+        self.gate.saved_j += force * (mean_velocity_mps[0] - mid) * tick_s
         self._lined.add((b * mid - root * wave) * mid * tick_s)
         row = (mid, *zero)
         self._enter_line(row)

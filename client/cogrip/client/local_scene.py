@@ -16,7 +16,7 @@ from math import sqrt
 
 from msgspec.structs import replace
 
-from cogrip.client.coupling import AnyCoupling, Row, spring_j
+from cogrip.client.coupling import AnyCoupling, Row
 from cogrip.client.fixed_shapes import KINDS, FixedShape, Vector
 from cogrip.client.local_contact import LocalCoupling
 from cogrip.client.proxy import Ball, Proxy, without
@@ -39,9 +39,11 @@ class LocalScene(LocalCoupling):
         self._shapes: tuple[Shape, ...] = ()  # of `_proxy`
         self.engaged_m: Row | None = None
         self._share = 0.0  # s of the line's beginning
+        self._leaving = False  # the tick at which the line's force ends
         self._left: list[Vector] = []  # normals that hold the proxy, or have until less than GROW_S ago
         self._regained = 0.0  # share of the line's force along them that is rendered again
-        self._depth, self._along = 0.0, (0.0, 0.0, 0.0)  # |x - p|, e
+        self._depth, self._along = 0.0, (0.0, 0.0, 0.0)  # |x - p| less what has yielded of it, e
+        self._yielded, self._gated = 0.0, False  # part of |x - p| that is not paid for; whether the gate keeps count
         self._growth = seat.rates.frame_s / GROW_S
         self._frame_s, self._rate_hz = seat.rates.frame_s, float(seat.rates.device_hz)
 
@@ -84,6 +86,7 @@ class LocalScene(LocalCoupling):
         super().go_on_from(before)
         if isinstance(before, LocalScene):  # what the hand presses on does not vanish under it
             self._proxy, self._shapes = before._proxy, before._shapes
+            self._yielded, self._gated = before._yielded, before._gated
 
     def receive(self, message: Waves) -> bool:
         axes, newest = len(self.sent), self.newest
@@ -98,6 +101,7 @@ class LocalScene(LocalCoupling):
                 self._share = 0.0
             elif engaged is None and self.engaged_m is not None:
                 self.up.withhold((0.0,) * axes, anew=True)  # a tool that is clear is owed nothing
+                self._leaving = True
             self.engaged_m = engaged
         return True
 
@@ -110,26 +114,37 @@ class LocalScene(LocalCoupling):
 
     @property
     def gap(self) -> bool:
-        return self.engaged_m is not None and self.down.receiver.gap
+        """True where the line's force ends, too: it falls softly."""
+        return self._leaving or (self.engaged_m is not None and self.down.receiver.gap)
 
     @property
     def pressed(self) -> tuple[float, Sequence[float]]:
-        return self._depth, self._along
+        return self._depth + self._yielded, self._along
 
     @property
     def stored_j(self) -> float:
-        return self.ramp_gain * spring_j(self._stiffness, self._depth, self._peak_n)
+        return self._spring_j(self._depth)
 
     # The law
+
+    def elapse_absent(self) -> None:
+        if self._position is not None:
+            self._proxy.release()
+            self._gated = True
+        super().elapse_absent()
 
     def _move(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
         p, q, r = self.proxy_m
         if self._position is not None:
             (x, y, z), (i, j, k), T = self._position, mean_velocity_mps, self._tick_s
+            if self._gated and self._depth > 0.0:
+                (a, b, c), (f, g, h) = self._along, applied_n
+                self.gate.saved_j += (a * f + b * g + c * h) * (a * i + b * j + c * k) * T
             self._position = x + T * i, y + T * j, z + T * k
             self._follow()
         if self.engaged_m is None:
             self._leave_line()
+            self._leaving = False
             return
         x, y, z = self.proxy_m
         rate = self._rate_hz
@@ -155,6 +170,20 @@ class LocalScene(LocalCoupling):
         else:
             self._depth = 0.0
 
+    def _yield(self) -> None:
+        """Render no more of the depth than has been paid for, and all of it again as the hand leaves or pays."""
+        whole = self._depth
+        if not self._gated:
+            self._gated = True
+            self.gate.begin(self._spring_j(whole))
+        self._depth = depth = max(0.0, whole - self._yielded)
+        if (kept := self._kept_m(depth)) < depth:
+            self._depth = kept
+        elif depth < whole:
+            self._depth = self.gate.grown(depth, whole, self._stiffness)
+            self.gate.move(self._spring_j(self._depth))
+        self._yielded = whole - self._depth
+
     def _free(self, line_n: Sequence[float]) -> Row:
         """Return the line's force without what geometry carries, or has carried until just now."""
         if not self._left:
@@ -170,6 +199,10 @@ class LocalScene(LocalCoupling):
         self._position = tuple(position_m)
         if anew:
             self._follow()
+        if self.ramp_gain < 1.0 or self._yielded > 0.0:
+            self._yield()
+        else:
+            self._gated = False
         total: Sequence[float] = [0.0] * PLACES
         self.local_n = total
         if self._proxy.normals:

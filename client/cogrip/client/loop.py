@@ -4,7 +4,6 @@ A tick: read the device, `sense`, send what the core leaves, drain what has come
 """
 
 import os
-import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ from typing import Protocol
 
 from cogrip.client import inputs
 from cogrip.client.io.paths import POLL_S, JoinError, Paths, RefusedError, session_change
+from cogrip.client.markers import MOST_UNANSWERED
 from cogrip.client.recorder import RecordedClient, client_topics
 from cogrip.client.safety import FAULT_OUT_S, State
 from cogrip.client.supervised_device import SupervisedDevice
@@ -20,19 +20,21 @@ from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import first_axes
 from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.io.pacing import Pacer
+from cogrip.protocol.io.platform import system, time
 from cogrip.protocol.io.realtime import NAMES, Measure, engage, release
 from cogrip.protocol.io.recorder import Recorder, open_recorder
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.messages import Farewell, Hello
+from cogrip.protocol.messages import Farewell, Hello, clipped_mark
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Nowhere
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.texts import shown
 
+TYPED_TICKS = 64  # from one look at the terminal to the next
 LEAD_NS = 2_000_000  # from the welcome to the first tick
 NO_TICKS = TickCount()
-REARM_HOW = "`r` and Enter here, or `kill -USR1 {}`,"
 
 
 class Link(Protocol):
@@ -74,11 +76,13 @@ class LiveClient:
     judge: Callable[[SeatSettings, Capability], str] = lambda seat, record: ""  # why not to hold the device so, or ""
     over: Callable[[], str] = lambda: ""  # why it ends by itself before its time, "" while it goes on
     allow_unstable: bool = False  # hold a device that is asked for more than it carries; never one of hardware
+    each_frame: Callable[[RecordedClient, int], None] | None = None  # called once a network frame, with its number
     _core: RecordedClient = field(init=False)
     _up: Link | None = field(init=False, default=None)
     _down: Link | None = field(init=False, default=None)
     _counts: dict[str, int] = field(init=False, default_factory=dict)
     _half_tick_ns: int = field(init=False, default=0)
+    _clutched: bool = field(init=False, default=False)  # by the key
 
     def run(self) -> Ended | ClientSession:
         """Return the session once it has ended; or at once, and still open, where the server gives an observer's place only.
@@ -186,7 +190,9 @@ class LiveClient:
         clock = time.monotonic_ns
         last_tick = None if self.seconds is None else round(self.seconds * pacer.rate_hz)
         safety_state, session_state, failed, ending = safety.state, session.state, "", False
-        work_us = 0
+        seat = core.seat
+        assert seat is not None
+        ticks_per_frame, work_us, frame = seat.rates.ticks_per_frame, 0, -1
         while True:
             tick = pacer.wait()
             now_ns = clock()
@@ -203,8 +209,8 @@ class LiveClient:
             if safety.state != safety_state:
                 self._report_safety(safety_state, safety.state)
                 safety_state = safety.state
-            if safety.state == "fault" and self.rearms and not ending:
-                self._rearm(supervised)
+            if self.rearms and not ending:
+                self._obey(tick, now_ns, supervised)
             if not ending:
                 failed = self.paths.explained(session.failed) or (
                     safety.reason if safety.state == "fault" and not self.rearms else ""
@@ -219,8 +225,35 @@ class LiveClient:
                         core.handle(inputs.Stop(), now_ns)
             elif core.released:
                 return failed
+            if self.each_frame is not None and tick // ticks_per_frame != frame:
+                frame = tick // ticks_per_frame
+                self.each_frame(core, frame)
             work_us = (clock() - now_ns) // 1000
             pacer.done()
+
+    def _obey(self, tick: int, now_ns: int, supervised: SupervisedDevice) -> None:
+        """Do what the person at the terminal asks for: leave a fault, set a marker, hold the clutch or release it."""
+        if self._core.safety.state == "fault":
+            self._rearm(supervised)
+        if tick % TYPED_TICKS:
+            return
+        for line in self.stop.take_typed():
+            if line.startswith("m "):
+                refused = self._core.markers.refused
+                self._core.handle(inputs.Mark(line[2:]), now_ns)
+                text = clipped_mark(line[2:])
+                if self._core.markers.refused > refused:
+                    self.say(f"no marker {text!r}: {MOST_UNANSWERED} are on their way; set it once the server answers")
+                else:
+                    self.say(f"marker: {text}")
+            elif line.lower() == "c" and self._core.safety.state != "fault":
+                self._clutched = not self._clutched
+                self._core.handle(inputs.Clutch(self._clutched), now_ns)
+                held, free = "clutched: the tool stands still; `c` and Enter engage", "engaged: force ramps in"
+                self.say(held if self._clutched else free)
+            else:
+                orders = "`m TEXT` sets a marker, `c` holds the clutch, `r` re-arms after a fault"
+                self.say(f"{shown(line)!r} is no order: {orders}")
 
     def _rearm(self, supervised: SupervisedDevice) -> None:
         """Leave a fault when the person asks for it, with the device opened anew; say what came of it."""
@@ -250,7 +283,7 @@ class LiveClient:
             self.say(f"fault, force released: {reason}")
             self.stop.take_rearm()  # what was asked before the fault was not asked of it
             if self.rearms:
-                self.say(f"see to its cause; then {REARM_HOW.format(os.getpid())} re-arms; Ctrl-C leaves")
+                self.say(f"see to its cause; then {system.REARM_HOW.format(os.getpid())} re-arms; Ctrl-C leaves")
         elif before == "fault" and after == "live":
             self.say("re-armed: force ramps in")
         elif before == "degraded" and after == "live":

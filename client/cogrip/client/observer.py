@@ -3,11 +3,13 @@
 from collections import deque
 
 from cogrip.client.inputs import Connect, Leave, Poll, SessionInput
+from cogrip.client.markers import Markers
 from cogrip.client.observed_scene import ObservedScene
 from cogrip.protocol.histogram import DurationHistogram
-from cogrip.protocol.messages import Bodies, Geom, Person, View
+from cogrip.protocol.messages import Bodies, Geom, Mark, Person, View
 from cogrip.protocol.session import ClientSession
 
+MOST_MARKED = 64  # of an owner that does not read them
 GONE_NS = 1_000_000_000  # without a message about somebody, of whom there are 16 a second at least
 
 
@@ -15,6 +17,7 @@ class ObserverCore:
     """`view` is the newest one, None before the first; `age_ns` says how old it is.
 
     people   seat -> newest message about who has it; those heard last before GONE_NS are left out. An older server sends none
+    marked   markers that came, for its owner to empty
     scene    shapes and poses of a scene's bodies
     """
 
@@ -26,6 +29,8 @@ class ObserverCore:
         self.views = 0
         self.people: dict[int, Person] = {}
         self.scene = ObservedScene()
+        self.marked: list[Mark] = []  # markers since its owner emptied it
+        self._markers = Markers()
         self._heard_ns: dict[int, int] = {}
         self._seen_ns = 0
         self._session_id = 0
@@ -51,6 +56,10 @@ class ObserverCore:
         message = self.session.receive(datagram, now_ns)
         if isinstance(message, Person):
             self._receive_person(message, now_ns)
+            return
+        if isinstance(message, Mark):
+            if self._markers.receive(message, None) and len(self.marked) < MOST_MARKED:
+                self.marked.append(message)
             return
         if isinstance(message, Bodies | Geom):
             if reason := self.scene.receive(message):

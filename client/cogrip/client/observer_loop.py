@@ -1,6 +1,5 @@
 """The live observer: one thread that waits for datagrams, no device and no recording."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from select import select
@@ -8,6 +7,7 @@ from select import select
 from cogrip.client.inputs import Leave, Poll
 from cogrip.client.io.paths import POLL_S, Paths, session_change
 from cogrip.client.observer import ObserverCore
+from cogrip.protocol.io.platform import time
 from cogrip.protocol.io.stop import Stop
 
 SHOW_S = 0.02

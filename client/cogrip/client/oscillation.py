@@ -9,71 +9,50 @@ most, so that a train of fast turns is no person's.
 
 from collections import deque
 from collections.abc import Sequence
+from math import inf
 
 FAST_HZ = 20.0
 SWING_N = 0.5  # from one turn to the next, or it is none
+HALF_SWING_N, BACK_N = 0.5 * SWING_N, -0.5 * SWING_N
 TRAIN = 3  # fast turns of the local force in a row: the device end oscillates. A tap on a wall makes two
 WINDOW_S = 0.5
 MOST_FAST = 10  # fast reversals and turns of one axis within the window: a quarter of a second at FAST_HZ
 MOST_AT_LIMIT = 0.1  # of the window
 
 
-class Reversals:
-    """Changes of sign of a force."""
+class AxisTurns:
+    """Reversals of the whole force on one axis, and turns of the local one, by its extremes.
 
-    __slots__ = ("_half_period", "_last", "_positive")
+    fast   ticks of the fast ones within the window
+    train  fast turns in a row
+    """
 
-    def __init__(self, tick_s: float) -> None:
-        self._half_period = 0.5 / (FAST_HZ * tick_s)
-        self._positive = True
-        self._last = -1e9  # tick of the last reversal
+    __slots__ = ("extreme", "fast", "positive", "reversed_at", "rising", "train", "turned_at")
 
-    def add(self, tick: int, force_n: float) -> bool:
-        """Return True where the force has just reversed, and fast."""
-        if (force_n > -0.5 * SWING_N) if self._positive else (force_n < 0.5 * SWING_N):
-            return False
-        fast = tick - self._last <= self._half_period
-        self._last, self._positive = tick, not self._positive
-        return fast
-
-
-class Turns:
-    """Turns of a force, by its extremes."""
-
-    __slots__ = ("_extreme", "_half_period", "_last", "_rising", "train")
-
-    def __init__(self, tick_s: float) -> None:
-        self._half_period = 0.5 / (FAST_HZ * tick_s)
-        self._extreme = 0.0
-        self._rising = True
-        self._last = -1e9  # tick of the last turn
-        self.train = 0  # fast turns in a row
-
-    def add(self, tick: int, force_n: float) -> bool:
-        """Return True where the force has just turned, and fast."""
-        swing = force_n - self._extreme
-        if (swing > 0.0) == self._rising:
-            if swing:
-                self._extreme = force_n
-            return False
-        if -SWING_N <= swing <= SWING_N:
-            return False
-        fast = tick - self._last <= self._half_period
-        self._last, self._extreme, self._rising = tick, force_n, not self._rising
-        self.train = self.train + 1 if fast else 0
-        return fast
+    def __init__(self) -> None:
+        self.positive = self.rising = True
+        self.reversed_at = self.turned_at = -1e9  # ticks of the last ones
+        self.extreme = 0.0
+        self.train = 0
+        self.fast: deque[int] = deque()
 
 
 class OscillationDetector:
-    """The last WINDOW_S of one device's force; `add` once a tick."""
+    """The last WINDOW_S of one device's force; `add` once a tick.
+
+    oscillates  whether an axis has had so many fast reversals and turns within the window
+    at_limit    whether a limit has held the force for so much of it
+    """
 
     def __init__(self, axes: int, tick_s: float) -> None:
-        self._axes = [(Reversals(tick_s), Turns(tick_s)) for _ in range(axes)]
+        self._axes = [AxisTurns() for _ in range(axes)]
+        self._half_period = 0.5 / (FAST_HZ * tick_s)  # of FAST_HZ [ticks]
         self._window = round(WINDOW_S / tick_s)
         self._most_at_limit = MOST_AT_LIMIT * self._window
-        self._fast: list[deque[int]] = [deque() for _ in range(axes)]  # ticks, axis by axis
         self._limited: deque[int] = deque()
         self._tick = 0
+        self._forgets_at = inf  # tick at which the oldest one that is known leaves the window
+        self.oscillates = self.at_limit = False
 
     def add(self, force_n: Sequence[float], limited: bool, local_n: Sequence[float]) -> bool:
         """Enter one more tick. Returns True at each turn of a train of the local force.
@@ -84,34 +63,44 @@ class OscillationDetector:
         """
         self._tick = tick = self._tick + 1
         train = False
-        for axis, (whole, local) in enumerate(self._axes):
-            fast = whole.add(tick, force_n[axis])
-            if local.add(tick, local_n[axis]):
-                fast = True
-                train = train or local.train >= TRAIN
+        changed = limited or tick >= self._forgets_at
+        for number, axis in enumerate(self._axes):
+            force, local, fast = force_n[number], local_n[number], False
+            if not (force > BACK_N if axis.positive else force < HALF_SWING_N):
+                fast = tick - axis.reversed_at <= self._half_period
+                axis.reversed_at, axis.positive = tick, not axis.positive
+            swing = local - axis.extreme
+            if (swing > 0.0) == axis.rising:
+                axis.extreme = local
+            elif not -SWING_N <= swing <= SWING_N:
+                turned_fast = tick - axis.turned_at <= self._half_period
+                axis.turned_at, axis.extreme, axis.rising = tick, local, not axis.rising
+                axis.train = axis.train + 1 if turned_fast else 0
+                fast = fast or turned_fast
+                train = train or axis.train >= TRAIN
             if fast:
-                self._fast[axis].append(tick)
-        if limited:
-            self._limited.append(tick)
-        old = tick - self._window
-        for ticks in (*self._fast, self._limited):
-            while ticks and ticks[0] <= old:
-                ticks.popleft()
+                axis.fast.append(tick)
+                changed = True
+        if changed:
+            if limited:
+                self._limited.append(tick)
+            self._judge(tick)
         return train
 
-    @property
-    def oscillates(self) -> bool:
-        for ticks in self._fast:  # noqa: SIM110 (`any` takes three times as long)
-            if len(ticks) >= MOST_FAST:
-                return True
-        return False
-
-    @property
-    def at_limit(self) -> bool:
-        return len(self._limited) > self._most_at_limit
+    def _judge(self, tick: int) -> None:
+        """Forget what has left the window, and judge what is in it."""
+        old = tick - self._window
+        known = [self._limited, *[axis.fast for axis in self._axes]]
+        for ticks in known:
+            while ticks and ticks[0] <= old:
+                ticks.popleft()
+        self._forgets_at = min([ticks[0] + self._window for ticks in known if ticks], default=inf)
+        self.at_limit = len(self._limited) > self._most_at_limit
+        self.oscillates = max([len(axis.fast) for axis in self._axes]) >= MOST_FAST
 
     def forget(self) -> None:
         """Begin anew: the force was released."""
-        for ticks in self._fast:
-            ticks.clear()
         self._limited.clear()
+        for axis in self._axes:
+            axis.fast.clear()
+        self._judge(self._tick)

@@ -40,7 +40,7 @@ class PoseAxes:
             pose = pose[:PLACES] + self._travelled_m
         if twist is not None:
             twist = twist[:PLACES] + tuple([length * rate for rate in twist[PLACES:]])
-        return Sample(pose, twist, sample.age_ticks)
+        return Sample(pose, twist, sample.age_ticks, sample.buttons, sample.orientation, sample.grip_m)
 
     def pose(self, position_m: Sequence[float]) -> Row:
         """Return the pose of a q near the newest sample's."""
@@ -80,5 +80,6 @@ def in_lengths(record: Capability, length_m: float) -> Capability:
         apparent_mass_kg=min(record.apparent_mass_kg, turning.apparent_inertia_kgm2 / square),
         rate_hz=record.rate_hz, gives_velocity=record.gives_velocity, latency_ticks=record.latency_ticks,
         own_damping_nspm=min(record.own_damping_nspm, turning.own_damping_nms / square),
-        own_friction_n=min(record.own_friction_n, turning.own_friction_nm / length_m),
+        own_friction_n=min(record.own_friction_n, turning.own_friction_nm / length_m), buttons=record.buttons,
+        gives_orientation=record.gives_orientation, grip_m=record.grip_m,
     )  # fmt: skip

@@ -36,6 +36,13 @@ class Proxy:
         self.place_m: Vector | None = None
         self.normals: list[Vector] = []
 
+    def release(self) -> None:
+        """Begin anew at the hand: a shape that it is inside of does not hold it until it has been outside."""
+        self.place_m = None
+        self._solid = [False] * len(self._pairs)
+        self._due_m = [0.0] * len(self._pairs)
+        self._soonest_m = 0.0
+
     def follow(self, hand_m: Vector) -> Vector:
         """Move the proxy towards the hand. Return where it is."""
         x, y, z = self.place_m or hand_m

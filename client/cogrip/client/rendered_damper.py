@@ -45,6 +45,8 @@ def impedance_on(seat: SeatSettings, record: Capability) -> float:
     if not seat.line.auto_impedance:
         return seat.coupling.impedance_nspm
     carried = largest_impedance(record, seat.rates.tick_s).impedance_nspm
+    if seat.tool:
+        carried /= seat.tool.stiffest(seat.object.axes)
     return tuning(seat.loop_s, seat.line.prefer, carried).impedance_nspm
 
 
@@ -61,12 +63,15 @@ def refusal(seat: SeatSettings, record: Capability, section: str = "coupling") -
     """
     damper, tick_s = damper_on(seat, record), seat.rates.tick_s
     carried = largest_impedance(record, tick_s)
-    most, symbol = carried.impedance_nspm, damper.symbol
+    stiffest = seat.tool.stiffest(seat.object.axes) if seat.tool else 1.0  # by which the hand feels more of it
+    most, symbol = carried.impedance_nspm / stiffest, damper.symbol
     if damper.value_nspm <= most * (1.0 + ROUNDING):
         return ""
-    fraction = damper.value_nspm * tick_s / record.apparent_mass_kg
+    fraction = stiffest * damper.value_nspm * tick_s / record.apparent_mass_kg
+    scaled = f", with force_scale = {seat.tool.force_scale:g}," if seat.tool and stiffest != 1.0 else ""
     return (
-        f"{seat.user}: {symbol} = {damper.value_nspm:g} N s/m is more than device {record.family}:{record.model} carries: "
+        f"{seat.user}: {symbol} = {damper.value_nspm:g} N s/m{scaled} is more than device {record.family}:{record.model} "
+        f"carries: "
         f"{symbol} T_c / m = {fraction:.2f}; at {most:.3g} N s/m, its {carried.bound} bound, {bound_words(carried, record)}; "
         f"set {section}.{damper.key} to {rounded_down(most):g} or less"
     )

@@ -1,6 +1,7 @@
 """Safety between the force law and the motors: no force of the law reaches a hand unlimited.
 
     idle --open--> calibrating --calibrated--> armed --go--> live <--stale / fresh--> degraded
+    live --clutch--> clutched --engage--> live    clutched --stale--> degraded
     any but idle --fail--> fault (latched until --rearm--> armed)          any --stop--> idle
 
 Only `live` lets force through. Entering it ramps the force in over RAMP_IN_S; leaving it ramps the force out over
@@ -30,12 +31,14 @@ AT_LIMIT_S = 0.5  # time at its limit after which a force has diverged
 WARNED = "near thermal limit"  # counted before anything is limited
 WARM_S = 10.0  # for which warm motors may hold the force down, less the time in which they do not: then it is a fault
 
-State = Literal["idle", "calibrating", "armed", "live", "degraded", "fault"]
-Transition = Literal["open", "calibrated", "go", "stale", "fresh", "rearm", "fail", "stop"]
+State = Literal["idle", "calibrating", "armed", "live", "clutched", "degraded", "fault"]
+Transition = Literal["open", "calibrated", "go", "stale", "fresh", "clutch", "engage", "rearm", "fail", "stop"]
 STATES: tuple[State, ...] = get_args(State)
 TRANSITIONS: Mapping[tuple[State, Transition], State] = {
     ("idle", "open"): "calibrating", ("calibrating", "calibrated"): "armed", ("armed", "go"): "live",
     ("live", "stale"): "degraded", ("degraded", "fresh"): "live", ("fault", "rearm"): "armed",
+    ("live", "clutch"): "clutched", ("clutched", "engage"): "live", ("clutched", "stale"): "degraded",
+    ("clutched", "fail"): "fault", ("clutched", "stop"): "idle",
     ("calibrating", "fail"): "fault", ("armed", "fail"): "fault", ("live", "fail"): "fault", ("degraded", "fail"): "fault",
     ("calibrating", "stop"): "idle", ("armed", "stop"): "idle", ("live", "stop"): "idle", ("degraded", "stop"): "idle",
     ("fault", "stop"): "idle",
@@ -113,11 +116,6 @@ class Safety:
             self.note("fault")
 
     @property
-    def full(self) -> bool:
-        """True while the force goes through unramped."""
-        return self.gain == 1.0
-
-    @property
     def at_peak(self) -> bool:
         """True where the law wants more than the device's peak, warm motors aside."""
         return self._at_limit > 0
@@ -145,8 +143,12 @@ class Safety:
         if ticks > 1:
             self._hold(ticks)
         square = turning = 0.0
-        for speed in velocity_mps if self._turning is None else velocity_mps[:PLACES]:
-            square += speed * speed
+        if len(velocity_mps) == PLACES:  # as below, without a loop
+            x, y, z = velocity_mps
+            square = x * x + y * y + z * z
+        else:
+            for speed in velocity_mps if self._turning is None else velocity_mps[:PLACES]:
+                square += speed * speed
         if self._turning is not None:
             turning = sum([speed * speed for speed in velocity_mps[PLACES:]])
         if not isfinite(square + turning + sum(position_m)):
@@ -160,19 +162,18 @@ class Safety:
         if turning and turning > (bounds := self._groups[-1].bounds).speed_mps ** 2:
             speeds = [speed / bounds.per_unit for speed in (sqrt(turning), bounds.speed_mps)]
             self.fail(f"over-speed: {speeds[0]:.2f} rad/s is above {speeds[1]:g} rad/s; turn slower, then re-arm")
-        for position, (low, high) in zip(position_m, self._workspace_m, strict=False):  # angles have none
-            if not low <= position <= high:
-                self.diverged = self.diverged or f"the hand left the workspace at {position:.4g} m"
+        for axis, (low, high) in enumerate(self._workspace_m):  # angles have none
+            if not low <= position_m[axis] <= high:
+                self.diverged = self.diverged or f"the hand left the workspace at {position_m[axis]:.4g} m"
         return True
 
     def limit(self, force_n: Sequence[float] | None, gap: bool = False) -> tuple[float, ...]:
         """Return the force that may go to the motors for the law's wish, None for none. gap: the law's wave is missing."""
-        gain = self.gain
-        if self.state == "live" and force_n is not None:
-            gain = min(1.0, gain + self._rise)
-        else:
-            gain = max(0.0, gain - (self._drop if self.state == "fault" else self._fall))
-        self.gain = gain
+        gain, state = self.gain, self.state
+        if state != "live" or force_n is None:
+            self.gain = gain = max(0.0, gain - (self._drop if state == "fault" else self._fall))
+        elif gain != 1.0:
+            self.gain = gain = min(1.0, gain + self._rise)
         places, turning = self._places, self._turning
         places.limited = places.derated = places.over = False
         if turning is not None:
@@ -188,7 +189,7 @@ class Safety:
                 force, torque = force_n[:PLACES], force_n[PLACES:]
                 self.law_n = [*places.clip(force, hypot(*force)), *turning.clip(torque, hypot(*torque))]
         out = tuple(self.law_n) if gain == 1.0 else tuple([gain * value for value in self.law_n])
-        fall = self._drop if self.state == "fault" else 0.0  # a fault fades as fast as ever
+        fall = self._drop if self.state == "fault" else 0.0  # a fault, also of now, fades as fast as ever
         if turning is None:
             out = places.follow(out, gap, fall)
             over, self.limited, self.derated = places.over, places.limited, places.derated

@@ -13,6 +13,8 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Literal
 
+from msgspec.structs import replace
+
 from cogrip.client.core import ClientCore
 from cogrip.client.inputs import DeviceFailed, DeviceOpened, ForceApplied, Rearm
 from cogrip.client.rendered_damper import OverloadError, refusal
@@ -30,7 +32,7 @@ Verb = Literal["read", "write"]
 class SupervisedDevice:
     """One device of one core. Only `open` raises, and only DeviceError.
 
-    clock    time [ns], by which a call that blocks is found; in virtual time none does
+    clock    time [ns], by which a call that blocks is found; None in virtual time, where none does
     spared   never drive the device with settings that ask for more than it carries
     refusal  why re-arming failed once it had begun
     """
@@ -40,7 +42,7 @@ class SupervisedDevice:
         device: Device,
         core: ClientCore,
         rate_hz: int,
-        clock: Callable[[], int] = lambda: 0,
+        clock: Callable[[], int] | None = None,
         *,
         spared: bool = False,
     ) -> None:
@@ -52,7 +54,8 @@ class SupervisedDevice:
         self._rate_hz = rate_hz
         self._tick_ns = 1e9 / rate_hz
         self._clock = clock
-        self._reports = ForceReports(core.capability, rate_hz)
+        self._record = core.capability  # by which samples are judged
+        self._reports = ForceReports(self._record, rate_hz)
         self._blocked_ns = 0.0  # by which calls were longer than a tick, less a quarter tick for each that was not
         self._slow: Verb | Literal[""] = ""  # the call that blocked, and is not made any more
         self._failed = False
@@ -73,7 +76,8 @@ class SupervisedDevice:
             except OverloadError:
                 self.device.close()
                 raise
-        self._reports = ForceReports(self._core.capability, self._rate_hz)
+        self._record = self._core.capability
+        self._reports = ForceReports(self._record, self._rate_hz)
         self._blocked_ns, self._slow = 0.0, ""
 
     def _judge(self, record: Capability) -> None:
@@ -85,15 +89,16 @@ class SupervisedDevice:
         """Return the sample at `tick`, None where there is none."""
         if self._slow == "read":
             return None
-        begun_ns = self._clock()
+        clock = self._clock
+        begun_ns = clock() if clock else 0
         try:
             sample = self.device.read(tick)
             if sample is not None:
-                self._check(sample)
+                sample = self._checked(sample)
         except Exception as error:  # noqa: BLE001 (a defect of the driver, whatever it is)
             self._fail("read", error)
             return None
-        if self._blocks("read", self._clock() - begun_ns):
+        if clock and self._blocks("read", clock() - begun_ns):
             return None
         if self._arming:
             self._watch(sample is not None, tick)
@@ -103,7 +108,8 @@ class SupervisedDevice:
         """Write a force, also in a fault: a device that can still be reached takes the force that fades out."""
         if self._slow == "write":
             force_n = (0.0,) * len(force_n)  # there is no time to let it fade
-        begun_ns = self._clock()
+        clock = self._clock
+        begun_ns = clock() if clock else 0
         try:
             self._reports.asked(force_n)
             applied = self.device.write(force_n)
@@ -111,7 +117,8 @@ class SupervisedDevice:
                 self._applied(tuple([float(part) for part in applied]))
         except Exception as error:  # noqa: BLE001 (a defect of the driver, whatever it is)
             self._fail("write", error)
-        self._blocks("write", self._clock() - begun_ns)
+        if clock:
+            self._blocks("write", clock() - begun_ns)
         if self._failed and self._core.safety.quiet:
             self.close()  # so that it can be repaired
         if self._arming and self._last - self._first >= SETTLED_S * self._rate_hz:
@@ -149,17 +156,26 @@ class SupervisedDevice:
         """Name of its driver."""
         return self._core.capability.family
 
-    def _check(self, sample: Sample) -> None:
-        """Raise DeviceError for a sample that no core can take, or whatever its parts raise where they are no numbers."""
-        record, velocity = self._core.capability, sample.velocity_mps
-        isfinite(sum(sample.position_m) + (sum(velocity) if velocity is not None else 0.0))
+    def _checked(self, sample: Sample) -> Sample:
+        """Return a sample of plain floats. Raises DeviceError for one that no core can take, or whatever its parts raise."""
+        position, velocity, axes = sample.position_m, sample.velocity_mps, self._record.axes
+        total = sum(position) if velocity is None else sum(position) + sum(velocity)
+        isfinite(total)
         if (
-            len(sample.position_m) != record.axes
-            or (len(velocity) != record.axes if velocity is not None else record.gives_velocity)
-            or type(sample.age_ticks) is not int
-        ):
+            type(total) is not float or type(position) is not tuple
+        ):  # integers, or numpy's numbers: no recording holds these
+            position = tuple([float(part) for part in position])
+            velocity = None if velocity is None else tuple([float(part) for part in velocity])
+            sample = replace(sample, position_m=position, velocity_mps=velocity)
+        if velocity is None:
+            fits = not self._record.gives_velocity
+        else:
+            fits = len(velocity) == axes
+        if not fits or len(position) != axes or type(sample.age_ticks) is not int:
+            record = self._record
             says = f"{record.axes} axes{' and a velocity' if record.gives_velocity else ''}"
             raise DeviceError(f"{self._name}: gives {sample}, and its record says {says}; correct its driver")
+        return sample
 
     def _applied(self, force_n: tuple[float, ...]) -> None:
         """Report the force that the device applies in place of the one it was asked for."""

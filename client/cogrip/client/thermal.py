@@ -43,9 +43,9 @@ class ThermalLimit:
 
     def enter(self, square: float) -> None:
         """Enter a tick with a force of this square [N^2]."""
-        self.rise += self._share * (square / self._square - self.rise)
-        self.limit_n = self._limit()
-        self.warm = self.rise > (CALM_SHARE * self._warm_from if self.warm else self._warm_from)
+        self.rise = rise = self.rise + self._share * (square / self._square - self.rise)
+        self.limit_n = self._peak_n if rise <= self._acts_from else self._limit()
+        self.warm = rise > (CALM_SHARE * self._warm_from if self.warm else self._warm_from)
 
     def correct(self, entered: float, square: float) -> None:
         """Replace the square that was entered last by the one of the force that acted [N^2]."""

@@ -30,6 +30,7 @@ from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
 from cogrip.protocol.line_tuning import ImpedanceChanges, Tuning, bounded, corner_hz
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Stamp, Waves
+from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.waves import device_gain, wave_of
 
@@ -40,6 +41,12 @@ OPEN = 0.5  # fraction of a wave that a released end reflects: with more it yiel
 
 class WaveCoupling(Coupling[Waves]):
     """The client's end of a wave line in each direction, `up` and `down`. forward: u of the last tick; late: its ticks."""
+
+    __slots__ = (
+        "_acknowledged", "_answered", "_applied", "_b", "_began", "_filters_hz", "_from_displacement", "_half_tick_s",
+        "_impedances", "_made_nspm", "_most_motion", "_most_wave", "_ratio", "_root", "_series", "_since", "_tick_s",
+        "_tuner", "down", "down_reserve", "energy", "forward", "late", "loops", "up",
+    )  # fmt: skip
 
     def __init__(self, seat: SeatSettings) -> None:
         super().__init__(seat)
@@ -73,6 +80,10 @@ class WaveCoupling(Coupling[Waves]):
 
     @property
     def port_j(self) -> float:
+        return self.energy.port_j
+
+    @property
+    def entered_j(self) -> float:
         return self.energy.port_j
 
     def fit(self, record: Capability, lag_s: float) -> None:
@@ -119,12 +130,12 @@ class WaveCoupling(Coupling[Waves]):
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
         """Enter a tick. At hold = 0 the line's end is half open (u = v would be a free one): the object is almost free."""
-        down = self.down
-        self.up.ticks += 1
-        forward = []
-        made = used = 0.0
+        up, down, energy = self.up, self.down, self.energy
+        up.ticks += 1
         velocity = mean_velocity_mps if self._from_displacement else velocity_mps
-        wave, gain, ratio, cut, b = self.late.push((self.returning, down.gain, self._ratio, self.cut_n, self._b))
+        wave, gain, ratio, cut, b = self.returning, down.gain, self._ratio, self.cut_n, self._b
+        if self.late.ticks:
+            wave, gain, ratio, cut, b = self.late.push((wave, gain, ratio, cut, b))
         full = root = self._root if b == self._b else device_gain(b)
         if ratio != 1.0 or cut is not None or self._series.deflected:
             impedance = gain * gain * b
@@ -135,17 +146,33 @@ class WaveCoupling(Coupling[Waves]):
             kept = hold * (full - root)
             for axis in range(len(wave)):
                 down.written_off[axis] += kept * velocity[axis]
-        for axis, v in enumerate(wave):
-            u = root * velocity[axis] - v
-            if hold != 1.0:
-                u = hold * u + (1.0 - hold) * OPEN * v
-            forward.append(u)
-            made += u * u
-            used += v * v
-        self.up.decimator.push(forward)
+        forward: list[float] = []
+        made = used = 0.0
+        if hold == 1.0 and len(wave) == PLACES:  # as below, without a loop
+            (vx, vy, vz), (x, y, z) = wave, velocity
+            forward = [ux := root * x - vx, uy := root * y - vy, uz := root * z - vz]
+            made = ux * ux + uy * uy + uz * uz
+            used = vx * vx + vy * vy + vz * vz
+        else:
+            for axis, v in enumerate(wave):
+                u = root * velocity[axis] - v
+                if hold != 1.0:
+                    u = hold * u + (1.0 - hold) * OPEN * v
+                forward.append(u)
+                made += u * u
+                used += v * v
+        up.decimator.push(forward)
         self.forward = forward
-        self.energy.made_now_j += made * self._half_tick_s
-        self.energy.used_now_j += used * self._half_tick_s
+        energy.made_now_j += made * self._half_tick_s
+        energy.used_now_j += used * self._half_tick_s
+
+    def elapse_held(self) -> None:
+        """Enter a tick of a tool that stands still, u = -v: sent as what was withheld is, part by part (`ForwardLine`).
+
+        To reflect the wave as it comes would have a free object swing for ever.
+        """
+        self.up.withhold([-v / self.frame_ticks for v in self.returning])
+        self.elapse_absent()
 
     def elapse_absent(self) -> None:
         """Enter a tick without a hand: send 0, absorb what comes (a matched termination)."""
@@ -208,17 +235,21 @@ class WaveCoupling(Coupling[Waves]):
             velocity_mps = self._series.with_spring(velocity_mps)
         self._ratio = ratio
         self.reduced = ratio != 1.0 or deflected
+        if len(velocity_mps) == PLACES:  # as below, without a loop
+            (x, y, z), (vx, vy, vz) = velocity_mps, self.returning
+            self.local_n = [fx := b * x, fy := b * y, fz := b * z]
+            return [fx - root * vx, fy - root * vy, fz - root * vz]
         self.local_n = local_n = [b * velocity for velocity in velocity_mps]
         return list(map(sub, local_n, [root * wave for wave in self.returning]))
 
     @property
-    def given_border_j(self) -> float:
-        return self.up.given_j
+    def given_j(self) -> float:
+        return self.up.given.value + self.energy.used_now_j
 
     @property
-    def given_j(self) -> float:
-        """Energy that the line gave, with the frame under way: the line takes no more of it than this."""
-        return self.up.given_j - (self.energy.made_now_j - self.energy.used_now_j)
+    def pending_j(self) -> float:
+        """The frame's mean has no more energy than its ticks (Cauchy-Schwarz)."""
+        return self.energy.made_now_j
 
     def message(
         self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]

@@ -24,7 +24,7 @@ class ForwardLine:
     """Uplink: the wave of each frame, decimated from those of its ticks (`decimator`); what lacked energy waits here.
 
     energy   through the port, `made_now_j` and `used_now_j` set tick by tick
-    given_j  energy that the line gave, less what it took, up to the last frame that ended
+    given    energy that the line gave, less what it took, up to the last frame that ended
     ticks    of the line so far
     phase    ticks by which the newest frame ended later than frames of M ticks would have
     spare    ticks by which the server says that frames may be sent later; below 0: should be sent sooner
@@ -41,19 +41,15 @@ class ForwardLine:
         self.frame_ticks = rates.ticks_per_frame
         self._half_frame_s = 0.5 * rates.tick_s * rates.ticks_per_frame
         self._withheld = [0.0] * axes  # sum of what frames lacked the energy for
-        self._given = CompensatedSum()
+        self.given = CompensatedSum()
         self.ticks = self.phase = self.spare = 0
         self._ends: deque[int] = deque(maxlen=HISTORY)  # ticks at which the newest frames ended
         self._shift = 0  # ticks that the frame under way has more than M
         self._shifted: int | None = None  # number of the first frame with the present phase
         self._asked = 0  # sum of what was spare in each frame, since the sign changed
 
-    @property
-    def given_j(self) -> float:
-        return self._given.value
-
     def end_frame(self, spare_j: float) -> Row:
-        """Send the wave of the frame that ends, of at most `spare_j` more energy than came through the port; and return it.
+        """Send the wave of the frame that ends, of energy `spare_j` at most; and return it.
 
         What is withheld is sent later, a part a frame, out of what is spare then. A frame of more ticks than M has the integral
         of all of them, and so may have more energy than they had: that too is asked of `spare_j`.
@@ -65,7 +61,7 @@ class ForwardLine:
             sent = tuple([u + COMPENSATED_FRACTION * h for u, h in zip(mean, held, strict=True)])
         brought = self.energy.used_now_j
         going = self._half_frame_s * sum([u * u for u in sent])
-        most = max(0.0, spare_j + brought)
+        most = max(0.0, spare_j)
         if going > most:
             scale = sqrt(most / going)
             sent = tuple([scale * u for u in sent])
@@ -74,7 +70,7 @@ class ForwardLine:
             self._withheld = [h + u - out for h, u, out in zip(held, mean, sent, strict=True)]
         if sent is not mean or self._shift > 0:
             self.energy.made_now_j = max(self.energy.made_now_j, going)
-        self._given.add(brought - going)
+        self.given.add(brought - going)
         self.sender.push(sent)
         self.energy.end_frame()
         self._ends.append(self.ticks)

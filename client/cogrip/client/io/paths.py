@@ -1,7 +1,6 @@
 """A client's paths to its server: a socket and a channel each; one, or while the session resumes, a second and newer one."""
 
 import socket
-import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,6 +10,7 @@ from typing import Any, Protocol
 from cogrip.client.inputs import Connect, Poll
 from cogrip.client.path_migration import PathMigration
 from cogrip.protocol.channel import PEER, Channel
+from cogrip.protocol.io.platform import system, time
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
 from cogrip.protocol.session import GIVE_UP_NS, ClientSession
@@ -168,7 +168,7 @@ class Paths:
                 except BlockingIOError:
                     break
                 except OSError as error:
-                    path.refused = path.refused or isinstance(error, ConnectionRefusedError)
+                    path.refused = path.refused or isinstance(error, system.NOBODY_LISTENS)
                     self._count(error)
                     break
                 path.refused = False
@@ -230,11 +230,11 @@ class Paths:
             except OSError as error:
                 failure = error
         if failure is not None:
-            path.refused = path.refused or isinstance(failure, ConnectionRefusedError)
+            path.refused = path.refused or isinstance(failure, system.NOBODY_LISTENS)
             self._count(failure)
 
     def _count(self, error: OSError) -> None:
-        self._counts[REFUSED if isinstance(error, ConnectionRefusedError) else f"socket: {error.strerror}"] += 1
+        self._counts[REFUSED if isinstance(error, system.NOBODY_LISTENS) else f"socket: {error.strerror}"] += 1
 
     def connect(self, core: Core, stop: Stop) -> None:
         """Open the first path, and ask for a seat until the server has answered. Raises JoinError."""

@@ -1,0 +1,53 @@
+"""Markers of one client: those that it sets, sent until the server has them, and those that the server tells."""
+
+from collections import deque
+
+from cogrip.protocol.messages import Mark, clipped_mark
+
+AGAIN_NS = 100_000_000
+MOST_UNANSWERED = 8
+MOST_KNOWN = 256  # numbers kept, so that one that is repeated is taken once
+
+
+class Markers:
+    """refused: markers that were set while MOST_UNANSWERED were on their way."""
+
+    def __init__(self) -> None:
+        self.refused = 0
+        self._number = 0
+        self._unanswered: deque[tuple[int, str]] = deque()
+        self._next_ns = 0
+        self._known: deque[tuple[int, int]] = deque(maxlen=MOST_KNOWN)
+
+    @property
+    def pending(self) -> bool:
+        """Return whether one that was set has not been answered."""
+        return bool(self._unanswered)
+
+    def add(self, text: str) -> bool:
+        """Set a marker; False where too many are on their way."""
+        if len(self._unanswered) >= MOST_UNANSWERED:
+            self.refused += 1
+            return False
+        self._number += 1
+        self._unanswered.append((self._number, clipped_mark(text)))
+        self._next_ns = 0
+        return True
+
+    def due(self, session: int, now_ns: int) -> list[Mark]:
+        """Return the messages to send now."""
+        if not self._unanswered or now_ns < self._next_ns:
+            return []
+        self._next_ns = now_ns + AGAIN_NS
+        return [Mark(session, number, text) for number, text in self._unanswered]
+
+    def receive(self, mark: Mark, seat: int | None) -> bool:
+        """Take in a marker that the server tells. seat: one's own. Returns whether it is new here, and not one's own."""
+        own = seat is not None and mark.seat == seat and mark.theirs > 0  # 0: of who had the seat before
+        if own:
+            self._unanswered = deque([each for each in self._unanswered if each[0] != mark.theirs])
+        known = mark.number, mark.step  # a server that begins anew counts from 1
+        if known in self._known:
+            return False
+        self._known.append(known)
+        return not own

@@ -1,0 +1,31 @@
+"""Largest forces and path of one hand's session."""
+
+from dataclasses import dataclass
+from math import dist, hypot
+
+from cogrip.client.pose_axes import PoseAxes, Row
+from cogrip.protocol.setting_types import PLACES
+
+
+@dataclass(slots=True)
+class Peaks:
+    """Largest force and change of force between two ticks [N], torque [N m], and the path from frame to frame [m]."""
+
+    force_n: float = 0.0
+    torque_nm: float = 0.0
+    step_n: float = 0.0
+    travel_m: float = 0.0
+
+    def enter(self, force_n: Row, before_n: Row, axes: PoseAxes | None) -> None:
+        """Enter the force of a tick, and that of the one before, shape (axes,)."""
+        if axes is not None:
+            self.torque_nm = max(self.torque_nm, axes.length_m * hypot(*force_n[PLACES:]))
+            step, size = dist(force_n[:PLACES], before_n[:PLACES]), hypot(*force_n[:PLACES])
+        elif len(force_n) == 1:
+            step, size = abs(force_n[0] - before_n[0]), abs(force_n[0])
+        else:
+            step, size = dist(force_n, before_n), hypot(*force_n)
+        if step > self.step_n:
+            self.step_n = step
+        if size > self.force_n:
+            self.force_n = size

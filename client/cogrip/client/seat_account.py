@@ -1,0 +1,47 @@
+"""The account of one seat, for the server and the summary."""
+
+from cogrip.client.seated import SeatedClient
+from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
+from cogrip.protocol.texts import clipped
+
+
+def account_of(seat: SeatedClient, ticks: TickCount, rtt_ms: Percentiles, delay: DelayAccount) -> ClientAccount:
+    """Return all that this end knows. ticks: of its loop, as its driver counted them."""
+    coupling, ledger, safety, peaks = seat.coupling, seat.ledger, seat.safety, seat.peaks
+    return ClientAccount(
+        position_m=seat.tool_pose(),
+        force_n=seat.wrench,
+        peak_force_n=peaks.force_n,
+        travel_m=peaks.travel_m,
+        felt_stiffness_npm=_felt_npm(seat),
+        predicted_stiffness_npm=_predicted_npm(seat),
+        down_margin_j=coupling.down_margin_j,
+        device_leak_j=ledger.least_leak_j,
+        down=ledger.count(),
+        rtt_ms=rtt_ms,
+        ticks=ticks,
+        diverged=bool(safety.diverged),
+        state=safety.state,
+        reason=clipped(seat.session.failed or safety.diverged or safety.reason),
+        peak_step_n=peaks.step_n,
+        playout=ledger.playout_account(),
+        delay=delay,
+        device=seat.port.account(),
+        down_reserve_j=ledger.down_reserve_j,
+        peak_torque_nm=peaks.torque_nm,
+        line=coupling.line_account(),
+    )
+
+
+def _predicted_npm(seat: SeatedClient) -> float | None:
+    """Return the stiffness that the hand is to feel over the loop as measured [N/m]; None where there is no model."""
+    if (loop := seat.coupling.loop_frames()) is None:
+        return None
+    more = seat.late_frames + sum(seat.owed) / max(1, len(seat.owed))
+    return seat.coupling.seat_now().predicted_stiffness(loop, more)
+
+
+def _felt_npm(seat: SeatedClient) -> float | None:
+    """Return the stiffness that the hand felt at rest [N/m]; None where it was not measured."""
+    found = seat.felt.stiffness_npm() if seat.felt else None
+    return None if found is None else seat.settings.force_scale * found
