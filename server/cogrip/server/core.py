@@ -3,12 +3,15 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from msgspec.structs import replace
+
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import SeatAccount
 from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave
+from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Mark
 from cogrip.protocol.session import nonce_of, version_mismatch
 from cogrip.protocol.settings import Settings
+from cogrip.protocol.texts import clipped, shown
 from cogrip.server import inputs
 from cogrip.server.admission import Denied, Outside
 from cogrip.server.checkpoint import RoomCheckpoint
@@ -22,7 +25,7 @@ from cogrip.server.seat_assignment import Place, SeatTable
 
 FAREWELL_EVERY_NS = 50_000_000  # to a client that has not received it
 
-FROM_CLIENTS = (*FRAMES, Heartbeat, Leave)
+FROM_CLIENTS = (*FRAMES, Heartbeat, Leave, Mark)
 
 
 class ServerCore:
@@ -46,6 +49,7 @@ class ServerCore:
             inputs.UnbindAddress: lambda given, _: table.release(given.address),
             inputs.Restore: self._restore,
             inputs.Idle: self._idle,
+            inputs.Mark: self._mark,
             inputs.CloseLedger: lambda given, _: None,
         }
 
@@ -118,6 +122,8 @@ class ServerCore:
             self._leave(room, seat, message, now_ns)
         elif seat.state != "seated":  # our farewell was lost
             self._repeat_farewell(seat, now_ns)
+        elif isinstance(message, Mark):
+            self._receive_mark(room, seat, message)
         else:
             rtt_ns = seat.clock.read(message.stamp, now_ns)
             if rtt_ns is not None:
@@ -125,7 +131,10 @@ class ServerCore:
             elif message.stamp.echo_ns:
                 self._drop("implausible stamp")
             if type(message) is not Heartbeat and (
-                type(message) is not room.frame or seat.port is None or not seat.port.receive(message, now_ns)
+                type(message) is not room.frame
+                or seat.port is None
+                or not seat.port.receive(message, now_ns)
+                or (message.handle is not None and not seat.port.handle.receive(message.handle, message.stamp.sent_ns))
             ):
                 self._drop("unfit")  # it keeps no seat: who can bring nothing in counts as silent
                 return
@@ -139,7 +148,7 @@ class ServerCore:
             observer.last_received_ns = now_ns
             observer.clock.read(message.stamp, now_ns)
         elif isinstance(message, Leave):
-            self._end_observer(room, observer, "goodbye", "left", f"left: {messages.shown(message.reason)}")
+            self._end_observer(room, observer, "goodbye", "left", f"left: {shown(message.reason)}")
         elif isinstance(message, FRAMES):
             self._drop("observer's waves")
             reason = "an observer may not send waves: they were not applied; join with a player's link"
@@ -159,6 +168,8 @@ class ServerCore:
             room.observer_slots.leave(observer.number)
             self._out.report("lost", room, observer, "has been silent for too long")
         self.outbox.extend(room.tick(now_ns, frames))
+        for text in room.world.take_events():
+            self._report_mark(room, room.markers.add(text, room.steps))
         if room.world.failed:
             self._end_room(room)
         for seat in room.seats:
@@ -185,6 +196,33 @@ class ServerCore:
         if room is None or not room.deserted:
             raise ValueError(f"{given.steps} idle steps of room {given.room!r}, which is not deserted")
         room.idle(given.steps)
+
+    def _mark(self, given: inputs.Mark, now_ns: int) -> int:
+        rooms = [room for room in self.rooms if given.room in ("", room.name)]
+        for room in rooms:
+            self._report_mark(room, room.markers.add(given.text, room.steps))
+        return len(rooms)
+
+    def _receive_mark(self, room: Room, seat: Seat, mark: Mark) -> None:
+        """Take in a person's marker, once: it is repeated until they are told of it."""
+        if known := room.markers.taken(seat.number, mark.number):
+            # none of those that were told may have come
+            self._out.send(replace(known, session=seat.session), seat.address)
+            return
+        found = room.markers.add(mark.text, room.steps, seat.number, mark.number)
+        if found is None:
+            self._drop("too many markers")
+        else:
+            self._report_mark(room, found, seat)
+
+    def _report_mark(self, room: Room, mark: Mark | None, who: Seat | None = None) -> None:
+        if mark is None:
+            return
+        words = f"marker: {mark.text}"
+        if who is None:
+            self.events.append(ServerEvent("marker", f"{room.name}: {words}", room.name))
+        else:
+            self._out.report("marker", room, who, words)
 
     def _restore(self, given: inputs.Restore, now_ns: int) -> None:
         checkpoint = given.checkpoint
@@ -235,7 +273,7 @@ class ServerCore:
 
     def _end_seat(self, room: Room, seat: Seat, event: str, reason: str) -> None:
         if (account := room.leave_seat(seat.number, event)) is not None:
-            self._say_farewell(room, seat, account, messages.clipped(reason))
+            self._say_farewell(room, seat, account, clipped(reason))
 
     def _say_farewell(self, room: Room, seat: Seat, account: SeatAccount, reason: str) -> None:
         seat.farewell = messages.encode(Farewell(seat.session, reason, account, room.account()))
@@ -246,7 +284,7 @@ class ServerCore:
         room.observer_slots.leave(observer.number)
         self._table.unbind(observer)
         self._out.report(event, room, observer, words)
-        self._out.send(Farewell(observer.session, messages.clipped(reason), None, room.account()), address)
+        self._out.send(Farewell(observer.session, clipped(reason), None, room.account()), address)
 
     def _leave(self, room: Room, seat: Seat, leave: Leave, now_ns: int) -> None:
         account = room.leave_seat(seat.number, "leave")
@@ -255,7 +293,7 @@ class ServerCore:
         if account is None:
             self._repeat_farewell(seat, now_ns)
             return
-        self._out.report("left", room, seat, f"left: {messages.shown(leave.reason)}")
+        self._out.report("left", room, seat, f"left: {shown(leave.reason)}")
         seat.farewell_ns = now_ns
         self._say_farewell(room, seat, account, "goodbye")
 

@@ -60,11 +60,18 @@ class Idle(msgspec.Struct, frozen=True, tag_field="kind", tag="idle"):
     steps: Annotated[int, msgspec.Meta(ge=1)]
 
 
+class Mark(msgspec.Struct, frozen=True, tag_field="kind", tag="mark"):
+    """Set a marker. room: "" for every room."""
+
+    text: str
+    room: str = ""
+
+
 class CloseLedger(msgspec.Struct, frozen=True, tag_field="kind", tag="close_ledger"):
     """End the session: a recorder writes the accounts of all rooms and seats."""
 
 
-ServerInput = Stop | SocketFailed | Kick | Revoke | Expire | UnbindAddress | Restore | Idle | CloseLedger
+ServerInput = Stop | SocketFailed | Kick | Revoke | Expire | UnbindAddress | Restore | Idle | Mark | CloseLedger
 
 decode = msgspec.json.Decoder(ServerInput).decode
 """Read an input from a recording. Raises msgspec.DecodeError (a ValueError)."""

@@ -7,6 +7,7 @@ from cogrip.protocol.channel import Address, place_text
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Role, Welcome
 from cogrip.protocol.session import refusal, version_mismatch
+from cogrip.protocol.texts import shown
 from cogrip.server.admission import Denied, Grant, Outside
 from cogrip.server.events import ServerEvent
 from cogrip.server.outputs import Outputs
@@ -113,7 +114,8 @@ class Joining:
             self.refuse(hello.nonce, address, denied)
             return
         room.take_seat(seat.number, self._outside.new_session(), hello.nonce, now_ns, record_of(hello))
-        words = f"joined from {place_text(address)} with {messages.shown(hello.device)}"
+        room.markers.begin(seat.number)
+        words = f"joined from {place_text(address)} with {shown(hello.device)}"
         self._admit("joined", room, seat, grant, address, words)
 
     def _too_many_seats(self, room: Room, token: str) -> Denied | None:

@@ -8,7 +8,6 @@ import errno
 import hashlib
 import secrets
 import socket
-import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -19,6 +18,7 @@ from typing import Protocol
 from cogrip.protocol.channel import Address, Channel, place_text
 from cogrip.protocol.io.arrivals import Arrivals
 from cogrip.protocol.io.pacing import SPIN_NS, Pacer
+from cogrip.protocol.io.platform import time
 from cogrip.protocol.io.realtime import engage, release
 from cogrip.protocol.io.receive_buffer import OVERRUN, enlarge, overrun
 from cogrip.protocol.io.recorder import Recorder, open_recorder

@@ -99,13 +99,14 @@ def _person(step: int, world: World, seat: Seat, now_ns: int) -> Person:
     assert port is not None
     quiet = now_ns - seat.last_received_ns >= QUIET_NS
     state: Presence = "joining" if not seat.on_object else "silent" if quiet else "live"
-    count = port.count()
+    count, handle = port.count(), port.handle
     return Person(
         1, step, seat.number, seat.name[:SHORT], state, _within(MOST_M, (port.hand or ())[:PLACES]),
         _within(MOST_M, world.offset[seat.number, :PLACES].tolist()) if seat.on_object else (),
         _ms(seat.rtt_ns), _ms(clock.return_ns), _ms(clock.forward_ns), port.playout_frames, port.behind, count.lost, count.sent,
         _joules(port.up_margin_j), _joules(seat.line_margin_j),
         _joules(port.up_reserve.now_j), _joules(seat.line_reserve.now_j),
+        handle.buttons, handle.taken, handle.orientation, handle.grip_m,
     )  # fmt: skip
 
 

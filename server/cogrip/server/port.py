@@ -5,6 +5,7 @@ from math import inf
 from typing import Any
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.button_edges import EdgeReceiver
 from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import rounding_fraction
@@ -29,6 +30,7 @@ class Port(ABC):
     proxy          of the newest frame, as its client reports it, in the hand's own frame [m]; None where it does not
     up_margin_j    least energy margin of the line up so far; None where no ledger of one direction is kept
     up_reserve     energy reserve of the line up
+    handle         buttons, orientation and grip of the device
     credit_left    credit that the line up leaves to the next one, per axis [W] (SPEC 5.4)
     behind         frames sent down that the client had not applied when it sent the frame popped last; None before that
     playout_frames depth of the jitter buffer now; None without one
@@ -52,6 +54,7 @@ class Port(ABC):
         self.origin: Row | None = None
         self.hand: Row | None = None
         self.up_reserve = EnergyReserve(seat.rates.network_hz)
+        self.handle = EdgeReceiver()
 
     @abstractmethod
     def receive(self, message: Any, now_ns: int) -> bool:

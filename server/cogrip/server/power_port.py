@@ -113,5 +113,5 @@ class PowerPort(LatestStatePort[Power]):
         entered, taken = [tuple([energy.value for energy in direction]) for direction in (self._in, self._out)]
         return Power(
             session, self._number, object_state[:axes], object_state[axes:], self._force, entered, taken, port_j,
-            self._receiver.acknowledged, stamp,
+            self._receiver.acknowledged, stamp, edges=self.handle.taken,
         )  # fmt: skip

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from cogrip.protocol.accounts import TickCount
+from cogrip.protocol.button_edges import edge_words
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.derived import derived_topics
@@ -136,6 +137,9 @@ class RecordedServer(CoreRecorder, ServerCore):
             self.put(self._step_topic[room.name], Step(
                 room.steps, motion[:axes], motion[axes:], seats, frames, late_us, work_us, skipped,
             ))  # fmt: skip
+            for seat in room.seats:
+                for edge in seat.port.handle.popped[0] if seat.port is not None else ():
+                    self.put(EVENT, Event(f"{room.name}: {seat.name} {edge_words(edge)}"))
             if room.name in self._scene_topic and room.steps % -(-room.settings.rates.network_hz // VIEWS_HZ) == 0:
                 self._put_bodies(room)
 
@@ -202,10 +206,12 @@ def _seat_step(room: Room, number: int) -> SeatStep:
     if port is None:
         nothing = (0.0,) * world.axes
         return SeatStep(seat.settings.user, False, nothing, nothing, None, None, None, None, 0)
+    handle = port.handle
     return SeatStep(
         seat.settings.user, True, world.proxy_of(number), world.force_of(number),
         port.up_margin_j, seat.line_margin_j, port.used_j, port.made_j, port.lost,
         port.up_reserve.now_j, seat.line_reserve.now_j, *world.contact_of(number),
+        handle.buttons, *handle.popped, handle.orientation, handle.grip_m,
     )  # fmt: skip
 
 

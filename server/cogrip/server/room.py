@@ -5,9 +5,11 @@ from collections.abc import Callable, Sequence
 from math import dist
 
 import numpy as np
+from msgspec.structs import replace
 
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import LinkCount, RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.button_edges import EdgeReceiver, bits_of
 from cogrip.protocol.channel import Address
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_reserve import EnergyReserve
@@ -17,6 +19,7 @@ from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.protocol.settings import Settings, seat_settings
 from cogrip.protocol.settings_digest import digest
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint, SeatCheckpoint
+from cogrip.server.markers import Markers
 from cogrip.server.observers import ObserverSlots
 from cogrip.server.participants import Seat
 from cogrip.server.port import Row
@@ -48,6 +51,7 @@ class Room:
         self.world = make_room_world(settings, [seat.settings for seat in self.seats])
         self._idle_row = (0.0,) * (self.world.axes * self.world.inputs_per_axis)
         self.observer_slots = ObserverSlots(settings.admission.observers, settings.rates.network_hz)
+        self.markers = Markers(settings.rates.network_hz)
         self.steps = 0
         self.ticks: Callable[[], TickCount] = lambda: TickCount(due=self.steps, run=self.steps)
         self.travel_m = 0.0
@@ -98,6 +102,8 @@ class Room:
             return None
         seat.last = self.seat_account(number)
         if seat.on_object:
+            for bit in bits_of(seat.port.handle.buttons if seat.port else 0):
+                self.world.button(number, bit + 1, False)
             self.world.leave(number)
         seat.on_object = False
         seat.limited = self.limited(number)
@@ -110,8 +116,8 @@ class Room:
 
     def limits(self, number: int) -> SeatLimits:
         """Return the bounds of what a seat may bring in."""
-        record = self.seats[number].record
-        return limits_of(record, self.settings, number) if record is not None else SeatLimits()
+        record, tool = self.seats[number].record, self.seats[number].settings.tool
+        return limits_of(record, self.settings, number, tool) if record is not None else SeatLimits()
 
     def limited(self, number: int) -> dict[str, int]:
         """Return how often a seat was limited so far, by reason."""
@@ -230,7 +236,14 @@ class Room:
             out.append((seat.address, messages.encode(message)))
         if self.observer_slots.observers:
             out += self.observer_slots.views(self.steps, world, seats, now_ns)
-        return out
+        return out + self._marks()
+
+    def _marks(self) -> list[tuple[Address, bytes]]:
+        """Return the markers that are told after this step, for everybody."""
+        if not (marks := self.markers.due(self.steps)):
+            return []
+        people = [*(seat for seat in self.seats if seat.port is not None), *self.observer_slots.observers.values()]
+        return [(who.address, messages.encode(replace(mark, session=who.session))) for mark in marks for who in people]
 
     def _pop(self, frames: int, now_ns: int) -> list[Row]:
         """Return the row of each seat. A seat whose first frame is there takes hold of the object; springs get their aim."""
@@ -259,11 +272,19 @@ class Room:
                 world.set_impedance(number, port.impedance_nspm)
             if port.turned is not None:
                 world.hand_turned(number, *port.turned)
+            self._give_handle(number, port.handle)
             if seat.adapter is not None:
                 aim = seat.adapter.update()
                 if aim is not None:
                     world.aim(number, aim)
         return rows
+
+    def _give_handle(self, number: int, handle: EdgeReceiver) -> None:
+        """Give the world what has come of a person's buttons, orientation and grip."""
+        for edge in handle.pop():
+            self.world.button(number, abs(edge), edge > 0)
+        if handle.orientation is not None or handle.grip_m is not None:
+            self.world.handle(number, handle.orientation, handle.grip_m)
 
     def _put_back(self) -> list[Row]:
         """Lay the object to rest in the middle, where everybody takes hold of it anew with the hand where it is.

@@ -17,6 +17,7 @@ import msgspec
 
 from cogrip.protocol.messages import NO_BOUND, SHORT, Hello, Power, State
 from cogrip.protocol.settings import REMOTE, Settings
+from cogrip.protocol.tool_frame import ToolFrame
 from cogrip.protocol.waves import wave_of
 
 BURST_S = 0.25  # of the power a seat may bring in at once
@@ -69,8 +70,8 @@ def record_of(hello: Hello) -> Record:
     return Record(hello.device, axes, rate_hz, hello.device_force_n, hello.device_speed_mps, *turning)
 
 
-def limits_of(record: Record, settings: Settings, number: int) -> SeatLimits:
-    """Return the bounds of seat `number` with this device record."""
+def limits_of(record: Record, settings: Settings, number: int, tool: ToolFrame | None = None) -> SeatLimits:
+    """Return the bounds of seat `number` with this device record. tool: how the hand moves its tool (theory 1.1)."""
     admission = settings.admission
 
     def bound(name: str) -> float:
@@ -78,6 +79,9 @@ def limits_of(record: Record, settings: Settings, number: int) -> SeatLimits:
         return claim if claim < NO_BOUND else getattr(admission, name) or REMOTE[name]
 
     force, speed, torque, turning = [bound(name) for name in ("force_n", "speed_mps", "torque_nm", "speed_radps")]
+    if tool is not None:
+        scale, weight = tool.position_scale, tool.force_scale / tool.position_scale**2
+        force, speed, torque = force / (scale * weight), scale * speed, torque / weight
     asked = settings.users[number].power_w
     power = admission.power_w if asked is None else asked
     return SeatLimits(force, speed, power or force * speed + torque * turning, torque, turning)

@@ -89,4 +89,7 @@ class StatePort(LatestStatePort[State]):
 
     def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> State:
         row, axes = self._row, self.axes
-        return State(session, self._number, row[:axes], row[axes:], port_j, self._receiver.acknowledged, stamp)
+        return State(
+            session, self._number, row[:axes], row[axes:], port_j, self._receiver.acknowledged, stamp,
+            edges=self.handle.taken,
+        )  # fmt: skip

@@ -179,6 +179,7 @@ class WavePort(Port):
             self._receiver.spare,
             impedance_nspm=self.impedance_nspm or 0.0,
             since=self._since,
+            edges=self.handle.taken,
         )
 
     @property

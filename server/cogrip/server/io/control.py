@@ -14,6 +14,7 @@ from typing import Annotated, NamedTuple
 
 import msgspec
 
+from cogrip.server.io.platform import local_socket
 from cogrip.server.io.state_folder import FILE_MODE, StateError, StateFolder
 from cogrip.server.roster import RosterEntry
 
@@ -51,6 +52,13 @@ class Kick(Order, frozen=True, tag="kick"):
     revoke: bool = False  # their token too
 
 
+class Mark(Order, frozen=True, tag="mark"):
+    """Set a marker."""
+
+    text: Words
+    room: Word = ""  # "" every room
+
+
 class Reload(Order, frozen=True, tag="reload"):
     """Read the tokens again."""
 
@@ -73,7 +81,7 @@ class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     people: tuple[RosterEntry, ...] = ()
 
 
-AnyOrder = Kick | Reload | Status | Who
+AnyOrder = Kick | Mark | Reload | Status | Who
 
 
 @dataclass(slots=True, eq=False)
@@ -101,7 +109,7 @@ class Control:
         self.dropped: Counter[str] = Counter()
         self._path = _fit_path(folder)
         self._callers: list[_Caller] = []
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket = local_socket(socket.SOCK_STREAM)
         try:
             with suppress(FileNotFoundError):
                 os.unlink(self._path)  # a killed server left it
@@ -218,7 +226,7 @@ def ask(folder: StateFolder, order: AnyOrder, limit_s: float = ASK_LIMIT_S) -> A
     path = _fit_path(folder)
     received = bytearray()
     until_s = time.monotonic() + limit_s
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+    with local_socket(socket.SOCK_STREAM) as connection:
         try:
             _connect(connection, path, until_s)
             connection.sendall(msgspec.json.encode(order) + b"\n")

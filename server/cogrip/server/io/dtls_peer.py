@@ -1,12 +1,12 @@
 """Peer of the encrypted channel: its association, what its datagrams can be, and the memory that it leaves."""
 
 import ctypes
-import sys
 from collections.abc import Sequence
 
 from cogrip.protocol.channel import Address
 from cogrip.protocol.dtls_records import CHANGE_CIPHER_SPEC, DATA, HANDSHAKE, RECORD_HEADER_BYTES, ClientRecords
 from cogrip.protocol.io.dtls import Association
+from cogrip.protocol.io.platform import system
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
 from cogrip.server.rate_limit import network_of
 
@@ -52,7 +52,7 @@ def is_of_handshake(datagram: bytes) -> bool:
     return datagram[0] in (CHANGE_CIPHER_SPEC, HANDSHAKE) or not (datagram[3] or datagram[4])
 
 
-_malloc_trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+_malloc_trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if system.LINUX else None
 
 
 def trim() -> None:

@@ -10,7 +10,7 @@ from cogrip.server.events import ServerEvent
 from cogrip.server.io import checkpoint_file
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.checkpoint_file import CheckpointWriter
-from cogrip.server.io.control import Control, Kick, Reload, Request, Who
+from cogrip.server.io.control import Control, Kick, Mark, Reload, Request, Who
 from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.state_folder import StateError, StateFolder
@@ -188,6 +188,8 @@ class Housekeeping:
         match request.order:
             case Kick() as order:
                 text, ok = self._kick(order)
+            case Mark() as order:
+                text, ok = self._mark(order)
             case Reload():
                 text, ok = self._reload()
             case Who() as order:
@@ -210,6 +212,14 @@ class Housekeeping:
                 self._authenticator.revoke(token)
         revoked = f"revoked: {', '.join(sorted(tokens))}" if tokens else "there was no token to revoke"
         return f"{order.user} was kicked; {revoked}", True
+
+    def _mark(self, order: Mark) -> tuple[str, bool]:
+        rooms = self._server.core.handle(inputs.Mark(order.text, order.room), time.monotonic_ns())
+        return (
+            (f"marked in {rooms} room{'s' if rooms != 1 else ''}: {order.text}", True)
+            if rooms
+            else ("no such room", False)
+        )
 
     def _who(self, order: Who) -> tuple[str, bool, list[RosterEntry]]:
         rooms = [room for room in self._server.core.rooms if order.room in ("", room.name)]

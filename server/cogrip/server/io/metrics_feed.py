@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
+from cogrip.server.io.platform import POSIX, unblocked
 from cogrip.server.snapshot import LENGTH_BYTES, Snapshot, encode
 
 START_LIMIT_S = 20.0
@@ -50,12 +51,7 @@ class MetricsFeed:
             [*self._program, str(self.port)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         )
         assert process.stdin is not None
-        os.set_blocking(process.stdin.fileno(), False)
-        if sys.platform == "linux":
-            import fcntl
-
-            with suppress(OSError):  # less than this is well enough
-                fcntl.fcntl(process.stdin, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+        unblocked(process.stdin, PIPE_BYTES)
         return process
 
     def await_answer(self, limit_s: float) -> str:
@@ -155,7 +151,7 @@ def open_metrics(
 
     Call it before the loop takes real-time priority. say: reports trouble, once
     """
-    if sys.platform == "win32":
+    if not POSIX:
         raise MetricsError("metrics are not served on Windows: leave --metrics out")
     try:
         feed = MetricsFeed(port, say, clock, program)

@@ -6,7 +6,6 @@ It writes to standard output where it listens, or why it cannot, and ends when i
 
 import json
 import os
-import signal
 import socket
 import sys
 import threading
@@ -22,7 +21,9 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
+from cogrip.protocol.io.platform import system
 from cogrip.server.io.metrics_families import families
+from cogrip.server.io.platform import be_nice
 from cogrip.server.snapshot import LENGTH_BYTES, Health, RoomSnapshot, Snapshot, decode
 
 MOST_BYTES = 1 << 26  # longer ones are not the server's
@@ -188,11 +189,9 @@ def follow(source: IO[bytes], latest: Latest) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # it ends when the server does, not before
-    with suppress(OSError, AttributeError):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        os.nice(5)
+    system.ignore_end_signals()  # it ends when the server does, not before
+    system.ordinary_priority()
+    be_nice()
     latest = Latest()
     try:
         server = MetricsServer(int(arguments[0]), latest)

@@ -5,8 +5,9 @@ https://www.freedesktop.org/software/systemd/man/latest/sd_notify.html
 
 import os
 import socket
-import sys
 from collections.abc import Mapping
+
+from cogrip.server.io.platform import POSIX, local_socket
 
 
 class ServiceNotifier:
@@ -20,11 +21,11 @@ class ServiceNotifier:
         self.watchdog_every_ns = _watchdog_every_ns(environ)
         self._address = environ.get("NOTIFY_SOCKET", "")
         self._socket: socket.socket | None = None
-        if sys.platform == "win32" or self._address[:1] not in ("/", "@"):
+        if not POSIX or self._address[:1] not in ("/", "@"):
             return
         if self._address.startswith("@"):  # an abstract name: no file
             self._address = "\0" + self._address[1:]
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket = local_socket(socket.SOCK_DGRAM)
         self._socket.setblocking(False)
 
     def _say(self, *lines: str) -> None:

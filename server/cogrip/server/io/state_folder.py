@@ -14,13 +14,14 @@ from typing import Annotated
 
 import msgspec
 
+from cogrip.protocol.io.platform import system
 from cogrip.protocol.join_link import LinkError, check_host
+from cogrip.server.io import platform
 
 FOLDER_MODE = 0o700
 FILE_MODE = 0o600
 MOST_BYTES = 4 * 2**20  # of a file that is read back
 _LOOK_AGAIN_S = 0.005
-_IS_POSIX = os.name == "posix"
 
 
 class StateError(Exception):
@@ -108,7 +109,7 @@ def find_folder(path: Path) -> StateFolder:
 def read_private(path: Path) -> bytes:
     """Return a file's content. Raises StateError where others could read or write it, FileNotFoundError for no file."""
     try:
-        file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        file = os.open(path, os.O_RDONLY | platform.NO_WAIT)
         with open(file, "rb") as stream:
             found = os.fstat(file)
             if not stat.S_ISREG(found.st_mode):
@@ -132,9 +133,9 @@ def write_private(path: Path, content: bytes) -> None:
     """
     new = path.with_name(f"{path.name}.new")
     try:
-        file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, FILE_MODE)
+        file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | platform.NO_LINK, FILE_MODE)
         with open(file, "wb") as stream:
-            os.fchmod(file, FILE_MODE)  # of one that was left over
+            platform.set_mode(file, FILE_MODE)  # of one that was left over
             stream.write(content)
             stream.flush()
             os.fsync(file)
@@ -155,17 +156,15 @@ def locked(path: Path, busy: str, limit_s: float = 0.0) -> Iterator[None]:
     busy: text of the BusyError where another process has held it for `limit_s`
     """
     _need_posix()
-    import fcntl
-
     try:
-        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, FILE_MODE)
+        file = os.open(path, os.O_RDWR | os.O_CREAT | platform.NO_LINK, FILE_MODE)
     except OSError as error:
         raise StateError(f"{path}: cannot be opened: {error.strerror}; run this as the server's user") from None
     try:
         until_s = time.monotonic() + limit_s
         while True:
             try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                system.lock(file)
                 break
             except BlockingIOError:
                 if time.monotonic() >= until_s:
@@ -208,7 +207,7 @@ def read_server(folder: StateFolder) -> ServerRecord | None:
 
 
 def _need_posix() -> None:
-    if not _IS_POSIX:
+    if not platform.POSIX:
         raise StateError(
             f"{sys.platform}: a state folder needs file modes and locks (fcntl) as Linux and macOS have them; "
             "serve unencrypted on loopback, or run the server under Linux (WSL)"
@@ -216,22 +215,14 @@ def _need_posix() -> None:
 
 
 def _need_private(path: Path, found: os.stat_result, mode: int) -> None:
-    if found.st_uid != os.geteuid():
+    mine = platform.user_id()
+    if found.st_uid != mine:
         raise StateError(
-            f"{path}: belongs to user {_user(found.st_uid)}, and this is {_user(os.geteuid())}; run this as the former, "
-            "or name another folder with --state"
+            f"{path}: belongs to user {platform.user_name(found.st_uid)}, and this is {platform.user_name(mine)}; "
+            "run this as the former, or name another folder with --state"
         )
     if found.st_mode & 0o077:
         raise StateError(
             f"{path}: others may enter or read it (mode {stat.S_IMODE(found.st_mode):04o}, must be {mode:04o}); "
             f"chmod {mode:o} {path}, and think whether its secrets are known by now"
         )
-
-
-def _user(number: int) -> str:
-    import pwd
-
-    try:
-        return pwd.getpwuid(number).pw_name
-    except KeyError:
-        return str(number)

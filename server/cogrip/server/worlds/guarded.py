@@ -15,8 +15,8 @@ import msgspec
 import numpy as np
 
 from cogrip.protocol.drawing import MOST_SHAPES, Shape
-from cogrip.protocol.messages import shown
 from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.texts import shown
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.world import REACH_M, Array, Row, World, WorldError, dot
 
@@ -26,6 +26,7 @@ MOST_HELD_J = 1.0  # at first, as people may get it
 LEAST_J = -1e-9  # rounding about 0
 MOST_WAVE = 1e3  # sqrt(W): 0.5 MW
 MOST_PLACE = 1e3  # m, m/s: an object is put back long before
+MOST_EVENTS = 8  # of one step
 MOST_SAVED = 10_000  # numbers: a checkpoint holds them
 
 
@@ -120,6 +121,7 @@ class GuardedWorld(World):
         u, before = np.where(held, np.array(rows), 0.0), self._energy
         with self._named("advance"):
             answers = _array("advance", self.inner.advance([tuple(row) for row in u.tolist()]), self._shape, MOST_WAVE)
+            self.events += [str(text) for text in self.inner.take_events()[:MOST_EVENTS]]
             self._look()
         back = np.where(held, answers, 0.0)
         factor = self.limiter.limit(dot(u, u), dot(back, back), self._energy - before)
@@ -152,6 +154,13 @@ class GuardedWorld(World):
         self.holding[user] = False
         self.force[user] = 0.0
         self._try("leave", lambda: self.inner.leave(user), None)
+
+    def button(self, user: int, button: int, down: bool) -> None:
+        self._try("button", lambda: self.inner.button(user, button, down), None)
+
+    def handle(self, user: int, orientation: Row | None, grip_m: float | None) -> None:
+        if type(self.inner).handle is not World.handle:  # it would be called in vain at every step
+            self._try("handle", lambda: self.inner.handle(user, orientation, grip_m), None)
 
     # What the room asks between two steps
 

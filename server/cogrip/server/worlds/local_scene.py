@@ -3,7 +3,7 @@
 A tool is *clear* (`kinematic`) as long as nothing that moves is near (`clearance`): it is put where its client's proxy is, at
 rest, and touches nothing, so that it does no work on anything; no wave goes back, and one that comes counts for nothing. Near
 something it is *engaged*: from there on, at rest, its wave port drives it as in `SceneWorld`. Where nothing has been near for
-RELEASE_S, and the line is calm, the tool is clear again, and what it held as motion is lost.
+RELEASE_S the tool is clear again, and what it held as motion is lost.
 
 A clear tool weighs nothing and has no velocity: wherever it is put the bodies' energy is the same. It comes to be engaged
 outside of everything, so that no contact begins pressed. So neither change brings energy (theory 8.7).
@@ -24,8 +24,6 @@ from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.world import Array, Row, check_saved, pressed_n
 
 RELEASE_S = 0.25
-RELEASE_ANYWAY_S = 1.0  # whatever the line does
-CALM_N = 1.0  # force at the tool below which its line is calm
 MOST_WAYS = 8  # in which a tool goes to its proxy in a frame, each as far as it is clear
 CLOSE_M = 2e-4  # gap below which a tool is engaged; it goes on its way until half of it is left
 OUT_M = 1e-6  # that a tool is put outside of what is fixed
@@ -48,7 +46,6 @@ class LocalScene(SceneWorld):
         self._most_m = REMOTE_SPEED_MPS * self.frame_s  # that a tool goes in a frame
         self._release = round(RELEASE_S / self.frame_s)
         self._pressed = np.zeros((len(seats), self.axes))  # force on fixed shapes, by each client's report [N]
-        self._release_anyway = round(RELEASE_ANYWAY_S / self.frame_s)
 
     def local_shapes(self, user: int) -> Sequence[Shape]:
         return self.geometry[user].shapes
@@ -85,9 +82,7 @@ class LocalScene(SceneWorld):
         back = super().step(np.where(clear, 0.0, inputs))
         back = np.where(clear, 0.0, back)
         for user in np.flatnonzero(self._quiet >= self._release).tolist():
-            calm = dist(self.force[user].tolist(), (0.0,) * self.axes) <= CALM_N
-            if calm or self._quiet[user] >= self._release_anyway:
-                self._let_go(user)
+            self._let_go(user)
         self.force = self.force + np.where(self.holding[:, None], self._pressed, 0.0)
         return back
 

@@ -16,9 +16,9 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cogrip.protocol.messages import shown
 from cogrip.protocol.object_kinds import KINDS, PYTHON, shared_kind, split_python
 from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.texts import shown
 from cogrip.server.worlds.guarded import GuardedWorld
 from cogrip.server.worlds.world import World
 

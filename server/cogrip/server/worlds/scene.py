@@ -332,7 +332,8 @@ class SceneWorld(World):
             )
         if self._watch:
             body, progress = self._watch
-            progress.step(*self._pose_of(body), bool(self.holding.any()))
+            if progress.step(*self._pose_of(body), bool(self.holding.any())):
+                self.events.append("the task is reached")
         moved: Array = np.add.reduce(rates, axis=0, initial=0.0)
         squares: Array = np.add.reduce(rates * rates, axis=0, initial=0.0)
         return moved, squares

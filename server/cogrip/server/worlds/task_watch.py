@@ -30,10 +30,10 @@ class TaskWatch:
         self.off_m = dist(place_m, self._goal)
         self.at_s: float | None = None
 
-    def step(self, place_m: Sequence[float], quaternion: Sequence[float], held: bool = True) -> None:
-        """Enter where the body is after a frame, and how it is turned; held: somebody holds a tool."""
+    def step(self, place_m: Sequence[float], quaternion: Sequence[float], held: bool = True) -> bool:
+        """Enter where the body is after a frame, and how it is turned; held: somebody holds a tool. True as it is reached."""
         if self.at_s is not None or not (held or self._frames):
-            return
+            return False
         task = self.task
         self._frames += 1
         self.lifted_m = max(self.lifted_m, place_m[2] - self._start[2])
@@ -45,6 +45,7 @@ class TaskWatch:
         now_s = self._frames * self._frame_s
         if all(met for _, _, met in self._goals().values()) and (task.by_s is None or now_s <= task.by_s):
             self.at_s = now_s
+        return self.at_s is not None
 
     def _goals(self) -> dict[str, tuple[float, float, bool]]:
         """Return what is asked for, what is there, and whether that will do, by the setting's name."""

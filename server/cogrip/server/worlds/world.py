@@ -78,6 +78,14 @@ class World(ABC):
         self._work_error = np.zeros(len(seats))  # of that over the true sum
         self.external_force = np.zeros(axes)  # F_ext [N]
         self.balance_error_j = 0.0
+        self.events: list[str] = []  # what has happened in this step: a marker each
+
+    def take_events(self) -> Sequence[str]:
+        """Return what has happened since the last call, one line each: markers for everybody in the room."""
+        if not self.events:
+            return ()
+        found, self.events = self.events, []
+        return found
 
     @property
     def moving_kg(self) -> float:
@@ -135,6 +143,19 @@ class World(ABC):
 
     def report(self, user: int, hand_m: Row, proxy_m: Row) -> None:
         """Take in where a hand and its proxy were after the newest frame, as its client says, in the hand's own frame."""
+        return
+
+    def button(self, user: int, button: int, down: bool) -> None:
+        """Take in that a person pressed or released a button, from 1, before the next step.
+
+        Each edge comes once and in order, whatever the network loses. Buttons that are down when a person leaves are released
+        before `leave`.
+        """
+        return
+
+    def handle(self, user: int, orientation: Row | None, grip_m: float | None) -> None:
+        """Take in the newest orientation of a person's handle, a unit quaternion w, x, y, z in the device's own frame, and the
+        opening of its gripper [m]; None: not known. Called before every step in which either is known."""
         return
 
     def engaged_at(self, user: int) -> Row:

@@ -1,0 +1,96 @@
+"""Functions of the operating system for a server, beyond `cogrip.protocol.io.platform`.
+
+A server as a service is for Linux and macOS: its state folder (encryption, tokens, checkpoints), `cogrip who` and `kick`, and
+metrics are refused on Windows, each in one line. What is left there is a server without encryption on loopback, for
+`cogrip demo`; the time that another author's world takes is not limited.
+"""
+
+import os
+import signal
+import socket
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import IO
+
+if sys.platform == "win32":
+    POSIX = False
+    NO_WAIT = NO_LINK = 0
+
+    def set_mode(fd: int, mode: int) -> None:
+        """Do nothing: there are no modes."""
+
+    def user_id() -> int:
+        """Return 0: users have no numbers."""
+        return 0
+
+    def user_name(number: int) -> str:
+        """Return the number."""
+        return str(number)
+
+    def local_socket(kind: socket.SocketKind) -> socket.socket:
+        """Raise OSError."""
+        raise OSError("Windows: Python has no local sockets there")
+
+    def unblocked(pipe: IO[bytes], size: int) -> None:
+        """Raise OSError."""
+        raise OSError("Windows: a pipe cannot be written without waiting")
+
+    def be_nice() -> None:
+        """Do nothing."""
+
+    @contextmanager
+    def alarm(seconds: float, act: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+        """Run what is inside without an alarm."""
+        yield
+
+else:
+    import fcntl
+    import pwd
+
+    POSIX = True
+    NO_WAIT, NO_LINK = os.O_NONBLOCK, os.O_NOFOLLOW
+    _NICE = 5
+
+    def set_mode(fd: int, mode: int) -> None:
+        """Set the mode of an open file."""
+        os.fchmod(fd, mode)
+
+    def user_id() -> int:
+        """Return the number of the user of this process."""
+        return os.geteuid()
+
+    def user_name(number: int) -> str:
+        """Return the name of a user, or the number where there is none."""
+        try:
+            return pwd.getpwuid(number).pw_name
+        except KeyError:
+            return str(number)
+
+    def local_socket(kind: socket.SocketKind) -> socket.socket:
+        """Return a socket that has a path. Raises OSError."""
+        return socket.socket(socket.AF_UNIX, kind)
+
+    def unblocked(pipe: IO[bytes], size: int) -> None:
+        """Let writes to a pipe not wait, and make it as large as the system allows."""
+        os.set_blocking(pipe.fileno(), False)
+        if sys.platform == "linux":
+            with suppress(OSError):  # less than this is well enough
+                fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, size)
+
+    def be_nice() -> None:
+        """Let other processes come first."""
+        with suppress(OSError):
+            os.nice(_NICE)
+
+    @contextmanager
+    def alarm(seconds: float, act: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+        """Call `act` in the main thread after `seconds`, and again as often as what is inside goes on."""
+        before = signal.signal(signal.SIGALRM, act)
+        signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
+        try:
+            yield
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, before)
