@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from math import sqrt
 from typing import Literal
 
 from cogrip.client.rendered_damper import bound_words, damper_key, damper_on, refusal, rounded_down
 from cogrip.client.velocity import Bound, largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for
+from cogrip.devices.registry import is_input_only
 from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness
+from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.settings import SeatSettings, Settings, seat_axes, seat_settings
 from cogrip.sim.analysis.decimation_passivity import filter_of, largest_gain
 from cogrip.sim.analysis.feel import no_contact, on_wall, slow_feel
@@ -258,6 +261,9 @@ def _calmer(session: LinearSession) -> str:
 
 def _seat(user: UserAdvice, seat: SeatSettings, record: Capability, section: str, limit: Limit) -> Iterator[Finding]:
     damper, carried = damper_on(seat, record), largest_impedance(record, seat.rates.tick_s)
+    if is_input_only(f"{record.family}:"):
+        text = "is input only: no force reaches the hand, and what is said of its feel is that of its simulated mass"
+        yield Finding("device", f"{user.name}: {record.family}:{record.model} {text}", "note")
     if text := refusal(seat, record, section):
         yield Finding("device", text, "warning", refused=True)
     else:
@@ -277,6 +283,12 @@ def _seat(user: UserAdvice, seat: SeatSettings, record: Capability, section: str
         yield Finding("feel", _felt_text(user, seat, limit), feel_level(user.felt_npm, user.asked_npm))
     if seat.line.live or seat.line.wave_filter_hz:
         yield Finding("line", _line_text(user.name, seat, damper.value_nspm))
+    if (
+        seat.coupling.kind == "wave"
+        and seat.playout.concealment == "elastic"
+        and max(seat.up.loss, seat.down.loss) > 0.0
+    ):
+        yield _gaps(user.name, seat, damper.value_nspm, record.continuous_force_n)
     yield _free(user)
 
 
@@ -286,6 +298,21 @@ def _line_text(name: str, seat: SeatSettings, impedance_nspm: float) -> str:
     chosen = f'; "auto" changes them with the delay as measured, {seat.line.prefer}' if seat.line.live else ""
     return (
         f"{name}: b = {plain(impedance_nspm, 3)} N s/m and {filtered} on a loop of {1e3 * seat.loop_s:.0f} ms{chosen}"
+    )
+
+
+def _gaps(name: str, seat: SeatSettings, impedance_nspm: float, wanted_n: float) -> Finding:
+    """Say up to which force the credit holds a hand through missing frames (theory 3.5), and which holds all it can have."""
+    one_mj_n = held_force(impedance_nspm, 1e-3, seat.rates.frame_s, seat.object.axes)
+    held_n, enough_mj = one_mj_n * sqrt(seat.playout.tank_mj), (wanted_n / one_mj_n) ** 2
+    text = f"{name}: {plain(held_n, 2)} N are held in full where frames are lost, by a credit of {seat.playout.tank_mj:g} mJ"
+    if held_n >= wanted_n:
+        return Finding("gaps", text)
+    return Finding(
+        "gaps",
+        f"{text}; a larger force feels softer; the {plain(wanted_n, 3)} N that the device gives for ever would take "
+        f"playout.tank_mj = {plain(enough_mj, 2)}",
+        "note",
     )
 
 

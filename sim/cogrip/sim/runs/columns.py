@@ -24,7 +24,8 @@ from cogrip.server.recorder import address_of, start_of
 Array = NDArray[Any]
 AXES = ("x", "y", "z", "rx", "ry", "rz")  # the last three: a rotation vector
 _TURNING = {"m": "rad", "m/s": "rad/s", "N": "N m"}  # units of the axes that turn
-_POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+_QUATERNION = ("qw", "qx", "qy", "qz")
+_POSE = (*AXES[:PLACES], *_QUATERNION)
 NUMBER = "float64"
 _TYPES: dict[Any, str] = {int: "int64", bool: "int64", str: "string"}  # all else is a number that may be missing
 _PREFIXES = {"device": "device_port_"}  # else two columns would be called device_leak_j
@@ -118,7 +119,11 @@ def _fields(record: type[Record], axes: int, prefix: str = "", of: Callable[[Any
             get = _chain(of, get)
         if field.name in ("unfit", "seats"):
             continue
-        if field.type in (Row, Row | None):
+        if field.name == "orientation":
+            found.append(_vector(field.name, len(_QUATERNION), get, prefix, _QUATERNION))
+        elif field.type == tuple[int, ...]:
+            found.append(_scalar(field.name, str, _chain(get, lambda values: " ".join(map(str, values))), prefix))
+        elif field.type in (Row, Row | None):
             found.append(_vector(field.name, axes, get, prefix))
         elif field.name == "ticks":
             found += _account_fields(TickCount, 0, lambda one, get=get: json.loads(get(one) or "null"), "ticks_")  # type: ignore[misc]
@@ -144,7 +149,7 @@ def _flag(value: Any) -> Any:
     return int(value) if isinstance(value, bool) else value
 
 
-def _vector(name: str, axes: int, get: Callable[[Any], Any], prefix: str = "") -> Field:
+def _vector(name: str, axes: int, get: Callable[[Any], Any], prefix: str = "", parts: Sequence[str] = AXES) -> Field:
     missing = (None,) * axes
 
     def read(sources: Sequence[Any]) -> list[Sequence[Any]]:
@@ -155,7 +160,7 @@ def _vector(name: str, axes: int, get: Callable[[Any], Any], prefix: str = "") -
 
     name, unit = f"{prefix}{name}", unit_of(name)
     units = [unit] * PLACES + [_TURNING.get(unit, unit)] * (axes - PLACES)
-    columns = [Column(f"{name}_{axis}", NUMBER, unit) for axis, unit in zip(AXES[:axes], units, strict=False)]
+    columns = [Column(f"{name}_{axis}", NUMBER, unit) for axis, unit in zip(parts[:axes], units, strict=False)]
     return Field(name, columns, read)
 
 

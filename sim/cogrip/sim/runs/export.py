@@ -100,6 +100,11 @@ class ParquetTable:
 _TABLES: dict[Format, Make] = {"csv": CsvTable, "parquet": ParquetTable}
 
 
+def open_table(to: Format, file: IO[bytes], columns: Sequence[Column]) -> Table:
+    """Return a table that is written into `file`. Raises ExportError where `to` cannot be had."""
+    return _TABLES[to](file, columns)
+
+
 def _pyarrow() -> tuple[Any, Any]:
     """Return pyarrow and its parquet. Raises ExportError where it is not installed."""
     try:

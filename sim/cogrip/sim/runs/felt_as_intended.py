@@ -81,6 +81,8 @@ def _stiffness(held: list[Row]) -> str:
     if not found:
         if all(_value(row, "asked_stiffness_npm") is None for row in held):
             return "; no stiffness is asked for here, so none is judged"
+        if any(row.get("local") == "scene" for row in held):
+            return "; no stiffness was measured: nobody rested on a fixed shape that a client renders"
         why = next((f" ({name_of(row)}: {row['not_predicted']})" for row in held if row.get("not_predicted")), "")
         return f"; how stiff at rest is neither measured nor predicted{why}" if why else ""
     span = " to ".join(dict.fromkeys(f"{value:.0f}" for value in (min(found), max(found))))

@@ -36,11 +36,12 @@ def run_laboratory(
     progress: Callable[[float, float], None] | None = None,
     stop: Stop | None = None,
     begins: Sequence[int] = (),
+    over: Callable[[Laboratory], bool] | None = None,
 ) -> Outcome:
     """Run to the end. With a folder, settings, recordings and summary are left there.
 
-    progress: called with (seconds done, seconds in all) now and then. Once `stop` is set the run ends; what was run is
-    kept. begins: see Laboratory.
+    progress: called with (seconds done, seconds in all) now and then. Once `stop` is set, or `over` returns True after a frame,
+    the run ends; what was run is kept. begins: see Laboratory.
     Raises DeviceError for a device or hand that cannot be had.
     """
     for user in settings.users:
@@ -53,12 +54,15 @@ def run_laboratory(
         files.enter_context(_uncollected())
         laboratory = Laboratory(settings, record, begins)
         every = max(1, laboratory.frames // 200)
+        ended = False
 
         def each_frame(lab: Laboratory) -> None:
+            nonlocal ended
+            ended = over is not None and over(lab)
             if progress and lab.room.steps % every == 0:
                 progress(lab.seconds, settings.seconds)
 
-        laboratory.run(None, each_frame, lambda: bool(stop and stop.reason))
+        laboratory.run(None, each_frame, lambda: ended or bool(stop and stop.reason))
         laboratory.close_ledger()
     summary = of_laboratory(laboratory)
     if folder:

@@ -8,10 +8,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from cogrip.protocol.messages import all_shown, shown
 from cogrip.protocol.recording.folder import RECOVERED, recordings_of, seats_of
 from cogrip.protocol.recording.reader import Recording, RecordingError, open_recording
 from cogrip.protocol.recording.recover import is_closed
+from cogrip.protocol.texts import all_shown, shown
 from cogrip.sim.runs.felt_as_intended import SOFTER_BRIEF
 from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_recording
 from cogrip.sim.runs.judgement import Judgement, Tone

@@ -10,7 +10,7 @@ half an hour of many people needs no more memory than what is asked for.
 """
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -165,10 +165,30 @@ class RunRecords:
         """True for a run of the laboratory."""
         return any(end.recording.header.virtual for end in (*self.clients.values(), self.server) if end)
 
+    def markers(self) -> list[tuple[float, str]]:
+        """Return time [s] and text of every marker, oldest first; who set it, where a person did, stands before the text.
+
+        As the server has them; without its part, as whoever was told of most.
+        """
+        if self.server is None:
+            return max((_marked(end, "", []) for end in self.clients.values()), key=len, default=[])
+        return _marked(self.server, f"{self.room()}: ", self.names())
+
     def steps(self) -> Iterator[Timed]:
         """Steps of the room, typed `Step`; none where the server's part is not here."""
         if self.server is not None:
             yield from self.server.records(step_topic(self.room()))
+
+
+def _marked(end: End, before: str, names: Sequence[str]) -> list[tuple[float, str]]:
+    """Return the markers of one recording. before: what its events begin with; names: who may stand before the word."""
+    found = []
+    for time_s, event in end.records("event"):
+        text = event.text.removeprefix(before)
+        who = next((name for name in names if text.startswith(f"{name} marker: ")), "")
+        if text.startswith("marker: ") or who:
+            found.append((time_s, f"{who} {text.partition('marker: ')[2]}".strip()))
+    return found
 
 
 def open_run(path: str | Path) -> RunRecords:

@@ -18,9 +18,10 @@ from cogrip.protocol.accounts import (
     SeatAccount,
     TickCount,
 )
-from cogrip.protocol.messages import Farewell, shown
+from cogrip.protocol.messages import Farewell
 from cogrip.protocol.passivity_control import lent_mj
 from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
+from cogrip.protocol.texts import shown
 from cogrip.sim.runs.felt_as_intended import not_predicted
 from cogrip.sim.runs.verdict import passive_of
 
@@ -69,6 +70,7 @@ def summarise(
         "seed": seed,
         "seconds": seconds,
         "passive": passive_of(rows, credit_j),
+        "credit_j": credit_j,
         "diverged": said or bool(room and room.diverged),
         "playout_frames": playout_frames,
         "object": {

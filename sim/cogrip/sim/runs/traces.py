@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.messages import all_shown
 from cogrip.protocol.recording.reader import Damage, RecordingError
+from cogrip.protocol.texts import all_shown
 from cogrip.server.recorder import scene_topics, step_topic
 from cogrip.sim.runs.folder import SERVER_RECORDING, SETTINGS, SUMMARY, client_recording
 from cogrip.sim.runs.records import End, RunRecords, open_run
@@ -80,7 +80,7 @@ def trace_of(end: End, topic: str) -> Trace:
         rows += len(part["time_s"])
         if "state" in part:
             part["live"] = part.pop("state") == _LIVE
-        columns.extend(part)
+        columns.extend({name: values for name, values in part.items() if values.dtype.kind != "U"})
     return Trace(end.who, end.rate_hz, columns, rows)
 
 

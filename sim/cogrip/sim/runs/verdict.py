@@ -84,6 +84,8 @@ def _measured(row: Row) -> tuple[str, ...]:
 
 def passive(summary: Summary, tank_j: float | None = None) -> Judgement:
     """Judge whether no line gave out more than had come in and its credit, and no device port more than had come in."""
+    if is_number(credit_j := summary.get("credit_j")):  # of earlier versions the settings alone tell it
+        tank_j = credit_j
     users, said = people(summary), summary.get("passive")
     worst, device = worst_margin(users), _worst_device(users)
     lent = f" The credit of each direction is {energy(tank_j)}." if tank_j else ""

@@ -78,10 +78,6 @@ class Person:
         """The address from which the server receives this person's datagrams."""
         return self.migration.path
 
-    def ticks_at(self, tick: int) -> bool:
-        """Return whether this person's loop runs at a tick of the session, counted at their rate."""
-        return tick >= self.begins and not self.gone
-
     def dial(self, now_ns: int, refused: bool) -> None:
         """Change the address where the live client would migrate to another path."""
         resuming = self.core.session.state == "resuming"
@@ -199,7 +195,7 @@ class Laboratory:
 
     def _from_clients(self) -> None:
         for person in self.people:
-            outbox = person.core.outbox
+            outbox = person.core.session.outbox
             while outbox:
                 person.up.send(outbox.popleft(), self.now_ns)
 
@@ -260,9 +256,9 @@ class Laboratory:
         frame, now_ns = self._frame, self.now_ns
         for number, step in moment:
             person = self.people[number]
-            tick = frame * person.ticks_per_frame + step
-            if person.ticks_at(tick):
-                person.core.sense(tick - person.begins, person.supervised.read(tick - person.begins), now_ns)
+            tick = frame * person.ticks_per_frame + step - person.begins
+            if tick >= 0 and not person.gone:
+                person.core.sense(tick, person.supervised.read(tick), now_ns)
             elif border and person.gone:
                 person.core.handle(inputs.Poll(), now_ns)
             elif border:
@@ -272,13 +268,13 @@ class Laboratory:
         frame, now_ns = self._frame, self.now_ns
         for number, step in moment:
             person = self.people[number]
-            core, tick = person.core, frame * person.ticks_per_frame + step
-            if person.ticks_at(tick):
+            core, tick = person.core, frame * person.ticks_per_frame + step - person.begins
+            if tick >= 0 and not person.gone:
                 person.supervised.write(core.act(now_ns))
             if core.session.state == "resuming" or person.migration.newer is not None:
                 person.dial(now_ns, not self.alive)
             if person.going and core.released:
-                self._say_goodbye(person, tick - person.begins)
+                self._say_goodbye(person, tick)
 
     def _say_goodbye(self, person: Person, ticks: int) -> None:
         person.going, person.gone = False, True

@@ -133,11 +133,13 @@ class LinkEmulator:
     """One direction of a link: datagrams in by `send`, out by `due`. Two directions are two emulators, two seeds.
 
     At any time sent + duplicated = delivered + outage + queue_dropped + lost + in_flight.
+
+    next_ns  time of the next arrival; None when nothing is under way
     """
 
     __slots__ = (
         "_busy_ns", "_check_ns", "_delay_ns", "_fates", "_flight", "_highest", "_ns_per_byte", "_origin_ns", "_outages",
-        "_trace", "delivered", "duplicated", "held", "lost", "outage", "queue_dropped", "reordered", "sent",
+        "_trace", "delivered", "duplicated", "held", "lost", "next_ns", "outage", "queue_dropped", "reordered", "sent",
     )  # fmt: skip
 
     def __init__(
@@ -162,6 +164,7 @@ class LinkEmulator:
         self._ns_per_byte = 8e6 / profile.rate_kbps if profile.rate_kbps else 0.0
         self._busy_ns: int | None = None  # when the bottleneck falls idle
         self._flight: list[tuple[int, int, int, bytes]] = []  # arrival_ns, number, 0 or 1 for a copy, payload
+        self.next_ns: int | None = None
         self._highest = -1
         self.sent = 0
         self.delivered = 0
@@ -176,11 +179,6 @@ class LinkEmulator:
     def in_flight(self) -> int:
         """The number of datagrams and copies under way."""
         return len(self._flight)
-
-    @property
-    def next_ns(self) -> int | None:
-        """The time of the next arrival; None when nothing is under way."""
-        return self._flight[0][0] if self._flight else None
 
     @property
     def counters(self) -> dict[str, int]:
@@ -216,6 +214,7 @@ class LinkEmulator:
         if copy_extra_ns is not None:
             self.duplicated += 1
             heapq.heappush(self._flight, (arrival_ns + copy_extra_ns, number, 1, payload))
+        self.next_ns = self._flight[0][0]
 
     def _down_at(self, now_ns: int) -> bool:
         """Return whether the link is down now; if not, `_check_ns` is when it next will be."""
@@ -255,6 +254,7 @@ class LinkEmulator:
             elif number < self._highest and not copy:
                 self.reordered += 1
         self.delivered += len(arrived)
+        self.next_ns = flight[0][0] if flight else None
         return arrived
 
 

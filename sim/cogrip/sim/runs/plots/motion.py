@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from cogrip.protocol.setting_types import PLACES
 from cogrip.sim.runs.plots.curves import (
@@ -31,7 +32,7 @@ from cogrip.sim.runs.plots.style import (
     title,
 )  # fmt: skip
 from cogrip.sim.runs.summary_values import dig
-from cogrip.sim.runs.traces import Run
+from cogrip.sim.runs.traces import Run, Trace
 
 _TURNING = {"mm": "mrad", "N": "N m"}
 _GROUPS = 1500  # of frames, for the pale band behind the waves
@@ -90,6 +91,9 @@ def _against_time(run: Run, lines: list[tuple[int, Line]], quantity: str, unit: 
     barred = [_bar_not_live(run, panel) for panel in sheet.panels[:, 0]]
     if any(barred):
         legend = [*legend, ("bar at the foot: force held back", {"facecolor": FAINT, "lw": 0})]
+    pressed = [_bar_buttons(run, panel) for panel in sheet.panels.flat]
+    if any(pressed):
+        legend = [*legend, ("bar at the head: a button is down", {"facecolor": FAINT, "lw": 0})]
     for panel, (heading, window) in zip(sheet.panels[0], windows.items(), strict=True):
         panel.set_xlim(*window)
         title(panel, heading)
@@ -109,15 +113,28 @@ def _bar_not_live(run: Run, panel: Axes) -> bool:
         trace = run.clients.get(name)
         if trace is None:
             continue
-        held = (trace.columns["live"] == 0.0).astype(np.int8)
-        borders = np.flatnonzero(np.diff(held, prepend=0, append=0)).clip(max=trace.rows - 1)
-        spans = [
-            (trace.time_s[first], trace.time_s[last] - trace.time_s[first]) for first, last in borders.reshape(-1, 2)
-        ]
-        if spans:
-            found = True
-            foot = (0.03 * number, 0.024)
-            panel.broken_barh(
-                spans, foot, transform=panel.get_xaxis_transform(), facecolor=colour(number), edgecolor="none"
-            )
+        found |= _bar(panel, number, trace, trace.columns["live"] == 0.0, 0.03 * number)
     return found
+
+
+def _bar_buttons(run: Run, panel: Axes) -> bool:
+    """Draw at the head, in the person's colour, while a button of theirs was down. Return whether there is any."""
+    found = False
+    for number, name in shown(run):
+        trace, field = run.clients.get(name), "buttons"
+        if trace is None:
+            trace, field = run.room, f"{number}.buttons"
+        if trace is not None and field in trace.columns:
+            found |= _bar(panel, number, trace, trace.columns[field] > 0.0, 0.976 - 0.03 * number)
+    return found
+
+
+def _bar(panel: Axes, number: int, trace: Trace, on: NDArray[np.bool_], foot: float) -> bool:
+    """Draw a bar while something is so; foot: of the panel's height. Return whether it ever is."""
+    borders = np.flatnonzero(np.diff(on.astype(np.int8), prepend=0, append=0)).clip(max=trace.rows - 1)
+    spans = [(trace.time_s[first], trace.time_s[last] - trace.time_s[first]) for first, last in borders.reshape(-1, 2)]
+    if spans:
+        panel.broken_barh(
+            spans, (foot, 0.024), transform=panel.get_xaxis_transform(), facecolor=colour(number), edgecolor="none"
+        )
+    return bool(spans)

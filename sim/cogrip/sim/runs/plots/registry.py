@@ -33,7 +33,7 @@ PLOTS = (
     Plot(
         "positions", "Positions", positions,
         "Each hand, the proxy that stands for it at the object, and the object: the gap between hand and proxy is what "
-        "line and spring give way, and it should close when nobody pushes.",
+        "line and spring give way, and it should close when nobody pushes. A bar at the head stands while a button is down.",
     ),
     Plot(
         "forces", "Forces", forces,

@@ -50,9 +50,9 @@ def shade(tint: Any, share: float) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def label(text: str) -> str:
+def label(text: str, most: int = 24) -> str:
     """Return text from outside without TeX, leading underscore (which hides it from legends), or endless length."""
-    return text[:24].replace("$", r"\$").lstrip("_") or "nameless"
+    return text[:most].replace("$", r"\$").lstrip("_") or "nameless"
 
 
 def envelope(time: Array, values: Array) -> tuple[Array, Array]:

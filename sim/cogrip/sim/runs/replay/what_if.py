@@ -18,9 +18,10 @@ from cogrip.client.recorder import start_of
 from cogrip.client.rendered_damper import refusal
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import address_of
-from cogrip.protocol.messages import DEVICE_BYTES, SHORT, Hello, clipped
+from cogrip.protocol.messages import DEVICE_BYTES, SHORT, Hello
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.settings import Settings, User, rates_of, resolve, seat_settings
+from cogrip.protocol.texts import clipped
 from cogrip.sim.runs.records import End, RunRecords
 
 Hands = Literal["same", "impedance", "positions"]

@@ -7,7 +7,6 @@ measures as the loops of client and server. `python3 dev.py bench relay` measure
 import errno
 import select
 import socket
-import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from ipaddress import ip_address
 from typing import Any
 
 from cogrip.protocol.channel import place_text
+from cogrip.protocol.io.platform import system, time
 from cogrip.protocol.io.realtime import Measure, engage, release
 from cogrip.protocol.io.receive_buffer import OVERRUN, enlarge, overrun
 from cogrip.protocol.io.stop import Stop
@@ -205,7 +205,7 @@ class LiveRelay:
             return
         try:
             server.send(datagram)
-        except ConnectionRefusedError as error:  # of an earlier datagram, reported now; the socket takes the next
+        except system.NOBODY_LISTENS as error:  # of an earlier datagram, reported now; the socket takes the next
             self._failed(lane, error)
             try:
                 server.send(datagram)
@@ -218,7 +218,7 @@ class LiveRelay:
 
     def _failed(self, lane: Lane | None, error: OSError) -> None:
         """Count the failure of an earlier datagram, as ICMP reported it."""
-        if lane is not None and isinstance(error, ConnectionRefusedError):
+        if lane is not None and isinstance(error, system.NOBODY_LISTENS):
             lane.refused += 1
         else:
             self.counts[f"{'to a client' if lane is None else 'to the server'}: {error.strerror}"] += 1

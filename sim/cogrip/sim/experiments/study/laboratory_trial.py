@@ -1,0 +1,51 @@
+"""Sessions of a study in virtual time, with simulated devices."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from cogrip.devices.device import DeviceError
+from cogrip.protocol.settings import Settings
+from cogrip.sim.experiments.study.conductor import Ended, Quit
+from cogrip.sim.experiments.study.spread import varied
+from cogrip.sim.experiments.study.study_file import Study
+from cogrip.sim.experiments.study.trial import Event
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.measures.goal import Goal, GoalWatch
+from cogrip.sim.session.laboratory import Laboratory
+
+
+class LaboratorySessions:
+    """See `conductor.Sessions`. With end = "goal" a session ends where its goal, or its task, is reached, and else by time."""
+
+    def __init__(self, study: Study, stopped: Callable[[], bool] = lambda: False) -> None:
+        self._study, self._stopped = study, stopped
+
+    def run(self, settings: Settings, folder: Path, goal: Goal, title: str) -> Ended:
+        """Run one. Raises Quit once `stopped` returns True, after the session's files are closed."""
+        watch = GoalWatch(goal)
+
+        def reached(laboratory: Laboratory) -> bool:
+            if goal.stated:
+                return watch.look(laboratory.seconds, laboratory.room.world.position.tolist())
+            task = laboratory.room.world.task_account()
+            return bool(task and task["reached"])
+
+        how = "time"
+
+        def over(laboratory: Laboratory) -> bool:
+            nonlocal how
+            if self._study.end == "goal" and reached(laboratory):
+                how = "goal"
+            return how == "goal" or self._stopped()
+
+        settings = varied(settings, self._study.simulated.spread, self._study.seed)
+        folder.mkdir(parents=True)
+        try:
+            outcome = run_laboratory(settings, folder, over=over)
+        except DeviceError as error:
+            return Ended(Event.FAILED, str(error))
+        if self._stopped():
+            raise Quit
+        if outcome.diverged:
+            return Ended(Event.FAILED, f"diverged: {outcome.diverged}")
+        return Ended(Event.ENDED, how)

@@ -1,0 +1,149 @@
+"""One tidy table of a study: a row a person and session, with its place in the study, what it set, measures and answers."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from cogrip.protocol.recording.reader import RecordingError
+from cogrip.protocol.recording.schema import unit_of
+from cogrip.sim.experiments.study.journal import RUNS, AnswerLine, TrialLine, open_study, read_answers, read_trials
+from cogrip.sim.experiments.study.questions import raw_tlx
+from cogrip.sim.experiments.study.staircase import Answered, Estimate, estimate
+from cogrip.sim.experiments.study.study_file import Study
+from cogrip.sim.runs.columns import NUMBER, Column
+from cogrip.sim.runs.export import Format, open_table
+from cogrip.sim.runs.folder import SUMMARY
+from cogrip.sim.runs.measures.columns import read_columns
+from cogrip.sim.runs.measures.registry import MEASURES, measure
+
+PLACE: tuple[Column, ...] = (
+    Column("study", "string"), Column("mode", "string"), Column("group", "int64"), Column("participant", "string"),
+    Column("seat", "int64"),
+    Column("condition", "string"), Column("block", "string"), Column("trial", "int64"), Column("practice", "int64"),
+    Column("repetition", "int64"), Column("interval", "int64"), Column("attempt", "int64"), Column("run", "string"),
+    Column("ended", "string"), Column("track", "string"), Column("level", NUMBER), Column("correct", "int64"),
+    Column("pauses", "int64"),
+)  # fmt: skip
+ANSWER = "answer_"
+
+Row = dict[str, Any]
+
+
+class StudyTable(NamedTuple):
+    """Rows by column name; notes: runs of which nothing can be measured, and why."""
+
+    study: Study
+    columns: list[Column]
+    rows: list[Row]
+    notes: list[str]
+
+
+def read_table(path: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> StudyTable:
+    """Return the table of a study's folder, of all finished trials. Raises StudyError for another folder."""
+    study, _ = open_study(path)
+    lines = [line for line in read_trials(path) if line.status == "finished"]
+    answers = read_answers(path)
+    rows: list[Row] = []
+    notes: list[str] = []
+    for done, line in enumerate(lines):
+        progress(done, len(lines))
+        for interval, run in enumerate(line.runs):
+            rows += _rows(study, path / RUNS / run, line, interval, answers, notes)
+    keys = {key for line in lines for values in line.values for key in values}
+    asked = {key for row in rows for key in row if key.startswith(ANSWER)}
+    columns = [
+        *PLACE,
+        *(_column(key, rows) for key in sorted(keys)),
+        *(Column(each.name, NUMBER, unit_of(each.name)) for each in MEASURES),
+        *(_column(key, rows) for key in sorted(asked)),
+    ]
+    return StudyTable(study, columns, rows, notes)
+
+
+def _rows(
+    study: Study, folder: Path, line: TrialLine, interval: int, answers: Sequence[AnswerLine], notes: list[str]
+) -> list[Row]:
+    values = line.values[interval]
+    try:
+        run = read_columns(folder, study.goal_of(values), _task_s(folder))
+        measured = [measure(run, number) for number in range(len(run.people))]
+    except (RecordingError, OSError) as error:
+        notes.append(str(error))
+        measured = [{} for _ in line.people]
+    return [
+        {
+            "study": study.name, "mode": line.mode, "group": line.group + 1, "participant": person, "seat": seat,
+            "condition": line.condition, "block": line.block, "trial": line.number, "practice": int(line.practice),
+            "repetition": line.repetition + 1, "interval": interval + 1, "attempt": line.attempt, "run": folder.name,
+            "ended": line.ended[interval], "track": line.track, "level": line.level,
+            "correct": None if line.correct is None else int(line.correct), "pauses": line.pauses,
+            **{key: _plain(value) for key, value in values.items()}, **measured[seat],
+            **_answers_of(study, line, person, answers),
+        }
+        for seat, person in enumerate(line.people)
+    ]  # fmt: skip
+
+
+def _task_s(folder: Path) -> float | None:
+    """Return when a scene's task was reached, None if it was not, or there is none."""
+    try:
+        task = json.loads((folder / SUMMARY).read_text(encoding="utf-8")).get("task") or {}
+    except (OSError, ValueError):
+        return None
+    at_s = task.get("at_s")
+    return float(at_s) if task.get("reached") and at_s is not None else None
+
+
+def _answers_of(study: Study, line: TrialLine, person: str, answers: Sequence[AnswerLine]) -> Row:
+    """Return a person's answers to this trial, and at the end of its block; with the raw score of each NASA-TLX."""
+    found = {
+        each.question: each.answer
+        for each in answers
+        if (each.group, each.block, each.participant) == (line.group, line.block, person)
+        and (each.place, each.attempt) in ((line.place, line.attempt), (-1, 0))
+    }
+    scores = {name: raw_tlx(found, name) for name, question in study.questions.items() if question.kind == "tlx"}
+    return {f"{ANSWER}{name}": value for name, value in {**found, **scores}.items() if value is not None}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, bool):
+        return int(value)
+    return value if isinstance(value, (int, float, str)) else json.dumps(value)
+
+
+def _column(name: str, rows: Sequence[Row]) -> Column:
+    numbers = all(isinstance(row[name], (int, float)) for row in rows if row.get(name) is not None)
+    return Column(name, NUMBER, unit_of(name)) if numbers else Column(name, "string")
+
+
+def write_table(table: StudyTable, to: Format, path: Path) -> None:
+    """Write the table as one new file. Raises ExportError, and FileExistsError where there is one."""
+    with path.open("xb") as file:
+        try:
+            out = open_table(to, file, table.columns)
+            out.write([_values(table.rows, column) for column in table.columns])
+            out.close()
+        except BaseException:
+            path.unlink()
+            raise
+
+
+def _values(rows: Sequence[Row], column: Column) -> list[Any]:
+    values = [row.get(column.name) for row in rows]
+    return [None if value is None else float(value) for value in values] if column.type == NUMBER else values
+
+
+def thresholds(study: Study, trials: Sequence[TrialLine]) -> dict[tuple[str, str, str], Estimate]:
+    """Return the threshold of each (participant, block, condition) with a staircase, from all its tracks."""
+    found: dict[tuple[str, str, str], Estimate] = {}
+    for block in study.blocks:
+        if block.staircase is None:
+            continue
+        answered: dict[tuple[str, str, str], list[Answered]] = {}
+        for line in trials:
+            if line.block == block.name and line.level is not None and line.correct is not None:
+                answered.setdefault((line.people[0], block.name, line.condition), []).append((line.level, line.correct))
+        found |= {key: estimate(block.staircase, each) for key, each in answered.items()}
+    return found
