@@ -9,6 +9,7 @@ from cyclopts import App, CycloptsError, Group
 from cogrip.cli.terminal.commands import Table, add_commands, show_docstrings
 from cogrip.cli.terminal.flag_errors import words_of
 from cogrip.cli.terminal.output import make_console
+from cogrip.cli.terminal.platform import use_utf8
 from cogrip.cli.terminal.problem import Problem
 from cogrip.protocol.version import VERSION
 from cogrip.sim.blas_threads import BLAS_THREADS, SAFE_PATH
@@ -21,6 +22,7 @@ GROUPS: dict[str, Table] = {
         "relay": ("session.relay:relay", "Put an emulated network between any two programs that speak UDP."),
         "view": ("session.view:view", "Show a session or a recording in the browser."),
         "gateway": ("session.gateway:gateway", "Let people take part who have only a browser: pages and hands, over TLS."),
+        "lsl": ("session.lsl:lsl", "Offer a session to the Lab Streaming Layer: state and markers as streams."),
         "lab": ("session.lab:lab", "Run a whole session in virtual time, without sleeping."),
         "configs": ("session.configs:configs", "Settings that come with cogrip, by name: list, show, copy."),
     },
@@ -38,10 +40,12 @@ GROUPS: dict[str, Table] = {
         "feel": ("study.feel:feel", "What a hand will feel: stiffness, damping, inertia, impedance, delays."),
         "sweep": ("study.sweep:sweep", "Run sessions, or their linear models, over a grid of settings; resumable."),
         "compare": ("study.compare:compare", "Compare coupling methods under the same hands over network profiles; resumable."),
+        "study": ("study.study:study", "Run a study: trials with participants, live or in virtual time; resumable."),
+        "table": ("study.table:table", "Write one tidy table of a study, and figures of its measures."),
         "figures": ("study.figures:figures", "Draw the paper's figures, and ours beside them."),
     },
     "Devices": {
-        "devices": ("devices.commands:devices", "Force-feedback devices: list, find, calibrate, check, conform, emulate."),
+        "devices": ("devices.commands:devices", "Devices: list, find, wizard, calibrate, check, conform, emulate."),
     },
     "Worlds": {
         "worlds": ("worlds.commands:worlds", "Worlds, also your own: list, check."),
@@ -49,6 +53,7 @@ GROUPS: dict[str, Table] = {
     "Administration": {
         "token": ("admin.token:token", "Tokens, the rights to join an encrypted server: new, list, revoke."),
         "who": ("admin.who:who", "List who is seated or observes in a running server."),
+        "mark": ("admin.mark:mark", "Set a marker in a running session, in every recording of it."),
         "kick": ("admin.kick:kick", "Kick somebody from a running session."),
         "doctor": ("admin.doctor:doctor", "Measure what this machine can do in real time, and advise how to improve it."),
     },
@@ -81,6 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
     if arguments is None:  # this is a process of its own: those that it starts import nothing from where it stands
         os.environ[SAFE_PATH] = "1"
+    use_utf8()
     errors = make_console(stderr=True, soft_wrap=True)
     given = sys.argv[1:] if arguments is None else arguments
     if given and given[0] in MOVED:

@@ -48,6 +48,8 @@ def _machine_table(machine: Machine) -> Table:
         if loopback
         else "refused",
     )
+    for what, instead in machine.lacks.items():
+        table.add_row(f"no {what}", instead)
     return table
 
 

@@ -8,7 +8,7 @@ from cogrip.cli.admin.state_folder import Port, State, answer_of, check_words
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.tables import Fitted, clock, columns_table
 from cogrip.protocol.join_link import DEFAULT_PORT
-from cogrip.protocol.messages import shown
+from cogrip.protocol.texts import shown
 from cogrip.server.io.control import MOST_WORD, Who
 from cogrip.server.roster import RosterEntry
 

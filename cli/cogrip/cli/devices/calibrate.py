@@ -6,7 +6,7 @@ from math import degrees
 from rich.console import Console
 
 from cogrip.cli.devices.conform import Clock
-from cogrip.cli.devices.opened_arm import arm_at, termination_raised, wait_for_enter
+from cogrip.cli.devices.opened_arm import arm_at, termination_raised, try_port, wait_for_enter
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.devices.arm.driver import ArmDevice
@@ -39,6 +39,7 @@ def device_calibrate(address: str, /, *, yes: bool = False, damping: bool = Fals
         return _identify(arm, address, console, yes=yes)
     console.print(f"Home pose: {_home(arm, address)} (see docs/devices.md).")
     if not yes:
+        try_port(arm)
         wait_for_enter(console, "Put the arm there and hold it still.")
     with Problem.of(DeviceError):
         calibration = arm.calibrate(_now())
@@ -60,6 +61,7 @@ def _identify(arm: ArmDevice, address: str, console: Console, *, yes: bool) -> i
             f"{address}: pose=none gives no force, so nothing can be identified; calibrate it, and leave that key out"
         )
     if not yes:
+        try_port(arm)
         wait_for_enter(console, "Put the arm in mid-range, take your hands off it, keep one at the power switch.")
     with Problem.of(DeviceError):
         # Haply's "currents" are torques: half of the motors' continuous torque is small enough

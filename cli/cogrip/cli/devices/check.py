@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cogrip.cli.devices.opened_arm import arm_at, termination_raised, wait_for_enter
+from cogrip.cli.devices.opened_arm import arm_at, termination_raised, try_port, wait_for_enter
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
@@ -51,6 +51,7 @@ def device_check(
             f"{address}: its board takes torques and has no watchdog, so it is not pushed here; see docs/devices.md"
         )
     if not yes:
+        try_port(arm)
         wait_for_enter(console, "Put the arm in mid-range, take your hands off it, keep one at the power switch.")
     with Problem.of(DeviceError):
         model, measured, current_ma = _measure(arm, current_ma, moving_s, console)

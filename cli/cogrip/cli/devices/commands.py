@@ -8,6 +8,7 @@ from cogrip.cli.terminal.commands import add_commands
 COMMANDS = {
     "list": ("devices.listing:device_list", "List the devices that have an address, with their records."),
     "find": ("devices.find:device_find", "Find the devices that are plugged in here."),
+    "wizard": ("devices.wizard:device_wizard", "Set up a device step by step."),
     "calibrate": ("devices.calibrate:device_calibrate", "Calibrate a device, and keep the calibration."),
     "check": ("devices.check:device_check", "Check whether a device is fit to be held: signs, rate, noise, latency."),
     "conform": ("devices.conform:device_conform", "Run the conformance suite on one device."),

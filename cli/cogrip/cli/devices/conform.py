@@ -1,13 +1,12 @@
 """`cogrip devices conform`: the conformance suite on one device, for authors of drivers."""
 
-import time
-
 from cogrip.cli.devices.opened_arm import wait_for_enter
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.devices.conformance import CHECKS, Subject, UnfitError
 from cogrip.devices.device import Device, DeviceError, defects_named
 from cogrip.devices.registry import axes_of, is_real, make, record_of
+from cogrip.protocol.io.platform import time
 from cogrip.protocol.rates import due_ns
 
 PUSH_N = 0.2  # on a device that is real

@@ -20,13 +20,15 @@ from cogrip.devices.registry import (
     broken,
     describe,
     families,
+    is_input_only,
     is_real,
     make,
     record_of,
 )  # fmt: skip
 from cogrip.devices.settings import MOST_AXES, parse_address
 
-NOT_RUN = "not yet run on hardware"
+NOT_RUN = "not run on hardware"
+INPUT_ONLY = "input only: no force"
 _NO_HARDWARE = ("web",)  # families in real time without a machine
 _LAST = ("emulated", "replay")  # in a list, behind real devices; sim: stands first
 _HEADINGS = (("address", "axes", "peak", "stiffness", "damping", "rate"), ("", "", "N", "N/m", "N s/m", "Hz"))
@@ -68,7 +70,8 @@ def device_list(
         found = [each for each in listings if _scheme(each) == scheme]
         if name and not found:
             continue
-        mark = f" ({NOT_RUN})" if _untried(scheme) else ""
+        marks = [INPUT_ONLY] * is_input_only(f"{scheme}:") + [NOT_RUN] * _untried(scheme)
+        mark = f" ({'; '.join(marks)})" if marks else ""
         say(console, f"{scheme}: {summaries[scheme]}{mark}")
         if name or verbose:
             for listing in found:
@@ -132,9 +135,10 @@ def _table(rows: Sequence[Sequence[str]], widths: Sequence[int], style: str = ""
 def _cells(listing: Listing) -> tuple[str, ...]:
     """Return the cells below _HEADINGS."""
     record = listing.capability
+    peak = "none" if is_input_only(listing.address) else f"{record.peak_force_n:.4g}"
     return (
-        listing.address, f"{record.axes}", f"{record.peak_force_n:.4g}", f"{record.stiffness_npm:.5g}",
-        f"{record.damping_nspm:.4g}", f"{record.rate_hz}",
+        listing.address, f"{record.axes}", peak, f"{record.stiffness_npm:.5g}", f"{record.damping_nspm:.4g}",
+        f"{record.rate_hz}",
     )  # fmt: skip
 
 
@@ -148,7 +152,8 @@ def _print_record(listing: Listing, console: Console) -> None:
     subjects = {
         "is": f"{record.family}, {record.model}",
         "axes": f"{record.axes}, workspace {'; '.join(_workspace(record))}",
-        "force": f"peak {_number(record.peak_force_n, 'N')}, continuous {_number(record.continuous_force_n, 'N')}, "
+        "force": f"{'on a simulated mass, none reaches the hand: ' if is_input_only(listing.address) else ''}"
+        f"peak {_number(record.peak_force_n, 'N')}, continuous {_number(record.continuous_force_n, 'N')}, "
         f"slope {_number(record.slew_nps, 'N/s')}",
         "advised": f"stiffness {_number(record.stiffness_npm, 'N/m')}, damping {_number(record.damping_nspm, 'N s/m')}",
         "position": f"one count {_number(record.resolution_m * 1e3, 'mm') if record.resolution_m else 'exact'}, "
@@ -157,10 +162,20 @@ def _print_record(listing: Listing, console: Console) -> None:
         "felt mass": _number(record.apparent_mass_kg, "kg"),
         "own losses": ", ".join(own) or "not known",
         "rate": f"at most {_number(record.rate_hz, 'Hz')}",
+        "handle": ", ".join(handle_words(record)) or "no buttons, orientation or gripper",
     }
     say(console, f"  {listing.address}")
     for subject, words in subjects.items():
         say(console, f"    {subject:11}{words}", " " * 15)
+
+
+def handle_words(record: Capability) -> list[str]:
+    """Return a text for each thing that the device gives beside its axes."""
+    return [
+        *([f"{record.buttons} button{'s' if record.buttons > 1 else ''}"] if record.buttons else []),
+        *(["orientation"] if record.gives_orientation else []),
+        *([f"gripper {record.grip_m[0] * 1e3:g} to {record.grip_m[1] * 1e3:g} mm"] if record.grip_m else []),
+    ]
 
 
 def _workspace(record: Capability) -> Sequence[str]:
@@ -180,7 +195,12 @@ def _as_json(listings: Sequence[Listing], summaries: dict[str, str]) -> dict[str
     """Return the records, field by field."""
     return {
         "families": {
-            scheme: {"summary": summary, "real": is_real(f"{scheme}:"), "not_run_on_hardware": _untried(scheme)}
+            scheme: {
+                "summary": summary,
+                "real": is_real(f"{scheme}:"),
+                "input_only": is_input_only(f"{scheme}:"),
+                "not_run_on_hardware": _untried(scheme),
+            }
             for scheme, summary in summaries.items()
         },
         "devices": [

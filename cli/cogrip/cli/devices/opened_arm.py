@@ -1,7 +1,6 @@
 """Arm at an address for the commands that prepare arms, with their prompt and their safe end."""
 
 import signal
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -11,23 +10,43 @@ from rich.console import Console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import DeviceError
-from cogrip.devices.registry import axes_of, make
+from cogrip.devices.registry import axes_of, is_input_only, make
+from cogrip.protocol.io.platform import system
 
 
 def arm_at(address: str) -> ArmDevice:
     """Return the arm, not opened. Raises BadInput for a device that is no arm with motors and encoders of its own."""
     with BadInput.of(DeviceError):
         device = make(address, axes=axes_of(address))
+        input_only = is_input_only(address)
+    if input_only:
+        raise BadInput(
+            f"{address} is input only: it has no motors, so there is nothing to calibrate or check; join with it"
+        )
     if not isinstance(device, ArmDevice):
         raise BadInput(
-            f"{address}: there is nothing to calibrate or check here: this is for arms on serial:, haply: and hid:, "
+            f"there is nothing to calibrate or check here: {address} is none of the arms on serial:, haply: and hid:; "
             "all others know their pose, or their maker's tools do; `cogrip devices conform` tests any driver"
         )
     return device
 
 
+def try_port(arm: ArmDevice) -> None:
+    """Open the port of an arm and close it again, so that nobody prepares one that is not there. Raises Problem."""
+    with Problem.of(DeviceError):
+        arm.exchange.port.open()
+    arm.exchange.port.close()
+
+
+def drop_early_lines() -> None:
+    """Drop the lines that wait at the terminal: an Enter from before a question allows no force. Those of a pipe stay."""
+    while system.typed():
+        pass
+
+
 def wait_for_enter(console: Console, text: str) -> None:
-    """Ask for Enter. Raises Problem where nobody can press it."""
+    """Ask for Enter, a new one at a terminal. Raises Problem where nobody can press it."""
+    drop_early_lines()
     console.print(f"{text} Enter when it is so, Ctrl-C to leave.")
     try:
         input()
@@ -42,8 +61,7 @@ def termination_raised() -> Iterator[None]:
     def end(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    numbers = [signal.SIGTERM, *([signal.SIGHUP] if sys.platform != "win32" else [])]
-    before = [(number, signal.signal(number, end)) for number in numbers]
+    before = [(number, signal.signal(number, end)) for number in system.TERMINATION_SIGNALS]
     try:
         yield
     finally:

@@ -2,15 +2,18 @@
 
 from pathlib import Path
 
-from cogrip.cli.runs.run_folder import opened
+from cogrip.cli.runs.run_folder import RUNS, opened
 from cogrip.cli.terminal.output import make_console
+from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.sim.runs.export import ExportError, Format
 from cogrip.sim.runs.export import export as export_run
 from cogrip.sim.runs.traces import losses
 
 
-def export(run: Path, /, *, to: Format, out: Path | None = None, datagrams: bool = False) -> int:
+def export(
+    run: Path, /, *, to: Format, out: Path | None = None, datagrams: bool = False, runs: RunsBelow = RUNS
+) -> int:
     """Write a run's recordings as CSV or Parquet tables.
 
     A file for each end and kind of message, such as client-anna.tick.csv. `time_s` stands first, in seconds of the run;
@@ -21,7 +24,7 @@ def export(run: Path, /, *, to: Format, out: Path | None = None, datagrams: bool
     Parameters
     ----------
     run
-        A run folder, or one .mcap file.
+        Run folder, or its name in `runs` (--runs), or one .mcap file.
     to
         Format of the files; parquet needs the extra `parquet`.
     out
@@ -29,7 +32,7 @@ def export(run: Path, /, *, to: Format, out: Path | None = None, datagrams: bool
     datagrams
         Export the datagrams too, as hexadecimal text.
     """
-    records = opened(run)
+    records = opened(run, runs)
     console, errors = make_console(soft_wrap=True), make_console(stderr=True, soft_wrap=True)
     into = out or records.folder
     with Problem.of_files(into, doing="cannot be written: "), errors.status("exporting"), BadInput.of(ExportError):

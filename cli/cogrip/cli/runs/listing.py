@@ -12,7 +12,7 @@ from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import padded, shortened
 from cogrip.protocol.io.recorder import is_being_written
-from cogrip.protocol.messages import shown
+from cogrip.protocol.texts import shown
 from cogrip.sim.runs.judgement import Tone
 from cogrip.sim.runs.listing import ListedRun, list_runs
 

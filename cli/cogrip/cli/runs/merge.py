@@ -2,28 +2,31 @@
 
 from pathlib import Path
 
+from cogrip.cli.runs.run_folder import RUNS, found_run
 from cogrip.cli.terminal.output import make_console
+from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.sim.runs.merge import merge as merge_recordings
 
 
-def merge(*folders: Path, out: Path) -> int:
+def merge(*folders: Path, out: Path, runs: RunsBelow = RUNS) -> int:
     """Merge the recordings of one run from several machines: the server's and those of its clients, on one clock.
 
     Parameters
     ----------
     folders
-        Run folders (or .mcap files) of the server and of each client.
+        Run folders, their names in `runs` (--runs), or .mcap files of the server and of each client.
     out
         The new folder.
     """
     console = make_console(soft_wrap=True)
     if len(folders) < 2:
         raise BadInput("merge: name at least two folders, the server's and a client's")
+    found = [found_run(folder, runs) for folder in folders]
     with BadInput.of_files(out, RecordingError):
         try:
-            alignments = merge_recordings(folders, out)
+            alignments = merge_recordings(found, out)
         except FileExistsError:
             raise BadInput(f"--out {out} exists already; name a new folder") from None
     for each in alignments:

@@ -4,7 +4,9 @@ from pathlib import Path
 
 from rich.console import Console
 
+from cogrip.cli.runs.run_folder import RUNS, found_run
 from cogrip.cli.terminal.output import make_console
+from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.recording.folder import recordings_of
@@ -13,18 +15,17 @@ from cogrip.protocol.recording.recover import Recovered, is_closed
 from cogrip.protocol.recording.recover import recover as recover_recording
 
 
-def recover(file: Path, /) -> int:
+def recover(file: Path, /, *, runs: RunsBelow = RUNS) -> int:
     """Write what is whole of a recording into a new file beside it; the old one is kept.
 
     Parameters
     ----------
     file
-        A .mcap file; of a run folder, every recording in it that was not closed.
+        A .mcap file; of a run folder, or its name in `runs` (--runs), every recording in it that was not closed.
     """
     console = make_console(soft_wrap=True)
+    file = found_run(file, runs)
     with BadInput.of_files(file, RecordingError):
-        if not file.exists():
-            raise BadInput(f"{file}: there is no such file; name a run folder or a .mcap file")
         if file.is_dir():
             found = recordings_of(file)
             if not found:

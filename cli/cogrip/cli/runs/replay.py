@@ -56,7 +56,7 @@ def replay(
     Parameters
     ----------
     run
-        Run folder, or one of its .mcap files.
+        Run folder, or its name in `runs` (--runs), or one of its .mcap files.
     verify
         Compare all outputs with the recording.
     what_if
@@ -69,7 +69,7 @@ def replay(
         raise BadInput("replay: say either --verify or --what-if")
     if overrides and verify:
         raise BadInput("replay: --set goes with --what-if; --verify replays what was recorded")
-    records = opened(run)
+    records = opened(run, runs)
     console = make_console(soft_wrap=True)
     if verify:
         return _verify(records, console, json)

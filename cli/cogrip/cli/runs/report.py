@@ -6,7 +6,9 @@ from pathlib import Path
 
 from cogrip.cli.runs.compared_table import compared_table
 from cogrip.cli.runs.recover import recover_unclosed
+from cogrip.cli.runs.run_folder import RUNS, found_run
 from cogrip.cli.terminal.output import make_console
+from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.sim.runs.comparison import ComparisonError, Difference, labels_of
@@ -14,7 +16,7 @@ from cogrip.sim.runs.comparison import ComparisonError, Difference, labels_of
 COMPARISON = Path("comparison.html")
 
 
-def report(*run: Path, out: Path | None = None) -> int:
+def report(*run: Path, out: Path | None = None, runs: RunsBelow = RUNS) -> int:
     """Write the report of a run, or of several compared.
 
     That of one run is written anew into its folder. The page is self-contained. Exit code 0 whatever the verdicts.
@@ -22,11 +24,12 @@ def report(*run: Path, out: Path | None = None) -> int:
     Parameters
     ----------
     run
-        Run folders; the differences of several are against the first.
+        Run folders, or their names in `runs` (--runs); the differences of several are against the first.
     out
         Where the page on several runs is written; else comparison.html in the current folder. A comparison that stands there
         is replaced, any other file is not.
     """
+    run = tuple(found_run(folder, runs) for folder in run)
     _check(run, out)
     console, errors = make_console(soft_wrap=True), make_console(stderr=True, soft_wrap=True)
     for folder in run:
@@ -52,8 +55,6 @@ def _check(run: Sequence[Path], out: Path | None) -> None:
     for folder in run:
         if folder.is_file():
             raise BadInput(f"{folder}: is a file; name the run folder in which it stands")
-        if not folder.is_dir():
-            raise BadInput(f"{folder}: there is no such run folder; `cogrip runs` lists them")
     whole = [folder.resolve() for folder in run]
     for number, folder in enumerate(whole):
         if folder in whole[:number]:

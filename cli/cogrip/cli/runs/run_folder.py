@@ -1,6 +1,8 @@
 """Run folders: made by the time it is here and now, opened when somebody names one, and left with summary and report."""
 
+import difflib
 from collections.abc import Callable
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +16,8 @@ from cogrip.sim.runs.folder import make_run_folder, write_summary
 
 if TYPE_CHECKING:
     from cogrip.sim.runs.records import RunRecords
+
+RUNS = Path("runs")  # where commands leave runs, and look for their names
 
 
 def new_run_folder(base: Path, name: str) -> Path:
@@ -33,11 +37,31 @@ def live_run_folder(base: Path, name: str, say: Callable[[str], None]) -> Path |
         return None
 
 
-def opened(path: Path) -> "RunRecords":
-    """Return the run's recordings, those that were cut short recovered first. Raises BadInput."""
+def found_run(run: Path, runs: Path) -> Path:
+    """Return `run`, or what has that name below `runs` where there is no such path. Raises BadInput for neither."""
+    for path in (run, runs / run):
+        if path.exists():
+            return path
+    raise BadInput(f"{run}: there is no such run{nowhere(str(run), runs)}")
+
+
+def nowhere(name: str, runs: Path) -> str:
+    """Return where a run was looked for, the nearest name there, and the cure; to stand behind "no such run"."""
+    known: list[str] = []
+    with suppress(OSError):
+        known = sorted((folder.name for folder in runs.iterdir() if folder.is_dir()), reverse=True)  # newest first
+    name = Path(name).name
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5) or [each for each in known if name in each]
+    hint = f"did you mean {near[0]}? " if near else ""
+    return f", neither here nor in {runs}; {hint}`cogrip runs{'' if runs == RUNS else f' {runs}'}` lists them"
+
+
+def opened(run: Path, runs: Path) -> "RunRecords":
+    """Return the recordings of a `found_run`, those that were cut short recovered first. Raises BadInput."""
     from cogrip.cli.runs.recover import recover_unclosed  # readers of recordings, which no live session needs
     from cogrip.sim.runs.records import open_run
 
+    path = found_run(run, runs)
     with BadInput.of_files(path, RecordingError):
         recover_unclosed(path, make_console(stderr=True, soft_wrap=True))
         return open_run(path)

@@ -11,8 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from cogrip.cli.terminal.tables import Fitted, marked, plain_table, shortened
-from cogrip.protocol.messages import shown
 from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.texts import shown
 from cogrip.sim.runs.summary_values import (
     ROUNDING_J,
     UNKNOWN,

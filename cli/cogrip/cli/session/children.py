@@ -1,6 +1,7 @@
 """Child processes that run cogrip commands on this machine: start, stated reason of the end, end."""
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -10,7 +11,8 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from cogrip.cli.terminal.problem import Problem
-from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.io.platform import system
+from cogrip.protocol.io.stop import TETHERED, Stop
 
 START_LIMIT_S = 30.0
 END_LIMIT_S = 15.0
@@ -25,14 +27,18 @@ _STATED = re.compile(
 
 
 def start_child(log: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
-    """Start a child in a session of its own: Ctrl-C reaches it through us, so that its last lines are not lost."""
+    """Start a child in a session of its own: Ctrl-C reaches it through us, so that its last lines are not lost.
+
+    It ends when this process does, however that ends: its standard input is our pipe.
+    """
     with log.open("wb") as out:
         return subprocess.Popen(
             [sys.executable, "-P", "-m", "cogrip.cli", *arguments],
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE,
             stdout=out,
             stderr=subprocess.STDOUT,
-            start_new_session=True,
+            env={**os.environ, TETHERED: "yes"},
+            **system.own_session(),
         )
 
 
@@ -72,7 +78,9 @@ def listening_port(name: str, child: subprocess.Popen[bytes], log: Path, stop: S
     """Return the port on which a server or relay listens, by its log. Raises Problem where it does not start."""
     until = time.monotonic() + START_LIMIT_S
     while time.monotonic() < until and child.poll() is None and not stop.reason:
-        found = re.search(r"(?:listening on|relaying from) \S+:(\d+)", log.read_text())
+        found = re.search(
+            r"(?:listening on|relaying from) \S+:(\d+)", log.read_text(encoding="utf-8", errors="replace")
+        )
         if found:
             return int(found[1])
         time.sleep(_POLL_EVERY_S)
@@ -83,10 +91,10 @@ def listening_port(name: str, child: subprocess.Popen[bytes], log: Path, stop: S
 
 
 def end_all(children: Mapping[str, subprocess.Popen[bytes]], terminated: Collection[str]) -> list[str]:
-    """Wait for the end of all; those named in `terminated` get SIGTERM. Return the names of those that did not end well."""
+    """Wait for the end of all; ask those in `terminated` to. Return the names of those that did not end well."""
     for name in terminated:
         if children[name].poll() is None:
-            children[name].send_signal(signal.SIGTERM)
+            system.end(children[name])
     failed = []
     for name, child in children.items():
         try:
@@ -94,6 +102,8 @@ def end_all(children: Mapping[str, subprocess.Popen[bytes]], terminated: Collect
         except subprocess.TimeoutExpired:
             child.kill()
             code = child.wait()
+        if child.stdin:
+            child.stdin.close()
         if code != 0:
             failed.append(name)
     return failed

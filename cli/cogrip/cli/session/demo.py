@@ -1,6 +1,5 @@
 """`cogrip demo`: a server and its clients as processes of this machine, shown until they end."""
 
-import signal
 import subprocess
 import time
 from contextlib import ExitStack
@@ -24,6 +23,7 @@ from cogrip.cli.session.view_child import open_view
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Devices, Hands, Overrides, Runs
 from cogrip.cli.terminal.problem import BadInput, above_zero
+from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings
@@ -114,7 +114,7 @@ def _watch(
                 if stop.reason and not interrupted:
                     interrupted = True
                     for client in clients.values():
-                        client.send_signal(signal.SIGINT)
+                        system.interrupt(client)
                 if server.poll() is not None:
                     failed["server"] = how_ended(server, folder / "server.log")
                 time.sleep(WATCH_EVERY_S)
@@ -149,7 +149,7 @@ def _conclude(settings: Settings, folder: Path, failed: dict[str, str], stop: St
     console.print(terminal_summary(summary))
     for user in settings.users:
         log = _log(folder, user.name)
-        for line in log.read_text().splitlines() if log.exists() else []:
+        for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else []:
             if ": dealt with: " in line or line.startswith("warning: "):
                 console.print(line)
         early = "" if stop.reason or user.name in failed else stated_reason(log)

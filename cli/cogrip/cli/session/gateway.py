@@ -25,6 +25,7 @@ from cogrip.protocol.session import ClientSession
 from cogrip.view.io.feed import LiveFeed
 from cogrip.view.io.gateway import Gateway
 from cogrip.view.io.hand_process import HandProcess
+from cogrip.view.io.platform import STARTS_HANDS
 from cogrip.view.io.process import PortError
 
 USUAL_PORTS = {"http": 80, "https": 443}  # which browsers leave out
@@ -91,6 +92,10 @@ def gateway(
     within("--port", port, 0, 65535)
     at_least_one("--hands", hands)
     console = make_console(soft_wrap=True)
+    if not STARTS_HANDS:
+        raise BadInput(
+            "gateway: needs an event loop that watches sockets and processes, as Linux and macOS have; run it there"
+        )
     target = target_of(typed(link, more), room, insecure=False, name="", digest="")
     if not target.fingerprint:
         raise BadInput(

@@ -26,10 +26,10 @@ from cogrip.cli.session.live_views import JoinView, drawing
 from cogrip.cli.session.observe import counted, observe_room
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.view_child import GivenLink, ViewChild, given_link, is_web, open_view
-from cogrip.cli.terminal.live_screen import LiveScreen, may_draw
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Quiet, Record, Report, Runs
 from cogrip.cli.terminal.problem import BadInput, Problem, above_zero
+from cogrip.cli.terminal.screen import LiveScreen, may_draw
 from cogrip.client.io.paths import JoinError, RefusedError
 from cogrip.client.loop import Ended, LiveClient
 from cogrip.client.rendered_damper import OverloadError

@@ -17,7 +17,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from cogrip.cli.terminal.live_screen import draw_below
+from cogrip.cli.terminal.screen import draw_below
 from cogrip.cli.terminal.tables import Fitted, clock, plain_table, shortened
 from cogrip.protocol.recording.reader import Follower, RecordingError
 from cogrip.protocol.recording.records import Record, Row, SeatStep, Step, Tick

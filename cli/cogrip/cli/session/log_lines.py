@@ -3,13 +3,13 @@
 import errno
 import json
 import os
-import select
 import sys
 from collections.abc import Callable
 from datetime import datetime
 from typing import Literal, TextIO
 
-from cogrip.protocol.messages import shown
+from cogrip.cli.terminal.platform import takes_output
+from cogrip.protocol.texts import shown
 from cogrip.server.events import ServerEvent
 
 WARNINGS = ("lost", "kicked", "refused", "limited", "stiffness", "trouble")  # events; the others are information
@@ -59,7 +59,7 @@ class LogLines:
                 self._stream.write(line)
                 self._stream.flush()
                 return True
-            if not wait and sys.platform != "win32" and not select.select([], [self._descriptor], [], 0.0)[1]:
+            if not wait and not takes_output(self._descriptor):
                 return False  # a terminal on hold, or a full pipe
             data = line.encode("utf-8", "replace")
             while data:

@@ -14,10 +14,10 @@ from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
 from cogrip.cli.session.served_rooms import is_loopback, rooms_of, warn_of
 from cogrip.cli.session.server_state import LOOPBACKS, authenticator_of, channel_of, held_folder, publish
 from cogrip.cli.session.view_child import ViewChild
-from cogrip.cli.terminal.live_screen import LiveScreen, may_draw
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Overrides, Quiet, Record, Report
 from cogrip.cli.terminal.problem import BadInput, Problem, some_time, within
+from cogrip.cli.terminal.screen import LiveScreen, may_draw
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT

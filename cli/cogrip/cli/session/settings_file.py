@@ -4,7 +4,7 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,11 @@ NESTED = "is nested too deep for settings, which have three levels; take the bra
 GIVE = "give a settings file, or a name of `cogrip configs`, such as demo"
 
 
-def load(path: Path, overrides: Sequence[str] = (), *, world: bool = True) -> Settings:
+Overrides = Sequence[str] | Mapping[str, Any]
+"""`--set` as typed, or values by dotted key."""
+
+
+def load(path: Path, overrides: Overrides = (), *, world: bool = True) -> Settings:
     """Return the settings of a file, or of a bare name such as `demo` those that come with cogrip (docs/commands.md).
 
     A file of exactly that name comes first; a folder does not count. world: try the world as well, which may run another
@@ -59,8 +63,7 @@ def load(path: Path, overrides: Sequence[str] = (), *, world: bool = True) -> Se
         raise BadInput(f"{path}: {NESTED}") from None
     if not isinstance(table, dict):
         raise BadInput(f"{path}: holds no table of settings; {GIVE}")
-    _place_traces(table, file.parent)
-    _place_scene(table, file.parent)
+    place_files(table, file.parent)
     settings = _resolved(table, overrides, f"{path}: ")
     if world:
         _try_world(settings, f"{path}: ")
@@ -105,7 +108,15 @@ def from_flags(overrides: Sequence[str]) -> Settings:
     return _resolved({}, overrides, "")
 
 
-def _resolved(table: dict[str, Any], overrides: Sequence[str], where: str) -> Settings:
+def from_table(table: dict[str, Any], overrides: Overrides = ()) -> Settings:
+    """Return the settings of a table; paths in it are relative to the current folder. Raises BadInput."""
+    place_files(table, Path())
+    settings = _resolved(table, overrides, "")
+    _try_world(settings, "")
+    return settings
+
+
+def _resolved(table: dict[str, Any], overrides: Overrides, where: str) -> Settings:
     """Return the settings, whose traces can be read. Raises BadInput, which begins with `where`."""
     try:
         settings = resolve(table, _overrides(overrides))
@@ -118,9 +129,9 @@ def _resolved(table: dict[str, Any], overrides: Sequence[str], where: str) -> Se
     return settings
 
 
-def _overrides(texts: Sequence[str]) -> dict[str, Any]:
-    """Return `--set` by key. A file's path in it is relative to the current folder. Raises BadInput."""
-    found = dict(override(text) for text in texts)
+def _overrides(overrides: Overrides) -> dict[str, Any]:
+    """Return them by key. A file's path in them is relative to the current folder. Raises BadInput."""
+    found = dict(overrides if isinstance(overrides, Mapping) else map(override, overrides))
     for key, value in found.items():
         if key in ("link.trace", "link.up.trace", "link.down.trace") and isinstance(value, str) and value:
             found[key] = str(Path(value).absolute())
@@ -129,6 +140,12 @@ def _overrides(texts: Sequence[str]) -> dict[str, Any]:
         if key == "object.kind" and isinstance(value, str):
             found[key] = _kind_at(Path(), value)
     return found
+
+
+def place_files(table: dict[str, Any], folder: Path) -> None:
+    """Make the paths of files that settings name, which are relative to `folder`, absolute."""
+    _place_traces(table, folder)
+    _place_scene(table, folder)
 
 
 def _place_traces(table: dict[str, Any], folder: Path) -> None:
@@ -192,10 +209,18 @@ def _try_traces(settings: Settings, where: str) -> None:
                 read_trace(Path(trace))
 
 
-def try_hands(settings: Settings) -> None:
+def try_session(settings: Settings, where: str) -> None:
+    """Raise BadInput for a trace, scene, world, device or hand that cannot be had, before anything is left behind."""
+    _try_traces(settings, where)
+    _try_scene(settings, where)
+    _try_world(settings, where)
+    try_hands(settings, where)
+
+
+def try_hands(settings: Settings, where: str = "") -> None:
     """Raise BadInput for a device or hand that is not available, before anything is started or left behind."""
     for user in settings.users:
-        with BadInput.of(DeviceError, where=f"{user.name}: "):
+        with BadInput.of(DeviceError, where=f"{where}{user.name}: "):
             try_for(user, seat_axes(settings, user), rates_of(settings, user).device_hz)
 
 

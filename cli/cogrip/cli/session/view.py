@@ -8,10 +8,12 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
+from cogrip.cli.runs.run_folder import RUNS, found_run, nowhere
 from cogrip.cli.session.join_target import target_of, typed
 from cogrip.cli.terminal.output import make_console
+from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput, Problem, above_zero, within
-from cogrip.client.io.paths import JoinError
+from cogrip.client.io.paths import JoinError, find
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.session import ClientSession
 from cogrip.view.io.feed import Feed, LiveFeed, RecordedFeed
@@ -33,6 +35,7 @@ def view(
     insecure: Annotated[bool, Parameter(negative="")] = False,
     seconds: float | None = None,
     out: Path | None = None,
+    runs: RunsBelow = RUNS,
     hand: Annotated[int | None, Parameter(show=False)] = None,
 ) -> int:
     """Show a running session in the browser, or a recorded one: object, hands, forces and the state of the network.
@@ -43,7 +46,7 @@ def view(
     ----------
     target
         The join link that the server printed, in quotes, or HOST:PORT of a server without encryption; - reads it from
-        standard input. Or the folder of a run.
+        standard input. Or a run folder, or its name in `runs` (--runs).
     room
         Room to show; any if not given.
     port
@@ -62,13 +65,20 @@ def view(
     above_zero("--seconds", seconds)
     within("--port", port, 0, 65535)
     console = make_console(soft_wrap=True)
-    if (run := Path(target)).exists() or out is not None:
+    if out is not None or Path(target).exists() or (runs / target).exists():
+        run = found_run(Path(target), runs)
         with BadInput.of(ViewError):
             recorded = open_view(run)
         if out is not None:
             return _write(recorded, out, console)
         return _serve(RecordedFeed(recorded), None, console, port, browser, foxglove, seconds)
-    joined = target_of(typed(target, more), room, insecure, "", "")
+    text = typed(target, more)
+    joined = target_of(text, room, insecure, "", "")
+    if ":" not in text:  # it may be meant as a name of a run
+        try:
+            find(joined.host, joined.port)
+        except JoinError:
+            raise BadInput(f"{text}: is no server that is known here, and no run{nowhere(text, runs)}") from None
     with closing(joined.paths(insecure)) as paths, Problem.of(JoinError):
         feed = LiveFeed(ClientSession(joined.observer()), paths, console.print)
         feed.connect()

@@ -1,7 +1,6 @@
 """The view beside another command: a process of its own, which shows that command's session in the browser."""
 
 import json
-import os
 import re
 import socket
 import subprocess
@@ -14,13 +13,12 @@ from typing import Self
 
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.devices.web.family import NAMES
+from cogrip.protocol.io.platform import system
 
 END_LIMIT_S = 3.0
 GONE = "the page's process has ended; the session goes on without it"
 GONE_HAND = "the page's process has ended, and the hand has let go: leave with Ctrl-C, and join again for a new page"
 SCHEME = "web"
-# whole messages, and each end learns at once that the other is gone; macOS has none: there only a message that fails tells it
-HAND_LINK = socket.SOCK_DGRAM if sys.platform == "darwin" else socket.SOCK_SEQPACKET
 
 
 class ViewChild:
@@ -42,11 +40,12 @@ class ViewChild:
         theirs: socket.socket | None = None
         arguments = ["view", "-", *(("--room", room) if room else ()), *(("--insecure",) if insecure else ())]
         if hand:
-            self._ours, theirs = socket.socketpair(socket.AF_UNIX, HAND_LINK)
+            self._ours, theirs = system.message_pair()
             arguments += ["--hand", str(theirs.fileno())]
         self._child = subprocess.Popen(
             [sys.executable, "-P", "-m", "cogrip.cli", *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT, start_new_session=True, text=True, pass_fds=[theirs.fileno()] if theirs else [],
+            stderr=subprocess.STDOUT, encoding="utf-8", errors="replace",
+            **system.own_session(*([theirs.fileno()] if theirs else [])),
         )  # fmt: skip
         if theirs is not None:
             theirs.close()
@@ -103,7 +102,7 @@ class ViewChild:
         """End the process."""
         self._closing = True
         if self._child.poll() is None:
-            self._child.terminate()
+            system.end(self._child)
             try:
                 self._child.wait(END_LIMIT_S)
             except subprocess.TimeoutExpired:
@@ -129,8 +128,12 @@ class GivenLink:
 
     def seated(self, seat: int) -> None:
         """Tell the page which seat its hand has."""
-        with suppress(OSError), socket.socket(fileno=os.dup(self._fd)) as end:
-            end.send(json.dumps({"seat": seat}).encode())
+        with suppress(OSError):
+            end = socket.socket(fileno=self._fd)
+            try:
+                end.send(json.dumps({"seat": seat}).encode())
+            finally:
+                end.detach()  # it is the device's
 
 
 def given_link(device: str | None) -> GivenLink | None:

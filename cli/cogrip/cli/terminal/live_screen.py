@@ -24,13 +24,15 @@ from cogrip.cli.terminal.output import make_console
 if TYPE_CHECKING:
     from rich.live import Live
 
+assert sys.platform != "win32"  # `screen` has the choice
+
 DRAW_EVERY_S = 0.2
 END_LIMIT_S, STOP_LIMIT_S = 5.0, 1.0
 NICE = 10  # of the drawing: the loop comes first
 SHOW_CURSOR = b"\x1b[?25h"
 # The loop handles Ctrl-C and its like: its end is the drawing's, which then restores the terminal.
 _BLOCKED_IN_DRAWING = ("SIGINT", "SIGTERM", "SIGQUIT", "SIGHUP", "SIGTTOU", "SIGTSTP")
-_STOP = {signal.SIGTSTP} if sys.platform != "win32" else set()  # unblocked only while the terminal is restored
+_STOP = {signal.SIGTSTP}  # unblocked only while the terminal is restored
 
 
 def in_foreground(descriptor: int) -> bool:
@@ -43,7 +45,7 @@ def in_foreground(descriptor: int) -> bool:
 
 def may_draw(console: Console) -> bool:
     """Return whether the console is a terminal on which a table can be drawn over."""
-    return sys.platform != "win32" and sys.stdout.isatty() and console.is_terminal and not console.is_dumb_terminal
+    return sys.stdout.isatty() and console.is_terminal and not console.is_dumb_terminal
 
 
 class Echo:

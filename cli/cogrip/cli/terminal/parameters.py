@@ -30,6 +30,7 @@ Devices = Annotated[
 ]
 Workers = Annotated[int | None, Parameter(help="Worker processes; else one for each processor.")]
 Runs = Annotated[Path, Parameter(help="Folder in which the run's own folder is made.")]
+RunsBelow = Annotated[Path, Parameter(help="Folder of the runs that are given by their names alone.")]
 Report = Annotated[bool, Parameter(help="Write report.html and plots at the end.")]
 Record = Annotated[bool, Parameter(help="Record the session; every replay, report and verification needs it.")]
 Quiet = Annotated[bool, Parameter(negative="", help="Show no live table at a terminal, only lines.")]

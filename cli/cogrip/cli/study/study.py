@@ -1,0 +1,173 @@
+"""`cogrip study`: trials with participants, live or in virtual time; resumable."""
+
+from collections.abc import Sequence
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from cogrip.cli.session.before_run import AllowUnstable
+from cogrip.cli.study.study_source import STUDIES, load_study
+from cogrip.cli.terminal.output import make_console
+from cogrip.cli.terminal.problem import BadInput, Problem, within
+from cogrip.cli.terminal.tables import plain_table
+from cogrip.protocol.io.platform import system
+from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.protocol.join_link import DEFAULT_PORT
+from cogrip.sim.experiments.study.conductor import Conducted, Conductor, People, Sessions
+from cogrip.sim.experiments.study.journal import StudyFolder
+from cogrip.sim.experiments.study.laboratory_trial import LaboratorySessions
+from cogrip.sim.experiments.study.simulated import SimulatedPeople
+from cogrip.sim.experiments.study.study_file import BASE, Study, StudyError
+from cogrip.sim.experiments.study.table import thresholds
+
+
+def study(
+    study: Path,
+    /,
+    *,
+    people: Annotated[tuple[str, ...], Parameter(negative="")] = (),
+    live: Annotated[bool, Parameter(negative="")] = False,
+    remote: Annotated[tuple[str, ...], Parameter(negative="")] = (),
+    host: str = "127.0.0.1",
+    port: int = DEFAULT_PORT,
+    allow_unstable: AllowUnstable = False,
+    out: Path | None = None,
+) -> int:
+    """Run a study: trials with participants, in virtual time or live; resumable.
+
+    Without --live every trial is a session in virtual time with simulated devices and simulated participants. With --live a
+    server and a client for each participant are started for every session; between trials Enter says that somebody is ready.
+    The same command goes on where the last one ended, also after a crash: only a trial that was running is begun again.
+    `cogrip table` makes a table and figures of what it leaves. Exit code 0 once all trials are over, 130 if some are left.
+
+    Parameters
+    ----------
+    study
+        A study's file, or the name of one that comes with cogrip: stiffness, fitts, delay.
+    people
+        Participants whose group takes part now, all groups if not given. Repeatable.
+    live
+        Run sessions live, and ask people at this terminal.
+    remote
+        Participants who join from elsewhere by themselves, for each session, by the link that is printed. Repeatable.
+    host
+        Address on which the server of live sessions listens; on any but loopback sessions are encrypted.
+    port
+        UDP port of live sessions; it stays the same, and so do join links.
+    out
+        The study's folder, new or to be resumed; else studies/NAME.
+    """
+    console = make_console(stderr=True, soft_wrap=True)
+    asked, base = load_study(study, live=live, allow_unstable=allow_unstable)
+    groups = _groups(asked, people)
+    within("--port", port, 1, 65535)
+    if remote and not live:
+        raise BadInput("--remote is for live sessions: add --live, or leave it out")
+    if (
+        live
+        and asked.end == "goal"
+        and not all(asked.goal_of(asked.changes(name)).stated for name in asked.conditions or (BASE,))
+    ):
+        raise BadInput(
+            f'{study}: end = "goal", and --live watches a goal of the object alone, no [task]; give goal.place_m and '
+            "goal.within_m"
+        )
+    elsewhere = _remote(asked, remote)
+    path = out or Path(STUDIES) / asked.name.replace(" ", "+")
+    with BadInput.of(StudyError), Problem.of(OSError, where=f"--out {path}: cannot be written: "):
+        folder = StudyFolder(path, asked, base, "live" if live else "simulated", system.lock)
+    if over := sum(line.over for line in folder.trials):
+        console.print(f"over already, in {path}: {counted(over)}")
+    stop = Stop()
+    with closing(folder), on_signals(stop):
+        sessions: Sessions
+        who: People
+        if live:
+            from cogrip.cli.study.live_sessions import LiveSessions
+            from cogrip.cli.study.terminal_people import Keys, TerminalPeople
+
+            keys = Keys(stop)
+            flags = ["--allow-unstable"] if allow_unstable else []
+            sessions = LiveSessions(asked, path, keys, stop, console, elsewhere, host, port, flags)
+            who = TerminalPeople(keys, console)
+        else:
+            sessions = LaboratorySessions(asked, lambda: bool(stop.reason))
+            who = SimulatedPeople(asked)
+        report = _Progress(console, asked)
+        with Problem.of(StudyError), Problem.of_files(path, doing="cannot be written: "):
+            outcome = Conductor(asked, base, folder, sessions, who, _utc if live else lambda: "", report).run(groups)
+    return _conclude(asked, folder, outcome, console)
+
+
+def _groups(study: Study, people: Sequence[str]) -> list[int]:
+    """Return the numbers of the groups of these people, of all for none. Raises BadInput."""
+    groups = study.groups()
+    known = [name for group in groups for name in group]
+    for name in people:
+        if name not in known:
+            raise BadInput(f"--people {name}: there is no such participant; there is: {', '.join(known)}")
+    return [number for number, group in enumerate(groups) if not people or set(group) & set(people)]
+
+
+def _remote(study: Study, remote: Sequence[str]) -> frozenset[str]:
+    known = [name for group in study.groups() for name in group]
+    for name in remote:
+        if name not in known:
+            raise BadInput(f"--remote {name}: there is no such participant; there is: {', '.join(known)}")
+    return frozenset(remote)
+
+
+def counted(trials: int) -> str:
+    """Return a number of trials in words."""
+    return f"{trials} trial{'' if trials == 1 else 's'}"
+
+
+def _utc() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+class _Progress:
+    """Prints a line a group, and one now and then."""
+
+    def __init__(self, console: Console, study: Study) -> None:
+        self._console, self._study = console, study
+        self._printed: dict[int, int] = {}
+
+    def __call__(self, group: int, done: int, planned: int) -> None:
+        step = max(1, planned // 10)
+        if group not in self._printed or done // step > self._printed[group]:
+            self._printed[group] = done // step
+            people = " and ".join(self._study.groups()[group])
+            self._console.print(f"{people}: {done} of {planned} trials")
+
+
+def _conclude(study: Study, folder: StudyFolder, outcome: Conducted, console: Console) -> int:
+    found = thresholds(study, [line for line in folder.trials if line.status == "finished"])
+    if found:
+        rows = [
+            (
+                *key,
+                f"{each.threshold:.4g}",
+                f"{100.0 * each.relative_error:.0f} %",
+                f"{100.0 * each.correct:.0f} %",
+                str(each.trials),
+            )
+            for key, each in found.items()
+        ]
+        headings = ("participant", "block", "condition", "threshold", "error", "right", "trials")
+        make_console().print(plain_table(headings, rows, left=3))
+    abandoned = f", {outcome.abandoned} abandoned" if outcome.abandoned else ""
+    console.print(f"{counted(outcome.finished)} finished{abandoned}, {outcome.now} of them now; in {folder.path}")
+    if outcome.complete:
+        console.print(f"`cogrip table {folder.path} --to csv` makes a table of them")
+        return 0
+    last = folder.trials[-1] if folder.trials else None
+    if last is not None and last.status == "failed":
+        console.print(f"a session failed again and again: {last.reason}; the same command goes on from here")
+        return 1
+    console.print("the same command goes on from here")
+    return 130

@@ -1,0 +1,52 @@
+"""`cogrip table`: one tidy table of a study, and figures of its measures."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from cogrip.cli.terminal.output import make_console
+from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.sim.experiments.study.study_file import StudyError
+from cogrip.sim.experiments.study.table import read_table, write_table
+from cogrip.sim.runs.export import ExportError, Format
+
+
+def table(
+    study: Path, /, *, to: Format, out: Path | None = None, figures: Annotated[bool, Parameter(negative="")] = False
+) -> int:
+    """Write one tidy table of a study: a row a person and session, ready for R or pandas.
+
+    Columns say where the session stood in the study and what it set, then come the measures, with their units in their names
+    (docs/measures.md), and the answers. Trials that were abandoned or begun again are left out. Nothing is overwritten.
+
+    Parameters
+    ----------
+    study
+        A study's folder, such as studies/fitts.
+    to
+        Format of the table; parquet needs the extra `parquet`.
+    out
+        Path of the table; else table.csv or table.parquet in the study's folder.
+    figures
+        Draw a figure a measure too, over conditions, into the study's folder figures/.
+    """
+    console, errors = make_console(soft_wrap=True), make_console(stderr=True, soft_wrap=True)
+    path = out or study / f"table.{to}"
+    if path.exists():
+        raise BadInput(f"{path} exists, and nothing is overwritten; remove it, or name another by --out")
+    with BadInput.of(StudyError), errors.status("measuring") as status:
+        found = read_table(study, lambda done, total: status.update(f"measuring trial {done + 1} of {total}"))
+    if not found.rows:
+        raise Problem(f"{study}: no trial is finished yet; `cogrip study` runs them")
+    with Problem.of_files(path, doing="cannot be written: "), BadInput.of(ExportError):
+        write_table(found, to, path)
+        console.print(f"{path}: {len(found.rows)} row{'' if len(found.rows) == 1 else 's'}")
+        if figures:
+            from cogrip.sim.experiments.study.figures import write_figures
+
+            for drawn in write_figures(found, study / "figures"):
+                console.print(f"figure: {drawn}")
+    for note in found.notes:
+        errors.print(f"warning: {note}")
+    return 0

@@ -1,0 +1,26 @@
+"""Functions of the operating system for the streams of a command."""
+
+import io
+import select
+import sys
+
+if sys.platform == "win32":
+
+    def use_utf8() -> None:
+        """Write UTF-8 into pipes and files, too: their encoding is else one of 256 characters."""
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(encoding="utf-8")
+
+    def takes_output(descriptor: int) -> bool:
+        """Return True: whether a pipe has room cannot be asked."""
+        return True
+
+else:
+
+    def use_utf8() -> None:
+        """Do nothing: the locale is the user's."""
+
+    def takes_output(descriptor: int) -> bool:
+        """Return whether a write would go at once: not to a terminal on hold, or a full pipe."""
+        return bool(select.select([], [descriptor], [], 0.0)[1])
