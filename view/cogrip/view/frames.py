@@ -14,10 +14,13 @@ PUSHES, NOT_PASSIVE, HAND_KNOWN = 1, 2, 4  # flags of a person
 CONTACT = 1  # flag of a frame
 
 _HEAD = struct.Struct("<BBBBI d 3d 3d 4d")
-_PERSON = struct.Struct("<BBBBI 3d 3d 3d 3d 8f")
+_PERSON = struct.Struct("<BBBBI 3d 3d 3d 3d 8f If4f")
 _BODY = struct.Struct("<3d 4d")
 _CHUNK = struct.Struct("<B3xII")
 HEAD_BYTES, PERSON_BYTES, BODY_BYTES = _HEAD.size, _PERSON.size, _BODY.size
+
+
+UNKNOWN_TURN = (nan, nan, nan, nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +43,9 @@ class PersonFrame:
     up_balance_mj: float = nan
     line_balance_mj: float = nan
     loss: float = nan
+    buttons: int = 0  # down: bit k, button k + 1
+    grip_m: float = nan
+    orientation: tuple[float, ...] = UNKNOWN_TURN  # of the handle: w, x, y, z
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +78,7 @@ def _encode_person(person: PersonFrame) -> bytes:
         person.seat, STATES.index(person.state), person.flags, 0, person.lost % 2**32,
         *person.hand_m, *person.proxy_m, *person.force_n, *person.seen_m,
         person.rtt_ms, person.up_ms, person.down_ms, person.buffer_up_ms, person.buffer_down_ms,
-        person.up_balance_mj, person.line_balance_mj, person.loss,
+        person.up_balance_mj, person.line_balance_mj, person.loss, person.buttons, person.grip_m, *person.orientation,
     )  # fmt: skip
 
 
@@ -95,7 +101,11 @@ def _decode_person(data: bytes, offset: int) -> PersonFrame:
     if state >= len(STATES):
         raise FrameError(f"state {state} is not one of the {len(STATES)} there are")
     hand_m, proxy_m, force_n, seen_m = [vector(rest[each : each + 3]) for each in (0, 3, 6, 9)]
-    return PersonFrame(seat, STATES[state], flags, lost, hand_m, proxy_m, force_n, seen_m, *rest[12:])
+    rtt, up, down, buffer_up, buffer_down, up_mj, line_mj, loss, buttons, grip_m, *turned = rest[12:]
+    return PersonFrame(
+        seat, STATES[state], flags, lost, hand_m, proxy_m, force_n, seen_m, rtt, up, down, buffer_up, buffer_down, up_mj,
+        line_mj, loss, buttons, grip_m, tuple(turned),
+    )  # fmt: skip
 
 
 def encode_chunk(number: int, frames: Sequence[Frame]) -> bytes:

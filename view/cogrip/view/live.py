@@ -6,10 +6,12 @@ from math import isnan, nan
 from cogrip.client.observed_scene import ObservedScene
 from cogrip.client.observer import ObserverCore
 from cogrip.devices.web.messages import ZERO, State, Vector, vector
+from cogrip.protocol.button_edges import bits_of, edge_words
 from cogrip.protocol.drawing import LEAST_DRAWN_N, Shape, anchors_m, object_size_m
 from cogrip.protocol.messages import Person, Pose, View
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.texts import shown
 from cogrip.sim.runs.verdict import least_margin
 from cogrip.view import frames
 from cogrip.view.frames import Frame, PersonFrame
@@ -69,6 +71,11 @@ class LiveScene:
         position = vector(view.object[:axes])
         self._path.append((view.number, position))
         self._follow(core.people, time_s)
+        for mark in core.marked:
+            who = self.people[mark.seat].name if mark.seat in self.people else ""
+            at_s = max(0.0, min(time_s, (mark.step - self._first) * self._frame_s))
+            self._say(at_s, "marker", who, shown(mark.text))
+        core.marked.clear()
         self._draw(core.scene)
         people = tuple([self._person(each, view, axes, time_s) for each in self._seated(view)])
         contact = frames.CONTACT if any(person.flags & frames.PUSHES for person in people) else 0
@@ -102,6 +109,9 @@ class LiveScene:
             elif before == "live" and person.state == "silent":
                 self._say(time_s, "lost", person.name, "is silent: its force is let go")
             self._states[seat] = person.state
+            pressed = self.people[seat].buttons if seat in self.people else 0
+            for bit in bits_of(pressed ^ person.buttons):
+                self._say(time_s, "button", person.name, edge_words(bit + 1 if person.buttons >> bit & 1 else -bit - 1))
         changed = self._drawn(people) != self._drawn(self.people)
         self.people = dict(people)
         if changed or self._unnamed == OLD_AFTER:
@@ -112,7 +122,7 @@ class LiveScene:
         return {seat: (person.name, person.offset_m) for seat, person in people.items()}
 
     def _say(self, time_s: float, kind: str, who: str, text: str) -> None:
-        self.events.append(SceneEvent(time_s, kind, who, f"{who} {text}"))  # type: ignore[arg-type]
+        self.events.append(SceneEvent(time_s, kind, who, f"{who} {text}".strip()))  # type: ignore[arg-type]
 
     def _person(self, seat: int, view: View, axes: int, time_s: float) -> PersonFrame:
         proxy = force = ZERO
@@ -137,6 +147,7 @@ class LiveScene:
             seat, person.state, flags, person.lost, vector(person.hand_m), proxy, force, self._seen(down_ms),
             _known(person.rtt_ms), up_ms, down_ms, buffer_ms, max(down_ms - _known(person.down_ms), 0.0),
             1e3 * _known(person.up_reserve_j), 1e3 * _known(person.line_reserve_j), self._loss(person, time_s),
+            person.buttons, _known(person.grip_m), person.orientation or frames.UNKNOWN_TURN,
         )  # fmt: skip
 
     def _seen(self, down_ms: float) -> Vector:

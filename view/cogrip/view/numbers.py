@@ -39,6 +39,9 @@ class PersonNumbers(Message, frozen=True, gc=False):
     line_balance_mj: float
     lost: int
     loss: float
+    buttons: int
+    grip_m: float
+    handle: Quaternion
 
 
 def object_numbers(frame: Frame) -> bytes:
@@ -51,10 +54,11 @@ def object_numbers(frame: Frame) -> bytes:
 
 def person_numbers(person: PersonFrame, time_s: float) -> bytes:
     """Return a person's numbers as JSON."""
+    w, x, y, z = person.orientation
     numbers = PersonNumbers(
         time_s, person.state, bool(person.flags & PUSHES), not person.flags & NOT_PASSIVE, Vector3(*person.hand_m),
         Vector3(*person.proxy_m), Vector3(*person.seen_m), Vector3(*person.force_n), person.rtt_ms, person.up_ms,
         person.down_ms, person.buffer_up_ms, person.buffer_down_ms, person.up_balance_mj, person.line_balance_mj,
-        person.lost, person.loss,
+        person.lost, person.loss, person.buttons, person.grip_m, Quaternion(x, y, z, w),
     )  # fmt: skip
     return _encode(numbers)

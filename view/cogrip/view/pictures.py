@@ -17,6 +17,7 @@ from cogrip.protocol.recording.scene_messages import (
     body_places,
     forces_update,
     frame_transforms,
+    quaternion_of,
     scene_bodies,
     scene_update,
     turned_to,
@@ -70,9 +71,13 @@ def _places(scene: Scene, frame: Frame) -> Iterator[Place]:
         yield Place(f"{scene.room}/fixed/{number}", body.position_m, turned)
     yield from body_places(scene.room, frame.bodies if scene.geoms else ())
     for person, who in _people(scene, frame):
-        for name, at_m in (("hand", _at(person.hand_m, who)), ("proxy", _at(person.proxy_m, who))):
+        held = quaternion_of(person.orientation) if all(map(isfinite, person.orientation)) else Quaternion()
+        for name, at_m, turned in (
+            ("hand", _at(person.hand_m, who), held),
+            ("proxy", _at(person.proxy_m, who), Quaternion()),
+        ):
             if at_m is not None:
-                yield Place(f"{scene.room}/{who.name}/{name}", at_m)
+                yield Place(f"{scene.room}/{who.name}/{name}", at_m, turned)
         if _known(person.seen_m):
             yield Place(f"{scene.room}/{who.name}/seen", person.seen_m)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from cogrip.protocol.messages import shown
+from cogrip.protocol.texts import shown
 from cogrip.view.scene import EventKind, SceneEvent
 
 _VERBS: tuple[tuple[str, EventKind], ...] = (
@@ -12,14 +12,27 @@ _VERBS: tuple[tuple[str, EventKind], ...] = (
     ("has been silent", "lost"),
     ("was kicked", "kicked"),
     ("marker", "marker"),
+    ("presses button", "button"),
+    ("releases button", "button"),
 )
 """Beginning of what an event says of a person -> kind."""
-_CLIENT: dict[str, EventKind] = {"fault": "fault", "degraded": "other", "live": "other", "marker": "marker"}
+_CLIENT: dict[str, EventKind] = {
+    "fault": "fault",
+    "degraded": "other",
+    "live": "other",
+    "clutched": "other",
+    "marker": "marker",
+}
 
 
 def server_event(time_s: float, text: str, room: str, names: Sequence[str]) -> SceneEvent | None:
-    """Return a server's event, told as `<room>: <name> <words>`; None for one of another room, or of nobody who has a seat."""
+    """Return a server's event, told as `<room>: <name> <words>`; a marker may be nobody's.
+
+    None for one of another room, or of nobody who has a seat.
+    """
     told = text.removeprefix(f"{room}: ")
+    if told != text and told.startswith("marker: "):
+        return SceneEvent(time_s, "marker", "", shown(told.removeprefix("marker: ")))
     who = next((name for name in sorted(names, key=len, reverse=True) if told.startswith(f"{name} ")), "")
     if told == text or not who:
         return None

@@ -16,12 +16,13 @@ import msgspec
 
 from cogrip.devices.web.messages import State, Vector, vector
 from cogrip.protocol.drawing import LEAST_DRAWN_N, MOST_SHAPES, anchors_m, object_size_m
-from cogrip.protocol.messages import Pose, shown
+from cogrip.protocol.messages import Pose
 from cogrip.protocol.recording.derived import offset_of
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.records import Geoms, Number, Poses, Row, SeatStep, Step, Tick
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import Settings
+from cogrip.protocol.texts import shown
 from cogrip.server.recorder import scene_topics, step_topic
 from cogrip.sim.runs.folder import SETTINGS
 from cogrip.sim.runs.records import open_run
@@ -41,7 +42,7 @@ _EVENTS_AT_MOST = 2000
 _JOINING_S = 1.0  # a person's first step is no farther from the event
 UNKNOWN: Vector = (nan, nan, nan)
 UNKNOWN_POSE: Pose = (nan,) * 7
-_STATES: dict[str, State] = {"live": "live", "degraded": "degraded", "fault": "fault"}
+_STATES: dict[str, State] = {"live": "live", "clutched": "live", "degraded": "degraded", "fault": "fault"}
 _tick = msgspec.json.Decoder(Tick).decode
 _step = msgspec.json.Decoder(Step).decode
 _geoms = msgspec.json.Decoder(Geoms).decode
@@ -176,7 +177,8 @@ class RecordedView:
         for name, index in self._clients.items():
             for time_s, message in index.messages("event"):
                 text = msgspec.json.decode(message.payload)["text"]
-                if event := client_event(self._on_clock(time_s), text, name):
+                event = client_event(self._on_clock(time_s), text, name)
+                if event and not (event.kind == "marker" and self._server):  # the server has those of everybody
                     found.append(event)
         yield from sorted(found, key=lambda event: event.time_s)[:_EVENTS_AT_MOST]
 
@@ -276,6 +278,8 @@ class RecordedView:
         pushes = sum(each * each for each in force_n) >= LEAST_DRAWN_N**2
         active = any(margin_j is not None and margin_j < least_margin(key, tank_j) for key, margin_j in margins_j)
         known = tick is not None and tick.position_m is not None
+        handle = tick or step
+        assert handle is not None
         return PersonFrame(
             seat, self._state(seat, tick, time_s),
             (frames.PUSHES if pushes else 0) | (frames.NOT_PASSIVE if active else 0) | (frames.HAND_KNOWN if known else 0),
@@ -291,6 +295,8 @@ class RecordedView:
             up_balance_mj=_number(step.up_reserve_j if step else None) * 1e3,
             line_balance_mj=_number(step.line_reserve_j if step else None) * 1e3,
             loss=sum(shares) / len(shares) if shares else nan,
+            buttons=handle.buttons, grip_m=_number(handle.grip_m),
+            orientation=tuple(map(_number, handle.orientation)) if handle.orientation else frames.UNKNOWN_TURN,
         )  # fmt: skip
 
     def _state(self, seat: int, tick: Tick | None, time_s: float) -> State:

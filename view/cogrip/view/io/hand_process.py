@@ -1,11 +1,11 @@
 """A player's process whose `web:` device a tab of the gateway moves: started with a token, ended with its tab."""
 
 import asyncio
-import socket
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
+from cogrip.protocol.io.platform import system
 from cogrip.view.io.hand_link import HandLink
 
 KEPT_LINES = 50  # of what it prints, for the reason of its end
@@ -32,13 +32,12 @@ class HandProcess:
 
     async def start(self, target: str) -> bool:
         """Start the process, and return whether it has got a seat. target: its join link, which goes through a pipe."""
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        ours, theirs = system.datagram_pair()
         self.link = HandLink(ours, self._known.set)
         with theirs:
             process = self._process = await asyncio.create_subprocess_exec(
                 *self._command(theirs.fileno()), stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
-                stderr=asyncio.subprocess.STDOUT, start_new_session=True, pass_fds=[theirs.fileno()],
-                limit=MOST_LINE_BYTES,
+                stderr=asyncio.subprocess.STDOUT, limit=MOST_LINE_BYTES, **system.own_session(theirs.fileno()),
             )  # fmt: skip
         self.link.start()
         self._reader = asyncio.create_task(self._follow(process))

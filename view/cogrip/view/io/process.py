@@ -3,7 +3,6 @@
 import asyncio
 import os
 import secrets
-import sys
 import webbrowser
 from collections import Counter
 from collections.abc import Callable
@@ -13,6 +12,7 @@ from ipaddress import ip_address
 from cogrip.protocol.io.stop import Stop
 from cogrip.view import page
 from cogrip.view.access import Access, same
+from cogrip.view.io import platform
 from cogrip.view.io.feed import Feed, LiveFeed
 from cogrip.view.io.foxglove_socket import speak
 from cogrip.view.io.hand_link import HandLink
@@ -49,7 +49,7 @@ class ViewProcess:
 
     def run(self) -> str:
         """Return why the session ended before its time, "" where it was stopped. Raises PortError."""
-        return asyncio.run(self._run())
+        return platform.run(self._run())
 
     async def _run(self) -> str:
         hosts: list[str] = []
@@ -116,8 +116,8 @@ def port_taken(port: int, error: OSError) -> str:
 
 def open_browser(url: str) -> bool:
     """Open a page in the user's graphical browser; False where there is none."""
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        return False  # a browser in this terminal would draw over what is printed here
+    if not platform.has_display():
+        return False
     try:
         return webbrowser.open(url)
     except webbrowser.Error:

@@ -15,7 +15,7 @@ const HAND_KNOWN = 4;
 const CONTACT = 1;
 
 const HEAD_BYTES = 96;
-const PERSON_BYTES = 136;
+const PERSON_BYTES = 160;
 const BODY_BYTES = 56;
 const OWN_HAND_BYTES = 64;
 const CHUNK_HEAD_BYTES = 12;
@@ -41,6 +41,9 @@ const CHUNK_HEAD_BYTES = 12;
  * @property {number} up_balance_mj
  * @property {number} line_balance_mj
  * @property {number} loss share of the last second, 0 to 1
+ * @property {number} buttons that are down: bit k, button k + 1
+ * @property {number} grip_m opening of the gripper
+ * @property {[number, number, number, number]} orientation of the handle: w, x, y, z
  */
 /**
  * @typedef {object} Frame
@@ -119,6 +122,9 @@ function decodePerson(view, at) {
     up_balance_mj: view.getFloat32(at + 124, true),
     line_balance_mj: view.getFloat32(at + 128, true),
     loss: view.getFloat32(at + 132, true),
+    buttons: view.getUint32(at + 136, true),
+    grip_m: view.getFloat32(at + 140, true),
+    orientation: [144, 148, 152, 156].map((offset) => view.getFloat32(at + offset, true)),
   };
 }
 
@@ -138,12 +144,14 @@ export function decodeOwnHand(view) {
  * @param {number} number of this message, from 1
  * @param {boolean} holds
  * @param {Vector} target
+ * @param {number} [buttons] that are down: bit k, button k + 1
  * @returns {ArrayBuffer}
  */
-export function encodePointer(number, holds, target) {
+export function encodePointer(number, holds, target, buttons = 0) {
   const view = new DataView(new ArrayBuffer(32));
   view.setUint8(0, POINTER);
   view.setUint8(1, holds ? 1 : 0);
+  view.setUint16(2, buttons, true);
   view.setUint32(4, number, true);
   target.forEach((value, axis) => view.setFloat64(8 + 8 * axis, value, true));
   return view.buffer;

@@ -14,6 +14,16 @@ const GAMEPAD_MPS = 0.15; // at full deflection
 const GAMEPAD_DEAD = 0.12;
 const RUMBLE_MS = 80;
 const FARTHEST_M = 9.9; // the process takes none from 10 m on
+const PULLS = [0, 4, 5]; // buttons of a gamepad that hold the device
+const MOST_BUTTONS = 16;
+
+/** @param {string} key as KeyboardEvent.key has it @returns {number} bit of its button; the keys 1 to 4 turn the picture */
+const keyBit = (key) => (/^[5-9]$/.test(key) ? 1 << (Number(key) - 1) : 0);
+
+/** @param {Gamepad | undefined} pad @returns {number} its buttons that are down, but for those that hold the device */
+function padBits(pad) {
+  return (pad?.buttons ?? []).slice(0, MOST_BUTTONS).reduce((bits, each, index) => (each.pressed && !PULLS.includes(index) ? bits | (1 << index) : bits), 0);
+}
 
 export class Hand {
   /**
@@ -33,14 +43,18 @@ export class Hand {
     this.sent_ms = -Infinity;
     this.target = null; // [m], relative to the point held; null: lets go
     this.pointers = new Map();
+    this.keys = 0; // buttons that are down, one bit each
+    this.padButtons = 0;
     this.rumbled_ms = 0;
     const listen = (name, handler) => canvas.addEventListener(name, handler, { capture: true, passive: false });
     listen("pointerdown", (event) => this.press(event));
     listen("pointermove", (event) => this.move(event));
     listen("wheel", (event) => this.wheel(event));
     for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) listen(name, (event) => this.release(event));
-    for (const name of ["blur", "pagehide"]) window.addEventListener(name, () => this.letGo());
-    document.addEventListener("visibilitychange", () => document.hidden && this.letGo());
+    for (const name of ["blur", "pagehide"]) window.addEventListener(name, () => this.leave());
+    document.addEventListener("visibilitychange", () => document.hidden && this.leave());
+    document.addEventListener("keydown", (event) => !event.ctrlKey && !event.metaKey && this.hold("keys", this.keys | keyBit(event.key)));
+    document.addEventListener("keyup", (event) => this.hold("keys", this.keys & ~keyBit(event.key)));
     setInterval(() => this.repeat(), REPEAT_MS);
     setInterval(() => this.pollGamepad(), GAMEPAD_PERIOD_MS);
   }
@@ -76,11 +90,20 @@ export class Hand {
   write(holds, target) {
     this.number = (this.number + 1) >>> 0;
     this.sent_ms = performance.now();
-    this.send(encodePointer(this.number, holds, target));
+    this.send(encodePointer(this.number, holds, target, this.keys | this.padButtons));
+  }
+
+  /** Take in buttons of a source. @param {"keys" | "padButtons"} source @param {number} down one bit each */
+  hold(source, down) {
+    if (!this.scene || !this.own || this[source] === down) return;
+    this[source] = down;
+    this.write(this.holds, this.target ?? this.own.position_m);
   }
 
   repeat() {
-    if (this.holds && performance.now() - this.sent_ms >= REPEAT_MS - 5) this.write(true, this.target);
+    if (performance.now() - this.sent_ms < REPEAT_MS - 5) return;
+    if (this.holds) this.write(true, this.target);
+    else if (this.own && this.keys | this.padButtons) this.write(false, this.own.position_m);
   }
 
   letGo() {
@@ -88,6 +111,13 @@ export class Hand {
     this.target = null;
     this.pointers.clear();
     this.changed();
+  }
+
+  /** Let go of the device and of all buttons. */
+  leave() {
+    this.hold("keys", 0);
+    this.hold("padButtons", 0);
+    this.letGo();
   }
 
   /** @returns {Vector3} where the device is drawn */
@@ -192,9 +222,11 @@ export class Hand {
 
   /** A gamepad pulls while one of its lower buttons (A, shoulder) is pressed; the stick moves the target. */
   pollGamepad() {
-    if (!this.scene || !this.own || document.hidden || this.pointers.size > 0) return;
+    if (!this.scene || !this.own || document.hidden) return;
     const pad = (navigator.getGamepads?.() ?? []).find((each) => each?.connected);
-    const pressed = pad && [0, 4, 5].some((button) => pad.buttons[button]?.pressed);
+    this.hold("padButtons", padBits(pad));
+    if (this.pointers.size > 0) return;
+    const pressed = pad && PULLS.some((button) => pad.buttons[button]?.pressed);
     if (this.gamepad && !pressed) this.letGo();
     this.gamepad = pressed ? pad : null;
     if (!pressed) return;

@@ -20,6 +20,7 @@ function table(app) {
     { keys: ["]"], shown: "]", text: "longer force arrows", run: () => app.picture.scaleArrows(2) },
     { keys: ["["], shown: "[", text: "shorter force arrows", run: () => app.picture.scaleArrows(0.5) },
     axis("x", 0), axis("y", 1), axis("z", 2),
+    { keys: [], shown: "5 to 9", text: "buttons of the hand that this page holds", run: () => {} },
     { keys: ["t"], shown: "t", text: "dark or light", run: () => app.switchTheme() },
     { keys: ["?"], shown: "?", text: "this help", run: () => app.help() },
     recorded([" "], "space", "play or pause", (player) => player.toggle()),

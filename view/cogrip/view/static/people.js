@@ -23,7 +23,15 @@ const NUMBERS = [
   ["spring", "length of the coupling from device to proxy", (each) => number(1000 * stretch(each), 1), "mm"],
   ["buffer", "depth of the jitter buffer up / down", (each) => `${number(each.buffer_up_ms, 0)} / ${number(each.buffer_down_ms, 0)}`, "ms"],
   ["lost", "frames lost in the last second (since the beginning)", (each) => `${number(100 * each.loss, 1)} % (${each.lost})`, ""],
+  ["buttons", "buttons that are down; opening of the gripper", (each) => handle(each), ""],
 ];
+
+/** @param {import("./frames.js").Person} person @returns {string} as "1 3, 12.5 mm" */
+export function handle(person) {
+  const down = Array.from({ length: 32 }, (_, bit) => bit + 1).filter((button) => (person.buttons >>> (button - 1)) & 1);
+  const grip = Number.isFinite(person.grip_m) ? `${(1000 * person.grip_m).toFixed(1)} mm` : "";
+  return [down.join(" "), grip].filter(Boolean).join(", ") || "–";
+}
 
 /** @param {import("./frames.js").Person} person @returns {number} length of the coupling [m] */
 function stretch(person) {

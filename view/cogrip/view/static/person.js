@@ -1,6 +1,6 @@
 /** One person in the picture: device, proxy, the coupling stretched between them, force, name. */
 
-import { Group, Mesh, MeshLambertMaterial, MeshBasicMaterial, OctahedronGeometry, RingGeometry, SphereGeometry, Vector3, DoubleSide } from "three";
+import { CylinderGeometry, Group, Mesh, MeshLambertMaterial, MeshBasicMaterial, OctahedronGeometry, RingGeometry, SphereGeometry, Vector3, DoubleSide } from "three";
 import { Arrow, Spring, Thread } from "./shapes.js";
 
 /** Markers are drawn over the object: a proxy is often inside it. */
@@ -30,7 +30,9 @@ export class PersonMarkers extends Group {
     this.force = new Arrow(person.colour, 0.006 * extent_m);
     this.pull = new Thread(colours.text);
     this.handForce = new Arrow(colours.text, 0.005 * extent_m);
-    this.add(this.coupling, this.device, this.proxy, this.contact, this.force, this.pull, this.handForce);
+    this.handle = new Mesh(new CylinderGeometry(0.006 * extent_m, 0.003 * extent_m, 0.09 * extent_m, 12), this.device.material);
+    this.handle.geometry.translate(0, 0.045 * extent_m, 0).rotateX(Math.PI / 2); // from the tip along its own z
+    this.add(this.handle, this.coupling, this.device, this.proxy, this.contact, this.force, this.pull, this.handForce);
     drawOver(this, 2);
     drawOver(this.coupling, 1);
     this.visible = false;
@@ -54,6 +56,13 @@ export class PersonMarkers extends Group {
     this.proxy.position.copy(this.place(state.proxy_m));
     this.device.visible = known;
     if (known) this.device.position.copy(this.place(hand_m));
+    this.handle.visible = known && finite(state.orientation);
+    if (this.handle.visible) {
+      const [w, x, y, z] = state.orientation;
+      this.handle.quaternion.set(x, y, z, w);
+      this.handle.position.copy(this.device.position);
+    }
+    this.device.scale.setScalar(state.buttons ? 1.35 : 1);
     if (known) this.coupling.span(this.device.position, this.proxy.position);
     else this.coupling.visible = false;
     this.contact.visible = state.pushes;

@@ -159,7 +159,7 @@ export class Picture {
       object: this.bodies ? null : where(this.body),
       bodies: this.bodies?.drawn() ?? [],
       ghost: where(this.ghost),
-      people: people.map((each) => ({ seat: each.person.seat, hand: where(each.device), proxy: where(each.proxy), force: each.force.visible })),
+      people: people.map((each) => ({ seat: each.person.seat, hand: where(each.device), proxy: where(each.proxy), force: each.force.visible, handle: each.handle.visible ? each.handle.quaternion.toArray() : null })),
     };
   }
 
