@@ -6,7 +6,7 @@
 // --hand needs `cogrip join LINK --device web`.
 
 const STATES = ["free", "joining", "live", "degraded", "fault", "silent"];
-const HEAD_BYTES = 96, PERSON_BYTES = 136;
+const HEAD_BYTES = 96, PERSON_BYTES = 160;
 const RADIUS_M = 0.03, TURN_MS = 4000;
 
 const vector = (view, at) => [0, 8, 16].map((offset) => view.getFloat64(at + offset, true));

@@ -16,7 +16,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 STATES = ("free", "joining", "live", "degraded", "fault", "silent")
-HEAD, PERSON, POINTER = struct.Struct("<BBBBId3d3d4d"), struct.Struct("<BBBBI3d3d3d3d8f"), struct.Struct("<BBHI3d")
+HEAD, PERSON, POINTER = struct.Struct("<BBBBId3d3d4d"), struct.Struct("<BBBBI3d3d3d3d8fIf4f"), struct.Struct("<BBHI3d")
 RADIUS_M, TURN_S, POINTER_PERIOD_S = 0.03, 4.0, 0.02
 
 

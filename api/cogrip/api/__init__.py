@@ -1,0 +1,31 @@
+"""cogrip from Python: run sessions, read what they leave, watch live ones, and hold the object with a device of your own.
+
+    import cogrip.api as cogrip
+
+    run = cogrip.run("demo", seconds=5.0, coupling={"stiffness_npm": 800.0})     # in virtual time
+    print(run.passive, run.columns("anna", "position_m", "force_n")["force_n"].max())
+
+    with cogrip.Session("demo", on_frame=print) as session:                      # live: server and people as processes
+        run = session.wait()
+
+    device = cogrip.device_of(lambda time_s, force_n: (0.01 * math.sin(time_s),))
+    account = cogrip.Client("127.0.0.1:47800", device, seconds=10.0).run()       # live: your own device
+
+Units are SI and stand in names. Every error that its user can mend is an `ApiError`. docs/api.md has the guide.
+"""
+
+from cogrip.api.client import Client, device_of
+from cogrip.api.errors import ApiError
+from cogrip.api.frames import Frame, HandState
+from cogrip.api.runs import Run, open_run, run
+from cogrip.api.session import Session, watch
+from cogrip.api.settings import settings
+from cogrip.devices.device import Capability, Device, DeviceError, Sample
+from cogrip.devices.simulated.catalogue import register_hand
+from cogrip.devices.simulated.hands import Hand
+from cogrip.protocol.settings import Settings
+
+__all__ = [
+    "ApiError", "Capability", "Client", "Device", "DeviceError", "Frame", "Hand", "HandState", "Run", "Sample", "Session",
+    "Settings", "device_of", "open_run", "register_hand", "run", "settings", "watch",
+]  # fmt: skip

@@ -1,0 +1,45 @@
+"""The examples of docs/api.md, each run as its reader would, from a folder of its own."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "api"
+SAID = {
+    "stiffness_and_delay": "60 ms",
+    "watch_live": "good: True",
+    "own_device": "good: True",
+    "own_hand": "good: True",
+    "felt_stiffness": "",
+}
+LIMIT_S = 120.0
+
+
+def program(example: Path) -> str:
+    """Return the Python of an example; of a notebook that of its cells, in their order."""
+    text = example.read_text(encoding="utf-8")
+    if example.suffix == ".py":
+        return text
+    cells = json.loads(text)["cells"]
+    return "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+
+
+def test_every_example_is_run_here() -> None:
+    assert {path.stem for path in EXAMPLES.iterdir() if path.is_file()} == set(SAID)
+
+
+@pytest.mark.parametrize("name", sorted(SAID))
+def test_an_example_runs(name: str, tmp_path: Path) -> None:
+    (example,) = EXAMPLES.glob(f"{name}.*")
+    script = tmp_path / "example.py"
+    script.write_text(program(example), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, str(script)], cwd=tmp_path, env={**os.environ, "MPLBACKEND": "agg"}, capture_output=True, text=True,
+        timeout=LIMIT_S, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert SAID[name] in done.stdout
