@@ -1,0 +1,1 @@
+"""CRTK names for cogrip: `hold` drives an arm, `watch` publishes a session."""

@@ -1,0 +1,61 @@
+"""`ros2 run cogrip_ros2 hold LINK`: hold the object of a session with the arm in a namespace."""
+
+import argparse
+import sys
+import threading
+
+from cogrip.api import ApiError, Capability, Client
+from cogrip_ros2.crtk_device import CrtkDevice
+
+
+def record(arguments: argparse.Namespace) -> Capability:
+    """Return the arm's limits, as its flags give them. Raises DeviceError for a limit that is none."""
+    half = 0.5 * arguments.workspace_m
+    return Capability(
+        family="crtk", model=arguments.arm or "arm", axes=3, workspace_m=((-half, half),) * 3, peak_force_n=arguments.peak_n,
+        continuous_force_n=arguments.continuous_n, stiffness_npm=arguments.stiffness_npm, damping_nspm=arguments.damping_nspm,
+        slew_nps=1000.0, speed_mps=arguments.speed_mps, resolution_m=arguments.resolution_m, apparent_mass_kg=arguments.mass_kg,
+        rate_hz=arguments.rate_hz, gives_velocity=arguments.velocity, latency_ticks=1,
+    )  # fmt: skip
+
+
+def parse(arguments: list[str]) -> argparse.Namespace:
+    """Return the flags; the limits are a small arm's."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("link", help="join link, or HOST:PORT on this machine")
+    parser.add_argument("--arm", default="", help="namespace of measured_cp and servo_cf, such as MTML")
+    parser.add_argument("--name", default="", help="seat to take")
+    parser.add_argument("--velocity", action="store_true", help="use measured_cv, too")
+    limits = {
+        "peak_n": 3.0, "continuous_n": 1.0, "stiffness_npm": 500.0, "damping_nspm": 5.0, "speed_mps": 1.0, "resolution_m": 5e-5,
+        "mass_kg": 0.3, "workspace_m": 0.3,
+    }  # fmt: skip
+    for name, value in limits.items():
+        parser.add_argument(f"--{name.replace('_', '-')}", type=float, default=value)
+    parser.add_argument("--rate-hz", type=int, default=1024)
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Hold until Ctrl-C or the session's end. Returns the exit code."""
+    import rclpy
+
+    flags = parse(rclpy.utilities.remove_ros_args(sys.argv)[1:] if arguments is None else arguments)
+    rclpy.init()
+    node = rclpy.create_node("cogrip_hold")
+    device = CrtkDevice(node, record(flags), flags.arm)
+    client = Client(flags.link, device, name=flags.name, say=node.get_logger().info)
+    spinning = threading.Thread(target=rclpy.spin, args=(node,), daemon=True)
+    spinning.start()
+    try:
+        account = client.run()
+        node.get_logger().info(f"peak force {account.peak_force_n:.2f} N")
+        return 0
+    except ApiError as error:
+        node.get_logger().error(str(error))
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    finally:
+        rclpy.try_shutdown()
+        spinning.join()

@@ -1,0 +1,196 @@
+/* The parts of cogrip.c that no caller sees, for tests to call one by one. */
+#include "cogrip.c"
+
+static decoded found;
+
+/* Decode a message. Returns its tag, 0 where it is malformed. */
+int probe_decode(const void *data, size_t bytes) {
+    decode(data, bytes, &found);
+    return found.tag;
+}
+
+/* Fields of the message decoded last, as JSON. */
+void probe_fields(char *into, size_t size) {
+    const settings *seat = &found.as.welcome.seat;
+    const waves *sent = &found.as.waves;
+    int used;
+    switch (found.tag) {
+    case TAG_WELCOME:
+        snprintf(into, size,
+            "{\"nonce\": %lld, \"session\": %lld, \"ticket\": \"%s\", \"player\": %d, \"room\": \"%s\", \"user\": \"%s\", "
+            "\"seat\": %d, "
+            "\"device_hz\": %d, \"network_hz\": %d, \"axes\": %d, \"automatic\": %d, \"frames\": %d, \"redundancy\": %d, "
+            "\"emulated\": %d, "
+            "\"impedance_nspm\": %.17g, \"rendered_npm\": %.17g, \"late\": %.17g, \"tank_mj\": %.17g, "
+            "\"wave_filter_hz\": %.17g, "
+            "\"kind\": \"%s\", \"decimator\": \"%s\", \"concealment\": \"%s\"}",
+            (long long)found.as.welcome.nonce, (long long)found.as.welcome.session, found.as.welcome.ticket,
+                found.as.welcome.player,
+            seat->room, seat->user, seat->seat, seat->device_hz, seat->network_hz, seat->axes, seat->automatic,
+                seat->playout_frames,
+            seat->redundancy, seat->emulated, seat->impedance_nspm, seat->rendered_npm, seat->late, seat->tank_mj,
+                seat->wave_filter_hz,
+            schemes[seat->scheme], decimators[seat->decimator], concealments[seat->concealment]);
+        break;
+    case TAG_REFUSE:
+        snprintf(into, size, "{\"nonce\": %lld, \"code\": \"%s\", \"reason\": \"%s\"}", (long long)found.as.refusal.nonce,
+            found.as.refusal.code, found.as.refusal.reason);
+        break;
+    case TAG_WAVES:
+        used = snprintf(into, size,
+            "{\"session\": %lld, \"first\": %lld, \"made_j\": %.17g, \"port_j\": %.17g, \"acknowledged\": %lld, "
+            "\"sent_ns\": %lld, "
+            "\"echo_ns\": %lld, \"held_ns\": %lld, \"phase\": %lld, \"applied\": %lld, \"impedance_nspm\": %.17g, "
+            "\"since\": %lld, "
+            "\"edges\": %lld, \"total\": %.17g, \"squares\": %.17g, \"state\": %.17g, \"waves\": [",
+            (long long)sent->session, (long long)sent->first, sent->made_j, sent->port_j, (long long)sent->acknowledged,
+            (long long)sent->sent.sent_ns, (long long)sent->sent.echo_ns, (long long)sent->sent.held_ns, (long long)sent->phase,
+            (long long)sent->applied, sent->impedance_nspm, (long long)sent->since, (long long)sent->edges, sent->total[0],
+            sent->squares[0], sent->state[1]);
+        for (int place = 0; place < sent->count; place++)
+            used += snprintf(into + used, size - (size_t)used, "%s%.17g", place ? ", " : "", sent->wave[place]);
+        snprintf(into + used, size - (size_t)used, "]}");
+        break;
+    case TAG_FAREWELL:
+        snprintf(into, size, "{\"session\": %lld, \"reason\": \"%s\", \"up_margin_j\": %.17g, \"line_margin_j\": %.17g}",
+            (long long)found.as.farewell.session, found.as.farewell.reason, found.as.farewell.up_margin_j,
+                found.as.farewell.line_margin_j);
+        break;
+    case TAG_HEARTBEAT:
+        snprintf(into, size, "{\"session\": %lld, \"sent_ns\": %lld, \"echo_ns\": %lld, \"held_ns\": %lld}",
+            (long long)found.as.heartbeat.session, (long long)found.as.heartbeat.sent.sent_ns,
+            (long long)found.as.heartbeat.sent.echo_ns, (long long)found.as.heartbeat.sent.held_ns);
+        break;
+    default: snprintf(into, size, "{}");
+    }
+}
+
+static size_t given(const message *from, void *into) {
+    memcpy(into, from->data, from->bytes);
+    return from->bytes;
+}
+
+size_t probe_heartbeat(int64_t session, int64_t now_ns, void *into) {
+    static cogrip_client client;
+    message out;
+    memset(&client, 0, sizeof client);
+    client.seat.session = session;
+    write_heartbeat(&client, &out, now_ns);
+    return given(&out, into);
+}
+
+/* The leave of the page, with its account or without. */
+size_t probe_leave(int64_t session, int with_account, void *into) {
+    static const double row[][4] =
+        {{10.5, 12.0, 12.5, 13.0}, {4.0, 5.5, 6.0, 6.5}, {6.5, 7.0, 7.25, 7.5}, {0.5, 1.0, 1.5, 2.0}};
+    static const double line_values[] = {5.5, 5.5, 20.0, 0.5, 0.0, 0.5};
+    static const cogrip_link_count down = {640, 636, 630, 4, 6, 1, 2};
+    account books;
+    message out;
+    memset(&books, 0, sizeof books);
+    books.axes = 1;
+    books.position_m[0] = 0.015625, books.force_n[0] = 1.25, books.peak_force_n = 2.5, books.travel_m = 0.25;
+    books.felt_npm = NAN, books.predicted_npm = 630.5, books.down_margin_j = 0.0, books.leak_j = -0.0009765625;
+    books.down = down;
+    memcpy(books.rtt_ms, row[0], sizeof row[0]);
+    memcpy(books.up_ms, row[1], sizeof row[1]);
+    memcpy(books.down_ms, row[2], sizeof row[2]);
+    memcpy(books.late_us, row[3], sizeof row[3]);
+    for (int place = 0; place < 4; place++) books.work_us[place] = NAN;
+    books.offset_ms = -1536.0, books.uncertainty_ms = 5.0, books.ticks_due = 5120, books.ticks_run = 5119;
+    books.repeated = 3, books.skipped = 2, books.concealed = 10, books.longest_gap = 5;
+    copy_text(books.state, sizeof books.state, "live");
+    books.peak_step_n = 0.625, books.depth_frames = 2.5, books.least_frames = 1.0, books.most_frames = 4.0;
+    books.oscillates = 1, books.at_limit = 0.0625, books.controlled = 0.03125, books.port_leak_j = 0.00048828125;
+    books.port_margin_j = 0.0009765625, books.let_go = 2, books.port_reserve_j = 0.25, books.down_reserve_j = 0.0078125;
+    memcpy(books.line, line_values, sizeof line_values);
+    write_leave(&out, session, "done", with_account ? &books : NULL);
+    return given(&out, into);
+}
+
+size_t probe_client_bytes(void) { return sizeof(cogrip_client); }
+
+/* ---- One line of one axis ---- */
+
+static sender line_sender;
+static receiver line_receiver;
+static waves contents;
+
+void probe_line(int frames, int redundancy, int ticks, double late, double credit_j, int concealment) {
+    settings seat;
+    memset(&seat, 0, sizeof seat);
+    seat.automatic = frames < 0, seat.playout_frames = frames, seat.late = late, seat.tank_mj = 1e3 * credit_j;
+    seat.network_hz = 128, seat.device_hz = 128 * ticks, seat.concealment = concealment;
+    memset(&line_sender, 0, sizeof line_sender);
+    line_sender.axes = 1, line_sender.redundancy = redundancy;
+    receiver_init(&line_receiver, &seat, 1);
+}
+
+void probe_push(double wave) { sender_push(&line_sender, &wave); }
+
+/* What the next datagram carries. Returns the number of its waves. */
+int probe_contents(int64_t *first, double *wave, double *total, double *squares) {
+    const int frames = sender_frames(&line_sender);
+    *first = line_sender.next - frames;
+    for (int place = 0; place < frames; place++) wave[place] = line_sender.wave[(*first + place) % line_sender.redundancy][0];
+    *total = line_sender.total[0].value;
+    *squares = line_sender.squares[0].value;
+    return frames;
+}
+
+int probe_take(int64_t first, int count, const double *wave, double total, double squares, int64_t early) {
+    memset(&contents, 0, sizeof contents);
+    contents.first = first, contents.count = count, contents.totals = contents.squares_count = 1;
+    memcpy(contents.wave, wave, sizeof *wave * (size_t)count);
+    contents.total[0] = total, contents.squares[0] = squares;
+    return receiver_take(&line_receiver, &contents, early);
+}
+
+double probe_pop(void) {
+    double wave[AXES];
+    receiver_pop(&line_receiver, wave);
+    return wave[0];
+}
+
+/* hold, played, cursor, repeated, skipped, then sent, received, applied, lost, late, duplicate, pending. */
+void probe_state(int64_t *into) {
+    cogrip_link_count count;
+    receiver_count(&line_receiver, &count);
+    const int64_t values[] = {line_receiver.hold, line_receiver.played, line_receiver.cursor, line_receiver.buffer.repeated,
+        line_receiver.buffer.skipped, count.sent, count.received, count.applied, count.lost, count.late, count.duplicate,
+            count.pending};
+    memcpy(into, values, sizeof values);
+}
+
+/* Credit of a client's line down [W]. */
+double probe_credit_of(const cogrip_client *client) { return client->line.down.books.credit; }
+
+double probe_credit(void) { return line_receiver.books.credit; }
+
+/* Energy [J] of the frame that ends after `ticks` ticks of the wave u, of which the port has `spare_j` to spare;
+ * *withheld: the sum of what waits. */
+double probe_end_frame(double u, int ticks, int fresh, double spare_j, double *withheld) {
+    static cogrip_client client;
+    if (fresh) {
+        memset(&client, 0, sizeof client);
+        client.axes = client.line.up.axes = 1, client.line.up.redundancy = 1,
+        client.ticks_per_frame = 8, client.tick_s = 1.0 / 1024;
+    }
+    client.line.shift = ticks - 8;
+    client.line.decimated[0] = ticks * u;
+    client.line.made_now_j = 0.5 * client.tick_s * ticks * u * u;
+    line_end_frame(&client, spare_j);
+    *withheld = client.line.withheld[0];
+    const double sent = client.line.up.wave[0][0];
+    return 0.5 / 128 * sent * sent;
+}
+
+/* Force [N] that the device port leaves of one, at 1 m/s and 1024 Hz, with a reserve for fading of 0.1 J. */
+double probe_port_limit(double force, double balance_j) {
+    static cogrip_client client;
+    memset(&client, 0, sizeof client);
+    client.axes = 1, client.tick_s = 1.0 / 1024, client.config.speed_mps = 1.0;
+    client.faded_j = 0.1, client.balance_j = balance_j;
+    port_limit(&client, &force);
+    return force;
+}
