@@ -20,11 +20,11 @@ import subprocess
 import sys
 import threading
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import IO, Any, NoReturn
 
 from cogrip.protocol.io.realtime import PRIORITY
 
@@ -261,7 +261,6 @@ def _threads() -> int:
 
 def _run_module(words: Sequence[str], environment: Mapping[str, str] | None, kept: Sequence[int]) -> None:
     """Be `python -m WORDS`, as far as that shows: `subprocess` has made streams, folder and session. Never returns."""
-    code = 1
     try:
         atexit._clear()
         signal.set_wakeup_fd(-1)
@@ -281,11 +280,27 @@ def _run_module(words: Sequence[str], environment: Mapping[str, str] | None, kep
         Path("/proc/self/comm").write_text(name)
         sys.modules.pop(module, None)
         gc.enable()
-        runpy.run_module(module, run_name="__main__", alter_sys=True)
-        code = 0
+    except BaseException:  # noqa: BLE001 - as an interpreter does
+        traceback.print_exc()
+        os._exit(1)
+    _end_after(lambda: runpy.run_module(module, run_name="__main__", alter_sys=True))
+
+
+def _end_after(command: Callable[[], object]) -> NoReturn:
+    """Run a command and end the process, without freeing all that was imported, which takes longer than its start."""
+    code = 0
+    try:
+        command()
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
+        if isinstance(end.code, str):
+            print(end.code, file=sys.stderr)
+    except KeyboardInterrupt:
+        traceback.print_exc()
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        os.kill(os.getpid(), signal.SIGINT)
     except BaseException:  # noqa: BLE001 - as an interpreter does
+        code = 1
         traceback.print_exc()
     finally:
         with suppress(Exception):
@@ -306,7 +321,5 @@ if __name__ == "__main__":
     _request = _forked(socket.socket(fileno=int(sys.argv[1])))
     if _request is not None:
         # Nothing of this module is the command's: its sockets are closed, its names are not seen.
-        exec(
-            _request["code"] or "import sys; from cogrip.cli.main import main; sys.exit(main())",
-            {"__name__": "__main__"},
-        )
+        command = _request["code"] or "import sys; from cogrip.cli.main import main; sys.exit(main())"
+        _end_after(lambda: exec(command, {"__name__": "__main__"}))

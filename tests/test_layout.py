@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = ("protocol", "devices", "client", "server", "sim", "view", "cli")
+FOLDERS = ("protocol", "devices", "client", "server", "sim", "view", "cli", "api")
 PACKAGES = [f"cogrip.{folder}" for folder in FOLDERS]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
@@ -57,6 +57,11 @@ def repository_files() -> list[Path]:
     return files(ROOT)
 
 
+def test_what_commands_leave_in_the_current_folder_is_not_committed() -> None:
+    lines = (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
+    assert {"/runs/", "/studies/", "/sweeps/", "/comparison.html"} <= {*lines}
+
+
 @cache
 def modules(*folders: str) -> dict[str, str]:
     """Return the source of each module below these folders, by its path."""
@@ -70,7 +75,7 @@ def requirement_names(requirements: list[str]) -> set[str]:
 
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_folder_holds_its_portion_of_the_namespace_and_nothing_beside_it(folder: str) -> None:
-    """`cogrip` is a PEP 420 namespace: one `cogrip/__init__.py` would hide the other five folders."""
+    """`cogrip` is a PEP 420 namespace: one `cogrip/__init__.py` would hide the other folders."""
     assert [path.name for path in (ROOT / folder).glob("*.py")] == []
     assert [path.name for path in (ROOT / folder / "cogrip").glob("*.py")] == []
     portions = {path.parent.name for path in (ROOT / folder / "cogrip").glob("*/__init__.py")}
@@ -99,7 +104,7 @@ def test_drivers_are_the_same_in_both_contracts() -> None:
     assert drivers == set(protected["protected_modules"])
     knows_of_stop = {"cogrip.sim.runs.laboratory_run"}
     makes_drivers = {"cogrip.devices.*.family"}
-    assert set(protected["allowed_importers"]) <= drivers | knows_of_stop | makes_drivers | {"cogrip.cli"}
+    assert set(protected["allowed_importers"]) <= drivers | knows_of_stop | makes_drivers | {"cogrip.cli", "cogrip.api"}
 
 
 @pytest.mark.parametrize(

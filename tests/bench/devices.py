@@ -1,6 +1,5 @@
 """`dev.py bench devices`: live sessions with emulated arms on serial lines, beside the same with simulated devices."""
 
-import os
 import signal
 import subprocess
 import tempfile
@@ -21,6 +20,7 @@ from cogrip.cli.terminal.tables import plain_table
 from cogrip.protocol.settings import Settings
 from cogrip.sim.runs.folder import SUMMARY, write_settings
 
+from tests.bench import machine
 from tests.bench.children import output_at_end, start_cogrip, wait_for_line
 from tests.bench.targets import judge, reached
 
@@ -91,7 +91,7 @@ def bench_devices(*, seconds: float = 60.0, json: Json = None) -> int:
                 folder = Path(base) / f"{name}-{kind}"
                 found += _session(name, settings, kind, hands, length_s, folder)
     console.print(_table(found))
-    busy = os.getloadavg()[0]
+    busy = machine.load()
     if busy > _PROCESSES:
         console.print(f"the machine is busy (load {busy:.1f}): measure again when it is quiet")
     well = _judge(found, console)

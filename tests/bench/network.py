@@ -1,6 +1,5 @@
 """`dev.py bench network`: people whom one core serves, encrypted and not, and a bare socket echo in the same run."""
 
-import os
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.cli.terminal.tables import plain_table
 
+from tests.bench import machine
 from tests.bench.flood import bench_flood
 from tests.bench.loads.people import Load, LoadError
 from tests.bench.loads.server import ASK_S, SETTLE_S, Job, Kind, Process, Reading, make_load
@@ -95,7 +95,7 @@ def bench_network(
         raise BadInput("bench network needs 1 to 256 people a room, and 1 to 3 axes")
     console = make_console(stderr=json == "-")
     console.width = max(console.width, WIDTH)
-    before = os.getloadavg()[0]
+    before = machine.load()
     if before > QUIET_LOAD:
         console.print(f"the machine is busy (load {before:.1f}): measure again when it is quiet")
     if flood:

@@ -2,8 +2,6 @@
 
 import json
 import math
-import os
-import resource
 import signal
 import statistics
 import subprocess
@@ -28,6 +26,7 @@ from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import End
 from cogrip.sim.runs.replay.verify import verify
 
+from tests.bench import machine
 from tests.bench.children import output_at_end, start_cogrip, wait_for_line, with_tests_on_path
 from tests.bench.loads.hours_written import HoursWritten, write_hours
 from tests.bench.targets import judge
@@ -118,7 +117,7 @@ def _lateness(
             f"recording {'on' if recorded else 'off'}: p99 lateness {statistics.median(found):.1f} µs, "
             f"{min(found):.0f} to {max(found):.0f} µs; work of a tick {statistics.median(work_us[recorded]):.0f} µs"
         )
-    load = os.getloadavg()[0]
+    load = machine.load()
     if load > len(names) + 1:
         console.print(f"the machine is busy (load {load:.1f}): measure the lateness again when it is quiet")
     logs = {recorded: [math.log(max(each, _SHORT_US)) for each in found] for recorded, found in late_us.items()}
@@ -219,7 +218,7 @@ def measure(task: str, path: str) -> None:
     start = time.perf_counter()
     count, recorded_s = TASKS[task](Path(path))
     took_s = time.perf_counter() - start
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    peak_mb = machine.peak_memory_kb() / 1024
     print(json.dumps({"count": count, "recorded_s": recorded_s, "took_s": took_s, "peak_mb": peak_mb}))
 
 

@@ -1,7 +1,6 @@
 """`dev.py bench relay`: what a relay adds by itself, beside direct datagrams in the same run."""
 
 import json as jsons
-import os
 import signal
 import socket
 import subprocess
@@ -26,6 +25,7 @@ from cogrip.protocol.network_profiles import PROFILES, ProfileName
 from cogrip.protocol.settings import resolve
 from cogrip.sim.session.link import fates
 
+from tests.bench import machine
 from tests.bench.children import start_cogrip, start_python, wait_for_line
 from tests.bench.loads.echo import HOST, NETWORK_HZ, STAMP, receive, stamped
 from tests.bench.processors import two_processors
@@ -92,7 +92,7 @@ def bench_relay(*, users: int = 5, seconds: float = 5.0, profile: ProfileName | 
         raise Problem("bench relay reads the kernel's own times of receipt, which only Linux gives")
     console = make_console(stderr=json == "-")
     console.width = max(console.width, WIDTH)
-    before = os.getloadavg()[0]
+    before = machine.load()
     with ExitStack() as stack:
         _, core = stack.enter_context(two_processors(console))
         echo = stack.enter_context(echo_server())
@@ -102,7 +102,7 @@ def bench_relay(*, users: int = 5, seconds: float = 5.0, profile: ProfileName | 
         first = people[0].sent
         _run(people, seconds)
         report = ended()
-    after = os.getloadavg()[0]
+    after = machine.load()
     answer = {
         "users": users, "seconds": seconds, "bytes": BYTES, "load_before": before, "load_after": after,
         "profile": profile,
@@ -148,7 +148,7 @@ def relay_to(port: int, core: int | None, profile: ProfileName | None) -> Iterat
         )  # fmt: skip
         try:
             if core is not None:
-                os.sched_setaffinity(child.pid, {core})
+                machine.pin(child.pid, {core})
             found = wait_for_line(child, r"relaying from \S+:(\d+) ")
 
             def end() -> dict[str, Any]:

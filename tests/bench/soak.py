@@ -1,7 +1,6 @@
 """`dev.py bench soak`: people at a server through a relay, for a long time; who was lost, and what has grown."""
 
 import json
-import os
 import re
 import signal
 import subprocess
@@ -28,6 +27,7 @@ from cogrip.protocol.link_profile import Link
 from cogrip.protocol.settings import Settings
 from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_log, write_settings
 
+from tests.bench import machine
 from tests.bench.loads.process_memory import Growth, family_of, memory_kb
 
 HOST = "127.0.0.1"
@@ -134,7 +134,7 @@ def _watch(
         if now - reported >= 60.0:
             reported = now
             sizes = ", ".join(f"{name} {growth.last_kb / 1024:.0f}" for name, growth in growths.items())
-            console.print(f"{(now - began) / 60:5.1f} min, load {os.getloadavg()[0]:.1f}; MiB: {sizes}")
+            console.print(f"{(now - began) / 60:5.1f} min, load {machine.load():.1f}; MiB: {sizes}")
         time.sleep(LOOK_EVERY_S)
 
 

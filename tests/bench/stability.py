@@ -1,6 +1,5 @@
 """`dev.py bench stability`: boundaries traced, against numpy's eigenvalues on a dense grid, at the same delays."""
 
-import resource
 import time
 from typing import Literal
 
@@ -14,6 +13,7 @@ from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import linear_session, scheme_overrides
 from cogrip.sim.analysis.region import grid_axes, regions, stiffnesses
 
+from tests.bench import machine
 from tests.bench.targets import judge
 
 DELAYS_FRAMES = (0.0, 1.0, 2.0, 4.0)
@@ -53,7 +53,7 @@ def bench_stability(*, rounds: int = 5, cells: int = 50) -> int:
     headings = ("scheme", "boundaries", "points", "eigvals\nof the grid", "with\nmatrices", "ratio", "with\nmatrices")
     title = f"boundary against a {cells} x {cells} grid, two users, {len(DELAYS_FRAMES)} delays"
     console.print(plain_table(headings, rows, gap=2, title=title))
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    peak_mb = machine.peak_memory_kb() / 1024
     console.print(f"largest memory of this process: {peak_mb:.0f} MB; every boundary point verified on both sides")
     return 0 if judge(console, "the least ratio", worst, _TOLD, form=".1f") else 1
 

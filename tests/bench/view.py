@@ -36,6 +36,7 @@ from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.sim.runs.folder import SERVER_RECORDING, SETTINGS, client_recording, write_settings
 from cogrip.sim.runs.records import End
 
+from tests.bench import machine
 from tests.bench.children import ROOT, output_at_end, start_cogrip, start_python, wait_for_line
 from tests.bench.loads.people import Load, make_people, room_name
 from tests.bench.loads.process_memory import memory_kb
@@ -80,7 +81,7 @@ def bench_view(*, blocks: int = 8, seconds: float = 60.0, jumps: int = 60) -> in
         well = well and fine
         rows.append((what, f"{value:.2f} {unit}", f"{'at most' if most else 'at least'} {asked:g}", reached(fine)))
 
-    before = os.getloadavg()[0]
+    before = machine.load()
     with tempfile.TemporaryDirectory(prefix="cogrip-view-") as name:
         base = Path(name)
         ratio, error = _lateness(settings, base, blocks, short_s, console)
@@ -100,9 +101,7 @@ def bench_view(*, blocks: int = 8, seconds: float = 60.0, jumps: int = 60) -> in
         judge("pointer to wave applied, less playout, p50", float(p50), MOST_P50_MS, "ms", most=True)
         rows.append((f"  p95, of {len(delays_ms)} jumps", f"{p95:.2f} ms", "", ""))
     console.print(plain_table(("view", "measured", "asked", ""), rows))
-    console.print(
-        f"load of this machine: {before:.1f} before, {os.getloadavg()[0]:.1f} after; {os.cpu_count()} processors"
-    )
+    console.print(f"load of this machine: {before:.1f} before, {machine.load():.1f} after; {os.cpu_count()} processors")
     return 0 if well else 1
 
 
@@ -151,12 +150,12 @@ def _tabs(settings: Settings, folder: Path, stopped_s: float, seconds: float) ->
         with _reading(url, WATCHING), _reading(url, 1) as stopped:
             time.sleep(seconds)
             before = memory_kb(view.pid) or 0.0
-            stopped.send_signal(signal.SIGSTOP)
+            machine.stop(stopped)
             try:
                 time.sleep(stopped_s)
                 after = memory_kb(view.pid) or 0.0
             finally:
-                stopped.send_signal(signal.SIGCONT)
+                machine.resume(stopped)
         with _reading(url, TABS) as tabs:
             time.sleep(seconds)
             printed, _ = tabs.communicate(b"\n", timeout=END_S)

@@ -10,6 +10,8 @@ from cogrip.cli.session.children import how_ended, listening_port, stated_reason
 from cogrip.cli.terminal.problem import Problem
 from cogrip.protocol.io.stop import Stop
 
+from tests.live.held_arms import until
+
 LOGS = {
     "the server was stopped (SIGTERM)": (
         "anna holds cube in room demo with sim:phantom\n"
@@ -39,6 +41,28 @@ def test_the_reason_is_the_one_that_was_stated(reason: str, tmp_path: Path) -> N
 
 def test_a_log_that_is_not_there_states_nothing(tmp_path: Path) -> None:
     assert stated_reason(tmp_path / "log") == ""
+
+
+PARENT = """
+import sys, time
+from pathlib import Path
+from cogrip.cli.session.children import start_child
+child = start_child(Path(sys.argv[1]), ["serve", "demo", "--port", "0", "--no-record", "--no-report", "--seconds", "600"])
+print(child.pid, flush=True)
+child.wait()
+"""
+
+
+def test_a_child_ends_with_its_parent_however_that_ends(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    parent = subprocess.Popen([sys.executable, "-c", PARENT, str(log)], stdout=subprocess.PIPE, text=True, cwd=tmp_path)
+    assert parent.stdout is not None
+    parent.stdout.readline()
+    until(lambda: "listening on" in log.read_text(), "the server listens")
+    parent.kill()
+    parent.wait(60.0)
+    parent.stdout.close()
+    until(lambda: "stopped (its parent has ended)" in log.read_text(), "the server ends")
 
 
 @pytest.mark.parametrize(

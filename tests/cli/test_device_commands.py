@@ -26,6 +26,7 @@ from cogrip.devices.io.plugged_in import (
     serial_ports,
     stable_names,
 )
+from cogrip.devices.io.serial_port import SerialPort
 from cogrip.devices.registry import describe, families, is_real, make, schemes
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -285,9 +286,17 @@ def test_a_refusal_names_the_cure_and_leaves_nothing(cogrip, expected, arguments
 
 @pytest.mark.parametrize("command", ["calibrate", "check"])
 def test_a_prompt_that_nobody_can_answer_says_what_to_add(cogrip, monkeypatch, command):
+    monkeypatch.setattr(SerialPort, "open", lambda _: None)
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     out, err = cogrip.texts("devices", command, f"serial:{GONE}", code=1)
     assert ("Enter when it is so, Ctrl-C to leave" in out, "add --yes" in err) == (True, True)
+
+
+@pytest.mark.parametrize("arguments", [("calibrate",), ("calibrate", "--damping"), ("check",)])
+def test_a_port_that_is_not_there_is_found_before_the_prompt(cogrip, arguments):
+    out, err = cogrip.texts("devices", *arguments, f"serial:{GONE}", code=1)
+    assert "look for its name with `cogrip devices find`" in err
+    assert "Enter" not in out
 
 
 @pytest.mark.parametrize("command", ["calibrate", "check"])
@@ -295,6 +304,7 @@ def test_ctrl_c_at_the_prompt(cogrip, monkeypatch, command):
     def interrupted():
         raise KeyboardInterrupt
 
+    monkeypatch.setattr(SerialPort, "open", lambda _: None)
     monkeypatch.setattr("builtins.input", interrupted)
     assert cogrip("devices", command, f"serial:{GONE}")[0] == 130
 
@@ -333,3 +343,32 @@ def test_conform_counts_the_promises_kept(cogrip, address):
     out = cogrip.out("devices", "conform", address)
     kept, every = map(int, re.search(r"(\d+) of (\d+) promises kept", out).groups())
     assert kept == every == out.count("✓")
+
+
+@pytest.mark.parametrize("address", ["spacemouse:", "gamepad:", "web:pointer"])
+def test_an_input_only_device_is_said_to_be_one(cogrip, address):
+    out = cogrip.out("devices", "list", address.partition(":")[0])
+    assert "input only: no force" in " ".join(out.split())
+    assert "on a simulated mass, none reaches the hand" in " ".join(out.split())
+    for command in ("check", "calibrate"):
+        assert f"{address} is input only: it has no motors" in cogrip.err("devices", command, address)
+
+
+def test_the_lists_of_devices_tell_what_a_handle_has(cogrip):
+    assert "3 buttons, orientation" in cogrip.out("devices", "list", "inverse")
+    answer = cogrip.answer("devices", "list")
+    assert [name for name, each in answer["families"].items() if each["input_only"]] == ["gamepad", "spacemouse", "web"]
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        ("inverse --link /tmp/x", "--link: inverse has none; use --port"),
+        ("serial --port 5", "--port: serial has none; use --link"),
+        ("inverse --port 65536", "--port 65536 is outside 0 to 65535"),
+        ("inverse --powered-at-m 0 0 0", "--powered-at-m: inverse knows its pose"),
+        ("inverse --model vintage", "inverse has inverse3"),
+    ],
+)
+def test_an_emulated_service_has_a_port_and_no_link(cogrip, flags, words):
+    assert words in cogrip.err(f"devices emulate {flags}")

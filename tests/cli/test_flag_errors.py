@@ -23,7 +23,7 @@ MISTAKES = [
     ("join 127.0.0.1:1 --observe=maybe", "--observe: expects true or false; got 'maybe'"),
     (f"serve {DEMO} --log xml", '--log: expects "text" or "json"; got \'xml\''),
     ("export none --to parqet", '--to: expects "csv" or "parquet"; got \'parqet\'; did you mean parquet?'),
-    ("devices emulate nope", 'KIND: expects "serial", "haply" or "hid"; got \'nope\''),
+    ("devices emulate nope", 'KIND: expects "serial", "haply", "hid" or "inverse"; got \'nope\''),
     ("join", f"join: SERVER is missing; `cogrip join {HELP}"),
     (f"lab {DEMO} --set", f"lab: --set needs a value; `cogrip lab {HELP}"),
     (f"lab {DEMO} twice", f"lab: 'twice' is one word too many; `cogrip lab {HELP}"),

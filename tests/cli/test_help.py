@@ -59,3 +59,10 @@ def test_the_list_has_every_command_in_its_group(columns: int) -> None:
     assert tuple(re.findall(r"^│ ([a-z]+) ", out, re.MULTILINE)) == COMMANDS
     lines = [line for table in GROUPS.values() for _, line in table.values()]
     assert not [word for line in lines for word in line.split() if word not in out]
+
+
+def test_the_line_of_the_devices_names_each_of_their_commands() -> None:
+    from cogrip.cli.devices.commands import COMMANDS as DEVICE_COMMANDS
+
+    line = GROUPS["Devices"]["devices"][1]
+    assert line.partition(": ")[2].rstrip(".").split(", ") == [*DEVICE_COMMANDS]

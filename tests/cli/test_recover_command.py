@@ -53,7 +53,10 @@ def test_files_that_are_recovered_already_or_no_recordings_are_refused(run: Path
     for file, words in (
         (run / ANNA, f"{run / 'client-anna.recovered.mcap'} exists already; remove it to recover anew"),
         (run / "settings.json", "is not a recording (no MCAP file)"),
-        (Path("nowhere.mcap"), "nowhere.mcap: there is no such file; name a run folder or a .mcap file"),
+        (
+            Path("nowhere.mcap"),
+            "nowhere.mcap: there is no such run, neither here nor in runs; `cogrip runs` lists them",
+        ),
         (Path("empty"), "empty holds no recording; name a run folder or a .mcap file"),
     ):
         cogrip.refuses(words, "recover", file)

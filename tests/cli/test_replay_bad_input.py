@@ -23,7 +23,7 @@ from tests.recording_files import rewrite
         (("run", "--verify", "--what-if"), "say either --verify or --what-if"),
         (("run", "--verify", "--set", "seed=2"), "--set goes with --what-if"),
         (("run", "--what-if", "--json", "-"), "--json goes with --verify"),
-        (("nowhere", "--verify"), "nowhere: there is no such run; name a run folder or a .mcap file"),
+        (("nowhere", "--verify"), "nowhere: there is no such run, neither here nor in runs; `cogrip runs` lists them"),
         (("run/settings.json", "--verify"), "is not a recording (no MCAP file); name a run folder or its .mcap file"),
         (("empty", "--verify"), "empty holds no recording that can be read"),
         (("run", "--what-if", "--set", "coupling.impedence_nspm=50"), "did you mean coupling.impedance_nspm?"),

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cogrip.protocol.io.recorder import lock
+from cogrip.protocol.io.platform import system
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Message, open_recording
 from cogrip.protocol.recording.records import Tick
@@ -149,7 +149,7 @@ def test_what_was_cut_is_recovered_when_it_is_opened_and_that_is_said(run: Path,
 def test_what_is_still_being_written_is_read_as_it_is(run: Path, cogrip: Cogrip) -> None:
     cut(run / ANNA)
     with (run / ANNA).open("rb") as writer:
-        lock(writer.fileno())
+        system.lock(writer.fileno())
         said, problems = cogrip.texts("replay", run, "--verify")
         assert problems == ""
         assert f"{ANNA}: its end is missing; what is there was compared" in said

@@ -331,7 +331,7 @@ def test_export_warns_of_a_damaged_chunk(runs, cogrip):
         (["runs", "nowhere"], "nowhere: there is no such folder"),
         (["runs"], "runs: there is no such folder"),
         (["report"], "name at least one run folder"),
-        (["report", "nowhere"], "nowhere: there is no such run folder"),
+        (["report", "nowhere"], "nowhere: there is no such run, neither here nor in runs; `cogrip runs` lists them"),
         (["report", "RUNS"], "holds no summary.json, no settings.json and no recording"),
         (["report", f"RUNS/{FIRST}/server.mcap"], "is a file; name the run folder"),
         (["report", f"RUNS/{FIRST}", f"RUNS/{FIRST}/../{FIRST}"], "is named twice"),

@@ -9,6 +9,7 @@ import pytest
 from cogrip.cli.main import main
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.shipped_settings import shipped, shipped_names, summary_of
+from cogrip.cli.study.study_source import shipped_studies
 
 from tests.cli.command import Cogrip
 
@@ -111,7 +112,8 @@ def test_a_wheel_holds_them_once_and_no_second_copy_is_in_the_tree(
         pytest.skip("needs a checkout")
     (wheel,) = WheelBuilder(str(ROOT)).build(directory=str(tmp_path / "dist"), versions=["standard"])
     held = {name for name in zipfile.ZipFile(wheel).namelist() if name.endswith(".toml")}
-    assert held == {f"cogrip/cli/configs/{name}.toml" for name in shipped_names()}
+    studies = {f"studies/{name}" for name in shipped_studies()}
+    assert held == {f"cogrip/cli/configs/{name}.toml" for name in {*shipped_names(), *studies}}
     assert not (ROOT / "cli/cogrip/cli/configs").exists()
     zipfile.ZipFile(wheel).extractall(tmp_path / "installed")
     monkeypatch.setattr("cogrip.cli.session.shipped_settings.files", lambda package: tmp_path / "installed/cogrip/cli")

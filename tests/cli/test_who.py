@@ -55,7 +55,7 @@ def test_as_json(cogrip: Cogrip, folder: StateFolder, asked: list[object]) -> No
     assert asked == [Who("lab")]
 
 
-@pytest.mark.parametrize("command", ["who", "kick anna"])
+@pytest.mark.parametrize("command", ["who", "kick anna", "mark now"])
 @pytest.mark.parametrize("state", ["state", "nowhere"])
 def test_without_a_server_it_is_said_in_one_way(
     cogrip: Cogrip, folder: StateFolder, tmp_path: Path, command: str, state: str

@@ -153,6 +153,31 @@ def test_what_a_ramped_force_leaves_to_the_line_is_not_asked_back(tried: DeviceP
     assert tried.balance_j == pytest.approx(-0.04)
 
 
+def test_what_a_frame_would_send_counts_as_far_as_it_may_be_sent(tried: DevicePort) -> None:
+    free = 0.5 * 0.1 * BRISK_MPS**2
+    for brought, pending, balance in (
+        (0.3, 0.1, 0.2),
+        (0.3, 0.3 + free, -free),
+        (0.3, 20.0, -free),
+        (-free - 0.1, 20.0, -free - 0.1),
+    ):
+        tried.enter(0.0, brought, pending)
+        assert tried.balance_j == pytest.approx(balance)
+        assert tried.spare_j == pytest.approx(max(brought, balance) + free), "whatever the ticks so far would send"
+    assert tried.least_j == pytest.approx(-free - 0.1)
+
+
+def test_no_more_is_forgiven_to_a_line_than_the_free_reserve(tried: DevicePort) -> None:
+    """Frame by frame the line takes all that it may, while the force is ramped in and out."""
+    for number in range(200):
+        tried.ramped = number // 20 % 2 == 0
+        given_j = 0.001 * number
+        tried.enter(0.0, given_j, 20.0)
+        tried.end_frame((0.0,) * 3, (0.0,) * 3, T_N, 0.0)
+        assert tried.balance_j - tried.earned_j <= 0.05 + 1e-12
+        assert tried.earned_j >= -2.0 * 0.05 - 1e-12
+
+
 def test_a_damper_pays_for_what_is_lent_for_long(tried: DevicePort) -> None:
     free = 0.5 * 0.1 * BRISK_MPS**2
     for share, paying in ((0.0, 0.0), (UNPAID, 0.0), (0.5 + 0.5 * UNPAID, 0.5), (1.0, 1.0), (2.0, 1.0)):

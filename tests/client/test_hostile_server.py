@@ -8,9 +8,10 @@ from msgspec import structs
 
 from cogrip.client.core import ClientCore
 from cogrip.client.force_limits import MOST_SLOPE_NPS
-from cogrip.client.inputs import Connect, Rearm
+from cogrip.client.inputs import CloseLedger, Connect, Rearm
 from cogrip.devices.registry import make
 from cogrip.protocol import messages
+from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import PROTOCOL_VERSION, Leave, Power, Stamp, State, Waves, Welcome
 from cogrip.protocol.rates import LEAST_DEVICE_HZ, Rates, due_ns
@@ -124,3 +125,40 @@ def test_a_welcome_at_the_least_rate_is_taken() -> None:
     server = Hostile(resolve({"users": [{"name": "a"}]}))
     server.welcome(LEAST_DEVICE_HZ, 125)
     assert server.core.seated
+
+
+@pytest.mark.parametrize(
+    ("wave", "hold", "hand"),
+    every(4, product((5.0, 20.0), (1, 8, 10**6), ("hold", "sine&amplitude_m=0.05&frequency_hz=2"))),
+)
+def test_the_motors_give_no_more_than_came_in_at_any_tick(hand: str, hold: int, wave: float) -> None:
+    """Waves that throw the hand, of another sign each `hold` frames. The ledger is added up once more, from what was done."""
+    server = Hostile(resolve({"users": [{"name": "a"}]}), hand)
+    server.welcome(1024, 128)
+    core, device = server.core, server.device
+    device.open(1024)
+    seated, place, gone_j, peak_n = (
+        core.seated,
+        0.0,
+        0.0,
+        0.0,
+    )  # gone_j: out of the motors and into the line, less what it gave
+    assert seated is not None
+    for tick in range(3 * 1024):
+        now_ns, force, played = due_ns(0, tick, 1024), seated.force_n[0], seated.coupling.returning[0]
+        core.sense(tick, device.read(tick), now_ns)
+        at = seated.hand.position_m[0]
+        if tick:
+            gone_j -= force * (at - place) + 0.5 * played * played / 1024
+        place = at
+        if tick % 8 == 0 and tick:
+            gone_j += 0.5 * seated.coupling.sent[0] ** 2 / 128
+            core.receive(server.frame(tick // 8 - 1, wave if tick // 8 // hold % 2 else -wave, now_ns), now_ns)
+        assert gone_j <= seated.port.reserve_j + 1e-9
+        (force,) = core.act(now_ns)
+        device.write((force,))
+        peak_n = max(peak_n, abs(force))
+    margin_j = core.handle(CloseLedger(TickCount()), core.now_ns).device.margin_j
+    assert margin_j is not None
+    assert margin_j >= 0.0, "so says the verdict"
+    assert peak_n > 2.0

@@ -188,4 +188,4 @@ def test_the_record_says_what_the_core_estimates_with() -> None:
         expected = estimator.update((place,))
     assert list(client.core.velocity_mps) == expected
     assert memory_for(light, T_C) == 0.5
-    assert len(client.waves.late) == 1
+    assert client.waves.late.ticks == 1

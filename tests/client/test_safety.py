@@ -78,8 +78,8 @@ def test_the_table_says_what_the_prose_says() -> None:
     assert set(TRANSITIONS.values()) == set(STATES)
     assert [key for key, after in TRANSITIONS.items() if key[0] == "fault"] == [("fault", "rearm"), ("fault", "stop")]
     assert TRANSITIONS["fault", "rearm"] == "armed", "re-arming alone moves nobody"
-    assert {state for (state, _), after in TRANSITIONS.items() if after == "live"} == {"armed", "degraded"}
-    for state in ("calibrating", "armed", "live", "degraded"):
+    assert {state for (state, _), after in TRANSITIONS.items() if after == "live"} == {"armed", "clutched", "degraded"}
+    for state in ("calibrating", "armed", "live", "clutched", "degraded"):
         assert TRANSITIONS[state, "fail"] == "fault"
         assert TRANSITIONS[state, "stop"] == "idle"
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import count, islice
 
+import numpy as np
 import pytest
 
 from cogrip.client.inputs import ClientInput, DeviceFailed, DeviceOpened, ForceApplied, Rearm
@@ -129,6 +130,18 @@ def test_a_failure_is_a_fault_with_its_first_reason(held: Held) -> None:
     assert held.state == "fault"
     assert held.core.safety.reason == "device: lost: unplugged"
     assert held.core.safety.counts["fault"] == 1
+
+
+@pytest.mark.parametrize("number", [int, np.float64, np.float32])
+def test_numbers_of_other_types_become_floats(held: Held, number: type) -> None:
+    """A recording holds floats, and numpy's numbers are no JSON."""
+    held.device.sample = Sample((number(0),), None)
+    sample = held.supervised.read(held.tick)
+    assert sample is not None
+    assert [type(part) for part in sample.position_m] == [float]
+    held.device.sample = Sample(("far",), None)  # type: ignore[arg-type]
+    assert held.supervised.read(held.tick) is None
+    assert held.state == "fault"
 
 
 def test_a_failure_to_write_is_one_too(held: Held) -> None:

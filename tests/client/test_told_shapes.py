@@ -1,13 +1,16 @@
 """Shapes that a server tells a client with local contact: how many are taken in, and that they stay as they were told."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import pytest
 from msgspec import structs
 
+from cogrip.client.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.local_contact import LocalFaces, LocalWall
 from cogrip.client.local_scene import LocalScene
 from cogrip.client.oscillation import OscillationDetector
+from cogrip.client.safety import Safety
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Geom, Stamp, Waves
@@ -152,3 +155,27 @@ def test_hand_that_the_line_presses_onto_geometry_comes_to_rest_there() -> None:
         z += T_C * mean
         coupling.elapse((0.0, 0.0, mean), (0.0, 0.0, speed))
     assert -0.001 < z < 0.001
+
+
+def test_force_of_a_line_that_ends_falls_softly_and_without_delay() -> None:
+    """A line that pulls with 6 N while its tool comes clear: 0.4 N a tick, 15 ticks, and no more than the slope's energy."""
+    coupling, safety, pull_n = scene(), Safety(capability(3), T_C), 6.0
+    for event in ("open", "calibrated", "go"):
+        safety.event(event)
+    place, wave, felt = (0.0, 0.0, 0.01), (-pull_n / ROOT, 0.0, 0.0), list[float]()
+    line = LineSender(3, 8)
+    for frame in range(80):
+        clear = frame >= 60
+        line.push((0.0,) * 3 if clear else wave)
+        first, waves, total, squares = line.contents()
+        state = (0.0,) * 6 + (() if clear else (0.0, 0.0, 0.01))
+        assert coupling.receive(Waves(1, first, waves, total, squares, 0.0, 0.0, 0, Stamp(0), state))
+        coupling.start_frame()
+        for _ in range(M):
+            felt.append(safety.limit(coupling.force(place, (0.0,) * 3), coupling.gap)[0])
+            coupling.elapse((0.0,) * 3, (0.0,) * 3)
+        coupling.end_frame()
+    assert felt[60 * M - 1] == pytest.approx(pull_n)
+    ends = felt[60 * M - 1 :]
+    assert max(before - after for before, after in pairwise(ends)) <= SOFT_SLOPE_NPS * T_C * (1.0 + 1e-9)
+    assert ends.index(0.0) <= pull_n / (SOFT_SLOPE_NPS * T_C) + 2

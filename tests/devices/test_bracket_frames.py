@@ -31,13 +31,13 @@ def test_a_request_is_filled_up_to_16_bytes_and_never_cut(commands, frame: bytes
 @pytest.mark.parametrize(
     ("data", "reading"),
     [
-        (b"[1,1,2,3,4,5,6,0]\n", Reading((1, 2, 3), model="polhem")),
-        (b"[1,1,2,3,4,5,6,0]\r\n", Reading((1, 2, 3), model="polhem")),
-        (b"[4,0,0,0,0,0,0,0]\n", Reading((0, 0, 0), model="number 4")),
-        (b"[0,-1,-0,007,0,0,0,0]\n", Reading((-1, 0, 7), model="number 0")),
+        (b"[1,1,2,3,4,5,6,0]\n", Reading((1, 2, 3), model="polhem", gimbal=(4, 5, 6))),
+        (b"[1,1,2,3,4,5,6,0]\r\n", Reading((1, 2, 3), model="polhem", gimbal=(4, 5, 6))),
+        (b"[4,0,0,0,0,0,0,0]\n", Reading((0, 0, 0), model="number 4", gimbal=(0, 0, 0))),
+        (b"[0,-1,-0,007,0,0,0,0]\n", Reading((-1, 0, 7), model="number 0", gimbal=(0, 0, 0))),
         (
             b"[2,-2147483648,2147483647,0,0,0,0,0]\n",
-            Reading((-(2**31), 2**31 - 1, 0), model="vintage"),
+            Reading((-(2**31), 2**31 - 1, 0), model="vintage", gimbal=(0, 0, 0)),
         ),
     ],
 )
@@ -84,7 +84,7 @@ def test_what_is_no_reply_is_skipped_and_counted(data: bytes) -> None:
     assert codec.feed(data) == []
     codec.reset()
     assert codec.skipped == len(data)
-    assert codec.feed(b"[2,1,2,3,4,5,6,0]\n") == [Reading((1, 2, 3), model="vintage")]
+    assert codec.feed(b"[2,1,2,3,4,5,6,0]\n") == [Reading((1, 2, 3), model="vintage", gimbal=(4, 5, 6))]
     assert codec.skipped == len(data)
 
 

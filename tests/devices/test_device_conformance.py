@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from math import nan
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from cogrip.devices import Capability, Device, Sample, make
@@ -17,6 +18,7 @@ from cogrip.devices.conformance import (
     UnfitError,
     ages_stay_small,
     calls_do_not_block,
+    handle_is_as_the_record_says,
     positions_do_not_jump,
     raises_device_errors_alone,
     samples_are_metres,
@@ -182,6 +184,13 @@ MILLIMETRES = "sim:ideal?hand=hold&x0_m=0.1"
 LIES: list[tuple[Callable[[Subject], None], str, Callable[[], Liar]]] = [
     (samples_are_metres, "inside the workspace",
      lambda: Liar(lambda t, s: Sample((1000.0 * s.position_m[0],), s.velocity_mps), address=MILLIMETRES)),
+    (handle_is_as_the_record_says, "0 buttons", lambda: Liar(lambda t, s: msgspec.structs.replace(s, buttons=1))),
+    (handle_is_as_the_record_says, "a plain int",
+     lambda: Liar(lambda t, s: msgspec.structs.replace(s, buttons=False))),
+    (handle_is_as_the_record_says, "a unit quaternion, or none",
+     lambda: Liar(lambda t, s: msgspec.structs.replace(s, orientation=(1.0, 0.0, 0.0, 0.0)))),
+    (handle_is_as_the_record_says, "a grip within None m, or none",
+     lambda: Liar(lambda t, s: msgspec.structs.replace(s, grip_m=0.0))),
     (ages_stay_small, "an age of 0 or a few ticks", lambda: Liar(lambda t, s: Sample(s.position_m, s.velocity_mps, t))),
     (ages_stay_small, "an age of 0 or a few ticks", lambda: Liar(lambda t, s: Sample(s.position_m, s.velocity_mps, -1000))),
     (ages_stay_small, "newer than those before", lambda: Liar(lambda t, s: Sample(s.position_m, s.velocity_mps, t % 4))),

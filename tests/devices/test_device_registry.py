@@ -43,7 +43,7 @@ def test_any_text_is_a_device_or_a_device_error(text: str) -> None:
         ("sim:", ["ideal, phantom"]),
         (
             "sim:ideal?hand=rech",
-            ["'rech'", "did you mean 'reach'", "hold, push, reach, sine, tremor, waypoints, grasp, csv"],
+            ["'rech'", "did you mean 'reach'", "hold, push, reach, approach, sine, tremor, waypoints, grasp, csv"],
         ),
         ("sim:ideal?hand=hold:3", ["hold takes no argument"]),
         ("sim:ideal?hand=csv", ["hand=csv:FILE"]),

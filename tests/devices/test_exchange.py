@@ -119,7 +119,7 @@ def test_a_second_request_waits_for_the_reply() -> None:
         assert made.reply(tick) is None
         assert not made.ask((1, 1, 1), tick)
     wire.now = 3
-    assert made.reply(3) == (Reading((0, 0, 0), model="vintage"), 3)
+    assert made.reply(3) == (Reading((0, 0, 0), model="vintage", gimbal=(0, 0, 0)), 3)
     assert made.ask(ZERO, 3)
     assert wire.asked == [0, 3]
     assert made.counts == {"reply late": 2, "request held back": 2}

@@ -31,6 +31,15 @@ def read(variant: str, report: bytes):
 def test_a_report_begins_with_the_counts() -> None:
     reading = read("mbed14", frame("90 01 d4 fe 38 18 2e 27 0c 00 fb ff 01 00"))
     assert (reading.raw, reading.error, reading.rejected, reading.model) == ((400, -300, 6200), "", False, "")
+    assert (reading.gimbal, reading.buttons) == ((30, 12, -5), 1)
+
+
+@pytest.mark.parametrize(
+    ("d", "count", "buttons"), [(5000, 5000, 0), (5001, -4999, 1), (-5000, -5000, 0), (10000, 0, 1), (15000, 5000, 1)]
+)
+def test_both_sides_of_the_count_that_says_that_the_button_is_down(d: int, count: int, buttons: int) -> None:
+    reading = read("mbed14", pack("<7h", 0, 0, 0, d, 1, 2, 0))
+    assert (reading.gimbal, reading.buttons) == ((count, 1, 2), buttons)
 
 
 def test_requests() -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.hid.enumeration import VARIANTS
+from cogrip.devices.io import platform
 from cogrip.devices.io.hid_port import HidPort, load_hidapi
 
 from tests.devices.hid_bench import NAME
@@ -23,7 +24,7 @@ def put(monkeypatch: pytest.MonkeyPatch, **keys: object) -> None:
 @pytest.mark.parametrize("backend", ["auto", "hidraw", "libusb"])
 def test_the_other_package_of_the_same_name_is_told_apart(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     put(monkeypatch, Device=object)
-    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(platform, "LINUX", True)
     with pytest.raises(DeviceError, match=r"not of `hidapi`.*pip uninstall hid"):
         HidPort(NAME, VARIANTS["mbed14"], backend).open()
 
@@ -37,19 +38,19 @@ def test_without_the_package_its_name_is_said(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize(
-    ("platform", "backend", "module"),
+    ("linux", "backend", "module"),
     [
-        ("linux", "auto", "hidraw"), ("linux", "hidraw", "hidraw"), ("linux", "libusb", "hid"),
-        ("darwin", "auto", "hid"), ("win32", "libusb", "hid"),
+        (True, "auto", "hidraw"), (True, "hidraw", "hidraw"), (True, "libusb", "hid"),
+        (False, "auto", "hid"), (False, "libusb", "hid"),
     ],
 )  # fmt: skip
-def test_each_system_has_its_module(platform: str, backend: str, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_system_has_its_module(linux: bool, backend: str, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
     put(monkeypatch, device=object)
-    monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.setattr(platform, "LINUX", linux)
     assert load_hidapi(backend, NAME).__name__ == module
 
 
 def test_hidraw_is_linux_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(platform, "LINUX", False)
     with pytest.raises(DeviceError, match="backend=hidraw is Linux's"):
         load_hidapi("hidraw", NAME)

@@ -9,6 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.devices import make
+from cogrip.protocol.settings import resolve
+from cogrip.sim.runs.laboratory_run import run_laboratory
 
 from tests.devices.replayed_hands import RATE_HZ, TICKS, played
 
@@ -94,3 +96,23 @@ def test_the_last_row_of_a_table_is_played(tmp_path_factory: pytest.TempPathFact
     device.open(1000)
     end = device.read(rows - 1)
     assert end.position_m[0] == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("speed", [1, 2])
+def test_a_replay_presses_what_was_pressed(tmp_path: Path, speed: int) -> None:
+    """At the recorded ticks, at the speed of the play-back; and no more once it is over."""
+    users = [{"name": "anna", "device": "sim:phantom?press=2@0.1+0.2", "hand": "hold"}]
+    run_laboratory(resolve({"seconds": 0.5, "users": users}), tmp_path)
+    device = make(f"replay:{tmp_path}#user=anna&speed={speed}", axes=1)
+    assert device.capability.buttons == 2
+    device.open(1024)
+    held = []
+    for tick in range(600):
+        sample = device.read(tick)
+        held.append(sample.buttons if sample else 0)
+        device.write((0.0,))
+    first, last = round(0.1 * 1024), round(0.3 * 1024)
+    assert [tick for tick, buttons in enumerate(held) if buttons] == [
+        tick for tick in range(512 // speed) if first <= tick * speed < last
+    ]
+    assert set(held) == {0, 2}

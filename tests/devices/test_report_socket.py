@@ -11,13 +11,14 @@ import pytest
 from cogrip.devices.device import DeviceError
 from cogrip.devices.hid.enumeration import VARIANTS
 from cogrip.devices.io.hid_port import HidPort
-from cogrip.devices.io.report_socket import OFFERED, is_socket
+from cogrip.devices.io.platform import SEQUENCED
+from cogrip.devices.io.report_socket import is_socket
 from cogrip.devices.registry import make
 
 from tests import forked
 from tests.devices.test_pseudo_terminal import LIMIT_S, Emulator, Loop, emulating
 
-pytestmark = pytest.mark.skipif(not OFFERED, reason="needs local sockets that keep messages apart")
+pytestmark = pytest.mark.skipif(not SEQUENCED, reason="needs local sockets that keep messages apart")
 NOTHING = bytes(15)
 NO_FORCE = (0.0, 0.0, 0.0)
 

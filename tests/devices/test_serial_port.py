@@ -12,7 +12,8 @@ import pytest
 import serial
 
 from cogrip.devices.device import DeviceError
-from cogrip.devices.io.serial_port import SerialPort, _awaited
+from cogrip.devices.io.platform import awaited
+from cogrip.devices.io.serial_port import SerialPort
 from cogrip.devices.serial.frames import BracketCodec
 
 ZERO = BracketCodec().encode((0, 0, 0))
@@ -201,19 +202,19 @@ def test_an_end_that_has_gone_is_no_silence() -> None:
     """Readable, yet nothing to read, and hung up: a closing terminal is so for a moment, a pipe without a writer for ever."""
     reader, writer = os.pipe()
     os.set_blocking(reader, False)
-    assert _awaited(reader, 0.0) == b""
+    assert awaited(reader, 0.0) == b""
     os.write(writer, b"[2]")
-    assert _awaited(reader, LONG_S) == b"[2]"
+    assert awaited(reader, LONG_S) == b"[2]"
     os.close(writer)
     with pytest.raises(OSError, match="hung up"):
-        _awaited(reader, LONG_S)
+        awaited(reader, LONG_S)
     os.close(reader)
 
 
 def test_what_somebody_else_has_read_is_no_hang_up() -> None:
     """A guard reads the line as well: readable, then nothing there, as /dev/null always is."""
     nothing = os.open(os.devnull, os.O_RDONLY)
-    assert _awaited(nothing, LONG_S) == b""
+    assert awaited(nothing, LONG_S) == b""
     os.close(nothing)
 
 

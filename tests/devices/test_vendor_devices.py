@@ -118,8 +118,8 @@ def forces_over_a_jump(device: Device, move: Callable[[float], None], jump_m: fl
     client, forces = Client(), []
     handle = SupervisedDevice(device, client.core, DEVICE_HZ)
     move(-0.02)
-    handle.open()
     client.core.handle(DeviceOpened(device.capability), client.core.now_ns)
+    handle.open()
     for tick in range(TICKS):
         now_ns = due_ns(0, tick, DEVICE_HZ)
         move(-0.02 + SPEED_MPS * tick / DEVICE_HZ + (jump_m if tick >= JUMP_TICK else 0.0))

@@ -249,3 +249,19 @@ def test_an_error_names_the_cure_and_not_the_link(address: str, said: str) -> No
     with pytest.raises(DeviceError, match=said) as caught:
         make(address)
     assert "&fd=" not in str(caught.value)
+
+
+def test_a_page_s_buttons_come_in_samples_and_are_released_with_it(linked: Linked) -> None:
+    device, page = linked
+    held = []
+    for tick in range(400):
+        if tick in (10, 60, 110):
+            page.send(encode_pointer(Pointer(tick, tick == 60, (0.0, 0.0, 0.0), 0x8001 if tick > 20 else 0x0010)))
+        held.append(device.read(tick).buttons)
+        device.write((0.0,))
+    assert device.capability.buttons == 16
+    assert held[9:11] == [0, 0x10]
+    assert held[60:112] == [0x8001] * 52
+    silent = round(0.1 * 1024)
+    assert held[110 + silent], "one comes every 50 ms"
+    assert held[110 + silent + 1] == 0, "silence"

@@ -101,10 +101,19 @@ def test_r_and_enter_at_a_terminal_re_arm(start, session):
         arm.fault("silence 0.2")
         person.hear("`r` and Enter here")
         os.write(master, b"what now?\n")
+        person.hear("'what now.' is no order: `m TEXT` sets a marker")
         os.write(master, b"r\n")
         person.hear("re-armed: force ramps in")
         os.write(master, b"r\n")  # in no fault
         session.until_state("anna", "live")
+        os.write(master, b"m the lamp\n")
+        session.server.hear("anna marker: the lamp")
+        os.write(master, b"c\n")
+        person.hear("clutched: the tool stands still")
+        arm.pushes(False)
+        os.write(master, b"c\n")
+        person.hear("engaged: force ramps in")
+        arm.pushes(True)
         os.write(master, b"\x03")  # Ctrl-C
         assert person.end() == 0, person.said
         assert person.said.count("re-arming") == 1

@@ -11,7 +11,7 @@ import msgpack
 import msgspec
 import pytest
 
-from cogrip.protocol.messages import HELLO_BYTES
+from cogrip.protocol.messages import HELLO_BYTES, PROTOCOL_VERSION
 from cogrip.protocol.recording.reader import Follower, RecordingError, open_recording
 from cogrip.protocol.recording.records import Step
 from cogrip.server.recorder import step_topic
@@ -256,9 +256,9 @@ def test_unauthenticated_peers_are_refused_and_counted(serve, tmp_path):
             peer.send(garbage)
         peer.send(msgpack.packb([1, "cogrip", 99, "9.9", 4711, "what", {"a": "newer"}, "protocol", bytes(HELLO_BYTES)]))
         tag, version, nonce, code, reason = msgpack.unpackb(peer.recv(2000))
-    assert (tag, version, nonce, code) == (3, 6, 4711, "version")
-    assert "client speaks protocol 99, the server 6" in reason
-    server.hear("client speaks protocol 99, the server 6")
+    assert (tag, version, nonce, code) == (3, PROTOCOL_VERSION, 4711, "version")
+    assert f"client speaks protocol 99, the server {PROTOCOL_VERSION}" in reason
+    server.hear(f"client speaks protocol 99, the server {PROTOCOL_VERSION}")
     server.signal(signal.SIGTERM)
     server.end()
     dropped = summary_in(tmp_path / "server")["server"]["dropped"]

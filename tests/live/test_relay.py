@@ -14,6 +14,7 @@ import pytest
 
 from cogrip.protocol.join_link import parse_link
 from cogrip.protocol.settings import resolve
+from cogrip.sim.runs.records import open_run
 from cogrip.sim.session.link import Fate, fates
 
 from tests.extent import long
@@ -220,3 +221,41 @@ def test_two_people_hold_one_cube_over_an_impaired_network(run, relay, tmp_path,
         assert total["reordered"] > 0
         assert total["crowded"] == 0
     assert "relaying from" in process.said
+
+
+def test_every_edge_of_a_button_comes_to_the_world_once_through_thirty_percent_loss(run, relay, tmp_path):
+    """Two people press at their own times; what the world was given stands in the server's recording."""
+    server = run(
+        "serve", DEMO, "--port", "0", "--seconds", "600", "--no-report", "--runs", tmp_path / "server", "--set",
+        "link.delay_ms=0", "--set", "playout.frames=4",
+    )  # fmt: skip
+    port = int(server.hear(r"listening on \S+:(\d+)")[1])
+    lossy = (
+        "--set",
+        "link.loss=0.3",
+        "--set",
+        "link.delay_ms=5",
+        "--set",
+        "link.duplicate=0.2",
+        "--set",
+        "link.reorder=0.2",
+    )
+    _, place, end = relay(f"127.0.0.1:{port}", "--seed", "5", *lossy)
+    presses = [(1, 9, 0.2, 0.12), (32, 8, 0.25, 0.13)]  # button, how often, from when, every [s]
+    people = []
+    for name, (button, count, first_s, every_s) in zip(("anna", "ben"), presses, strict=True):
+        press = ",".join(f"{button}@{first_s + n * every_s:.3f}+{0.5 * every_s:.3f}" for n in range(count))
+        device = f"sim:phantom?hand=hold&press={press}"
+        people.append(run(
+            "join", f"{place[0]}:{place[1]}", "--name", name, "--device", device, "--seconds", "1.5", *leaving(tmp_path / name),
+        ))  # fmt: skip
+    assert [person.end() for person in people] == [0, 0], [person.said for person in people]
+    server.signal(signal.SIGTERM)
+    assert server.end() == 0, server.said
+    lost = end()["totals"]["up"]
+    assert 0.2 < lost["lost"] / lost["sent"] < 0.4
+    (folder,) = (tmp_path / "server").iterdir()
+    steps = [timed.record for timed in open_run(folder).steps()]
+    for seat, (button, count, _, _) in enumerate(presses):
+        edges = [edge for step in steps for edge in step.seats[seat].edges]
+        assert edges == [button, -button] * count

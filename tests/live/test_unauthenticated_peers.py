@@ -218,6 +218,11 @@ def test_people_are_kicked_and_an_observer_who_pushes_is_too(start, encrypted, j
     assert "an observer may not send waves: they were not applied" in hostile.said
     encrypted.process.hear("was kicked: an observer may not send waves")
 
+    mark = start("mark", "the lamp goes on", "--state", str(encrypted.state))
+    assert mark.end() == 0, mark.said
+    assert "marked in 1 room: the lamp goes on" in mark.said
+    encrypted.process.hear("demo: marker: the lamp goes on")
+
     kick = start("kick", "anna", "--state", str(encrypted.state), "--reason", "enough")
     assert kick.end() == 0, kick.said
     assert anna.end() == 1
@@ -236,7 +241,10 @@ def test_people_are_kicked_and_an_observer_who_pushes_is_too(start, encrypted, j
     assert "kicked: the token was revoked" in watcher.said
     encrypted.process.hear("was kicked: the token was revoked")
     for person in (anna, ben):
-        assert largest_step_n(recording_of(person)) < MOST_STEP_N
+        recording = recording_of(person)
+        assert largest_step_n(recording) < MOST_STEP_N
+        texts = [timed.record.text for timed in recording.records("event")]
+        assert texts.count("marker: the lamp goes on") == 1
 
 
 @fairly

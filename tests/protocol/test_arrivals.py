@@ -9,6 +9,7 @@ import pytest
 
 from cogrip.protocol.io import arrivals as module
 from cogrip.protocol.io.arrivals import Arrivals
+from cogrip.protocol.io.platform import system
 
 UTC_NS, MONOTONIC_NS = 1_790_000_000 * 10**9, 50 * 10**9  # the two clocks now
 MS = 10**6
@@ -39,7 +40,7 @@ def stamped(monkeypatch: pytest.MonkeyPatch) -> tuple[Arrivals, StampedSocket]:
         monotonic_ns = staticmethod(lambda: MONOTONIC_NS)
 
     monkeypatch.setattr(module, "time", Clocks)
-    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(system, "LINUX", True)
     receiver = StampedSocket()
     return Arrivals(receiver), receiver  # type: ignore[arg-type]
 

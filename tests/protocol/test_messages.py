@@ -15,6 +15,7 @@ from cogrip.protocol.drawing import ShapeKind
 from cogrip.protocol.messages import HELLO_BYTES, VIEWED_SEATS, Hello, MalformedError, decode, encode, padded
 from cogrip.protocol.session import ClientSession, make_hello, nonce_of
 from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.texts import TEXT_BYTES, clipped
 
 BIG = 2**63 - 1
 WIDE = "\U0001f600"  # 4 bytes
@@ -25,6 +26,7 @@ TIMES = accounts.Percentiles(0.1, 0.1, 0.1, 0.1)
 ROW = (0.1, 0.1, 0.1)
 POSE = ROW + ROW
 TURNED = (0.5, -0.5, 0.5, 0.5)
+HANDLE = messages.Handle(2**32 - 1, (-32,) * 16, (65535,) * 16, TURNED, 0.1)
 PLAYOUT = PlayoutAccount(0.1, 0.1, 0.1, *[BIG] * 4)
 TICKS = TickCount(BIG, BIG, TIMES, TIMES)
 CLIENT = ClientAccount(
@@ -40,7 +42,10 @@ LONGEST: dict[str, Any] = {
     "name": "r" * 40, "seed": 2**53, "rates": {"device_hz": 20_000, "network_hz": 20_000},
     "coupling": {"kind": "coupling", "compensate": True, "decimator": "lowpass", "encoder": "displacement"},
     "object": {"kind": "faces", "axes": 3}, "playout": {"frames": 256, "redundancy": 32},
-    "users": [*({"name": f"u{number}"} for number in range(255)), {"name": "u" * 40, "side": "right"}],
+    "users": [
+        *({"name": f"u{number}"} for number in range(255)),
+        {"name": "u" * 40, "side": "right", "force_scale": 0.3, "rotation": (0.1, 0.2, 0.3)},
+    ],
 }  # fmt: skip
 LONGEST_SEAT = seat_settings(resolve(LONGEST), 255)
 
@@ -64,31 +69,62 @@ LARGEST: dict[str, messages.AnyMessage] = {
         0.1,
         0.1,
     ),
-    "welcome": messages.Welcome(2**53, BIG, BIG, WIDE * 32, WORDS, LONGEST_SEAT, SECRET, "observer"),
-    "refuse": messages.Refuse(2**53, BIG, WORDS, "r" * messages.TEXT_BYTES),
+    "welcome": messages.Welcome(2**53, BIG, BIG, SECRET, WORDS, LONGEST_SEAT, SECRET, "observer"),
+    "refuse": messages.Refuse(2**53, BIG, WORDS, "r" * TEXT_BYTES),
     "waves": messages.Waves(
-        BIG, 2**53, (0.1,) * 90, POSE, POSE, 0.1, 0.1, 2**53, STAMP, (0.1,) * 15, -(2**31), 2**53, 0.1, 2**53
+        BIG,
+        2**53,
+        (0.1,) * 78,
+        POSE,
+        POSE,
+        0.1,
+        0.1,
+        2**53,
+        STAMP,
+        (0.1,) * 15,
+        -(2**31),
+        2**53,
+        0.1,
+        2**53,
+        HANDLE,
+        2**32 - 1,
     ),
-    "state": messages.State(BIG, 2**53, POSE, POSE, 0.1, 2**53, STAMP),
+    "state": messages.State(BIG, 2**53, POSE, POSE, 0.1, 2**53, STAMP, HANDLE, 2**32 - 1),
     "heartbeat": messages.Heartbeat(BIG, STAMP),
     "leave": messages.Leave(BIG, "r" * messages.LEAVE_TEXT_BYTES, CLIENT),
-    "farewell": messages.Farewell(BIG, "r" * messages.TEXT_BYTES, SEAT, ROOM),
+    "farewell": messages.Farewell(BIG, "r" * TEXT_BYTES, SEAT, ROOM),
     "view": messages.View(
         BIG, 2**53, (0.1,) * 6, (255,) * VIEWED_SEATS, (0.1,) * (3 * VIEWED_SEATS), (0.1,) * (3 * VIEWED_SEATS), STAMP
     ),
-    "power": messages.Power(BIG, 2**53, POSE, POSE, POSE, POSE, POSE, 0.1, 2**53, STAMP),
+    "power": messages.Power(BIG, 2**53, POSE, POSE, POSE, POSE, POSE, 0.1, 2**53, STAMP, HANDLE, 2**32 - 1),
     "person": messages.Person(
-        BIG, 2**53, 255, WORDS, "joining", ROW, ROW, 1e5 + 0.1, 1e5 + 0.1, 1e5 + 0.1, *(2**53,) * 4, *(0.1,) * 4
+        BIG,
+        2**53,
+        255,
+        WORDS,
+        "joining",
+        ROW,
+        ROW,
+        1e5 + 0.1,
+        1e5 + 0.1,
+        1e5 + 0.1,
+        *(2**53,) * 4,
+        *(0.1,) * 4,
+        2**32 - 1,
+        2**32 - 1,
+        TURNED,
+        0.1,
     ),
     "bodies": messages.Bodies(BIG, 2**53, messages.pack_poses([(1023, (*ROW, *TURNED))] * messages.MOST_POSES)),
     "geom": messages.Geom(BIG, 1024, 1023, "ellipsoid", ROW, 1023, ROW, TURNED, (0.1,) * 4, 255, True),
+    "mark": messages.Mark(BIG, 2**53, "m" * messages.MARK_BYTES, 2**53, 255, 2**53),
 }
 
 short_texts = st.text(max_size=40)
 secrets = st.from_regex(r"[A-Za-z0-9_-]{0,32}", fullmatch=True)
 roles = st.sampled_from(["player", "observer"])
 bounds = st.floats(0.0, messages.NO_BOUND)
-texts = st.text(max_size=messages.TEXT_BYTES)
+texts = st.text(max_size=TEXT_BYTES)
 counters = st.integers(0, 2**53)
 sessions = st.integers(1, BIG)
 nanoseconds = st.integers(0, BIG)
@@ -106,7 +142,19 @@ quaternions = tuples(st.floats(0.1, 1.0), 4, 4).map(lambda row: tuple(each / mat
 poses = st.tuples(
     st.integers(0, 1023), st.tuples(tuples(st.floats(-1e3, 1e3), 3, 3), quaternions).map(lambda two: two[0] + two[1])
 )
-digests = st.text(max_size=32)
+digests = st.from_regex(r"[A-Za-z0-9_-]{0,32}", fullmatch=True)
+edge_counts = st.integers(0, 2**32 - 1)
+openings = st.none() | st.floats(-1.0, 1.0)
+edges = st.lists(st.tuples(st.integers(1, 32), st.booleans(), st.integers(0, 65535)), max_size=16).map(
+    lambda rows: [tuple(button if down else -button for button, down, _ in rows), tuple(age for _, _, age in rows)]
+)
+handles = st.none() | st.builds(
+    lambda first, edges, *rest: messages.Handle(first, *edges, *rest),
+    edge_counts,
+    edges,
+    st.none() | quaternions,
+    openings,
+)
 hellos = st.builds(
     Hello, st.just(messages.MAGIC), counters, short_texts, nanoseconds, short_texts, short_texts, short_texts, short_texts,
     st.integers(1, 6), st.floats(1.0, 1e6), bounds, bounds, roles, secrets, secrets,
@@ -119,18 +167,18 @@ anything = st.one_of(
     ),
     st.builds(messages.Refuse, counters, nanoseconds, short_texts, texts),
     st.builds(
-        messages.Waves, sessions, counters, tuples(st.floats(-1e4, 1e4), 1, 90), tuples(totals, 1, 6), tuples(totals, 1, 6),
+        messages.Waves, sessions, counters, tuples(st.floats(-1e4, 1e4), 1, 78), tuples(totals, 1, 6), tuples(totals, 1, 6),
         totals, totals, counters, stamps, tuples(st.floats(-1e4, 1e4), 2, 15), st.integers(-(2**31), 2**31), counters,
-        st.floats(0.0, 1e4), counters,
+        st.floats(0.0, 1e4), counters, handles, edge_counts,
     ),
     st.builds(
         messages.State, sessions, counters, tuples(st.floats(-1e3, 1e3), 1, 6), tuples(st.floats(-1e4, 1e4), 1, 6), totals,
-        counters, stamps,
+        counters, stamps, handles, edge_counts,
     ),
     st.builds(
         messages.Power, sessions, counters, tuples(st.floats(-1e3, 1e3), 1, 6), tuples(st.floats(-1e4, 1e4), 1, 6),
         tuples(st.floats(-1e9, 1e9), 1, 6), tuples(st.floats(0.0, 1e15), 1, 6), tuples(st.floats(0.0, 1e15), 1, 6),
-        totals, counters, stamps,
+        totals, counters, stamps, handles, edge_counts,
     ),
     st.builds(messages.Heartbeat, sessions, stamps),
     st.builds(messages.Leave, sessions, texts, st.sampled_from([None, CLIENT])),
@@ -144,6 +192,7 @@ anything = st.one_of(
         messages.Person, sessions, counters, st.integers(0, 255), short_texts, st.sampled_from(["joining", "live", "silent"]),
         tuples(st.floats(-1e3, 1e3), 0, 3), tuples(st.floats(-1e3, 1e3), 0, 3), delays, delays, delays,
         st.none() | st.floats(0.0, 2.0**53), counts, counters, counters, *[st.none() | totals] * 4,
+        edge_counts, edge_counts, st.none() | quaternions, openings,
     ),
     st.builds(messages.Bodies, sessions, counters, st.lists(poses, min_size=1, max_size=39).map(messages.pack_poses)),
     st.builds(
@@ -279,8 +328,8 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
     assert messages.MAX_MESSAGE_BYTES + messages.DTLS_BYTES == messages.MAX_DATAGRAM_BYTES
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
-        "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1166, "state": 176, "power": 341, "heartbeat": 39, "leave": 1175,
-        "farewell": 766, "view": 1008, "person": 349, "bodies": 1193, "geom": 163,
+        "hello": 964, "welcome": 985, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1175,
+        "farewell": 766, "view": 1008, "person": 405, "bodies": 1193, "geom": 163, "mark": 122,
     }  # fmt: skip
     assert max(largest["welcome"], largest["refuse"]) <= HELLO_BYTES, "no answer to anyone is longer than the hello"
     assert len(padded(LARGEST["hello"])) == HELLO_BYTES
@@ -288,8 +337,8 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
 
 @given(texts, short_texts, texts)
 def test_a_leave_with_any_texts_fits_once_they_are_cut(reason: str, state: str, account_reason: str) -> None:
-    account = msgspec.structs.replace(CLIENT, state=messages.clipped(state), reason=messages.clipped(account_reason))
-    leave = messages.Leave(BIG, messages.clipped(reason, messages.LEAVE_TEXT_BYTES), account)
+    account = msgspec.structs.replace(CLIENT, state=clipped(state), reason=clipped(account_reason))
+    leave = messages.Leave(BIG, clipped(reason, messages.LEAVE_TEXT_BYTES), account)
     assert len(encode(leave)) <= messages.MAX_MESSAGE_BYTES
     assert decode(encode(leave)) == leave
 
@@ -330,11 +379,11 @@ def test_a_message_may_have_its_largest_size_and_not_a_byte_more() -> None:
 
 @given(st.text())
 def test_clipped_texts_are_read(text: str) -> None:
-    cut = messages.clipped(text)
-    assert len(cut.encode()) <= messages.TEXT_BYTES
+    cut = clipped(text)
+    assert len(cut.encode()) <= TEXT_BYTES
     assert text.encode("utf-8", "replace").decode().startswith(cut)
     assert decode(encode(messages.Refuse(1, 1, "c", cut))).reason == cut
-    assert cut == text or len(text.encode("utf-8", "replace")) > messages.TEXT_BYTES or "?" in cut
+    assert cut == text or len(text.encode("utf-8", "replace")) > TEXT_BYTES or "?" in cut
 
 
 def test_a_diverged_account_still_arrives() -> None:
@@ -386,7 +435,7 @@ def test_a_pose_out_of_bounds_is_malformed(pose: tuple[int, tuple[float, ...]]) 
 
 def test_messages_of_the_two_ends_are_told_by_their_tag() -> None:
     tags = {name: msgpack.unpackb(encode(message))[0] for name, message in LARGEST.items()}
-    assert list(tags.values()) == [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13]
+    assert list(tags.values()) == list(range(1, 15))
     assert messages.encode is encode
 
 
@@ -404,12 +453,12 @@ def test_a_device_address_comes_whole_and_older_peers_read_its_beginning(device:
     assert isinstance(read, Hello)
     if len(device.encode()) <= 77:  # the longest texts of all leave so much room
         assert read.device == device
-    assert messages.clipped(device, messages.DEVICE_BYTES).startswith(read.device)
+    assert clipped(device, messages.DEVICE_BYTES).startswith(read.device)
     assert padded(read) == datagram, "it can be said again"
     older = msgspec.msgpack.decode(datagram, type=Hello)
     assert older.device == device[:40]
     if not name:
-        assert read.device == messages.clipped(device, messages.DEVICE_BYTES)
+        assert read.device == clipped(device, messages.DEVICE_BYTES)
         again = msgspec.structs.replace(hello, ticket=SECRET, token=SECRET, room="r" * 40, name="n" * 40)
         assert decode(padded(again)).device == read.device, "a resumption claims the same record"  # type: ignore[union-attr]
 

@@ -6,12 +6,14 @@ import resource
 import sys
 import tempfile
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from types import FunctionType, ModuleType
 
 import msgspec
 import pytest
+import zstandard
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -27,7 +29,7 @@ from cogrip.protocol.recording.records import KINDS, kind_of
 from cogrip.protocol.recording.schema import json_schema
 from cogrip.protocol.recording.sink import topics
 from cogrip.protocol.recording.summary import HELD_BYTES, Spool
-from cogrip.protocol.recording.writer import CHUNK_BYTES, LIBRARY, RecordingWriter
+from cogrip.protocol.recording.writer import CHUNK_BYTES, LEVEL, LIBRARY, RecordingWriter
 
 EPOCH_NS = 1_700_000_000_123_456_789
 RECORDED = sorted((Path(__file__).parents[1] / "recordings").glob("*/*.mcap"))
@@ -35,6 +37,14 @@ RECORDED = sorted((Path(__file__).parents[1] / "recordings").glob("*/*.mcap"))
 
 def header(topics_of: Sequence[str] = ("event", "command", "tick")) -> Header:
     return Header("client", "anna", "{}", 1024, 7, EPOCH_NS, False, versions_here(), topics("anna", topics_of))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def same_level():
+    """Let the library compress as we do: it takes no level."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(zstandard, "compress", partial(zstandard.compress, level=LEVEL))
+        yield
 
 
 class LibraryWriter:

@@ -10,6 +10,7 @@ from cogrip.protocol.accounts import LinkCount
 from cogrip.protocol.messages import HELLO_BYTES, MAGIC, PROTOCOL_VERSION, Farewell, Heartbeat, Refuse, Stamp, Welcome
 from cogrip.protocol.session import CLIENT, GIVE_UP_NS, HELLO_EVERY_NS, LEAVE_GIVE_UP_NS, LOST_NS, SEAT, ClientSession
 from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.texts import TEXT_BYTES
 from cogrip.server.core import ServerCore
 from cogrip.server.inputs import Kick, Stop
 
@@ -198,7 +199,7 @@ def both_print(client: ClientSession, core: ServerCore) -> str:
 @pytest.mark.parametrize(
     ("change", "code", "text"),
     [
-        ({"version": 3}, "version", "the client speaks protocol 3, the server 6: install the same cogrip on both"),
+        ({"version": 3}, "version", "the client speaks protocol 3, the server 7: install the same cogrip on both"),
         ({"room": "attic"}, "room", "there is no room 'attic' here; there is: lab"),
         ({"name": "eve"}, "name", "no seat is kept for 'eve'; seats are: anna, ben"),
         ({"digest": "0123"}, "settings", f"your settings (0123) are not the server's ({digest(SETTINGS)})"),
@@ -247,7 +248,7 @@ def test_a_version_with_another_layout_is_refused_with_a_reason_both_sides_print
     core.receive(b"\x97" + head[1:] + b"\xc5" + len(padding).to_bytes(2, "big") + padding, "anna's", 0)
     client.outbox.clear()
     exchange(client, core, 0)
-    assert both_print(client, core).startswith("the client speaks protocol 9, the server 6")
+    assert both_print(client, core).startswith("the client speaks protocol 9, the server 7")
 
 
 def test_short_hellos_get_no_answer() -> None:
@@ -278,7 +279,7 @@ def test_long_texts_are_cut_so_that_they_are_read() -> None:
     assert client.farewell is not None
     reply = messages.decode(session.refusal(1, "full", "long " * 100))
     assert isinstance(reply, Refuse)
-    assert len(reply.reason) == messages.TEXT_BYTES
+    assert len(reply.reason) == TEXT_BYTES
 
 
 def test_heartbeats_keep_their_pace() -> None:

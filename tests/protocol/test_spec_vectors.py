@@ -15,7 +15,18 @@ import pytest
 
 from cogrip.client import passivity_control as client_passivity
 from cogrip.client import path_migration
-from cogrip.protocol import accounts, clock, dtls_records, line_tuning, loop_meter, messages, passivity_control, session
+from cogrip.protocol import (
+    accounts,
+    clock,
+    dtls_records,
+    handle,
+    line_tuning,
+    loop_meter,
+    messages,
+    passivity_control,
+    session,
+    setting_types,
+)
 from cogrip.protocol import settings as settings_module
 from cogrip.protocol.accounts import (
     ClientAccount,
@@ -85,7 +96,7 @@ def said(value: Any) -> Any:
 
 
 def test_every_message_has_a_vector() -> None:
-    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 14))
+    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 15))
 
 
 @pytest.mark.parametrize("name", VECTORS)
@@ -162,6 +173,7 @@ ARRAYS: list[tuple[str, str, type[msgspec.Struct], str, list[int]]] = [
     ("3.4 Welcome", "Settings:", SeatSettings, "welcome", [6]),
     ("3.5 Refuse", "", messages.Refuse, "refuse", []),
     ("3.6 Waves", "", messages.Waves, "waves from a client", []),
+    ("3.6 Waves", "Handle:", messages.Handle, "waves from a client", [15]),
     ("3.7 State", "", messages.State, "state", []),
     ("3.8 Heartbeat", "", messages.Heartbeat, "heartbeat", []),
     ("3.8 Heartbeat", "Stamp:", messages.Stamp, "heartbeat", [2]),
@@ -175,6 +187,7 @@ ARRAYS: list[tuple[str, str, type[msgspec.Struct], str, list[int]]] = [
     ("3.13 Person", "", messages.Person, "person", []),
     ("3.14 Bodies", "", messages.Bodies, "bodies", []),
     ("3.15 Geom", "", messages.Geom, "geom", []),
+    ("3.16 Mark", "", messages.Mark, "mark", []),
 ]
 MAPS: list[tuple[str, type[msgspec.Struct], list[int]]] = [
     ("coupling", Coupling, [6, 6]),
@@ -387,7 +400,7 @@ def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
 
 PROTOCOL = (
     messages, session, clock, loop_meter, receiver, concealment, jitter_buffer, passivity_control, client_passivity, room,
-    observers, drawn_bodies, seat_limits, settings_module, line_tuning,
+    observers, drawn_bodies, seat_limits, settings_module, line_tuning, handle, setting_types,
 )  # fmt: skip
 DTLS = (dtls_channel, dtls_client, rate_limit, path_migration, dtls_records)
 

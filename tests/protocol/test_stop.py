@@ -7,11 +7,13 @@ import sys
 
 import pytest
 
+from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.stop import Stop, on_signals
 
 LIMIT_S = 60.0
 LOOP = """
 import fcntl, signal, sys, termios
+from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.stop import Stop, on_signals
 hangup, nohup, terminal = sys.argv[1], sys.argv[2] == "True", int(sys.argv[3])
 if nohup:
@@ -88,6 +90,17 @@ def test_a_rearm_is_asked_for_once():
         os.kill(os.getpid(), signal.SIGUSR1)
     assert stop.take_rearm()
     assert not stop.take_rearm()
+
+
+def test_lines_are_orders_each_taken_once(monkeypatch):
+    typed = [b"m lamp on\n", b"R\nm off\n \n", b"", b"\xff\n"]
+    monkeypatch.setattr(system, "typed", lambda: typed.pop(0) if typed else b"")
+    stop = Stop()
+    assert stop.take_typed() == ["m lamp on"]
+    assert stop.take_rearm()
+    assert stop.take_typed() == ["m off"]
+    assert not stop.take_rearm()
+    assert stop.take_typed() == ["\N{REPLACEMENT CHARACTER}"]
 
 
 def test_a_hangup_terminates_where_nothing_else_was_asked():

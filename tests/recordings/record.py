@@ -27,7 +27,7 @@ LABORATORY = {
     "link": {"delay_ms": 10, "jitter_ms": 5, "loss": 0.1, "duplicate": 0.05, "reorder": 0.05},
     "playout": {"frames": 2},
     "users": [
-        {"name": "anna", "hand": "reach&direction=1,0.5,-0.3"},
+        {"name": "anna", "device": "sim:phantom?press=2@0.2+0.15,1@0.3+0.1", "hand": "reach&direction=1,0.5,-0.3"},
         {
             "name": "ben",
             "device": "sim:ideal",
@@ -54,7 +54,7 @@ def live(folder: Path) -> None:
         "--config",
         str(config),
         "--seconds",
-        "0.9",
+        "0.85",
         "--runs",
         str(runs),
     ]

@@ -216,6 +216,23 @@ def test_one_that_fails_as_somebody_joins_or_leaves_ends_with_the_next_step() ->
             room.advance([(0.0, 0.0)] * 2)
 
 
+@pytest.mark.parametrize(("name", "given"), [("button", (0, 3, True)), ("handle", (1, (1.0, 0.0, 0.0, 0.0), 0.01))])
+def test_buttons_and_handles_reach_the_world_and_its_mistakes_end_it(name: str, given: tuple[object, ...]) -> None:
+    told: list[tuple[object, ...]] = []
+    hears = type("Hears", (Springs,), {name: lambda self, *args: told.append(args)})
+    room = held(hears)
+    getattr(room, name)(*given)
+    room.advance([(0.0, 0.0)] * 2)
+    assert told == [given]
+    deaf = held(Springs)
+    getattr(deaf, name)(*given)
+    deaf.advance([(0.0, 0.0)] * 2)
+    torn = held(type("Torn", (Springs,), {name: lambda self, *args: 1 / 0}))
+    getattr(torn, name)(*given)
+    with pytest.raises(WorldError, match=rf"division by zero \(line \d+\) in {name}"):
+        torn.advance([(0.0, 0.0)] * 2)
+
+
 def test_a_world_without_tools_is_guarded_as_well() -> None:
     """The cube as it comes with cogrip, under another name."""
     given = seats()

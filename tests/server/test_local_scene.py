@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cogrip.server.worlds.clearance import NEAR_M
-from cogrip.server.worlds.local_scene import CLOSE_M, OUT_M, RELEASE_ANYWAY_S, RELEASE_S, LocalScene
+from cogrip.server.worlds.local_scene import CLOSE_M, OUT_M, RELEASE_S, LocalScene
 from cogrip.server.worlds.world import WorldError
 
 from tests.extent import every
@@ -148,7 +148,8 @@ def release_frames(world: LocalScene, u: Array) -> int:
 
 
 def test_it_is_clear_again_a_while_after_the_last_body_was_near() -> None:
-    for push, seconds in ((0.0, RELEASE_S), (-1.0, RELEASE_ANYWAY_S)):
+    """However hard its line presses it onto the floor: it need not wait for that, as the line ends without a reflection."""
+    for push in (0.0, -1.0):
         world = join_all(local_world(GATE, ["ball"]))
         ball_at(world, np.array([0.2, 0.0, 0.0]), 30)
         began = world.engaged_at(0)
@@ -159,7 +160,7 @@ def test_it_is_clear_again_a_while_after_the_last_body_was_near() -> None:
             world.data.qpos[world._places[0]] = [-1.0, 0.0, -0.19]  # pressed against the floor all the time
             world._refresh()
         u = np.array([[0.0, 0.0, push]])
-        assert release_frames(world, u) == pytest.approx(seconds / T, abs=12)
+        assert release_frames(world, u) == pytest.approx(RELEASE_S / T, abs=12)
         assert not world.data.qvel[world._dofs].any()
         ball_at(world, np.array([0.2, 0.0, 0.0]), 60)
         assert world.engaged_at(0) not in ((), began)

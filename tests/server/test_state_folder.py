@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.server.io import state_folder
+from cogrip.server.io import platform, state_folder
 from cogrip.server.io.state_folder import (
     NoStateError,
     ServerRecord,
@@ -95,7 +95,7 @@ def test_what_is_no_folder_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_system_without_modes_and_locks_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(state_folder, "_IS_POSIX", False)
+    monkeypatch.setattr(platform, "POSIX", False)
     for use in (make_folder, find_folder):
         with pytest.raises(StateError, match=r"needs file modes and locks \(fcntl\) as Linux and macOS have them"):
             use(tmp_path)

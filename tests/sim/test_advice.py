@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from cogrip.devices.for_user import make_for
+from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.analysis import advice_change
@@ -79,6 +80,23 @@ def test_felt_more_than_the_record_advises() -> None:
 def test_what_a_decimator_may_make(decimator: str, level: str) -> None:
     advice = advise(settings_of(coupling__decimator=decimator))
     assert {finding.level for finding in advice.findings if finding.topic == "passivity"} == {level}
+
+
+def test_up_to_which_force_the_credit_holds_a_hand_through_gaps() -> None:
+    """Theory 3.5: F = sqrt(4 b (1 - f^2) E / (T_n axes)); what is said to be enough is, and holds what is asked for."""
+    lossy = {
+        "link__loss": 0.01,
+        "users__0__device": "sim:phantom?hand=hold",
+        "users__1__device": "sim:phantom?hand=hold",
+    }
+    assert "1.2 N are held in full" in words(advise(settings_of(**lossy)), "gaps")
+    said = words(advise(settings_of(**lossy)), "gaps")
+    enough = float(said.rsplit("tank_mj = ", 1)[1])
+    wanted = float(said.split("the ", 1)[1].split(" N that the device")[0])
+    assert held_force(20.0, enough * 1e-3, 1.0 / 128.0, 1) == pytest.approx(wanted, rel=0.03)
+    rich = advise(settings_of(playout__tank_mj=1.1 * enough, **lossy))
+    assert {finding.level for finding in rich.findings if finding.topic == "gaps"} == {"ok"}
+    assert words(advise(settings_of()), "gaps") == ""
 
 
 def test_compensation_possible_or_which_impedance_would_do() -> None:

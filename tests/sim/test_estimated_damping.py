@@ -137,7 +137,7 @@ def wave_of(
         place, velocity = memory.read()
         client.elapse([memory.step(client.force(place, velocity)) * rates.device_hz], velocity)
     waves = [
-        client.late.push(((0.0,), 1.0, 1.0, None, client._b))[0][0] for _ in range(len(client.late))
+        client.late.push(((0.0,), 1.0, 1.0, None, client._b))[0][0] for _ in range(client.late.ticks)
     ]  # the oldest first
     return [*memory.state(), *reversed(waves)], list(client.up.decimator.take())
 

@@ -16,6 +16,7 @@ from cogrip.sim.session.laboratory import Laboratory
 from tests.extent import every, long
 
 REACH = "reach&amplitude_m=0.02&stroke_s=0.6&delay_s=0.3&stop_s=0.9"
+LATER = "reach&amplitude_m=0.02&stroke_s=0.6&delay_s=0.8&stop_s=1.4"  # once the force has ramped in, also over the satellite
 
 
 def at_wall(network: str, stiffness_npm: float = 1000.0, loss: float = 0.05, **user: object) -> Settings:
@@ -34,7 +35,7 @@ def at_wall(network: str, stiffness_npm: float = 1000.0, loss: float = 0.05, **u
 @pytest.mark.parametrize("stiffness_npm", [200.0, 1000.0, 2000.0])
 @pytest.mark.parametrize("network", every(3, PROFILES))
 def test_wall_feels_as_stiff_as_asked_on_every_network(network: str, stiffness_npm: float) -> None:
-    laboratory = Laboratory(at_wall(network, stiffness_npm))
+    laboratory = Laboratory(at_wall(network, stiffness_npm, hand=LATER))
     laboratory.run()
     laboratory.close_ledger()
     account = laboratory.people[0].core.account

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.collections import QuadMesh
+from matplotlib.collections import PolyCollection, QuadMesh
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
@@ -34,6 +34,7 @@ from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.plots import style
 from cogrip.sim.runs.plots.coherence import correlation
 from cogrip.sim.runs.plots.compared import compared_plots
+from cogrip.sim.runs.plots.motion import forces, positions
 from cogrip.sim.runs.plots.registry import PLOTS
 from cogrip.sim.runs.plots.style import COLOURS, NotDrawnError, colour, person_style
 from cogrip.sim.runs.report.compared import compare
@@ -135,6 +136,26 @@ def test_the_same_run_gives_the_same_picture(crowds: dict[int, Run], monkeypatch
     drawn, again = (style.png(plot.draw(crowds[1])) for _ in range(2))
     assert drawn.startswith(b"\x89PNG")
     assert drawn == again
+
+
+def test_a_bar_at_the_head_stands_while_a_button_is_down(tmp_path: Path) -> None:
+    """Draw it of the client's record, and of the server's where the client's is not here."""
+    users = [{"name": "a", "device": "sim:phantom?press=1@0.2+0.1,2@0.25+0.2"}, {"name": "b"}]
+    run_laboratory(resolve({"seconds": 1.0, "users": users}), tmp_path)
+    run = load_run(tmp_path)
+    for shown in (run, replace(run, clients={})):
+        for figure in (positions(shown), forces(shown)):
+            (bar,) = [each for panel in figure.axes for each in panel.collections if isinstance(each, PolyCollection)]
+            (path,) = bar.get_paths()
+            (first_s, _), (last_s, _) = path.vertices.min(axis=0), path.vertices.max(axis=0)
+            assert first_s == pytest.approx(0.2, abs=0.01)
+            assert last_s == pytest.approx(0.45, abs=0.01)
+            assert to_hex(bar.get_facecolor()[0]) == to_hex(colour(0))
+            assert "a button is down" in [text.get_text() for text in figure.legends[0].get_texts()][-1]
+    (tmp_path / "bare").mkdir()
+    run_laboratory(resolve({"seconds": 1.0, "users": [{"name": "a"}, {"name": "b"}]}), tmp_path / "bare")
+    bare = positions(load_run(tmp_path / "bare"))
+    assert not [each for panel in bare.axes for each in panel.collections if isinstance(each, PolyCollection)]
 
 
 @pytest.mark.parametrize("people", CROWDS)

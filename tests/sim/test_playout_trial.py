@@ -105,7 +105,7 @@ def test_beaten_is_by_more_than_the_factor_in_both() -> None:
 @pytest.mark.parametrize("name", ["wifi", "satellite"])
 def test_a_session_stays_passive_and_comes_to_the_depth_that_is_expected(name: str) -> None:
     table = {
-        "seconds": 12.0,
+        "seconds": 9.0,
         "rates": {"device_hz": RATES.device_hz},
         "link": {"profile": name},
         "playout": {"frames": "auto"},
@@ -116,7 +116,7 @@ def test_a_session_stays_passive_and_comes_to_the_depth_that_is_expected(name: s
     depths: dict[str, list[float]] = {"up": [], "down": []}
 
     def note(lab: Laboratory) -> None:
-        if lab.seconds > 6.0:  # the first second decides with few frames
+        if lab.seconds > 5.0:  # the first second decides with few frames
             depths["up"] += [
                 port.playout_frames for seat in lab.room.seats if (port := seat.port) and port.playout_frames
             ]

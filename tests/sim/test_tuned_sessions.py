@@ -51,12 +51,12 @@ def lines_of(laboratory: Laboratory) -> list[WaveCoupling]:
 CASES = [
     (network, kind, people, seed)
     for seed in range(1, 5)
-    for network in ("satellite", "wifi", "wan", "lan", "lte")
     for kind, people in (("cube", 2), ("faces", 3), ("wall", 1), ("cube", 5))
+    for network in ("satellite", "wifi", "wan", "lan", "lte")
 ]
 
 
-@pytest.mark.parametrize(("network", "kind", "people", "seed"), every(9, CASES))
+@pytest.mark.parametrize(("network", "kind", "people", "seed"), every(16, CASES))
 def test_no_line_makes_energy_while_impedance_and_filter_jump(network: str, kind: str, people: int, seed: int) -> None:
     """By a factor of 2 each second, up and down, which no tuner does; the filter comes and goes with it."""
     laboratory = Laboratory(resolve(pulling(network, seed, people, kind)))
@@ -78,16 +78,18 @@ def test_no_line_makes_energy_while_impedance_and_filter_jump(network: str, kind
         assert user["line"]["most_impedance_nspm"] / user["line"]["least_impedance_nspm"] >= 2.0
 
 
-def switched(tmp_path: Path, before_ms: float, after_ms: float) -> dict[str, Any]:
+def switched(tmp_path: Path, before_ms: float, after_ms: float, seconds: float = 16.0) -> dict[str, Any]:
     """Return settings of a link whose delay jumps after 2 s; they say nothing of it."""
     trace = tmp_path / "delays.csv"
     trace.write_text(f"t_s,delay_ms\n0,{before_ms}\n2,{after_ms}\n60,{after_ms}\n")
-    return {**pulling("none", seconds=16.0), "link": {"trace": str(trace)}}
+    return {**pulling("none", seconds=seconds), "link": {"trace": str(trace)}}
 
 
 def test_a_line_that_changes_while_in_use_plays_again_bit_by_bit(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
-    run_laboratory(resolve(switched(tmp_path, 2.0, 250.0)), tmp_path / "run")
+    summary = run_laboratory(resolve(switched(tmp_path, 2.0, 250.0, 5.0)), tmp_path / "run").summary
+    for user in summary["users"]:
+        assert user["line"]["least_impedance_nspm"] < 0.9 * user["line"]["most_impedance_nspm"]
     for name in ("client-u0.mcap", "client-u1.mcap", "server.mcap"):
         found = verify(open_recording(tmp_path / "run" / name))
         assert found.exact, found
@@ -155,7 +157,7 @@ def test_what_is_felt_is_predicted_with_the_filter(coupling: dict[str, Any]) -> 
 
 def test_numbers_stay_as_they_are(tmp_path: Path) -> None:
     """Without "auto" nothing follows, whatever the delay does."""
-    table = switched(tmp_path, 2.0, 250.0)
+    table = switched(tmp_path, 2.0, 250.0, 5.0)
     table["coupling"] = {"stiffness_npm": 2000.0, "impedance_nspm": 15.0}
     laboratory = Laboratory(resolve(table))
     laboratory.run()

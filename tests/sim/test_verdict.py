@@ -125,8 +125,13 @@ def test_what_was_asked_for_stands_beside_what_was_felt(asked_npm: float | None,
 
 def test_stiffness_that_is_measured_and_not_predicted_is_said_to_be_measured() -> None:
     summary = summary_of(person(felt_stiffness_npm=1000.0))
-    summary["users"][0].update(asked_stiffness_npm=1000.0, predicted_stiffness_npm=None, not_predicted=None)
+    summary["users"][0].update(
+        asked_stiffness_npm=1000.0, predicted_stiffness_npm=None, not_predicted=None, local="scene"
+    )
     assert felt(summary).sentence == "Felt as intended; 1000 N/m at rest, as measured."
+    summary["users"][0]["felt_stiffness_npm"] = None
+    unmeasured = "no stiffness was measured: nobody rested on a fixed shape that a client renders"
+    assert felt(summary).sentence == f"Felt as intended; {unmeasured}."
 
 
 def test_an_earlier_seat_session_counts() -> None:
@@ -271,6 +276,16 @@ def test_what_only_clients_of_others_say_in_their_favour_is_said_to_be_theirs() 
     assert passive(summary).sentence.endswith("than had been put in, nor, say the clients, any motors.")
     summary["users"][0]["energy"] |= {"line_reserve_j": 2e-3, "device_reserve_j": 0.2}
     assert passive(summary).sentence.endswith("any motors; least reserve after the first second 2 mJ in a whole line.")
+
+
+def test_what_clients_of_others_say_against_themselves_is_judged_by_the_credit() -> None:
+    summary = summary_of(person())
+    summary["users"][0]["claimed"] = {"diverged": False, "down_margin_j": 0.0}
+    summary["credit_j"] = 1e-3
+    for margin_j, tone in ((-0.9e-3, "good"), (-1.1e-3, "warn")):
+        summary["users"][0]["energy"]["down_margin_j"] = margin_j
+        assert passive(summary).tone == tone
+    assert "gave out 1.1 mJ too much" in passive(summary).sentence
 
 
 @pytest.mark.parametrize(("received", "words"), [(1000, "reported no account"), (0, "was never heard")])

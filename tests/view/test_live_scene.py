@@ -1,6 +1,7 @@
 """Scenes and frames of a live session, from what an observer of a laboratory session received."""
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import msgspec
@@ -131,6 +132,21 @@ def test_whoever_leaves_or_falls_silent_is_told() -> None:
     assert said[:2] == [("joined", "anna"), ("joined", "ben")] or said[:2] == [("joined", "ben"), ("joined", "anna")]
     assert ("left", "ben") in said
     assert ("lost", "anna") in said
+
+
+def test_presses_and_releases_are_told_and_shown() -> None:
+    users = [{"name": "anna", "device": "sim:phantom?press=2@0.5+0.3,32@0.6+0.1"}, {"name": "ben", "hand": "hold"}]
+    watched = Watched(seconds=1.5, users=users).run()
+    assert watched.live is not None
+    said = [event for event in watched.live.events if event.kind == "button"]
+    assert [event.text for event in said] == [
+        "anna presses button 2", "anna presses button 32", "anna releases button 32", "anna releases button 2",
+    ]  # fmt: skip
+    shown = [frame.people[0].buttons for frame in watched.frames if frame.people]
+    assert [now for before, now in pairwise([0, *shown]) if now != before] == [2, 2 | 1 << 31, 2, 0]
+    begun = watched.frames[0].number * FRAME_S
+    for event, at_s in zip(said, (0.5, 0.6, 0.7, 0.8), strict=True):
+        assert 0.0 <= event.time_s + begun - at_s < 4 * FRAME_S, "to the end of its frame, and to the next view"
 
 
 def test_loss_is_that_of_the_last_second() -> None:

@@ -77,6 +77,9 @@ def hand(opened: tuple[BrowserPage, PageServer]) -> Iterator[Held]:
     server.come_again()
     yield Held(page, server)
     page.tab.mouse.up()
+    for key in "79":  # a test that failed holds nothing for the next one
+        page.tab.keyboard.up(key)
+    page.state("delete navigator.getGamepads")
 
 
 def test_drag_says_where_the_device_is_to_go(hand: Held) -> None:
@@ -189,6 +192,31 @@ def test_finger_pulls_and_its_end_lets_go(open_page: Open) -> None:
         said = held.until_released()
         target = [value + offset for value, offset in zip(said[-1].target_m, anchor(0, 2), strict=True)]
         assert page.state(f"cogrip.project({target})") == pytest.approx([x + 45, y - 20], abs=1.0)
+
+
+def test_keys_and_gamepad_are_buttons_of_the_hand(hand: Held) -> None:
+    """Bit k is button k + 1. The keys 1 to 4 turn the picture, and a gamepad's buttons 1, 5 and 6 hold."""
+    keyboard = hand.page.tab.keyboard
+    keyboard.down("7")
+    keyboard.down("9")
+    while hand.next().buttons != 1 << 6 | 1 << 8:  # the first alone is said again where the second comes later
+        assert hand.said[-1].buttons == 1 << 6
+    assert hand.said[0].buttons == 1 << 6
+    assert not hand.said[-1].holds
+    keyboard.up("7")
+    while hand.next().buttons != 1 << 8:
+        pass
+    keyboard.up("9")
+    while hand.next().buttons:
+        pass
+    hand.page.state(GAMEPAD)
+    hand.page.state("pad.buttons[2].pressed = pad.buttons[15].pressed = true")
+    while hand.next().buttons != 1 << 2 | 1 << 15:
+        pass
+    hand.page.state("pad.buttons[2].pressed = pad.buttons[15].pressed = false")
+    while hand.next().buttons:
+        pass
+    hand.page.state("delete navigator.getGamepads")
 
 
 def test_gamepad_pulls_while_its_button_is_pressed_and_rumbles(hand: Held) -> None:

@@ -16,6 +16,8 @@ from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.realtime import engage, release
 from cogrip.protocol.io.receive_buffer import enlarge
 
+from tests.bench import machine
+
 HOST = "127.0.0.1"
 NETWORK_HZ = 128
 SO_TIMESTAMPNS = 35  # Linux: when the kernel had a datagram, by CLOCK_REALTIME
@@ -33,7 +35,7 @@ def stamped(receiver: socket.socket) -> None:
 
 def receive(receiver: socket.socket) -> tuple[bytes, int, Any]:
     """Datagram, when the kernel had it [ns], and whose it is. Raises BlockingIOError."""
-    datagram, told, _, address = receiver.recvmsg(MOST_BYTES, 64)
+    datagram, told, _, address = machine.receive_stamped(receiver, MOST_BYTES)
     seconds, rest_ns = TIMESPEC.unpack(told[0][2])
     return datagram, seconds * 1_000_000_000 + rest_ns, address
 

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tests.bench import machine
+
 PAGE_KB = os.sysconf("SC_PAGE_SIZE") // 1024 if hasattr(os, "sysconf") else 4
 
 
@@ -77,9 +79,7 @@ def own_memory_kb() -> int:
     """Resident memory of this process; where the system does not tell, the most it ever held."""
     if (now_kb := memory_kb(os.getpid())) is not None:
         return round(now_kb)
-    import resource
-
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return machine.peak_memory_kb()
 
 
 def _parent_of(entry: Path) -> int:

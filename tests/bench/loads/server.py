@@ -37,6 +37,7 @@ from cogrip.server.loop import LiveServer, ServerChannel
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.unencrypted_channel import UnencryptedListener
 
+from tests.bench import machine
 from tests.bench.children import start_python
 from tests.bench.loads.people import Echoed, Load, Person, make_people, room_name
 from tests.bench.loads.process_memory import own_memory_kb
@@ -218,9 +219,7 @@ class Asked:
         if now_ns < self._next_ns:
             return
         if not self._next_ns and self._core is not None:
-            os.sched_setaffinity(
-                0, {self._core}
-            )  # this thread alone: who records is another process, and may go elsewhere
+            machine.pin(0, {self._core})  # this thread alone: who records is another process, and may go elsewhere
         self._next_ns = now_ns + LOOK_EVERY_NS
         if select.select([sys.stdin], [], [], 0.0)[0]:
             if not os.read(sys.stdin.fileno(), 64):

@@ -10,11 +10,13 @@ enum { POWER = 0, RESET = 3, FORCE = 5 };
 
 typedef struct {
     int open, type, watchdog, guarded, saturated, status[32];
+    unsigned int buttons;
+    double turn[9], gap;
     double position[3], velocity[3], force[3], hand[3], limit, mass, worst;
 } device_t;
 
 static const device_t at_first[DEVICES] = {
-    {.type = 33, .limit = -1.0, .status = {[POWER] = 1}}, {.type = 60, .limit = -1.0, .status = {[POWER] = 1}}};
+    {.type = 33, .turn = {1, 0, 0, 0, 1, 0, 0, 0, 1}, .limit = -1.0, .status = {[POWER] = 1}}, {.type = 60, .limit = -1.0, .status = {[POWER] = 1}}};
 static device_t devices[DEVICES];
 static int major, minor, expert;
 static char failing[32];
@@ -95,6 +97,25 @@ int dhdGetPosition(double *x, double *y, double *z, char id) {
     return d->guarded ? 1 : 0;
 }
 
+int dhdGetOrientationFrame(double *rows, char id) {
+    device_t *d = of("orientation", id);
+    if (!d) return -1;
+    memcpy(rows, d->turn, sizeof d->turn);
+    return d->guarded ? 1 : 0;
+}
+
+int dhdGetGripperGap(double *gap, char id) {
+    device_t *d = of("gripper", id);
+    if (!d) return -1;
+    *gap = d->gap;
+    return d->guarded ? 1 : 0;
+}
+
+unsigned int dhdGetButtonMask(char id) {
+    device_t *d = of("buttons", id);
+    return d ? d->buttons : 0;
+}
+
 int dhdGetStatus(int *status, char id) {
     device_t *d = of("status", id);
     if (!d) return -1;
@@ -130,6 +151,9 @@ void stub_type(int i, int type) { devices[i].type = type; }
 void stub_status(int i, int which, int value) { devices[i].status[which] = value; }
 void stub_guarded(int i, int yes) { devices[i].guarded = yes; }
 void stub_saturated(int i, int yes) { devices[i].saturated = yes; }
+void stub_turn(int i, const double *rows) { memcpy(devices[i].turn, rows, sizeof devices[i].turn); }
+void stub_gap(int i, double m) { devices[i].gap = m; }
+void stub_buttons(int i, unsigned int mask) { devices[i].buttons = mask; }
 void stub_mass(int i, double kg) { devices[i].mass = kg; }
 void stub_hand(int i, double x, double y, double z) { devices[i].hand[0] = x; devices[i].hand[1] = y; devices[i].hand[2] = z; }
 void stub_position(int i, double x, double y, double z) {

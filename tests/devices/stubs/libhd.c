@@ -28,7 +28,8 @@ typedef struct {
     unsigned int calibration;
     int updates_needed;
     double position[3], velocity[3], pending[3], output[3], hand[3], mass;
-    double worst, scale_mm;
+    double worst, scale_mm, turn[9];
+    int turned;
     long frames, torn;
     unsigned int error_at_begin, error_at_end, error_for_ever;
 } device_t;
@@ -195,6 +196,11 @@ void hdGetDoublev(HDenum what, double *value) {
         case 0x2050:
             if (!d->in_frame && !stolen) WRONG("%s: position read outside of a frame\n", d->name);
             memcpy(value, d->position, sizeof d->position);
+            break;
+        case 0x2052: /* column by column, mm */
+            for (int i = 0; i < 16; i++) value[i] = i == 15;
+            for (int i = 0; i < 9; i++) value[4 * (i / 3) + i % 3] = d->turned ? d->turn[i] : i % 4 == 0;
+            memcpy(value + 12, d->position, sizeof d->position);
             break;
         case 0x2602: *value = d->stiffness; break;
         case 0x2603: *value = d->peak; break;
@@ -412,6 +418,7 @@ void stub_calibration(int i, unsigned int state, int style, int updates_needed) 
 void stub_position(int i, double x, double y, double z) {
     in(); devices[i].position[0] = x; devices[i].position[1] = y; devices[i].position[2] = z; out();
 }
+void stub_turn(int i, const double *columns) { in(); memcpy(devices[i].turn, columns, sizeof devices[i].turn); devices[i].turned = 1; out(); }
 void stub_mass(int i, double kg) { devices[i].mass = kg; }
 void stub_hand(int i, double x, double y, double z) { devices[i].hand[0] = x; devices[i].hand[1] = y; devices[i].hand[2] = z; }
 void stub_buttons(int i, int mask) { devices[i].buttons = mask; }

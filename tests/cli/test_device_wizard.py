@@ -1,0 +1,309 @@
+"""`cogrip devices wizard`: scripted by lines on devices in virtual time, and at a terminal of 80x24 on an emulated arm."""
+
+import io
+import os
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cogrip.cli.devices import wizard
+from cogrip.cli.devices.device_setting import placed, starting_text
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.devices.io.plugged_in import PluggedIn
+from cogrip.devices.registry import make
+from cogrip.devices.trial import Felt
+
+REACH = "emulated:vintage?hand=reach&amplitude_m=0.04"
+ON = ""
+
+
+@pytest.fixture
+def answering(cogrip, monkeypatch):
+    """Run the wizard with these lines as its input; give exit code, output and errors."""
+
+    def run(*answers: str, arguments: tuple[object, ...] = ()) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.stdin", io.StringIO("".join(f"{answer}\n" for answer in answers)))
+        code, out, err = cogrip("devices", "wizard", *arguments)
+        return code, re.sub(r"\n  +", " ", out), err
+
+    return run
+
+
+def test_all_of_it_ends_with_the_address_in_a_settings_file(answering, tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    code, out, _ = answering(REACH, "s", ON, str(file))
+    assert code == 0, out
+    for words in (
+        "1 of 7  device",
+        "serial, vintage, 3 axes, 200 x 200 x 200 mm",
+        "force at most 5 N",
+        "left out: only arms on serial: and hid:",
+        "left out: it knows its pose",
+        "asked for 200 N/m, given 200 N/m over ",
+        f"{file}: the device of anna is {REACH}; start with `cogrip demo {file}`",
+        "nothing that was tried is wrong",
+    ):
+        assert words in out, words
+    users = tomllib.loads(file.read_text())["users"]
+    assert [user.get("device") for user in users] == [REACH, None]
+
+
+def test_a_wrong_sign_is_named_and_ends_with_1(answering) -> None:
+    address = f"{REACH}&direction=0,1,0&dir=1,1,1"
+    code, out, _ = answering(ON, ON, ON, ON, "s", arguments=(address,))
+    assert code == 1
+    assert "6 of 7  felt stiffness\nleft out: with a wrong sign a spring may push away" in out
+    assert "x: moved toward you the device says -y: see the key dir in docs/devices.md" in out
+    assert "not as it should be: the sign of x; the sign of y; the sign of z" in out
+    assert f"not written; use it as --device '{address}'" in out
+
+
+def test_signs_that_are_right_and_axes_that_nobody_moves(answering) -> None:
+    code, out, _ = answering(ON, ON, ON, ON, "s", arguments=(f"{REACH}&direction=0.6,0,0",))
+    assert "x: grows toward you, as it should" in out
+    assert "y: moved to your right the device says +x" in out  # the hand goes toward you, whatever it is asked
+    assert code == 1
+    code, out, _ = answering(ON, ON, ON, ON, "s", "s", arguments=("emulated:vintage?hand=hold",))
+    assert code == 0
+    assert out.count("it was not moved, so its sign is not known") == 3
+
+
+@pytest.mark.parametrize(
+    ("felt", "words"),
+    [
+        (Felt(200.0, 219.0, 0.004, 0.8), "nothing that was tried is wrong"),
+        (Felt(200.0, 221.0, 0.004, 0.8), "not as it should be: the stiffness"),
+        (Felt(200.0, 179.0, 0.004, 0.8), "not as it should be: the stiffness"),
+        (Felt(200.0, 0.0, 0.001, 0.2), "it was moved by 1.0 mm only: nothing can be said"),
+        (Felt(200.0, 0.0, 0.0, 0.0, "no samples"), "not as it should be: the spring let go: no samples"),
+    ],
+)
+def test_a_stiffness_that_is_another_one_is_told(answering, monkeypatch, felt: Felt, words: str) -> None:
+    monkeypatch.setattr("cogrip.devices.trial.feel", lambda *_: felt)
+    code, out, _ = answering("s", ON, "s", arguments=(REACH,))
+    assert words in out
+    assert code == ("not as it should be" in words)
+
+
+def test_an_input_only_device_is_not_pushed(answering) -> None:
+    code, out, _ = answering("s", "s", arguments=("spacemouse:idle",))
+    assert code == 0
+    assert "input only: no force reaches the hand; it moves a simulated mass" in out
+    assert "6 of 7  felt stiffness\nleft out: no force reaches the hand" in out
+    assert "its handle has 32 buttons" in out
+
+
+@pytest.mark.parametrize(
+    ("answers", "flags", "code", "absent", "words"),
+    [
+        ((ON,), (), 1, "4 of 7", "stopped before the trials, and nothing was written: mend what the check names"),
+        (
+            (ON, "s", "s", ON),
+            ("--unfit",),
+            1,
+            "stopped",
+            "not as it should be: the check; the spring let go: no samples",
+        ),
+        (("s", "s", "s", ON), (), 1, "stopped", "not as it should be: the spring let go: no samples"),
+    ],
+)
+def test_an_arm_that_is_not_fit_to_be_held_is_not_held(
+    answering, monkeypatch, tmp_path: Path, answers, flags, code, absent, words
+) -> None:
+    """The arm answers as an emulated one; its check fails."""
+    felt: list[str] = []
+    monkeypatch.setattr(wizard, "record_of", lambda *_: make(REACH, axes=3).capability)
+    monkeypatch.setattr(wizard, "device_check", lambda *_, **__: 1)
+    monkeypatch.setattr(
+        wizard._Wizard,
+        "_held",
+        lambda _, address, run: felt.append(address) or Felt(200.0, 0.0, 0.0, 0.0, "no samples"),
+    )
+    file = tmp_path / "mine.toml"
+    arguments = ("serial:/dev/cogrip-nosuch", "--settings", file, *flags)
+    found, out, _ = answering(*answers, arguments=arguments)
+    assert found == code
+    assert words in out
+    assert absent not in out
+    assert (bool(felt), file.exists()) == (absent == "stopped",) * 2
+
+
+def test_one_button_is_one(answering) -> None:
+    assert "its handle has 1 button, orientation" in answering(arguments=("emulated:polhem-hid",))[1]
+
+
+def test_one_is_chosen_from_what_is_plugged_in(answering, monkeypatch) -> None:
+    found = [PluggedIn("sim:ideal?hand=hold", "a machine"), PluggedIn("", "something"), PluggedIn("web:idle", "a page")]
+    monkeypatch.setattr(wizard, "FINDERS", {"things": lambda: found})
+    code, out, _ = answering("0", "3", "x", "2", "s", "s")
+    assert code == 0
+    assert "1  sim:ideal?hand=hold  a machine\n2  web:idle  a page\n" in out
+    assert out.count("is neither a number from 1 to 2 nor an address") == 3
+    assert "web:idle: web, pointer" in out
+
+
+@pytest.mark.parametrize(
+    ("answers", "arguments", "code", "words"),
+    [
+        (("q",), ("sim:phantom",), 1, "left; nothing more was changed"),
+        ((), ("sim:phantom",), 1, "nobody is there to answer: run it at a terminal"),
+        ((), ("sim:phantm",), 2, "did you mean 'phantom'"),
+        (("s",), ("inverse:localhost:1",), 1, "nobody is there"),
+        ((ON, ON), ("inverse:localhost:1",), 1, "no service at localhost:1"),
+        (("s", "s"), ("sim:phantom", "--settings", "none/there.toml"), 1, "none/there.toml: cannot be read or written"),
+        (("s", "s"), ("sim:phantom", "--settings", "new.toml", "--name", "zoe"), 2, "has no user 'zoe'; there is: anna, ben"),
+    ],
+)  # fmt: skip
+def test_what_ends_it_early_is_told(answering, tmp_path, monkeypatch, answers, arguments, code, words) -> None:
+    monkeypatch.chdir(tmp_path)
+    found, out, err = answering(*answers, arguments=arguments)
+    assert found == code
+    assert words in out + err
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- the settings file ------------------------------------------------------------------------------------------------
+
+TEXT = """name = "two"  # a comment
+
+[[users]]
+name = "anna"
+device = "sim:ideal"  # the old one
+
+[[ users ]]
+name = "ben"
+hand = "hold"
+
+[object]
+kind = "cube"
+"""
+
+
+def test_a_device_is_replaced_and_all_else_stays() -> None:
+    new, who = placed(TEXT, "", "serial:/dev/x?dir=1,-1,1", "f")
+    assert who == "anna"
+    assert new == TEXT.replace('device = "sim:ideal"  # the old one', 'device = "serial:/dev/x?dir=1,-1,1"')
+
+
+def test_a_device_is_added_to_the_person_named() -> None:
+    new, who = placed(TEXT, "ben", 'replay:a "b".csv', "f")
+    assert who == "ben"
+    assert new == TEXT.replace("[[ users ]]\n", '[[ users ]]\ndevice = "replay:a \\"b\\".csv"\n')
+    assert tomllib.loads(new)["users"][1]["device"] == 'replay:a "b".csv'
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('users = [{name = "anna"}]', "write it yourself, below .*of anna: device = "),
+        ('[[users]]\nname = """anna\ndevice = "x"\n"""', "write it yourself"),
+        ("name = 'none'", "has no user ''; there is: none"),
+        ("name = ", "not valid TOML"),
+    ],
+)
+def test_a_text_that_is_written_otherwise_is_left_alone(text: str, words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        placed(text, "", "sim:ideal", "f")
+
+
+def test_a_new_file_begins_as_the_demo() -> None:
+    assert tomllib.loads(starting_text())["name"] == "demo"
+
+
+# --- at a terminal ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Iterator[str]:
+    from tests.devices.test_pseudo_terminal import emulating
+
+    link = str(tmp_path / "arm")
+    started = emulating(link, "serial")
+    start = next(started)
+    start("--hand", "reach&amplitude_m=0.03&stroke_s=1.5")
+    yield link
+    for _ in started:
+        pass
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals")
+def test_at_a_terminal_of_80x24_on_an_emulated_arm(arm: str, tmp_path: Path, monkeypatch) -> None:
+    """A serial arm behind a pseudo-terminal: pushed, calibrated, its signs seen live, and written down."""
+    from tests.live.held_arms import AWAY, MACHINE_STALLED
+    from tests.terminal import Terminal
+
+    monkeypatch.setenv("COGRIP_CALIBRATION", str(tmp_path / "calibration"))
+    file = tmp_path / "mine.toml"
+    terminal = Terminal("devices", "wizard", f"serial:{arm}", "--settings", str(file), columns=80)
+    try:
+        terminal.see("Put the arm in mid-range")
+        terminal.type("s\n")  # the hand that moves it would be taken for noise
+        terminal.see("Put the arm into its home pose")
+        terminal.type("\n")
+        terminal.see("vintage is calibrated")
+        terminal.see("No force flows")
+        terminal.type("\n")
+        terminal.see("move it 3 cm toward you")
+        terminal.type("\n")
+        terminal.see(r"x +[-+]\d+\.\d mm +y +[-+]\d+\.\d mm")
+        terminal.see("x: (grows|moved)")
+        for axis in ("to your right", "up"):
+            terminal.see(f"move it 3 cm {axis}")
+            terminal.type("\n")
+        terminal.see("left out: with a wrong sign")
+        assert terminal.end() == 1  # the hand moves along x, whatever it is asked
+        assert max(map(len, terminal.screen.text.splitlines())) <= 80
+        assert len(re.findall(r"^x +[-+]", terminal.screen.text, re.MULTILINE)) == 3  # one line a trial, drawn anew
+        assert tomllib.loads(file.read_text())["users"][0]["device"] == f"serial:{arm}"
+    except AssertionError:
+        if re.search(f"{AWAY}|no samples", terminal.screen.text):
+            pytest.skip(f"{MACHINE_STALLED}: {terminal.screen.text}")
+        raise
+    finally:
+        terminal.close()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals")
+def test_enters_from_before_the_question_start_no_force() -> None:
+    from tests.terminal import Terminal
+
+    terminal = Terminal("devices", "wizard", "emulated:vintage?hand=hold", columns=80)
+    try:
+        terminal.see("No force flows")
+        terminal.type("s\n\n\n\n")
+        terminal.see("A weak spring holds the tip")
+        terminal.type("s\n")
+        terminal.see("Settings file to write")
+        terminal.type("s\n")
+        assert terminal.end() == 0
+        assert not re.search("asked for|it was moved by", terminal.screen.text)
+    finally:
+        terminal.close()
+
+
+@pytest.mark.long
+@pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals")
+def test_a_free_arm_is_checked_on_the_way(tmp_path: Path, monkeypatch) -> None:
+    from tests.devices.test_pseudo_terminal import emulating
+    from tests.terminal import Terminal
+
+    link = str(tmp_path / "arm")
+    started = emulating(link, "serial")
+    next(started)("--hand", "push&force_n=0")
+    # a machine that is busy answers too late to be fit: what is checked is that the wizard goes through it
+    terminal = Terminal("devices", "wizard", f"serial:{link}?pose=home", "--unfit", columns=80)
+    try:
+        terminal.see("Put the arm in mid-range")
+        terminal.type("\n")
+        assert "sign, axis a" in terminal.see("fit to be held")
+        terminal.see("Put the arm into its home pose")
+        terminal.type("q\n")
+        assert terminal.end() == 1
+        assert max(map(len, terminal.screen.text.splitlines())) <= 80
+    finally:
+        terminal.close()
+        for _ in started:
+            pass

@@ -1,0 +1,127 @@
+"""Participants at a terminal: what they type, and what comes of it."""
+
+import os
+from collections.abc import Iterator
+from io import StringIO
+
+import pytest
+
+from cogrip.cli.study.terminal_people import Keys, TerminalPeople
+from cogrip.cli.terminal.output import make_console
+from cogrip.protocol.io.stop import Stop
+from cogrip.sim.experiments.study.conductor import Quit
+from cogrip.sim.experiments.study.plan import Trial, next_trial
+from cogrip.sim.experiments.study.questions import AnswerError, Question, items_of, raw_tlx, unfit_question
+from cogrip.sim.experiments.study.trial import Event, TrialState
+
+from tests.sim.studies import PLAIN, parsed
+
+
+class Terminal:
+    """A terminal at which lines are typed beforehand."""
+
+    def __init__(self) -> None:
+        self._read, self._write = os.pipe()
+        self.stop = Stop()
+        self.shown = StringIO()
+        self.people = TerminalPeople(Keys(self.stop, self._read), make_console(file=self.shown))
+        found = next_trial(parsed(PLAIN), 0, [])
+        assert found is not None
+        self.trial: Trial = found
+
+    def type(self, text: str) -> None:
+        os.write(self._write, text.encode())
+
+    def hang_up(self) -> None:
+        os.close(self._write)
+
+    def wait(self, state: TrialState) -> Event:
+        return self.people.wait(self.trial, state, ["P01", "P02"])
+
+
+@pytest.fixture
+def terminal() -> Iterator[Terminal]:
+    yield (made := Terminal())
+    os.close(made._read)
+
+
+def test_everybody_has_to_press_enter(terminal: Terminal) -> None:
+    terminal.type("\n\n")
+    assert terminal.wait(TrialState(1, ["P01", "P02"])) is Event.READY
+    assert "P01: Enter" in terminal.shown.getvalue()
+    assert "P02: Enter" in terminal.shown.getvalue()
+
+
+@pytest.mark.parametrize(("typed", "event"), [("p\n", Event.PAUSE), ("\na\n", Event.ABANDON), ("r\n\n", Event.READY)])
+def test_orders_between_trials(terminal: Terminal, typed: str, event: Event) -> None:
+    terminal.type(typed)
+    assert terminal.wait(TrialState(1, ["P01", "P02"])) is event
+
+
+@pytest.mark.parametrize(("typed", "event"), [("\n", Event.RESUME), ("a\n", Event.ABANDON)])
+def test_orders_in_a_pause(terminal: Terminal, typed: str, event: Event) -> None:
+    state = TrialState(1, ["P01"])
+    state.handle(Event.PAUSE)
+    terminal.type(typed)
+    assert terminal.wait(state) is event
+
+
+def test_quit_by_key_by_signal_and_by_the_end_of_the_input(terminal: Terminal) -> None:
+    terminal.type("q\n")
+    with pytest.raises(Quit):
+        terminal.wait(TrialState(1, ["P01"]))
+    terminal.type("half a li")
+    terminal.hang_up()
+    with pytest.raises(Quit):
+        terminal.people.tell("Instructions")
+    terminal.stop.reason = "interrupted"
+    with pytest.raises(Quit):
+        terminal.people.tell("Instructions")
+
+
+QUESTIONS = {
+    "choice": Question("choice", "Which?", choices=("left", "right")),
+    "likert": Question("likert", "How?", points=5, low="bad"),
+    "tlx": Question("tlx"),
+    "text": Question("text", "Why?"),
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "right", "wrong"),
+    [
+        ("choice", {"1": "left", "2": "right", " right ": "right"}, ("0", "3", "", "lef")),
+        ("likert", {"1": 1, "5": 5}, ("0", "6", "2.5", "")),
+        ("tlx", {"0": 0, "100": 100, "35": 35}, ("-5", "105", "7")),
+        ("text", {"": "", " because ": "because"}, ("x" * 10_001,)),
+    ],
+)
+def test_answers_within_their_bounds_are_taken(kind: str, right: dict[str, object], wrong: tuple[str, ...]) -> None:
+    item = items_of("q", QUESTIONS[kind])[0]
+    for text, answer in right.items():
+        assert item.read(text) == answer
+    for text in wrong:
+        with pytest.raises(AnswerError):
+            item.read(text)
+
+
+def test_question_is_asked_until_it_is_answered(terminal: Terminal) -> None:
+    terminal.type("9\nnothing\n4\n")
+    assert terminal.people.answer("P01", items_of("q", QUESTIONS["likert"])[0], None, ()) == 4
+    assert terminal.shown.getvalue().count("is no answer here; give 1 to 5 (bad to )") == 2
+
+
+def test_tlx_has_six_scales_and_their_mean() -> None:
+    names = [item.name for item in items_of("load", QUESTIONS["tlx"])]
+    assert len(names) == 6
+    answers = {name: 10 * number for number, name in enumerate(names)}
+    assert raw_tlx(answers, "load") == 25.0
+    del answers[names[0]]
+    assert raw_tlx(answers, "load") is None
+
+
+def test_questions_that_cannot_be_asked_are_refused() -> None:
+    assert not any(unfit_question(question) for question in QUESTIONS.values())
+    assert "two different choices" in unfit_question(Question("choice", "Which?", choices=("one", "one")))
+    assert "has no text" in unfit_question(Question("text"))
+    assert "leave them out" in unfit_question(Question("likert", "How?", choices=("a", "b")))

@@ -1,0 +1,113 @@
+"""The map between a hand and its tool: power, places, bounds of its settings."""
+
+from math import cos, sin
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.client.hand_frame import HandFrame
+from cogrip.client.rendered_damper import refusal
+from cogrip.client.velocity import largest_impedance
+from cogrip.devices.for_user import make_for
+from cogrip.protocol.rotations import exp
+from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.tool_frame import ToolFrame, rotation_of
+
+scales = st.floats(0.1, 10.0)
+vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
+sixes = st.tuples(*[st.floats(-10.0, 10.0)] * 6)
+
+
+def dot(a: Any, b: Any) -> float:
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+@given(scales, scales, vectors, sixes, sixes, st.sampled_from([3, 6]))
+def test_the_power_of_the_hand_is_its_weight_times_that_of_the_tool(
+    g: float, s: float, rotation: tuple[float, ...], force: tuple[float, ...], velocity: tuple[float, ...], axes: int
+) -> None:
+    frame = HandFrame(ToolFrame(g, s, exp(rotation)), axes)
+    tool_n, hand_mps = force[:axes], velocity[:axes]
+    hand_n, tool_mps = frame.hand_force(tool_n), frame.rates(hand_mps)
+    size = 1.0 + sum(map(abs, tool_n)) * sum(map(abs, tool_mps))
+    assert dot(hand_n, hand_mps) == pytest.approx(frame.weight * dot(tool_n, tool_mps), abs=1e-9 * size * frame.weight)
+    assert frame.weight == pytest.approx(s / g**2)
+    assert frame.tool_force(hand_n) == pytest.approx(tool_n, abs=1e-9)
+
+
+@given(scales, scales, vectors, vectors, vectors)
+def test_a_spring_at_the_tool_is_one_of_s_k_at_the_hand(
+    g: float, s: float, rotation: tuple[float, ...], begun: tuple[float, ...], moved: tuple[float, ...]
+) -> None:
+    frame = HandFrame(ToolFrame(g, s, exp(rotation)), 3)
+    ends = frame.place(begun), frame.place([a + b for a, b in zip(begun, moved, strict=True)])
+    tool_n = [500.0 * (after - before) for before, after in zip(*ends, strict=True)]
+    assert frame.hand_force(tool_n) == pytest.approx([500.0 * s * way for way in moved], abs=1e-7)
+
+
+@given(scales, vectors, st.lists(st.tuples(vectors, vectors, scales, vectors), min_size=1, max_size=6))
+def test_no_clutch_and_no_change_moves_the_tool(g: float, rotation: Any, steps: list[Any]) -> None:
+    frame, hand = HandFrame(ToolFrame(g, 1.0, exp(rotation)), 6), (0.0,) * 6
+    for to, held_to, scale, turn in steps:
+        hand = (*to, 0.1, 0.0, 0.0)
+        pose = hand
+        before = frame.place(hand), frame.rotation(pose[3:])
+        frame.hold(True, hand, pose)
+        assert (frame.place((*held_to, 0.2, 0.0, 0.1)), frame.rotation((0.3, 0.0, 0.0))) == (
+            pytest.approx(before[0]), pytest.approx(before[1], abs=1e-9),
+        )  # fmt: skip
+        hand = pose = (*held_to, 0.0, 0.2, 0.3)
+        frame.change(ToolFrame(scale, 1.0, exp(turn)), hand, pose)
+        frame.hold(False, hand, pose)
+        frame.change(ToolFrame(g, 1.0, exp(rotation)), hand, pose)
+        assert frame.place(hand) == pytest.approx(before[0], abs=1e-9)
+        assert frame.rotation(pose[3:]) == pytest.approx(before[1], abs=1e-7)
+
+
+def user(**keys: Any) -> dict[str, Any]:
+    return {"object": {"axes": 3}, "users": [{"name": "anna", **keys}]}
+
+
+@pytest.mark.parametrize(
+    ("key", "low", "high"), [("position_scale", 0.1, 10.0), ("force_scale", 0.1, 10.0), ("clutch_button", 0, 32)]
+)
+def test_both_sides_of_each_bound(key: str, low: float, high: float) -> None:
+    for value in (low, high):
+        assert seat_settings(resolve(user(**{key: value})), 0).tool == (ToolFrame(**{key: value}) if value else None)
+    for value in (low - (1 if key == "clutch_button" else 0.001), high + (1 if key == "clutch_button" else 0.001)):
+        with pytest.raises(SettingsError, match=key):
+            resolve(user(**{key: value}))
+
+
+def test_who_scales_nothing_has_no_frame() -> None:
+    assert seat_settings(resolve(user()), 0).tool is None
+    assert seat_settings(resolve(user(rotation=[0.0, 0.0, 0.0])), 0).tool is None
+
+
+def test_a_rotation_is_written_as_angles_or_as_axes() -> None:
+    quarter = HandFrame(ToolFrame(rotation=rotation_of("-y x z")), 3)
+    assert quarter.rates((1.0, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0), abs=1e-12)
+    assert quarter.rates((0.0, 1.0, 0.0)) == pytest.approx((-1.0, 0.0, 0.0), abs=1e-12)
+    angles = HandFrame(ToolFrame(rotation=rotation_of([0.0, 0.0, 0.3])), 3)
+    assert angles.rates((1.0, 0.0, 0.0)) == pytest.approx((cos(0.3), sin(0.3), 0.0))
+    for text, why in (("x y", "is none"), ("x y y", "is none"), ("--x y z", "is none"), ("-x y z", "reflection")):
+        with pytest.raises(ValueError, match=why):
+            rotation_of(text)
+    with pytest.raises(SettingsError, match="out of its 1"):
+        resolve({"object": {"axes": 1}, "users": [{"name": "anna", "rotation": "-y x z"}]})
+    assert resolve({"object": {"axes": 1}, "users": [{"name": "anna", "rotation": "-x -y z"}]})
+
+
+def test_a_device_carries_b_over_the_force_scale() -> None:
+    plain = resolve(user())
+    record = make_for(plain.users[0], 3).capability
+    seat = seat_settings(plain, 0)
+    most = largest_impedance(record, seat.rates.tick_s).impedance_nspm / seat.coupling.impedance_nspm
+    assert 0.1 < 0.999 * most < 1.001 * most < 10.0
+    assert not refusal(seat_settings(resolve(user(force_scale=0.999 * most)), 0), record)
+    text = refusal(seat_settings(resolve(user(force_scale=1.001 * most)), 0), record)
+    assert "force_scale" in text
+    assert "set coupling.impedance_nspm to" in text

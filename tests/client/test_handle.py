@@ -1,0 +1,97 @@
+"""Buttons, orientation and grip through a client: what is read, what is left out, what wrappers pass on."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from math import nan
+from typing import Any
+
+import pytest
+
+from cogrip.client.handle import HandleReader, has_handle
+from cogrip.client.pose_axes import PoseAxes, in_lengths
+from cogrip.devices import make
+from cogrip.devices.device import Sample
+from cogrip.devices.for_user import FirstAxes
+from cogrip.protocol.handle import Handle
+
+TURNED = (0.5, 0.5, -0.5, 0.5)
+RECORD = replace(make("sim:phantom", axes=3).capability, buttons=3, gives_orientation=True, grip_m=(0.0, 0.02))
+
+
+def reader(**changes: Any) -> HandleReader:
+    made = HandleReader(Counter())
+    made.fit(replace(RECORD, **changes))
+    return made
+
+
+def sample(buttons: int = 0, orientation: Any = None, grip_m: float | None = None) -> Sample:
+    return Sample((0.0, 0.0, 0.0), None, 0, buttons, orientation, grip_m)
+
+
+def test_what_the_record_does_not_have_is_not_read() -> None:
+    bare = reader(buttons=0, gives_orientation=False, grip_m=None)
+    bare.read(sample(7, TURNED, 0.01), 0)
+    assert bare.message(0) is None
+    assert not bare.dropped
+    some = reader(gives_orientation=False)
+    some.read(sample(0b1110, TURNED, 0.01), 0)
+    assert some.message(3) == Handle(0, (2, 3), (3, 3), None, 0.01), "the record has three buttons"
+
+
+@pytest.mark.parametrize(
+    ("orientation", "grip_m", "count"),
+    [
+        ((1.0, 0.0, 0.0, 0.03), 0.01, 0), ((1.0, 0.0, 0.0, 0.04), 0.01, 1), ((nan, 0.0, 0.0, 1.0), 0.01, 1),
+        ((0.0,) * 4, 0.01, 1), (TURNED, 0.022, 0), (TURNED, 0.0221, 1), (TURNED, -0.002, 0), (TURNED, -0.0021, 1),
+        (TURNED, nan, 1), ((0.6, 0.8, 0.0), 0.01, 1),
+    ],
+)  # fmt: skip
+def test_both_sides_of_what_can_be(orientation: Sequence[float], grip_m: float, count: int) -> None:
+    """A quaternion's squares add up to 1 within 0.001; a gripper opens a tenth of its range beyond its record."""
+    made = reader()
+    made.read(sample(0, (1.0, 0.0, 0.0, 0.0), 0.005), 0)
+    made.read(sample(0, tuple(orientation), grip_m), 1)
+    assert made.dropped["implausible handle"] == count
+    told = made.message(1)
+    assert told is not None
+    fine = count == 0
+    assert (told.orientation, told.grip_m) == (
+        tuple(orientation) if fine or orientation == TURNED else (1.0, 0.0, 0.0, 0.0),
+        grip_m if fine or orientation != TURNED else 0.005,
+    )
+
+
+def test_a_grip_is_never_beyond_what_a_message_can_say() -> None:
+    """Else the server would refuse whole frames."""
+    wide = reader(grip_m=(-5.0, 5.0))
+    for grip_m, told in ((1.0, 1.0), (1.1, 1.0), (-1.0, -1.0), (-1.1, -1.0)):
+        wide.read(sample(0, None, grip_m), 0)
+        message = wide.message(0)
+        assert message is not None
+        assert message.grip_m == told
+
+
+def test_a_device_without_a_handle_has_no_reader() -> None:
+    assert not has_handle(make("sim:phantom", axes=3).capability)
+    for change in ({"buttons": 1}, {"gives_orientation": True}, {"grip_m": (0.0, 0.1)}):
+        assert has_handle(replace(make("sim:phantom", axes=3).capability, **change))  # type: ignore[arg-type]
+
+
+def test_wrappers_pass_the_handle_on() -> None:
+    given = Sample((0.0,) * 6, (0.0,) * 6, 2, 5, TURNED, 0.01)
+    read = PoseAxes(0.1).lengths(given)
+    assert (read.age_ticks, read.buttons, read.orientation, read.grip_m) == (2, 5, TURNED, 0.01)
+    record = replace(make("sim:freeflyer", axes=6).capability, buttons=3, gives_orientation=True, grip_m=(0.0, 0.02))
+    lengths = in_lengths(record, 0.1)
+    assert (lengths.buttons, lengths.gives_orientation, lengths.grip_m) == (3, True, (0.0, 0.02))
+
+    class Giving:
+        capability = record
+
+        def read(self, tick: int) -> Sample:
+            return given
+
+    first = FirstAxes(Giving(), 2)  # type: ignore[arg-type]
+    assert first.read(0) == Sample((0.0, 0.0), (0.0, 0.0), 2, 5, TURNED, 0.01)
+    assert has_handle(first.capability)

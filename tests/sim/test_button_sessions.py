@@ -1,0 +1,215 @@
+"""Buttons in whole sessions in virtual time: every edge comes to the world once, in order, and soon."""
+
+import dataclasses
+from math import atan2, cos, nan, sin
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from cogrip.devices.device import Device, Sample
+from cogrip.devices.for_user import make_for
+from cogrip.protocol.settings import Settings, resolve
+from cogrip.server.observers import _person
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.records import open_run
+from cogrip.sim.runs.replay.verify import verify
+from cogrip.sim.session import laboratory as session_laboratory
+from cogrip.sim.session.laboratory import Laboratory
+
+from tests.extent import long
+
+M = 8  # device ticks in a frame
+Edge = tuple[int, int, bool]  # person, button, down
+
+
+class Told:
+    """Watches what a laboratory's world is told of buttons, and the tick of the session at which."""
+
+    def __init__(self, laboratory: Laboratory) -> None:
+        self.laboratory = laboratory
+        self.edges: list[Edge] = []
+        self.ticks: list[int] = []
+        laboratory.room.world.button = self._button  # type: ignore[method-assign]
+
+    def _button(self, user: int, button: int, down: bool) -> None:
+        self.edges.append((user, button, down))
+        self.ticks.append(self.laboratory.tick)
+
+
+def pressing(presses: list[str], **more: Any) -> Settings:
+    users = [
+        {"name": name, "device": f"sim:phantom?press={press}" if press else "sim:phantom", "side": side}
+        for name, side, press in zip("abc", ("left", "right", "left"), presses, strict=False)
+    ]
+    return resolve({"seconds": 3.0, "users": users, **more})
+
+
+def taps(button: int, first_s: float, every_s: float, count: int) -> str:
+    return ",".join(f"{button}@{first_s + n * every_s:.4f}+{0.5 * every_s:.4f}" for n in range(count))
+
+
+@pytest.mark.parametrize("kind", ["wave", "coupling", "tdpa"])
+def test_an_edge_comes_to_the_world_within_one_frame_and_the_delay(kind: str) -> None:
+    """Edges at every phase of a frame. What comes within a frame waits for its end: 20 ms are 2.56 frames, so 3 at most."""
+    settings = pressing(
+        [taps(1, 0.5, 0.0333, 20), taps(3, 0.51, 0.0441, 20)], coupling={"kind": kind}, link={"delay_ms": 20}
+    )
+    laboratory = Laboratory(settings)
+    told = Told(laboratory)
+    laboratory.run()
+    late = []
+    for number, person in enumerate(laboratory.people):
+        happened = sorted(
+            tick for press in person.device.presses  # type: ignore[attr-defined]
+            for span in [press.ticks(1024)] for tick in (span.start, span.stop)
+        )  # fmt: skip
+        came = [tick for (user, _, _), tick in zip(told.edges, told.ticks, strict=True) if user == number]
+        assert len(came) == len(happened) == 40
+        late += [there - then for then, there in zip(happened, came, strict=True)]
+        assert [down for user, _, down in told.edges if user == number] == [True, False] * 20
+    assert min(late) >= 0.020 * 1024
+    assert max(late) <= 3 * M + M - 1
+
+
+@pytest.mark.parametrize("kind", ["wave", long("local"), long("coupling"), "tdpa"])
+def test_no_edge_is_lost_or_comes_twice_at_thirty_percent_loss(kind: str) -> None:
+    settings = pressing(
+        [taps(1, 0.5, 0.05, 40), taps(32, 0.51, 0.07, 25)], coupling={"kind": kind},
+        object={"kind": "faces" if kind == "local" else "cube"},
+        link={"delay_ms": 30, "jitter_ms": 8, "loss": 0.3, "duplicate": 0.2, "reorder": 0.2},
+    )  # fmt: skip
+    laboratory = Laboratory(settings)
+    told = Told(laboratory)
+    laboratory.run()
+    for number, (button, count) in enumerate([(1, 40), (32, 25)]):
+        mine = [edge for edge in told.edges if edge[0] == number]
+        assert mine == [(number, button, True), (number, button, False)] * count
+        assert not laboratory.people[number].core.session.dropped["button edges"]
+
+
+def test_a_seat_that_is_left_releases_its_buttons() -> None:
+    laboratory = Laboratory(pressing(["2@0.2+9,5@0.2+9"]))
+    told = Told(laboratory)
+    for _ in range(64):
+        laboratory.frame()
+    assert told.edges == [(0, 2, True), (0, 5, True)]
+    laboratory.leave(0)
+    while not laboratory.people[0].gone:
+        laboratory.frame()
+    laboratory.frame()
+    assert told.edges[2:] == [(0, 2, False), (0, 5, False)]
+
+
+class Turning:
+    """A device whose handle turns about z and whose gripper closes; every 50th reading is none."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self.capability = dataclasses.replace(device.capability, gives_orientation=True, grip_m=(0.0, 0.05))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._device, name)
+
+    def read(self, tick: int) -> Sample | None:
+        sample = self._device.read(tick)
+        assert sample is not None
+        angle, bad = 1e-3 * tick, tick % 50 == 49
+        turned = (nan if bad else cos(angle), 0.0, 0.0, sin(angle))
+        return replace(sample, orientation=turned, grip_m=0.2 if bad else 0.05 - 1e-5 * tick)
+
+
+@pytest.fixture
+def turning(monkeypatch: pytest.MonkeyPatch) -> Settings:
+    """Give people such devices; one person, for a second, over a lossy link."""
+    monkeypatch.setattr(session_laboratory, "make_for", lambda user, axes: Turning(make_for(user, axes)))
+    settings = pressing(["1@0.2+0.3"], seconds=1.0, link={"delay_ms": 10, "loss": 0.3})
+    return replace(settings, users=settings.users[:1])
+
+
+def test_orientation_and_grip_come_to_world_and_observers_as_newest_values(turning: Settings) -> None:
+    """Readings that cannot be are counted, and the last one stands."""
+    laboratory = Laboratory(turning)
+    told: list[tuple[int, Any, Any]] = []
+    laboratory.room.world.handle = lambda *given: told.append(given)  # type: ignore[method-assign]
+    laboratory.run()
+    seat = laboratory.room.seats[0]
+    assert seat.port is not None
+    handle = seat.port.handle
+    assert laboratory.people[0].core.session.dropped["implausible handle"] == 2 * (1017 // 50)
+    assert handle.orientation is not None
+    w, x, y, z = handle.orientation
+    tick = atan2(z, w) / 1e-3
+    assert (x, y) == (0.0, 0.0)
+    assert 1016 - 8 * 8 <= tick <= 1016 - 10, "some frames may be lost, and the delay has passed"
+    assert handle.grip_m == pytest.approx(0.05 - 1e-5 * tick)
+    assert told[-1] == (0, handle.orientation, handle.grip_m)
+    person = _person(1, laboratory.room.world, seat, laboratory.now_ns)
+    assert (person.buttons, person.edges, person.orientation, person.grip_m) == (
+        0,
+        2,
+        handle.orientation,
+        handle.grip_m,
+    )
+
+
+def test_a_recording_has_the_handle_and_plays_again(turning: Settings, tmp_path: Path) -> None:
+    run_laboratory(turning, tmp_path)
+    run = open_run(tmp_path)
+    assert run.server is not None
+    for end in (*run.clients.values(), run.server):
+        found = verify(end.recording)
+        assert found.exact, found
+    seats = [timed.record.seats[0] for timed in run.steps()]
+    assert [edge for seat in seats for edge in seat.edges] == [1, -1]
+    assert [seat.buttons for seat in seats if seat.edges] == [1, 0]
+    assert seats[-1].orientation is not None
+    events = [timed.record.text for timed in run.server.records("event")]
+    name = turning.name
+    assert [text for text in events if "button" in text] == [
+        f"{name}: a presses button 1",
+        f"{name}: a releases button 1",
+    ]
+    ticks = run.clients["a"].columns("tick", "buttons", "orientation", "grip_m")
+    assert ticks["buttons"].sum() == round(0.5 * 1024) - round(0.2 * 1024)
+    assert ticks["orientation"].shape == (len(ticks["buttons"]), 4)
+    assert ticks["grip_m"][10] == pytest.approx(0.05 - 1e-4)
+
+
+class Closed(Turning):
+    """A gripper that is closed, whose zero changes its sign in the last tick of a frame; a frame begins without a sample."""
+
+    def read(self, tick: int) -> Sample | None:
+        sample = self._device.read(tick)
+        assert sample is not None
+        zero = -0.0 if tick % M == M - 1 else 0.0
+        return None if tick % M == 0 else replace(sample, orientation=(1.0, zero, 0.0, 0.0), grip_m=zero)
+
+
+def test_a_recording_tells_the_signs_of_zeros(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A frame encodes what stays the same once; -0.0 equals 0.0, and is sent as another number."""
+    monkeypatch.setattr(session_laboratory, "make_for", lambda user, axes: Closed(make_for(user, axes)))
+    run_laboratory(pressing([""], seconds=0.25), tmp_path)
+    end = open_run(tmp_path).clients["a"]
+    assert verify(end.recording).exact
+    ticks = end.columns("tick", "orientation", "grip_m")
+    last = np.arange(len(ticks["grip_m"])) % M == M - 1
+    assert np.signbit(ticks["grip_m"][last]).all()
+    assert np.array_equal(np.signbit(ticks["orientation"][:, 1]), last)
+
+
+def test_a_new_seat_session_begins_with_the_buttons_that_are_down() -> None:
+    """The server dies and another one takes its place: it learns what is pressed now, and no more."""
+    laboratory = Laboratory(pressing(["2@0.2+9,3@0.3+0.1"], seconds=9.0))
+    for _ in range(96):
+        laboratory.frame()
+    checkpoints = laboratory.kill()
+    for _ in range(32):
+        laboratory.frame()
+    laboratory.restart(checkpoints)
+    told = Told(laboratory)
+    for _ in range(256):
+        laboratory.frame()
+    assert told.edges == [(0, 2, True)]

@@ -1,0 +1,152 @@
+"""Scales, rotation and clutch in whole sessions in virtual time."""
+
+from math import dist, hypot
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cogrip.client.force_limits import SOFT_SLOPE_NPS
+from cogrip.client.hand_frame import HandFrame
+from cogrip.client.inputs import CloseLedger
+from cogrip.protocol.accounts import ClientAccount
+from cogrip.protocol.settings import resolve
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.records import open_run
+from cogrip.sim.runs.replay.verify import verify
+from cogrip.sim.session.laboratory import Laboratory
+
+from tests.extent import long
+
+K, B_LINE = 500.0, 10.0
+CREDIT_J = 1e-3
+
+
+def at_wall(**user: Any) -> dict[str, Any]:
+    return {
+        "seconds": 4.0, "object": {"kind": "wall", "axes": 3}, "admission": {"power_w": 0.0},
+        "coupling": {"stiffness_npm": K, "impedance_nspm": B_LINE},
+        "users": [{"name": "anna", "hand": "push&force_n=2", **user}],
+    }  # fmt: skip
+
+
+def account_of(laboratory: Laboratory, number: int = 0) -> ClientAccount:
+    return laboratory.people[number].core.handle(CloseLedger(laboratory.ticks(number)), laboratory.now_ns)
+
+
+def frame_of(laboratory: Laboratory, number: int = 0) -> HandFrame:
+    frame = laboratory.people[number].core._seat._frame
+    assert frame is not None
+    return frame
+
+
+@pytest.mark.parametrize(("scale", "force"), [(1.0, 1.0), (2.0, 1.0), (0.5, 0.5), (3.0, 1.8), (0.5, 0.25), (10.0, 1.0)])
+def test_a_hand_feels_the_wall_by_the_force_scale(scale: float, force: float) -> None:
+    """K_hand = s K: force by s / g, way by 1 / g."""
+    laboratory = Laboratory(resolve(at_wall(position_scale=scale, force_scale=force)))
+    laboratory.run()
+    account = account_of(laboratory)
+    assert account.felt_stiffness_npm == pytest.approx(account.predicted_stiffness_npm, rel=0.01)
+    plain = Laboratory(resolve(at_wall()))
+    plain.run()
+    assert account.predicted_stiffness_npm == pytest.approx(force * account_of(plain).predicted_stiffness_npm)
+    assert account.down_margin_j >= -CREDIT_J
+    assert account.device.margin_j >= 0.0
+
+
+def test_twenty_clutches_of_50_mm_displace_nothing() -> None:
+    """The hand goes back and forth freely, held by the clutch on its way forth: the tool goes back by each way back."""
+    stroke_s = 0.4
+    presses = ",".join(f"1@{stroke_s * (2 * n + 1.5):.4f}+{stroke_s:.4f}" for n in range(20))
+    settings = resolve({
+        "seconds": 2 * 20 * stroke_s + 1.0, "object": {"kind": "wall", "axes": 3}, "coupling": {"impedance_nspm": 5.0},
+        "users": [{
+            "name": "anna", "device": f"sim:phantom?press={presses}", "clutch_button": 1,
+            "hand": "sine&amplitude_m=0.025&frequency_hz=1.25&offset_m=-0.05",
+        }],
+    })  # fmt: skip
+    laboratory = Laboratory(settings)
+    tool, clutches, still = [0.0] * 3, 0, [0]
+    offsets: list[float] = []  # of the server's proxy from the tool: 0.12 mm since the hand began to move
+    last: list[Any] = [None, False]
+
+    def watch(_: Laboratory) -> None:
+        nonlocal clutches
+        seat = laboratory.people[0].core._seat
+        frame = frame_of(laboratory)
+        before, held = last
+        if before is not None and not held:
+            for axis in range(3):
+                tool[axis] += seat.hand.position_m[axis] - before[axis]
+        clutches += frame.held and not held
+        still[0] = still[0] + 1 if frame.held else 0
+        if still[0] > 300:  # the proxy of the server has come to rest
+            offsets.append(float(laboratory.room.world.hand[0][0]) - seat._tool_m()[0])
+        last[:] = [seat.hand.position_m, frame.held]
+
+    laboratory.run(each_tick=watch)
+    seat = laboratory.people[0].core._seat
+    assert not laboratory.diverged
+    assert clutches == 20
+    begun = seat._origin_pose
+    assert dist(seat._tool_m(), [a + b for a, b in zip(begun, tool, strict=True)]) < 1e-9
+    assert max(offsets) - min(offsets) < 1e-5, "0.01 mm"
+    assert not seat.safety.counts["fault"]
+    account = account_of(laboratory)
+    assert account.down_margin_j >= 0.0
+    assert account.device.margin_j >= 0.0
+
+
+def test_a_clutch_in_contact_lets_the_hand_go_without_a_step_of_force() -> None:
+    """The force ramps out and in as safety has it: no step is above the slope that gaps are softened to."""
+    press = "1@1.0+0.5,1@2.0+0.5,1@3.0+0.2"
+    settings = resolve(at_wall(device=f"sim:phantom?press={press}", clutch_button=1, hand="approach&amplitude_m=0.006"))
+    laboratory = Laboratory(settings)
+    states, steps, forces = set[str](), [0.0], [(0.0,) * 3]
+
+    def watch(_: Laboratory) -> None:
+        core = laboratory.people[0].core
+        states.add(core.safety.state)
+        steps.append(dist(core.force_n, forces[-1]))
+        forces.append(core.force_n)
+
+    laboratory.run(each_tick=watch)
+    assert max(steps) < SOFT_SLOPE_NPS / 1024
+    assert max(hypot(*forces[int(1024 * s)]) for s in (1.2, 1.49, 2.3, 3.15)) == 0.0, "while it is held"
+    assert hypot(*forces[-1]) > 0.05, "the wall is felt again"
+    assert not laboratory.diverged
+    assert "clutched" in states
+    assert "fault" not in states
+    account = account_of(laboratory)
+    assert account.down_margin_j >= -CREDIT_J
+    assert account.device.margin_j >= 0.0
+
+
+@pytest.mark.parametrize("profile", ["lan", *map(long, ("wifi", "wan", "lte", "satellite"))])
+@pytest.mark.parametrize("kind", ["cube", "wall"])
+def test_two_people_of_different_scales_are_passive_and_replay_exactly(tmp_path: Path, profile: str, kind: str) -> None:
+    """Lines keep their credit, devices their reserve, and every end plays again bit by bit."""
+    press = "2@1.0+0.4,2@2.1+0.3"
+    settings = resolve({
+        "seconds": 3.5, "object": {"kind": kind, "axes": 3}, "link": {"profile": profile},
+        "coupling": {"impedance_nspm": 8.0, "stiffness_npm": 300.0},
+        "users": [
+            {"name": "anna", "position_scale": 3.0, "force_scale": 1.4, "rotation": [0.0, 0.0, 0.5],
+             "hand": "reach&amplitude_m=0.01"},
+            {"name": "ben", "side": "right", "position_scale": 0.4, "force_scale": 0.5, "rotation": "y -x z",
+             "clutch_button": 2,
+             "device": f"sim:phantom?press={press}", "hand": "sine&amplitude_m=0.02&frequency_hz=0.7"},
+        ],
+    })  # fmt: skip
+    outcome = run_laboratory(settings, tmp_path)
+    run = open_run(tmp_path)
+    assert run.server is not None
+    for end in (*run.clients.values(), run.server):
+        found = verify(end.recording)
+        assert found.exact, found
+    for user in outcome.summary["users"]:
+        energy = user["energy"]
+        margins = [energy[name] for name in ("up_margin_j", "down_margin_j", "line_margin_j")]
+        assert min(margins) >= -CREDIT_J, margins
+        assert energy["device_margin_j"] >= 0.0
+        assert user["state"] == "live", user["reason"]

@@ -1,0 +1,184 @@
+"""Journal of a study: no trial is lost or run twice, wherever it is cut short."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from cogrip.protocol.io.platform import system
+from cogrip.sim.experiments.study import journal
+from cogrip.sim.experiments.study.conductor import Ended
+from cogrip.sim.experiments.study.journal import (
+    ANSWERS,
+    RUNS,
+    STUDY,
+    TRIALS,
+    StudyFolder,
+    TrialLine,
+    read_answers,
+    read_trials,
+)
+from cogrip.sim.experiments.study.staircase import Estimate
+from cogrip.sim.experiments.study.study_file import StudyError
+from cogrip.sim.experiments.study.table import thresholds
+from cogrip.sim.experiments.study.trial import Event
+
+from tests.extent import every
+from tests.sim.studies import PLAIN, NoSessions, conducted, parsed
+
+STUDY_OF_TWO = parsed(PLAIN)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("whole") / "study"
+    outcome, _ = conducted(STUDY_OF_TWO, path)
+    assert outcome == (2 * (4 + 6), 0, 20, True)
+    return path
+
+
+def finished(path: Path) -> list[tuple[object, ...]]:
+    return [
+        (line.group, line.number, line.block, line.place, line.condition, line.level, line.correct)
+        for line in read_trials(path)
+        if line.status == "finished"
+    ]
+
+
+def answered(path: Path) -> dict[tuple[object, ...], object]:
+    """Return the answers that count: those of finished trials, and at the end of blocks."""
+    attempts = {
+        (line.group, line.block, line.place): line.attempt for line in read_trials(path) if line.status == "finished"
+    }
+    found = {}
+    for line in read_answers(path):
+        key = (line.group, line.block, line.place)
+        if line.place < 0 or attempts.get(key) == line.attempt:
+            full = (*key, line.participant, line.question)
+            assert full not in found, "each answer counts once"
+            found[full] = line.answer
+    return found
+
+
+@pytest.mark.parametrize("cut", every(5, range(0, 40, 2)))
+def test_study_that_was_killed_goes_on_as_if_it_had_not(whole: Path, tmp_path: Path, cut: int) -> None:
+    """A kill leaves the lines so far, and a part of one: as they are written, answers come before their trial."""
+    path = tmp_path / "study"
+    shutil.copytree(whole, path)
+    lines = (path / TRIALS).read_bytes().splitlines(keepends=True)
+    kept = lines[:cut]
+    (path / TRIALS).write_bytes(b"".join(kept) + lines[cut][: len(lines[cut]) // 2])
+    over = {(line.group, line.block, line.place) for line in read_trials(path) if line.over}
+    answers = (path / ANSWERS).read_bytes().splitlines(keepends=True)
+    known = [
+        line
+        for line, read in zip(answers, read_answers(whole), strict=True)
+        if (read.group, read.block, read.place) in over
+    ]
+    (path / ANSWERS).write_bytes(b"".join(known) + b'{"group":0,"participant":"P')
+    outcome, _ = conducted(STUDY_OF_TWO, path)
+    assert outcome.complete
+    assert finished(path) == finished(whole)
+    assert answered(path) == answered(whole)
+
+
+@pytest.mark.parametrize("left", [(), (f"{STUDY}.part",), (STUDY,)])
+def test_study_that_was_killed_as_its_folder_was_made_begins(
+    whole: Path, tmp_path: Path, left: tuple[str, ...]
+) -> None:
+    path = tmp_path / "study"
+    path.mkdir()
+    for name in left:
+        content = (whole / STUDY).read_bytes()
+        (path / name).write_bytes(content if name == STUDY else content[:40])
+    assert conducted(STUDY_OF_TWO, path)[0].complete
+    assert (path / RUNS).is_dir()
+    assert finished(path) == finished(whole)
+
+
+def test_study_makes_its_description_before_all_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder with something else in it is no study's, so a kill must not leave one like that."""
+    seen: list[list[str]] = []
+    monkeypatch.setattr(
+        journal, "_write", lambda path, query: seen.append([each.name for each in path.parent.iterdir()])
+    )
+    StudyFolder(tmp_path / "study", STUDY_OF_TWO, {})
+    assert seen == [[]]
+
+
+def test_answers_of_a_trial_that_was_killed_while_asking_do_not_count(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "study"
+    shutil.copytree(whole, path)
+    lines = (path / TRIALS).read_bytes().splitlines(keepends=True)
+    (path / TRIALS).write_bytes(lines[0])  # begun: its answer is there, and is not finished
+    (path / ANSWERS).write_bytes((path / ANSWERS).read_bytes().splitlines(keepends=True)[0])
+    conducted(STUDY_OF_TWO, path)
+    assert finished(path) == finished(whole)
+    assert answered(path) == answered(whole)
+    assert [line.attempt for line in read_trials(path) if line.place == 0 and line.group == 0][:3] == [1, 2, 2]
+
+
+def test_failed_sessions_are_begun_again_and_three_in_a_row_end_the_day(tmp_path: Path) -> None:
+    failed = Ended(Event.FAILED, "the link was cut")
+    outcome, folder = conducted(STUDY_OF_TWO, tmp_path / "twice", NoSessions([failed, failed]), [0])
+    assert outcome.complete
+    assert [line.reason for line in folder.trials if line.status == "failed"] == ["the link was cut"] * 2
+    outcome, folder = conducted(STUDY_OF_TWO, tmp_path / "thrice", NoSessions([failed] * 3), [0])
+    assert not outcome.complete
+    assert not any(line.over for line in folder.trials)
+
+
+def test_trial_is_repeated_or_abandoned_by_order(tmp_path: Path) -> None:
+    orders = [Ended(Event.REPEAT, "operator"), Ended(Event.ABANDON, "operator"), Ended(Event.PAUSE, "operator")]
+    sessions = NoSessions(orders[:2])
+    outcome, folder = conducted(STUDY_OF_TWO, tmp_path / "study", sessions, [0])
+    assert (outcome.finished, outcome.abandoned) == (9, 1)
+    first = [line for line in folder.trials if line.place == 0 and line.block == "one"]
+    assert [(line.status, line.attempt) for line in first] == [("begun", 1), ("begun", 2), ("abandoned", 2)]
+
+
+def test_another_study_does_not_take_over_a_folder(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "study"
+    shutil.copytree(whole, path)
+    before = {each: each.read_bytes() for each in path.iterdir() if each.is_file()}
+    with pytest.raises(StudyError, match=r"other study\.seed"):
+        StudyFolder(path, parsed(PLAIN, seed=2), {})
+    assert {each: each.read_bytes() for each in path.iterdir() if each.is_file()} == before
+    more = parsed(PLAIN, participants=["P01", "P02", "P03"])
+    assert conducted(more, path)[0] == (30, 0, 10, True)
+    with pytest.raises(StudyError, match=r"other study\.participants"):
+        StudyFolder(path, STUDY_OF_TWO, {})
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(StudyError, match="is no study's folder"):
+        StudyFolder(tmp_path, STUDY_OF_TWO, {})
+    (path / TRIALS).write_text("nonsense\n")
+    with pytest.raises(StudyError, match=r"trials\.jsonl:1"):
+        StudyFolder(path, more, {})
+    assert (path / STUDY).exists()
+
+
+def test_study_runs_where_no_folder_can_be_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows refuses it."""
+
+    def refuse(path: Path, flags: int) -> int:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(journal.os, "open", refuse)
+    assert conducted(STUDY_OF_TWO, tmp_path / "study", groups=[0])[0].complete
+
+
+def test_two_processes_do_not_run_one_study(tmp_path: Path) -> None:
+    """Each would not see what the other has finished; a descriptor of its own stands for another process."""
+    path = tmp_path / "study"
+    first = StudyFolder(path, STUDY_OF_TWO, {}, lock=system.lock)
+    with pytest.raises(StudyError, match="is in use: another `cogrip study`"):
+        StudyFolder(path, STUDY_OF_TWO, {}, lock=system.lock)
+    first.close()
+    StudyFolder(path, STUDY_OF_TWO, {}, lock=system.lock).close()
+
+
+def test_thresholds_take_all_tracks_of_a_participant_and_condition(whole: Path) -> None:
+    lines: list[TrialLine] = [line for line in read_trials(whole) if line.status == "finished"]
+    found = thresholds(STUDY_OF_TWO, lines)
+    assert list(found) == [("P01", "two", "a"), ("P02", "two", "a")]
+    assert all(isinstance(each, Estimate) and each.trials == 6 for each in found.values())
