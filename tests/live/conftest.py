@@ -1,6 +1,8 @@
 """Real processes over real sockets. Nothing sleeps: a test waits for what a process says, or for its end."""
 
+import json
 import re
+import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -53,6 +55,9 @@ class Process(Spoken):
         self.popen.send_signal(number)
 
 
+Relay = Callable[..., tuple[Process, tuple[str, int], Callable[[], dict]]]
+
+
 @pytest.fixture
 def run() -> Iterator[Callable[..., Process]]:
     """Start `cogrip ARGUMENTS`; whatever still runs at the end of the test is ended."""
@@ -77,6 +82,25 @@ def serve(run: Callable[..., Process], tmp_path: Path) -> Callable[..., tuple[Pr
             "serve", config, "--port", "0", "--seconds", "600", "--runs", tmp_path / "server", "--no-report", *arguments
         )
         return server, int(server.hear(r"listening on \S+:(\d+)")[1])
+
+    return start
+
+
+@pytest.fixture
+def relay(run, tmp_path) -> Relay:
+    """Start a relay; gives it, where it listens, and what ends it and gives its summary."""
+
+    def start(to: str, *arguments: str | Path, listen: str = "127.0.0.1:0"):
+        summary = tmp_path / f"relay {len(list(tmp_path.iterdir()))}.json"
+        process = run("relay", "--to", to, "--listen", listen, "--json", summary, "--seconds", "600", *arguments)
+        found = process.hear(r"relaying from (\S+):(\d+) ")
+
+        def end() -> dict:
+            process.signal(signal.SIGINT)
+            assert process.end() == 0, process.said
+            return json.loads(summary.read_text())
+
+        return process, (found[1].strip("[]"), int(found[2])), end
 
     return start
 

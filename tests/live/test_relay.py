@@ -1,13 +1,11 @@
 """`cogrip relay` as its users run it: what arrives through it, and whole sessions over it. Real processes, loopback."""
 
-import json
 import re
 import signal
 import socket
 from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import islice
-from pathlib import Path
 
 import msgspec
 import pytest
@@ -19,7 +17,6 @@ from cogrip.sim.session.link import Fate, fates
 
 from tests.extent import long
 from tests.free_ports import free_port
-from tests.live.conftest import Process
 from tests.live.held_arms import LIMIT_S
 from tests.live.test_live_sessions import DEMO, FEW_FRAMES, HOLD, accounted, leaving, summary_in
 
@@ -27,26 +24,6 @@ MANY = 250
 ROOM_BYTES = 1 << 20  # for all of them, while nobody reads
 ROUGH = ("delay_ms=5", "jitter_ms=20", "loss=0.2", "burst_frames=3", "duplicate=0.2", "reorder=0.1")
 SETS = [part for each in ROUGH for part in ("--set", f"link.{each}")]
-Start = Callable[..., tuple[Process, tuple[str, int], Callable[[], dict]]]
-
-
-@pytest.fixture
-def relay(run, tmp_path) -> Start:
-    """Start a relay; gives it, where it listens, and what ends it and gives its summary."""
-
-    def start(to: str, *arguments: str | Path, listen: str = "127.0.0.1:0"):
-        summary = tmp_path / f"relay {len(list(tmp_path.iterdir()))}.json"
-        process = run("relay", "--to", to, "--listen", listen, "--json", summary, "--seconds", "600", *arguments)
-        found = process.hear(r"relaying from (\S+):(\d+) ")
-
-        def end() -> dict:
-            process.signal(signal.SIGINT)
-            assert process.end() == 0, process.said
-            return json.loads(summary.read_text())
-
-        return process, (found[1].strip("[]"), int(found[2])), end
-
-    return start
 
 
 @pytest.fixture
