@@ -1,5 +1,6 @@
 """The guard of worlds from outside: what fails is named and never called again, and no world gives out what it did not get."""
 
+import threading
 from collections.abc import Callable, Sequence
 from itertools import product
 from pathlib import Path
@@ -75,10 +76,26 @@ def test_a_world_that_fails_is_named_and_never_called_again(world: type[ToolWorl
 
 
 def test_a_world_that_takes_for_ever_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(call_limit, "CALL_LIMIT_S", 0.02)
+    monkeypatch.setattr(call_limit, "COMPUTE_LIMIT_S", 0.02)
+    monkeypatch.setattr(call_limit, "WAIT_LIMIT_S", 100.0)
     room = held(broken.Endless)
     room.limited = call_limit.call_limit
     assert until_failed(room) == f"{KIND}: takes too long in advance"
+
+
+def test_a_world_that_waits_for_ever_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(call_limit, "WAIT_LIMIT_S", 0.02)
+    room = held(type("Waiting", (Springs,), {"advance": lambda self, waves: threading.Event().wait()}))
+    room.limited = call_limit.call_limit
+    assert until_failed(room) == f"{KIND}: takes too long in advance"
+
+
+@pytest.mark.parametrize(
+    ("computed_s", "waited_s", "ended"),
+    [(0.249, 0.999, False), (0.25, 0.3, True), (0.0, 1.0, True), (0.01, 0.9, False)],
+)
+def test_a_machine_that_stood_still_ends_no_world(computed_s: float, waited_s: float, ended: bool) -> None:
+    assert call_limit.too_long(computed_s, waited_s) is ended
 
 
 @pytest.mark.parametrize(

@@ -130,8 +130,11 @@ def test_stiffness_that_is_measured_and_not_predicted_is_said_to_be_measured() -
     )
     assert felt(summary).sentence == "Felt as intended; 1000 N/m at rest, as measured."
     summary["users"][0]["felt_stiffness_npm"] = None
-    unmeasured = "no stiffness was measured: nobody rested on a fixed shape that a client renders"
-    assert felt(summary).sentence == f"Felt as intended; {unmeasured}."
+    judged = felt(summary)
+    assert judged.tone == "warn"
+    assert judged.sentence == "How stiff it felt is not known: anna rested on no fixed shape that a client renders."
+    summary["users"][0]["asked_stiffness_npm"] = None
+    assert felt(summary).tone == "good"
 
 
 def test_an_earlier_seat_session_counts() -> None:

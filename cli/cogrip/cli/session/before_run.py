@@ -99,7 +99,7 @@ def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
     refused = overloads(settings)
     if not kind_of(settings.object.kind).spring:  # no model
         refused += unbounded(settings)
-        return refused, refused
+        return tuple(dict.fromkeys((*refused, *scene_warnings(settings)))), refused
     try:
         model = LiftedModel(linear_session(settings))
         states = max(part.model.states for part in modes(model))
@@ -109,6 +109,16 @@ def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
     except (ArithmeticError, ValueError) as error:  # ModelError and LinAlgError are ValueErrors
         return (*refused, f"no advice on stability: {error}"), refused
     return advice.warnings, (*refused, *(text for text in advice.refusals if text not in refused))
+
+
+def scene_warnings(settings: Settings) -> tuple[str, ...]:
+    """Return what `cogrip advise` warns of in a scene, of which there is no linear model; nothing of other objects."""
+    if settings.object.kind != "scene":
+        return ()
+    from cogrip.sim.analysis.scene_advice import scene_findings  # with MuJoCo
+
+    with BadInput.of(ValueError):  # a SceneError
+        return tuple(finding.text for finding in scene_findings(settings) if finding.warns)
 
 
 def warn(texts: Iterable[str]) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from ipaddress import ip_address
 from pathlib import Path
 
-from cogrip.cli.session.before_run import together
+from cogrip.cli.session.before_run import scene_warnings, together
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.terminal.problem import BadInput, within
 from cogrip.devices.device import DeviceError
@@ -75,7 +75,7 @@ def _warn_by_advice(settings: Settings, say: Say) -> None:
     from cogrip.sim.analysis.linear_session import ModelError
 
     try:
-        warnings = advise(settings).warnings
+        warnings = scene_warnings(settings) if settings.object.kind == "scene" else advise(settings).warnings
     except (ModelError, DeviceError) as error:
         warnings = (f"no advice: {error}",)
     for text in together(warnings, [user.name for user in settings.users]):

@@ -14,7 +14,7 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.object_kinds import KINDS, PYTHON, split_python
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
-from cogrip.server.io.call_limit import CALL_LIMIT_S, call_limit
+from cogrip.server.io.call_limit import COMPUTE_LIMIT_S, WAIT_LIMIT_S, call_limit
 from cogrip.server.schemes import make_room_world
 from cogrip.server.worlds.conformance import CHECKS, Subject, UnfitError
 from cogrip.server.worlds.guarded import GuardedWorld, TooLongError, told
@@ -51,7 +51,7 @@ def _keeps(check: Callable[[Subject], str], cases: dict[str, Subject], console: 
         except (UnfitError, WorldError) as error:
             problem = str(error)
         except TooLongError:
-            problem = f"one step takes longer than {CALL_LIMIT_S:g} s"
+            problem = f"one step computes for more than {COMPUTE_LIMIT_S:g} s, or takes more than {WAIT_LIMIT_S:g} s"
         except (Exception, SystemExit) as error:  # noqa: BLE001 (its author has to see it)
             problem = told(error)
         else:

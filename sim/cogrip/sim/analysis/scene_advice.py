@@ -38,7 +38,7 @@ def _local(scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
     geometry = local_geometry(scene, seat.seat)
     if geometry.why:
         text = f"{seat.user}: all contact is the server's, and the line holds the tool all the time: {geometry.why}"
-        yield Finding("local", text, "note")
+        yield Finding("local", text, "warning")
         yield _felt(scene, seat)
         return
     fixed = len(geometry.shapes) - len(geometry.balls)

@@ -44,9 +44,18 @@ def felt_as_intended(summary: Summary, stable: bool) -> Judgement:
         text = "Nothing was felt: no hand met a force."
     elif softer := _softer(held):
         text, brief = f"{SOFTER}: {softer}.", SOFTER_BRIEF
+    elif unmeasured := names_of(row for row in held if row.get("local") == "scene" and not _rested(row)):
+        text = f"How stiff it felt is not known: {some(unmeasured)} rested on no fixed shape that a client renders."
     else:
         tone, text = "good", f"Felt as intended{_stiffness(held)}."
     return Judgement("felt as intended", tone, text, brief)
+
+
+def _rested(row: Row) -> bool:
+    """Return whether a stiffness was measured, or is not asked for."""
+    return any(_value(row, key) is not None for key in ("felt_stiffness_npm", "predicted_stiffness_npm")) or not _value(
+        row, "asked_stiffness_npm"
+    )
 
 
 def _taken(summary: Summary) -> str:
@@ -81,8 +90,6 @@ def _stiffness(held: list[Row]) -> str:
     if not found:
         if all(_value(row, "asked_stiffness_npm") is None for row in held):
             return "; no stiffness is asked for here, so none is judged"
-        if any(row.get("local") == "scene" for row in held):
-            return "; no stiffness was measured: nobody rested on a fixed shape that a client renders"
         why = next((f" ({name_of(row)}: {row['not_predicted']})" for row in held if row.get("not_predicted")), "")
         return f"; how stiff at rest is neither measured nor predicted{why}" if why else ""
     span = " to ".join(dict.fromkeys(f"{value:.0f}" for value in (min(found), max(found))))
