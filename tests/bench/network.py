@@ -17,7 +17,7 @@ from cogrip.cli.terminal.tables import plain_table
 from tests.bench import machine
 from tests.bench.flood import bench_flood
 from tests.bench.loads.people import Load, LoadError
-from tests.bench.loads.server import ASK_S, SETTLE_S, Job, Kind, Process, Reading, make_load
+from tests.bench.loads.server import ASK_S, BARE, SETTLE_S, Job, Kind, Process, Reading, make_load
 from tests.bench.processors import two_processors
 from tests.bench.targets import reached
 
@@ -89,15 +89,13 @@ def bench_network(
     flood
         Measure an encrypted server with two people under a flood of unauthenticated peers instead.
     """
-    counts = _counts(users)
+    counts = counts_of(users)
     within("--seconds", seconds, 1, 600)
     if not 1 <= per_room <= 256 or not 1 <= axes <= 3:
         raise BadInput("bench network needs 1 to 256 people a room, and 1 to 3 axes")
     console = make_console(stderr=json == "-")
     console.width = max(console.width, WIDTH)
-    before = machine.load()
-    if before > QUIET_LOAD:
-        console.print(f"the machine is busy (load {before:.1f}): measure again when it is quiet")
+    before = warn_if_busy(console)
     if flood:
         return bench_flood(seconds, console, json)
     found = []
@@ -114,7 +112,16 @@ def bench_network(
     return 0 if well else 1
 
 
-def _counts(users: str) -> list[int]:
+def warn_if_busy(console: Console) -> float:
+    """Return the load average of the last minute; say where it is too much for a measurement."""
+    before = machine.load()
+    if before > QUIET_LOAD:
+        console.print(f"the machine is busy (load {before:.1f}): measure again when it is quiet")
+    return before
+
+
+def counts_of(users: str) -> list[int]:
+    """Return the numbers of people in `users`, in rising order. Raises BadInput."""
     try:
         counts = sorted({int(text) for text in users.split(",")})
     except ValueError:
@@ -150,7 +157,7 @@ def measure(
             raise Problem(f"{kind} server, {people} people: {error}") from None
         finally:
             server.end()
-    if kind != "echo" and last.seated != people:
+    if kind not in BARE and last.seated != people:
         raise Problem(f"{kind} server: {people - last.seated} of {people} people lost their seat: {last.drops}")
     cpu_us = (last.cpu_ns - first.cpu_ns) / (last.time_ns - first.time_ns) / people * 1e6
     sent, received = now[0] - sent, now[1] - received

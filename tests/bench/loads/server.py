@@ -41,8 +41,10 @@ from tests.bench import machine
 from tests.bench.children import start_python
 from tests.bench.loads.people import Echoed, Load, Person, make_people, room_name
 from tests.bench.loads.process_memory import own_memory_kb
+from tests.bench.loads.twin import start_twin
 
-Kind = Literal["echo", "unencrypted", "encrypted"]
+Kind = Literal["c", "echo", "unencrypted", "encrypted"]
+BARE = ("c", "echo")  # without sessions
 HOST = "127.0.0.1"
 NETWORK_HZ = 128
 MOST_BYTES = 2048
@@ -90,7 +92,10 @@ class Process:
     """The other end of this: start it, ask, and end it."""
 
     def __init__(self, job: Job) -> None:
-        self._child = start_python("-m", "tests.bench.loads.server", msgspec.json.encode(job).decode())
+        if job.kind == "c":
+            self._child = start_twin(job.core)
+        else:
+            self._child = start_python("-m", "tests.bench.loads.server", msgspec.json.encode(job).decode())
         self.started = msgspec.json.decode(self._line(), type=Started)
 
     @property
@@ -144,7 +149,7 @@ def make_load(job: Job, server: Process) -> Load:
     people = make_people(
         job.people, job.per_room, (HOST, started.port),
         (lambda: DtlsClient(started.fingerprint)) if job.kind == "encrypted" else UnencryptedChannel,
-        started.token, Echoed if job.kind == "echo" else Person,
+        started.token, Echoed if job.kind in BARE else Person,
     )  # fmt: skip
     return Load(people, seat_settings(settings_of(job)[0], 0))
 

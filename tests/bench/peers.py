@@ -1,0 +1,111 @@
+"""`dev.py bench peers`: what a person costs the server, beside a server in C, a bare Python echo and VRPN, in one run."""
+
+from collections.abc import Sequence
+from statistics import median
+
+import msgspec
+from rich.table import Table
+
+from cogrip.cli.terminal.output import Json, make_console, write_json
+from cogrip.cli.terminal.problem import within
+from cogrip.cli.terminal.tables import plain_table
+
+from tests.bench.loads.server import NETWORK_HZ, Kind
+from tests.bench.network import Measured, counts_of, measure, warn_if_busy
+from tests.bench.processors import two_processors
+from tests.bench.targets import judge
+
+CASES: tuple[tuple[Kind, bool], ...] = (
+    ("c", False), ("echo", False), ("unencrypted", False), ("encrypted", False), ("encrypted", True),
+)  # fmt: skip
+NAMES = {"c": "C twin (recvmmsg)", "echo": "Python echo"}
+MOST_OVER_C = {"unencrypted": 4.0, "encrypted": 8.0, "encrypted, recorded": 10.0}
+
+
+class Cost(msgspec.Struct, frozen=True):
+    """Medians over rounds. over_c: how many times the C twin of the same round costs."""
+
+    name: str
+    people: int
+    us: float  # processor time of the server's process, a person and frame
+    over_c: float
+    late_p99_us: float
+    memory_kb: int
+
+
+def bench_peers(
+    *, users: str = "20,50", seconds: float = 5.0, rounds: int = 3, per_room: int = 2, axes: int = 3, json: Json = None
+) -> int:
+    """Measure what a person and frame cost a server in C, a Python echo and the server here, in turns.
+
+    The C twin takes the same datagrams with recvmmsg and answers each, without session, physics, encryption or recording.
+    Exit code 0 if the server costs at most 4 times as much, 8 times encrypted, 10 times encrypted and recorded.
+
+    Parameters
+    ----------
+    users
+        How many people: numbers with commas between them.
+    seconds
+        How long each is measured.
+    rounds
+        How often; medians count.
+    per_room
+        People in a room.
+    axes
+        Of the object.
+    """
+    counts = counts_of(users)
+    within("--seconds", seconds, 1, 600)
+    within("--rounds", rounds, 1, 100)
+    within("--per-room", per_room, 1, 256)
+    within("--axes", axes, 1, 3)
+    console = make_console(stderr=json == "-")
+    before = warn_if_busy(console)
+    found: list[list[Measured]] = []
+    with two_processors(console) as cores:
+        for number in range(rounds):
+            for people in counts:
+                found.append([measure(*case, people, per_room, axes, seconds, cores[1]) for case in CASES])
+                costs = "; ".join(f"{_name(each)} {_frame_us(each):.1f}" for each in found[-1])
+                console.print(f"round {number + 1}, {people} people, µs a person and frame: {costs}", markup=False)
+    table = [_cost(found, people, case) for people in counts for case in range(len(CASES))]
+    console.print(_table(table, per_room, axes))
+    reached = [
+        judge(console, f"{each.name}, over the C twin", each.over_c, MOST_OVER_C[each.name], most=True, form=".1f")
+        for each in table
+        if each.people == counts[-1] and each.name in MOST_OVER_C
+    ]
+    well = all(reached)
+    if json is not None:
+        write_json({"costs": msgspec.to_builtins(table), "load_before": before, "reached": well}, json)
+    return 0 if well else 1
+
+
+def _name(each: Measured) -> str:
+    return NAMES.get(each.kind, each.name)
+
+
+def _frame_us(each: Measured) -> float:
+    return each.cpu_us / NETWORK_HZ
+
+
+def _cost(found: Sequence[Sequence[Measured]], people: int, case: int) -> Cost:
+    rounds = [(cases[0], cases[case]) for cases in found if cases[0].people == people]
+    return Cost(
+        _name(rounds[0][1]),
+        people,
+        median(_frame_us(each) for _, each in rounds),
+        median(each.cpu_us / twin.cpu_us for twin, each in rounds),
+        median(each.late_us["p99"] for _, each in rounds),
+        max(each.memory_kb for _, each in rounds),
+    )
+
+
+def _table(costs: Sequence[Cost], per_room: int, axes: int) -> Table:
+    headings = ("server", "people", "µs a person\nand frame", "over\nC twin", "late p99\nµs", "memory\nMB")
+    rows = [
+        [each.name, f"{each.people}", f"{each.us:.1f}", f"{each.over_c:.1f}", f"{each.late_p99_us:.0f}",
+         f"{each.memory_kb / 1024:.0f}"]
+        for each in costs
+    ]  # fmt: skip
+    return plain_table(headings, rows, title=f"rooms of {per_room}, {axes} axes, {NETWORK_HZ} Hz")

@@ -1,0 +1,36 @@
+"""The C twin that `dev.py bench peers` compares the server with: it answers every datagram, and says what it cost."""
+
+import shutil
+import socket
+
+import pytest
+
+from tests.bench.loads.server import HOST, Job, Process
+from tests.bench.loads.twin import COMPILERS
+
+WAVE = b"\x93\xcb?\xf0\x00\x00\x00\x00\x00\x00"  # msgpack of a list that begins with 1.0
+MANY = 100
+
+
+@pytest.mark.skipif(not any(map(shutil.which, COMPILERS)), reason="no C compiler is installed")
+def test_it_answers_each_datagram_with_its_own_and_tells_what_it_took() -> None:
+    twin = Process(Job("c", people=1))
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+            end.settimeout(30)
+            end.connect((HOST, twin.started.port))
+            for number in range(MANY):
+                end.send(WAVE + bytes([number % 256]) * (number % 50))
+            answers = [end.recv(2048) for _ in range(MANY)]
+        twin.ask()
+        first = twin.answer()
+        twin.ask()
+        second = twin.answer()
+    finally:
+        twin.end()
+    assert sorted(answers) == sorted(WAVE + bytes([number % 256]) * (number % 50) for number in range(MANY))
+    assert second.time_ns > first.time_ns
+    assert second.cpu_ns > first.cpu_ns
+    assert first.ticks > 0
+    assert 0 <= first.late_us["p50"] <= first.late_us["p99"] <= first.late_us["max"]
+    assert 0 < first.memory_kb < 20_000
