@@ -10,6 +10,7 @@ from cogrip.cli.terminal.problem import Problem
 
 BENCHES = {  # each is the function bench_NAME of tests.bench.NAME
     "concealment": "Compare every packet loss concealment under the same hands, loss, jitter and outages, with a clean link.",
+    "cost": "Measure what a person costs the server: back to back, at its pace, then socket, encryption and recording.",
     "devices": "Run live sessions with emulated arms on serial lines, and the same with simulated devices.",
     "impaired": "Run whole sessions on every impaired network: each must be passive and hold; the baselines must fail.",
     "network": "Count the people whom one core serves, encrypted and not, beside a socket echo; or flood an encrypted server.",
