@@ -78,3 +78,19 @@ def test_time_runs_from_when_somebody_took_hold(frames: int, reached: bool) -> N
         watch.step(START, UNTURNED)
     watch.step(moved(z=0.02), UNTURNED)
     assert (watch.at_s is not None) is reached
+
+
+@pytest.mark.parametrize("cut", [0, 1, 40, 199])
+def test_it_goes_on_after_being_saved(cut: int) -> None:
+    """Whole turns, the worst tilt, the height and the time are those of one watch that saw it all."""
+    task = {"turned_rad": 5.0, "lifted_m": 0.02, "tilt_rad": 1.0, "place_m": (0.01, 0.0, 0.0), "within_m": 0.05}
+    whole, first, second = (watch_of(**task) for _ in range(3))
+    poses = [(moved(z=0.03 * sin(0.05 * k)), exp([0.1 * sin(0.1 * k), 0.0, 0.04 * k])) for k in range(200)]
+    for number, (place, turned) in enumerate(poses):
+        if number == cut:
+            second.restore(first.save(), poses[cut - 1][1] if cut else UNTURNED)
+        whole.step(place, turned)
+        (first if number < cut else second).step(place, turned)
+    assert second.account() == whole.account()
+    assert second.save() == whole.save()
+    assert whole.account()["reached"]
