@@ -5,7 +5,7 @@ from math import cos, pi, sin
 import pytest
 
 from cogrip.protocol.rotations import UNTURNED, exp, product
-from cogrip.protocol.task import Task
+from cogrip.protocol.task import EVERYBODY, Task
 from cogrip.server.worlds.task_watch import TaskWatch
 
 T = 1 / 128
@@ -94,3 +94,23 @@ def test_it_goes_on_after_being_saved(cut: int) -> None:
     assert second.account() == whole.account()
     assert second.save() == whole.save()
     assert whole.account()["reached"]
+
+
+def test_a_task_that_is_begun_together_begins_when_every_seat_is_held() -> None:
+    """What one person does before is no part of it; who comes back completes the room anew."""
+    watch = watch_of(lifted_m=0.02, by_s=2 * T, together=True)
+    high = moved(z=0.03)
+    assert watch.frame(high, UNTURNED, [True, False]) == []
+    assert watch.lifted_m == 0.0
+    assert watch.frame(START, UNTURNED, [True, True]) == [EVERYBODY]
+    assert watch.frame(high, UNTURNED, [True, True]) == ["the task is reached"]
+    assert watch.at_s == 2 * T
+    assert watch.frame(START, UNTURNED, [False, True]) == []
+    assert watch.frame(START, UNTURNED, [True, True]) == [EVERYBODY]
+
+
+def test_else_it_begins_when_somebody_takes_hold_and_tells_nobody() -> None:
+    watch = watch_of(lifted_m=0.02)
+    assert watch.frame(moved(z=0.03), UNTURNED, [False, False]) == []
+    assert watch.frame(START, UNTURNED, [True, True]) == []
+    assert watch.frame(moved(z=0.03), UNTURNED, [False, True]) == ["the task is reached"]

@@ -329,8 +329,7 @@ class SceneWorld(World):
         check_memory(data)
         if self._watch:
             body, progress = self._watch
-            if progress.step(*self._pose_of(body), bool(self.holding.any())):
-                self.events.append("the task is reached")
+            self.events += progress.frame(*self._pose_of(body), self.holding.tolist())
         moved: Array = np.add.reduce(rates, axis=0, initial=0.0)
         squares: Array = np.add.reduce(rates * rates, axis=0, initial=0.0)
         return moved, squares

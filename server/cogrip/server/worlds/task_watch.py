@@ -5,13 +5,15 @@ from math import acos, dist
 from typing import Any
 
 from cogrip.protocol.rotations import between, inverse, product, turned
-from cogrip.protocol.task import Task
+from cogrip.protocol.task import EVERYBODY, Task
 
 _AXES = "xyz"
 
 
 class TaskWatch:
-    """Watches one body, a step a frame, from when somebody has taken hold; once the task is reached, all stands still.
+    """Watches one body, a step a frame, from when somebody has taken hold, or everybody where the task is begun together.
+
+    Once the task is reached, all stands still.
 
     lifted_m, tilted_rad  most so far
     turned_rad            about the task's axis so far, whole turns counted
@@ -27,12 +29,21 @@ class TaskWatch:
         self._goal = [at + by for at, by in zip(place_m, task.place_m, strict=True)]
         self._orientation: Sequence[float] = self._upright
         self._frames = 0
+        self._everybody = False
         self.lifted_m = self.turned_rad = self.tilted_rad = 0.0
         self.off_m = dist(place_m, self._goal)
         self.at_s: float | None = None
 
+    def frame(self, place_m: Sequence[float], quaternion: Sequence[float], holding: Sequence[bool]) -> list[str]:
+        """Enter a frame. holding: who holds a tool. Return what has happened: markers for everybody."""
+        before, self._everybody = self._everybody, all(holding)
+        happened = [EVERYBODY] if self.task.together and self._everybody and not before else []
+        if self.step(place_m, quaternion, self._everybody or (any(holding) and not self.task.together)):
+            happened.append("the task is reached")
+        return happened
+
     def step(self, place_m: Sequence[float], quaternion: Sequence[float], held: bool = True) -> bool:
-        """Enter where the body is after a frame, and how it is turned; held: somebody holds a tool. True as it is reached."""
+        """Enter where the body is after a frame, and how it is turned; held: the task may begin. True as it is reached."""
         if self.at_s is not None or not (held or self._frames):
             return False
         task = self.task
