@@ -97,7 +97,7 @@ def test_it_goes_on_after_being_saved(cut: int) -> None:
 
 
 def test_a_task_that_is_begun_together_begins_when_every_seat_is_held() -> None:
-    """What one person does before is no part of it; who comes back completes the room anew."""
+    """It takes nothing of what one person does before. Somebody who comes back completes the room anew."""
     watch = watch_of(lifted_m=0.02, by_s=2 * T, together=True)
     high = moved(z=0.03)
     assert watch.frame(high, UNTURNED, [True, False]) == []
