@@ -368,3 +368,22 @@ def test_a_signal_in_the_laboratory_keeps_what_was_run(run, tmp_path, number):
         recording = open_recording(path)
         assert sum(1 for _ in recording.messages()) > 10
         assert recording.complete
+
+
+def test_simulated_hands_wait_until_every_seat_is_held(run, serve, tmp_path):
+    lift = CONFIGS / "lift.toml"
+    server, port = serve(lift)
+
+    def joined(name):
+        who = ("--config", lift, "--name", name, "--seconds", "0.5")
+        return run("join", f"127.0.0.1:{port}", *who, *leaving(tmp_path / name))
+
+    anna = joined("anna")
+    anna.hear("the hand waits until everybody holds on")
+    server.hear("lift: anna joined")
+    assert "marker" not in server.said
+    ben = joined("ben")
+    for person in (anna, ben):
+        person.hear("everybody holds on: the hand begins")
+        assert person.end() == 0, person.said
+    assert "lift: marker: everybody holds on" in server.said

@@ -7,7 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from cogrip.server.worlds.scene_file import MOST_BYTES, SPARSE_FROM, Held, SceneError, load_scene, make_scene
+from cogrip.server.worlds.scene_file import SPARSE_FROM, Held, load_scene, make_scene
+from cogrip.server.worlds.scene_text import MOST_BYTES, SceneError
 
 from tests.server.scene_worlds import SCENES, SHIPPED, hold, world_of
 
@@ -146,8 +147,8 @@ def test_urdf_is_read() -> None:
         ("<body name='b'><joint/><geom size='.1'/></body>", ["b"], r"body 'b' cannot be a tool: it needs a free joint"),
         (f"<body name='b' euler='0 0 90'>{SLIDES}<geom size='.1'/></body>", ["b"], r"cannot be a tool: .* unturned$"),
         ("<body name='b'><geom size='.1'/></body>", ["b"], r"body 'b' cannot be a tool"),
-        ("<geom type='mesh' mesh='m'/></worldbody><asset><mesh name='m' file='cup.obj'/></asset><worldbody>", [""],
-         r"refers to other files \(cup\.obj\), which are not read; build it of boxes"),
+        ("<geom type='mesh' mesh='m'/></worldbody><asset><mesh name='m' file='cup.msh'/></asset><worldbody>", [""],
+         r"refers to other files \(cup\.msh\), which are not read; build it of boxes"),
         ("</worldbody><include file='/etc/passwd'/><worldbody>", [""], r"refers to other files \(/etc/passwd\)"),
         ("</worldbody><option integrator='RK4'/><worldbody>", [""], r'integrator = "RK4" does not keep the energy of a port'),
         ("<geom size='nan'/>", [""], r"does not load: "),

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.seat_limits import BURST_S, SeatLimits, WaveLimiter
 from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_file import SceneError, held_by, make_scene
+from cogrip.server.worlds.scene_file import held_by, make_scene
+from cogrip.server.worlds.scene_text import SceneError
 
 from tests.extent import every
 from tests.server.scene_worlds import SCENES, T, port_j

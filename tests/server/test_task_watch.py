@@ -5,7 +5,7 @@ from math import cos, pi, sin
 import pytest
 
 from cogrip.protocol.rotations import UNTURNED, exp, product
-from cogrip.protocol.task import Task
+from cogrip.protocol.task import EVERYBODY, Task
 from cogrip.server.worlds.task_watch import TaskWatch
 
 T = 1 / 128
@@ -78,3 +78,39 @@ def test_time_runs_from_when_somebody_took_hold(frames: int, reached: bool) -> N
         watch.step(START, UNTURNED)
     watch.step(moved(z=0.02), UNTURNED)
     assert (watch.at_s is not None) is reached
+
+
+@pytest.mark.parametrize("cut", [0, 1, 40, 199])
+def test_it_goes_on_after_being_saved(cut: int) -> None:
+    """Whole turns, the worst tilt, the height and the time are those of one watch that saw it all."""
+    task = {"turned_rad": 5.0, "lifted_m": 0.02, "tilt_rad": 1.0, "place_m": (0.01, 0.0, 0.0), "within_m": 0.05}
+    whole, first, second = (watch_of(**task) for _ in range(3))
+    poses = [(moved(z=0.03 * sin(0.05 * k)), exp([0.1 * sin(0.1 * k), 0.0, 0.04 * k])) for k in range(200)]
+    for number, (place, turned) in enumerate(poses):
+        if number == cut:
+            second.restore(first.save(), poses[cut - 1][1] if cut else UNTURNED)
+        whole.step(place, turned)
+        (first if number < cut else second).step(place, turned)
+    assert second.account() == whole.account()
+    assert second.save() == whole.save()
+    assert whole.account()["reached"]
+
+
+def test_a_task_that_is_begun_together_begins_when_every_seat_is_held() -> None:
+    """It takes nothing of what one person does before. Somebody who comes back completes the room anew."""
+    watch = watch_of(lifted_m=0.02, by_s=2 * T, together=True)
+    high = moved(z=0.03)
+    assert watch.frame(high, UNTURNED, [True, False]) == []
+    assert watch.lifted_m == 0.0
+    assert watch.frame(START, UNTURNED, [True, True]) == [EVERYBODY]
+    assert watch.frame(high, UNTURNED, [True, True]) == ["the task is reached"]
+    assert watch.at_s == 2 * T
+    assert watch.frame(START, UNTURNED, [False, True]) == []
+    assert watch.frame(START, UNTURNED, [True, True]) == [EVERYBODY]
+
+
+def test_else_it_begins_when_somebody_takes_hold_and_tells_nobody() -> None:
+    watch = watch_of(lifted_m=0.02)
+    assert watch.frame(moved(z=0.03), UNTURNED, [False, False]) == []
+    assert watch.frame(START, UNTURNED, [True, True]) == []
+    assert watch.frame(moved(z=0.03), UNTURNED, [False, True]) == ["the task is reached"]

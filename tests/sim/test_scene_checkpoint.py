@@ -45,6 +45,43 @@ def test_every_body_is_where_it_was_and_at_rest(lifted: tuple[Room, RoomCheckpoi
     assert world.position[2] == pytest.approx(0.0, abs=1e-3), "nobody holds it, so it falls to the floor"
 
 
+def test_task_contact_forces_and_slip_go_on_from_where_they_were(lifted: tuple[Room, RoomCheckpoint]) -> None:
+    before, checkpoint = lifted
+    after = Room(load(LIFT))
+    after.restore(checkpoint, 0)
+    told, account = scene(before), scene(after).scene_account()
+    assert account == told.scene_account()
+    assert account["lifted_m"] > 0.04
+    assert account["tools"][0]["contact_s"] > 1.0
+    assert scene(after).task_account() == told.task_account()
+    assert scene(after).progress() == told.progress() == checkpoint.progress
+
+
+def test_a_task_is_reached_over_the_end_of_a_server() -> None:
+    """The box is lifted before, and falls back to its place after it, as everybody is let go. No time of the task is lost."""
+    settings = load(LIFT, ["seconds=6", "task.place_m=[0.0, 0.0, 0.0]", "task.within_m=0.01"])
+    laboratory = Laboratory(settings)
+    while laboratory.room.world.task_account()["goals"]["lifted_m"]["value"] < 0.045:
+        laboratory.frame()
+    begun = laboratory.room.steps
+    checkpoints = [decode(encode(each)) for each in laboratory.kill()]
+    for _ in range(32):
+        laboratory.frame()
+    laboratory.restart(checkpoints)
+    laboratory.run()
+    task = laboratory.room.world.task_account()
+    assert task["goals"]["lifted_m"]["value"] >= 0.045
+    assert task["reached"]
+    assert task["at_s"] > (begun - 64) / 128
+
+
+def test_a_checkpoint_of_an_earlier_version_begins_to_measure_anew(lifted: tuple[Room, RoomCheckpoint]) -> None:
+    room = Room(load(LIFT))
+    room.restore(msgspec.structs.replace(lifted[1], progress=()), 0)
+    assert scene(room).scene_account()["lifted_m"] == 0.0
+    assert scene(room).position[2] > 0.03
+
+
 def other_scene(tmp_path: Path) -> Settings:
     """The same names and counts, and another box."""
     text = (CONFIGS / "scenes" / "lift.xml").read_text().replace('mass=".2"', 'mass=".3"')
@@ -56,7 +93,11 @@ def test_nothing_changes_for_a_checkpoint_of_another_scene(lifted: tuple[Room, R
     _, checkpoint = lifted
     broken = msgspec.structs.replace(checkpoint, coordinates=(float("nan"), *checkpoint.coordinates[1:]))
     short = msgspec.structs.replace(checkpoint, coordinates=checkpoint.coordinates[1:])
+    less = msgspec.structs.replace(checkpoint, progress=checkpoint.progress[1:])
+    endless = msgspec.structs.replace(checkpoint, progress=(float("inf"), *checkpoint.progress[1:]))
     cases = [
+        (load(LIFT), less, "the saved state has"),
+        (load(LIFT), endless, "not all finite"),
         (other_scene(tmp_path), checkpoint, "with other settings"),
         (load(LIFT), short, "its scene is another one"),
         (load(LIFT), broken, "not all finite"),

@@ -16,8 +16,10 @@ from cogrip.client.markers import MOST_UNANSWERED
 from cogrip.client.recorder import RecordedClient, client_topics
 from cogrip.client.safety import FAULT_OUT_S, State
 from cogrip.client.supervised_device import SupervisedDevice
+from cogrip.client.waiting_hand import WaitingHand
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import first_axes
+from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.platform import system, time
@@ -77,6 +79,9 @@ class LiveClient:
     over: Callable[[], str] = lambda: ""  # why it ends by itself before its time, "" while it goes on
     allow_unstable: bool = False  # hold a device that is asked for more than it carries; never one of hardware
     each_frame: Callable[[RecordedClient, int], None] | None = None  # called once a network frame, with its number
+    waits: SimulatedDevice | None = (
+        None  # begins when everybody holds on, and then `seconds` begins; part of the device
+    )
     _core: RecordedClient = field(init=False)
     _up: Link | None = field(init=False, default=None)
     _down: Link | None = field(init=False, default=None)
@@ -189,6 +194,7 @@ class LiveClient:
         core, safety, session = self._core, self._core.safety, self._core.session
         clock = time.monotonic_ns
         last_tick = None if self.seconds is None else round(self.seconds * pacer.rate_hz)
+        waiting = WaitingHand(self.waits, pacer.rate_hz, self.say)
         safety_state, session_state, failed, ending = safety.state, session.state, "", False
         seat = core.seat
         assert seat is not None
@@ -209,13 +215,14 @@ class LiveClient:
             if safety.state != safety_state:
                 self._report_safety(safety_state, safety.state)
                 safety_state = safety.state
+            waiting.poll(tick, core.markers.everybody)
             if self.rearms and not ending:
                 self._obey(tick, now_ns, supervised)
             if not ending:
                 failed = self.paths.explained(session.failed) or (
                     safety.reason if safety.state == "fault" and not self.rearms else ""
                 )
-                over = bool(self.over()) or (last_tick is not None and tick >= last_tick)
+                over = bool(self.over()) or (last_tick is not None and tick >= last_tick + waiting.ticks)
                 if failed or self.stop.reason or over or session.state == "closed":
                     ending = True
                     failed = failed or self._server_silent(now_ns)

@@ -3,6 +3,7 @@
 from collections import deque
 
 from cogrip.protocol.messages import Mark, clipped_mark
+from cogrip.protocol.task import EVERYBODY
 
 AGAIN_NS = 100_000_000
 MOST_UNANSWERED = 8
@@ -10,10 +11,11 @@ MOST_KNOWN = 256  # numbers kept, so that one that is repeated is taken once
 
 
 class Markers:
-    """refused: markers that were set while MOST_UNANSWERED were on their way."""
+    """refused: markers that were set while MOST_UNANSWERED were on their way; everybody: whether every seat has been held."""
 
     def __init__(self) -> None:
         self.refused = 0
+        self.everybody = False
         self._number = 0
         self._unanswered: deque[tuple[int, str]] = deque()
         self._next_ns = 0
@@ -50,4 +52,6 @@ class Markers:
         if known in self._known:
             return False
         self._known.append(known)
+        if mark.seat is None and mark.text == EVERYBODY:
+            self.everybody = True
         return not own

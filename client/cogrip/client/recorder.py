@@ -116,7 +116,7 @@ class RecordedClient(CoreRecorder, ClientCore):
             self._rows, self._numbers = rows, numbers
             tick = Tick(*head, rows[0], rows[1], rows[2][: len(force_n)], *numbers)
             self._rest_text = encode(tick)[len(text) - 1 : -len(b"null}")]
-        return b"%b%b%b}" % (text[:-1], self._rest_text, encode(port.earned_j + port.reserve_j))
+        return b"".join((text[:-1], self._rest_text, encode(port.earned_j + port.reserve_j), b"}"))
 
 
 def _texts(values: Iterable[float]) -> tuple[str, ...]:

@@ -6,6 +6,8 @@ import msgspec
 
 Goal = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
 Place = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
+EVERYBODY = "everybody holds on"
+"""Marker with which a task that is begun together begins: simulated hands wait for it."""
 
 
 class Task(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -21,7 +23,8 @@ class Task(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     place_m: tuple[Place, Place, Place] = (0.0, 0.0, 0.0)  # from where it starts
     within_m: Goal | None = None  # of that place
     tilt_rad: Goal | None = None  # at most, of its upright, at all times before
-    by_s: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None  # after somebody took hold; None: until the end
+    by_s: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None  # after it began; None: until the end
+    together: bool = False  # it begins when every seat is held; else when somebody takes hold
 
     @property
     def stated(self) -> bool:

@@ -23,7 +23,10 @@ class SeatCheckpoint(msgspec.Struct, frozen=True):
 
 
 class RoomCheckpoint(msgspec.Struct, frozen=True):
-    """One room. scene: digest of its scene of rigid bodies, coordinates: of all of them; both empty where it has none."""
+    """One room. scene: digest of its scene of rigid bodies, coordinates: of all of them; both empty where it has none.
+
+    progress: measures of its contacts and its task so far (`World.progress`); empty where it has none, or of earlier versions
+    """
 
     version: int
     room: str
@@ -34,6 +37,7 @@ class RoomCheckpoint(msgspec.Struct, frozen=True):
     seats: tuple[SeatCheckpoint, ...]
     scene: str = ""
     coordinates: tuple[float, ...] = ()
+    progress: tuple[float, ...] = ()
 
 
 class CheckpointError(ValueError):

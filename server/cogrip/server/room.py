@@ -27,7 +27,7 @@ from cogrip.server.schemes import SCHEMES, make_room_world
 from cogrip.server.seat_limits import BURST_S, Record, SeatLimits, limits_of
 from cogrip.server.stiffness_adaptation import StiffnessAdapter
 from cogrip.server.told_geometry import ToldGeometry
-from cogrip.server.worlds.world import WorldError
+from cogrip.server.worlds.world import WorldError, check_saved
 
 RESERVED_NS = 5_000_000_000  # a restored seat is reserved so long for its ticket's holder
 
@@ -144,8 +144,10 @@ class Room:
             for seat in self.seats
         ]
         here = tuple(self.world.position.tolist())
-        placed = self.world.coordinates()
-        return RoomCheckpoint(VERSION, self.name, self.digest, here, self.travel_m, self.steps, tuple(seats), *placed)
+        placed, progress = self.world.coordinates(), self.world.progress()
+        return RoomCheckpoint(
+            VERSION, self.name, self.digest, here, self.travel_m, self.steps, tuple(seats), *placed, progress
+        )
 
     def restore(self, checkpoint: RoomCheckpoint, now_ns: int) -> None:
         """Begin where the server before ended, the object at rest. Raises CheckpointError, and nothing has changed."""
@@ -155,9 +157,13 @@ class Room:
         if [seat.user for seat in checkpoint.seats] != users or len(checkpoint.position_m) != self.world.axes:
             raise CheckpointError("its seats or axes are not this room's")
         try:
+            if checkpoint.progress:
+                check_saved(checkpoint.progress, len(self.world.progress()))
             self.world.place(checkpoint.position_m, checkpoint.scene, checkpoint.coordinates)
         except WorldError as error:
             raise CheckpointError(str(error)) from None
+        if checkpoint.progress:
+            self.world.go_on(checkpoint.progress)
         self.travel_m, self.steps = checkpoint.travel_m, checkpoint.steps
         for seat, before in zip(self.seats, checkpoint.seats, strict=True):
             seat.session, seat.nonce, seat.ticket_hash = before.session, before.nonce, before.ticket

@@ -34,6 +34,7 @@ from cogrip.client.io.paths import JoinError, RefusedError
 from cogrip.client.loop import Ended, LiveClient
 from cogrip.client.rendered_damper import OverloadError
 from cogrip.devices.device import DeviceError
+from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.web.family import public
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.session import IN_ORDER, SECONDS_OVER, ClientSession
@@ -114,7 +115,8 @@ def join(
     stop_s
         End of the playback, and with it of this session, as its key stop_s=.
     seconds
-        Leave after this time.
+        Leave after this time. A simulated hand that waits for everybody (task.together of --config) counts from when all hold
+        on, or from 30 s.
     into
         Write into this existing folder instead, and leave its report to its owner.
     rearm
@@ -162,6 +164,7 @@ def join(
             client = LiveClient(
                 arm, target.player(arm.capability, address), paths, stop, say, LinkEmulator, files.record_at, seconds, rearms,
                 partial(judge_seat, address, allow_unstable, say), partial(played_out, arm), allow_unstable,
+                waits=arm if settings and settings.task.together and isinstance(arm, SimulatedDevice) else None,
             )  # fmt: skip
             try:
                 ended = client.run()

@@ -192,7 +192,7 @@ def _try_scene(settings: Settings, where: str) -> None:
     """Raise BadInput for a scene that cannot be used, before anything is started."""
     if settings.object.kind == "scene":
         from cogrip.server.schemes import make_scene_world
-        from cogrip.server.worlds.scene_file import SceneError
+        from cogrip.server.worlds.scene_text import SceneError
 
         with BadInput.of(SceneError, where=f"{where}object.file: "):
             make_scene_world(settings, [seat_settings(settings, seat) for seat in range(len(settings.users))])

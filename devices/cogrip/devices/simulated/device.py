@@ -53,6 +53,7 @@ class SimulatedDevice(Driver):
         self._spans: list[range] = []  # ticks in which each lasts
         self._start_m = fit_axes(start_m, capability.axes, "x0_m") if start_m else None
         self._force: Sequence[float] = self._zero
+        self._begins, self._waits = 0, False  # tick at which the hand's own time begins; it is still to come
 
     @property
     def position_m(self) -> tuple[float, ...]:
@@ -72,7 +73,8 @@ class SimulatedDevice(Driver):
     @property
     def buttons(self) -> int:
         """Buttons that are down now, one bit each."""
-        down = {press.button for press, span in zip(self.presses, self._spans, strict=True) if self._tick in span}
+        now = self._tick - self._begins
+        down = {press.button for press, span in zip(self.presses, self._spans, strict=True) if now in span}
         return sum([1 << button - 1 for button in down])
 
     def open(self, rate_hz: int) -> None:
@@ -88,6 +90,15 @@ class SimulatedDevice(Driver):
         self.plant.open(rate_hz, self.hand.stiffness_npm, self.hand.damping_nspm, start)
         self._spans = [press.ticks(rate_hz) for press in self.presses]
         self._force, self._tick, self._open = self._zero, 0, True
+        self._begins, self._waits = 0, False
+
+    def wait(self) -> None:
+        """Hold the hand where it begins, until `begin`. To be called once open."""
+        self._waits = True
+
+    def begin(self) -> None:
+        """Begin the hand's motion, and its presses, at the present tick."""
+        self._waits = False
 
     def read(self, tick: int) -> Sample:
         if not self._open:
@@ -96,10 +107,12 @@ class SimulatedDevice(Driver):
         if tick != last:
             if tick < last:
                 raise self._fallen(tick)
-            step, drive, force = self.plant.step, self.hand.drive, self._force
+            step, drive, force, begins = self.plant.step, self.hand.drive, self._force, self._begins
             for k in range(last, tick):
-                step(drive(k), force)
+                step(drive(0 if self._waits else k - begins), force)
             self._tick = tick
+            if self._waits:
+                self._begins = tick
         sample = self.plant.sense()
         return replace(sample, buttons=self.buttons) if self._spans else sample
 

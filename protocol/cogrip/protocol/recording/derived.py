@@ -96,6 +96,10 @@ class RoomPictures:
 
     def bodies(self, kind: str, payload: bytes, time_ns: int) -> Iterator[tuple[str, bytes]]:
         """Yield kind and payload of what shapes or poses of a scene give."""
+        if kind == "poses":
+            self._poses += 1
+            if self._poses % 2 == 0:  # they come at up to 2 MOST_HZ
+                return
         try:
             if kind == "geoms":
                 self._shown, self._seated, self._offsets = _geoms(payload), (), {}
@@ -103,10 +107,8 @@ class RoomPictures:
             poses = [nan if each is None else each for each in _poses(payload).poses]
         except msgspec.MsgspecError:  # of another version
             return
-        number, self._poses = self._poses, self._poses + 1
-        if number % 2 == 0:  # they come at up to 2 MOST_HZ
-            rows = [poses[at : at + 7] for at in range(0, len(poses) - 6, 7)]
-            yield "tf", frame_transforms(time_ns, self._room, body_places(self._room, rows))
+        rows = [poses[at : at + 7] for at in range(0, len(poses) - 6, 7)]
+        yield "tf", frame_transforms(time_ns, self._room, body_places(self._room, rows))
 
     def _offset(self, seat: int, person: SeatStep, step: Step) -> Row:
         return self._shown.offsets_m[3 * seat : 3 * seat + 3] or offset_of(person, step)

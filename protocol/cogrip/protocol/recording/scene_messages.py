@@ -251,8 +251,8 @@ def _third_axis(orientation: Sequence[float]) -> Vector:
 
 def quaternion_of(orientation: Sequence[float]) -> Quaternion:
     """Return w, x, y, z as these messages have it."""
-    w, x, y, z = (round(each, _DIGITS) for each in orientation)
-    return Quaternion(x, y, z, w)
+    w, x, y, z = orientation
+    return Quaternion(round(x, _DIGITS), round(y, _DIGITS), round(z, _DIGITS), round(w, _DIGITS))
 
 
 def scene_bodies(room: str, shapes: Sequence[Shape], held: Collection[int]) -> list[Body]:
@@ -286,7 +286,7 @@ def forces_update(time_ns: int, root: str, pushes: Sequence[Push]) -> bytes:
     arrows = tuple([_arrow(push) for push in pushes if _norm(push.force_n) >= LEAST_DRAWN_N])
     lines = tuple(
         [
-            LinePrimitive((Point3(*_rounded(push.at_m)), Point3(*_rounded(push.hand_m))), _color(push.colour))
+            LinePrimitive((_point(push.at_m), _point(push.hand_m)), _color(push.colour))
             for push in pushes
             if push.hand_m is not None
         ]
@@ -324,13 +324,14 @@ def _norm(values: Vector) -> float:
     return sqrt(sum([each * each for each in values]))
 
 
-def _rounded(values: Vector) -> Vector:
+def _point(values: Vector) -> Point3:
     x, y, z = values
-    return round(x, _DIGITS), round(y, _DIGITS), round(z, _DIGITS)
+    return Point3(round(x, _DIGITS), round(y, _DIGITS), round(z, _DIGITS))
 
 
 def _vector(values: Vector) -> Vector3:
-    return Vector3(*_rounded(values))
+    x, y, z = values
+    return Vector3(round(x, _DIGITS), round(y, _DIGITS), round(z, _DIGITS))
 
 
 def _color(colour: str, alpha: float = 1.0) -> Color:

@@ -4,17 +4,18 @@ The file equals that of the `mcap` library's writer at the same level of compres
 for every chunk until the end, 800 bytes of memory each and ten of them a second; this one keeps none (`summary.py`).
 
     message: channel u16, sequence u32, log_time u64, publish_time u64, JSON text
+    chunk: first_time u64, last_time u64, size u64, crc u32, compression (u32 and text), u64 bytes of packed records
     message index: channel u16, u32 bytes of entries; an entry: log_time u64, place in the chunk's records u64
 """
 
 import zlib
 from pathlib import Path
-from struct import Struct
+from struct import Struct, pack
 from typing import IO
 
 import zstandard
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Metadata, MetadataIndex, Schema
+from mcap.records import Channel, ChunkIndex, DataEnd, Metadata, MetadataIndex, Schema
 from mcap.records import Header as FileHeader
 
 from cogrip.protocol.recording.derived import DERIVED, Pictures
@@ -29,12 +30,14 @@ CHUNK_BYTES = 64 * 1024
 LIBRARY = "cogrip"
 COMPRESSION = "zstd"
 LEVEL = 1  # of the compression: 2 % smaller for such records than the library's 3, in two thirds of its time
-_OPCODE = int(Opcode.MESSAGE)  # an enumeration's members are slow to come by
+# An enumeration's members are slow to come by.
+_OPCODE, _CHUNK_OPCODE, _INDEX_OPCODE = int(Opcode.MESSAGE), int(Opcode.CHUNK), int(Opcode.MESSAGE_INDEX)
+_CHUNK = Struct(f"<BQQQQII{len(COMPRESSION)}sQ")
+_RECORD_BYTES = 9  # of a record before its contents: opcode and length
 _MESSAGE = Struct("<BQHIQQ")
 _MESSAGE_BYTES = 22  # of its record before the text
 _INDEX = Struct("<BQHI")
 _INDEX_BYTES = 6  # of its record before the entries
-_ENTRY = Struct("<QQ")
 
 
 class RecordingWriter:
@@ -50,8 +53,7 @@ class RecordingWriter:
         self._summary = Summary(folder)
         self._write_metadata(NAME, header.metadata())
         self._records = bytearray()  # of the chunk that is being filled
-        self._entries: dict[int, bytearray] = {}  # of it, by channel, in the order in which the channels came
-        self._times_ns: list[int] = []  # of its messages
+        self._entries: dict[int, list[int]] = {}  # of it, by channel, in the order in which the channels came
         self._channels = list(range(1, len(header.topics) + 1))
         self._register(header.topics)
         self._pictures = Pictures(header)
@@ -73,9 +75,8 @@ class RecordingWriter:
         try:
             entries = self._entries[channel]
         except KeyError:
-            entries = self._entries[channel] = bytearray()
-        self._times_ns.append(log_time)
-        entries += _ENTRY.pack(log_time, len(records))
+            entries = self._entries[channel] = []
+        entries += (log_time, len(records))
         records += _MESSAGE.pack(_OPCODE, _MESSAGE_BYTES + len(payload), channel, 0, log_time, log_time)
         records += payload
         if len(records) > CHUNK_BYTES:
@@ -90,23 +91,29 @@ class RecordingWriter:
             return
         size, crc = len(self._records), zlib.crc32(self._records)
         packed = self._compress(self._records)
-        first_ns, last_ns = min(self._times_ns), max(0, *self._times_ns)
-        chunk = record_bytes(Chunk(COMPRESSION, packed, last_ns, first_ns, crc, size))
+        times_ns = [entries[::2] for entries in self._entries.values()]
+        first_ns, last_ns = min(map(min, times_ns)), max(0, *map(max, times_ns))
+        chunk_bytes = _CHUNK.size + len(packed)
         begin = self._at
-        self._write(chunk)
+        self._write(_CHUNK.pack(
+            _CHUNK_OPCODE, chunk_bytes - _RECORD_BYTES, first_ns, last_ns, size, crc,
+            len(COMPRESSION), COMPRESSION.encode(), len(packed),
+        ))  # fmt: skip
+        self._write(packed)
         indexes, places = self._at, {}
         for channel, entries in self._entries.items():
             places[channel] = self._at
-            self._write(_INDEX.pack(Opcode.MESSAGE_INDEX, _INDEX_BYTES + len(entries), channel, len(entries)) + entries)
+            size_of = 8 * len(entries)
+            index = _INDEX.pack(_INDEX_OPCODE, _INDEX_BYTES + size_of, channel, size_of)
+            self._write(index + pack(f"<{len(entries)}Q", *entries))
         self._summary.add_chunk(
             ChunkIndex(
-                len(chunk), begin, COMPRESSION, len(packed), last_ns, self._at - indexes, places, first_ns, size
+                chunk_bytes, begin, COMPRESSION, len(packed), last_ns, self._at - indexes, places, first_ns, size
             ),
-            {channel: len(entries) // _ENTRY.size for channel, entries in self._entries.items()},
+            {channel: len(entries) // 2 for channel, entries in self._entries.items()},
         )  # fmt: skip
         self._records.clear()
         self._entries.clear()
-        self._times_ns.clear()
 
     def flush(self) -> None:
         """End the chunk and hand everything to the system."""

@@ -31,16 +31,16 @@ from cogrip.protocol.task import Task
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.equality_rows import EqualityRows
 from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
-from cogrip.server.worlds.scene_file import MOST_RATE, Scene, body_of
+from cogrip.server.worlds.scene_file import Scene, body_of
 from cogrip.server.worlds.scene_grips import grip_of
 from cogrip.server.worlds.scene_shapes import shapes_of
+from cogrip.server.worlds.scene_state import SceneEnergy, check_memory, check_rates
 from cogrip.server.worlds.task_watch import TaskWatch
 from cogrip.server.worlds.turning_ports import TurningPorts
 from cogrip.server.worlds.warm_start import WarmStart
 from cogrip.server.worlds.world import Array, Row, World, WorldError, check_saved, dot
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-_FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
 
 
 class SceneWorld(World):
@@ -62,7 +62,7 @@ class SceneWorld(World):
         self._start = model.qpos0[self._object : self._object + 3].copy() if scene.object >= 0 else np.zeros(3)
         self._unturned = model.qpos0[self._object + 3 : self._object + 7].tolist() if scene.object >= 0 else UNTURNED
         self._shapes, self._drawn = shapes_of(scene, self._start)
-        self._energy = 0.0
+        self._energy = SceneEnergy(model)
         self._equalities, self._warm = EqualityRows(model), WarmStart(model)
         super().__init__(seats)
         self.limiter = EnergyLimiter(self.frame_s)
@@ -139,6 +139,12 @@ class SceneWorld(World):
             self.data.qvel[self._object_dof : self._object_dof + 3] = value[:PLACES]
             self._refresh()
 
+    def motion(self) -> Row:
+        if self._object < 0 or self.axes > PLACES:
+            return super().motion()
+        moved = self.data.qpos[self._object : self._object + 3] - self._start
+        return (*moved.tolist(), *self.data.qvel[self._object_dof : self._object_dof + 3].tolist())
+
     @property
     def orientation(self) -> Array:
         """Quaternion w, x, y, z of the object."""
@@ -161,13 +167,14 @@ class SceneWorld(World):
     @property
     def energy_j(self) -> float:
         """Kinetic and potential energy of all bodies."""
-        return self._energy
+        return self._energy.now_j
 
     def rest(self) -> None:
         """Leave it moving: bodies come to rest by their own friction."""
 
     def proxy(self, user: int) -> Array:
-        place: Array = self.data.qpos[self._places[user]] - self._zero[user]
+        first = self.scene.tools[user].coordinate
+        place: Array = self.data.qpos[first : first + PLACES] - self._zero[user]
         return place if self.axes == PLACES else np.concatenate((place, log(self.turning.turned(self.data, user))))
 
     def hand_turned(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
@@ -238,6 +245,8 @@ class SceneWorld(World):
 
     def _make_solid(self) -> None:
         """Let tools touch that are held and inside of nothing: contact begins without energy."""
+        if self.solid.tolist() == self.holding.tolist():
+            return
         for user in np.flatnonzero(self.holding & ~self.solid & ~self.kinematic).tolist():
             self._touch(user, True)
             self._refresh()
@@ -248,30 +257,23 @@ class SceneWorld(World):
 
     def _refresh(self) -> None:
         """Bring data up to a state that was changed by hand, whose energy is then the one to count from."""
-        model = self.scene.model
-        mujoco.mj_step1(model, self.data)
+        mujoco.mj_step1(self.scene.model, self.data)
         self._equalities.arrange(self.data)
-        self._carried = carried = np.flatnonzero(model.body_gravcomp)
-        self._weight = (model.body_gravcomp[carried] * model.body_mass[carried])[:, None] * model.opt.gravity
-        self._energy = self._measure()
-
-    def _measure(self) -> float:
-        """Return kinetic and potential energy [J]; MuJoCo's potential counts weight that `gravcomp` carries."""
-        data = self.data
-        return float(data.energy[0] + data.energy[1]) + dot(self._weight, data.xipos[self._carried])
+        self._energy.begin(self.data)
 
     def _gain(self) -> float:
         """Return how much energy the bodies have got since the frame before [J]; by hand none is given them."""
-        before, self._energy = self._energy, self._measure()
-        self.gained_j += self._energy - before
-        return self._energy - before
+        gained_j = self._energy.gain(self.data)
+        self.gained_j += gained_j
+        return gained_j
 
     # Stepping
 
     def step(self, inputs: Array) -> Array:
         data, turning, b = self.data, self.turning, self._port_impedance
         held = self.holding[:, None] & self._driven_axes
-        theirs = u = np.where(held, inputs, 0.0)  # of the hands; u: what drives the tools
+        all_held = bool(held.all())
+        theirs = u = inputs if all_held else np.where(held, inputs, 0.0)  # of the hands; u: what drives the tools
         local = u
         frames = turning.frames(data)
         if turning.driven:
@@ -283,12 +285,14 @@ class SceneWorld(World):
         period, substep = self.frame_s, self.frame_s / self.substeps
         w = moved / self.substeps
         w[:, :PLACES] = (data.qpos[self._places] - before) / period
-        w = np.where(held, w, 0.0)
+        if not all_held:
+            w = np.where(held, w, 0.0)
         back = self._drive * w - local
         given = substep * (drive * moved - b * squares)
         lost = b * substep * (squares - 2.0 * w * moved + self.substeps * w * w)
-        error = np.where(held, (0.5 * period) * (local * local - back * back) - given - lost, 0.0)
-        self.balance_error_j = max(self.balance_error_j, abs(float(error.sum())))
+        error = (0.5 * period) * (local * local - back * back) - given - lost
+        error_j = float((error if all_held else np.where(held, error, 0.0)).sum())
+        self.balance_error_j = max(self.balance_error_j, abs(error_j))
         force = drive - b * w
         if turning.driven:
             back, force = turning.to_world(frames, back), turning.to_world(frames, force)
@@ -315,25 +319,17 @@ class SceneWorld(World):
             self._equalities.correct(data)
             self._warm.extrapolate(data)
             mujoco.mj_step2(model, data)
-            everything = data.qvel
-            if not everything.dot(everything) < MOST_RATE**2:
-                raise WorldError(
-                    f"the scene left all bounds at {data.time:.3f} s: velocities are {_largest(everything)}"
-                )
-            rate[:, :PLACES] = everything[dofs]
+            check_rates(data)
+            rate[:, :PLACES] = data.qvel[dofs]
             if turning:
-                rate[turning, PLACES:] = everything[self.turning.dofs]
+                rate[turning, PLACES:] = data.qvel[self.turning.dofs]
             if number == self.substeps:
                 self.contacts.read(data)
             mujoco.mj_step1(model, data)
-        if data.warning.number[_FULL].any():
-            raise WorldError(
-                f"the scene has more contacts than its memory at {data.time:.3f} s: raise <size memory> in it"
-            )
+        check_memory(data)
         if self._watch:
             body, progress = self._watch
-            if progress.step(*self._pose_of(body), bool(self.holding.any())):
-                self.events.append("the task is reached")
+            self.events += progress.frame(*self._pose_of(body), self.holding.tolist())
         moved: Array = np.add.reduce(rates, axis=0, initial=0.0)
         squares: Array = np.add.reduce(rates * rates, axis=0, initial=0.0)
         return moved, squares
@@ -343,6 +339,16 @@ class SceneWorld(World):
 
     def contact_of(self, user: int) -> Touch:
         return self.contacts.touches[user]
+
+    def progress(self) -> Row:
+        return (*self.contacts.save(), *(self._watch[1].save() if self._watch else ()))
+
+    def go_on(self, progress: Row) -> None:
+        own = len(self.contacts.save())
+        self.contacts.restore(progress[:own])
+        if self._watch:
+            body, watch = self._watch
+            watch.restore(progress[own:], self._pose_of(body)[1])
 
     def scene_account(self) -> dict[str, Any]:
         return self.contacts.account(self._users)
@@ -391,7 +397,3 @@ class SceneWorld(World):
         self.limiter.limited = int(limited)
         self.port_work, self._work_error = work, work_error
         self._refresh()
-
-
-def _largest(velocities: Array) -> str:
-    return f"up to {np.abs(velocities).max():.3g}"

@@ -148,6 +148,22 @@ class SceneContacts:
             (data.contact.frame[strongest, :3] @ turned).tolist(),
         )
 
+    def save(self) -> tuple[float, ...]:
+        """Return the measures of the run so far."""
+        tools = [
+            float(each) for peak, frames in zip(self._peaks, self._frames, strict=True) for each in (*peak, frames)
+        ]
+        return (self._lifted_m, float(self._lifted), self._lifted_slip_m, self._trace, *tools)
+
+    def restore(self, saved: Sequence[float]) -> None:
+        """Go on from there. Contacts begin anew, as all who held on do."""
+        self._lifted_m, lifted, self._lifted_slip_m, self._trace = saved[:4]
+        self._lifted = int(lifted)
+        for seat in range(len(self._tools)):
+            *peak, frames = saved[4 + 4 * seat : 8 + 4 * seat]
+            self._peaks[seat], self._frames[seat] = Touch(*peak), int(frames)
+        self.forget()
+
     def account(self, users: Sequence[str]) -> dict[str, Any]:
         """Return the measures of the run so far; of the object None where there is none."""
         tools = [

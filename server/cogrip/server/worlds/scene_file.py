@@ -9,26 +9,22 @@ impedance b, against a fixed body: m + h b, step h). What is held by friction cr
 1.2 mm a minute at impratio 100, by 0.04 mm at 3000. A scene that sets such values itself keeps them (`Scene.own`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from math import prod
 from pathlib import Path
 from typing import NamedTuple
-from xml.parsers import expat
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.protocol.setting_types import PLACES, POSE_AXES, Orientation, Side
 from cogrip.protocol.settings import Settings
+from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, read_meshes, read_text, scan
 
-MOST_BYTES = 8_000_000
 MOST_CONTACTS = 8  # of a tool whose forces are measured, the strongest ones
-MOST_ELEMENTS = 5000  # of XML, those that it repeats counted: more take minutes to load
 MOST_MEMORY = 2**28  # that <size memory> may ask for
 MOST_RATE = 1e5  # of anything after one step [m/s, rad/s]
-MOST_NAMED = 5  # of a list of names in an error
 TOOLS = ("pad", "ball", "box")
 """Tools that are added; `tool = ""` is the first."""
 TOOL_KG = 0.05
@@ -65,10 +61,6 @@ _SLIDES = [mujoco.mjtJoint.mjJNT_SLIDE] * 3
 _FREE = [mujoco.mjtJoint.mjJNT_FREE]
 
 
-class SceneError(ValueError):
-    """A scene that cannot be used. The text says why, in one line."""
-
-
 @dataclass(frozen=True, slots=True)
 class Tool:
     """A body that a seat's port moves.
@@ -100,7 +92,7 @@ class Scene:
     """A compiled scene.
 
     tools   one for each seat
-    digest  of its text and tools
+    digest  of its text, meshes and tools
     object  body whose motion is that of the room's object: the first free one that is no tool; -1: there is none
     filled  contact settings that were applied, as the scene sets none
     own     those that the scene sets itself: what they do about energy is theirs
@@ -130,32 +122,21 @@ def held_by(settings: Settings) -> list[Held]:
 
 def load_scene(path: Path, seats: Sequence[Held], step_s: float) -> Scene:
     """Return the scene of a file for these seats. Raises SceneError."""
-    return make_scene(read_text(path), seats, step_s, path.name)
+    return make_scene(read_text(path), seats, step_s, path.name, path.parent)
 
 
-def read_text(path: Path) -> str:
-    """Return the text of a file. Raises SceneError."""
-    try:
-        if not path.is_file():
-            raise SceneError(
-                f"{path}: {'is no regular file' if path.exists() else 'there is no such file'}; give MJCF or URDF"
-            )
-        with path.open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
-        text = data.decode("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if len(data) > MOST_BYTES:
-        raise SceneError(f"{path}: has more than {MOST_BYTES / 1e6:g} MB; make it smaller")
-    return text
+def make_scene(
+    text: str, seats: Sequence[Held], step_s: float, name: str = "scene", folder: Path | None = None
+) -> Scene:
+    """Return the scene of an XML text. step_s: of one substep; name: of the file, for errors; folder: of its meshes.
 
-
-def make_scene(text: str, seats: Sequence[Held], step_s: float, name: str = "scene") -> Scene:
-    """Return the scene of an XML text. step_s: of one substep; name: of the file, for errors. Raises SceneError."""
+    Raises SceneError.
+    """
     mujoco.set_mju_user_warning(_counted)
-    options = _scan(text, name)
+    found = scan(text, name)
+    options, meshes = found.options, read_meshes(found, folder, name)
     try:
-        spec = mujoco.MjSpec.from_string(text)
+        spec = mujoco.MjSpec.from_string(text, assets=meshes)
         if spec.memory > MOST_MEMORY:
             raise SceneError(
                 f"{name}: <size memory> asks for {spec.memory} bytes, more than {MOST_MEMORY}; leave it out"
@@ -193,13 +174,20 @@ def make_scene(text: str, seats: Sequence[Held], step_s: float, name: str = "sce
     if model.na or model.nplugin:
         what = "actuators with states of their own" if model.na else "plugins"
         raise SceneError(f"{name}: has {what}, whose energy is not counted; leave them out")
-    found = tuple(_tool(model, body, held.orientation, name) for body, held in zip(chosen, seats, strict=True))
-    if len({tool.body for tool in found}) < len(found):
+    tools = tuple(_tool(model, body, held.orientation, name) for body, held in zip(chosen, seats, strict=True))
+    if len({tool.body for tool in tools}) < len(tools):
         twice = next(body for body in chosen if chosen.count(body) > 1)
         raise SceneError(f"{name}: two seats have the tool {twice!r}; name a body for each, or leave one out")
+    digest = _digest(text, meshes, seats, step_s)
+    return Scene(model, tools, _first_free(model, {tool.body for tool in tools}), filled, own, digest)
+
+
+def _digest(text: str, meshes: Mapping[str, bytes], seats: Sequence[Held], step_s: float) -> str:
     words = [held.tool for held in seats] + [held.side for held in seats] + [held.orientation for held in seats]
-    digest = sha256("\0".join([text, *words, str(step_s)]).encode()).hexdigest()[:16]
-    return Scene(model, found, _first_free(model, {tool.body for tool in found}), filled, own, digest)
+    digest = sha256("\0".join([text, *words, str(step_s)]).encode())
+    for base, data in sorted(meshes.items()):
+        digest.update(f"\0{base}\0{len(data)}\0".encode() + data)
+    return digest.hexdigest()[:16]
 
 
 def _compiled(spec: mujoco.MjSpec, tools: Sequence[str]) -> mujoco.MjModel:
@@ -230,42 +218,6 @@ def _one_line(error: Exception) -> str:
     words = " ".join(str(error).split())
     cure = "; give the body a geom with mass, or an inertial" if "mjMINVAL" in words else ""
     return f"does not load: {words.removeprefix('Error: ')}{cure}"
-
-
-def _scan(text: str, name: str) -> set[str]:
-    """Return the attributes of <option>. Raises SceneError for files that it refers to, too many elements, and no XML."""
-    files: list[str] = []
-    options: set[str] = set()
-    repeats = [1]  # of each element around the present one
-    elements = 0
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal elements
-        files.extend(value for key, value in attributes.items() if key.lower().startswith("file"))
-        if tag == "option":
-            options.update(attributes)
-        counts = [int(word) for word in attributes.get("count", "").split() if word.isdigit()]
-        repeats.append(repeats[-1] * prod(counts))
-        elements += repeats[-1]
-
-    def end(tag: str) -> None:
-        repeats.pop()
-
-    parser = expat.ParserCreate()
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    try:
-        parser.Parse(text.encode("utf-8"), True)
-    except expat.ExpatError as error:
-        raise SceneError(f"{name}: does not load: {error}") from None
-    if elements > MOST_ELEMENTS:
-        raise SceneError(f"{name}: has {elements} elements, more than {MOST_ELEMENTS}; leave some out")
-    if files:
-        more = f" and {len(files) - MOST_NAMED} more" if len(files) > MOST_NAMED else ""
-        raise SceneError(
-            f"{name}: refers to other files ({', '.join(files[:MOST_NAMED])}{more}), which are not read; "
-            "build it of boxes, spheres, capsules, cylinders and planes"
-        )
-    return options
 
 
 def _complete(spec: mujoco.MjSpec, options: set[str], step_s: float) -> tuple[tuple[str, ...], tuple[str, ...]]:

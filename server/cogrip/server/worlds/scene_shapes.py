@@ -1,4 +1,7 @@
-"""Shapes that a scene is drawn of: its geoms as MuJoCo has them, those that are fixed in the object's frame at the start."""
+"""Shapes that a scene is drawn of: its geoms as MuJoCo has them, those that are fixed in the object's frame at the start.
+
+A mesh is drawn as the box around it.
+"""
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
@@ -15,6 +18,7 @@ _KINDS: dict[int, ShapeKind] = {
     int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): "ellipsoid",
     int(mujoco.mjtGeom.mjGEOM_PLANE): "plane",
 }
+_MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 _SHOWN_GROUPS = 3  # MuJoCo's own viewer hides further ones: they are for contact alone
 _NO_COLOUR = (0.5, 0.5, 0.5, 1.0)  # of a geom that sets none
 _MOST_M = 1e3  # bounds of a shape (`SPEC.md` section 3.15)
@@ -29,26 +33,35 @@ def shapes_of(scene: Scene, start: NDArray[np.float64]) -> tuple[tuple[Shape, ..
     bodies: list[int] = []
     shapes: list[Shape] = []
     for geom in range(model.ngeom):
-        kind, rgba = _KINDS.get(int(model.geom_type[geom])), _colour(model, geom)
+        mesh = model.geom_type[geom] == _MESH
+        kind, rgba = "box" if mesh else _KINDS.get(int(model.geom_type[geom])), _colour(model, geom)
         if kind is None or model.geom_group[geom] >= _SHOWN_GROUPS or (rgba is not None and rgba[3] == 0.0):
             continue
         body = int(model.geom_bodyid[geom])
         size = tuple(np.clip(model.geom_size[geom], 0.0, _MOST_M).tolist())
+        middle = model.geom_aabb[geom, :3] if mesh else np.zeros(3)  # of the box around a mesh, in its frame
         if model.body_weldid[body] == 0:
             turned = np.zeros(4)
             mujoco.mju_mat2Quat(turned, data.geom_xmat[geom])
-            place = data.geom_xpos[geom] - start
+            place = data.geom_xpos[geom] + _turned(turned, middle) - start
             shapes.append(Shape(kind, size, None, _place(place), tuple(turned.tolist()), rgba))
             continue
         if body not in bodies:
             bodies.append(body)
         shapes.append(
             Shape(
-                kind, size, bodies.index(body), _place(model.geom_pos[geom]), tuple(model.geom_quat[geom].tolist()), rgba,
+                kind, size, bodies.index(body), _place(model.geom_pos[geom] + _turned(model.geom_quat[geom], middle)),
+                tuple(model.geom_quat[geom].tolist()), rgba,
                 seats.get(int(model.body_rootid[body])), body == scene.object,
             )
         )  # fmt: skip
     return tuple(shapes[:MOST_SHAPES]), bodies[:MOST_SHAPES]
+
+
+def _turned(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    out = np.zeros(3)
+    mujoco.mju_rotVecQuat(out, vector, quaternion)
+    return out
 
 
 def _place(values: NDArray[np.float64]) -> tuple[float, ...]:

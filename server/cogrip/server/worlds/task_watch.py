@@ -5,16 +5,19 @@ from math import acos, dist
 from typing import Any
 
 from cogrip.protocol.rotations import between, inverse, product, turned
-from cogrip.protocol.task import Task
+from cogrip.protocol.task import EVERYBODY, Task
 
 _AXES = "xyz"
 
 
 class TaskWatch:
-    """Watches one body, a step a frame, from when somebody has taken hold; once the task is reached, all stands still.
+    """Watches one body, a step a frame, from when somebody has taken hold, or everybody where the task is begun together.
+
+    Once the task is reached, all stands still.
 
     lifted_m, tilted_rad  most so far
     turned_rad            about the task's axis so far, whole turns counted
+                          (turned and tilted where the task asks for it)
     off_m                 distance from the task's place now
     at_s                  when the task was reached, None if it is not
     """
@@ -26,22 +29,33 @@ class TaskWatch:
         self._goal = [at + by for at, by in zip(place_m, task.place_m, strict=True)]
         self._orientation: Sequence[float] = self._upright
         self._frames = 0
+        self._everybody = False
         self.lifted_m = self.turned_rad = self.tilted_rad = 0.0
         self.off_m = dist(place_m, self._goal)
         self.at_s: float | None = None
 
+    def frame(self, place_m: Sequence[float], quaternion: Sequence[float], holding: Sequence[bool]) -> list[str]:
+        """Enter a frame. holding: who holds a tool. Return what has happened: markers for everybody."""
+        before, self._everybody = self._everybody, all(holding)
+        happened = [EVERYBODY] if self.task.together and self._everybody and not before else []
+        if self.step(place_m, quaternion, self._everybody or (any(holding) and not self.task.together)):
+            happened.append("the task is reached")
+        return happened
+
     def step(self, place_m: Sequence[float], quaternion: Sequence[float], held: bool = True) -> bool:
-        """Enter where the body is after a frame, and how it is turned; held: somebody holds a tool. True as it is reached."""
+        """Enter where the body is after a frame, and how it is turned; held: the task may begin. True as it is reached."""
         if self.at_s is not None or not (held or self._frames):
             return False
         task = self.task
         self._frames += 1
         self.lifted_m = max(self.lifted_m, place_m[2] - self._start[2])
-        self.turned_rad += between(self._orientation, quaternion)[_AXES.index(task.axis)]
-        self._orientation = quaternion
-        up = turned(product(quaternion, inverse(self._upright)), (0.0, 0.0, 1.0))
-        self.tilted_rad = max(self.tilted_rad, acos(max(-1.0, min(1.0, up[2]))))
         self.off_m = dist(place_m, self._goal)
+        if task.turned_rad is not None:
+            self.turned_rad += between(self._orientation, quaternion)[_AXES.index(task.axis)]
+            self._orientation = quaternion
+        if task.tilt_rad is not None:
+            up = turned(product(quaternion, inverse(self._upright)), (0.0, 0.0, 1.0))
+            self.tilted_rad = max(self.tilted_rad, acos(max(-1.0, min(1.0, up[2]))))
         now_s = self._frames * self._frame_s
         if all(met for _, _, met in self._goals().values()) and (task.by_s is None or now_s <= task.by_s):
             self.at_s = now_s
@@ -56,6 +70,17 @@ class TaskWatch:
         return found | {
             key: (asked, value, value <= asked) for key, (asked, value) in most.items() if asked is not None
         }
+
+    def save(self) -> tuple[float, ...]:
+        """Return the progress so far."""
+        reached_s = -1.0 if self.at_s is None else self.at_s
+        return float(self._frames), self.lifted_m, self.turned_rad, self.tilted_rad, self.off_m, reached_s
+
+    def restore(self, saved: Sequence[float], quaternion: Sequence[float]) -> None:
+        """Go on from there, the body being turned so."""
+        frames, self.lifted_m, self.turned_rad, self.tilted_rad, self.off_m, reached_s = saved
+        self._frames, self.at_s = int(frames), None if reached_s < 0.0 else reached_s
+        self._orientation = quaternion
 
     def account(self) -> dict[str, Any]:
         """Return the result, as `summary.json` has it."""

@@ -212,6 +212,14 @@ class World(ABC):
             raise WorldError("it is of a scene of rigid bodies, and this room has none")
         self.position = np.array(position_m)
 
+    def progress(self) -> Row:
+        """Return measures of the run so far: of contacts, and of the task. They are no state: no step depends on them."""
+        return ()
+
+    def go_on(self, progress: Row) -> None:
+        """Go on measuring from there, after `place`."""
+        return
+
     def motion(self) -> Row:
         """Return the object's position [m], then its velocity [m/s]."""
         return tuple(self.position.tolist() + self.velocity.tolist())

@@ -8,7 +8,8 @@ from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.line_tuning import filter_lag_s
 from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
 from cogrip.server.worlds.local_geometry import local_geometry
-from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, MOST_NAMED, Scene, held_by, load_scene
+from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, held_by, load_scene
+from cogrip.server.worlds.scene_text import MOST_NAMED
 from cogrip.sim.analysis.advice import Finding, overloads, plain, unbounded
 
 

@@ -20,6 +20,8 @@ from cogrip.sim.runs.folder import SERVER_RECORDING, client_recording, write_set
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory, Record, unrecorded
 
+BUFFER_BYTES = 2**20  # of a recording: a laboratory's files need not be on the disk as they grow
+
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
@@ -99,7 +101,7 @@ def _recording(settings: Settings, folder: Path, files: ExitStack) -> Record:
             )
             who = WHO
         header = Header(role, who, core.start, rate_hz, settings.seed, 0, True, versions_here(), topics, settings.name)
-        writer = RecordingWriter(files.enter_context((folder / path).open("xb")), header, folder)
+        writer = RecordingWriter(files.enter_context((folder / path).open("xb", BUFFER_BYTES)), header, folder)
         files.callback(writer.finish)
         return writer
 
