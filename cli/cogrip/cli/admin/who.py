@@ -12,7 +12,7 @@ from cogrip.protocol.texts import shown
 from cogrip.server.io.control import MOST_WORD, Who
 from cogrip.server.roster import RosterEntry
 
-_HEADINGS = ("name", "room", "seat", "address", "since", "rtt ms", "up ms", "down ms", "lost", "device")
+_HEADINGS = ("name", "room", "seat", "address", "since", "rtt ms", "up ms", "down ms", "lost", "device", "hand")
 _SHORT = {"name": 16}
 _NUMBERS = ("rtt ms", "up ms", "down ms", "lost")
 _PIPED_WIDTH = 10_000  # a line each
@@ -65,5 +65,5 @@ def _cells(each: RosterEntry) -> tuple[str, ...]:
     directions = ["-" if value is None else f"{value:.1f}" for value in (each.rtt_ms, each.up_ms, each.down_ms)]
     return (
         shown(each.name), shown(each.room), seat, shown(each.address), clock(each.since_s), *directions,
-        "-" if each.lost is None else f"{each.lost}", shown(each.device) or "-",
+        "-" if each.lost is None else f"{each.lost}", shown(each.device) or "-", shown(each.hand) or "-",
     )  # fmt: skip
