@@ -63,10 +63,11 @@ class HandAids:
         self._go_by()
 
     def _go_by(self) -> None:
-        limit, record = self.limit, self._record
+        limit, record, numbers = self.limit, self._record, self.limit.numbers_m
+        self._ball: Row = numbers if limit.kind == "sphere" else ()  # middle and radius
         self._box: Sequence[tuple[float, float]] = ()
         if limit.kind == "box":
-            self._box = list(zip(limit.numbers[::2], limit.numbers[1::2], strict=True))
+            self._box = list(zip(numbers[::2], numbers[1::2], strict=True))
         elif limit.kind == "auto":
             inset = min(self._most_n / self._stiffness_npm, 0.5 * self._soft_m / SOFT_PART)
             self._box = [(low + inset, high - inset) for low, high in record.workspace_m]
@@ -88,13 +89,13 @@ class HandAids:
             if depth > 0.0:
                 outward = 1.0 if position_m[axis] > high else -1.0
                 found.append((depth, tuple([outward * (each == axis) for each in range(self._axes)])))
-        if self.limit.kind == "sphere":
+        if self._ball:
             places = min(self._axes, PLACES)
-            away = [at - middle for at, middle in zip(position_m[:places], self.limit.numbers, strict=False)]
+            away = [at - middle for at, middle in zip(position_m[:places], self._ball, strict=False)]
             far = hypot(*away)
-            if far > self.limit.numbers[-1]:
+            if far > self._ball[-1]:
                 rest = (0.0,) * (self._axes - places)
-                found.append((far - self.limit.numbers[-1], tuple([each / far for each in away]) + rest))
+                found.append((far - self._ball[-1], tuple([each / far for each in away]) + rest))
         return found
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Row:

@@ -154,6 +154,9 @@ class SeatHand:
             self.safety.ramp_anew()
         if change.workspace_limit_m is not None or change.gravity_compensation is not None:
             self.aids.change(change)
+            self.settings = replace(
+                self.settings, workspace_limit=self.aids.limit, gravity_compensation=self.aids.carries
+            )
             self.safety.ramp_anew()
         if change.clutch is not None:
             self.clutch(change.clutch)

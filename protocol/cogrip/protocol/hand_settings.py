@@ -20,41 +20,46 @@ if TYPE_CHECKING:
 
 MOST_LIMIT_M = 10.0
 LimitText = Annotated[str, msgspec.Meta(max_length=160)]
-LimitNumber = Annotated[float, msgspec.Meta(ge=-MOST_LIMIT_M, le=MOST_LIMIT_M)]
+LimitNumber = Annotated[int, msgspec.Meta(ge=-10_000_000, le=10_000_000)]  # um: a welcome has no room for more bytes
 LIMITS = 'write "none", "auto", "box X0 X1 Y0 Y1 Z0 Z1" or "sphere X Y Z R" [m]'
 
 
 class WorkspaceLimit(msgspec.Struct, frozen=True, array_like=True):
-    """Limit of a hand's workspace. numbers [m]: of a box low and high of each axis, of a sphere its middle and radius.
+    """Limit of a hand's workspace. numbers_um: of a box low and high of each axis, of a sphere its middle and radius.
 
     "auto" is the device's own workspace.
     """
 
     kind: Literal["none", "auto", "box", "sphere"] = "none"
-    numbers: Annotated[tuple[LimitNumber, ...], msgspec.Meta(max_length=2 * PLACES)] = ()
+    numbers_um: Annotated[tuple[LimitNumber, ...], msgspec.Meta(max_length=2 * PLACES)] = ()
 
     def __post_init__(self) -> None:
-        numbers, kind = self.numbers, self.kind
+        numbers, kind = self.numbers_um, self.kind
         if kind == "box":
             fits = len(numbers) in (2, 4, 6) and all(a < b for a, b in zip(numbers[::2], numbers[1::2], strict=True))
             why = "needs low and high of each axis, the lower one first"
         elif kind == "sphere":
-            fits, why = len(numbers) == PLACES + 1 and numbers[-1] > 0.0, "needs X Y Z and a radius above 0"
+            fits, why = len(numbers) == PLACES + 1 and numbers[-1] > 0, "needs X Y Z and a radius above 0"
         else:
             fits, why = not numbers, "takes no numbers"
         if not fits:
             raise ValueError(f"a workspace limit {kind!r} {why}")
 
     @property
+    def numbers_m(self) -> tuple[float, ...]:
+        """Return the numbers in metres."""
+        return tuple([number * 1e-6 for number in self.numbers_um])
+
+    @property
     def text(self) -> str:
-        """Return the limit as it is written."""
-        return " ".join([self.kind, *[f"{number:g}" for number in self.numbers]])
+        """Return the limit as it is written [m]."""
+        return " ".join([self.kind, *[f"{number:.7g}" for number in self.numbers_m]])
 
 
 NO_LIMIT = WorkspaceLimit()
 
 
-class HandChange(msgspec.Struct, frozen=True, array_like=True, omit_defaults=True, forbid_unknown_fields=True):
+class HandChange(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
     """What changes of a hand's settings; None: stays. A report has all of them: how the hand moves its tool now.
 
     rotation  unit quaternion w, x, y, z
@@ -87,6 +92,14 @@ class HandChange(msgspec.Struct, frozen=True, array_like=True, omit_defaults=Tru
         return {name: value for name, value in asdict(self).items() if value is not None}
 
     @property
+    def plain(self) -> dict[str, Any]:
+        """Return what is not None as a summary has it."""
+        limit = {"workspace_limit_m": self.workspace_limit_m.text} if self.workspace_limit_m else {}
+        return {
+            name: list(value) if isinstance(value, tuple) else value for name, value in (self.given | limit).items()
+        }
+
+    @property
     def text(self) -> str:
         """Return it as `key=value` for people."""
         return " ".join([f"{name}={_shown(value)}" for name, value in self.given.items()])
@@ -109,9 +122,9 @@ def _shown(value: Any) -> str:
     if isinstance(value, bool):
         return "on" if value else "off"
     if isinstance(value, WorkspaceLimit):
-        return f'"{value.text}"' if value.numbers else value.text
+        return f'"{value.text}"' if value.numbers_um else value.text
     if isinstance(value, tuple):
-        return ",".join([f"{angle:.4g}" for angle in log(value)]) + "rad" if value != UNTURNED else "none"
+        return ",".join([f"{angle:.4g}" for angle in log(value)]) if value != UNTURNED else "none"
     return f"{value:g}"
 
 
@@ -124,7 +137,7 @@ def limit_of(text: str) -> WorkspaceLimit:
         found = tuple([float(number) for number in numbers])
         if not all(abs(number) <= MOST_LIMIT_M for number in found):
             raise ValueError(f"a number is out of -{MOST_LIMIT_M:g} to {MOST_LIMIT_M:g} m")
-        return WorkspaceLimit(kind, found)  # type: ignore[arg-type]  # one of them
+        return WorkspaceLimit(kind, tuple([round(1e6 * number) for number in found]))  # type: ignore[arg-type]  # one of them
     except ValueError as error:
         raise ValueError(f"workspace_limit_m = {text!r}: {error}; {LIMITS}") from None
 
@@ -223,8 +236,8 @@ def unfit(change: HandChange, axes: int) -> str:
     places = min(axes, PLACES)
     if change.rotation is not None and not change.frame().keeps(axes):
         return f"the rotation turns the axes of the room out of its {axes}; turn by half turns, or set object.axes = 3"
-    if limit.kind == "box" and len(limit.numbers) != 2 * places:
-        return f"workspace_limit_m: the box has {len(limit.numbers)} numbers, and {places} axes need {2 * places}"
+    if limit.kind == "box" and len(limit.numbers_um) != 2 * places:
+        return f"workspace_limit_m: the box has {len(limit.numbers_um)} numbers, and {places} axes need {2 * places}"
     if change.gravity_compensation and places < PLACES:
         return "gravity_compensation needs the vertical axis; set object.axes = 3"
     return ""
