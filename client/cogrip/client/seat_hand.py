@@ -102,7 +102,7 @@ class SeatHand:
 
     @property
     def clutched(self) -> bool:
-        """Whether the clutch is to be held, whatever its button does."""
+        """Return whether the clutch is to be held, whatever its button does."""
         return self._frame is not None and self._frame.asked
 
     def clutch(self, held: bool) -> None:

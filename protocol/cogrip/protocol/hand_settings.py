@@ -60,7 +60,7 @@ NO_LIMIT = WorkspaceLimit()
 
 
 class HandChange(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """What changes of a hand's settings; None: stays. A report has all of them: how the hand moves its tool now.
+    """Change of a hand's settings; None: stays. A report has all of them, as they hold.
 
     rotation  unit quaternion w, x, y, z
     clutch    a change: whether it is to be held, whatever its button does; a report: whether it is

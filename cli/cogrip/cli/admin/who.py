@@ -12,7 +12,7 @@ from cogrip.protocol.texts import shown
 from cogrip.server.io.control import MOST_WORD, Who
 from cogrip.server.roster import RosterEntry
 
-_HEADINGS = ("name", "room", "seat", "address", "since", "rtt ms", "up ms", "down ms", "lost", "device", "hand")
+_HEADINGS = ("name", "room", "seat", "address", "since", "rtt ms", "up ms", "down ms", "lost", "device")
 _SHORT = {"name": 16}
 _NUMBERS = ("rtt ms", "up ms", "down ms", "lost")
 _PIPED_WIDTH = 10_000  # a line each
@@ -21,7 +21,8 @@ _PIPED_WIDTH = 10_000  # a line each
 def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json: Json = None) -> int:
     """List who is seated or observes in a running server.
 
-    With the time since they joined, address, round trip, delays and losses. Exit code 1 where the server does not run.
+    With the time since they joined, address, round trip, delays and losses; below, what is set of their hands. Exit code 1 where
+    the server does not run.
 
     Parameters
     ----------
@@ -37,6 +38,9 @@ def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json:
     console = make_console(soft_wrap=True, piped_width=_PIPED_WIDTH)
     if answer.people:
         console.print(people_tables(answer.people))
+        for each in answer.people:
+            if each.hand:
+                console.print(f"{shown(each.name)}: {shown(each.hand)}")
     console.print(answer.text)
     return 0
 
@@ -65,5 +69,5 @@ def _cells(each: RosterEntry) -> tuple[str, ...]:
     directions = ["-" if value is None else f"{value:.1f}" for value in (each.rtt_ms, each.up_ms, each.down_ms)]
     return (
         shown(each.name), shown(each.room), seat, shown(each.address), clock(each.since_s), *directions,
-        "-" if each.lost is None else f"{each.lost}", shown(each.device) or "-", shown(each.hand) or "-",
+        "-" if each.lost is None else f"{each.lost}", shown(each.device) or "-",
     )  # fmt: skip
