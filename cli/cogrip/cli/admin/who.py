@@ -21,8 +21,8 @@ _PIPED_WIDTH = 10_000  # a line each
 def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json: Json = None) -> int:
     """List who is seated or observes in a running server.
 
-    With the time since they joined, address, round trip, delays and losses; below, what is set of their hands. Exit code 1 where
-    the server does not run.
+    With the time since they joined, address, round trip, delays and losses; below, what is set of their hands. Exit code 1
+    where the server does not run.
 
     Parameters
     ----------
