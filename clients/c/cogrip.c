@@ -21,7 +21,7 @@
 
 enum {
     TAG_HELLO = 1, TAG_WELCOME, TAG_REFUSE, TAG_WAVES, TAG_STATE, TAG_HEARTBEAT, TAG_LEAVE, TAG_FAREWELL, TAG_VIEW, TAG_POWER,
-    TAG_PERSON, TAG_BODIES, TAG_GEOM, TAG_MARK
+    TAG_PERSON, TAG_BODIES, TAG_GEOM, TAG_MARK, TAG_SET_HAND
 };
 enum {
     AXES = COGRIP_AXES,
@@ -466,6 +466,7 @@ typedef struct settings {
     int seat, device_hz, network_hz, scheme, decimator, velocity_encoder, axes, automatic, playout_frames, redundancy,
         concealment;
     int scaled;     /* the tool moves in a frame of its own [3.4] */
+    int aided;      /* a workspace limit, or a handle that is to be carried [3.4] */
     int emulated;   /* an impairment of the link is to be emulated */
     uint64_t print; /* of all its bytes: a resumed seat has the same */
     double impedance_nspm, lowpass_rad_s, rendered_npm, late, tank_mj, wave_filter_hz;
@@ -496,6 +497,7 @@ static const char *const encoders[] = {"displacement", "velocity"};
 static const char *const sides[] = {"left", "right"};
 static const char *const concealments[] = {"zero", "repaid", "tank", "elastic"};
 static const char *const preferences[] = {"light", "balanced", "stiff"};
+static const char *const limits[] = {"none", "auto", "box", "sphere"};
 static const char *const roles[] = {"player", "observer"};
 
 static int get_row(reader *from, double *row, uint64_t low, uint64_t high, double bound) {
@@ -677,7 +679,15 @@ static void get_settings(reader *from, settings *into) {
     if (length > 14) get_int(from, 1, 256);
     into->scaled = length > 15 && !get_nil(from);
     if (into->scaled) skip(from);
-    close_array(from, length, length > 15 ? 16 : 15);
+    into->aided = 0;
+    if (length > 16) {
+        const uint64_t limit = open_array(from, 2);
+        into->aided = get_choice(from, limits, 4) != 0;
+        skip(from);
+        close_array(from, limit, 2);
+    }
+    if (length > 17) into->aided |= get_bool(from);
+    close_array(from, length, length > 17 ? 18 : length > 15 ? length : 15);
     into->print = UINT64_C(14695981039346656037); /* FNV-1a */
     for (; begin < from->at; begin++) into->print = (into->print ^ *begin) * UINT64_C(1099511628211);
 }
@@ -1354,6 +1364,7 @@ struct cogrip_client {
     char asked_room[161], asked_name[161], token[33], device[41], software[41];
     cogrip_state state;
     int64_t since_ns, next_ns, last_received_ns, fresh_ns, newest_sent_ns;
+    int64_t hand_session, hand_changes, hand_reports; /* changes taken, and reports made, in this session [3.17] */
     int begun, ending; /* begun: a frame of this session has been taken in; ending: cogrip_leave was called */
     int64_t ending_ns, parting; /* parting: frames made when the object had been released, -1 before */
     welcome seat;      /* session 0: there has been none */
@@ -1479,6 +1490,27 @@ static void write_heartbeat(const cogrip_client *client, message *into, int64_t 
     put_int(&to, TAG_HEARTBEAT);
     put_int(&to, client->seat.session);
     put_stamp(&to, &sent);
+    close_message(into, &to);
+}
+
+/* Answer a change of the hand's settings, which this client has not: all stays as it is [3.17]. */
+static void write_hand(cogrip_client *client, message *into) {
+    static const double unturned[4] = {1.0, 0.0, 0.0, 0.0};
+    writer to = open_message(into);
+    put_array(&to, 5);
+    put_int(&to, TAG_SET_HAND);
+    put_int(&to, client->seat.session);
+    put_int(&to, ++client->hand_reports);
+    put_int(&to, client->hand_changes);
+    put_array(&to, 6);
+    put_real(&to, 1.0);
+    put_real(&to, 1.0);
+    put_row(&to, unturned, 4);
+    put_bool(&to, 0);
+    put_array(&to, 2);
+    put_text(&to, limits[0], 4);
+    put_array(&to, 0);
+    put_bool(&to, 0);
     close_message(into, &to);
 }
 
@@ -1974,6 +2006,9 @@ static const char *unsupported(const cogrip_client *client, const welcome *given
     if (seat->scaled)
         return "the settings scale, turn or clutch this hand, which this client cannot: take position_scale, force_scale and "
                "rotation out of its [[users]]";
+    if (seat->aided)
+        return "the settings limit this hand's workspace, or carry its handle, which this client cannot: take "
+               "workspace_limit_m and gravity_compensation out of its [[users]]";
     if (seat->emulated)
         return "the settings ask for an emulated network, which this client has not: take [link] out of the server's settings";
     if (seat->redundancy * seat->axes > MOST_WAVES)
@@ -2129,6 +2164,9 @@ typedef struct decoded {
             int64_t session;
             stamp sent;
         } heartbeat;
+        struct {
+            int64_t session, number;
+        } hand;
     } as;
 } decoded;
 
@@ -2136,7 +2174,7 @@ static void decode(const void *data, size_t bytes, decoded *into) {
     reader from = {data, (const unsigned char *)data + bytes, 0};
     if (!bytes) from.bad = 1;
     const uint64_t length = get_length(&from, 0, 1, UINT32_MAX);
-    into->tag = (int)get_int(&from, TAG_HELLO, TAG_MARK);
+    into->tag = (int)get_int(&from, TAG_HELLO, TAG_SET_HAND);
     switch (into->tag) {
     case TAG_WELCOME: get_welcome(&from, length, &into->as.welcome); break;
     case TAG_REFUSE: get_refusal(&from, length, &into->as.refusal); break;
@@ -2146,6 +2184,13 @@ static void decode(const void *data, size_t bytes, decoded *into) {
         if (length != 3) from.bad = 1;
         into->as.heartbeat.session = get_int(&from, 1, INT64_MAX);
         get_stamp(&from, &into->as.heartbeat.sent);
+        break;
+    case TAG_SET_HAND:
+        if (length != 4 && length != 5) from.bad = 1;
+        into->as.hand.session = get_int(&from, 1, INT64_MAX);
+        into->as.hand.number = get_int(&from, 0, MOST_INT);
+        get_int(&from, 0, MOST_INT);
+        if (length == 5) skip(&from);
         break;
     default: close_array(&from, length, 1); /* not for a player of waves */
     }
@@ -2170,6 +2215,14 @@ void cogrip_receive(cogrip_client *client, const void *data, size_t bytes, int64
         if (!of_session(client, found.as.heartbeat.session, now_ns)) break;
         read_stamp(client, &found.as.heartbeat.sent, now_ns);
         if (!client->begun) client->fresh_ns = now_ns; /* the server's line begins with the hand's first frame */
+        break;
+    case TAG_SET_HAND:
+        if (!of_session(client, found.as.hand.session, now_ns) || !found.as.hand.number) break;
+        if (client->hand_session != client->seat.session) client->hand_changes = client->hand_reports = 0;
+        client->hand_session = client->seat.session;
+        if (found.as.hand.number > client->hand_changes + 1) break;
+        if (found.as.hand.number > client->hand_changes) client->hand_changes = found.as.hand.number;
+        write_hand(client, outbox_push(client));
         break;
     case TAG_FAREWELL:
         if (of_session(client, found.as.farewell.session, now_ns)) take_farewell(client, &found.as.farewell);

@@ -51,7 +51,9 @@ def test_json_has_the_fields_that_are_set():
 def test_events_for_an_administrator_are_warnings(event):
     level = json.loads(said("json", ServerEvent(event, "x")))["level"]
     assert level == (
-        "info" if event in ("joined", "observes", "resumed", "left", "restored", "reloaded", "marker") else "warning"
+        "info"
+        if event in ("joined", "observes", "resumed", "left", "restored", "reloaded", "marker", "hand")
+        else "warning"
     )
     assert set(WARNINGS) <= set(EVENTS)
 

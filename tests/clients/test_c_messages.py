@@ -68,7 +68,9 @@ def test_it_reads_the_vectors(library: Any, name: str) -> None:
     datagram, elements = VECTORS[name]
     found = fields(library, datagram)
     said = {
-        label: json.loads(text) for place, label, _, text in elements if not text.startswith(": ") and place[0] != 15
+        label: json.loads(text)
+        for place, label, _, text in elements
+        if not text.startswith(": ") and place[0] != 15 and place[:2] != [6, 16]
     }
     shared = [label for label in found if label in said and not isinstance(said[label], list)]
     assert {label: found[label] for label in shared} == {label: said[label] for label in shared}

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from cogrip.protocol import accounts, messages
 from cogrip.protocol.accounts import ClientAccount, DeviceAccount, PlayoutAccount, RoomAccount, SeatAccount, TickCount
 from cogrip.protocol.drawing import ShapeKind
+from cogrip.protocol.hand_settings import HandChange, WorkspaceLimit
 from cogrip.protocol.messages import HELLO_BYTES, VIEWED_SEATS, Hello, MalformedError, decode, encode, padded
 from cogrip.protocol.session import ClientSession, make_hello, nonce_of
 from cogrip.protocol.settings import resolve, seat_settings
@@ -44,10 +45,12 @@ LONGEST: dict[str, Any] = {
     "object": {"kind": "faces", "axes": 3}, "playout": {"frames": 256, "redundancy": 32},
     "users": [
         *({"name": f"u{number}"} for number in range(255)),
-        {"name": "u" * 40, "side": "right", "force_scale": 0.3, "rotation": (0.1, 0.2, 0.3)},
+        {"name": "u" * 40, "side": "right", "force_scale": 0.3, "rotation": (0.1, 0.2, 0.3),
+         "workspace_limit_m": "box -10 10 -10 10 -10 10", "gravity_compensation": True},
     ],
 }  # fmt: skip
 LONGEST_SEAT = seat_settings(resolve(LONGEST), 255)
+
 
 LARGEST: dict[str, messages.AnyMessage] = {
     "hello": Hello(
@@ -114,10 +117,16 @@ LARGEST: dict[str, messages.AnyMessage] = {
         2**32 - 1,
         TURNED,
         0.1,
+        0.3,
+        0.3,
+        True,
     ),
     "bodies": messages.Bodies(BIG, 2**53, messages.pack_poses([(1023, (*ROW, *TURNED))] * messages.MOST_POSES)),
     "geom": messages.Geom(BIG, 1024, 1023, "ellipsoid", ROW, 1023, ROW, TURNED, (0.1,) * 4, 255, True),
     "mark": messages.Mark(BIG, 2**53, "m" * messages.MARK_BYTES, 2**53, 255, 2**53),
+    "set hand": messages.SetHand(
+        BIG, 2**53, 2**53, HandChange(0.3, 0.3, TURNED, True, WorkspaceLimit("box", (-(10**7), 10**7) * 3), True)
+    ),
 }
 
 short_texts = st.text(max_size=40)
@@ -328,8 +337,8 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
     assert messages.MAX_MESSAGE_BYTES + messages.DTLS_BYTES == messages.MAX_DATAGRAM_BYTES
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
-        "hello": 964, "welcome": 985, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1175,
-        "farewell": 766, "view": 1008, "person": 405, "bodies": 1193, "geom": 163, "mark": 122,
+        "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1175,
+        "farewell": 766, "view": 1008, "person": 424, "bodies": 1193, "geom": 163, "mark": 122, "set hand": 123,
     }  # fmt: skip
     assert max(largest["welcome"], largest["refuse"]) <= HELLO_BYTES, "no answer to anyone is longer than the hello"
     assert len(padded(LARGEST["hello"])) == HELLO_BYTES
@@ -435,7 +444,7 @@ def test_a_pose_out_of_bounds_is_malformed(pose: tuple[int, tuple[float, ...]]) 
 
 def test_messages_of_the_two_ends_are_told_by_their_tag() -> None:
     tags = {name: msgpack.unpackb(encode(message))[0] for name, message in LARGEST.items()}
-    assert list(tags.values()) == list(range(1, 15))
+    assert list(tags.values()) == list(range(1, 16))
     assert messages.encode is encode
 
 

@@ -37,6 +37,7 @@ from cogrip.protocol.accounts import (
     SeatAccount,
 )
 from cogrip.protocol.channel import PEER
+from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.io import dtls_client
 from cogrip.protocol.io.dtls_client import DtlsClient
 from cogrip.protocol.line import concealment, jitter_buffer, receiver
@@ -96,7 +97,7 @@ def said(value: Any) -> Any:
 
 
 def test_every_message_has_a_vector() -> None:
-    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 15))
+    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 16))
 
 
 @pytest.mark.parametrize("name", VECTORS)
@@ -188,6 +189,8 @@ ARRAYS: list[tuple[str, str, type[msgspec.Struct], str, list[int]]] = [
     ("3.14 Bodies", "", messages.Bodies, "bodies", []),
     ("3.15 Geom", "", messages.Geom, "geom", []),
     ("3.16 Mark", "", messages.Mark, "mark", []),
+    ("3.17 SetHand", "", messages.SetHand, "setHand", []),
+    ("3.17 SetHand", "Hand:", HandChange, "setHand", [4]),
 ]
 MAPS: list[tuple[str, type[msgspec.Struct], list[int]]] = [
     ("coupling", Coupling, [6, 6]),

@@ -54,6 +54,7 @@ GROUPS: dict[str, Table] = {
         "token": ("admin.token:token", "Tokens, the rights to join an encrypted server: new, list, revoke."),
         "who": ("admin.who:who", "List who is seated or observes in a running server."),
         "mark": ("admin.mark:mark", "Set a marker in a running session, in every recording of it."),
+        "set": ("admin.set_hand:set_hand", "Change a person's scales, rotation, clutch or limits in a running session."),
         "kick": ("admin.kick:kick", "Kick somebody from a running session."),
         "doctor": ("admin.doctor:doctor", "Measure what this machine can do in real time, and advise how to improve it."),
     },

@@ -21,7 +21,7 @@ from cogrip.client.seated import MakePort, SeatedClient
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
 from cogrip.protocol.histogram import DurationHistogram
-from cogrip.protocol.messages import Bodies, Geom, Hello, Mark, Person, Stamp, encode
+from cogrip.protocol.messages import Bodies, Geom, Hello, Mark, Person, SetHand, Stamp, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
 
@@ -108,6 +108,9 @@ class ClientCore:
             session.drop("unexpected")
         if isinstance(message, Mark) and self.markers.receive(message, seated.settings.seat):
             self.marked.append(message.text)
+        if isinstance(message, SetHand):
+            seated.receive_change(message)
+            return
         if message is None or isinstance(message, DRAWN):
             return
         if seated.tick < 0:  # the device is still being opened: what comes now must not set the jitter buffer
@@ -125,6 +128,8 @@ class ClientCore:
         self.session.poll(now_ns)
         if self.markers.pending and self.session.state == "seated":
             self.outbox.extend(map(encode, self.markers.due(self._seat.session_id, now_ns)))
+        if self.seated.changes.pending and self.session.state == "seated":
+            self.outbox.extend(map(encode, self.seated.changes.due(self.seated.session_id, now_ns)))
 
     def act(self, now_ns: int) -> tuple[float, ...]:
         """Return the force [N], shape (axes,), to hold until the next tick: F of P eq. 9, which loads the hand."""
@@ -238,6 +243,7 @@ HANDLERS: Mapping[type[ClientInput], Callable[[ClientCore, Any], ClientAccount |
     inputs.Stop: lambda core, given: core._stop(),
     inputs.Rearm: lambda core, given: core._seat.rearm(),
     inputs.Clutch: lambda core, given: core._seat.clutch(given.held),
+    inputs.SetHand: lambda core, given: core._seat.set_hand(given.change),
     inputs.Mark: lambda core, given: core._mark(given.text),
     inputs.CloseLedger: lambda core, given: core._close_ledger(given.ticks),
     inputs.Leave: lambda core, given: core._leave(given.reason),

@@ -55,6 +55,13 @@ class DelayLine(Generic[T]):
         return pushed[:ticks]
 
 
+def mean_row(line: DelayLine[Row], row: Row, ticks: int) -> Sequence[float]:
+    """Enter ticks of one row. Returns the mean of those of so many ticks before."""
+    if ticks == 1:
+        return line.push(row)
+    return [sum(parts) / ticks for parts in zip(*line.push_many(row, ticks), strict=True)]
+
+
 class PortEnergy:
     """Energy through a port so far [J]: `made_j` into the line, `used_j` out of it, `..._now_j` in this frame."""
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from cogrip.client.coupling import AnyCoupling, DelayLine
+from cogrip.client.coupling import AnyCoupling, DelayLine, mean_row
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.line.energy_sums import CompensatedSum
 
@@ -49,9 +49,7 @@ class EnergyLedger:
 
     def acting(self, elapsed: int, force_n: tuple[float, ...]) -> Sequence[float]:
         """Return the mean force over the ticks that samples now show: `elapsed` of them, up to the latency ago."""
-        if elapsed == 1:
-            return self._forces.push(force_n)
-        return [sum(parts) / elapsed for parts in zip(*self._forces.push_many(force_n, elapsed), strict=True)]
+        return mean_row(self._forces, force_n, elapsed)
 
     def compare(self) -> None:
         """Compare the work with the energy that went into all lines."""

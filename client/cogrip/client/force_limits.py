@@ -88,6 +88,10 @@ class ForceLimits:
         self.enter()
         return wanted
 
+    def soften(self) -> None:
+        """Soften the way to a law that is another from now on, as after a gap."""
+        self._soft_left = self._soft_ticks
+
     def enter(self) -> None:
         """Enter a tick of the force that went to the motors."""
         square = 0.0

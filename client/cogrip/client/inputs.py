@@ -9,6 +9,7 @@ import msgspec
 
 from cogrip.devices.device import Capability, DeviceError
 from cogrip.protocol.accounts import TickCount
+from cogrip.protocol.hand_settings import HandChange
 
 
 def _kind(name: str) -> str:
@@ -64,6 +65,12 @@ class Clutch(Input, frozen=True, gc=False):
     held: bool
 
 
+class SetHand(Input, frozen=True, gc=False):
+    """Change the hand's settings."""
+
+    change: HandChange
+
+
 class Mark(Input, frozen=True, gc=False):
     """Set a marker, for everybody in the room."""
 
@@ -84,7 +91,17 @@ class Leave(Input, frozen=True, gc=False):
 
 SessionInput = Connect | Poll | Leave
 ClientInput = (
-    SessionInput | KeepSeat | DeviceOpened | DeviceFailed | ForceApplied | Stop | Rearm | Clutch | Mark | CloseLedger
+    SessionInput
+    | KeepSeat
+    | DeviceOpened
+    | DeviceFailed
+    | ForceApplied
+    | Stop
+    | Rearm
+    | Clutch
+    | SetHand
+    | Mark
+    | CloseLedger
 )
 
 _decoder: msgspec.json.Decoder[ClientInput] = msgspec.json.Decoder(ClientInput)

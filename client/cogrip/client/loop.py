@@ -4,6 +4,7 @@ A tick: read the device, `sense`, send what the core leaves, drain what has come
 """
 
 import os
+import shlex
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import first_axes
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.protocol.accounts import ClientAccount, TickCount
+from cogrip.protocol.hand_settings import parsed, unfit
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.platform import system, time
 from cogrip.protocol.io.realtime import NAMES, Measure, engage, release
@@ -87,7 +89,7 @@ class LiveClient:
     _down: Link | None = field(init=False, default=None)
     _counts: dict[str, int] = field(init=False, default_factory=dict)
     _half_tick_ns: int = field(init=False, default=0)
-    _clutched: bool = field(init=False, default=False)  # by the key
+    _told: int = field(init=False, default=0)  # newest change of the administrator that the person was told of
 
     def run(self) -> Ended | ClientSession:
         """Return the session once it has ended; or at once, and still open, where the server gives an observer's place only.
@@ -242,8 +244,11 @@ class LiveClient:
         """Do what the person at the terminal asks for: leave a fault, set a marker, hold the clutch or release it."""
         if self._core.safety.state == "fault":
             self._rearm(supervised)
-        if tick % TYPED_TICKS:
+        if tick % TYPED_TICKS or (seat := self._core.seated) is None:
             return
+        if seat.changes.taken != self._told:
+            self._told = seat.changes.taken
+            self.say(f"the administrator has set your hand: {seat.changes.holds.text}")
         for line in self.stop.take_typed():
             if line.startswith("m "):
                 refused = self._core.markers.refused
@@ -253,14 +258,30 @@ class LiveClient:
                     self.say(f"no marker {text!r}: {MOST_UNANSWERED} are on their way; set it once the server answers")
                 else:
                     self.say(f"marker: {text}")
+            elif line.startswith("set "):
+                self._set_hand(seat.settings, line.removeprefix("set "), now_ns)
             elif line.lower() == "c" and self._core.safety.state != "fault":
-                self._clutched = not self._clutched
-                self._core.handle(inputs.Clutch(self._clutched), now_ns)
+                clutched = not seat.clutched
+                self._core.handle(inputs.Clutch(clutched), now_ns)
                 held, free = "clutched: the tool stands still; `c` and Enter engage", "engaged: force ramps in"
-                self.say(held if self._clutched else free)
+                self.say(held if clutched else free)
             else:
-                orders = "`m TEXT` sets a marker, `c` holds the clutch, `r` re-arms after a fault"
+                orders = (
+                    "`m TEXT` sets a marker, `c` holds the clutch, `set KEY=VALUE` a scale, `r` re-arms after a fault"
+                )
                 self.say(f"{shown(line)!r} is no order: {orders}")
+
+    def _set_hand(self, seat: SeatSettings, text: str, now_ns: int) -> None:
+        """Change the person's own hand settings."""
+        try:
+            change = parsed(shlex.split(text))
+            if why := unfit(change, seat.object.axes):
+                raise ValueError(why)
+        except ValueError as error:
+            self.say(f"not set: {error}")
+            return
+        self._core.handle(inputs.SetHand(change), now_ns)
+        self.say(f"set: {change.text}; force ramps in")
 
     def _rearm(self, supervised: SupervisedDevice) -> None:
         """Leave a fault when the person asks for it, with the device opened anew; say what came of it."""

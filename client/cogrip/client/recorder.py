@@ -18,7 +18,8 @@ from cogrip.client.inputs import ClientInput, CloseLedger
 from cogrip.client.seated import MakePort, SeatedClient
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.accounts import ClientAccount
-from cogrip.protocol.messages import Hello, with_short_device, with_whole_device
+from cogrip.protocol.hello_padding import with_short_device, with_whole_device
+from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.records import Datagram, Event, Ledger, Tick, TickHead
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, encode, topics

@@ -110,6 +110,12 @@ class Safety:
             self._at_limit = self._derated = 0  # the motors are as warm as they are
         return True
 
+    def ramp_anew(self) -> None:
+        """Let the force ramp in anew: what it is made of has changed under the hand."""
+        self.gain = 0.0
+        for group in self._groups:
+            group.soften()
+
     def fail(self, reason: str) -> None:
         """Latch a fault; the first reason is kept."""
         if self.event("fail", reason):

@@ -1,5 +1,7 @@
 """The account of one seat, for the server and the summary."""
 
+from msgspec.structs import replace
+
 from cogrip.client.seated import SeatedClient
 from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
 from cogrip.protocol.texts import clipped
@@ -38,7 +40,8 @@ def _predicted_npm(seat: SeatedClient) -> float | None:
     if (loop := seat.coupling.loop_frames()) is None:
         return None
     more = seat.late_frames + sum(seat.owed) / max(1, len(seat.owed))
-    return seat.coupling.seat_now().predicted_stiffness(loop, more)
+    now = replace(seat.coupling.seat_now(), tool=seat.settings.tool)
+    return now.predicted_stiffness(loop, more)
 
 
 def _felt_npm(seat: SeatedClient) -> float | None:

@@ -16,49 +16,39 @@ from cogrip.client.coupling import AnyCoupling
 from cogrip.client.device_port import Cause, DevicePort, cure
 from cogrip.client.energy_ledger import EnergyLedger
 from cogrip.client.felt_stiffness import REST_S, FeltStiffness
-from cogrip.client.hand_frame import HandFrame
+from cogrip.client.hand_aids import part_of
 from cogrip.client.hand_motion import HandMotion, work_and_velocity
-from cogrip.client.handle import HandleReader, has_handle
 from cogrip.client.peaks import Peaks
-from cogrip.client.pose_axes import PoseAxes, Row, in_lengths
+from cogrip.client.pose_axes import Row
 from cogrip.client.safety import Safety
 from cogrip.client.schemes import SCHEMES
+from cogrip.client.seat_hand import SeatHand
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.messages import Frame, View, encode
 from cogrip.protocol.session import ClientSession
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
+from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
-from cogrip.protocol.tool_frame import ToolFrame
 
 RELEASE_S = 0.5  # from `stop`, in which the line releases the object
 MOST_LOOP_S = 0.5  # for which the end waits until the server knows
 MakePort = Callable[[Capability, float], DevicePort]
 
 
-class SeatedClient:
-    """One person's seat. capability: of the device, its first axes; `tick` is -1 before the first one.
-
-    Inside, all of a hand that turns is in lengths (`pose_axes`): `force_n`, `hand` and what they are given to. `wrench`, `pose`
-    and `twist` are as the device has them.
-    """
+class SeatedClient(SeatHand):
+    """One person's seat. capability: of the device, its first axes; `tick` is -1 before the first one."""
 
     def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability, make_port: MakePort) -> None:
         rates = seat.rates
-        self.settings = seat
-        self.session = session
+        super().__init__(seat, session, capability)
         self.session_id = session.welcome.session if session.welcome else 0
-        self._axes = PoseAxes(seat.coupling.length_m) if seat.object.axes == POSE_AXES else None
-        self.handle: HandleReader | None = None  # where the device has one
-        self._set_record(capability)
         self.coupling: AnyCoupling = SCHEMES[seat.coupling.kind].make(seat)
         self.safety = Safety(self.capability, rates.tick_s, seat.coupling.length_m)
         self.port = make_port(self._record, rates.tick_s)
         self.ledger = EnergyLedger(self.coupling)
-        self._frame: HandFrame | None = None  # None: the tool moves as the hand, as all but the coupling see it
         self.hand = HandMotion(self._record, rates, self.safety)
         self.peaks = Peaks()
         self.tick = self._acted = -1
-        self.force_n: Row = (0.0,) * seat.object.axes
+        self._still = self.force_n
         self._ticks_per_frame = rates.ticks_per_frame
         self._frame_begin = 0  # tick at which the frame under way began, and that at which it ends
         self._frame_end = rates.ticks_per_frame
@@ -69,39 +59,13 @@ class SeatedClient:
         self._origin_pose: Row = ()
         self._frame_start_m: tuple[float, ...] = ()
         self._stopped: int | None = None  # tick of `stop`
-        self._parting_mps: Sequence[float] = self.force_n  # velocity of the hand at `stop`
+        self._parting_mps: Sequence[float] = self._still  # velocity of the hand at `stop`
         self.felt = FeltStiffness(self.capability.resolution_m, rates.frame_s) if seat.holds_still else None
         if seat.tool is not None:
             self._set_tool(seat.tool)
         self._fit()
         for event in ("open", "calibrated", "go"):
             self.safety.event(event)
-
-    def _set_record(self, capability: Capability) -> None:
-        self.capability = self._record = capability.first(self.settings.object.axes)
-        if self._axes is not None:
-            self._record = in_lengths(self.capability, self._axes.length_m)
-        if self.handle is None and has_handle(capability):
-            self.handle = HandleReader(self.session.dropped)
-        if self.handle is not None:
-            self.handle.fit(capability)
-
-    @property
-    def pose(self) -> Row:
-        """Position of the hand [m], and rotation vector [rad]."""
-        position = self.hand.position_m
-        return position if self._axes is None else self._axes.pose(position)
-
-    @property
-    def twist(self) -> Sequence[float]:
-        """Velocity of the hand [m/s], and angular velocity [rad/s]."""
-        velocity = self.hand.velocity_mps
-        return velocity if self._axes is None else self._axes.rates(velocity)
-
-    @property
-    def wrench(self) -> Row:
-        """Force [N] and torque [N m] of this tick, shape (axes,)."""
-        return self.force_n if self._axes is None else self._axes.wrench(self.force_n)
 
     def _fit(self) -> None:
         """Go by the record's resolution and lag, and by the age of its samples."""
@@ -117,23 +81,19 @@ class SeatedClient:
             record = frame.record(record, self.settings.rates.tick_s)
         self.coupling.fit(record, self.port.lag_s)
 
-    def _set_tool(self, tool: ToolFrame) -> HandFrame:
-        """Have the tool follow the hand so."""
-        frame = self._frame = HandFrame(tool, self.settings.object.axes)
-        self.ledger.set_weight(frame.weight)
-        return frame
-
     def equip(self, capability: Capability) -> None:
         """Go by the record of a device that is open now."""
         self._set_record(capability)
         self.safety.keep_to(self.capability)
         self.port.keep_to(self._record)
         self.hand.fit(self._record)
+        self.aids.keep_to(self.capability)
         self._fit()
 
     def renew(self, session_id: int) -> None:
         """Begin a new line, whose first frame began where the last one ended: with nothing, up to where the hand is now."""
         self.session_id = session_id
+        self.changes.begin()
         self.coupling = coupling = SCHEMES[self.settings.coupling.kind].make(self.settings)
         self.ledger.begin_line(coupling)
         self._fit_coupling()
@@ -164,16 +124,6 @@ class SeatedClient:
         if self.safety.event("rearm"):
             self.port.rearm()
             self.safety.event("go")
-
-    def clutch(self, held: bool) -> None:
-        """Hold the clutch, or release it: from the next tick on."""
-        (self._frame or self._set_tool(ToolFrame())).asked = held
-
-    def _follow_clutch(self, frame: HandFrame, sample: Sample | None) -> None:
-        """Hold the clutch while its button, or `clutch`, does: the tool stands still."""
-        if sample is not None:
-            frame.hold(frame.asked or bool(sample.buttons & frame.button), self.hand.position_m, self.pose)
-        self.safety.event("clutch" if frame.held else "engage")
 
     def applied(self, force_n: tuple[float, ...]) -> None:
         """Enter the force that the device applies in place of the one that `act` returned: the hand feels this one."""
@@ -207,6 +157,7 @@ class SeatedClient:
         if self._axes is not None and sample is not None:
             sample = self._axes.lengths(sample)
         position = hand.update(tick, elapsed, sample)
+        ended = False
         if self._origin_m is None:
             self.ledger.elapse(elapsed, self.force_n)
             if position is None:
@@ -216,7 +167,7 @@ class SeatedClient:
                 self._frame_start_m = position
                 self._frame_begin = tick - tick % self._ticks_per_frame
                 self._frame_end = self._frame_begin + self._ticks_per_frame
-        elif self._enter(elapsed, position) and self.session.state == "seated":
+        elif (ended := self._enter(elapsed, position)) and self.session.state == "seated":
             message = self.coupling.message(
                 self.session_id, self.session.clock.stamp(now_ns), self._origin_pose, self._place(),
                 hand.velocity_mps if self._frame is None else self._frame.shown(hand.velocity_mps),
@@ -224,21 +175,8 @@ class SeatedClient:
             if handle is not None and (told := handle.message(tick)) is not None:
                 message = replace(message, handle=told)
             self.session.outbox.append(encode(message))
-        if self._frame is not None:
-            self._follow_clutch(self._frame, sample)
-
-    def _tool_m(self) -> Row:
-        """Return the tool's place, in lengths."""
-        position = self.hand.position_m
-        return position if self._frame is None else self._frame.place(position)
-
-    def tool_pose(self) -> Row:
-        """Return the tool's position [m], and rotation vector [rad]."""
-        frame, pose = self._frame, self.pose
-        if frame is None:
-            return pose
-        place = frame.place(self.hand.position_m)
-        return place if self._axes is None else place[:PLACES] + frame.rotation(pose[PLACES:])
+        if sample is not None and (self._frame is not None or self._ordered is not None):
+            self._follow(sample, ended or self._origin_m is None)
 
     def _place(self) -> Row:
         """Return the tool's pose, and of one that turns also the angle travelled since the line's beginning."""
@@ -253,7 +191,10 @@ class SeatedClient:
         coupling, ledger, hand = self.coupling, self.ledger, self.hand
         force = ledger.acting(elapsed, self.force_n) if hand.latency_ticks and elapsed else self.force_n
         frame, weight = self._frame, ledger.weight
-        coupling.applied_n = force if frame is None else frame.tool_force(force)
+        aids, law = self.aids, force
+        if aids.active:
+            law = [all_n - extra for all_n, extra in zip(force, aids.acting(elapsed), strict=True)]
+        coupling.applied_n = law if frame is None else frame.tool_force(law)
         if position_m is None or not elapsed:
             mean: Sequence[float] = (0.0,) * len(force)
         else:
@@ -281,16 +222,16 @@ class SeatedClient:
                 coupling.elapse(mean, velocity, hold)
             if tick >= self._frame_end:
                 ended = True
-                port.enter(ledger.work.value, ledger.given_j, weight * coupling.pending_j)
+                port.enter(ledger.work.value + aids.potential_j, ledger.given_j, weight * coupling.pending_j)
                 length = coupling.end_frame(port.spare_j / weight)
-                port.enter(ledger.work.value, ledger.given_j)  # what was sent is spent
+                port.enter(ledger.work.value + aids.potential_j, ledger.given_j)  # what was sent is spent
                 if position_m is not None:
                     self._end_frame(position_m, tick - self._frame_begin)
                 self._frame_begin, self._frame_end = tick, tick + length
         given_j, pending_j = coupling.given_j, coupling.pending_j
         if frame is not None:
             given_j, pending_j = weight * given_j, weight * pending_j
-        port.enter(ledger.work.value, ledger.closed_given_j + given_j, pending_j)
+        port.enter(ledger.work.value + aids.potential_j, ledger.closed_given_j + given_j, pending_j)
         ledger.compare()
         return ended
 
@@ -303,7 +244,10 @@ class SeatedClient:
     def _end_frame(self, position_m: tuple[float, ...], ticks: int) -> None:
         start_m, self._frame_start_m = self._frame_start_m, position_m
         self.peaks.travel_m += dist(position_m[:PLACES], start_m[:PLACES])
-        self.port.end_frame(start_m, position_m, ticks / self._rate_hz, self.ledger.weight * self.coupling.stored_j)
+        stored_j = self.ledger.weight * self.coupling.stored_j
+        if self.aids.active:
+            stored_j += self.aids.stored_j(position_m)
+        self.port.end_frame(start_m, position_m, ticks / self._rate_hz, stored_j)
         if self.safety.state != "live":  # the force is released
             return
         self.owed.append(max(0.0, self.coupling.owed_frames))
@@ -356,16 +300,24 @@ class SeatedClient:
             wish = frame.hand_force(coupling.force(*tool)) if safety.state != "fault" else None
         if port.balance_j < 0.0 and wish is not None and (paying := port.paying_nspm):
             wish = [law + paying * speed for law, speed in zip(wish, hand.velocity_mps, strict=True)]
+        law_n, aids, extra_n = wish, self.aids, self._still
+        if aids.active and law_n is not None:
+            extra_n = aids.force(hand.position_m, hand.velocity_mps)
+            wish = [law + extra for law, extra in zip(law_n, extra_n, strict=True)]
         force = safety.limit(port.limit(wish) if wish is not None else None, coupling.gap)
         coupling.ramp_gain = safety.gain
         port.ramped = safety.gain != 1.0
         coupling.cut_n = None
-        if wish is not None and safety.state == "live":
+        if aids.active:
+            aids.share(extra_n, wish or self._still, force)
+        if wish is not None and law_n is not None and safety.state == "live":
             local_n = coupling.local_n if frame is None else frame.hand_force(coupling.local_n)
             if port.ramped:
                 local_n = [safety.gain * local for local in local_n]
             elif (kept := safety.law_n) is not wish:  # the line does not see what limits took
                 cut = [law - left for law, left in zip(wish, kept, strict=True)]
+                if aids.active:
+                    cut = [(1.0 - part_of(kept, wish)) * law for law in law_n]
                 coupling.cut_n = cut if frame is None else frame.tool_force(cut)
             if found := port.watch(force, safety.at_peak, local_n, safety.limited, coupling.reduced):
                 self._release(found)

@@ -22,6 +22,8 @@ from cogrip.protocol.handle import MOST_BUTTONS
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
 
 LARGEST = 1e6  # of any number in a record: what is above is no bound
+GRAVITY_MPS2 = 9.81
+MOST_HANDLE_KG = 5.0
 SLEW_NPS = 1000.0  # slope where a maker states none: what the client lets through anyway (docs/devices.md)
 SPEED_MPS = 2.0  # over-speed where a maker states none: a reach across 0.25 m in 0.25 s peaks at 1.9 m/s (minimum jerk)
 IDEAL_SPEED_MPS = 4.0  # of a device without a mechanism: a reach of 1 m in 0.47 s
@@ -109,6 +111,7 @@ class Capability:
     buttons             how many buttons it has, 0 to 32
     gives_orientation   whether samples carry an orientation
     grip_m              (closed, open) of its gripper [m]; None where it has none
+    handle_mass_kg      mass whose weight the hand carries on the third axis, and nobody else [kg]; 0 where it is not known
 
     Every limit is a finite number above 0: raises DeviceError for any other.
     """
@@ -134,6 +137,7 @@ class Capability:
     buttons: int = 0
     gives_orientation: bool = False
     grip_m: tuple[float, float] | None = None
+    handle_mass_kg: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("peak_force_n", "continuous_force_n", *_FORMERLY_UNBOUNDED, "apparent_mass_kg"):
@@ -146,6 +150,8 @@ class Capability:
             )
         if not 0.0 <= self.resolution_m <= LARGEST:
             raise self._error(f"resolution_m = {self.resolution_m:g} is not 0 (exact) or a number above")
+        if not 0.0 <= self.handle_mass_kg <= MOST_HANDLE_KG:
+            raise self._error(f"handle_mass_kg = {self.handle_mass_kg:g} is out of 0 to {MOST_HANDLE_KG:g}")
         if not 0 <= self.buttons <= MOST_BUTTONS:
             raise self._error(f"buttons = {self.buttons} is out of 0 to {MOST_BUTTONS}")
         ranges = [("workspace_m", *bounds) for bounds in self.workspace_m]

@@ -13,19 +13,23 @@ import msgspec
 
 from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
 from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
+from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.handle import Buttons, EdgeCount, Handle, Opening, Quaternion, is_unit
+from cogrip.protocol.hello_padding import DEVICE_BYTES as DEVICE_BYTES
+from cogrip.protocol.hello_padding import HELLO_BYTES as HELLO_BYTES
+from cogrip.protocol.hello_padding import SHORT as SHORT
+from cogrip.protocol.hello_padding import padded as padded
+from cogrip.protocol.hello_padding import with_whole_device
 from cogrip.protocol.setting_types import MOST_WAVES, POSE_AXES, SeatNumber
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.texts import TEXT_BYTES, clipped, shown
+from cogrip.protocol.tool_frame import Scale
 
-PROTOCOL_VERSION = 7
+PROTOCOL_VERSION = 8
 MAGIC: Literal["cogrip"] = "cogrip"
 MAX_DATAGRAM_BYTES = 1232  # fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
 DTLS_BYTES = 37  # that DTLS adds to a message: record header 13, AES-GCM nonce 8 and tag 16
 MAX_MESSAGE_BYTES = MAX_DATAGRAM_BYTES - DTLS_BYTES
-HELLO_BYTES = 1024  # a hello is padded to this: no answer to an unauthenticated peer is longer than its request
-SHORT = 40  # characters of a ShortText
-DEVICE_BYTES = 200  # of a device address: its beginning stands in `device`, the whole in the padding
 MARK_BYTES = 80
 LEAVE_TEXT_BYTES = 160  # and that of a leave, which has an account behind it
 
@@ -251,6 +255,9 @@ class Person(Message, frozen=True, tag=11):
     edges: EdgeCount = 0  # of the buttons, so far: a press between two messages shows here
     orientation: Quaternion | None = None  # of the handle, as told last
     grip_m: Opening | None = None
+    position_scale: Scale = 1.0
+    force_scale: Scale = 1.0
+    clutched: bool = False
 
     def __post_init__(self) -> None:
         if self.orientation is not None and not is_unit(self.orientation):
@@ -323,6 +330,15 @@ class Mark(Message, frozen=True, tag=14):
     theirs: Counter = 0  # down: its number up
 
 
+class SetHand(Message, frozen=True, tag=15):
+    """Down, a change of a player's hand settings, repeated until it is acknowledged; up, a report of all, likewise."""
+
+    session: Session
+    number: Counter  # of the sender's changes or reports in this session, from 1; down 0: it acknowledges alone
+    acknowledged: Counter  # newest number of the other end that was taken; 0: none
+    hand: HandChange = HandChange()
+
+
 def clipped_mark(text: str) -> str:
     """Return a marker's text as it is sent: one line of at most MARK_BYTES."""
     return clipped(shown(text.strip()), MARK_BYTES)
@@ -335,7 +351,7 @@ def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
 
 Frame = Waves | State | Power  # what couplings send, one a frame
 Observed = Person | Bodies | Geom | Mark  # what observers are sent beside views
-AnyMessage = Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell | View | Power | Observed
+AnyMessage = Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell | View | Power | Observed | SetHand
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
 _raw_decoder = msgspec.msgpack.Decoder(list[msgspec.Raw])
@@ -366,30 +382,3 @@ def foreign_version(datagram: bytes) -> int | None:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
     return version if version != PROTOCOL_VERSION else None
-
-
-def padded(hello: Hello) -> bytes:
-    """Return a hello at its full length of HELLO_BYTES. The padding is always a bin 16: so every length is possible."""
-    short = with_short_device(hello)
-    bare = encode(msgspec.structs.replace(short, padding=b""))[:-2]
-    length = HELLO_BYTES - len(bare) - 3
-    return bare + b"\xc5" + length.to_bytes(2, "big") + short.padding[:length].ljust(length, b"\0")
-
-
-def with_short_device(hello: Hello) -> Hello:
-    """Return a hello in wire form: a device address that is too long for its field stands whole in the padding."""
-    if len(hello.device) <= SHORT:
-        return msgspec.structs.replace(hello, padding=b"")
-    whole = clipped(hello.device, DEVICE_BYTES).encode()
-    return msgspec.structs.replace(hello, device=hello.device[:SHORT], padding=whole)
-
-
-def with_whole_device(hello: Hello) -> Hello:
-    """Return a hello from its wire form: the padding's text up to a zero is the address, if it begins with the field's."""
-    try:
-        whole = hello.padding[: DEVICE_BYTES + 1].partition(b"\0")[0].decode()
-    except UnicodeDecodeError:
-        whole = ""
-    longer = len(whole) > SHORT == len(hello.device) and len(whole.encode()) <= DEVICE_BYTES
-    fits = longer and whole.startswith(hello.device)
-    return msgspec.structs.replace(hello, device=whole, padding=b"") if fits else hello

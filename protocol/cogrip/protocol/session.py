@@ -46,7 +46,7 @@ IN_ORDER = "the server was stopped"  # the farewell of a server that was stopped
 
 FOR_OBSERVERS = (View, Person, Bodies)  # tuples: a union would be made for every datagram
 ANSWERS, FOR_SERVERS = (Welcome, Refuse), (Hello, Leave)
-FOR_CLIENTS = (messages.Waves, messages.State, messages.Power, *FOR_OBSERVERS)
+FOR_CLIENTS = (messages.Waves, messages.State, messages.Power, messages.SetHand, *FOR_OBSERVERS)
 
 ClientState = Literal["idle", "connecting", "seated", "resuming", "leaving", "closed"]
 ClientEvent = Literal["connect", "welcome", "refuse", "silence", "leave", "farewell", "quiet", "received"]
@@ -153,7 +153,7 @@ class ClientSession:
             return False
         return isinstance(message, Welcome) and message.nonce == self._asked.nonce
 
-    def receive(self, datagram: bytes, now_ns: int) -> Frame | View | Observed | None:
+    def receive(self, datagram: bytes, now_ns: int) -> Frame | View | Observed | messages.SetHand | None:
         """Take in a datagram; return a message for the coupling or the observer. What does not fit is dropped and counted."""
         try:
             message = messages.decode(datagram)

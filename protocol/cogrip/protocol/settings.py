@@ -22,6 +22,7 @@ from cogrip.protocol.coupling_settings import (
     round_trip_s,
     unfit_line,
 )
+from cogrip.protocol.hand_settings import NO_LIMIT, HandSection, WorkspaceLimit
 from cogrip.protocol.line.concealment import Concealed
 from cogrip.protocol.link_profile import Link, LinkProfile, check_link
 from cogrip.protocol.network_rate import best_rate, take_auto
@@ -31,7 +32,7 @@ from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
 from cogrip.protocol.setting_types import MOST_RENDERED_NPM, PLACES, POSE_AXES, Name, Seconds, Seed, Side
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
 from cogrip.protocol.task import Task
-from cogrip.protocol.tool_frame import Button, Rotation, Scale, ToolFrame, rotation_of
+from cogrip.protocol.tool_frame import ToolFrame
 
 HUMAN_POWER_W = 10.0  # of a hand on a hand-sized device, on average (docs/security.md)
 REMOTE_FORCE_N = 40.0  # as strong as the arms on the market
@@ -99,7 +100,7 @@ class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     power_w: types.Watts = HUMAN_POWER_W  # mean power of a seat; 0: F V of its record
 
 
-class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class User(HandSection, frozen=True, forbid_unknown_fields=True):
     """One seat. The fields that are None are [coupling]'s; device_hz [rates]'s."""
 
     name: Name = ""
@@ -122,11 +123,6 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # of that tool: "driven" by the hand; "" driven where the room has six axes, else as the body's joints have it
     orientation: types.Orientation = ""
     rotational_impedance_nms: types.RotationalImpedance | None = None
-    # between hand and tool (`tool_frame`)
-    position_scale: Scale = 1.0
-    force_scale: Scale = 1.0
-    rotation: Rotation = ""
-    clutch_button: Button = 0  # from 1; 0: none
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -164,6 +160,8 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     line: LineTuning = LineTuning()
     people: Annotated[int, msgspec.Meta(ge=1, le=MOST_PEOPLE)] = 1  # seats of the room
     tool: ToolFrame | None = None  # None: as the hand moves
+    workspace_limit: WorkspaceLimit = NO_LIMIT
+    gravity_compensation: bool = False
 
     @property
     def side_sign(self) -> float:
@@ -343,24 +341,17 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
     return SeatSettings(
         settings.name, user.name, seat, settings.seed, settings.seconds, rates, coupling, rendered,
         settings.object.shared(seat_axes(settings, user)), user.side, settings.playout, up, down, line, len(settings.users),
-        tool_frame(settings, seat),
+        *hand_of(settings, seat), user.gravity_compensation,
     )  # fmt: skip
 
 
-def tool_frame(settings: Settings, seat: int) -> ToolFrame | None:
-    """Return the frame of this seat's tool; None where it moves as the hand does. Raises SettingsError."""
+def hand_of(settings: Settings, seat: int) -> tuple[ToolFrame | None, WorkspaceLimit]:
+    """Return the frame of this seat's tool, None where it moves as the hand does, and its limit. Raises SettingsError."""
     user = settings.users[seat]
     try:
-        frame = ToolFrame(user.position_scale, user.force_scale, rotation_of(user.rotation), user.clutch_button)
+        return user.tool_and_limit(seat_axes(settings, user))
     except ValueError as error:
         raise SettingsError(f"users.{seat} ({user.name}): {error}") from None
-    axes = seat_axes(settings, user)
-    if not frame.keeps(axes):
-        raise SettingsError(
-            f"users.{seat} ({user.name}): rotation = {user.rotation!r} turns the axes of the room out of its {axes}; "
-            "set object.axes = 3, or turn by half turns"
-        )
-    return None if frame == ToolFrame() else frame
 
 
 def _check_fit(settings: Settings) -> None:

@@ -8,7 +8,8 @@ from msgspec.structs import replace
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import SeatAccount
 from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Mark
+from cogrip.protocol.hand_settings import unfit
+from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Mark, SetHand
 from cogrip.protocol.session import nonce_of, version_mismatch
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import clipped, shown
@@ -25,7 +26,7 @@ from cogrip.server.seat_assignment import Place, SeatTable
 
 FAREWELL_EVERY_NS = 50_000_000  # to a client that has not received it
 
-FROM_CLIENTS = (*FRAMES, Heartbeat, Leave, Mark)
+FROM_CLIENTS = (*FRAMES, Heartbeat, Leave, Mark, SetHand)
 
 
 class ServerCore:
@@ -50,6 +51,7 @@ class ServerCore:
             inputs.Restore: self._restore,
             inputs.Idle: self._idle,
             inputs.Mark: self._mark,
+            inputs.SetHand: self._set_hand,
             inputs.CloseLedger: lambda given, _: None,
         }
 
@@ -124,6 +126,8 @@ class ServerCore:
             self._repeat_farewell(seat, now_ns)
         elif isinstance(message, Mark):
             self._receive_mark(room, seat, message)
+        elif isinstance(message, SetHand):
+            self._receive_report(room, seat, message)
         else:
             rtt_ns = seat.clock.read(message.stamp, now_ns)
             if rtt_ns is not None:
@@ -214,6 +218,27 @@ class ServerCore:
             self._drop("too many markers")
         else:
             self._report_mark(room, found, seat)
+
+    def _set_hand(self, given: inputs.SetHand, now_ns: int) -> int:
+        """Tell a change to everybody of the name who can have it, at once. Returns how many these are."""
+        count = 0
+        for room in self.rooms:
+            for seat in room.seats if given.room in ("", room.name) else ():
+                if seat.name != given.user or seat.state != "seated" or seat.hand.full:
+                    continue
+                if unfit(given.change, seat.settings.object.axes):
+                    continue
+                count += 1
+                room.set_hand(seat.number, given.change)
+                for told in seat.hand.untold(seat.session):
+                    self._out.send(told, seat.address)
+        return count
+
+    def _receive_report(self, room: Room, seat: Seat, message: SetHand) -> None:
+        """Take in what holds of a person's hand; it is repeated until it is acknowledged."""
+        if seat.hand.receive(message):
+            self._out.report("hand", room, seat, f"holds: {seat.hand.holds.text}")
+        self._out.send(seat.hand.answer(seat.session), seat.address)
 
     def _report_mark(self, room: Room, mark: Mark | None, who: Seat | None = None) -> None:
         if mark is None:

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import msgspec
 
+from cogrip.protocol.hand_settings import HandChange
 from cogrip.server.checkpoint import RoomCheckpoint
 
 
@@ -67,11 +68,21 @@ class Mark(msgspec.Struct, frozen=True, tag_field="kind", tag="mark"):
     room: str = ""
 
 
+class SetHand(msgspec.Struct, frozen=True, tag_field="kind", tag="set_hand"):
+    """Change hand settings of the seats of this name. room: "" for any."""
+
+    user: str
+    change: HandChange
+    room: str = ""
+
+
 class CloseLedger(msgspec.Struct, frozen=True, tag_field="kind", tag="close_ledger"):
     """End the session: a recorder writes the accounts of all rooms and seats."""
 
 
-ServerInput = Stop | SocketFailed | Kick | Revoke | Expire | UnbindAddress | Restore | Idle | Mark | CloseLedger
+ServerInput = (
+    Stop | SocketFailed | Kick | Revoke | Expire | UnbindAddress | Restore | Idle | Mark | SetHand | CloseLedger
+)
 
 decode = msgspec.json.Decoder(ServerInput).decode
 """Read an input from a recording. Raises msgspec.DecodeError (a ValueError)."""

@@ -23,7 +23,8 @@ class LocalPort(WavePort):
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
         super().__init__(seat, limits, power_left)
-        self._reach_m = FASTER * limits.speed_mps * seat.rates.frame_s  # in a frame
+        self._frame_s = seat.rates.frame_s
+        self._reach_m = FASTER * limits.speed_mps * self._frame_s  # in a frame
         self._reported: Row | None = None
         self._absorbed_j = CompensatedSum()
         self._always = seat.object.kind != "scene"  # engaged
@@ -31,6 +32,10 @@ class LocalPort(WavePort):
         self._told: Row = ()  # the engagement that was told last
         self._told_ns = 0  # when it was told first
         self._unaware = -1  # newest frame that was made before the client knew of it
+
+    def set_limits(self, limits: SeatLimits) -> None:
+        super().set_limits(limits)
+        self._reach_m = FASTER * limits.speed_mps * self._frame_s
 
     def receive(self, message: Waves, now_ns: int) -> bool:
         axes = self.axes

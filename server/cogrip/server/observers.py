@@ -99,7 +99,7 @@ def _person(step: int, world: World, seat: Seat, now_ns: int) -> Person:
     assert port is not None
     quiet = now_ns - seat.last_received_ns >= QUIET_NS
     state: Presence = "joining" if not seat.on_object else "silent" if quiet else "live"
-    count, handle = port.count(), port.handle
+    count, handle, holds = port.count(), port.handle, seat.hand.holds
     return Person(
         1, step, seat.number, seat.name[:SHORT], state, _within(MOST_M, (port.hand or ())[:PLACES]),
         _within(MOST_M, world.offset[seat.number, :PLACES].tolist()) if seat.on_object else (),
@@ -107,6 +107,7 @@ def _person(step: int, world: World, seat: Seat, now_ns: int) -> Person:
         _joules(port.up_margin_j), _joules(seat.line_margin_j),
         _joules(port.up_reserve.now_j), _joules(seat.line_reserve.now_j),
         handle.buttons, handle.taken, handle.orientation, handle.grip_m,
+        holds.position_scale or 1.0, holds.force_scale or 1.0, bool(holds.clutch),
     )  # fmt: skip
 
 

@@ -9,9 +9,10 @@ from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.session import SEAT
 from cogrip.protocol.settings import SeatSettings
+from cogrip.server.hand_changes import HandChanges
 from cogrip.server.port import Port
 from cogrip.server.rate_limit import HELLOS, Buckets
-from cogrip.server.seat_limits import Record
+from cogrip.server.seat_limits import Record, SeatLimits
 from cogrip.server.stiffness_adaptation import StiffnessAdapter
 from cogrip.server.told_geometry import ToldGeometry
 
@@ -75,6 +76,7 @@ class Seat(Participant):
         self.port: Port | None = None
         self.adapter: StiffnessAdapter | None = None
         self.geometry: ToldGeometry | None = None  # where its client renders contact
+        self.hand = HandChanges(settings, settings.rates.network_hz)
         self.on_object = False
         self.line_margin_j = 0.0
         self.line_reserve = EnergyReserve(settings.rates.network_hz)
@@ -82,6 +84,7 @@ class Seat(Participant):
         self.last: SeatAccount | None = None  # of this end, at that time
         self.earlier: list[SeatSession] = []  # oldest first
         self.record: Record | None = None  # of the device that the seat was taken with
+        self.limits = SeatLimits()  # of what it may bring in
         self.reserved_until_ns: int | None = None  # for the ticket's holder
         self.farewell = b""  # the last one, to be repeated
         self.farewell_ns = 0

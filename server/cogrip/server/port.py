@@ -13,6 +13,7 @@ from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Frame, Stamp
 from cogrip.protocol.settings import SeatSettings
+from cogrip.server.seat_limits import SeatLimits
 
 Row = tuple[float, ...]
 Turned = tuple[Row, Row]
@@ -59,6 +60,10 @@ class Port(ABC):
     @abstractmethod
     def receive(self, message: Any, now_ns: int) -> bool:
         """Take in a frame, of the scheme's message type, that came now; False for one that cannot be of this line."""
+
+    @abstractmethod
+    def set_limits(self, limits: SeatLimits) -> None:
+        """Bound what the seat brings in by these limits from now on."""
 
     @abstractmethod
     def pop(self, frames: int) -> Row:

@@ -35,6 +35,10 @@ class PowerPort(LatestStatePort[Power]):
         self._out = [CompensatedSum() for _ in range(axes)]
         self._force = (0.0,) * axes
 
+    def set_limits(self, limits: SeatLimits) -> None:
+        super().set_limits(limits)
+        self._energy.set_limits(limits)
+
     def receive(self, message: Power, now_ns: int) -> bool:
         return message.of_axes(self.axes) and self._accept(message)
 

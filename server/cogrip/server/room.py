@@ -12,6 +12,7 @@ from cogrip.protocol.accounts import LinkCount, RoomAccount, SeatAccount, TickCo
 from cogrip.protocol.button_edges import EdgeReceiver, bits_of
 from cogrip.protocol.channel import Address
 from cogrip.protocol.clock import Clock
+from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.messages import Heartbeat
 from cogrip.protocol.rates import NS_PER_S
@@ -19,6 +20,7 @@ from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.protocol.settings import Settings, seat_settings
 from cogrip.protocol.settings_digest import digest
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint, SeatCheckpoint
+from cogrip.server.hand_changes import HandChanges
 from cogrip.server.markers import Markers
 from cogrip.server.observers import ObserverSlots
 from cogrip.server.participants import Seat
@@ -66,8 +68,10 @@ class Room:
         power_left = min(1.0, seat.power_left + rested_s / BURST_S)
         seat.begin(session, nonce, now_ns)
         seat.farewell, seat.rtt_ns = b"", None
+        seat.hand = HandChanges(seat.settings, self.settings.rates.network_hz)
         seat.record, seat.reserved_until_ns = record, None
-        seat.port = port = self._scheme.make_port(seat.settings, self.limits(number), power_left)
+        seat.limits = self.limits(number)
+        seat.port = port = self._scheme.make_port(seat.settings, seat.limits, power_left)
         port.credit_left = seat.credit_left  # all seat sessions together lend one credit
         seat.adapter = None
         if port.loops is not None and self.world.can_follow:
@@ -118,6 +122,17 @@ class Room:
         """Return the bounds of what a seat may bring in."""
         record, tool = self.seats[number].record, self.seats[number].settings.tool
         return limits_of(record, self.settings, number, tool) if record is not None else SeatLimits()
+
+    def set_hand(self, number: int, change: HandChange) -> None:
+        """Tell a seat's client a change of its hand's settings.
+
+        The seat may bring in what any of the frames that it was given lets it: waves of the one before are still on their way.
+        """
+        seat = self.seats[number]
+        frame = seat.hand.add(change)
+        if seat.port is not None and seat.record is not None:
+            seat.limits = seat.limits.or_more(limits_of(seat.record, self.settings, number, frame))
+            seat.port.set_limits(seat.limits)
 
     def limited(self, number: int) -> dict[str, int]:
         """Return how often a seat was limited so far, by reason."""
@@ -223,6 +238,7 @@ class Room:
             port = seat.port
             if port is None:
                 continue
+            out += [(seat.address, messages.encode(told)) for told in seat.hand.due(seat.session, self.steps)]
             if seat.geometry is not None:
                 out += [(seat.address, messages.encode(geom)) for geom in seat.geometry.next(seat.session)]
             if not seat.on_object:  # its device is being opened: frames before its first one would only come late

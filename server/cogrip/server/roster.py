@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from cogrip.protocol.channel import place_text
+from cogrip.protocol.hand_settings import UNCHANGED
 
 if TYPE_CHECKING:  # the command that asks needs no room, and none of numpy
     from cogrip.protocol.clock import Clock
@@ -31,6 +32,7 @@ class RosterEntry(msgspec.Struct, frozen=True, omit_defaults=True):
     down_ms: Number = None
     lost: int | None = None  # frames from this person that never came
     holds: bool = False  # the object
+    hand: str = ""  # settings of the hand that differ from those of a hand that moves its tool as itself
 
 
 def roster_of(rooms: "Iterable[Room]", now_ns: int) -> list[RosterEntry]:
@@ -39,7 +41,8 @@ def roster_of(rooms: "Iterable[Room]", now_ns: int) -> list[RosterEntry]:
     for room in rooms:
         entries += [
             _entry(room, seat, now_ns, seat=seat.number, device=seat.record.device if seat.record else "",
-                   rtt_ms=_ms(seat.rtt_ns), lost=seat.port.lost if seat.port else None, holds=seat.on_object)
+                   rtt_ms=_ms(seat.rtt_ns), lost=seat.port.lost if seat.port else None, holds=seat.on_object,
+                   hand=seat.hand.holds.unlike(UNCHANGED).text)
             for seat in room.seats if seat.state == "seated"
         ]  # fmt: skip
         entries += [

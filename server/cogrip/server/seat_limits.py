@@ -56,6 +56,10 @@ class SeatLimits(msgspec.Struct, frozen=True):
     torque_nm: float = 0.0
     speed_radps: float = 0.0
 
+    def or_more(self, other: "SeatLimits") -> "SeatLimits":
+        """Return the looser bound of both."""
+        return SeatLimits(*map(max, msgspec.structs.astuple(self), msgspec.structs.astuple(other)))
+
     def square_of(self, impedance_nspm: float, rotational_impedance_nms: float) -> float:
         """Return the largest |u|^2 of all axes [W]."""
         largest = wave_of(impedance_nspm, self.speed_mps, self.force_n)
@@ -117,10 +121,15 @@ class PowerBucket:
 
     def __init__(self, frame_s: float, limits: SeatLimits, power_left: float = 1.0) -> None:
         """power_left: initial level, of 1."""
-        self._refill_j = limits.power_w * frame_s
-        self._burst_j = limits.power_w * BURST_S
+        self._frame_s = frame_s
+        PowerBucket.set_limits(self, limits)
         self._level_j = self._burst_j * power_left if self._burst_j < inf else inf
         self.counts: Counter[str] = Counter()
+
+    def set_limits(self, limits: SeatLimits) -> None:
+        """Fill by the power of these limits from now on; what is in the bucket stays."""
+        self._refill_j = limits.power_w * self._frame_s
+        self._burst_j = limits.power_w * BURST_S
 
     @property
     def fullness(self) -> float:
@@ -149,8 +158,15 @@ class WaveLimiter(PowerBucket):
         self._returned = 0.0  # |v|^2 of the last step
         self.taken_j = 0.0  # energy by which waves were limited
 
+    def set_limits(self, limits: SeatLimits) -> None:
+        """Bound by these limits from now on."""
+        super().set_limits(limits)
+        self._limits = limits
+        self.set_impedance(self._impedance_nspm)
+
     def set_impedance(self, impedance_nspm: float) -> None:
         """Bound waves as of this impedance from now on."""
+        self._impedance_nspm = impedance_nspm
         self._largest_square = self._limits.square_of(impedance_nspm, self._square_m * impedance_nspm)
 
     def limit(self, wave: Row) -> Row:
@@ -220,6 +236,10 @@ class StateLimiter:
         self._last: State | Power | None = None
         self._frames_left = float(self._most_frames)  # for which a hand may have moved, by the server's steps
         self.counts: Counter[str] = Counter()
+
+    def set_limits(self, limits: SeatLimits) -> None:
+        """Judge by these limits from now on."""
+        self._speed_mps = limits.speed_mps
 
     def step(self, frames: int) -> None:
         """Count the frames of one server step, whatever numbers a client gives to its states."""

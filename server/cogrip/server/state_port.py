@@ -21,6 +21,9 @@ class LatestStatePort(Port, Generic[M]):
         self._number = -1
         self._fresh = False
 
+    def set_limits(self, limits: SeatLimits) -> None:
+        self._states.set_limits(limits)
+
     def _origin(self, message: M) -> Row:
         """Return the hand before this first message."""
         return message.position_m

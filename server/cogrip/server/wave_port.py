@@ -70,6 +70,9 @@ class WavePort(Port):
                 self._poses[newest] = self.hand[PLACES:], message.state[2 * axes :]
         return True
 
+    def set_limits(self, limits: SeatLimits) -> None:
+        self._limiter.set_limits(limits)
+
     def _early(self, now_ns: int) -> int:
         """Return the whole ticks from now to the next step."""
         if self.next_step_ns is None:

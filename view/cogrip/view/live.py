@@ -109,6 +109,8 @@ class LiveScene:
             elif before == "live" and person.state == "silent":
                 self._say(time_s, "lost", person.name, "is silent: its force is let go")
             self._states[seat] = person.state
+            if words := hand_words(self.people.get(seat), person):
+                self._say(time_s, "other", person.name, words)
             pressed = self.people[seat].buttons if seat in self.people else 0
             for bit in bits_of(pressed ^ person.buttons):
                 self._say(time_s, "button", person.name, edge_words(bit + 1 if person.buttons >> bit & 1 else -bit - 1))
@@ -184,6 +186,18 @@ class LiveScene:
             note=OLD_SERVER if self._unnamed >= OLD_AFTER else "", geoms=self._shapes,
             workspace_m=workspace_of(self._shapes, self._poses) if self._shapes else WORKSPACE_M,
         )  # fmt: skip
+
+
+def hand_words(before: Person | None, person: Person) -> str:
+    """Return what is new of how a hand moves its tool, "" for nothing."""
+    found = []
+    if person.clutched is not (before is not None and before.clutched):
+        found.append("clutched" if person.clutched else "engaged")
+    for name, text in (("position_scale", "position scale"), ("force_scale", "force scale")):
+        value: float = getattr(person, name)
+        if value != (getattr(before, name) if before is not None else 1.0):
+            found.append(f"{text} {value:g}")
+    return ", ".join(found)
 
 
 def _known(value: float | None) -> float:

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.protocol.join_link import DEFAULT_PORT
-from cogrip.server.io.control import Answer, Kick, Mark, NotRunningError, Who, ask
+from cogrip.server.io.control import Answer, Kick, Mark, NotRunningError, SetHand, Who, ask
 from cogrip.server.io.state_folder import (
     NoStateError,
     ServerRecord,
@@ -44,7 +44,7 @@ def server_at(folder: StateFolder) -> ServerRecord | None:
         return read_server(folder)
 
 
-def answer_of(command: str, order: Who | Kick | Mark, state: Path | None, port: int) -> tuple[Answer, Path]:
+def answer_of(command: str, order: Who | Kick | Mark | SetHand, state: Path | None, port: int) -> tuple[Answer, Path]:
     """Return the running server's answer, and its state folder.
 
     Raises BadInput for an unknown room, Problem where the server refuses or does not run.

@@ -21,7 +21,8 @@ _PIPED_WIDTH = 10_000  # a line each
 def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json: Json = None) -> int:
     """List who is seated or observes in a running server.
 
-    With the time since they joined, address, round trip, delays and losses. Exit code 1 where the server does not run.
+    With the time since they joined, address, round trip, delays and losses; below, what is set of their hands. Exit code 1
+    where the server does not run.
 
     Parameters
     ----------
@@ -37,6 +38,9 @@ def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json:
     console = make_console(soft_wrap=True, piped_width=_PIPED_WIDTH)
     if answer.people:
         console.print(people_tables(answer.people))
+        for each in answer.people:
+            if each.hand:
+                console.print(f"{shown(each.name)}: {shown(each.hand)}")
     console.print(answer.text)
     return 0
 

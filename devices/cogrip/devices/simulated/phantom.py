@@ -20,7 +20,7 @@ from math import floor
 
 import msgspec
 
-from cogrip.devices.device import SLEW_NPS, SPEED_MPS, Capability, DeviceError, Sample
+from cogrip.devices.device import GRAVITY_MPS2, SLEW_NPS, SPEED_MPS, Capability, DeviceError, Sample
 from cogrip.devices.settings import Finite, NotNegative, Positive
 from cogrip.devices.simulated.ideal import ADVISED_AT_HZ
 from cogrip.devices.simulated.zero_order_hold import discretise
@@ -32,6 +32,7 @@ WORKSPACE_M = ((-0.127, 0.127), (-0.089, 0.089), (-0.0635, 0.0635))
 class PhantomSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Query keys. x0_m: start of device and hand per axis, default 0 (or where a recording with origin=keep begins).
 
+    handle_mass_kg is held up by nobody: its weight pulls the third axis down.
     slew_nps and speed_mps only state a limit in the capability record: the data sheet names none, so they are ours.
     """
 
@@ -42,6 +43,7 @@ class PhantomSettings(msgspec.Struct, frozen=True, kw_only=True):
     peak_force_n: Positive = 8.5
     slew_nps: Positive = SLEW_NPS
     speed_mps: Positive = SPEED_MPS
+    handle_mass_kg: NotNegative = 0.0
     x0_m: tuple[Finite, ...] = ()
 
 
@@ -52,7 +54,7 @@ def capability(settings: PhantomSettings, axes: int) -> Capability:
         continuous_force_n=min(1.4, settings.peak_force_n), stiffness_npm=1000.0,
         damping_nspm=0.5 * settings.mass_kg * ADVISED_AT_HZ, slew_nps=settings.slew_nps, speed_mps=settings.speed_mps,
         resolution_m=settings.resolution_m, apparent_mass_kg=settings.mass_kg, rate_hz=8192, gives_velocity=False,
-        own_damping_nspm=settings.damping_nspm, own_friction_n=settings.friction_n,
+        own_damping_nspm=settings.damping_nspm, own_friction_n=settings.friction_n, handle_mass_kg=settings.handle_mass_kg,
     )  # fmt: skip
 
 
@@ -77,6 +79,7 @@ class PhantomPlant:
             )
         self._p, self._q, self._g, self._h, self._k = step.p, step.q, step.g, step.h, step.stiffness_npm
         self._friction, self._peak = s.friction_n, s.peak_force_n
+        self._weight = [0.0, 0.0, s.handle_mass_kg * GRAVITY_MPS2][: len(self._stops)]
         self.position_m = list(start_m)
         self.velocity_mps = [0.0] * len(start_m)
         self.saturated = 0
@@ -84,13 +87,13 @@ class PhantomPlant:
     def step(self, drive_n: Sequence[float], force_n: Sequence[float]) -> None:
         """One tick, parts 1 to 4 above."""
         xs, vs, k, peak, c = self.position_m, self.velocity_mps, self._k, self._peak, self._friction
-        p, q, g, h = self._p, self._q, self._g, self._h
+        p, q, g, h, weight = self._p, self._q, self._g, self._h, self._weight
         for i, (low, high) in enumerate(self._stops):
             x, v, force = xs[i], vs[i], force_n[i]
             if force > peak or force < -peak:
                 force = peak if force > 0.0 else -peak
                 self.saturated += 1
-            r = drive_n[i] - force - k * x
+            r = drive_n[i] - force - k * x - weight[i]
             if v != 0.0 or r > c or r < -c:
                 v_free = q * v + h * r
                 f = v_free / h

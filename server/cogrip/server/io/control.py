@@ -14,6 +14,7 @@ from typing import Annotated, NamedTuple
 
 import msgspec
 
+from cogrip.protocol.hand_settings import HandChange
 from cogrip.server.io.platform import local_socket
 from cogrip.server.io.state_folder import FILE_MODE, StateError, StateFolder
 from cogrip.server.roster import RosterEntry
@@ -59,6 +60,14 @@ class Mark(Order, frozen=True, tag="mark"):
     room: Word = ""  # "" every room
 
 
+class SetHand(Order, frozen=True, tag="set"):
+    """Change somebody's hand settings."""
+
+    user: Word
+    change: HandChange
+    room: Word = ""  # "" whichever
+
+
 class Reload(Order, frozen=True, tag="reload"):
     """Read the tokens again."""
 
@@ -81,7 +90,7 @@ class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     people: tuple[RosterEntry, ...] = ()
 
 
-AnyOrder = Kick | Mark | Reload | Status | Who
+AnyOrder = Kick | Mark | SetHand | Reload | Status | Who
 
 
 @dataclass(slots=True, eq=False)

@@ -10,7 +10,8 @@ from cogrip.server.events import ServerEvent
 from cogrip.server.io import checkpoint_file
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.checkpoint_file import CheckpointWriter
-from cogrip.server.io.control import Control, Kick, Mark, Reload, Request, Who
+from cogrip.server.io.control import Control, Kick, Mark, Reload, Request, SetHand, Who
+from cogrip.server.io.hand_orders import HandOrders
 from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.state_folder import StateError, StateFolder
@@ -49,6 +50,7 @@ class Housekeeping:
         self._metrics = metrics
         self._notifier = ServiceNotifier()
         self._control = Control(folder) if folder else None
+        self._hand_orders = HandOrders(server.core, lambda request, text, ok: self._answer(request, text, ok))
         self._writers: dict[str, CheckpointWriter] = {}
         if folder:
             rooms = [room.name for room in server.core.rooms]
@@ -97,6 +99,7 @@ class Housekeeping:
         if self._control is not None:
             for request in self._control.poll(now_ns):
                 self._obey(request)
+            self._hand_orders.poll(now_ns)
         kept = [(seat.session, seat.ticket_hash) for room in self._server.core.rooms for seat in room.seats]
         if kept != self._kept:  # the next server must know a new session too
             self._kept = kept
@@ -183,20 +186,26 @@ class Housekeeping:
         return core.handle(inputs.Revoke(tuple(sorted(revoked))), now_ns) if revoked else 0
 
     def _obey(self, request: Request) -> None:
-        assert self._control is not None
         entries: list[RosterEntry] = []
         match request.order:
             case Kick() as order:
                 text, ok = self._kick(order)
             case Mark() as order:
                 text, ok = self._mark(order)
+            case SetHand() as order:
+                self._hand_orders.obey(request, order, time.monotonic_ns())
+                return
             case Reload():
                 text, ok = self._reload()
             case Who() as order:
                 text, ok, entries = self._who(order)
             case _:
                 text, ok = self._status(), True
-        self._control.answer(request, text, ok=ok, people=entries)
+        self._answer(request, text, ok, entries)
+
+    def _answer(self, request: Request, text: str, ok: bool, people: Sequence[RosterEntry] = ()) -> None:
+        assert self._control is not None
+        self._control.answer(request, text, ok=ok, people=people)
 
     def _kick(self, order: Kick) -> tuple[str, bool]:
         core = self._server.core

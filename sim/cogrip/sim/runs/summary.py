@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import msgspec
+from msgspec.structs import replace
 
 from cogrip.client.inputs import CloseLedger
 from cogrip.protocol.accounts import (
@@ -18,6 +19,7 @@ from cogrip.protocol.accounts import (
     SeatAccount,
     TickCount,
 )
+from cogrip.protocol.hand_settings import HandChange, of_seat
 from cogrip.protocol.messages import Farewell
 from cogrip.protocol.passivity_control import lent_mj
 from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
@@ -39,6 +41,7 @@ class UserRecord(msgspec.Struct, frozen=True):
     earlier: tuple[UserRecord, ...] = ()  # seat sessions of the same user before this one, oldest first
     asked_npm: float | None = None
     local: str | None = None
+    hand: HandChange | None = None  # what held of the hand at the end
 
 
 def summarise(
@@ -109,7 +112,8 @@ def _of_room(
 ) -> dict[str, Any]:
     users = []
     for number, (seat, account) in enumerate(zip(room.seats, accounts, strict=True)):
-        asked = seat.settings.asked_npm, seat.settings.local_contact
+        now = replace(seat.settings, tool=seat.hand.holds.frame())
+        asked = now.asked_npm, now.local_contact, seat.hand.holds
         earlier = [UserRecord(seat.name, each.client, each.seat, (), *asked) for each in seat.earlier]
         users.append(UserRecord(seat.name, account, room.seat_account(number), tuple(earlier), *asked))
     summary = _of_settings(
@@ -130,7 +134,8 @@ def of_client(
     seat: SeatSettings, account: ClientAccount, farewell: Farewell | None, seconds: float, dropped: Mapping[str, int]
 ) -> dict[str, Any]:
     """Return the summary that one live client can give: the server's part as far as it said goodbye."""
-    user = UserRecord(seat.user, account, farewell.seat if farewell else None, (), seat.asked_npm, seat.local_contact)
+    told = farewell.seat if farewell else None
+    user = UserRecord(seat.user, account, told, (), seat.asked_npm, seat.local_contact, of_seat(seat))
     return _of_settings(seat, seat.room, seconds, [user], farewell.room if farewell else None, dropped)
 
 
@@ -183,6 +188,7 @@ def _user(user: UserRecord, claims: bool, credit_j: float) -> dict[str, Any]:
         "travel_m": _of(client, "travel_m"),
         "asked_stiffness_npm": user.asked_npm,
         "local": user.local,
+        "hand": user.hand.plain if user.hand else None,
         "felt_stiffness_npm": _of(client, "felt_stiffness_npm"),
         "predicted_stiffness_npm": _of(client, "predicted_stiffness_npm"),
         "energy": {

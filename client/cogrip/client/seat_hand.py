@@ -1,0 +1,162 @@
+"""The hand of a seat: its device's record, how it moves its tool (theory 1.1), and what is changed of that in the session.
+
+A change waits for a frame's border, where nothing of a frame is on its way into the line: the energy ledger then splits
+between two ticks, exactly (`EnergyLedger.set_weight`). Places of hand and tool stay, and the force ramps in anew.
+"""
+
+from collections.abc import Sequence
+
+from msgspec.structs import replace
+
+from cogrip.client.coupling import AnyCoupling
+from cogrip.client.energy_ledger import EnergyLedger
+from cogrip.client.hand_aids import HandAids
+from cogrip.client.hand_changes import HandChanges
+from cogrip.client.hand_frame import HandFrame
+from cogrip.client.hand_motion import HandMotion
+from cogrip.client.handle import HandleReader, has_handle
+from cogrip.client.pose_axes import PoseAxes, Row, in_lengths
+from cogrip.client.safety import Safety
+from cogrip.devices.device import Capability, Sample
+from cogrip.protocol.hand_settings import HandChange, of_seat, unfit
+from cogrip.protocol.messages import SetHand
+from cogrip.protocol.session import ClientSession
+from cogrip.protocol.setting_types import PLACES, POSE_AXES
+from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.tool_frame import ToolFrame
+
+
+class SeatHand:
+    """Base of `SeatedClient`, which sets `coupling`, `safety`, `ledger` and `hand`, and calls `follow` each tick.
+
+    Inside, all of a hand that turns is in lengths (`pose_axes`): `force_n`, `hand` and what they are given to. `wrench`, `pose`
+    and `twist` are as the device has them.
+    """
+
+    coupling: AnyCoupling
+    safety: Safety
+    ledger: EnergyLedger
+    hand: HandMotion
+
+    def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability) -> None:
+        self.settings = seat
+        self.session = session
+        self._axes = PoseAxes(seat.coupling.length_m) if seat.object.axes == POSE_AXES else None
+        self.handle: HandleReader | None = None  # where the device has one
+        self._set_record(capability)
+        self.force_n: Row = (0.0,) * seat.object.axes
+        self._frame: HandFrame | None = None  # None: the tool moves as the hand, as all but the coupling see it
+        self._ordered: HandChange | None = None  # what the next frame's border changes
+        self.aids = HandAids(seat.workspace_limit, seat.gravity_compensation, self.capability, seat.rates.tick_s)
+        self.changes = HandChanges(of_seat(seat))
+
+    def _set_record(self, capability: Capability) -> None:
+        self.capability = self._record = capability.first(self.settings.object.axes)
+        if self._axes is not None:
+            self._record = in_lengths(self.capability, self._axes.length_m)
+        if self.handle is None and has_handle(capability):
+            self.handle = HandleReader(self.session.dropped)
+        if self.handle is not None:
+            self.handle.fit(capability)
+
+    @property
+    def pose(self) -> Row:
+        """Position of the hand [m], and rotation vector [rad]."""
+        position = self.hand.position_m
+        return position if self._axes is None else self._axes.pose(position)
+
+    @property
+    def twist(self) -> Sequence[float]:
+        """Velocity of the hand [m/s], and angular velocity [rad/s]."""
+        velocity = self.hand.velocity_mps
+        return velocity if self._axes is None else self._axes.rates(velocity)
+
+    @property
+    def wrench(self) -> Row:
+        """Force [N] and torque [N m] of this tick, shape (axes,)."""
+        return self.force_n if self._axes is None else self._axes.wrench(self.force_n)
+
+    def _fit_coupling(self) -> None:
+        raise NotImplementedError
+
+    def _set_tool(self, tool: ToolFrame) -> HandFrame:
+        """Have the tool follow the hand so."""
+        frame = self._frame = HandFrame(tool, self.settings.object.axes)
+        self.ledger.set_weight(frame.weight)
+        return frame
+
+    def _tool_m(self) -> Row:
+        """Return the tool's place, in lengths."""
+        position = self.hand.position_m
+        return position if self._frame is None else self._frame.place(position)
+
+    def tool_pose(self) -> Row:
+        """Return the tool's position [m], and rotation vector [rad]."""
+        frame, pose = self._frame, self.pose
+        if frame is None:
+            return pose
+        place = frame.place(self.hand.position_m)
+        return place if self._axes is None else place[:PLACES] + frame.rotation(pose[PLACES:])
+
+    # Clutch and changes
+
+    @property
+    def clutched(self) -> bool:
+        """Return whether the clutch is to be held, whatever its button does."""
+        return self._frame is not None and self._frame.asked
+
+    def clutch(self, held: bool) -> None:
+        """Hold the clutch, or release it: from the next tick on."""
+        (self._frame or self._set_tool(ToolFrame())).asked = held
+
+    def set_hand(self, change: HandChange) -> None:
+        """Go by this change from the next frame's border on."""
+        self._ordered = change if self._ordered is None else change.after(self._ordered)
+
+    def receive_change(self, message: SetHand) -> None:
+        """Take in a change that the server tells, each once; one that this hand cannot have is refused by the next report."""
+        change = self.changes.receive(message)
+        if change is not None:
+            self.set_hand(HandChange() if unfit(change, self.settings.object.axes) else change)
+
+    def holds(self) -> HandChange:
+        """Return what holds now, as it is reported."""
+        frame = self._frame
+        tool = ToolFrame() if frame is None else frame.frame
+        return HandChange(
+            tool.position_scale, tool.force_scale, tool.rotation, frame is not None and frame.held,
+            self.aids.limit, self.aids.carries,
+        )  # fmt: skip
+
+    def _follow(self, sample: Sample, border: bool) -> None:
+        """Go by clutch and changes after a tick's sample. border: a frame ends here, or none has begun."""
+        changed = border and self._ordered is not None
+        if changed:
+            self._change()
+        if (frame := self._frame) is not None:
+            frame.hold(frame.asked or bool(sample.buttons & frame.button), self.hand.position_m, self.pose)
+            self.safety.event("clutch" if frame.held else "engage")
+        if changed or (border and frame is not None and self.holds() != self.changes.holds):
+            self.changes.report(self.holds())
+
+    def _change(self) -> None:
+        change, self._ordered = self._ordered, None
+        assert change is not None
+        frame = self._frame
+        tool = change.frame(frame.frame if frame is not None else None)
+        if tool != (frame.frame if frame is not None else ToolFrame()):
+            if frame is None:
+                frame = self._set_tool(ToolFrame())
+            frame.change(tool, self.hand.position_m, self.pose)
+            self.ledger.set_weight(frame.weight)
+            self.settings = replace(self.settings, tool=tool)
+            self._fit_coupling()
+            self.safety.ramp_anew()
+        if change.workspace_limit_m is not None or change.gravity_compensation is not None:
+            self.aids.change(change)
+            self.settings = replace(
+                self.settings, workspace_limit=self.aids.limit, gravity_compensation=self.aids.carries
+            )
+            self.safety.ramp_anew()
+        if change.clutch is not None:
+            self.clutch(change.clutch)

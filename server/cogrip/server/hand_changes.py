@@ -1,0 +1,66 @@
+"""Changes of a person's hand settings by the administrator, told to the client until it reports that it has taken them."""
+
+from collections import deque
+
+from cogrip.protocol.hand_settings import HandChange, of_seat
+from cogrip.protocol.messages import SetHand
+from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.tool_frame import ToolFrame
+
+TOLD_HZ = 16
+MOST_UNTOLD = 8  # on their way at once
+
+
+class HandChanges:
+    """Those of one seat session.
+
+    holds    what the client goes by, as it reported last; before that, what the seat's settings say
+    number   of the newest change, from 1; 0: none
+    taken    newest change that the client has taken
+    """
+
+    def __init__(self, seat: SeatSettings, network_hz: int) -> None:
+        self.holds = of_seat(seat)
+        self.number = self.taken = 0
+        self._wanted = seat.tool or ToolFrame()
+        self._told: deque[tuple[int, HandChange]] = deque()
+        self._reported = 0
+        self._every = max(1, network_hz // TOLD_HZ)
+
+    @property
+    def full(self) -> bool:
+        """Return whether the client has yet to answer too many changes."""
+        return len(self._told) >= MOST_UNTOLD
+
+    def add(self, change: HandChange) -> ToolFrame:
+        """Tell a change. Returns the frame that the tool will have."""
+        self.number += 1
+        self._told.append((self.number, change))
+        self._wanted = change.frame(self._wanted)
+        return self._wanted
+
+    def receive(self, message: SetHand) -> bool:
+        """Take in a report. Returns whether it is new."""
+        if message.acknowledged > self.number or None in (message.hand.position_scale, message.hand.force_scale):
+            return False
+        self.taken = max(self.taken, message.acknowledged)
+        while self._told and self._told[0][0] <= self.taken:
+            self._told.popleft()
+        if message.number <= self._reported:
+            return False
+        self._reported, self.holds = message.number, message.hand.after(self.holds)
+        if not self._told:
+            self._wanted = self.holds.frame(self._wanted)
+        return True
+
+    def answer(self, session: int) -> SetHand:
+        """Return the message that acknowledges the newest report."""
+        return SetHand(session, 0, self._reported)
+
+    def due(self, session: int, step: int) -> list[SetHand]:
+        """Return the changes to tell after a step."""
+        return self.untold(session) if self._told and step % self._every == 0 else []
+
+    def untold(self, session: int) -> list[SetHand]:
+        """Return the changes that the client has not answered."""
+        return [SetHand(session, number, self._reported, change) for number, change in self._told]

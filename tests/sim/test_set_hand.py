@@ -1,0 +1,321 @@
+"""Hand settings changed while a session runs: energy, replay, loss, times, clutches, the limit and the weight."""
+
+from collections.abc import Callable
+from math import dist, hypot
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cogrip.client import inputs as client_inputs
+from cogrip.client.force_limits import SOFT_SLOPE_NPS
+from cogrip.client.inputs import CloseLedger
+from cogrip.protocol.accounts import ClientAccount
+from cogrip.protocol.hand_settings import parsed
+from cogrip.protocol.messages import SetHand as Message
+from cogrip.protocol.messages import decode
+from cogrip.protocol.settings import resolve
+from cogrip.server.inputs import SetHand
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.records import open_run
+from cogrip.sim.runs.replay.verify import verify
+from cogrip.sim.session.laboratory import Laboratory
+
+from tests.extent import long
+
+CREDIT_J = 1e-3
+NETWORKS = ("lan", "wifi", "wan", "lte", "satellite")
+CALM = "sine&amplitude_m=0.0003&frequency_hz=0.7"
+
+
+def session(profile: str = "", **user: Any) -> dict[str, Any]:
+    return {
+        "seconds": 20.0, "object": {"kind": "cube", "axes": 3}, "coupling": {"impedance_nspm": 8.0, "stiffness_npm": 300.0},
+        **({"link": {"profile": profile}} if profile else {}),
+        "users": [{"name": "anna", **user}],
+    }  # fmt: skip
+
+
+def ordered(laboratory: Laboratory, *pairs: str) -> None:
+    assert laboratory.server.handle(SetHand("anna", parsed(pairs)), laboratory.now_ns) == 1
+
+
+def account_of(laboratory: Laboratory) -> ClientAccount:
+    return laboratory.people[0].core.handle(CloseLedger(laboratory.ticks(0)), laboratory.now_ns)
+
+
+def each_second(seconds: float, laboratory: Laboratory, act: Callable[[int], None]) -> None:
+    if laboratory._frame % 128 == 0 and 0 < laboratory._frame / 128 < seconds:
+        act(laboratory._frame // 128)
+
+
+def back_and_forth(laboratory: Laboratory) -> None:
+    each_second(20.0, laboratory, lambda second: ordered(laboratory, f"position_scale={10 if second % 2 else 0.1}"))
+
+
+def assert_passive(laboratory: Laboratory) -> ClientAccount:
+    account, seat = account_of(laboratory), laboratory.room.seat_account(0)
+    margins = [account.down_margin_j, seat.up_margin_j, seat.line_margin_j]
+    assert min([margin for margin in margins if margin is not None], default=0.0) >= -CREDIT_J
+    assert account.device.margin_j >= 0.0
+    return account
+
+
+@pytest.mark.parametrize("profile", ["lan", *map(long, NETWORKS[1:])])
+def test_scales_that_change_each_second_leave_every_line_passive(profile: str) -> None:
+    table = session(profile, hand=CALM)
+    table["object"]["damping_nspm"] = 5.0  # a free one swings on a line whose end the hand's friction holds
+    laboratory = Laboratory(resolve(table))
+    laboratory.run(each_frame=back_and_forth)
+    account = assert_passive(laboratory)
+    assert not laboratory.diverged
+    assert account.state == "live"
+    hand = laboratory.room.seats[0].hand
+    assert (hand.taken, hand.number) == (19, 19)
+    assert hand.holds.position_scale == 10.0
+
+
+@pytest.mark.parametrize("profile", [long(each) for each in NETWORKS])
+@pytest.mark.parametrize("kind", ["cube", "wall"])
+def test_changes_under_load_are_passive_as_well(profile: str, kind: str) -> None:
+    """A hand that presses with 10 times the way, then finds 100 times the force: whatever its limits let go is released."""
+    table = session(profile, hand="sine&amplitude_m=0.02&frequency_hz=0.7")
+    table["object"]["kind"] = kind
+    laboratory = Laboratory(resolve(table))
+    steps = [0.0]
+    last: list[Any] = [(0.0,) * 3]
+
+    def watch(_: Laboratory) -> None:
+        force = laboratory.people[0].core.force_n
+        steps[0] = max(steps[0], dist(force, last[0]))
+        last[0] = force
+
+    laboratory.run(each_tick=watch, each_frame=back_and_forth)
+    assert_passive(laboratory)
+    assert steps[0] <= 1000.0 / 1024 * (1.0 + 1e-9)
+
+
+def test_a_session_with_changes_replays_bit_by_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = Laboratory.run
+
+    def with_changes(laboratory: Laboratory, *given: Any, **named: Any) -> None:
+        def change(second: int) -> None:
+            ordered(laboratory, ["position_scale=3", "rotation=0,0,0.4", "clutch=on force_scale=0.5"][second % 3])
+            if second == 2:
+                own = parsed(["workspace_limit_m=auto", "clutch=off", "gravity_compensation=on"])
+                laboratory.people[0].core.handle(client_inputs.SetHand(own), laboratory.now_ns)
+
+        def each_frame(_: Laboratory) -> None:
+            each_second(4.0, laboratory, lambda second: change(second) if second != 2 else None)
+
+        run(laboratory, each_frame=each_frame)
+
+    monkeypatch.setattr(Laboratory, "run", with_changes)
+    device = "sim:phantom?handle_mass_kg=0.05"
+    outcome = run_laboratory(resolve(session("wifi", hand=CALM, device=device) | {"seconds": 4.0}), tmp_path)
+    found = open_run(tmp_path)
+    assert found.server is not None
+    for end in (*found.clients.values(), found.server):
+        assert verify(end.recording).exact
+    assert outcome.summary["users"][0]["hand"]["position_scale"] == 3.0
+
+
+@pytest.mark.parametrize("delay_ms", [0.0, 40.0])
+def test_a_change_holds_within_a_round_trip_and_a_frame(delay_ms: float) -> None:
+    table = session(hand=CALM) | {"link": {"delay_ms": delay_ms}, "seconds": 2.0}
+    laboratory = Laboratory(resolve(table))
+    asked = []
+
+    def each_frame(_: Laboratory) -> None:
+        hand = laboratory.room.seats[0].hand
+        if laboratory._frame == 128:
+            ordered(laboratory, "position_scale=2")
+            asked.append(laboratory.now_ns)
+        elif asked and len(asked) == 1 and hand.taken:
+            asked.append(laboratory.now_ns)
+
+    laboratory.run(each_frame=each_frame)
+    taken_ms = (asked[1] - asked[0]) * 1e-6
+    frame_ms = 1e3 / 128
+    assert taken_ms <= 2 * delay_ms + 2 * frame_ms + 1e-6, (
+        "and the answer's way through a server that looks once a frame"
+    )
+    assert laboratory.room.seats[0].hand.holds.position_scale == 2.0
+
+
+def test_no_change_is_lost_where_datagrams_are() -> None:
+    """Also where one is told before the one before it was answered."""
+    table = session(hand=CALM) | {"link": {"loss": 0.3, "delay_ms": 20.0}, "seconds": 12.0}
+    laboratory = Laboratory(resolve(table))
+    held: list[Any] = []
+
+    def each_frame(_: Laboratory) -> None:
+        if laboratory._frame % 8 == 0 and laboratory._frame < 128 * 10 and not laboratory.room.seats[0].hand.full:
+            held.append(round(1.01 + 0.01 * len(held), 2))
+            ordered(laboratory, f"position_scale={held[-1]}")
+
+    seen: list[float] = []
+
+    def watch(_: Laboratory) -> None:
+        now = laboratory.people[0].core._seat.holds().position_scale
+        if now is not None and (not seen or now != seen[-1]):
+            seen.append(now)
+
+    laboratory.run(each_tick=watch, each_frame=each_frame)
+    hand = laboratory.room.seats[0].hand
+    assert len(held) > 50
+    assert hand.taken == hand.number == len(held)
+    assert hand.holds.position_scale == held[-1]
+    assert seen == sorted(seen), "in their order"
+    assert set(held) >= set(seen[1:])
+
+
+def test_twenty_clutches_by_order_displace_nothing() -> None:
+    """The hand goes 50 mm back and forth, held by order on its way forth."""
+    stroke_s = 0.4
+    settings = resolve({
+        "seconds": 2 * 20 * stroke_s + 1.5, "object": {"kind": "wall", "axes": 3}, "coupling": {"impedance_nspm": 5.0},
+        "users": [{"name": "anna", "hand": "sine&amplitude_m=0.025&frequency_hz=1.25&offset_m=-0.05"}],
+    })  # fmt: skip
+    laboratory = Laboratory(settings)
+    tool, last, clutches, offsets, still = [0.0] * 3, [None, False], [0], [], [0]  # type: ignore[var-annotated]
+
+    def watch(_: Laboratory) -> None:
+        seat = laboratory.people[0].core._seat
+        frame = seat._frame
+        before, held = last
+        if before is not None and not held:
+            for axis in range(3):
+                tool[axis] += seat.hand.position_m[axis] - before[axis]
+        now = frame is not None and frame.held
+        clutches[0] += now and not held
+        still[0] = still[0] + 1 if now else 0
+        if still[0] > 300:
+            offsets.append(float(laboratory.room.world.hand[0][0]) - seat._tool_m()[0])
+        last[:] = [seat.hand.position_m, now]
+
+    def each_frame(_: Laboratory) -> None:
+        at = laboratory._frame / 128 / stroke_s - 1.5
+        if 0 <= at < 40 and abs(at - round(at)) < 0.5 / 128 / stroke_s:
+            ordered(laboratory, f"clutch={'off' if round(at) % 2 else 'on'}")
+
+    laboratory.run(each_tick=watch, each_frame=each_frame)
+    seat = laboratory.people[0].core._seat
+    assert not laboratory.diverged
+    assert clutches[0] == 20
+    begun = seat._origin_pose
+    assert dist(seat._tool_m(), [a + b for a, b in zip(begun, tool, strict=True)]) < 1e-9
+    assert max(offsets) - min(offsets) < 1e-5, "0.01 mm"
+    account = account_of(laboratory)
+    assert account.down_margin_j >= 0.0
+    assert account.device.margin_j >= 0.0
+
+
+def test_a_change_in_contact_is_no_step_of_force() -> None:
+    table = session(hand="approach&amplitude_m=0.006")
+    table["object"]["kind"] = "wall"
+    laboratory = Laboratory(resolve(table | {"seconds": 4.0}))
+    steps, forces = [0.0], [(0.0,) * 3]
+
+    def watch(_: Laboratory) -> None:
+        force = laboratory.people[0].core.force_n
+        steps.append(dist(force, forces[-1]))
+        forces.append(force)
+
+    laboratory.run(
+        each_tick=watch,
+        each_frame=lambda _: each_second(
+            4.0, laboratory, lambda second: ordered(laboratory, f"force_scale={0.5 + second}")
+        ),
+    )
+    assert max(steps) <= SOFT_SLOPE_NPS / 1024 * (1.0 + 1e-9)
+    assert min(hypot(*force) for force in forces[1024 + 8 : 1024 + 60]) < 0.05, "it ramps in anew"
+    assert hypot(*forces[-1]) > 1.0
+    assert_passive(laboratory)
+    account = account_of(laboratory)
+    assert account.felt_stiffness_npm == pytest.approx(account.predicted_stiffness_npm, rel=0.2)
+
+
+def test_a_hand_refuses_what_its_room_has_no_axes_for_and_says_so() -> None:
+    laboratory = Laboratory(resolve({"seconds": 1.0, "object": {"axes": 1}}))
+    given = SetHand("anna", parsed(["rotation=-y x z"]))
+    assert laboratory.server.handle(given, 0) == 0
+    seat = laboratory.people[0].core._seat
+    seat.receive_change(Message(1, 1, 0, given.change))
+    laboratory.run()
+    assert seat._frame is None
+    assert seat.changes.taken == 1
+
+
+def test_a_device_that_names_no_handle_mass_is_not_carried() -> None:
+    laboratory = Laboratory(resolve(session(hand=CALM) | {"seconds": 1.0}))
+    ordered(laboratory, "gravity_compensation=on")
+    laboratory.run()
+    hand = laboratory.room.seats[0].hand
+    assert hand.taken == 1
+    assert parsed(["gravity_compensation=on"]).refused(hand.holds) == ["gravity_compensation"]
+
+
+def test_reports_repeat_until_they_are_answered_and_no_longer() -> None:
+    laboratory = Laboratory(resolve(session(hand=CALM) | {"seconds": 2.0}))
+    core, sent = laboratory.people[0].core, []
+
+    def watch(_: Laboratory) -> None:
+        sent.extend(each for each in map(decode, core.outbox) if isinstance(each, Message))
+
+    core.handle(client_inputs.SetHand(parsed(["position_scale=2"])), 0)
+    laboratory.run(each_tick=watch)
+    assert laboratory.room.seats[0].hand.holds.position_scale == 2.0
+    assert not core._seat.changes.pending
+
+
+@pytest.mark.parametrize("limit", ["auto", "box -0.05 0.05 -0.05 0.05 -0.05 0.05", "sphere 0 0 0 0.05"])
+@pytest.mark.parametrize("kind", ["wave", "coupling", "tdpa", "local"])
+def test_a_hand_is_pushed_back_softly_beyond_the_limit(limit: str, kind: str) -> None:
+    """A hand of 40 N/m that means to go 20 mm farther: the spring of 140 N/m stops it a few millimetres beyond."""
+    begins_m = 0.117 if limit == "auto" else 0.05
+    hand = f"sine&amplitude_m={begins_m + 0.02}&frequency_hz=0.25&hand_stiffness_npm=40&hand_damping_nspm=3"
+    table = session(hand=hand, workspace_limit_m=limit) | {"seconds": 4.0}
+    table["object"] = {"kind": "wall" if kind == "local" else "cube", "axes": 3, "mass_kg": 0.01}
+    table["coupling"] = {"kind": kind, "stiffness_npm": 1.0, "damping_nspm": 0.2}
+    laboratory = Laboratory(resolve(table))
+    farthest = [0.0, 0.0]
+
+    def watch(_: Laboratory) -> None:
+        place = laboratory.people[0].core.position_m[0]
+        farthest[:] = min(farthest[0], place), max(farthest[1], place)
+
+    laboratory.run(each_tick=watch)
+    account = assert_passive(laboratory)
+    assert account.state == "live"
+    assert begins_m + 0.001 < farthest[1] < begins_m + 0.01, "the device's end"
+    assert farthest[0] > -begins_m - 0.01
+
+
+def test_a_carried_handle_weighs_nothing_and_a_closed_path_does_no_work() -> None:
+    """sim:phantom with a handle of 100 g: a hand of 30 N/m sags by 33 mm without compensation."""
+
+    def height(carried: bool) -> tuple[float, ClientAccount]:
+        table = session(hand="reach&amplitude_m=0&hand_stiffness_npm=30", device="sim:phantom?handle_mass_kg=0.1",
+                        gravity_compensation=carried)  # fmt: skip
+        laboratory = Laboratory(resolve(table | {"seconds": 3.0}))
+        laboratory.run()
+        return laboratory.people[0].core.position_m[2], account_of(laboratory)
+
+    sunk, account = height(False)
+    assert sunk == pytest.approx(-0.1 * 9.81 / 30, abs=0.002), "friction 0.04 N"
+    assert account.device.margin_j >= 0.0
+    floats, account = height(True)
+    assert abs(floats) < 0.002
+    assert account.device.margin_j >= 0.0
+
+
+def test_lifting_a_carried_handle_uses_up_no_reserve() -> None:
+    """Up and down by 60 mm for 10 s: m g h = 59 mJ each time, against a free reserve of 37 mJ."""
+    hand = "sine&amplitude_m=0.03&frequency_hz=0.5&direction=0,0,1"
+    table = session(hand=hand, device="sim:phantom?handle_mass_kg=0.1", gravity_compensation=True)
+    laboratory = Laboratory(resolve(table | {"seconds": 10.0}))
+    laboratory.run()
+    account = assert_passive(laboratory)
+    assert account.state == "live"
+    assert account.device.controlled < 0.01
