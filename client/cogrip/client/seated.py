@@ -14,6 +14,7 @@ from msgspec.structs import replace
 
 from cogrip.client.coupling import AnyCoupling
 from cogrip.client.device_port import Cause, DevicePort, cure
+from cogrip.client.effects.force import EffectForce
 from cogrip.client.energy_ledger import EnergyLedger
 from cogrip.client.felt_stiffness import REST_S, FeltStiffness
 from cogrip.client.hand_frame import HandFrame
@@ -23,8 +24,9 @@ from cogrip.client.peaks import Peaks
 from cogrip.client.pose_axes import PoseAxes, Row, in_lengths
 from cogrip.client.safety import Safety
 from cogrip.client.schemes import SCHEMES
+from cogrip.client.tool_place import ToolPlace
 from cogrip.devices.device import Capability, Sample
-from cogrip.protocol.messages import Frame, View, encode
+from cogrip.protocol.messages import Effects, Frame, View, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.setting_types import PLACES, POSE_AXES
 from cogrip.protocol.settings import SeatSettings
@@ -35,7 +37,7 @@ MOST_LOOP_S = 0.5  # for which the end waits until the server knows
 MakePort = Callable[[Capability, float], DevicePort]
 
 
-class SeatedClient:
+class SeatedClient(ToolPlace):
     """One person's seat. capability: of the device, its first axes; `tick` is -1 before the first one.
 
     Inside, all of a hand that turns is in lengths (`pose_axes`): `force_n`, `hand` and what they are given to. `wrench`, `pose`
@@ -54,6 +56,7 @@ class SeatedClient:
         self.safety = Safety(self.capability, rates.tick_s, seat.coupling.length_m)
         self.port = make_port(self._record, rates.tick_s)
         self.ledger = EnergyLedger(self.coupling)
+        self.effects: EffectForce | None = None  # once one was told
         self._frame: HandFrame | None = None  # None: the tool moves as the hand, as all but the coupling see it
         self.hand = HandMotion(self._record, rates, self.safety)
         self.peaks = Peaks()
@@ -86,23 +89,6 @@ class SeatedClient:
         if self.handle is not None:
             self.handle.fit(capability)
 
-    @property
-    def pose(self) -> Row:
-        """Position of the hand [m], and rotation vector [rad]."""
-        position = self.hand.position_m
-        return position if self._axes is None else self._axes.pose(position)
-
-    @property
-    def twist(self) -> Sequence[float]:
-        """Velocity of the hand [m/s], and angular velocity [rad/s]."""
-        velocity = self.hand.velocity_mps
-        return velocity if self._axes is None else self._axes.rates(velocity)
-
-    @property
-    def wrench(self) -> Row:
-        """Force [N] and torque [N m] of this tick, shape (axes,)."""
-        return self.force_n if self._axes is None else self._axes.wrench(self.force_n)
-
     def _fit(self) -> None:
         """Go by the record's resolution and lag, and by the age of its samples."""
         if self.felt is not None:
@@ -129,6 +115,8 @@ class SeatedClient:
         self.safety.keep_to(self.capability)
         self.port.keep_to(self._record)
         self.hand.fit(self._record)
+        if self.effects is not None:
+            self.effects.fit(self._record, self.port.lent_j)
         self._fit()
 
     def renew(self, session_id: int) -> None:
@@ -136,6 +124,8 @@ class SeatedClient:
         self.session_id = session_id
         self.coupling = coupling = SCHEMES[self.settings.coupling.kind].make(self.settings)
         self.ledger.begin_line(coupling)
+        if self.effects is not None:
+            self.effects.forget()
         self._fit_coupling()
         if self.handle is not None:
             self.handle.edges.begin()
@@ -193,6 +183,16 @@ class SeatedClient:
         elif coupling.newest > before:
             self.session.mark_fresh(now_ns)
 
+    def receive_effects(self, told: Effects) -> Effects:
+        """Take in effects that the server tells. Returns the answer: those that are known here."""
+        if self.effects is None:
+            b = getattr(self.settings.coupling, SCHEMES[self.settings.coupling.kind].damper[1])
+            self.effects = EffectForce(len(self.force_n), self.settings.rates.tick_s, b)
+            self.effects.fit(self._record, self.port.lent_j)
+        if reason := self.effects.tell(told, self.tick):
+            self.session.drop(reason)
+        return replace(told, numbers=self.effects.known(told.numbers), effect=None)
+
     def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
         """Enter the ticks since the last call, with the sample read now."""
         elapsed = tick - self.tick
@@ -218,7 +218,7 @@ class SeatedClient:
                 self._frame_end = self._frame_begin + self._ticks_per_frame
         elif self._enter(elapsed, position) and self.session.state == "seated":
             message = self.coupling.message(
-                self.session_id, self.session.clock.stamp(now_ns), self._origin_pose, self._place(),
+                self.session_id, self.session.clock.stamp(now_ns), self._origin_pose, self.place(),
                 hand.velocity_mps if self._frame is None else self._frame.shown(hand.velocity_mps),
             )  # fmt: skip
             if handle is not None and (told := handle.message(tick)) is not None:
@@ -227,33 +227,17 @@ class SeatedClient:
         if self._frame is not None:
             self._follow_clutch(self._frame, sample)
 
-    def _tool_m(self) -> Row:
-        """Return the tool's place, in lengths."""
-        position = self.hand.position_m
-        return position if self._frame is None else self._frame.place(position)
-
-    def tool_pose(self) -> Row:
-        """Return the tool's position [m], and rotation vector [rad]."""
-        frame, pose = self._frame, self.pose
-        if frame is None:
-            return pose
-        place = frame.place(self.hand.position_m)
-        return place if self._axes is None else place[:PLACES] + frame.rotation(pose[PLACES:])
-
-    def _place(self) -> Row:
-        """Return the tool's pose, and of one that turns also the angle travelled since the line's beginning."""
-        if self._axes is None:
-            return self._tool_m()
-        assert self._origin_m is not None
-        moved = [at - begun for at, begun in zip(self._tool_m(), self._origin_m, strict=True)]
-        return self.tool_pose() + self._axes.rates(moved)[PLACES:]
-
     def _enter(self, elapsed: int, position_m: tuple[float, ...] | None) -> bool:
         """Enter `elapsed` ticks; the hand was at `position_m` `latency_ticks` ago. True if there is a frame to send."""
         coupling, ledger, hand = self.coupling, self.ledger, self.hand
         force = ledger.acting(elapsed, self.force_n) if hand.latency_ticks and elapsed else self.force_n
         frame, weight = self._frame, ledger.weight
-        coupling.applied_n = force if frame is None else frame.tool_force(force)
+        effects = self.effects
+        law_n: Sequence[float] = force
+        if effects is not None and elapsed:
+            law_n = effects.enter(elapsed, self.force_n, force, hand.start_m, position_m)
+            ledger.effects_j = effects.work_j
+        coupling.applied_n = law_n if frame is None else frame.tool_force(law_n)
         if position_m is None or not elapsed:
             mean: Sequence[float] = (0.0,) * len(force)
         else:
@@ -303,13 +287,16 @@ class SeatedClient:
     def _end_frame(self, position_m: tuple[float, ...], ticks: int) -> None:
         start_m, self._frame_start_m = self._frame_start_m, position_m
         self.peaks.travel_m += dist(position_m[:PLACES], start_m[:PLACES])
-        self.port.end_frame(start_m, position_m, ticks / self._rate_hz, self.ledger.weight * self.coupling.stored_j)
+        stored_j, effects = self.ledger.weight * self.coupling.stored_j, self.effects
+        if effects is not None:
+            stored_j += effects.stored_j
+        self.port.end_frame(start_m, position_m, ticks / self._rate_hz, stored_j)
         if self.safety.state != "live":  # the force is released
             return
         self.owed.append(max(0.0, self.coupling.owed_frames))
         if self.felt is not None:
             side = self.settings.side_sign
-            force_n = self.force_n
+            force_n = self.force_n if effects is None else effects.rest_of(self.force_n)
             if self._frame is not None:
                 position_m, force_n = self._frame.place(position_m), self._frame.tool_force(force_n)
             depth, direction = self.coupling.pressed or (side * position_m[0], (side,))
@@ -354,6 +341,8 @@ class SeatedClient:
             coupling.carried_nspm = port.carried_nspm / frame.stiffest
             tool = frame.place(hand.position_m), frame.rates(hand.velocity_mps)
             wish = frame.hand_force(coupling.force(*tool)) if safety.state != "fault" else None
+        if (effects := self.effects) is not None:
+            wish = effects.added(self.tick, wish, hand.position_m, hand.velocity_mps, safety, port, frame)
         if port.balance_j < 0.0 and wish is not None and (paying := port.paying_nspm):
             wish = [law + paying * speed for law, speed in zip(wish, hand.velocity_mps, strict=True)]
         force = safety.limit(port.limit(wish) if wish is not None else None, coupling.gap)
@@ -362,12 +351,17 @@ class SeatedClient:
         coupling.cut_n = None
         if wish is not None and safety.state == "live":
             local_n = coupling.local_n if frame is None else frame.hand_force(coupling.local_n)
+            seen_n: Sequence[float] = force
+            reduced = coupling.reduced
+            if effects is not None and effects.asked_n is not None:
+                local_n, seen_n = effects.watched(local_n, force, safety.gain)
+                reduced = reduced or effects.reduced
             if port.ramped:
                 local_n = [safety.gain * local for local in local_n]
             elif (kept := safety.law_n) is not wish:  # the line does not see what limits took
                 cut = [law - left for law, left in zip(wish, kept, strict=True)]
                 coupling.cut_n = cut if frame is None else frame.tool_force(cut)
-            if found := port.watch(force, safety.at_peak, local_n, safety.limited, coupling.reduced):
+            if found := port.watch(seen_n, safety.at_peak, local_n, safety.limited, reduced):
                 self._release(found)
         return force
 

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import SeatAccount
 from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Mark
+from cogrip.protocol.messages import Effects, Farewell, Heartbeat, Hello, Leave, Mark
 from cogrip.protocol.session import nonce_of, version_mismatch
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import clipped, shown
@@ -25,7 +25,7 @@ from cogrip.server.seat_assignment import Place, SeatTable
 
 FAREWELL_EVERY_NS = 50_000_000  # to a client that has not received it
 
-FROM_CLIENTS = (*FRAMES, Heartbeat, Leave, Mark)
+FROM_CLIENTS = (*FRAMES, Heartbeat, Leave, Mark, Effects)
 
 
 class ServerCore:
@@ -124,6 +124,9 @@ class ServerCore:
             self._repeat_farewell(seat, now_ns)
         elif isinstance(message, Mark):
             self._receive_mark(room, seat, message)
+        elif isinstance(message, Effects):
+            if seat.effects is None or not seat.effects.receive(message):
+                self._drop("unfit")
         else:
             rtt_ns = seat.clock.read(message.stamp, now_ns)
             if rtt_ns is not None:
@@ -170,6 +173,11 @@ class ServerCore:
         self.outbox.extend(room.tick(now_ns, frames))
         for text in room.world.take_events():
             self._report_mark(room, room.markers.add(text, room.steps))
+        if room.refused_effects:
+            self._drop("effect refused", len(room.refused_effects))
+            text = f"{room.name}: an effect is refused: {shown(room.refused_effects[0])[:200]}"
+            self.events.append(ServerEvent("trouble", text, room.name))
+            room.refused_effects.clear()
         if room.world.failed:
             self._end_room(room)
         for seat in room.seats:

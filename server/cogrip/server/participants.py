@@ -9,6 +9,7 @@ from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.session import SEAT
 from cogrip.protocol.settings import SeatSettings
+from cogrip.server.effects import ToldEffects
 from cogrip.server.port import Port
 from cogrip.server.rate_limit import HELLOS, Buckets
 from cogrip.server.seat_limits import Record
@@ -75,6 +76,7 @@ class Seat(Participant):
         self.port: Port | None = None
         self.adapter: StiffnessAdapter | None = None
         self.geometry: ToldGeometry | None = None  # where its client renders contact
+        self.effects: ToldEffects | None = None  # once there are any
         self.on_object = False
         self.line_margin_j = 0.0
         self.line_reserve = EnergyReserve(settings.rates.network_hz)

@@ -19,6 +19,7 @@ from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.protocol.settings import Settings, seat_settings
 from cogrip.protocol.settings_digest import digest
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint, SeatCheckpoint
+from cogrip.server.effects import RoomEffects, ToldEffects
 from cogrip.server.markers import Markers
 from cogrip.server.observers import ObserverSlots
 from cogrip.server.participants import Seat
@@ -52,6 +53,8 @@ class Room:
         self._idle_row = (0.0,) * (self.world.axes * self.world.inputs_per_axis)
         self.observer_slots = ObserverSlots(settings.admission.observers, settings.rates.network_hz)
         self.markers = Markers(settings.rates.network_hz)
+        self.effects = RoomEffects(settings)
+        self.refused_effects: list[str] = []  # why, since its owner emptied it
         self.steps = 0
         self.ticks: Callable[[], TickCount] = lambda: TickCount(due=self.steps, run=self.steps)
         self.travel_m = 0.0
@@ -73,7 +76,7 @@ class Room:
         if port.loops is not None and self.world.can_follow:
             seat.adapter = StiffnessAdapter(seat.settings, port.loops)
             self.world.aim(number, seat.settings.rendered_npm)
-        seat.on_object = False
+        seat.on_object, seat.effects = False, None
         seat.line_margin_j = 0.0
         seat.line_reserve = EnergyReserve(self.settings.rates.network_hz)
         seat.close_seat_session()
@@ -212,6 +215,7 @@ class Room:
         else:
             self.travel_m += dist(here, before)
         work = world.worked()
+        self.effects.follow(self.steps)
         out = []
         for number, seat in enumerate(seats):
             port = seat.port
@@ -222,6 +226,7 @@ class Room:
             if not seat.on_object:  # its device is being opened: frames before its first one would only come late
                 out.append((seat.address, messages.encode(Heartbeat(seat.session, seat.clock.stamp(now_ns)))))
                 continue
+            out += self._tell_effects(seat)
             answer = tuple(answers[number])
             port.push(answer if port.axes == world.axes else answer[: port.axes])
             port_in_j, left_j = port.port_in_j(), work[number] + port.absorbed_j
@@ -237,6 +242,23 @@ class Room:
         if self.observer_slots.observers:
             out += self.observer_slots.views(self.steps, world, seats, now_ns)
         return out + self._marks()
+
+    def _tell_effects(self, seat: Seat) -> list[tuple[Address, bytes]]:
+        """Return what a person is told of the effects to render."""
+        settled, own = self.effects.of(seat.number), self.world.effects_of(seat.number)
+        told = seat.effects
+        if told is None:
+            if not settled and not own:
+                return []
+            axes, tank_mj = seat.settings.object.axes, self.settings.effects_tank_mj
+            told = seat.effects = ToldEffects(self.settings.rates.network_hz, axes, tank_mj)
+        offset = self.world.offset[seat.number, : self.world.places].tolist()
+        told.follow(settled if not own else own if not settled else (*settled, *own), offset, self.steps)
+        if told.refused:
+            self.refused_effects += told.refused
+            told.refused = []
+        message = told.next(seat.session, self.steps)
+        return [] if message is None else [(seat.address, messages.encode(message))]
 
     def _marks(self) -> list[tuple[Address, bytes]]:
         """Return the markers that are told after this step, for everybody."""
