@@ -98,11 +98,8 @@ class LineAccount(msgspec.Struct, frozen=True, array_like=True):
 class EffectAccount(msgspec.Struct, frozen=True, array_like=True):
     """Haptic effects that a client rendered, and their energy tank (docs/effects.md)."""
 
-    rendered: int = 0  # effects
-    tank_j: float = 0.0  # what it holds
-    least_tank_j: float = 0.0
+    least_tank_j: float = 0.0  # least that the tank held, less what late ticks drew beyond it
     drawn_j: float = 0.0  # by vibration and texture, in all
-    overdrawn_j: float = 0.0  # of that what late ticks drew beyond the tank
 
 
 class ClientAccount(msgspec.Struct, frozen=True, array_like=True):

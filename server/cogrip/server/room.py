@@ -12,6 +12,7 @@ from cogrip.protocol.accounts import LinkCount, RoomAccount, SeatAccount, TickCo
 from cogrip.protocol.button_edges import EdgeReceiver, bits_of
 from cogrip.protocol.channel import Address
 from cogrip.protocol.clock import Clock
+from cogrip.protocol.effects import Effect
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.messages import Heartbeat
 from cogrip.protocol.rates import NS_PER_S
@@ -54,6 +55,7 @@ class Room:
         self.observer_slots = ObserverSlots(settings.admission.observers, settings.rates.network_hz)
         self.markers = Markers(settings.rates.network_hz)
         self.effects = RoomEffects(settings)
+        self._shown_effects: ToldEffects | None = None  # to observers
         self.refused_effects: list[str] = []  # why, since its owner emptied it
         self.steps = 0
         self.ticks: Callable[[], TickCount] = lambda: TickCount(due=self.steps, run=self.steps)
@@ -240,20 +242,37 @@ class Room:
             message = port.message(seat.session, stamp, seen + engaged, -left_j)
             out.append((seat.address, messages.encode(message)))
         if self.observer_slots.observers:
-            out += self.observer_slots.views(self.steps, world, seats, now_ns)
+            out += self.observer_slots.views(self.steps, world, seats, now_ns) + self._show_effects()
         return out + self._marks()
+
+    def _effects_of(self, number: int) -> Sequence[Effect]:
+        settled, own = self.effects.of(number), self.world.effects_of(number)
+        return settled if not own else own if not settled else (*settled, *own)
+
+    def _told_effects(self) -> ToldEffects:
+        return ToldEffects(self.settings.rates.network_hz, self.world.axes, self.settings.effects_tank_mj)
+
+    def _show_effects(self) -> list[tuple[Address, bytes]]:
+        """Return what observers are told of everybody's effects, in turn: they answer nothing."""
+        if not any(seat.effects for seat in self.seats):
+            return []
+        shown = self._shown_effects = self._shown_effects or self._told_effects()
+        each = {id(effect): effect for seat in self.seats if seat.on_object for effect in self._effects_of(seat.number)}
+        shown.follow(tuple(each.values()), (), self.steps)
+        if (message := shown.next(1, self.steps)) is None:
+            return []
+        observers = self.observer_slots.observers.values()
+        return [(who.address, messages.encode(replace(message, session=who.session))) for who in observers]
 
     def _tell_effects(self, seat: Seat) -> list[tuple[Address, bytes]]:
         """Return what a person is told of the effects to render."""
-        settled, own = self.effects.of(seat.number), self.world.effects_of(seat.number)
-        told = seat.effects
+        given, told = self._effects_of(seat.number), seat.effects
         if told is None:
-            if not settled and not own:
+            if not given:
                 return []
-            axes, tank_mj = seat.settings.object.axes, self.settings.effects_tank_mj
-            told = seat.effects = ToldEffects(self.settings.rates.network_hz, axes, tank_mj)
+            told = seat.effects = self._told_effects()
         offset = self.world.offset[seat.number, : self.world.places].tolist()
-        told.follow(settled if not own else own if not settled else (*settled, *own), offset, self.steps)
+        told.follow(given, offset, self.steps)
         if told.refused:
             self.refused_effects += told.refused
             told.refused = []

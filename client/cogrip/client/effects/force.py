@@ -68,7 +68,7 @@ class EffectForce:
     acted_n   what acted in the ticks that were entered last; () for nothing
     work_j    of the hand against all effects so far
     stored_j  in springs, as far as they are rendered
-    reduced   whether less than was asked for is rendered
+    reduced   whether less than was asked for is rendered, for the device's sake
     """
 
     def __init__(self, axes: int, tick_s: float, base_nspm: float) -> None:
@@ -254,7 +254,6 @@ class EffectForce:
             for entry, _ in felt:
                 entry.share *= part
             most_j *= part
-            self.reduced = True
         self._reserve(most_j)
         for entry, law in felt:
             for axis, force in enumerate(law.force(position_m, tick - entry.begun)):
@@ -320,7 +319,7 @@ class EffectForce:
         tank = self.tank
         if not self._told:
             return None
-        return EffectAccount(self._told, tank.capacity_j, tank.least_j, tank.drawn_j, tank.overdrawn_j)
+        return EffectAccount(tank.least_j - tank.overdrawn_j, tank.drawn_j)
 
 
 def _towards(value: float, goal: float, step: float) -> float:
