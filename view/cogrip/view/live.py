@@ -186,7 +186,7 @@ class LiveScene:
         return Scene(
             given.room, "live", axes, given.rates.network_hz, given.rates.device_hz,
             scene_object(given.object.kind, given.object.mass_kg), tuple(people), geometry,
-            effects=tuple([shape for effect in self._effects.values() for shape in drawn_effect(effect)]),
+            effects=tuple([shape for _, effect in sorted(self._effects.items()) for shape in drawn_effect(effect)]),
             note=OLD_SERVER if self._unnamed >= OLD_AFTER else "", geoms=self._shapes,
             workspace_m=workspace_of(self._shapes, self._poses) if self._shapes else WORKSPACE_M,
         )  # fmt: skip
