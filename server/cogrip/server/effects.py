@@ -54,7 +54,7 @@ class RoomEffects:
 
 
 class ToldEffects:
-    """What one seat session is told. An effect is repeated until the client has answered that it knows it.
+    """Effects that one seat session is told. An effect is repeated until the client has answered that it knows it.
 
     refused  why effects were refused since its owner emptied it
     """

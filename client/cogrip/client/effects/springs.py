@@ -39,7 +39,7 @@ class Magnet(PassiveLaw):
 class GuidingPath(PassiveLaw):
     """Pull to the nearest point of a polyline: F = K d n up to F_m, U = K d^2 / 2, beyond F_m (d - F_m / (2 K)).
 
-    The damper is of the motion across: along the path the hand moves freely.
+    The damper is of the motion across: B v less its part along the segment, so along the path the hand moves freely.
     """
 
     def __init__(self, effect: Effect, places: int) -> None:
@@ -52,24 +52,27 @@ class GuidingPath(PassiveLaw):
         self._far = effect.force_n / effect.stiffness_npm if effect.force_n else float("inf")
 
     def felt(self, position_m: Row, velocity_mps: Row) -> Felt:
-        best, offset = float("inf"), [0.0]
-        for one, along, square in self._segments:
+        best, offset, segment = float("inf"), [0.0], self._segments[0]
+        for each in self._segments:
+            one, along, square = each
             start = [x - a for x, a in zip(position_m, one, strict=False)]
             share = sum([s * t for s, t in zip(start, along, strict=True)]) / square
             share = min(1.0, max(0.0, share))
             away = [s - share * t for s, t in zip(start, along, strict=True)]
             if (distance := sum([each * each for each in away])) < best:
-                best, offset = distance, away
-        distance = sqrt(best)
-        if distance == 0.0:
-            return NOTHING
-        stiffness, far = self.stiffness_npm, self._far
-        normal = [each / distance for each in offset]
-        force, stored = stiffness * distance, 0.5 * stiffness * best
+                best, offset, segment = distance, away, each
+        distance, stiffness, far = sqrt(best), self.stiffness_npm, self._far
+        pull, stored = stiffness, 0.5 * stiffness * best
         if distance > far:
-            force, stored = stiffness * far, stiffness * far * (distance - 0.5 * far)
-        drag = self.damping_nspm * sum([n * v for n, v in zip(normal, velocity_mps, strict=False)])
-        return Felt([force * n for n in normal], stored, [drag * n for n in normal] if drag else ())
+            pull, stored = stiffness * far / distance, stiffness * far * (distance - 0.5 * far)
+        return Felt([pull * each for each in offset], stored, self._drag(segment, velocity_mps))
+
+    def _drag(self, segment: tuple[Row, Row, float], velocity_mps: Row) -> Row:
+        if not self.damping_nspm:
+            return ()
+        _, along, square = segment
+        slide = sum([t * v for t, v in zip(along, velocity_mps, strict=False)]) / square
+        return [self.damping_nspm * (v - slide * t) for t, v in zip(along, velocity_mps, strict=False)]
 
 
 class ForbiddenZone(PassiveLaw):
