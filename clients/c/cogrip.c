@@ -1257,7 +1257,7 @@ static void put_account(writer *to, const account *from) {
     const cogrip_link_count *down = &from->down;
     const int64_t counts[] =
         {down->sent, down->received, down->applied, down->lost, down->late, down->duplicate, down->pending};
-    put_array(to, 21);
+    put_array(to, 22);
     put_row(to, from->position_m, from->axes);
     put_row(to, from->force_n, from->axes);
     put_real(to, from->peak_force_n);
@@ -1301,6 +1301,7 @@ static void put_account(writer *to, const account *from) {
     put_known(to, from->down_reserve_j);
     put_real(to, from->peak_torque_nm);
     put_row(to, from->line, 6);
+    put_nil(to); /* it renders no effects */
 }
 
 /* ---- The client ------------------------------------------------------------------------------ */

@@ -240,10 +240,15 @@ def test_effects_that_a_device_does_not_render_as_asked_are_noted() -> None:
             {"kind": "texture", "amplitude_n": 20.0, "period_m": 0.001, "direction": (1.0, 0.0, 0.0)},
         ]
     }
-    [found] = [each for each in advise(resolve(wrong), at_best).findings if each.topic == "effects"]
+    [found] = [each for each in advise(resolve(wrong)).findings if each.topic == "effects"]
     assert found.level == "note"
-    for said in ("damping_nspm = 30, of which at most 5.6", "= 5, of which at most 1.59", "= 50000, of which at most 6554", "= 20, of"):
+    for said in (
+        "damping_nspm = 30, of which at most 5.6",
+        "= 5, of which at most 1.59",
+        "= 50000, of which at most 6554",
+        "= 20, of",
+    ):
         assert said in found.text
     right = {"effects": [{"kind": "viscous", "damping_nspm": 5.0}]}
-    [found] = [each for each in advise(resolve(right), at_best).findings if each.topic == "effects"]
+    [found] = [each for each in advise(resolve(right)).findings if each.topic == "effects"]
     assert found.level == "ok"

@@ -145,7 +145,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     admission: Admission = Admission()
     users: Annotated[tuple[User, ...], msgspec.Meta(min_length=1, max_length=MOST_PEOPLE)] = (User(name=ONLY_USER),)
     effects: Annotated[tuple[EffectSection, ...], msgspec.Meta(max_length=MOST_EFFECTS)] = ()
-    effects_tank_mj: EffectTank = TANK_MJ  # of each person: what vibration and texture may draw, fixtures cost
+    effect_tank_mj: EffectTank = TANK_MJ  # of each person: what vibration and texture may draw, fixtures cost
 
 
 class SeatSettings(msgspec.Struct, frozen=True, array_like=True):

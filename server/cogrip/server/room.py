@@ -250,7 +250,7 @@ class Room:
         return settled if not own else own if not settled else (*settled, *own)
 
     def _told_effects(self) -> ToldEffects:
-        return ToldEffects(self.settings.rates.network_hz, self.world.axes, self.settings.effects_tank_mj)
+        return ToldEffects(self.settings.rates.network_hz, self.world.axes, self.settings.effect_tank_mj)
 
     def _show_effects(self) -> list[tuple[Address, bytes]]:
         """Return what observers are told of everybody's effects, in turn: they answer nothing."""
