@@ -21,7 +21,7 @@
 
 enum {
     TAG_HELLO = 1, TAG_WELCOME, TAG_REFUSE, TAG_WAVES, TAG_STATE, TAG_HEARTBEAT, TAG_LEAVE, TAG_FAREWELL, TAG_VIEW, TAG_POWER,
-    TAG_PERSON, TAG_BODIES, TAG_GEOM, TAG_MARK, TAG_SET_HAND
+    TAG_PERSON, TAG_BODIES, TAG_GEOM, TAG_MARK, TAG_SET_HAND, TAG_EFFECTS
 };
 enum {
     AXES = COGRIP_AXES,
@@ -1267,7 +1267,7 @@ static void put_account(writer *to, const account *from) {
     const cogrip_link_count *down = &from->down;
     const int64_t counts[] =
         {down->sent, down->received, down->applied, down->lost, down->late, down->duplicate, down->pending};
-    put_array(to, 21);
+    put_array(to, 22);
     put_row(to, from->position_m, from->axes);
     put_row(to, from->force_n, from->axes);
     put_real(to, from->peak_force_n);
@@ -1311,6 +1311,7 @@ static void put_account(writer *to, const account *from) {
     put_known(to, from->down_reserve_j);
     put_real(to, from->peak_torque_nm);
     put_row(to, from->line, 6);
+    put_nil(to); /* it renders no effects */
 }
 
 /* ---- The client ------------------------------------------------------------------------------ */
@@ -2174,7 +2175,7 @@ static void decode(const void *data, size_t bytes, decoded *into) {
     reader from = {data, (const unsigned char *)data + bytes, 0};
     if (!bytes) from.bad = 1;
     const uint64_t length = get_length(&from, 0, 1, UINT32_MAX);
-    into->tag = (int)get_int(&from, TAG_HELLO, TAG_SET_HAND);
+    into->tag = (int)get_int(&from, TAG_HELLO, TAG_EFFECTS);
     switch (into->tag) {
     case TAG_WELCOME: get_welcome(&from, length, &into->as.welcome); break;
     case TAG_REFUSE: get_refusal(&from, length, &into->as.refusal); break;

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from cogrip.protocol import accounts, messages
 from cogrip.protocol.accounts import ClientAccount, DeviceAccount, PlayoutAccount, RoomAccount, SeatAccount, TickCount
 from cogrip.protocol.drawing import ShapeKind
+from cogrip.protocol.effects import MOST_EFFECTS, MOST_POINTS, Effect, EffectKind
 from cogrip.protocol.hand_settings import HandChange, WorkspaceLimit
 from cogrip.protocol.messages import HELLO_BYTES, VIEWED_SEATS, Hello, MalformedError, decode, encode, padded
 from cogrip.protocol.session import ClientSession, make_hello, nonce_of
@@ -33,7 +34,7 @@ TICKS = TickCount(BIG, BIG, TIMES, TIMES)
 CLIENT = ClientAccount(
     POSE, POSE, *[0.1] * 6, COUNT, TIMES, TICKS, True, "s" * 40, "r" * 300, 0.1, PLAYOUT,
     accounts.DelayAccount(TIMES, TIMES, 0.1, 0.1), DeviceAccount(True, 0.1, 0.1, 0.1, 0.1, BIG, 0.1), 0.1, 0.1,
-    accounts.LineAccount(*[0.1] * 6),
+    accounts.LineAccount(*[0.1] * 6), accounts.EffectAccount(0.1, 0.1),
 )  # fmt: skip
 SEAT = SeatAccount(POSE, 0.1, 0.1, COUNT, PLAYOUT, 0.1, 0.1, 0.1)
 ROOM = RoomAccount(POSE, POSE, 0.1, False, 0.1, TICKS)
@@ -51,7 +52,7 @@ LONGEST: dict[str, Any] = {
 }  # fmt: skip
 LONGEST_SEAT = seat_settings(resolve(LONGEST), 255)
 
-
+LARGEST_EFFECT = Effect("vibration", ROW, ROW, ROW, (ROW,) * MOST_POINTS, *[0.1] * 8)
 LARGEST: dict[str, messages.AnyMessage] = {
     "hello": Hello(
         messages.MAGIC,
@@ -127,6 +128,7 @@ LARGEST: dict[str, messages.AnyMessage] = {
     "set hand": messages.SetHand(
         BIG, 2**53, 2**53, HandChange(0.3, 0.3, TURNED, True, WorkspaceLimit("box", (-(10**7), 10**7) * 3), True)
     ),
+    "effects": messages.Effects(BIG, 2**53, (2**53,) * 16, 0.1, 2**53, LARGEST_EFFECT),
 }
 
 short_texts = st.text(max_size=40)
@@ -169,6 +171,12 @@ hellos = st.builds(
     st.integers(1, 6), st.floats(1.0, 1e6), bounds, bounds, roles, secrets, secrets,
     bounds, bounds,
 )  # fmt: skip
+triples = tuples(st.floats(-1e3, 1e3), 3, 3)
+effects = st.builds(
+    Effect, st.sampled_from(get_args(EffectKind)), triples, tuples(st.floats(0.0, 1e3), 3, 3), triples,
+    st.lists(triples, max_size=MOST_POINTS).map(tuple), st.floats(0.0, 1e5), st.floats(0.0, 1e3), st.floats(0.0, 40.0),
+    st.floats(0.0, 256.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 40.0), st.floats(0.0, 1e6),
+)  # fmt: skip
 anything = st.one_of(
     hellos,
     st.builds(
@@ -208,6 +216,10 @@ anything = st.one_of(
         messages.Geom, sessions, st.integers(1, 1024), st.integers(0, 1023), st.sampled_from(get_args(ShapeKind)),
         tuples(st.floats(0.0, 1e3), 3, 3), st.none() | st.integers(0, 1023), tuples(st.floats(-1e3, 1e3), 3, 3), quaternions,
         st.none() | tuples(st.floats(0.0, 1.0), 4, 4), st.none() | st.integers(0, 255), st.booleans(),
+    ),
+    st.builds(
+        messages.Effects, sessions, counters, st.lists(counters, max_size=MOST_EFFECTS).map(tuple), st.floats(0.0, 1e3),
+        counters, st.none() | effects,
     ),
 )  # fmt: skip
 
@@ -337,8 +349,8 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
     assert messages.MAX_MESSAGE_BYTES + messages.DTLS_BYTES == messages.MAX_DATAGRAM_BYTES
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
-        "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1175,
-        "farewell": 766, "view": 1008, "person": 424, "bodies": 1193, "geom": 163, "mark": 122, "set hand": 123,
+        "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1194,
+        "farewell": 766, "view": 1008, "person": 424, "bodies": 1193, "geom": 163, "mark": 122, "set hand": 123, "effects": 702,
     }  # fmt: skip
     assert max(largest["welcome"], largest["refuse"]) <= HELLO_BYTES, "no answer to anyone is longer than the hello"
     assert len(padded(LARGEST["hello"])) == HELLO_BYTES
@@ -357,7 +369,7 @@ def test_a_session_leaves_with_the_longest_reason_and_the_largest_account() -> N
     session.state, session.welcome = "seated", LARGEST["welcome"]  # type: ignore[assignment]
     session.leave("r" * 1000, CLIENT, 0)
     [datagram] = session.outbox
-    assert len(datagram) == 1175
+    assert len(datagram) == 1194
     assert decode(datagram) == LARGEST["leave"]
 
 
@@ -368,7 +380,7 @@ def test_accounts_of_older_peers_have_no_reserves() -> None:
     assert isinstance(read, messages.Leave)
     device = msgspec.structs.replace(CLIENT.device, reserve_j=None)
     assert read.account == msgspec.structs.replace(
-        CLIENT, down_reserve_j=None, peak_torque_nm=0.0, device=device, line=None
+        CLIENT, down_reserve_j=None, peak_torque_nm=0.0, device=device, line=None, effects=None
     )
     farewell = msgpack.unpackb(encode(LARGEST["farewell"]))
     farewell[3] = farewell[3][:6]
@@ -444,7 +456,7 @@ def test_a_pose_out_of_bounds_is_malformed(pose: tuple[int, tuple[float, ...]]) 
 
 def test_messages_of_the_two_ends_are_told_by_their_tag() -> None:
     tags = {name: msgpack.unpackb(encode(message))[0] for name, message in LARGEST.items()}
-    assert list(tags.values()) == list(range(1, 16))
+    assert list(tags.values()) == list(range(1, 17))
     assert messages.encode is encode
 
 

@@ -199,7 +199,7 @@ def both_print(client: ClientSession, core: ServerCore) -> str:
 @pytest.mark.parametrize(
     ("change", "code", "text"),
     [
-        ({"version": 3}, "version", "the client speaks protocol 3, the server 7: install the same cogrip on both"),
+        ({"version": 3}, "version", "the client speaks protocol 3, the server 8: install the same cogrip on both"),
         ({"room": "attic"}, "room", "there is no room 'attic' here; there is: lab"),
         ({"name": "eve"}, "name", "no seat is kept for 'eve'; seats are: anna, ben"),
         ({"digest": "0123"}, "settings", f"your settings (0123) are not the server's ({digest(SETTINGS)})"),
@@ -248,7 +248,7 @@ def test_a_version_with_another_layout_is_refused_with_a_reason_both_sides_print
     core.receive(b"\x97" + head[1:] + b"\xc5" + len(padding).to_bytes(2, "big") + padding, "anna's", 0)
     client.outbox.clear()
     exchange(client, core, 0)
-    assert both_print(client, core).startswith("the client speaks protocol 9, the server 7")
+    assert both_print(client, core).startswith("the client speaks protocol 9, the server 8")
 
 
 def test_short_hellos_get_no_answer() -> None:

@@ -19,6 +19,7 @@ from cogrip.protocol import (
     accounts,
     clock,
     dtls_records,
+    effects,
     handle,
     line_tuning,
     loop_meter,
@@ -97,7 +98,7 @@ def said(value: Any) -> Any:
 
 
 def test_every_message_has_a_vector() -> None:
-    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 16))
+    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 17))
 
 
 @pytest.mark.parametrize("name", VECTORS)
@@ -191,6 +192,7 @@ ARRAYS: list[tuple[str, str, type[msgspec.Struct], str, list[int]]] = [
     ("3.16 Mark", "", messages.Mark, "mark", []),
     ("3.17 SetHand", "", messages.SetHand, "setHand", []),
     ("3.17 SetHand", "Hand:", HandChange, "setHand", [4]),
+    ("3.18 Effects", "", messages.Effects, "effects", []),
 ]
 MAPS: list[tuple[str, type[msgspec.Struct], list[int]]] = [
     ("coupling", Coupling, [6, 6]),
@@ -222,7 +224,7 @@ def test_the_small_lists_and_the_maps_have_the_names_of_the_page() -> None:
     small = (
         ("Counts", accounts.LinkCount), ("Percentiles", accounts.Percentiles), ("Ticks", accounts.TickCount),
         ("Playout", PlayoutAccount), ("Delay", DelayAccount), ("Device", DeviceAccount),
-        ("Line", LineAccount),
+        ("Line", LineAccount), ("Effects", accounts.EffectAccount),
     )  # fmt: skip
     for title, struct in small:
         text = leave.partition(f"{title}: ")[2].partition(".")[0]
@@ -233,6 +235,22 @@ def test_the_small_lists_and_the_maps_have_the_names_of_the_page() -> None:
     keys = rows(welcome, "map")
     for name, struct, _ in MAPS:
         assert [row[1] for row in keys if row[0] == name] == list(struct.__struct_fields__)
+
+
+def test_an_effect_has_the_keys_and_bounds_of_the_page() -> None:
+    table = rows(section("3.18 Effects"), "key")
+    assert {name.strip() for row in table for name in row[0].split(",")} == set(effects.Effect.__struct_fields__)
+    whole = msgpack.unpackb(VECTORS["effects"][0])
+    for names, kind, bound, _ in table:
+        for name in names.split(", "):
+            old = [0.0] if kind.startswith("list") else None
+            for value, allowed in cases(kind, bound, old):
+                changed = [*whole[:-1], {**whole[-1], name: value}]
+                if allowed:
+                    decode(msgpack.packb(changed))
+                else:
+                    with pytest.raises(MalformedError):
+                        decode(msgpack.packb(changed))
 
 
 def number(text: str) -> float:
@@ -403,7 +421,7 @@ def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
 
 PROTOCOL = (
     messages, session, clock, loop_meter, receiver, concealment, jitter_buffer, passivity_control, client_passivity, room,
-    observers, drawn_bodies, seat_limits, settings_module, line_tuning, handle, setting_types,
+    observers, drawn_bodies, seat_limits, settings_module, line_tuning, handle, setting_types, effects,
 )  # fmt: skip
 DTLS = (dtls_channel, dtls_client, rate_limit, path_migration, dtls_records)
 

@@ -229,3 +229,26 @@ def test_where_nothing_would_be_better_nothing_is_said() -> None:
 def test_a_session_without_a_model_is_an_error() -> None:
     with pytest.raises(ModelError):
         advise(settings_of("paper", object__kind="faces"))
+
+
+def test_effects_that_a_device_does_not_render_as_asked_are_noted() -> None:
+    wrong = {
+        "effects": [
+            {"kind": "viscous", "damping_nspm": 30.0},
+            {"kind": "vibration", "amplitude_n": 5.0, "frequency_hz": 100.0, "direction": (1.0, 0.0, 0.0)},
+            {"kind": "zone", "stiffness_npm": 5e4, "direction": (1.0, 0.0, 0.0)},
+            {"kind": "texture", "amplitude_n": 20.0, "period_m": 0.001, "direction": (1.0, 0.0, 0.0)},
+        ]
+    }
+    [found] = [each for each in advise(resolve(wrong)).findings if each.topic == "effects"]
+    assert found.level == "note"
+    for said in (
+        "damping_nspm = 30, of which at most 5.6",
+        "= 5, of which at most 1.59",
+        "= 50000, of which at most 6554",
+        "= 20, of",
+    ):
+        assert said in found.text
+    right = {"effects": [{"kind": "viscous", "damping_nspm": 5.0}]}
+    [found] = [each for each in advise(resolve(right)).findings if each.topic == "effects"]
+    assert found.level == "ok"

@@ -76,6 +76,24 @@ class Watched:
         return self
 
 
+ZONE = {"kind": "zone", "place_m": (-0.02, 0.0, 0.0), "size_m": (0.01, 0.0, 0.0), "stiffness_npm": 500.0}
+
+
+def test_haptic_effects_are_drawn_beside_the_object_while_they_last() -> None:
+    path = {"kind": "path", "points_m": ((0.0, 0.0, 0.0), (0.03, 0.0, 0.0), (0.03, 0.04, 0.0)), "stiffness_npm": 100.0}
+    watched = Watched(effects=[ZONE, path], object={"axes": 2})
+    watched.run()
+    live = watched.live
+    assert live is not None
+    assert [shape.kind for shape in live.scene.effects] == ["box", "capsule", "capsule"]
+    box, first, second = live.scene.effects
+    assert box.place_m == (-0.02, 0.0, 0.0)
+    assert box.size_m[0] == 0.01
+    assert (first.place_m, second.place_m) == ((0.015, 0.0, 0.0), (0.03, 0.02, 0.0))
+    assert first.size_m[1] == pytest.approx(0.015)
+    assert live.scene.geoms == ()
+
+
 class Ignored:
     """A sink that keeps nothing."""
 

@@ -21,11 +21,11 @@ from cogrip.client.seated import MakePort, SeatedClient
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
 from cogrip.protocol.histogram import DurationHistogram
-from cogrip.protocol.messages import Bodies, Geom, Hello, Mark, Person, SetHand, Stamp, encode
+from cogrip.protocol.messages import Bodies, Effects, Geom, Hello, Mark, Person, SetHand, Stamp, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
 
-DRAWN = Person, Bodies, Geom, Mark
+TOLD = Person, Bodies, Geom, Mark, SetHand, Effects
 
 
 class Delays:
@@ -104,20 +104,25 @@ class ClientCore:
             return
         if welcome is not None and welcome.session != seated.session_id:
             seated.renew(welcome.session)
-        if isinstance(message, Geom) and not seated.coupling.receive_shape(message):
-            session.drop("unexpected")
-        if isinstance(message, Mark) and self.markers.receive(message, seated.settings.seat):
-            self.marked.append(message.text)
-        if isinstance(message, SetHand):
-            seated.receive_change(message)
-            return
-        if message is None or isinstance(message, DRAWN):
+        if message is None or isinstance(message, TOLD):
+            self._take(seated, message)
             return
         if seated.tick < 0:  # the device is still being opened: what comes now must not set the jitter buffer
             session.drop("before the first tick")
             return
         self.delays.measure(message.stamp, session, now_ns)
         seated.receive(message, now_ns)
+
+    def _take(self, seated: SeatedClient, message: object) -> None:
+        """Take in what is told beside the frames."""
+        if isinstance(message, Geom) and not seated.coupling.receive_shape(message):
+            self.session.drop("unexpected")
+        if isinstance(message, Mark) and self.markers.receive(message, seated.settings.seat):
+            self.marked.append(message.text)
+        if isinstance(message, SetHand):
+            seated.receive_change(message)
+        if isinstance(message, Effects):
+            self.outbox.append(encode(seated.receive_effects(message)))
 
     def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
         """Enter the ticks since the last call with the sample read now; the session's timers run as well."""

@@ -161,6 +161,11 @@ class DevicePort:
         """
         return (self.earned_j if self.ramped else self.balance_j) + self._pending_j + self._free_j
 
+    @property
+    def lent_j(self) -> float:
+        """Energy that may be used up before anything here takes note of it."""
+        return UNPAID * self._free_j
+
     # The controllers
 
     @property

@@ -3,7 +3,7 @@
 Symbols: x position [m], F force held over a tick [N]. Energies in J.
 
     work_j  the hand's work against the force, sum of F (x_{k+1} - x_k): exact under the hold (theory section 3.6)
-    leak_j  its part that did not go into a line, b (y_est - y) y T_c and what safety took
+    leak_j  its part that did not go into a line or effects, b (y_est - y) y T_c and what safety took
 
 A server that was started anew begins a new line. The ledger goes on over all lines: it keeps sums over the closed ones, and
 adds what the coupling in use knows.
@@ -19,13 +19,13 @@ from cogrip.protocol.line.energy_sums import CompensatedSum
 
 
 class EnergyLedger:
-    """coupling: the one in use. `closed_...` are sums over the lines before it."""
+    """coupling: the one in use; effects_j: work against effects. `closed_...` are sums over the lines before."""
 
     def __init__(self, coupling: AnyCoupling) -> None:
         self.coupling = coupling
         self.weight = 1.0  # power at the hand by power into the line (`hand_frame`)
         self.work = CompensatedSum()
-        self.leak_j = self.least_leak_j = 0.0
+        self.leak_j = self.least_leak_j = self.effects_j = 0.0
         self.closed_given_j = self.closed_port_j = self.closed_entered_j = (
             0.0  # by, into, by the hand into the closed lines
         )
@@ -53,7 +53,8 @@ class EnergyLedger:
 
     def compare(self) -> None:
         """Compare the work with the energy that went into all lines."""
-        self.leak_j = leak = self.work.value - (self.closed_entered_j + self.weight * self.coupling.entered_j)
+        entered_j = self.closed_entered_j + self.weight * self.coupling.entered_j
+        self.leak_j = leak = self.work.value - entered_j - self.effects_j
         if leak < self.least_leak_j:
             self.least_leak_j = leak
 

@@ -29,12 +29,12 @@ from cogrip.protocol.io.realtime import NAMES, Measure, engage, release
 from cogrip.protocol.io.recorder import Recorder, open_recorder
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.messages import Farewell, Hello, clipped_mark
+from cogrip.protocol.messages import Farewell, Hello
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Nowhere
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
-from cogrip.protocol.texts import shown
+from cogrip.protocol.texts import clipped_mark, shown
 
 TYPED_TICKS = 64  # from one look at the terminal to the next
 LEAD_NS = 2_000_000  # from the welcome to the first tick

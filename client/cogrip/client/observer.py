@@ -5,8 +5,9 @@ from collections import deque
 from cogrip.client.inputs import Connect, Leave, Poll, SessionInput
 from cogrip.client.markers import Markers
 from cogrip.client.observed_scene import ObservedScene
+from cogrip.protocol.effects import Effect
 from cogrip.protocol.histogram import DurationHistogram
-from cogrip.protocol.messages import Bodies, Geom, Mark, Person, View
+from cogrip.protocol.messages import Bodies, Effects, Geom, Mark, Person, View
 from cogrip.protocol.session import ClientSession
 
 MOST_MARKED = 64  # of an owner that does not read them
@@ -19,6 +20,7 @@ class ObserverCore:
     people   seat -> newest message about who has it; those heard last before GONE_NS are left out. An older server sends none
     marked   markers that came, for its owner to empty
     scene    shapes and poses of a scene's bodies
+    effects  haptic effects of the room by number, places in the object's frame
     """
 
     def __init__(self, session: ClientSession) -> None:
@@ -29,6 +31,8 @@ class ObserverCore:
         self.views = 0
         self.people: dict[int, Person] = {}
         self.scene = ObservedScene()
+        self.effects: dict[int, Effect] = {}
+        self._effects_of = (0, 0)  # session and version
         self.marked: list[Mark] = []  # markers since its owner emptied it
         self._markers = Markers()
         self._heard_ns: dict[int, int] = {}
@@ -61,6 +65,9 @@ class ObserverCore:
             if self._markers.receive(message, None) and len(self.marked) < MOST_MARKED:
                 self.marked.append(message)
             return
+        if isinstance(message, Effects):
+            self._receive_effects(message)
+            return
         if isinstance(message, Bodies | Geom):
             if reason := self.scene.receive(message):
                 self.session.drop(reason)
@@ -79,6 +86,17 @@ class ObserverCore:
             self.views += 1
             for seat in [seat for seat, heard_ns in self._heard_ns.items() if now_ns - heard_ns > GONE_NS]:
                 del self.people[seat], self._heard_ns[seat]
+
+    def _receive_effects(self, told: Effects) -> None:
+        session, version = self._effects_of
+        if told.session == session and told.version < version:
+            self.session.drop("late effects")
+            return
+        kept = self.effects if told.session == session else {}
+        self._effects_of = told.session, told.version
+        self.effects = {number: effect for number, effect in kept.items() if number in told.numbers}
+        if told.effect is not None and told.number in told.numbers:
+            self.effects[told.number] = told.effect
 
     def _receive_person(self, person: Person, now_ns: int) -> None:
         before = self.people.get(person.seat)

@@ -173,13 +173,17 @@ class Safety:
                 self.diverged = self.diverged or f"the hand left the workspace at {position_m[axis]:.4g} m"
         return True
 
+    def coming_gain(self, wished: bool = True) -> float:
+        """Return the gain of the next `limit`. wished: whether there is a law's force."""
+        if self.state == "live" and wished:
+            return min(1.0, self.gain + self._rise)
+        return max(0.0, self.gain - (self._drop if self.state == "fault" else self._fall))
+
     def limit(self, force_n: Sequence[float] | None, gap: bool = False) -> tuple[float, ...]:
         """Return the force that may go to the motors for the law's wish, None for none. gap: the law's wave is missing."""
-        gain, state = self.gain, self.state
-        if state != "live" or force_n is None:
-            self.gain = gain = max(0.0, gain - (self._drop if state == "fault" else self._fall))
-        elif gain != 1.0:
-            self.gain = gain = min(1.0, gain + self._rise)
+        gain = self.gain
+        if gain != 1.0 or self.state != "live" or force_n is None:
+            self.gain = gain = self.coming_gain(force_n is not None)
         places, turning = self._places, self._turning
         places.limited = places.derated = places.over = False
         if turning is not None:

@@ -32,6 +32,7 @@ def account_of(seat: SeatedClient, ticks: TickCount, rtt_ms: Percentiles, delay:
         down_reserve_j=ledger.down_reserve_j,
         peak_torque_nm=peaks.torque_nm,
         line=coupling.line_account(),
+        effects=seat.effects.account() if seat.effects else None,
     )
 
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from msgspec.structs import replace
 
 from cogrip.client.coupling import AnyCoupling
+from cogrip.client.effects.force import EffectForce
 from cogrip.client.energy_ledger import EnergyLedger
 from cogrip.client.hand_aids import HandAids
 from cogrip.client.hand_changes import HandChanges
@@ -27,7 +28,7 @@ from cogrip.protocol.tool_frame import ToolFrame
 
 
 class SeatHand:
-    """Base of `SeatedClient`, which sets `coupling`, `safety`, `ledger` and `hand`, and calls `follow` each tick.
+    """Base of `SeatedClient`, which sets `coupling`, `safety`, `ledger`, `hand` and `effects`, and calls `follow` each tick.
 
     Inside, all of a hand that turns is in lengths (`pose_axes`): `force_n`, `hand` and what they are given to. `wrench`, `pose`
     and `twist` are as the device has them.
@@ -37,6 +38,7 @@ class SeatHand:
     safety: Safety
     ledger: EnergyLedger
     hand: HandMotion
+    effects: EffectForce | None
 
     def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability) -> None:
         self.settings = seat
@@ -151,6 +153,8 @@ class SeatHand:
             self.ledger.set_weight(frame.weight)
             self.settings = replace(self.settings, tool=tool)
             self._fit_coupling()
+            if self.effects is not None:  # their springs held energy by the weight before
+                self.effects.begin_anew()
             self.safety.ramp_anew()
         if change.workspace_limit_m is not None or change.gravity_compensation is not None:
             self.aids.change(change)

@@ -8,12 +8,13 @@ waves are entered all the same.
 from collections import deque
 from collections.abc import Callable, Sequence
 from math import dist, hypot
-from operator import mul
+from operator import mul, sub
 
 from msgspec.structs import replace
 
 from cogrip.client.coupling import AnyCoupling
 from cogrip.client.device_port import Cause, DevicePort, cure
+from cogrip.client.effects.force import EffectForce
 from cogrip.client.energy_ledger import EnergyLedger
 from cogrip.client.felt_stiffness import REST_S, FeltStiffness
 from cogrip.client.hand_aids import part_of
@@ -24,7 +25,7 @@ from cogrip.client.safety import Safety
 from cogrip.client.schemes import SCHEMES
 from cogrip.client.seat_hand import SeatHand
 from cogrip.devices.device import Capability, Sample
-from cogrip.protocol.messages import Frame, View, encode
+from cogrip.protocol.messages import Effects, Frame, View, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
@@ -45,6 +46,7 @@ class SeatedClient(SeatHand):
         self.safety = Safety(self.capability, rates.tick_s, seat.coupling.length_m)
         self.port = make_port(self._record, rates.tick_s)
         self.ledger = EnergyLedger(self.coupling)
+        self.effects: EffectForce | None = None  # once one was told
         self.hand = HandMotion(self._record, rates, self.safety)
         self.peaks = Peaks()
         self.tick = self._acted = -1
@@ -88,6 +90,8 @@ class SeatedClient(SeatHand):
         self.port.keep_to(self._record)
         self.hand.fit(self._record)
         self.aids.keep_to(self.capability)
+        if self.effects is not None:
+            self.effects.fit(self._record, self.port.lent_j)
         self._fit()
 
     def renew(self, session_id: int) -> None:
@@ -96,6 +100,8 @@ class SeatedClient(SeatHand):
         self.changes.begin()
         self.coupling = coupling = SCHEMES[self.settings.coupling.kind].make(self.settings)
         self.ledger.begin_line(coupling)
+        if self.effects is not None:
+            self.effects.forget()
         self._fit_coupling()
         if self.handle is not None:
             self.handle.edges.begin()
@@ -143,6 +149,16 @@ class SeatedClient(SeatHand):
         elif coupling.newest > before:
             self.session.mark_fresh(now_ns)
 
+    def receive_effects(self, told: Effects) -> Effects:
+        """Take in effects that the server tells. Returns the answer: those that are known here."""
+        if self.effects is None:
+            b = getattr(self.settings.coupling, SCHEMES[self.settings.coupling.kind].damper[1])
+            self.effects = EffectForce(len(self.force_n), self.settings.rates.tick_s, b)
+            self.effects.fit(self._record, self.port.lent_j)
+        if reason := self.effects.tell(told, self.tick):
+            self.session.drop(reason)
+        return replace(told, numbers=self.effects.known(told.numbers), effect=None)
+
     def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
         """Enter the ticks since the last call, with the sample read now."""
         elapsed = tick - self.tick
@@ -169,7 +185,7 @@ class SeatedClient(SeatHand):
                 self._frame_end = self._frame_begin + self._ticks_per_frame
         elif (ended := self._enter(elapsed, position)) and self.session.state == "seated":
             message = self.coupling.message(
-                self.session_id, self.session.clock.stamp(now_ns), self._origin_pose, self._place(),
+                self.session_id, self.session.clock.stamp(now_ns), self._origin_pose, self.place(),
                 hand.velocity_mps if self._frame is None else self._frame.shown(hand.velocity_mps),
             )  # fmt: skip
             if handle is not None and (told := handle.message(tick)) is not None:
@@ -178,7 +194,7 @@ class SeatedClient(SeatHand):
         if sample is not None and (self._frame is not None or self._ordered is not None):
             self._follow(sample, ended or self._origin_m is None)
 
-    def _place(self) -> Row:
+    def place(self) -> Row:
         """Return the tool's pose, and of one that turns also the angle travelled since the line's beginning."""
         if self._axes is None:
             return self._tool_m()
@@ -191,10 +207,8 @@ class SeatedClient(SeatHand):
         coupling, ledger, hand = self.coupling, self.ledger, self.hand
         force = ledger.acting(elapsed, self.force_n) if hand.latency_ticks and elapsed else self.force_n
         frame, weight = self._frame, ledger.weight
-        aids, law = self.aids, force
-        if aids.active:
-            law = [all_n - extra for all_n, extra in zip(force, aids.acting(elapsed), strict=True)]
-        coupling.applied_n = law if frame is None else frame.tool_force(law)
+        law_n, aids = self._coupling_part(elapsed, force, position_m), self.aids
+        coupling.applied_n = law_n if frame is None else frame.tool_force(law_n)
         if position_m is None or not elapsed:
             mean: Sequence[float] = (0.0,) * len(force)
         else:
@@ -235,6 +249,18 @@ class SeatedClient(SeatHand):
         ledger.compare()
         return ended
 
+    def _coupling_part(self, elapsed: int, force: Sequence[float], position_m: Row | None) -> Sequence[float]:
+        """Return the coupling's part of what acted in `elapsed` ticks, without aids and effects, whose work is entered."""
+        aids, effects = self.aids, self.effects
+        held_n: Sequence[float] = self.force_n
+        if aids.active:
+            held_n = tuple(map(sub, held_n, aids.extra_n))
+            force = tuple(map(sub, force, aids.acting(elapsed)))
+        if effects is not None and elapsed:
+            force = effects.enter(elapsed, held_n, force, self.hand.start_m, position_m)
+            self.ledger.effects_j = effects.work_j
+        return force
+
     def _start_frame(self, tick: int) -> None:
         """Play the next wave from this tick on."""
         ticks = self.coupling.start_frame()
@@ -244,16 +270,18 @@ class SeatedClient(SeatHand):
     def _end_frame(self, position_m: tuple[float, ...], ticks: int) -> None:
         start_m, self._frame_start_m = self._frame_start_m, position_m
         self.peaks.travel_m += dist(position_m[:PLACES], start_m[:PLACES])
-        stored_j = self.ledger.weight * self.coupling.stored_j
+        stored_j, effects = self.ledger.weight * self.coupling.stored_j, self.effects
         if self.aids.active:
             stored_j += self.aids.stored_j(position_m)
+        if effects is not None:
+            stored_j += effects.stored_j
         self.port.end_frame(start_m, position_m, ticks / self._rate_hz, stored_j)
         if self.safety.state != "live":  # the force is released
             return
         self.owed.append(max(0.0, self.coupling.owed_frames))
         if self.felt is not None:
             side = self.settings.side_sign
-            force_n = self.force_n
+            force_n = self.force_n if effects is None else effects.rest_of(self.force_n)
             if self._frame is not None:
                 position_m, force_n = self._frame.place(position_m), self._frame.tool_force(force_n)
             depth, direction = self.coupling.pressed or (side * position_m[0], (side,))
@@ -298,6 +326,8 @@ class SeatedClient(SeatHand):
             coupling.carried_nspm = port.carried_nspm / frame.stiffest
             tool = frame.place(hand.position_m), frame.rates(hand.velocity_mps)
             wish = frame.hand_force(coupling.force(*tool)) if safety.state != "fault" else None
+        if (effects := self.effects) is not None:
+            wish = effects.added(self.tick, wish, hand.position_m, hand.velocity_mps, safety, port, frame)
         if port.balance_j < 0.0 and wish is not None and (paying := port.paying_nspm):
             wish = [law + paying * speed for law, speed in zip(wish, hand.velocity_mps, strict=True)]
         law_n, aids, extra_n = wish, self.aids, self._still
@@ -312,14 +342,21 @@ class SeatedClient(SeatHand):
             aids.share(extra_n, wish or self._still, force)
         if wish is not None and law_n is not None and safety.state == "live":
             local_n = coupling.local_n if frame is None else frame.hand_force(coupling.local_n)
+            seen_n: Sequence[float] = force
+            reduced = coupling.reduced
+            if effects is not None and effects.asked_n is not None:
+                local_n, seen_n = effects.watched(local_n, force, safety.gain)
+                reduced = reduced or effects.reduced
             if port.ramped:
                 local_n = [safety.gain * local for local in local_n]
             elif (kept := safety.law_n) is not wish:  # the line does not see what limits took
                 cut = [law - left for law, left in zip(wish, kept, strict=True)]
-                if aids.active:
-                    cut = [(1.0 - part_of(kept, wish)) * law for law in law_n]
+                if aids.active or (effects is not None and effects.asked_n is not None):
+                    others = effects.asked_n if effects is not None and effects.asked_n is not None else self._still
+                    part = 1.0 - part_of(kept, wish)
+                    cut = [part * (law - other) for law, other in zip(law_n, others, strict=True)]
                 coupling.cut_n = cut if frame is None else frame.tool_force(cut)
-            if found := port.watch(force, safety.at_peak, local_n, safety.limited, coupling.reduced):
+            if found := port.watch(seen_n, safety.at_peak, local_n, safety.limited, reduced):
                 self._release(found)
         return force
 

@@ -95,6 +95,13 @@ class LineAccount(msgspec.Struct, frozen=True, array_like=True):
     most_filter_hz: float
 
 
+class EffectAccount(msgspec.Struct, frozen=True, array_like=True):
+    """Haptic effects that a client rendered, and their energy tank (docs/effects.md)."""
+
+    least_tank_j: float = 0.0  # least that the tank held, less what late ticks drew beyond it
+    drawn_j: float = 0.0  # by vibration and texture, in all
+
+
 class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     """Account of one person's client at the end of a session."""
 
@@ -119,6 +126,7 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     down_reserve_j: float | None = None  # least balance of the downlink after its first second
     peak_torque_nm: float = 0.0
     line: LineAccount | None = None  # of the last line; None without waves
+    effects: EffectAccount | None = None  # None where none were told
 
 
 class SeatAccount(msgspec.Struct, frozen=True, array_like=True):

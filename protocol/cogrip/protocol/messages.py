@@ -13,6 +13,7 @@ import msgspec
 
 from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
 from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
+from cogrip.protocol.effects import MOST_EFFECTS, Effect, EffectTank
 from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.handle import Buttons, EdgeCount, Handle, Opening, Quaternion, is_unit
 from cogrip.protocol.hello_padding import DEVICE_BYTES as DEVICE_BYTES
@@ -22,7 +23,8 @@ from cogrip.protocol.hello_padding import padded as padded
 from cogrip.protocol.hello_padding import with_whole_device
 from cogrip.protocol.setting_types import MOST_WAVES, POSE_AXES, SeatNumber
 from cogrip.protocol.settings import SeatSettings
-from cogrip.protocol.texts import TEXT_BYTES, clipped, shown
+from cogrip.protocol.texts import MARK_BYTES as MARK_BYTES
+from cogrip.protocol.texts import TEXT_BYTES
 from cogrip.protocol.tool_frame import Scale
 
 PROTOCOL_VERSION = 8
@@ -30,7 +32,6 @@ MAGIC: Literal["cogrip"] = "cogrip"
 MAX_DATAGRAM_BYTES = 1232  # fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
 DTLS_BYTES = 37  # that DTLS adds to a message: record header 13, AES-GCM nonce 8 and tag 16
 MAX_MESSAGE_BYTES = MAX_DATAGRAM_BYTES - DTLS_BYTES
-MARK_BYTES = 80
 LEAVE_TEXT_BYTES = 160  # and that of a leave, which has an account behind it
 
 Counter = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
@@ -132,9 +133,8 @@ class Waves(Message, frozen=True, tag=4):
 
     session: Session
     first: Counter  # number of the oldest frame in `waves`
-    waves: Annotated[
-        tuple[WaveValue, ...], msgspec.Meta(min_length=1, max_length=MOST_WAVES)
-    ]  # frame by frame, axis by axis
+    # frame by frame, axis by axis
+    waves: Annotated[tuple[WaveValue, ...], msgspec.Meta(min_length=1, max_length=MOST_WAVES)]
     total: Annotated[tuple[Total, ...], Axes]  # sum of all waves before `first`, per axis [sqrt(W)]
     squares: Annotated[tuple[Total, ...], Axes]  # sum of their squares, per axis [W]
     made_j: Total  # energy of this direction's waves where they are made, up to the newest frame
@@ -147,9 +147,7 @@ class Waves(Message, frozen=True, tag=4):
     # client: device ticks by which the newest frame ended later than frames of M ticks would have; server: ticks by which the
     # client may send later, below 0 should send sooner
     phase: Ticks = 0
-    applied: Counter = (
-        0  # client: ticks for which frame `acknowledged` - 1 had been applied when the newest frame ended
-    )
+    applied: Counter = 0  # client: ticks for which frame `acknowledged` - 1 had been applied as the newest frame ended
     impedance_nspm: Annotated[float, msgspec.Meta(ge=0.0, le=1e4)] = 0.0  # with which the newest frame was made
     since: Counter = 0  # number of the first frame with that impedance; both 0: the settings' one
     handle: Handle | None = None  # up: where the device has one
@@ -339,9 +337,15 @@ class SetHand(Message, frozen=True, tag=15):
     hand: HandChange = HandChange()
 
 
-def clipped_mark(text: str) -> str:
-    """Return a marker's text as it is sent: one line of at most MARK_BYTES."""
-    return clipped(shown(text.strip()), MARK_BYTES)
+class Effects(Message, frozen=True, tag=16):
+    """Haptic effects that a player's client is to render: which there are, and one of them. The client answers which it has."""
+
+    session: Session
+    version: Counter  # of what is told: grows with every change
+    numbers: Annotated[tuple[Counter, ...], msgspec.Meta(max_length=MOST_EFFECTS)]  # down: in force; up: known of those
+    tank_mj: EffectTank
+    number: Counter = 0  # of `effect`
+    effect: Effect | None = None  # down, in the hand's own frame; None: none is left
 
 
 def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
@@ -350,7 +354,7 @@ def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
 
 
 Frame = Waves | State | Power  # what couplings send, one a frame
-Observed = Person | Bodies | Geom | Mark  # what observers are sent beside views
+Observed = Person | Bodies | Geom | Mark | Effects  # what observers are sent beside views
 AnyMessage = Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell | View | Power | Observed | SetHand
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)

@@ -22,6 +22,7 @@ from cogrip.protocol.coupling_settings import (
     round_trip_s,
     unfit_line,
 )
+from cogrip.protocol.effects import MOST_EFFECTS, TANK_MJ, EffectSection, EffectTank, unfit_effect
 from cogrip.protocol.hand_settings import NO_LIMIT, HandSection, WorkspaceLimit
 from cogrip.protocol.line.concealment import Concealed
 from cogrip.protocol.link_profile import Link, LinkProfile, check_link
@@ -139,6 +140,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     playout: Playout = Playout()
     admission: Admission = Admission()
     users: Annotated[tuple[User, ...], msgspec.Meta(min_length=1, max_length=MOST_PEOPLE)] = (User(name=ONLY_USER),)
+    effects: Annotated[tuple[EffectSection, ...], msgspec.Meta(max_length=MOST_EFFECTS)] = ()
+    effect_tank_mj: EffectTank = TANK_MJ  # of each person: what vibration and texture may draw, fixtures cost
 
 
 class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
@@ -371,5 +374,10 @@ def _check_fit(settings: Settings) -> None:
     compensated = [user.name for user in settings.users if coupling_of(settings, user).compensate]
     if why := unfit_object(settings, compensated):
         raise SettingsError(why)
+    for place, effect in enumerate(settings.effects):
+        if why := unfit_effect(effect, settings.object.axes):
+            raise SettingsError(f"effects.{place}: {why}")
+        if strangers := set(effect.users) - {user.name for user in settings.users}:
+            raise SettingsError(f"effects.{place}.users: there is no user {min(strangers)!r}; name one of [[users]]")
     for seat in range(len(settings.users)):
         seat_settings(settings, seat)

@@ -3,6 +3,7 @@
 from typing import Any
 
 TEXT_BYTES = 300  # senders cut a text to this
+MARK_BYTES = 80  # and a marker's
 
 
 def clipped(text: str, most: int = TEXT_BYTES) -> str:
@@ -14,6 +15,11 @@ def shown(text: str) -> str:
     """Return a text of the other end with control characters, line ends and changes of the writing direction escaped: nothing
     in it moves a cursor, turns the text beside it, or looks like a line of ours."""
     return "".join([each if each.isprintable() else each.encode("unicode_escape").decode() for each in text])
+
+
+def clipped_mark(text: str) -> str:
+    """Return a marker's text as it is sent: one line of at most MARK_BYTES."""
+    return clipped(shown(text.strip()), MARK_BYTES)
 
 
 def all_shown(value: Any) -> Any:

@@ -9,7 +9,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.accounts import SeatAccount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.hand_settings import unfit
-from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Mark, SetHand
+from cogrip.protocol.messages import Effects, Farewell, Heartbeat, Hello, Leave, Mark, SetHand
 from cogrip.protocol.session import nonce_of, version_mismatch
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import clipped, shown
@@ -26,7 +26,7 @@ from cogrip.server.seat_assignment import Place, SeatTable
 
 FAREWELL_EVERY_NS = 50_000_000  # to a client that has not received it
 
-FROM_CLIENTS = (*FRAMES, Heartbeat, Leave, Mark, SetHand)
+FROM_CLIENTS = (*FRAMES, Heartbeat, Leave, Mark, SetHand, Effects)
 
 
 class ServerCore:
@@ -128,6 +128,9 @@ class ServerCore:
             self._receive_mark(room, seat, message)
         elif isinstance(message, SetHand):
             self._receive_report(room, seat, message)
+        elif isinstance(message, Effects):
+            if seat.effects is None or not seat.effects.receive(message):
+                self._drop("unfit")
         else:
             rtt_ns = seat.clock.read(message.stamp, now_ns)
             if rtt_ns is not None:
@@ -174,6 +177,11 @@ class ServerCore:
         self.outbox.extend(room.tick(now_ns, frames))
         for text in room.world.take_events():
             self._report_mark(room, room.markers.add(text, room.steps))
+        if room.refused_effects:
+            self._drop("effect refused", len(room.refused_effects))
+            text = f"{room.name}: an effect is refused: {shown(room.refused_effects[0])[:200]}"
+            self.events.append(ServerEvent("trouble", text, room.name))
+            room.refused_effects.clear()
         if room.world.failed:
             self._end_room(room)
         for seat in room.seats:

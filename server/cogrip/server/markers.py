@@ -4,8 +4,9 @@ from collections import Counter, deque
 
 from msgspec.structs import replace
 
-from cogrip.protocol.messages import Mark, clipped_mark
+from cogrip.protocol.messages import Mark
 from cogrip.protocol.setting_types import SeatNumber
+from cogrip.protocol.texts import clipped_mark
 
 TOLD_S = 2.0  # for which each is repeated: of datagrams lost in bursts one comes through
 TOLD_HZ = 16

@@ -9,6 +9,7 @@ from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.session import SEAT
 from cogrip.protocol.settings import SeatSettings
+from cogrip.server.effects import ToldEffects
 from cogrip.server.hand_changes import HandChanges
 from cogrip.server.port import Port
 from cogrip.server.rate_limit import HELLOS, Buckets
@@ -77,6 +78,7 @@ class Seat(Participant):
         self.adapter: StiffnessAdapter | None = None
         self.geometry: ToldGeometry | None = None  # where its client renders contact
         self.hand = HandChanges(settings, settings.rates.network_hz)
+        self.effects: ToldEffects | None = None  # once there are any
         self.on_object = False
         self.line_margin_j = 0.0
         self.line_reserve = EnergyReserve(settings.rates.network_hz)

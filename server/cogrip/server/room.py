@@ -12,6 +12,7 @@ from cogrip.protocol.accounts import LinkCount, RoomAccount, SeatAccount, TickCo
 from cogrip.protocol.button_edges import EdgeReceiver, bits_of
 from cogrip.protocol.channel import Address
 from cogrip.protocol.clock import Clock
+from cogrip.protocol.effects import Effect
 from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.messages import Heartbeat
@@ -20,6 +21,7 @@ from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.protocol.settings import Settings, seat_settings
 from cogrip.protocol.settings_digest import digest
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint, SeatCheckpoint
+from cogrip.server.effects import RoomEffects, ToldEffects
 from cogrip.server.hand_changes import HandChanges
 from cogrip.server.markers import Markers
 from cogrip.server.observers import ObserverSlots
@@ -54,6 +56,9 @@ class Room:
         self._idle_row = (0.0,) * (self.world.axes * self.world.inputs_per_axis)
         self.observer_slots = ObserverSlots(settings.admission.observers, settings.rates.network_hz)
         self.markers = Markers(settings.rates.network_hz)
+        self.effects = RoomEffects(settings)
+        self._shown_effects: ToldEffects | None = None  # to observers
+        self.refused_effects: list[str] = []  # why, since its owner emptied it
         self.steps = 0
         self.ticks: Callable[[], TickCount] = lambda: TickCount(due=self.steps, run=self.steps)
         self.travel_m = 0.0
@@ -77,7 +82,7 @@ class Room:
         if port.loops is not None and self.world.can_follow:
             seat.adapter = StiffnessAdapter(seat.settings, port.loops)
             self.world.aim(number, seat.settings.rendered_npm)
-        seat.on_object = False
+        seat.on_object, seat.effects = False, None
         seat.line_margin_j = 0.0
         seat.line_reserve = EnergyReserve(self.settings.rates.network_hz)
         seat.close_seat_session()
@@ -233,6 +238,7 @@ class Room:
         else:
             self.travel_m += dist(here, before)
         work = world.worked()
+        self.effects.follow(self.steps)
         out = []
         for number, seat in enumerate(seats):
             port = seat.port
@@ -244,6 +250,7 @@ class Room:
             if not seat.on_object:  # its device is being opened: frames before its first one would only come late
                 out.append((seat.address, messages.encode(Heartbeat(seat.session, seat.clock.stamp(now_ns)))))
                 continue
+            out += self._tell_effects(seat)
             answer = tuple(answers[number])
             port.push(answer if port.axes == world.axes else answer[: port.axes])
             port_in_j, left_j = port.port_in_j(), work[number] + port.absorbed_j
@@ -257,8 +264,42 @@ class Room:
             message = port.message(seat.session, stamp, seen + engaged, -left_j)
             out.append((seat.address, messages.encode(message)))
         if self.observer_slots.observers:
-            out += self.observer_slots.views(self.steps, world, seats, now_ns)
+            out += self.observer_slots.views(self.steps, world, seats, now_ns) + self._show_effects()
         return out + self._marks()
+
+    def _effects_of(self, number: int) -> Sequence[Effect]:
+        settled, own = self.effects.of(number), self.world.effects_of(number)
+        return settled if not own else own if not settled else (*settled, *own)
+
+    def _told_effects(self) -> ToldEffects:
+        return ToldEffects(self.settings.rates.network_hz, self.world.axes, self.settings.effect_tank_mj)
+
+    def _show_effects(self) -> list[tuple[Address, bytes]]:
+        """Return what observers are told of everybody's effects, in turn: they answer nothing."""
+        if not any(seat.effects for seat in self.seats):
+            return []
+        shown = self._shown_effects = self._shown_effects or self._told_effects()
+        each = {id(effect): effect for seat in self.seats if seat.on_object for effect in self._effects_of(seat.number)}
+        shown.follow(tuple(each.values()), (), self.steps)
+        if (message := shown.next(1, self.steps)) is None:
+            return []
+        observers = self.observer_slots.observers.values()
+        return [(who.address, messages.encode(replace(message, session=who.session))) for who in observers]
+
+    def _tell_effects(self, seat: Seat) -> list[tuple[Address, bytes]]:
+        """Return what a person is told of the effects to render."""
+        given, told = self._effects_of(seat.number), seat.effects
+        if told is None:
+            if not given:
+                return []
+            told = seat.effects = self._told_effects()
+        offset = self.world.offset[seat.number, : self.world.places].tolist()
+        told.follow(given, offset, self.steps)
+        if told.refused:
+            self.refused_effects += told.refused
+            told.refused = []
+        message = told.next(seat.session, self.steps)
+        return [] if message is None else [(seat.address, messages.encode(message))]
 
     def _marks(self) -> list[tuple[Address, bytes]]:
         """Return the markers that are told after this step, for everybody."""

@@ -8,6 +8,7 @@ from cogrip.client.observer import ObserverCore
 from cogrip.devices.web.messages import ZERO, State, Vector, vector
 from cogrip.protocol.button_edges import bits_of, edge_words
 from cogrip.protocol.drawing import LEAST_DRAWN_N, Shape, anchors_m, object_size_m
+from cogrip.protocol.effects import Effect, drawn_effect
 from cogrip.protocol.messages import Person, Pose, View
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
@@ -53,6 +54,7 @@ class LiveScene:
         self._unnamed = 0  # views with hands, and no message about whose they are
         self._shapes: tuple[Shape, ...] = ()
         self._poses: tuple[Pose, ...] = ()
+        self._effects: dict[int, Effect] = {}
         self.people: dict[int, Person] = {}
         self.events: deque[SceneEvent] = deque(maxlen=256)
         self.scene = self._scene()
@@ -77,6 +79,9 @@ class LiveScene:
             self._say(at_s, "marker", who, shown(mark.text))
         core.marked.clear()
         self._draw(core.scene)
+        if core.effects != self._effects:
+            self._effects = dict(core.effects)
+            self.scene = self._scene()
         people = tuple([self._person(each, view, axes, time_s) for each in self._seated(view)])
         contact = frames.CONTACT if any(person.flags & frames.PUSHES for person in people) else 0
         return Frame(
@@ -183,6 +188,7 @@ class LiveScene:
         return Scene(
             given.room, "live", axes, given.rates.network_hz, given.rates.device_hz,
             scene_object(given.object.kind, given.object.mass_kg), tuple(people), geometry,
+            effects=tuple([shape for _, effect in sorted(self._effects.items()) for shape in drawn_effect(effect)]),
             note=OLD_SERVER if self._unnamed >= OLD_AFTER else "", geoms=self._shapes,
             workspace_m=workspace_of(self._shapes, self._poses) if self._shapes else WORKSPACE_M,
         )  # fmt: skip

@@ -30,7 +30,7 @@ _PLANE_M = 0.001  # thickness
 
 def drawn(scene: Scene, frame: Frame) -> frozenset[str]:
     """Return the frames that have a place in this frame."""
-    fixed = [scene.room] if scene.geoms else []
+    fixed = [scene.room] if scene.geoms or scene.effects else []
     return frozenset([place.frame for place in _places(scene, frame)] + fixed)
 
 
@@ -85,9 +85,9 @@ def _places(scene: Scene, frame: Frame) -> Iterator[Place]:
 def _bodies(scene: Scene) -> Iterator[Body]:
     size_m, point_m = scene.object.size_m, (HAND_SIZE_M, HAND_SIZE_M, HAND_SIZE_M)
     box = scene.object.shape != "sphere"
-    if scene.geoms:
-        yield from scene_bodies(scene.room, scene.geoms, {who.seat for who in scene.people})
-    else:
+    if shapes := (*scene.geoms, *scene.effects):
+        yield from scene_bodies(scene.room, shapes, {who.seat for who in scene.people})
+    if not scene.geoms:
         yield Body(f"{scene.room}/object", size_m, OBJECT_COLOUR, box, alpha=0.6)
     for number, body in enumerate(scene.geometry):
         depth, width, height = body.size_m

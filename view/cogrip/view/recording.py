@@ -16,6 +16,7 @@ import msgspec
 
 from cogrip.devices.web.messages import State, Vector, vector
 from cogrip.protocol.drawing import LEAST_DRAWN_N, MOST_SHAPES, anchors_m, object_size_m
+from cogrip.protocol.effects import drawn_effect
 from cogrip.protocol.messages import Pose
 from cogrip.protocol.recording.derived import offset_of
 from cogrip.protocol.recording.reader import RecordingError
@@ -145,6 +146,7 @@ class RecordedView:
             SceneObject(kind, "wall" if kind == "wall" else "box", object_size_m(kind), settings.object.mass_kg), tuple(people),
             note=shown(" ".join(self._notes)), duration_s=duration_s, chunks=int(duration_s // CHUNK_S) + 1,
             events=events, geoms=self._geoms.shapes,
+            effects=tuple([shape for effect in settings.effects for shape in drawn_effect(effect)]),
             workspace_m=workspace_of(self._geoms.shapes, self._first_poses) if self._geoms.shapes else WORKSPACE_M,
         )  # fmt: skip
 

@@ -66,6 +66,7 @@ class Scene(msgspec.Struct, frozen=True, tag_field="type", tag="scene"):
     geometry: tuple[Geometry, ...] = ()
     workspace_m: tuple[tuple[float, float], ...] = WORKSPACE_M
     geoms: tuple[Shape, ...] = ()  # of a scene: drawn instead of the object
+    effects: tuple[Shape, ...] = ()  # haptic effects, beside it
     hand: bool = False
     own_seat: int | None = None
     note: str = ""

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 
 from cogrip.protocol.drawing import MOST_SHAPES, Shape
+from cogrip.protocol.effects import Effect
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.texts import shown
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
@@ -27,6 +28,7 @@ LEAST_J = -1e-9  # rounding about 0
 MOST_WAVE = 1e3  # sqrt(W): 0.5 MW
 MOST_PLACE = 1e3  # m, m/s: an object is put back long before
 MOST_EVENTS = 8  # of one step
+MOST_GIVEN = 1024  # effects of one step
 MOST_SAVED = 10_000  # numbers: a checkpoint holds them
 
 
@@ -157,6 +159,12 @@ class GuardedWorld(World):
 
     def button(self, user: int, button: int, down: bool) -> None:
         self._try("button", lambda: self.inner.button(user, button, down), None)
+
+    def effects_of(self, user: int) -> Sequence[Effect]:
+        inner = self.inner
+        if type(inner).effects_of is World.effects_of:  # no call of the world
+            return inner.effects[:MOST_GIVEN] if isinstance(inner.effects, list | tuple) else ()
+        return self._try("effects_of", lambda: tuple(inner.effects_of(user))[:MOST_GIVEN], ())
 
     def handle(self, user: int, orientation: Row | None, grip_m: float | None) -> None:
         if type(self.inner).handle is not World.handle:  # it would be called in vain at every step

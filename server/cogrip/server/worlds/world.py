@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.protocol.drawing import Shape
+from cogrip.protocol.effects import Effect
 from cogrip.protocol.line.energy_sums import add_compensated
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.setting_types import PLACES
@@ -79,6 +80,9 @@ class World(ABC):
         self.external_force = np.zeros(axes)  # F_ext [N]
         self.balance_error_j = 0.0
         self.events: list[str] = []  # what has happened in this step: a marker each
+        self.effects: Sequence[
+            Effect
+        ] = ()  # that everybody's client renders, places in the object's frame at its start
 
     def take_events(self) -> Sequence[str]:
         """Return what has happened since the last call, one line each: markers for everybody in the room."""
@@ -86,6 +90,13 @@ class World(ABC):
             return ()
         found, self.events = self.events, []
         return found
+
+    def effects_of(self, user: int) -> Sequence[Effect]:
+        """Return the haptic effects that a person's client is to render (docs/effects.md), asked for after every step.
+
+        The same object is the same effect; a new one begins anew. One that is left out ends, unless it ends by itself.
+        """
+        return self.effects
 
     @property
     def moving_kg(self) -> float:

@@ -20,6 +20,7 @@ from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffnes
 from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.settings import SeatSettings, Settings, seat_axes, seat_settings
 from cogrip.sim.analysis.decimation_passivity import filter_of, largest_gain
+from cogrip.sim.analysis.effect_advice import effect_advice
 from cogrip.sim.analysis.feel import no_contact, on_wall, slow_feel
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, linear_session, seat_session
@@ -123,7 +124,10 @@ def advise(settings: Settings, search: Callable[[LiftedModel], Limit] = largest)
     seats = [seat_settings(settings, number) for number in range(len(settings.users))]
     records = [make_for(user, seat_axes(settings, user)).capability for user in settings.users]
     sections = [_section(settings, number) for number in range(len(settings.users))]
-    return _advise(session, seats, records, sections, search)
+    advice = _advise(session, seats, records, sections, search)
+    effects = [effect_advice(settings, seat, record) for seat, record in zip(seats, records, strict=True)]
+    findings = [Finding("effects", text, "ok" if whole else "note") for text, whole in effects if text]
+    return replace(advice, findings=(*advice.findings, *findings))
 
 
 def advise_seat(seat: SeatSettings, record: Capability) -> Advice:

@@ -209,6 +209,7 @@ def _user(user: UserRecord, claims: bool, credit_j: float) -> dict[str, Any]:
         "delay": _delay(client.delay if client else DelayAccount()),
         "rendered_npm": _of(seat, "rendered_npm"),
         "line": _struct(_of(client, "line")),
+        "effects": _struct(_of(client, "effects")),
         "ticks": _ticks(_of(client, "ticks")),
         "state": shown(client.state) if client else None,
         "reason": shown(client.reason) if client else None,

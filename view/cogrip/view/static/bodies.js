@@ -42,7 +42,7 @@ export function objectGeometries(shapes, space) {
   return shapes.filter((each) => each.object).map((each) => shapeGeometry(each, space));
 }
 
-class DrawnShape extends Group {
+export class DrawnShape extends Group {
   /** @param {Shape} shape @param {string | undefined} own colour of the person whose tool it is */
   constructor(shape, own, space, colours) {
     super();

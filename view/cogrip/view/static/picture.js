@@ -1,7 +1,7 @@
 /** The 3D picture of a session: builds it from the scene message, moves it to the newest frame, draws it. */
 
 import { AmbientLight, DirectionalLight, Scene, Vector2, Vector3, WebGLRenderer, Box3 } from "three";
-import { SceneBodies, objectGeometries } from "./bodies.js";
+import { DrawnShape, SceneBodies, objectGeometries } from "./bodies.js";
 import { OrbitCamera } from "./camera.js";
 import { Labels } from "./labels.js";
 import { PersonMarkers } from "./person.js";
@@ -76,6 +76,7 @@ export class Picture {
     this.ghost = new Ghost(scene.object, this.bodies && objectGeometries(shapes, box));
     this.world.add(new AmbientLight(0xffffff, 1.6), sun, grid, this.bodies ?? this.body, this.ghost);
     for (const each of scene.geometry) this.world.add(fixedBody(each, colours));
+    for (const each of scene.effects ?? []) this.world.add(new DrawnShape(each, undefined, box, colours));
     this.people.clear();
     for (const person of scene.people) {
       const markers = new PersonMarkers(person, this.extent_m, person.seat === scene.own_seat, colours);

@@ -79,6 +79,10 @@ def _energy(key: str) -> Show:
     return lambda user: energy(dig(user, "energy", key))
 
 
+def _of_effects(key: str) -> Show:
+    return lambda user: energy(dig(user, "effects", key))
+
+
 def _up_down(path: str, digits: int = 0) -> Show:
     """Show the numbers of both directions, in whose places `{}` stands."""
     shown = [_at(path.format(direction), digits=digits) for direction in ("up", "down")]
@@ -187,6 +191,8 @@ _PERSON: tuple[_Line | str, ...] = (
     ("least of the device's work beyond the line", "", _energy("device_leak_j")),
     ("least margin of the device port", "", _energy("device_margin_j")),
     ("leak of the device port", "", lambda user: energy(user.get("leak_j"))),
+    ("least in the tank of haptic effects", "", _of_effects("least_tank_j")),
+    ("drawn by vibration and texture", "", _of_effects("drawn_j")),
     "Link, up / down",
     ("frames sent", "", _up_down("link.{}.sent")),
     ("applied", "", _up_down("link.{}.applied")),

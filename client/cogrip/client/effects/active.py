@@ -1,0 +1,44 @@
+"""Effects with a force of their own course: vibration over time, texture over position (theory 7.8)."""
+
+from math import pi, sin
+
+from cogrip.client.effects.laws import ActiveLaw, Box, Row, unit
+from cogrip.protocol.effects import Effect
+
+
+class Vibration(ActiveLaw):
+    """Sine of amplitude A and frequency f. Held over ticks of T it would be A sinc(f T): it is divided by that."""
+
+    def __init__(self, effect: Effect, places: int, tick_s: float) -> None:
+        self._box = Box(effect, places)
+        self._direction = unit(effect.direction, places)
+        self._turn = effect.frequency_hz * tick_s
+        self.most_n = effect.amplitude_n * pi * self._turn / sin(pi * self._turn)
+        self.slope_nps = 2.0 * pi * effect.frequency_hz * effect.amplitude_n  # of the steps: 2 most_n sin(pi f T) / T
+
+    def present(self, position_m: Row) -> bool:
+        return self._box.inside(position_m)
+
+    def force(self, position_m: Row, ticks: int) -> Row:
+        value = self.most_n * sin(2.0 * pi * ((self._turn * ticks) % 1.0))
+        return [value * part for part in self._direction]
+
+
+class Texture(ActiveLaw):
+    """Grating: F = A sin(2 pi s / period), s the place along its direction. Its stiffness is 2 pi A / period."""
+
+    def __init__(self, effect: Effect, places: int) -> None:
+        self._box, self._place = Box(effect, places), effect.place_m[:places]
+        self._direction = unit(effect.direction, places)
+        self._period = effect.period_m
+        self.most_n = effect.amplitude_n
+        self.stiffness_npm = 2.0 * pi * effect.amplitude_n / effect.period_m
+
+    def present(self, position_m: Row) -> bool:
+        return self._box.inside(position_m)
+
+    def force(self, position_m: Row, ticks: int) -> Row:
+        direction = self._direction
+        along = sum([n * (x - a) for n, x, a in zip(direction, position_m, self._place, strict=False)])
+        value = self.most_n * sin(2.0 * pi * ((along / self._period) % 1.0))
+        return [value * part for part in direction]

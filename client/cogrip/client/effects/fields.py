@@ -1,0 +1,18 @@
+"""Viscous field: F = B v in a box."""
+
+from cogrip.client.effects.laws import NOTHING, Box, Felt, PassiveLaw, Row
+from cogrip.protocol.effects import Effect
+
+
+class ViscousField(PassiveLaw):
+    """Dissipates B v^2; its border stores nothing, so it may lie anywhere."""
+
+    def __init__(self, effect: Effect, places: int) -> None:
+        self._box, self._places = Box(effect, places), places
+        self.damping_nspm = effect.damping_nspm
+
+    def felt(self, position_m: Row, velocity_mps: Row) -> Felt:
+        if not self._box.inside(position_m):
+            return NOTHING
+        damping = self.damping_nspm
+        return Felt((), 0.0, [damping * speed for speed in velocity_mps[: self._places]])

@@ -1,0 +1,334 @@
+"""Effects of one seat: the force of all of them, a tick at a time, and the tank that pays for it (theory 7.8).
+
+Symbols: w what is rendered of an effect, 0 to 1, the ramp of safety in it; U its potential [J], K its stiffness, P what its
+force may draw in a tick: the largest force times v_m T, v_m the device's speed limit.
+
+    springs   w rises by what the tank pays: w' U - w U; w falls, and the tank gets that. Where U = 0 it costs nothing
+    active    w is at most the share of P that is in the tank: it is empty before it is overdrawn
+    dampers   fill the tank with what the hand puts into them
+
+Springs are rendered with at most what the device carries, dampers with what the coupling leaves of that.
+"""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from math import hypot, inf
+
+from cogrip.client.coupling import DelayLine
+from cogrip.client.device_port import DevicePort
+from cogrip.client.effects.active import Texture, Vibration
+from cogrip.client.effects.fields import ViscousField
+from cogrip.client.effects.laws import ActiveLaw, PassiveLaw, Row
+from cogrip.client.effects.springs import ForbiddenZone, GuidingPath, Magnet
+from cogrip.client.effects.tank import EnergyTank
+from cogrip.client.force_limits import MOST_SLOPE_NPS
+from cogrip.client.hand_frame import HandFrame
+from cogrip.client.safety import Safety
+from cogrip.devices.device import Capability
+from cogrip.protocol.accounts import EffectAccount
+from cogrip.protocol.effects import MOST_EFFECTS, Effect, EffectKind, unfit_effect
+from cogrip.protocol.messages import Effects
+from cogrip.protocol.setting_types import PLACES
+
+RAMP_S = 0.02  # in which an effect comes and goes where it is not at rest
+MOST_STEP_N = 0.5  # by which a spring that comes may change the force in a tick
+
+PASSIVE: dict[EffectKind, Callable[[Effect, int], PassiveLaw]] = {
+    "viscous": ViscousField, "magnet": Magnet, "path": GuidingPath, "zone": ForbiddenZone,
+}  # fmt: skip
+_NO_ROWS: tuple[Row, Row, Row] = (), (), ()
+
+
+class _Entry:
+    """One effect. share: w; ended: it goes away and is left out once it is 0."""
+
+    __slots__ = ("active", "begun", "ended", "left_ticks", "passive", "share", "stored_j")
+
+    def __init__(self, effect: Effect, places: int, tick_s: float, tick: int) -> None:
+        self.passive: PassiveLaw | None = None
+        self.active: ActiveLaw | None = None
+        if effect.kind == "vibration":
+            self.active = Vibration(effect, places, tick_s)
+        elif effect.kind == "texture":
+            self.active = Texture(effect, places)
+        else:
+            self.passive = PASSIVE[effect.kind](effect, places)
+        self.begun = tick
+        self.left_ticks = round(effect.seconds / tick_s) if effect.seconds else inf
+        self.share = self.stored_j = 0.0
+        self.ended = False
+
+
+class EffectForce:
+    """Effects of a seat of `axes` axes, the first three of them places; forces are shape (axes,) [N].
+
+    asked_n   force of this tick, before ramp and limits; None where there is none
+    active_n  its part that does not follow the hand's motion
+    local_n   the rest of it
+    acted_n   what acted in the ticks that were entered last; () for nothing
+    work_j    of the hand against all effects so far
+    stored_j  in springs, as far as they are rendered
+    reduced   whether less than was asked for is rendered, for the device's sake
+    """
+
+    def __init__(self, axes: int, tick_s: float, base_nspm: float) -> None:
+        """base_nspm: damping that the coupling has of what the device carries."""
+        self._axes, self._places, self._tick_s, self._base = axes, min(axes, PLACES), tick_s, base_nspm
+        self._entries: dict[int, _Entry] = {}
+        self._known: deque[int] = deque(maxlen=8 * MOST_EFFECTS)
+        self._step_share = tick_s / RAMP_S
+        self._rows: DelayLine[tuple[Row, Row, Row]] = DelayLine()  # in all, active, damper: as asked
+        self._held: tuple[Row, Row, Row] = _NO_ROWS
+        self._reserved: deque[float] = deque()
+        self._law: Sequence[float] = ()  # of all at the hand, of the last tick that had one
+        self.tank = EnergyTank()
+        self.asked_n: Row | None = None
+        self.active_n: Row = ()
+        self.local_n: Row = ()
+        self.acted_n: Row = ()
+        self.stored_j = self.work_j = 0.0
+        self.reduced = False
+        self._version = 0
+        self._told = 0
+
+    # Told by the server
+
+    def fit(self, record: Capability, free_j: float) -> None:
+        """Go by this device. free_j: what the device port lends before it does anything about it."""
+        self._step_m = record.speed_mps * self._tick_s
+        self._slope_nps = min(record.slew_nps, MOST_SLOPE_NPS)
+        self._free_j = free_j
+        self._rows.set_ticks(record.latency_ticks, _NO_ROWS)
+        self._reserved = deque(self._reserved, maxlen=record.latency_ticks)
+        if self.tank.capacity_j:
+            self.tank.set_capacity(min(self.tank.capacity_j, free_j))
+
+    def tell(self, told: Effects, tick: int) -> str:
+        """Take in what the server tells. Returns why it is dropped, "" where it is not."""
+        if told.version < self._version:
+            return "late effects"
+        numbers, number, effect = told.numbers, told.number, told.effect
+        self._version = told.version
+        self.tank.set_capacity(min(told.tank_mj * 1e-3, self._free_j))
+        for known, entry in self._entries.items():
+            entry.ended = entry.ended or known not in numbers
+        if effect is None or number in self._known or number not in numbers:
+            return ""
+        self._known.append(number)
+        if unfit_effect(effect, self._axes) or len(self._entries) >= 2 * MOST_EFFECTS:
+            return "unfit effect"
+        self._entries[number] = _Entry(effect, self._places, self._tick_s, tick)
+        self._told += 1
+        return ""
+
+    def known(self, numbers: Sequence[int]) -> tuple[int, ...]:
+        """Return which of these effects have come, those that were refused included."""
+        return tuple([number for number in numbers if number in self._known])
+
+    def forget(self) -> None:
+        """End all effects: another server tells its own."""
+        self._version = 0
+        self._known.clear()
+        for entry in self._entries.values():
+            entry.ended = True
+        self._entries = {-place - 1: entry for place, entry in enumerate(self._entries.values())}
+
+    # The ledger
+
+    def enter(
+        self, elapsed: int, held_n: Row, acting_n: Row, start_m: Sequence[float], end_m: Sequence[float] | None
+    ) -> Row:
+        """Enter a displacement of the hand. Returns the coupling's part of what acted in it.
+
+        held_n: to the motors over these `elapsed` ticks; acting_n: while the hand moved so, where samples are old
+        """
+        law, rows = self._law, self._held
+        if rows[0]:
+            square = sum([each * each for each in law])
+            scale = sum([a * b for a, b in zip(law, held_n, strict=True)]) / square if square else 0.0
+            if scale != 1.0:
+                rows = tuple([[scale * each for each in row] for row in rows])  # type: ignore[assignment]
+        acted, active, damper = self._rows.push(rows) if elapsed == 1 else self._rows.push_many(rows, elapsed)[-1]
+        self.acted_n = acted
+        if not acted:
+            return acting_n
+        if end_m is not None:
+            self.tank.worked(_work(active, start_m, end_m))
+            self.tank.damped(_work(damper, start_m, end_m))
+            self.work_j += _work(acted, start_m, end_m)
+        return [of_all - own for of_all, own in zip(acting_n, acted, strict=True)]
+
+    # The force
+
+    def step(
+        self,
+        tick: int,
+        position_m: Row,
+        velocity_mps: Row,
+        gain: float,
+        carried: tuple[float, float],
+        frame: HandFrame | None = None,
+    ) -> Row | None:
+        """Return the force of all effects [N] until the next tick, shape (axes,), before the ramp; None for none.
+
+        gain      of that ramp, as it will be in this tick
+        carried   impedance [N s/m] and stiffness [N/m] that the device carries, at the tool
+        frame     between hand and tool: places and velocities are the tool's, the force is the hand's
+        """
+        self._held, self.asked_n, self.reduced = _NO_ROWS, None, False
+        if not self._entries:
+            self.stored_j = 0.0
+            self._reserve(0.0)
+            return None
+        for number in [number for number, entry in self._entries.items() if entry.ended and not entry.share]:
+            del self._entries[number]
+        for entry in self._entries.values():
+            if tick - entry.begun >= entry.left_ticks:
+                entry.ended = True
+        per_tool = frame.frame.force_scale / frame.frame.position_scale if frame else 1.0
+        active = self._active(tick, position_m, gain, carried[1], per_tool)
+        spring, damper = self._passive(position_m, velocity_mps, gain, carried, frame.weight if frame else 1.0)
+        if frame is not None:
+            active, spring, damper = [frame.hand_force(row) for row in (active, spring, damper)]
+        total = [a + s + d for a, s, d in zip(active, spring, damper, strict=True)]
+        self.active_n, self.local_n = active, [s + d for s, d in zip(spring, damper, strict=True)]
+        self._held = total, active, damper
+        self.asked_n = total
+        return total
+
+    def added(
+        self,
+        tick: int,
+        law_n: Sequence[float] | None,
+        hand_m: Row,
+        hand_mps: Row,
+        safety: Safety,
+        port: DevicePort,
+        frame: HandFrame | None,
+    ) -> Sequence[float] | None:
+        """Return the coupling's law with all effects. Without one the last force fades, and what springs held is lost."""
+        if law_n is None:
+            self.begin_anew()
+            return None
+        carried = port.carried_nspm
+        if frame is not None:
+            hand_m, hand_mps, carried = frame.place(hand_m), frame.shown(hand_mps), carried / frame.stiffest
+        most_npm = carried / port.lag_s if port.lag_s else inf
+        more = self.step(tick, hand_m, hand_mps, safety.coming_gain(), (carried, most_npm), frame)
+        self._law = law_n if more is None else [a + b for a, b in zip(law_n, more, strict=True)]
+        return self._law
+
+    def begin_anew(self) -> None:
+        """Render nothing from now on, and let each effect come again: what springs held is lost."""
+        self.asked_n, self.stored_j = None, 0.0
+        for entry in self._entries.values():
+            entry.share = entry.stored_j = 0.0
+
+    def watched(self, local_n: Row, force_n: Row, gain: float) -> tuple[Row, Row]:
+        """Return for the detector of oscillation what follows the hand's motion, and the force less what follows time."""
+        local = [a + b for a, b in zip(local_n, self.local_n, strict=True)]
+        return local, [a - gain * b for a, b in zip(force_n, self.active_n, strict=True)]
+
+    def rest_of(self, force_n: tuple[float, ...]) -> tuple[float, ...]:
+        """Return a force without the effects' part of what acted last."""
+        return tuple([a - b for a, b in zip(force_n, self.acted_n, strict=True)]) if self.acted_n else force_n
+
+    def _active(self, tick: int, position_m: Row, gain: float, stiffness_npm: float, per_tool: float) -> list[float]:
+        """Return the force of the active effects, within what the tank holds. per_tool: force at the hand by the tool's."""
+        total, most_j, felt = [0.0] * self._axes, 0.0, []
+        for entry in self._entries.values():
+            law = entry.active
+            if law is None:
+                continue
+            goal = 0.0 if entry.ended or not law.present(position_m) else gain
+            if (slope := per_tool * law.slope_nps) > self._slope_nps:
+                goal *= self._slope_nps / slope
+            elif isinstance(law, Texture) and law.stiffness_npm > stiffness_npm:
+                goal *= stiffness_npm / law.stiffness_npm
+            self.reduced = self.reduced or 0.0 < goal < gain
+            if entry.share == 0.0 and law.slope_nps and tick - entry.begun <= 1:
+                entry.share = goal  # a sine begins at 0
+            entry.share = min(_towards(entry.share, goal, self._step_share), gain)
+            if entry.share:
+                most_j += entry.share * law.most_n * per_tool * self._step_m
+                felt.append((entry, law))
+        spare_j = self.tank.level_j - sum(self._reserved)
+        if most_j > spare_j:
+            part = max(0.0, spare_j) / most_j
+            for entry, _ in felt:
+                entry.share *= part
+            most_j *= part
+        self._reserve(most_j)
+        for entry, law in felt:
+            for axis, force in enumerate(law.force(position_m, tick - entry.begun)):
+                total[axis] += (entry.share / gain) * force
+        return total
+
+    def _reserve(self, energy_j: float) -> None:
+        self._now_j = energy_j
+        if self._reserved.maxlen:
+            self._reserved.append(energy_j)
+
+    def _passive(
+        self, position_m: Row, velocity_mps: Row, gain: float, carried: tuple[float, float], weight: float
+    ) -> tuple[list[float], list[float]]:
+        """Return the forces of springs and dampers; what springs cost is paid."""
+        springs, dampers = [0.0] * self._axes, [0.0] * self._axes
+        found = []
+        stiffness = damping = 0.0
+        for entry in self._entries.values():
+            if (law := entry.passive) is not None:
+                felt = law.felt(position_m, velocity_mps)
+                found.append((entry, felt))
+                stiffness += law.stiffness_npm if felt.spring_n else 0.0
+                damping += law.damping_nspm if felt.damper_n else 0.0
+        most_k = min(1.0, carried[1] / stiffness) if stiffness else 1.0
+        most_b = min(1.0, max(0.0, carried[0] - self._base) / damping) if damping else 1.0
+        self.reduced = self.reduced or most_k < 1.0 or most_b < 1.0
+        self.stored_j = 0.0
+        for entry, felt in found:
+            goal = 0.0 if entry.ended else gain * most_k
+            self._pay(entry, goal, gain, weight * felt.stored_j, felt.spring_n)
+            self.stored_j += entry.stored_j
+            if not entry.share or not gain:
+                continue
+            part = entry.share / gain
+            for axis, force in enumerate(felt.spring_n):
+                springs[axis] += part * force
+            for axis, force in enumerate(felt.damper_n):
+                dampers[axis] += part * most_b * force
+        return springs, dampers
+
+    def _pay(self, entry: _Entry, goal: float, gain: float, potential_j: float, spring_n: Row) -> None:
+        """Let w of a spring go towards its goal, as far as the tank pays for it."""
+        before = entry.share
+        if potential_j == 0.0 and not spring_n:
+            share = goal if goal > before else _towards(before, goal, self._step_share)
+        else:
+            size = hypot(*spring_n) if spring_n else 0.0
+            step = min(self._step_share, MOST_STEP_N / size) if size else self._step_share
+            share = _towards(before, goal, step)
+            if share > before and potential_j:
+                spare_j = self.tank.level_j - self._now_j - sum(self._reserved)
+                share = min(share, before + max(0.0, spare_j) / potential_j)
+        entry.share = share = min(share, gain)
+        if share > before:
+            self.tank.pay((share - before) * potential_j)
+        elif share < before:
+            self.tank.fill((before - share) * potential_j)
+        entry.stored_j = share * potential_j
+
+    def account(self) -> EffectAccount | None:
+        """Return the account; None where no effect was ever told."""
+        tank = self.tank
+        if not self._told:
+            return None
+        return EffectAccount(tank.least_j - tank.overdrawn_j, tank.drawn_j)
+
+
+def _towards(value: float, goal: float, step: float) -> float:
+    return min(goal, value + step) if goal > value else max(goal, value - step)
+
+
+def _work(force_n: Row, start_m: Sequence[float], end_m: Sequence[float]) -> float:
+    return sum([force * (end - start) for force, start, end in zip(force_n, start_m, end_m, strict=True)])

@@ -1,0 +1,70 @@
+"""Base of the effects' laws. Rows have one number a place of the seat, F is the force on the law: it loads the hand.
+
+Passive laws (`PassiveLaw`) are springs of a potential U and dampers; active ones (`ActiveLaw`) a force of their own course.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from cogrip.protocol.effects import Effect
+
+Row = Sequence[float]
+
+
+class Box:
+    """Box of an effect: `inside` it, along all axes in which it ends."""
+
+    def __init__(self, effect: Effect, places: int) -> None:
+        self.sides = [
+            (axis, middle, half)
+            for axis, (middle, half) in enumerate(zip(effect.place_m, effect.size_m, strict=True))
+            if half and axis < places
+        ]
+
+    def inside(self, position_m: Row) -> bool:
+        return all(abs(position_m[axis] - middle) <= half for axis, middle, half in self.sides)
+
+
+class Felt(NamedTuple):
+    """Law of a passive effect at a place: force of its spring and U, force of its damper; () none."""
+
+    spring_n: Row = ()
+    stored_j: float = 0.0
+    damper_n: Row = ()
+
+
+NOTHING = Felt()
+
+
+class PassiveLaw(ABC):
+    """stiffness_npm: K with U(x + d) <= U + F d + K d^2 / 2 for every d; damping_nspm: B."""
+
+    stiffness_npm = 0.0
+    damping_nspm = 0.0
+
+    @abstractmethod
+    def felt(self, position_m: Row, velocity_mps: Row) -> Felt:
+        """Return what the law does here."""
+
+
+class ActiveLaw(ABC):
+    """most_n: its force is never larger; slope_nps: nor the slope of one that follows time, 0 of one that does not."""
+
+    most_n = 0.0
+    slope_nps = 0.0
+
+    @abstractmethod
+    def present(self, position_m: Row) -> bool:
+        """Return whether it is felt here."""
+
+    @abstractmethod
+    def force(self, position_m: Row, ticks: int) -> Row:
+        """Return the force so many ticks after it began."""
+
+
+def unit(direction: Row, places: int) -> list[float]:
+    """Return a direction in these axes with length 1."""
+    row = list(direction[:places])
+    length = sum([each * each for each in row]) ** 0.5
+    return [each / length for each in row]

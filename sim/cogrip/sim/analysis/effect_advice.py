@@ -1,0 +1,42 @@
+"""Advice on haptic effects: what a device renders of those that settings tell (theory 7.8)."""
+
+from math import inf, pi
+
+from cogrip.client.force_limits import MOST_SLOPE_NPS
+from cogrip.client.rendered_damper import damper_on
+from cogrip.client.velocity import lag_ticks, largest_impedance
+from cogrip.devices.device import Capability
+from cogrip.protocol.effects import Effect
+from cogrip.protocol.settings import SeatSettings, Settings
+
+
+def effect_advice(settings: Settings, seat: SeatSettings, record: Capability) -> tuple[str, bool]:
+    """Return a sentence on one person's effects, and whether all of them are rendered as asked; "" where there are none."""
+    own = [(place, each) for place, each in enumerate(settings.effects) if not each.users or seat.user in each.users]
+    if not own:
+        return "", True
+    tick_s = seat.rates.tick_s
+    carried, lag_s = largest_impedance(record, tick_s).impedance_nspm, lag_ticks(record, tick_s) * tick_s
+    stiffest, left = carried / lag_s if lag_s else inf, max(0.0, carried - damper_on(seat, record).value_nspm)
+    slope = min(record.slew_nps, MOST_SLOPE_NPS)
+    said = [f"effects.{place}.{text}" for place, each in own if (text := _too_much(each, stiffest, left, slope))]
+    if said:
+        return f"{seat.user}: of haptic effects the device renders less: {'; '.join(said)}", False
+    text = (
+        f"{len(own)} haptic effects, each rendered as asked: springs to {stiffest:.4g} N/m, dampers to {left:.3g} N s/m"
+    )
+    return f"{seat.user}: {text}", True
+
+
+def _too_much(effect: Effect, stiffest_npm: float, left_nspm: float, slope_nps: float) -> str:
+    """Return which value of an effect is more than a device renders, and the most that it does; "" where none is."""
+    if effect.stiffness_npm > stiffest_npm:
+        return f"stiffness_npm = {effect.stiffness_npm:g}, of which at most {stiffest_npm:.4g}"
+    if effect.damping_nspm > left_nspm:
+        return f"damping_nspm = {effect.damping_nspm:g}, of which at most {left_nspm:.3g}, what the coupling leaves"
+    most_n = inf
+    if effect.kind == "vibration":
+        most_n = slope_nps / (2.0 * pi * effect.frequency_hz)
+    elif effect.kind == "texture":
+        most_n = stiffest_npm * effect.period_m / (2.0 * pi)
+    return f"amplitude_n = {effect.amplitude_n:g}, of which at most {most_n:.3g}" if effect.amplitude_n > most_n else ""
