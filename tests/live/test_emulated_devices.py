@@ -114,6 +114,11 @@ def test_r_and_enter_at_a_terminal_re_arm(start, session):
         os.write(master, b"c\n")
         person.hear("engaged: force ramps in")
         arm.pushes(True)
+        os.write(master, b"set force_scale=20\n")
+        person.hear("not set: force_scale = '20' is out of 0.1 to 10")
+        os.write(master, b"set force_scale=0.5\n")
+        person.hear("set: force_scale=0.5; force ramps in")
+        session.server.hear("anna holds: position_scale=1 force_scale=0.5 ")
         os.write(master, b"\x03")  # Ctrl-C
         assert person.end() == 0, person.said
         assert person.said.count("re-arming") == 1

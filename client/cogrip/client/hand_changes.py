@@ -7,18 +7,22 @@ AGAIN_NS = 100_000_000
 
 
 class HandChanges:
-    """Those of one seat. taken: number of the newest change of this session; holds: what was reported last."""
+    """Those of one seat.
+
+    taken, reported  newest change of this session that has come, and that holds
+    holds            what was reported last
+    """
 
     def __init__(self, begun: HandChange) -> None:
         """begun: what holds by the seat's settings, of which the server knows."""
-        self.taken = 0
+        self.taken = self.reported = 0
         self.holds = begun
         self._number = self._answered = 0
         self._next_ns = 0
 
     def begin(self) -> None:
         """Begin a session of the same seat: whatever was reported is reported again."""
-        self.taken = self._answered = self._next_ns = 0
+        self.taken = self.reported = self._answered = self._next_ns = 0
 
     def receive(self, message: SetHand) -> HandChange | None:
         """Take in a message. Returns a change that is due, None for a repeated one."""
@@ -30,7 +34,7 @@ class HandChanges:
 
     def report(self, holds: HandChange) -> None:
         """Report what holds now."""
-        self.holds = holds
+        self.holds, self.reported = holds, self.taken
         self._number += 1
         self._next_ns = 0
 
@@ -44,4 +48,4 @@ class HandChanges:
         if not self.pending or now_ns < self._next_ns:
             return []
         self._next_ns = now_ns + AGAIN_NS
-        return [SetHand(session, self._number, self.taken, self.holds)]
+        return [SetHand(session, self._number, self.reported, self.holds)]

@@ -218,6 +218,7 @@ class LiveClient:
                 self._report_safety(safety_state, safety.state)
                 safety_state = safety.state
             waiting.poll(tick, core.markers.everybody)
+            self._tell_changes()
             if self.rearms and not ending:
                 self._obey(tick, now_ns, supervised)
             if not ending:
@@ -246,9 +247,6 @@ class LiveClient:
             self._rearm(supervised)
         if tick % TYPED_TICKS or (seat := self._core.seated) is None:
             return
-        if seat.changes.taken != self._told:
-            self._told = seat.changes.taken
-            self.say(f"the administrator has set your hand: {seat.changes.holds.text}")
         for line in self.stop.take_typed():
             if line.startswith("m "):
                 refused = self._core.markers.refused
@@ -270,6 +268,13 @@ class LiveClient:
                     "`m TEXT` sets a marker, `c` holds the clutch, `set KEY=VALUE` a scale, `r` re-arms after a fault"
                 )
                 self.say(f"{shown(line)!r} is no order: {orders}")
+
+    def _tell_changes(self) -> None:
+        """Tell the person what the administrator has set."""
+        if (seat := self._core.seated) is not None and seat.changes.reported != self._told:
+            if seat.changes.reported:  # else a new session has begun
+                self.say(f"the administrator has set your hand: {seat.changes.holds.text}")
+            self._told = seat.changes.reported
 
     def _set_hand(self, seat: SeatSettings, text: str, now_ns: int) -> None:
         """Change the person's own hand settings."""
