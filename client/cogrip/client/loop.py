@@ -76,13 +76,13 @@ class LiveClient:
     judge: Callable[[SeatSettings, Capability], str] = lambda seat, record: ""  # why not to hold the device so, or ""
     over: Callable[[], str] = lambda: ""  # why it ends by itself before its time, "" while it goes on
     allow_unstable: bool = False  # hold a device that is asked for more than it carries; never one of hardware
+    clutched: bool = False  # begin with the clutch held
     each_frame: Callable[[RecordedClient, int], None] | None = None  # called once a network frame, with its number
     _core: RecordedClient = field(init=False)
     _up: Link | None = field(init=False, default=None)
     _down: Link | None = field(init=False, default=None)
     _counts: dict[str, int] = field(init=False, default_factory=dict)
     _half_tick_ns: int = field(init=False, default=0)
-    _clutched: bool = field(init=False, default=False)  # by the key
 
     def run(self) -> Ended | ClientSession:
         """Return the session once it has ended; or at once, and still open, where the server gives an observer's place only.
@@ -125,6 +125,8 @@ class LiveClient:
             self._keep_seat()
             measures += engage(["fifo"])  # last of all preparations: they would starve others
             self.say(f"{seat.user} holds {seat.object.kind} in room {seat.room} with {self.hello.device}")
+            if self.clutched:
+                core.handle(inputs.Clutch(True), time.monotonic_ns())
             pacer = Pacer(seat.rates.device_hz, time.monotonic_ns() + LEAD_NS)
             try:
                 failed = self._loop(pacer, supervised)
@@ -209,7 +211,7 @@ class LiveClient:
             if safety.state != safety_state:
                 self._report_safety(safety_state, safety.state)
                 safety_state = safety.state
-            if self.rearms and not ending:
+            if not ending:
                 self._obey(tick, now_ns, supervised)
             if not ending:
                 failed = self.paths.explained(session.failed) or (
@@ -233,7 +235,7 @@ class LiveClient:
 
     def _obey(self, tick: int, now_ns: int, supervised: SupervisedDevice) -> None:
         """Do what the person at the terminal asks for: leave a fault, set a marker, hold the clutch or release it."""
-        if self._core.safety.state == "fault":
+        if self.rearms and self._core.safety.state == "fault":
             self._rearm(supervised)
         if tick % TYPED_TICKS:
             return
@@ -247,10 +249,10 @@ class LiveClient:
                 else:
                     self.say(f"marker: {text}")
             elif line.lower() == "c" and self._core.safety.state != "fault":
-                self._clutched = not self._clutched
-                self._core.handle(inputs.Clutch(self._clutched), now_ns)
+                self.clutched = not self.clutched
+                self._core.handle(inputs.Clutch(self.clutched), now_ns)
                 held, free = "clutched: the tool stands still; `c` and Enter engage", "engaged: force ramps in"
-                self.say(held if self._clutched else free)
+                self.say(held if self.clutched else free)
             else:
                 orders = "`m TEXT` sets a marker, `c` holds the clutch, `r` re-arms after a fault"
                 self.say(f"{shown(line)!r} is no order: {orders}")
