@@ -67,11 +67,22 @@ class Mark(msgspec.Struct, frozen=True, tag_field="kind", tag="mark"):
     room: str = ""
 
 
+class TriggerWritten(msgspec.Struct, frozen=True, tag_field="kind", tag="trigger_written"):
+    """A marker reached the trigger line as this code, so long after it was asked for, and so long before this input."""
+
+    marker: str
+    code: int
+    after_ns: int
+    ago_ns: int
+
+
 class CloseLedger(msgspec.Struct, frozen=True, tag_field="kind", tag="close_ledger"):
     """End the session: a recorder writes the accounts of all rooms and seats."""
 
 
-ServerInput = Stop | SocketFailed | Kick | Revoke | Expire | UnbindAddress | Restore | Idle | Mark | CloseLedger
+ServerInput = (
+    Stop | SocketFailed | Kick | Revoke | Expire | UnbindAddress | Restore | Idle | Mark | TriggerWritten | CloseLedger
+)
 
 decode = msgspec.json.Decoder(ServerInput).decode
 """Read an input from a recording. Raises msgspec.DecodeError (a ValueError)."""

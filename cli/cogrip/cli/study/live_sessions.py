@@ -43,15 +43,15 @@ _LOOK_EVERY_S = 0.05
 
 
 class LiveSessions:
-    """See `conductor.Sessions`. remote: people who join by themselves; flags: of every client."""
+    """See `conductor.Sessions`. remote: people who join by themselves; flags: of every client; serving: of the server."""
 
     def __init__(
         self, study: Study, folder: Path, keys: Keys, stop: Stop, console: Console, remote: frozenset[str], host: str,
-        port: int, flags: Sequence[str] = (), pages: Pages | None = None,
+        port: int, flags: Sequence[str] = (), serving: Sequence[str] = (), pages: Pages | None = None,
     ) -> None:  # fmt: skip
         self._pages, self._start_by = pages or Pages(), study.start
         self._end, self._keys, self._stop, self._console = study.end, keys, stop, console
-        self._remote, self._flags = remote, flags
+        self._remote, self._flags, self._serving = remote, flags, serving
         self._host, self._port = host, port
         self._state = folder.resolve() / "state"  # key and tokens: links stay the same through the study
         self._children = folder / CHILDREN
@@ -63,7 +63,9 @@ class LiveSessions:
         into = ["--into", str(folder)]
         where = ["--host", self._host, "--port", str(self._port), "--state", str(self._state)]
         children: Children = {}
-        self._start(children, "server", folder, ["serve", str(folder / SETTINGS), *where, "--fresh", *into])
+        self._start(
+            children, "server", folder, ["serve", str(folder / SETTINGS), *where, "--fresh", *self._serving, *into]
+        )
         ended = Ended(Event.FAILED, "")
         try:
             port = listening_port("server", children["server"], folder / LOG, self._stop)

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from cogrip.cli.session.before_run import AllowUnstable
+from cogrip.cli.session.trigger_line import try_trigger
 from cogrip.cli.session.view_child import is_web
 from cogrip.cli.study.study_source import STUDIES, load_study
 from cogrip.cli.terminal.output import make_console
@@ -36,6 +37,7 @@ def study(
     host: str = "127.0.0.1",
     port: int = DEFAULT_PORT,
     view: Annotated[bool, Parameter(negative="")] = False,
+    trigger: str | None = None,
     allow_unstable: AllowUnstable = False,
     out: Path | None = None,
 ) -> int:
@@ -62,6 +64,8 @@ def study(
         UDP port of live sessions; it stays the same, and so do join links.
     view
         Show each participant a page in the browser: the session, instructions and target, and their questions.
+    trigger
+        Trigger line of live sessions at every marker, such as their beginning and end: see `cogrip serve`.
     out
         The study's folder, new or to be resumed; else studies/NAME.
     """
@@ -83,6 +87,10 @@ def study(
     elsewhere = _remote(asked, remote)
     if view and not live:
         raise BadInput("--view is for live sessions: add --live, or leave it out")
+    if trigger is not None:
+        if not live:
+            raise BadInput("--trigger is for live sessions: add --live, or leave it out")
+        try_trigger(trigger)
     hands = _hands(asked, base, elsewhere) if live else frozenset()
     if hands and not view:
         raise BadInput(f"{study}: the device of {', '.join(sorted(hands))} is the pointer of a page; add --view")
@@ -101,9 +109,10 @@ def study(
             from cogrip.cli.study.terminal_people import Keys, TerminalPeople
 
             keys = Keys(stop)
+            serving = ["--trigger", trigger] if trigger else []
             flags = ["--allow-unstable"] if allow_unstable else []
             pages = Pages(open_page(asked, path, hands, groups, console, stack)) if view else Pages()
-            sessions = LiveSessions(asked, path, keys, stop, console, elsewhere, host, port, flags, pages)
+            sessions = LiveSessions(asked, path, keys, stop, console, elsewhere, host, port, flags, serving, pages)
             who = TerminalPeople(keys, console, pages, buttons=asked.start == "button")
         else:
             sessions = LaboratorySessions(asked, lambda: bool(stop.reason))
