@@ -13,6 +13,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from cogrip.sim.experiments.study.journal import read_answers, read_trials
+from cogrip.sim.runs.records import open_run
 
 from tests.free_ports import free_port
 from tests.live.held_arms import LIMIT_S, Spoken
@@ -59,6 +60,30 @@ def prompt(page: ClientConnection, text: str, problem: str = "") -> int:
         found = message.get("prompt") if message.get("type") == "panel" else None
         if found and found["text"] == text and problem in found["problem"]:
             return int(found["number"])
+
+
+BUTTONS = STUDY.replace('end = "operator"', 'end = "time"\nstart = "button"').replace(
+    'hand = "push"', 'hand = "reach&amplitude_m=0.01&press=2@1.0+0.2"'
+)
+
+
+def test_trial_begins_with_a_button_of_the_device(start: Callable[..., Spoken], tmp_path: Path) -> None:
+    file, folder = tmp_path / "study.toml", tmp_path / "study"
+    file.write_text(BUTTONS)
+    study = start("study", file, "--live", "--port", free_port(), "--out", folder, stdin=subprocess.PIPE)
+    study.tell("")  # the instructions
+    study.hear("press a button of your device")
+    study.hear("P01 is ready")
+    study.hear("How sure")
+    study.tell("4")
+    assert study.end() == 0, study.said
+    (line,) = [line for line in read_trials(folder) if line.status == "finished"]
+    run = open_run(folder / "runs" / line.runs[0])
+    assert [text for _, text in run.markers()] == [f"begin {line.runs[0]}", f"end {line.runs[0]} time"]
+    states = [each.record.state for each in run.clients["P01"].records("tick")]
+    began = states.index("live", states.index("clutched"))
+    assert set(states[:began]) <= {"idle", "calibrating", "armed", "live", "clutched"}
+    assert "clutched" not in states[began:]
 
 
 def test_live_trial_survives_a_kill_and_ends_by_key(
