@@ -5,7 +5,6 @@ import signal
 import stat
 import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -57,10 +56,13 @@ class Study:
         self._command = ("study", str(folder / "study.toml"), "--live", "--view", "--port", str(free_port()))
         self._started = started
 
+    def run(self, *arguments: str) -> Spoken:
+        self._started.append(Spoken(*arguments, stdin=subprocess.PIPE))
+        return self._started[-1]
+
     def start(self) -> tuple[Spoken, str, str]:
         """Start it, and return the addresses of the pages."""
-        said = Spoken(*self._command, "--out", str(self.path), stdin=subprocess.PIPE)
-        self._started.append(said)
+        said = self.run(*self._command, "--out", str(self.path))
         return said, said.hear(r"page of P01: (\S+)")[1], said.hear(r"page of P02: (\S+)")[1]
 
 
@@ -69,13 +71,7 @@ def study(tmp_path: Path) -> Iterator[Study]:
     started: list[Spoken] = []
     yield Study(tmp_path, started)
     for each in started:
-        if each.popen.poll() is None:
-            each.popen.kill()
-        each.popen.wait()
-        for pipe in (each.popen.stdin, each.popen.stdout):
-            if pipe is not None:
-                with suppress(BrokenPipeError):
-                    pipe.close()
+        each.stop()
 
 
 def press(page: BrowserPage, name: str) -> None:
@@ -157,7 +153,7 @@ def test_no_trial_is_lost_over_a_kill_with_a_question_open(study: Study, open_pa
 
 def check_table(study: Study) -> None:
     """Answers are in the table; time 0 is the marker of the beginning, and until then nobody moved the object."""
-    table = Spoken("table", str(study.path), "--to", "csv", stdin=subprocess.DEVNULL)
+    table = study.run("table", str(study.path), "--to", "csv")
     assert table.end() == 0, table.said
     with (study.path / "table.csv").open(newline="") as lines:
         first, second = csv.DictReader(lines)

@@ -161,13 +161,12 @@ class LiveSessions:
                     return Ended(
                         Event.FAILED, f"{name}: {how_ended(child, _log(folder, name))}; see {_log(folder, name)}"
                     )
-            steps = [step for step in run.steps(settings.name) if all(seat.seated for seat in step.seats)]
-            if not steps:
-                continue
+            fresh = run.steps(settings.name)
             if start.state == "waiting":
-                self._take_ready(start, people, steps, line)
-                if start.state == "waiting":
-                    continue
+                self._take_ready(start, people, fresh, line)
+            steps = [step for step in fresh if all(seat.seated for seat in step.seats)]
+            if not steps or start.state == "waiting":
+                continue
             now_s = time.monotonic()
             if began_s is None:
                 began_s = now_s
@@ -186,7 +185,7 @@ class LiveSessions:
             self._pages.show(person, "waiting", Prompt(kind="go", text="I am ready", low=BUTTON))
 
     def _take_ready(self, start: TrialState, people: Sequence[str], steps: Sequence[Step], line: str | None) -> None:
-        """Take who is ready: by a button of the device, on the page, by Enter for the next one; all, who said so before."""
+        """Take who is ready: by a button of the device, on the page, by Enter for the next one; else all of them."""
         if self._start_by != "button":
             start.handle(Event.READY)
             return
@@ -201,14 +200,14 @@ class LiveSessions:
                 start.ready(person)
 
     def _begin(self, run: str, goal: Goal, step: Step, people: Sequence[str], children: Children) -> None:
-        """Let the hands engage that were held off, mark the beginning, and show it."""
+        """Mark the beginning, then let the hands engage that were held off, and show it."""
+        self._mark(begun_by(run))
         if self._start_by == "button":
             for name, child in children.items():
                 if name != "server" and child.stdin is not None:
                     with suppress(OSError):  # it has ended, which is found out
                         child.stdin.write(b"c\n")
                         child.stdin.flush()
-        self._mark(begun_by(run))
         self._console.print("everybody holds on")
         for person in people:
             self._pages.show(person, "running")
