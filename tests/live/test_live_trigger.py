@@ -8,7 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from cogrip.devices.io.platform import open_pseudo_terminal
+from cogrip.protocol.recording.reader import open_recording
+from cogrip.sim.runs.folder import SERVER_RECORDING
 from cogrip.sim.runs.records import open_run
+from cogrip.sim.runs.replay.verify import verify
 
 from tests.free_ports import free_port
 from tests.live.held_arms import LIMIT_S, Spoken
@@ -40,3 +43,4 @@ def test_marker_is_a_byte_on_the_line_and_its_time_is_recorded(start: Callable[.
     assert [text for _, text in markers] == ["lamp on", "lamp off"]
     for (written_s, *_), (marked_s, _) in zip(triggers, markers, strict=True):
         assert written_s > marked_s
+    assert verify(open_recording(run / SERVER_RECORDING)).exact

@@ -114,10 +114,12 @@ class LiveSessions:
         if self._pages.page is None:
             return
         target = target_of(link, "", False, "", "")
+        paths = target.paths(False)
+        feed = LiveFeed(ClientSession(target.observer()), paths, self._console.print)
         try:
-            feed = LiveFeed(ClientSession(target.observer()), target.paths(False), self._console.print)
             feed.connect()
-        except (JoinError, Problem) as error:
+        except JoinError as error:
+            paths.close()
             self._console.print(f"no picture on the pages: {error}")
         else:
             self._pages.page.follow(feed)

@@ -86,6 +86,7 @@ def open_page(
     kept = _read(state / FILE)
     tokens = {name: kept.tokens.get(name) or new_token() for group in everybody for name in group}
     page = StudyPage(study.name, tokens, hands, kept.port)
+    stack.callback(_report, page, console)
     with Problem.of(PortError):
         stack.enter_context(page)
     _keep(state, page)
@@ -93,6 +94,12 @@ def open_page(
         console.print(f"page of {name}: {page.address(name)}")
         open_browser(page.address(name))
     return page
+
+
+def _report(page: StudyPage, console: Console) -> None:
+    """Print what was refused at the pages, once they are closed."""
+    if counts := {name: count for name, count in sorted(page.counts.items()) if count}:
+        console.print("pages: " + ", ".join(f"{name} {count}" for name, count in counts.items()))
 
 
 def _keep(state: Path, page: StudyPage) -> None:
