@@ -16,8 +16,8 @@ class ServerEvent(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 UNAUTHENTICATED_EVENTS = (
-    "joined", "observes", "resumed", "left", "lost", "kicked", "refused", "limited", "stiffness", "marker",
+    "joined", "observes", "resumed", "left", "lost", "kicked", "refused", "limited", "stiffness", "marker", "trigger",
 )  # fmt: skip
 """Events that unauthenticated peers can cause, at an unencrypted server or by handshakes: a log gets a bounded number."""
 
-EVENTS = (*UNAUTHENTICATED_EVENTS, "restored", "reloaded", "trigger", "trouble")
+EVENTS = (*UNAUTHENTICATED_EVENTS, "restored", "reloaded", "trouble")
