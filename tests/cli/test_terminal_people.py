@@ -73,10 +73,10 @@ def test_quit_by_key_by_signal_and_by_the_end_of_the_input(terminal: Terminal) -
     terminal.type("half a li")
     terminal.hang_up()
     with pytest.raises(Quit):
-        terminal.people.tell("Instructions")
+        terminal.people.tell("Instructions", ["P01"])
     terminal.stop.reason = "interrupted"
     with pytest.raises(Quit):
-        terminal.people.tell("Instructions")
+        terminal.people.tell("Instructions", ["P01"])
 
 
 QUESTIONS = {

@@ -1,15 +1,22 @@
 """A live study: a server and clients for every session, keys at a terminal, and a kill in the midst of it."""
 
 import csv
+import json
 import signal
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
+import pytest
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
+
 from cogrip.sim.experiments.study.journal import read_answers, read_trials
+from cogrip.sim.runs.records import open_run
 
 from tests.free_ports import free_port
-from tests.live.held_arms import Spoken
+from tests.live.held_arms import LIMIT_S, Spoken
 
 STUDY = """
 name = "by hand"
@@ -31,7 +38,57 @@ ask = ["sure"]
 """
 
 
-def test_live_trial_survives_a_kill_and_ends_by_key(start: Callable[..., Spoken], tmp_path: Path) -> None:
+@pytest.fixture
+def stack() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+def page_of(address: str, stack: ExitStack) -> ClientConnection:
+    """Open the socket of a participant's page, until `stack` is closed."""
+    place, token = address.removeprefix("http://").split("/#")
+    page = stack.enter_context(connect(f"ws://{place}/socket", subprotocols=[Subprotocol("cogrip.view.v1")]))
+    page.send(json.dumps({"type": "hello", "token": token}))
+    return page
+
+
+def prompt(page: ClientConnection, text: str, problem: str = "") -> int:
+    """Wait for a prompt, and return its number."""
+    while True:
+        said = page.recv(timeout=LIMIT_S)
+        message = json.loads(said) if isinstance(said, str) else {}
+        found = message.get("prompt") if message.get("type") == "panel" else None
+        if found and found["text"] == text and problem in found["problem"]:
+            return int(found["number"])
+
+
+BUTTONS = STUDY.replace('end = "operator"', 'end = "time"\nstart = "button"').replace(
+    'hand = "push"', 'hand = "reach&amplitude_m=0.01&press=2@1.0+0.2"'
+)
+
+
+def test_trial_begins_with_a_button_of_the_device(start: Callable[..., Spoken], tmp_path: Path) -> None:
+    file, folder = tmp_path / "study.toml", tmp_path / "study"
+    file.write_text(BUTTONS)
+    study = start("study", file, "--live", "--port", free_port(), "--out", folder, stdin=subprocess.PIPE)
+    study.tell("")  # the instructions
+    study.hear("press a button of your device")
+    study.hear("P01 is ready")
+    study.hear("How sure")
+    study.tell("4")
+    assert study.end() == 0, study.said
+    (line,) = [line for line in read_trials(folder) if line.status == "finished"]
+    run = open_run(folder / "runs" / line.runs[0])
+    assert [text for _, text in run.markers()] == [f"begin {line.runs[0]}", f"end {line.runs[0]} time"]
+    states = [each.record.state for each in run.clients["P01"].records("tick")]
+    began = states.index("live", states.index("clutched"))
+    assert set(states[:began]) <= {"idle", "calibrating", "armed", "live", "clutched"}
+    assert "clutched" not in states[began:]
+
+
+def test_live_trial_survives_a_kill_and_ends_by_key(
+    start: Callable[..., Spoken], stack: ExitStack, tmp_path: Path
+) -> None:
     file, folder, port = tmp_path / "study.toml", tmp_path / "study", free_port()
     file.write_text(STUDY)
     command = ("study", file, "--live", "--port", port, "--out", folder)
@@ -45,9 +102,10 @@ def test_live_trial_survives_a_kill_and_ends_by_key(start: Callable[..., Spoken]
     killed.popen.wait()
     assert [(line.status, line.attempt) for line in read_trials(folder)] == [("begun", 1)]
 
-    again = start(*command, stdin=subprocess.PIPE)
+    again = start(*command, "--view", stdin=subprocess.PIPE)
+    page = page_of(again.hear(r"page of P01: (\S+)")[1], stack)
     again.hear("Press against the wall")
-    again.tell("")
+    page.send(json.dumps({"type": "reply", "number": prompt(page, "Go on"), "text": ""}))
     again.hear("P01: Enter when you are ready")
     again.tell("")
     again.hear("everybody holds on")
@@ -55,7 +113,7 @@ def test_live_trial_survives_a_kill_and_ends_by_key(start: Callable[..., Spoken]
     again.hear("How sure")
     again.tell("8")
     again.hear("'8' is no answer here; give 1 to 7")
-    again.tell("5")
+    page.send(json.dumps({"type": "reply", "number": prompt(page, "How sure?", "give 1 to 7"), "text": "5"}))
     again.hear("1 trial finished, 1 of them now")
     assert again.end() == 0, again.said
     last = read_trials(folder)[-1]

@@ -18,11 +18,12 @@ EXPECTED = {
     "malformed request", "Host is not this page's (socket)", "Origin is not this page's (socket)", "unknown path",
     "Host is not this page's", "Origin is not this page's", "token",
     "malformed message", "message too large", "second hello", "no such chunk",
-    "pointer without a hand", "text that is not UTF-8", "malformed websocket frame",
+    "pointer without a hand", "reply without a study", "text that is not UTF-8", "malformed websocket frame",
 }  # fmt: skip
 FILLER = b"\0" * 20_000
 TEXTS = (
     HELLO, HELLO.replace("t0ken", "token"), '{"type":"hello","token":"t0ken","hand":true}', '{"type":"chunk","number":0}',
+    '{"type":"reply","number":1,"text":"5"}', '{"type":"reply","number":-1,"text":""}',
     '{"type":"chunk","number":-1}', '{"type":"chunk","number":1e999}', '{"type":"hello","token":null}', "null", "[]", '"', "",
 )  # fmt: skip
 

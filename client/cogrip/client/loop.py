@@ -80,6 +80,7 @@ class LiveClient:
     judge: Callable[[SeatSettings, Capability], str] = lambda seat, record: ""  # why not to hold the device so, or ""
     over: Callable[[], str] = lambda: ""  # why it ends by itself before its time, "" while it goes on
     allow_unstable: bool = False  # hold a device that is asked for more than it carries; never one of hardware
+    clutched: bool = False  # begin with the clutch held
     each_frame: Callable[[RecordedClient, int], None] | None = None  # called once a network frame, with its number
     waits: SimulatedDevice | None = (
         None  # begins when everybody holds on, and then `seconds` begins; part of the device
@@ -132,6 +133,8 @@ class LiveClient:
             self._keep_seat()
             measures += engage(["fifo"])  # last of all preparations: they would starve others
             self.say(f"{seat.user} holds {seat.object.kind} in room {seat.room} with {self.hello.device}")
+            if self.clutched:
+                core.handle(inputs.Clutch(True), time.monotonic_ns())
             pacer = Pacer(seat.rates.device_hz, time.monotonic_ns() + LEAD_NS)
             try:
                 failed = self._loop(pacer, supervised)
@@ -219,7 +222,7 @@ class LiveClient:
                 safety_state = safety.state
             waiting.poll(tick, core.markers.everybody)
             self._tell_changes()
-            if self.rearms and not ending:
+            if not ending:
                 self._obey(tick, now_ns, supervised)
             if not ending:
                 failed = self.paths.explained(session.failed) or (
@@ -243,7 +246,7 @@ class LiveClient:
 
     def _obey(self, tick: int, now_ns: int, supervised: SupervisedDevice) -> None:
         """Do what the person at the terminal asks for: leave a fault, set a marker, hold the clutch or release it."""
-        if self._core.safety.state == "fault":
+        if self.rearms and self._core.safety.state == "fault":
             self._rearm(supervised)
         if tick % TYPED_TICKS or (seat := self._core.seated) is None:
             return

@@ -52,6 +52,7 @@ class ServerCore:
             inputs.Idle: self._idle,
             inputs.Mark: self._mark,
             inputs.SetHand: self._set_hand,
+            inputs.TriggerWritten: self._trigger,
             inputs.CloseLedger: lambda given, _: None,
         }
 
@@ -214,6 +215,11 @@ class ServerCore:
         for room in rooms:
             self._report_mark(room, room.markers.add(given.text, room.steps))
         return len(rooms)
+
+    def _trigger(self, given: inputs.TriggerWritten, now_ns: int) -> None:
+        after_ms, ago_ms = 1e-6 * given.after_ns, 1e-6 * given.ago_ns
+        text = f"trigger {given.code} written {ago_ms:.3f} ms ago, {after_ms:.3f} ms after {given.marker}"
+        self.events.append(ServerEvent("trigger", text))
 
     def _receive_mark(self, room: Room, seat: Seat, mark: Mark) -> None:
         """Take in a person's marker, once: it is repeated until they are told of it."""

@@ -16,7 +16,7 @@ class ServerEvent(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 UNAUTHENTICATED_EVENTS = (
-    "joined", "observes", "resumed", "left", "lost", "kicked", "refused", "limited", "stiffness", "marker", "hand",
+    "joined", "observes", "resumed", "left", "lost", "kicked", "refused", "limited", "stiffness", "marker", "hand", "trigger",
 )  # fmt: skip
 """Events that unauthenticated peers can cause, at an unencrypted server or by handshakes: a log gets a bounded number."""
 

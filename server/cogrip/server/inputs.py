@@ -76,12 +76,32 @@ class SetHand(msgspec.Struct, frozen=True, tag_field="kind", tag="set_hand"):
     room: str = ""
 
 
+class TriggerWritten(msgspec.Struct, frozen=True, tag_field="kind", tag="trigger_written"):
+    """A marker reached the trigger line as this code, so long after it was asked for, and so long before this input."""
+
+    marker: str
+    code: int
+    after_ns: int
+    ago_ns: int
+
+
 class CloseLedger(msgspec.Struct, frozen=True, tag_field="kind", tag="close_ledger"):
     """End the session: a recorder writes the accounts of all rooms and seats."""
 
 
 ServerInput = (
-    Stop | SocketFailed | Kick | Revoke | Expire | UnbindAddress | Restore | Idle | Mark | SetHand | CloseLedger
+    Stop
+    | SocketFailed
+    | Kick
+    | Revoke
+    | Expire
+    | UnbindAddress
+    | Restore
+    | Idle
+    | Mark
+    | SetHand
+    | TriggerWritten
+    | CloseLedger
 )
 
 decode = msgspec.json.Decoder(ServerInput).decode

@@ -81,6 +81,7 @@ class LiveServer:
     authenticator: Authenticator = field(default_factory=AdmitAll)
     chores: list[Chore] = field(default_factory=list)
     events: deque[ServerEvent] = field(default_factory=deque)
+    marked: Callable[[str], None] | None = None  # called with the words of each marker
     core: RecordedServer = field(init=False)
     channel: ServerChannel = field(init=False)
     pacers: dict[str, Pacer] = field(init=False, default_factory=dict)
@@ -228,6 +229,8 @@ class LiveServer:
         for events in (self.channel.events, self.core.events, self.events):
             while events:
                 event = events.popleft()
+                if event.event == "marker" and self.marked is not None:
+                    self.marked(event.text)
                 if event.event not in UNAUTHENTICATED_EVENTS or self._may_say(event.event, now_ns):
                     self.say(event)
                 else:

@@ -4,7 +4,10 @@ from typing import Annotated
 
 import msgspec
 
+from cogrip.sim.experiments.study.questions import MOST_TEXT
+
 MOST_CHUNK = 2**20
+MOST_NUMBER = 2**31 - 1
 
 
 class PageHello(msgspec.Struct, frozen=True, tag_field="type", tag="hello", forbid_unknown_fields=True):
@@ -20,17 +23,26 @@ class ChunkRequest(msgspec.Struct, frozen=True, tag_field="type", tag="chunk", f
     number: Annotated[int, msgspec.Meta(ge=0, le=MOST_CHUNK)]
 
 
+class PanelReply(msgspec.Struct, frozen=True, tag_field="type", tag="reply", forbid_unknown_fields=True):
+    """Reply of a study's participant to the prompt of this number."""
+
+    number: Annotated[int, msgspec.Meta(ge=0, le=MOST_NUMBER)]
+    text: Annotated[str, msgspec.Meta(max_length=MOST_TEXT)]
+
+
+PageText = PageHello | ChunkRequest | PanelReply
+
+
 class PageError(ValueError):
     """A text that is none of this page's."""
 
 
-_decoder = msgspec.json.Decoder(PageHello | ChunkRequest)
+_decoder: msgspec.json.Decoder[PageText] = msgspec.json.Decoder(PageText)
 
 
-def read_text(text: str | bytes) -> PageHello | ChunkRequest:
+def read_text(text: str | bytes) -> PageText:
     """Return the message in a text. Raises PageError."""
     try:
-        message: PageHello | ChunkRequest = _decoder.decode(text)
+        return _decoder.decode(text)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise PageError(str(error)) from None
-    return message

@@ -8,6 +8,7 @@ from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from cogrip.cli.session.trigger_line import measured_trigger
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.io import punctuality
@@ -100,7 +101,7 @@ def _render(console: Console, machine: Machine, found: Sequence[Punctuality], ad
     )
 
 
-def doctor(*, seconds: float = 1.0, json: Json = None) -> int:
+def doctor(*, seconds: float = 1.0, trigger: str | None = None, json: Json = None) -> int:
     """Measure what this machine can do in real time, and advise how to improve it.
 
     With --json - the answer is printed in place of the tables. Exit code 0 whatever was found.
@@ -109,9 +110,17 @@ def doctor(*, seconds: float = 1.0, json: Json = None) -> int:
     ----------
     seconds
         Time for which each row is measured: three rates, with and without each real-time measure.
+    trigger
+        Measure this trigger line instead (`cogrip serve --trigger`), or byte:pty, a pseudo-terminal without any device.
     """
     if not 0.05 <= seconds <= 600.0:
         raise BadInput(f"--seconds {seconds:g} is outside 0.05 to 600, the time for each row")
+    if trigger is not None:
+        if json is not None:
+            raise BadInput("--json is for the machine; leave it out beside --trigger")
+        for line in measured_trigger(trigger):
+            make_console(soft_wrap=True).print(line)
+        return 0
     console = make_console(markup=True)
     found: list[Punctuality] = []
     columns = (TextColumn("{task.description:<32}"), BarColumn(), TimeRemainingColumn())

@@ -26,10 +26,10 @@ _STATED = re.compile(
 """A line in which a command says why it ended; after a defect it is the last line of the traceback."""
 
 
-def start_child(log: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
+def start_child(log: Path, arguments: Sequence[str], *handles: int) -> subprocess.Popen[bytes]:
     """Start a child in a session of its own: Ctrl-C reaches it through us, so that its last lines are not lost.
 
-    It ends when this process does, however that ends: its standard input is our pipe.
+    It ends when this process does, however that ends: its standard input is our pipe. handles: that it is to have.
     """
     with log.open("wb") as out:
         return subprocess.Popen(
@@ -38,7 +38,7 @@ def start_child(log: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
             stdout=out,
             stderr=subprocess.STDOUT,
             env={**os.environ, TETHERED: "yes"},
-            **system.own_session(),
+            **system.own_session(*handles),
         )
 
 

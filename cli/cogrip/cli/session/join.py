@@ -71,6 +71,7 @@ def join(
     report: Report = True,
     record: Record = True,
     rearm: bool | None = None,
+    clutched: Annotated[bool, Parameter(negative="")] = False,
     quiet: Quiet = False,
     allow_unstable: AllowUnstable = False,
 ) -> int:
@@ -122,6 +123,8 @@ def join(
     rearm
         Stay after a fault, without force, until `r` and Enter, or SIGUSR1, re-arms; else a fault ends the session. Yes at a
         terminal, no elsewhere.
+    clutched
+        Begin with the clutch held: hand and tool move nothing until `c` and Enter engages.
     """
     above_zero("--seconds", seconds)
     console = make_console(soft_wrap=True)
@@ -163,7 +166,7 @@ def join(
             )
             client = LiveClient(
                 arm, target.player(arm.capability, address), paths, stop, say, LinkEmulator, files.record_at, seconds, rearms,
-                partial(judge_seat, address, allow_unstable, say), partial(played_out, arm), allow_unstable,
+                partial(judge_seat, address, allow_unstable, say), partial(played_out, arm), allow_unstable, clutched,
                 waits=arm if settings and settings.task.together and isinstance(arm, SimulatedDevice) else None,
             )  # fmt: skip
             try:

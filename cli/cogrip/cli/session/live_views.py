@@ -19,7 +19,7 @@ from rich.text import Text
 
 from cogrip.cli.terminal.screen import draw_below
 from cogrip.cli.terminal.tables import Fitted, clock, plain_table, shortened
-from cogrip.protocol.recording.reader import Follower, RecordingError
+from cogrip.protocol.recording.reader import Follower, Message, RecordingError
 from cogrip.protocol.recording.records import Record, Row, SeatStep, Step, Tick
 from cogrip.server.io.control import ControlError, Who, ask
 from cogrip.server.io.state_folder import StateFolder
@@ -43,6 +43,8 @@ class FollowedRun:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._followers: dict[str, Follower] = {}
+        self._steps: list[Message] = []
+        self._topic = ""  # of the steps that `steps` returns
 
     def tick(self, name: str) -> Tick | None:
         """Return the newest tick of a person's client."""
@@ -52,11 +54,22 @@ class FollowedRun:
         """Return the newest step of a room."""
         return self._newest(SERVER_RECORDING, step_topic(room), Step)
 
+    def steps(self, room: str) -> list[Step]:
+        """Return all steps of a room since the last call."""
+        self._topic = step_topic(room)
+        self.step(room)
+        steps, self._steps = self._steps, []
+        return [msgspec.json.decode(each.payload, type=Step) for each in steps]
+
+    def _keep(self, topic: str, message: Message) -> None:
+        if topic == self._topic:
+            self._steps.append(message)
+
     def _newest(self, file: str, topic: str, kind: type[R]) -> R | None:
         follower = self._followers.get(file)
         try:
             if follower is None:
-                follower = self._followers[file] = Follower(self._folder / file)
+                follower = self._followers[file] = Follower(self._folder / file, self._keep)
             message = follower.look().get(topic)
         except (OSError, RecordingError):  # not there yet, not whole yet, or gone
             return None

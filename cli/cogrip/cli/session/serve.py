@@ -13,6 +13,7 @@ from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
 from cogrip.cli.session.served_rooms import is_loopback, rooms_of, warn_of
 from cogrip.cli.session.server_state import LOOPBACKS, authenticator_of, channel_of, held_folder, publish
+from cogrip.cli.session.trigger_line import open_trigger
 from cogrip.cli.session.view_child import ViewChild
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Overrides, Quiet, Record, Report
@@ -45,6 +46,7 @@ def serve(
     links: bool = True,
     log: Literal["text", "json"] = "text",
     metrics: int | None = None,
+    trigger: str | None = None,
     overrides: Overrides = (),
     seconds: float | None = None,
     runs: Path = Path("runs"),
@@ -86,6 +88,8 @@ def serve(
         Lines for people, or one JSON object a line.
     metrics
         Port on loopback for /metrics (Prometheus) and /healthz; 0 takes a free one. None if not given.
+    trigger
+        Raise a line of a serial port, or send a byte on it, at every marker: rts:PORT, dtr:PORT or byte:PORT.
     seconds
         Stop after this time.
     runs
@@ -105,6 +109,7 @@ def serve(
     names = [room.name for room in rooms]
     stop = Stop()
     with ExitStack() as stack:
+        line = open_trigger(trigger, stack)
         state_folder = held_folder(state, port, encrypted, say, stack)
         authenticator = authenticator_of(state_folder, say) if encrypted and state_folder else None
         key_folder = state_folder if encrypted else None
@@ -126,8 +131,8 @@ def serve(
         try:
             feed = None if metrics is None else open_metrics(metrics, say)
             housekeeping = Housekeeping(
-                server, say, folder=state_folder, authenticator=authenticator, metrics=feed, software=VERSION,
-                fresh=fresh,
+                server, say, folder=state_folder, authenticator=authenticator, metrics=feed,
+                trigger=line, software=VERSION, fresh=fresh,
             )  # fmt: skip
         except (MetricsError, StateError) as error:
             server.close()

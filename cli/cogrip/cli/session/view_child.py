@@ -87,10 +87,7 @@ class ViewChild:
         """Return the address of a device, with the link in it where it is the pointer. Raises BadInput for an unknown one."""
         if self._ours is None or device is None:
             return device
-        name, _, query = device.removeprefix(SCHEME).removeprefix(":").partition("?")
-        if name not in ("", "pointer"):
-            raise BadInput(f"--device {device!r}: no such web device; there is: {', '.join(NAMES)}")
-        return f"{SCHEME}:pointer?{f'{query}&' if query else ''}fd={self._ours.fileno()}"
+        return linked_device(device, self._ours.fileno())
 
     def seated(self, seat: int) -> None:
         """Tell the page which seat its hand has."""
@@ -140,6 +137,14 @@ def given_link(device: str | None) -> GivenLink | None:
     """Return the link that stands in a device's address, None where there is none."""
     found = re.match(rf"{SCHEME}:pointer\?(?:.*&)?fd=(\d+)", device or "")
     return GivenLink(int(found[1])) if found else None
+
+
+def linked_device(device: str, fd: int) -> str:
+    """Return the address of a pointer with its link in it. Raises BadInput for another web device."""
+    name, _, query = device.removeprefix(SCHEME).removeprefix(":").partition("?")
+    if name not in ("", "pointer"):
+        raise BadInput(f"--device {device!r}: no such web device; there is: {', '.join(NAMES)}")
+    return f"{SCHEME}:pointer?{f'{query}&' if query else ''}fd={fd}"
 
 
 def is_web(device: str | None) -> bool:

@@ -1,15 +1,17 @@
 """`cogrip study`: trials with participants, live or in virtual time; resumable."""
 
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 from rich.console import Console
 
 from cogrip.cli.session.before_run import AllowUnstable
+from cogrip.cli.session.trigger_line import try_trigger
+from cogrip.cli.session.view_child import is_web
 from cogrip.cli.study.study_source import STUDIES, load_study
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem, within
@@ -34,6 +36,8 @@ def study(
     remote: Annotated[tuple[str, ...], Parameter(negative="")] = (),
     host: str = "127.0.0.1",
     port: int = DEFAULT_PORT,
+    view: Annotated[bool, Parameter(negative="")] = False,
+    trigger: str | None = None,
     allow_unstable: AllowUnstable = False,
     out: Path | None = None,
 ) -> int:
@@ -58,6 +62,10 @@ def study(
         Address on which the server of live sessions listens; on any but loopback sessions are encrypted.
     port
         UDP port of live sessions; it stays the same, and so do join links.
+    view
+        Show each participant a page in the browser: the session, instructions and target, and their questions.
+    trigger
+        Trigger line of live sessions at every marker, such as their beginning and end: see `cogrip serve`.
     out
         The study's folder, new or to be resumed; else studies/NAME.
     """
@@ -77,23 +85,35 @@ def study(
             "goal.within_m"
         )
     elsewhere = _remote(asked, remote)
+    if view and not live:
+        raise BadInput("--view is for live sessions: add --live, or leave it out")
+    if trigger is not None:
+        if not live:
+            raise BadInput("--trigger is for live sessions: add --live, or leave it out")
+        try_trigger(trigger)
+    hands = _hands(asked, base, elsewhere) if live else frozenset()
+    if hands and not view:
+        raise BadInput(f"{study}: the device of {', '.join(sorted(hands))} is the pointer of a page; add --view")
     path = out or Path(STUDIES) / asked.name.replace(" ", "+")
     with BadInput.of(StudyError), Problem.of(OSError, where=f"--out {path}: cannot be written: "):
         folder = StudyFolder(path, asked, base, "live" if live else "simulated", system.lock)
     if over := sum(line.over for line in folder.trials):
         console.print(f"over already, in {path}: {counted(over)}")
     stop = Stop()
-    with closing(folder), on_signals(stop):
+    with closing(folder), on_signals(stop), ExitStack() as stack:
         sessions: Sessions
         who: People
         if live:
             from cogrip.cli.study.live_sessions import LiveSessions
+            from cogrip.cli.study.pages import Pages, open_page
             from cogrip.cli.study.terminal_people import Keys, TerminalPeople
 
             keys = Keys(stop)
+            serving = ["--trigger", trigger] if trigger else []
             flags = ["--allow-unstable"] if allow_unstable else []
-            sessions = LiveSessions(asked, path, keys, stop, console, elsewhere, host, port, flags)
-            who = TerminalPeople(keys, console)
+            pages = Pages(open_page(asked, path, hands, groups, console, stack)) if view else Pages()
+            sessions = LiveSessions(asked, path, keys, stop, console, elsewhere, host, port, flags, serving, pages)
+            who = TerminalPeople(keys, console, pages, buttons=asked.start == "button")
         else:
             sessions = LaboratorySessions(asked, lambda: bool(stop.reason))
             who = SimulatedPeople(asked)
@@ -119,6 +139,18 @@ def _remote(study: Study, remote: Sequence[str]) -> frozenset[str]:
         if name not in known:
             raise BadInput(f"--remote {name}: there is no such participant; there is: {', '.join(known)}")
     return frozenset(remote)
+
+
+def _hands(study: Study, base: Mapping[str, Any], elsewhere: frozenset[str]) -> frozenset[str]:
+    """Return who moves the pointer of their page in some condition."""
+    found = {
+        user.name
+        for people in study.groups()
+        for condition in study.conditions or (BASE,)
+        for user in study.settings_of(base, people, study.changes(condition), study.seed).users
+        if is_web(user.device)
+    }
+    return frozenset(found) - elsewhere
 
 
 def counted(trials: int) -> str:

@@ -1,4 +1,4 @@
-"""Participants and operator at one terminal: lines typed on standard input."""
+"""Participants and operator at one terminal: lines typed on standard input; and participants at their pages."""
 
 import os
 import select
@@ -8,11 +8,13 @@ from pathlib import Path
 
 from rich.console import Console
 
+from cogrip.cli.study.pages import Pages, prompt_of
 from cogrip.protocol.io.stop import Stop
 from cogrip.sim.experiments.study.conductor import Quit
 from cogrip.sim.experiments.study.plan import Trial
 from cogrip.sim.experiments.study.questions import Answer, AnswerError, Item
 from cogrip.sim.experiments.study.trial import Event, TrialState
+from cogrip.view.panel import Prompt
 
 ORDERS = {"p": Event.PAUSE, "r": Event.REPEAT, "a": Event.ABANDON}
 _POLL_S = 0.05
@@ -49,29 +51,54 @@ class Keys:
 
 
 class TerminalPeople:
-    """See `conductor.People`. A person is ready who presses Enter; `TrialState.ready` takes buttons of devices as well."""
+    """See `conductor.People`: at this terminal, and each on their page. Whichever is first counts; pages give no orders."""
 
-    def __init__(self, keys: Keys, console: Console) -> None:
-        self._keys, self._console = keys, console
+    def __init__(self, keys: Keys, console: Console, pages: Pages | None = None, *, buttons: bool = False) -> None:
+        """buttons: people say in the session that they are ready, by a button of the device; before it nobody is asked."""
+        self._buttons = buttons
+        self._keys, self._console, self._pages = keys, console, pages or Pages()
 
-    def tell(self, text: str) -> None:
-        """Show instructions until Enter."""
+    def tell(self, text: str, people: Sequence[str]) -> None:
+        """Show instructions until Enter, or until everybody goes on from their page."""
         self._console.print(f"\n{text}\n(Enter goes on)")
-        self._order(self._keys.line())
+        self._pages.instruct(people, text)
+        self._everybody(people, Prompt(kind="go", text="Go on"), at_once=True)
 
     def wait(self, trial: Trial, state: TrialState, people: Sequence[str]) -> Event:
         """Wait for Enter from each person, or for an order."""
         part = f", part {state.session + 1} of {len(trial.presentations)}" if len(trial.presentations) > 1 else ""
         kind = "practice trial" if trial.block.practice else "trial"
         self._console.print(f"\n{kind} {trial.number}{part} ({trial.block.name})")
+        self._pages.title(people, f"{kind} {trial.number}{part}")
         if state.state == "paused":
             self._console.print("paused: Enter goes on; a leaves this trial out, q quits")
+            for person in people:
+                self._pages.show(person, "paused")
             return Event.ABANDON if self._order(self._keys.line()) is Event.ABANDON else Event.RESUME
+        return Event.READY if self._buttons else self._everybody(people, Prompt(kind="go", text="I am ready"))
+
+    def _everybody(self, people: Sequence[str], prompt: Prompt, *, at_once: bool = False) -> Event:
+        """Wait until everybody has gone on, or for an order. at_once: Enter goes on for all of them."""
+        missing = list(people)
         for person in people:
-            self._console.print(f"{person}: Enter when you are ready (p pauses, a leaves this trial out, q quits)")
-            order = self._order(self._keys.line())
-            if order in (Event.PAUSE, Event.ABANDON):
-                return order
+            self._pages.show(person, "waiting", prompt)
+        asked = ""
+        while missing:
+            if missing[0] != asked and not at_once:
+                asked = missing[0]
+                self._console.print(f"{asked}: Enter when you are ready (p pauses, a leaves this trial out, q quits)")
+            line = self._keys.poll(_POLL_S)
+            if line is not None:
+                order = self._order(line)
+                if order in (Event.PAUSE, Event.ABANDON) and not at_once:
+                    return order
+            gone = people if line is not None and at_once else missing[:1] if line is not None else []
+            replied = [person for person in missing if self._pages.take(person) is not None]
+            for person in replied if not at_once else ():
+                self._console.print(f"{person} is ready")
+            for person in {*gone, *replied}:
+                missing.remove(person)
+                self._pages.show(person, "waiting")
         return Event.READY
 
     def _order(self, line: str) -> Event | None:
@@ -81,9 +108,24 @@ class TerminalPeople:
 
     def answer(self, person: str, item: Item, trial: Trial | None, runs: Sequence[Path]) -> Answer:
         """Ask until the answer is one that the question takes."""
+        problem = ""
         while True:
             self._console.print(f"\n{person}: {item.text}\n  {item.takes}")
+            self._pages.show(person, "asking", prompt_of(item, problem))
             try:
-                return item.read(self._keys.line())
+                answer = item.read(self._said(person))
             except AnswerError as error:
-                self._console.print(f"  {error}")
+                problem = str(error)
+                self._console.print(f"  {problem}")
+            else:
+                self._pages.show(person, "waiting")
+                return answer
+
+    def _said(self, person: str) -> str:
+        """Return what was typed here or sent from the person's page, whichever comes first."""
+        while True:
+            line = self._keys.poll(_POLL_S)
+            if line is None:
+                line = self._pages.take(person)
+            if line is not None:
+                return line

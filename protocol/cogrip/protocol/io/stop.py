@@ -16,6 +16,9 @@ TETHERED = "COGRIP_TETHERED"
 """Environment variable of a child whose standard input is a pipe from its parent: it is to end when that does."""
 
 
+MOST_TYPED_BYTES = 4096  # of a line
+
+
 @dataclass(slots=True)
 class Stop:
     """Requests to a loop.
@@ -102,8 +105,10 @@ def on_signals(stop: Stop, hangup: Literal["terminate", "reload"] = "terminate")
 
 
 def _follow_parent(stop: Stop, pipe: int) -> None:
-    """Wait for the end of the pipe, however the parent ends. Its own `kill -9` must not leave a hand with a force."""
+    """Take the parent's lines as if they were typed, until the pipe ends: its `kill -9` must not leave a hand with a force."""
     with suppress(OSError):
-        while os.read(pipe, 1024):
-            pass
+        rest = b""
+        while piece := os.read(pipe, 1024):
+            *lines, rest = (rest + piece)[-MOST_TYPED_BYTES:].split(b"\n")
+            stop.typed += [text for line in lines if (text := line.decode("utf-8", "replace").strip())]
     stop.reason = stop.reason or "stopped (its parent has ended)"

@@ -8,7 +8,7 @@ decompress to its checksum is left out; where the lengths themselves are damaged
 """
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -186,11 +186,15 @@ class Recording:
 
 
 class Follower:
-    """The newest message of every topic of a recording that is still being written."""
+    """The newest message of every topic of a recording that is still being written.
 
-    def __init__(self, path: Path) -> None:
+    each: called with topic and message, for every message in turn
+    """
+
+    def __init__(self, path: Path, each: Callable[[str, Message], None] | None = None) -> None:
         """Raises as `open_recording` does."""
         self._recording = open_recording(path)
+        self._each = each
         self._offset = len(MAGIC)
         self.newest: dict[str, Message] = {}
 
@@ -205,7 +209,10 @@ class Follower:
                     return self.newest
                 if opcode == CHUNK:
                     for message in recording.open_chunk(file.read(length)):
-                        self.newest[recording.topics[message.topic]] = message
+                        topic = recording.topics[message.topic]
+                        self.newest[topic] = message
+                        if self._each is not None:
+                            self._each(topic, message)
                 self._offset += _FRAME.size + length
 
 

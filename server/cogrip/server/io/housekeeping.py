@@ -15,6 +15,7 @@ from cogrip.server.io.hand_orders import HandOrders
 from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.state_folder import StateError, StateFolder
+from cogrip.server.io.trigger import Trigger
 from cogrip.server.loop import LiveServer
 from cogrip.server.room import Room
 from cogrip.server.roster import MOST_LISTED, RosterEntry, roster_of
@@ -38,6 +39,7 @@ class Housekeeping:
         folder: StateFolder | None = None,
         authenticator: TokenAuthenticator | None = None,
         metrics: MetricsFeed | None = None,
+        trigger: Trigger | None = None,
         software: str = "",
         fresh: bool = False,
     ) -> None:
@@ -48,6 +50,8 @@ class Housekeeping:
         self._folder = folder
         self._authenticator = authenticator
         self._metrics = metrics
+        self._trigger = trigger
+        server.marked = trigger.fire if trigger else None
         self._notifier = ServiceNotifier()
         self._control = Control(folder) if folder else None
         self._hand_orders = HandOrders(server.core, lambda request, text, ok: self._answer(request, text, ok))
@@ -61,6 +65,7 @@ class Housekeeping:
         self._maker = SnapshotMaker(server.core.rooms, server.pacers, software)
         self._poll_ns = self._next_ns = self._watchdog_ns = 0
         self._turn = 0
+        self._told_trouble = False  # of the trigger
 
     def _report_trouble(self, text: str) -> None:
         self._say(ServerEvent("trouble", text))
@@ -104,6 +109,7 @@ class Housekeeping:
         if kept != self._kept:  # the next server must know a new session too
             self._kept = kept
             self._write_checkpoints(self._server.core.rooms)
+        self._take_triggers()
         if now_ns >= self._next_ns:
             self._next_ns = now_ns + EVERY_NS
             self._end_revoked()
@@ -122,7 +128,20 @@ class Housekeeping:
             "checkpoint not written": sum(writer.failures for writer in self._writers.values()),
             "service manager not told": self._notifier.failed,
         }
+        counts |= self._trigger.counts if self._trigger else {}
         return {name: count for name, count in counts.items() if count}
+
+    def _take_triggers(self) -> None:
+        """Record when markers were written to the trigger line; report once where one could not be."""
+        if self._trigger is None:
+            return
+        for written in self._trigger.take():
+            now_ns = time.monotonic_ns()
+            given = inputs.TriggerWritten(written.text, written.code, written.after_ns, now_ns - written.at_ns)
+            self._server.core.handle(given, now_ns)
+        if self._trigger.trouble and not self._told_trouble:
+            self._told_trouble = True
+            self._report_trouble(self._trigger.trouble)
 
     def _snapshot(self) -> Snapshot:
         server = self._server
@@ -132,6 +151,8 @@ class Housekeeping:
     def end(self, *, said_goodbye: bool) -> None:
         """End with the server. said_goodbye: nobody resumes these sessions, so that no checkpoint is left."""
         self._notifier.stopping()
+        if self._trigger is not None:
+            self._trigger.close()
         if self._control is not None:
             self._control.close()
         for writer in self._writers.values():

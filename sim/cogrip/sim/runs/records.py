@@ -174,6 +174,15 @@ class RunRecords:
             return max((_marked(end, "", []) for end in self.clients.values()), key=len, default=[])
         return _marked(self.server, f"{self.room()}: ", self.names())
 
+    def triggers(self) -> list[tuple[float, int, str]]:
+        """Return time [s] of every write to the trigger line, its code and the words of its marker, oldest first."""
+        found = []
+        for time_s, given in self.server.records("input") if self.server else ():
+            value = msgspec.json.decode(given.value)
+            if value["kind"] == "trigger_written":
+                found.append((time_s - 1e-9 * value["ago_ns"], int(value["code"]), str(value["marker"])))
+        return found
+
     def steps(self) -> Iterator[Timed]:
         """Steps of the room, typed `Step`; none where the server's part is not here."""
         if self.server is not None:

@@ -29,8 +29,11 @@ class Feed(Protocol):
     """A scene that `tabs` are shown. ended: why it is over, "" while it goes on."""
 
     tabs: dict[Tab, bool]  # True: it moves the hand
-    frame: Frame | None
     ended: str
+
+    @property
+    def frame(self) -> Frame | None:
+        """Newest frame."""
 
     @property
     def scene(self) -> Scene:

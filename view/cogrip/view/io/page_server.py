@@ -22,16 +22,18 @@ from websockets.typing import Subprotocol
 from cogrip.devices.web.messages import FrameError, Pointer, decode_pointer
 from cogrip.view import access, frames
 from cogrip.view.access import Access
-from cogrip.view.hello import ChunkRequest, PageError, PageHello, read_text
+from cogrip.view.hello import ChunkRequest, PageError, PageHello, PanelReply, read_text
 from cogrip.view.io.feed import ChunkError, Feed, scene_text
 from cogrip.view.io.hand_link import HandLink
 from cogrip.view.page import ServedFile
+from cogrip.view.panel import Panel
 from cogrip.view.tab import Tab
 from cogrip.view.visitors import VisitorLimits, Visitors
 
 OURS = Subprotocol("cogrip.view.v1")
 FOXGLOVE = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
 WRITE_BYTES = 64 * 1024  # waiting for a slow client, beside what the system buffers
+MOST_BYTES = access.MOST_MESSAGE_BYTES
 RESERVE_BYTES = access.MOST_MESSAGE_BYTES  # beyond the largest message: what is larger still is not even read
 TLS_S = 5.0
 PROTOCOL_ERRORS = {1002: "malformed websocket frame", 1007: "text that is not UTF-8", 1009: "message too large"}
@@ -46,12 +48,14 @@ class Admitted:
     hand   None for an observer
     over   its result ends the tab
     held   whatever whoever admitted it needs when it is handed back
+    panel  of a study's participant, None elsewhere
     """
 
     feed: Feed
     hand: HandLink | None = None
     over: "asyncio.Future[DeniedError] | None" = None
     held: object = None
+    panel: Panel | None = None
 
 
 class DeniedError(Exception):
@@ -70,6 +74,7 @@ class PageServer:
     admit    gives what the holder of a token may see, or raises DeniedError; called with the token, whether the tab wants to
              move a device, and its address
     foxglove handler of a connection that speaks Foxglove's protocol, None where it is not offered
+    most_bytes  of a message that a tab may send
     """
 
     access: Access
@@ -78,6 +83,7 @@ class PageServer:
     admit: Callable[[str, bool, object], Awaitable[Admitted]]
     leave: Callable[[Admitted], None] = lambda admitted: None
     foxglove: Callable[[ServerConnection, Feed], Awaitable[None]] | None = None
+    most_bytes: int = MOST_BYTES
     visitors: Visitors = field(default_factory=lambda: Visitors(VisitorLimits(), secrets.randbits(64)))
     counts: Counter[str] = field(init=False, default_factory=Counter)
     _server: Server = field(init=False)
@@ -90,7 +96,7 @@ class PageServer:
             self._talk, host, port, ssl=tls, ssl_handshake_timeout=None if tls is None else TLS_S,
             create_connection=connection, logger=LOG,
             process_request=self._answer, subprotocols=[OURS, *self._offered()],
-            max_size=access.MOST_MESSAGE_BYTES + RESERVE_BYTES, compression=None, write_limit=WRITE_BYTES, max_queue=64,
+            max_size=self.most_bytes + RESERVE_BYTES, compression=None, write_limit=WRITE_BYTES, max_queue=64,
             open_timeout=access.HELLO_S,
             server_header=None, ping_interval=20.0, ping_timeout=90.0, close_timeout=1.0,
         )  # fmt: skip
@@ -179,7 +185,7 @@ class PageServer:
         try:
             async with asyncio.timeout(access.HELLO_S):
                 first = await connection.recv()
-            if _too_large(first):
+            if self._too_large(first):
                 await self._refuse(connection, access.TOO_LARGE, "message too large")
                 return
             hello = read_text(first) if isinstance(first, str) else None
@@ -198,6 +204,9 @@ class PageServer:
             await self._show(connection, admitted)
         finally:
             self.leave(admitted)
+
+    def _too_large(self, message: str | bytes) -> bool:
+        return len(message.encode() if isinstance(message, str) else message) > self.most_bytes
 
     async def _admitted(self, connection: ServerConnection, token: str, hand: bool) -> Admitted | None:
         """Return what the holder of a token may see, None where it was refused. Raises ConnectionClosed."""
@@ -219,11 +228,13 @@ class PageServer:
 
     async def _show(self, connection: ServerConnection, admitted: Admitted) -> None:
         """Send what a tab is to see, and heed what it sends, until either end closes."""
-        feed, hand = admitted.feed, admitted.hand
+        feed, hand, panel = admitted.feed, admitted.hand, admitted.panel
         waiting = asyncio.Event()
         tab = Tab(waiting.set)
         moves = hand is not None and hand.take(tab)
         tab.say(scene_text(feed, tab, hand=moves))
+        if panel is not None:
+            panel.enter(tab)
         feed.tabs[tab] = moves
         if feed.frame is not None:
             tab.show(frames.encode(feed.frame))
@@ -231,12 +242,12 @@ class PageServer:
         watch = asyncio.create_task(self._end(connection, admitted))
         try:
             async for message in connection:
-                if _too_large(message):
+                if self._too_large(message):
                     refusal: Refusal | None = (access.TOO_LARGE, "message too large", "")
                 elif isinstance(message, bytes):
                     refusal = self._move(message, hand if moves else None)
                 else:
-                    refusal = await self._request(message, feed, tab)
+                    refusal = await self._request(message, feed, panel, tab)
                 if refusal:
                     await self._refuse(connection, *refusal)
                     return
@@ -244,6 +255,8 @@ class PageServer:
             writer.cancel()
             watch.cancel()
             del feed.tabs[tab]
+            if panel is not None:
+                panel.leave(tab)
             if hand is not None and moves:
                 hand.leave(tab)
             self.counts["frame replaced by a newer one"] += tab.replaced
@@ -265,9 +278,14 @@ class PageServer:
         hand.send(pointer)
         return None
 
-    async def _request(self, text: str, feed: Feed, tab: Tab) -> Refusal | None:
+    async def _request(self, text: str, feed: Feed, panel: Panel | None, tab: Tab) -> Refusal | None:
         try:
             request = read_text(text)
+            if isinstance(request, PanelReply):
+                if panel is None:
+                    return access.NO_RIGHT, "reply without a study", "this page asks nothing"
+                panel.reply(request.number, request.text)
+                return None
             if not isinstance(request, ChunkRequest):
                 return access.MALFORMED, "second hello", ""
             tab.say(await asyncio.to_thread(feed.chunk, request.number))
@@ -333,10 +351,6 @@ class _Connection(ServerConnection):
 
 def _path(request: Request) -> str:
     return request.path.partition("?")[0]
-
-
-def _too_large(message: str | bytes) -> bool:
-    return len(message.encode() if isinstance(message, str) else message) > access.MOST_MESSAGE_BYTES
 
 
 async def _write(connection: ServerConnection, tab: Tab, waiting: asyncio.Event) -> None:

@@ -5,6 +5,7 @@
 
 import { Plane, Raycaster, Vector2, Vector3 } from "three";
 import { encodePointer } from "./frames.js";
+import { isAnswering } from "./panel.js";
 
 const REPEAT_MS = 30; // the process lets go after 100 ms of silence
 const GRASP_PIXELS = { mouse: 26, pen: 30, touch: 44 };
@@ -53,7 +54,7 @@ export class Hand {
     for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) listen(name, (event) => this.release(event));
     for (const name of ["blur", "pagehide"]) window.addEventListener(name, () => this.leave());
     document.addEventListener("visibilitychange", () => document.hidden && this.leave());
-    document.addEventListener("keydown", (event) => !event.ctrlKey && !event.metaKey && this.hold("keys", this.keys | keyBit(event.key)));
+    document.addEventListener("keydown", (event) => !event.ctrlKey && !event.metaKey && !isAnswering(event) && this.hold("keys", this.keys | keyBit(event.key)));
     document.addEventListener("keyup", (event) => this.hold("keys", this.keys & ~keyBit(event.key)));
     setInterval(() => this.repeat(), REPEAT_MS);
     setInterval(() => this.pollGamepad(), GAMEPAD_PERIOD_MS);

@@ -1,5 +1,7 @@
 /** Keyboard of the page, and the page of help that lists it. */
 
+import { isAnswering } from "./panel.js";
+
 /**
  * @typedef {object} Key
  * @property {string[]} keys as KeyboardEvent.key has them
@@ -44,7 +46,7 @@ function table(app) {
 export function listen(app, dialog) {
   const keys = table(app);
   document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || event.target instanceof HTMLSelectElement || dialog.open) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target instanceof HTMLSelectElement || dialog.open || isAnswering(event)) return;
     if (event.key === " " && event.target instanceof HTMLButtonElement) return; // the browser presses that button
     const key = keys.find((each) => each.keys.includes(event.key) && (!each.recording || app.player));
     if (!key) return;

@@ -5,6 +5,7 @@ import { Hand } from "./hand.js";
 import { History } from "./history.js";
 import { listen } from "./keys.js";
 import { Measures } from "./measures.js";
+import { Panel } from "./panel.js";
 import { People, write } from "./people.js";
 import { Picture } from "./picture.js";
 import { Player } from "./player.js";
@@ -42,6 +43,7 @@ export class App {
     this.plots = new Plots(part("plots"), this.history);
     this.people = new People(part("people"), (seat) => this.showGhost(seat === this.ghostSeat ? null : seat));
     this.hand = new Hand(part("canvas"), this.picture, (message) => this.socket?.send(message) ?? false, changed);
+    this.panel = new Panel(part("panel"), (number, text) => this.socket?.send(JSON.stringify({ type: "reply", number, text })) ?? false);
     this.followTheme();
     this.help = listen(this, part("help"));
     this.buttons();
@@ -67,6 +69,7 @@ export class App {
       },
       event: (event) => this.takeEvents([event]),
       chunk: (message) => this.takeChunk(message),
+      panel: (message) => this.takePanel(message),
       status: (text) => this.status(text),
       malformed: () => (this.measures.malformed += 1),
     });
@@ -134,6 +137,13 @@ export class App {
     for (const [axis, button] of [...document.querySelectorAll("[data-axis]")].entries()) button.hidden = axis >= this.scene.axes;
     this.showGhost(this.ghostSeat ?? null);
     this.numbers_ms = 0;
+    this.request();
+  }
+
+  /** @param {object} message of a study's participant */
+  takePanel(message) {
+    this.panel.show(message);
+    this.picture.aim(message.target);
     this.request();
   }
 
@@ -243,7 +253,7 @@ export class App {
   /** Tell that nothing comes though the connection is there. */
   watch() {
     if (this.player || !this.newest) return;
-    const silent = performance.now() - this.arrived_ms > SILENT_MS;
+    const silent = !this.panel.pauses && performance.now() - this.arrived_ms > SILENT_MS;
     document.body.classList.toggle("silent", silent);
     if (silent) write(part("time"), `no news for ${((performance.now() - this.arrived_ms) / 1000).toFixed(0)} s`);
   }

@@ -5,9 +5,9 @@ import { DrawnShape, SceneBodies, objectGeometries } from "./bodies.js";
 import { OrbitCamera } from "./camera.js";
 import { Labels } from "./labels.js";
 import { PersonMarkers } from "./person.js";
-import { Body, Ghost, fixedBody, gridAndAxes, roundDown } from "./shapes.js";
+import { Body, Ghost, fixedBody, gridAndAxes, roundDown, targetBody } from "./shapes.js";
 
-const COLOURS = ["background", "text", "object", "edge", "contact", "contactEdge", "fixed", "grid", "x", "y", "z"];
+const COLOURS = ["background", "text", "object", "edge", "contact", "contactEdge", "fixed", "grid", "target", "x", "y", "z"];
 const ARROW_SHARE = 0.3; // of the workspace, that the largest force may be long
 const MOST_PIXEL_RATIO = 2;
 
@@ -39,6 +39,8 @@ export class Picture {
     this.orbit = new OrbitCamera(canvas, changed);
     this.people = new Map();
     this.ghostSeat = null;
+    this.goal = null;
+    this.target = null;
     this.forceAtFullLength_n = 1;
     new ResizeObserver(() => this.resize()).observe(stage);
     this.resize();
@@ -77,6 +79,8 @@ export class Picture {
     this.world.add(new AmbientLight(0xffffff, 1.6), sun, grid, this.bodies ?? this.body, this.ghost);
     for (const each of scene.geometry) this.world.add(fixedBody(each, colours));
     for (const each of scene.effects ?? []) this.world.add(new DrawnShape(each, undefined, box, colours));
+    this.target = null; // it was cleared with the rest
+    this.aim(this.goal);
     this.people.clear();
     for (const person of scene.people) {
       const markers = new PersonMarkers(person, this.extent_m, person.seat === scene.own_seat, colours);
@@ -89,6 +93,16 @@ export class Picture {
       this.orbit.preset({ 1: "side", 2: "top" }[scene.axes] ?? "iso");
     }
     this.changed();
+  }
+
+  /** Draw where the object's place is to be. @param {{place_m: number[], within_m: number} | null} goal */
+  aim(goal) {
+    this.goal = goal ?? null;
+    if (this.target) this.world.remove(this.target);
+    this.target = null;
+    if (!this.goal || !this.scene) return;
+    this.target = targetBody(this.goal, this.scene.workspace_m, this.colours);
+    this.world.add(this.target);
   }
 
   /** @returns {number} length of an arrow of 1 N [m] */
@@ -159,6 +173,7 @@ export class Picture {
     return {
       object: this.bodies ? null : where(this.body),
       bodies: this.bodies?.drawn() ?? [],
+      target: this.target && { place: this.target.position.toArray(), size: this.target.size_m },
       ghost: where(this.ghost),
       people: people.map((each) => ({ seat: each.person.seat, hand: where(each.device), proxy: where(each.proxy), force: each.force.visible, handle: each.handle.visible ? each.handle.quaternion.toArray() : null })),
     };

@@ -71,6 +71,22 @@ export function fixedBody(fixed, colours) {
   return group;
 }
 
+/**
+ * The place of a goal, seen through: a ball where it is given on three axes, on fewer a slab or bar across the workspace.
+ * @param {{place_m: number[], within_m: number}} goal @param {number[][]} workspace lowest and highest of each axis [m] @returns {Group}
+ */
+export function targetBody({ place_m, within_m }, workspace, colours) {
+  const group = new Group();
+  const given = (axis) => axis < place_m.length;
+  group.size_m = workspace.map(([low, high], axis) => (given(axis) ? 2 * within_m : high - low));
+  const geometry = given(2) ? new SphereGeometry(within_m, 24, 12) : new BoxGeometry(...group.size_m);
+  const film = { color: colours.target, transparent: true, opacity: 0.22, side: DoubleSide, depthWrite: false };
+  group.add(new Mesh(geometry, new MeshBasicMaterial(film)));
+  group.add(new LineSegments(new EdgesGeometry(geometry, 30), new LineBasicMaterial({ color: colours.target })));
+  group.position.set(...workspace.map(([low, high], axis) => (given(axis) ? place_m[axis] : (low + high) / 2)));
+  return group;
+}
+
 /** @param {Float32Array | number[]} points x, y, z one behind the other */
 function segments(points, colour) {
   const geometry = new BufferGeometry().setAttribute("position", new Float32BufferAttribute(points, 3));

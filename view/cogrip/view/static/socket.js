@@ -25,6 +25,7 @@ const TOLD = [4401, 4403];
  * @property {(hand: import("./frames.js").OwnHand) => void} ownHand
  * @property {(event: object) => void} event
  * @property {(message: Uint8Array) => void} chunk
+ * @property {(panel: object) => void} panel of a study's participant
  * @property {(text: string) => void} status a sentence for the user, "" while all is well
  * @property {(reason: string) => void} malformed
  */
@@ -73,6 +74,8 @@ export class Socket {
       this.handlers.scene(message);
     } else if (message.type === "event") {
       this.handlers.event(message);
+    } else if (message.type === "panel") {
+      this.handlers.panel(message);
     }
   }
 

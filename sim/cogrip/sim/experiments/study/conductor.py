@@ -41,8 +41,8 @@ class Sessions(Protocol):
 class People(Protocol):
     """Participants, and the operator. Each method may raise Quit."""
 
-    def tell(self, text: str) -> None:
-        """Show instructions."""
+    def tell(self, text: str, people: Sequence[str]) -> None:
+        """Show these people instructions, until they have read them."""
 
     def wait(self, trial: Trial, state: TrialState, people: Sequence[str]) -> Event:
         """Wait for READY from everybody, or for the operator; while paused for RESUME or ABANDON."""
@@ -96,9 +96,9 @@ class Conductor:
             if trial is None:
                 return
             if told is None and not done and study.instructions:
-                self._people.tell(study.instructions)
+                self._people.tell(study.instructions, people)
             if trial.block is not told and trial.block.instructions:
-                self._people.tell(trial.block.instructions)
+                self._people.tell(trial.block.instructions, people)
             told = trial.block
             self._run_trial(trial, people)
             self._now += 1

@@ -116,8 +116,8 @@ class StudyFolder:
     def _checked(self, query: Mapping[str, Any]) -> dict[str, Any]:
         """Return what the folder holds. Raises StudyError for another study; participants may be added at the end."""
         found = _query(self.path)
-        before, now = found.get("study", {}).get("participants", []), query["study"]["participants"]
-        known = dict(found.get("study", {}))
+        known = _whole(found.get("study", {}))
+        before, now = known.get("participants", []), query["study"]["participants"]
         if now[: len(before)] == before:
             known["participants"] = now
         known = {**found, "study": known}
@@ -195,6 +195,15 @@ def _query(path: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         pass
     raise StudyError(f"{path} is no study's folder ({STUDY} is missing or unreadable); name another")
+
+
+def _whole(study: dict[str, Any]) -> dict[str, Any]:
+    """Return a study with the keys that it left at their defaults; as it is where it is none."""
+    try:
+        whole: dict[str, Any] = json.loads(msgspec.json.encode(msgspec.convert(study, Study)))
+    except msgspec.ValidationError:
+        return dict(study)
+    return whole
 
 
 def read_trials(path: Path) -> list[TrialLine]:

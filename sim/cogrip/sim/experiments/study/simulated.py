@@ -20,7 +20,7 @@ class SimulatedPeople:
         self._study = study
         self._observer = study.simulated
 
-    def tell(self, text: str) -> None:
+    def tell(self, text: str, people: Sequence[str]) -> None:
         """Take instructions."""
 
     def wait(self, trial: Trial, state: TrialState, people: Sequence[str]) -> Event:

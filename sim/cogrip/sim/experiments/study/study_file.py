@@ -23,6 +23,7 @@ OWN = frozenset({"name", "seed"})  # keys of a session that no condition sets
 BASE = "base"  # the condition of a study that names none
 
 Ending = Literal["time", "goal", "operator"]
+Start = Literal["key", "button"]
 
 
 class StudyError(ValueError):
@@ -60,7 +61,7 @@ class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A whole study. session: settings over those of the file `settings`; participants: people, or groups of people.
 
-    axis: words under the conditions in figures.
+    axis: words under the conditions in figures; start: how people say that they are ready, of live sessions.
     """
 
     name: Name
@@ -73,6 +74,7 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     session: dict[str, Any] = {}
     instructions: str = ""
     axis: str = ""
+    start: Start = "key"
     end: Ending = "time"
     goal: Goal = NO_GOAL
     conditions: dict[Name, dict[str, Any]] = {}

@@ -11,6 +11,7 @@ from cogrip.sim.experiments.study.journal import RUNS, AnswerLine, TrialLine, op
 from cogrip.sim.experiments.study.questions import raw_tlx
 from cogrip.sim.experiments.study.staircase import Answered, Estimate, estimate
 from cogrip.sim.experiments.study.study_file import Study
+from cogrip.sim.experiments.study.trial import begun_by
 from cogrip.sim.runs.columns import NUMBER, Column
 from cogrip.sim.runs.export import Format, open_table
 from cogrip.sim.runs.folder import SUMMARY
@@ -65,8 +66,9 @@ def _rows(
     study: Study, folder: Path, line: TrialLine, interval: int, answers: Sequence[AnswerLine], notes: list[str]
 ) -> list[Row]:
     values = line.values[interval]
+    marked = study.start == "button" and line.mode == "live"
     try:
-        run = read_columns(folder, study.goal_of(values), _task_s(folder))
+        run = read_columns(folder, study.goal_of(values), _task_s(folder), begun_by(folder.name) if marked else "")
         measured = [measure(run, number) for number in range(len(run.people))]
     except (RecordingError, OSError) as error:
         notes.append(str(error))

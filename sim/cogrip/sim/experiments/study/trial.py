@@ -45,6 +45,16 @@ TRANSITIONS: dict[tuple[State, Event], State] = {
 }
 
 
+def begun_by(run: str) -> str:
+    """Return the marker of a live session's beginning, by the name of its run folder."""
+    return f"begin {run}"
+
+
+def ended_by(run: str, how: str) -> str:
+    """Return the marker of its end."""
+    return f"end {run} {how}"
+
+
 class TrialError(Exception):
     """Raised for an event that a trial's state does not take."""
 
@@ -60,6 +70,11 @@ class TrialState:
         self.session = 0  # the current one, from 0
         self.attempt = attempt
         self.pauses = 0
+
+    @property
+    def readied(self) -> frozenset[str]:
+        """Return who is ready."""
+        return frozenset(self._ready)
 
     def ready(self, who: str) -> bool:
         """Take that a person is ready. Return whether everybody is, which begins the session."""

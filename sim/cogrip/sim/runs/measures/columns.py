@@ -70,8 +70,11 @@ class RunColumns:
         return np.array(course(self.goal.track, self.object_m.shape[1], self.time_s.tolist()))
 
 
-def read_columns(folder: Any, goal: Goal = NO_GOAL, task_s: float | None = None) -> RunColumns:
-    """Return the columns of a run folder. Raises RecordingError, or FileNotFoundError, where a part of it is missing."""
+def read_columns(folder: Any, goal: Goal = NO_GOAL, task_s: float | None = None, marker: str = "") -> RunColumns:
+    """Return the columns of a run folder. marker: at which time 0 is, "" for the usual one.
+
+    Raises RecordingError, or FileNotFoundError, where a part of it is missing.
+    """
     run: RunRecords = open_run(folder)
     if run.server is None:
         raise RecordingError(f"{folder} holds no recording of the server; measures of a study need it")
@@ -85,6 +88,11 @@ def read_columns(folder: Any, goal: Goal = NO_GOAL, task_s: float | None = None)
     if absent := [name for name in names if not len(ticks[name]["time_s"])]:
         raise RecordingError(f"{folder} has no tick of {', '.join(absent)}, who did not hold on; leave its trial out")
     begin_s = max(float(each["time_s"][0]) for each in ticks.values())
+    if marker:
+        marked_s = next((time_s for time_s, text in run.markers() if text == marker), None)
+        if marked_s is None:
+            raise RecordingError(f"{folder} has no marker {marker!r}, with which its trial began; leave its trial out")
+        begin_s = max(begin_s, marked_s)
     from_s = steps["time_s"] >= begin_s - 1e-9
     if not from_s.any():
         raise RecordingError(f"{folder} has no moment at which everybody was there; leave its trial out")
