@@ -1,4 +1,4 @@
-"""`dev.py bench scenes`: time of a frame of each scene, ledger and limiter included."""
+"""`dev.py bench scenes`: time of a frame of each scene, ledger and limiter included; and of a laboratory's session with one."""
 
 import time
 from math import inf, isinf
@@ -6,16 +6,19 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from rich.console import Console
 
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.tables import plain_table
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.server.schemes import make_scene_world
+from cogrip.sim.runs.laboratory_run import run_laboratory
 
-from tests.bench.targets import reached
+from tests.bench.targets import judge, reached
 
 FOUR = "four people, ten boxes"
+LIFT_S, LEAST_SPEED = 20.0, 8.0
 MOST_US = {
     "wall": (200.0, 500.0), "lift": (200.0, 500.0), "pile": (400.0, 1500.0), "peg": (400.0, 1500.0),
     "table": (inf, 2000.0), "valve": (400.0, 1500.0), "wheel": (400.0, 1500.0), FOUR: (inf, 2000.0),
@@ -64,7 +67,20 @@ def bench_scenes(*, frames: int = 10_000, substeps: int = 4) -> int:
             rows.append([name, *(f"{value:.0f}" for value in halves), asked, reached(fits)])
     headings = ("scene", "p50 us", "p99 us", "asked for", "")
     console.print(plain_table(headings, rows, gap=2, title=f"a frame of {substeps} steps, {frames} frames"))
-    return 0 if well else 1
+    return 0 if _laboratory(console) and well else 1
+
+
+def _laboratory(console: Console) -> bool:
+    """Return whether two people lift in virtual time as fast as asked for, recorded. Without recordings, to compare with."""
+    settings = load(Path("lift"), [f"seconds={LIFT_S}"])
+    speeds = {}
+    for recorded in (False, True):
+        with TemporaryDirectory() as folder:
+            start_ns = time.process_time_ns()
+            run_laboratory(settings, Path(folder) if recorded else None)
+            speeds[recorded] = LIFT_S / ((time.process_time_ns() - start_ns) * 1e-9)
+    console.print(f"a laboratory's lift without recordings, over real time: {speeds[False]:.1f}")
+    return judge(console, "with recordings", speeds[True], LEAST_SPEED)
 
 
 def _four(file: Path, substeps: int) -> Settings:
