@@ -122,6 +122,7 @@ def test_a_tool_that_tumbles_stays_with_its_hand(tumbled: Turned) -> None:
     assert tumbled.passive()
 
 
+@pytest.mark.long
 def test_without_the_correction_it_drifts(monkeypatch: pytest.MonkeyPatch, tumbled: Turned) -> None:
     monkeypatch.setattr(orientation_drift, "SHARE", 0.0)
     drifted = Turned(tumbled.laboratory.settings)
