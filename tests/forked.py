@@ -29,7 +29,8 @@ from typing import IO, Any, NoReturn
 from cogrip.protocol.io.realtime import PRIORITY
 
 PRELOADED = (
-    "numpy", "encodings.idna", "cryptography.x509", "OpenSSL.SSL", "serial", "prometheus_client", "cogrip.cli.main",
+    "numpy", "encodings.idna", "cryptography.x509", "OpenSSL.SSL", "serial", "prometheus_client",
+    "cogrip.api", "cogrip.cli.main",
     *(f"cogrip.cli.session.{each}" for each in ("demo", "gateway", "join", "lab", "relay", "serve", "view")),
     *(f"cogrip.cli.devices.{each}" for each in ("calibrate", "check", "conform", "emulate")),
     *(f"cogrip.cli.admin.{each}" for each in ("kick", "token_list", "token_new", "token_revoke", "who")),

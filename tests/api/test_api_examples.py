@@ -2,11 +2,11 @@
 
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests import forked
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "api"
 SAID = {
@@ -33,13 +33,10 @@ def test_every_example_is_run_here() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(SAID))
-def test_an_example_runs(name: str, tmp_path: Path) -> None:
+def test_an_example_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (example,) = EXAMPLES.glob(f"{name}.*")
-    script = tmp_path / "example.py"
-    script.write_text(program(example), encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, str(script)], cwd=tmp_path, env={**os.environ, "MPLBACKEND": "agg"}, capture_output=True, text=True,
-        timeout=LIMIT_S, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert SAID[name] in done.stdout
+    monkeypatch.chdir(tmp_path)
+    with forked.start(code=program(example), env={**os.environ, "MPLBACKEND": "agg"}) as running:
+        said, _ = running.communicate(timeout=LIMIT_S)
+    assert running.returncode == 0, said
+    assert SAID[name] in said

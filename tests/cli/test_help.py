@@ -11,6 +11,8 @@ from rich.console import Console
 from cogrip.cli.main import COMMANDS, GROUPS, app
 from cogrip.cli.terminal.commands import show_docstrings
 
+from tests.extent import long
+
 
 def commands(within: App, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], App]]:
     """Yield every command, with those below it."""
@@ -37,7 +39,7 @@ def page(path: tuple[str, ...], columns: int) -> str:
     return out.getvalue()
 
 
-@pytest.mark.parametrize("columns", [80, 120])
+@pytest.mark.parametrize("columns", [80, long(120)])
 @pytest.mark.parametrize("path", [path for path in ALL if path], ids=" ".join)
 def test_a_page_shows_the_line_of_the_list_and_the_whole_docstring(path: tuple[str, ...], columns: int) -> None:
     whole = page(path, columns)

@@ -14,6 +14,7 @@ import pytest
 from cogrip.protocol.channel import place_text
 
 from tests.cli.command import Cogrip
+from tests.extent import long
 from tests.free_ports import free_port
 
 TO = ("--to", "127.0.0.1:9", "--listen", "127.0.0.1:0", "--seconds", "0.001")
@@ -73,7 +74,9 @@ def _own_addresses() -> list[str]:
         return [probe.getsockname()[0]]
 
 
-@pytest.mark.parametrize(("listen", "to"), [("0.0.0.0", "192.0.2.1"), ("127.0.0.2", "0.0.0.0"), ("0.0.0.0", "[::1]")])
+@pytest.mark.parametrize(
+    ("listen", "to"), [("0.0.0.0", "192.0.2.1"), long("127.0.0.2", "0.0.0.0"), long("0.0.0.0", "[::1]")]
+)
 def test_the_same_port_elsewhere_is_another_place(cogrip: Cogrip, listen: str, to: str) -> None:
     port = free_port()
     out = cogrip.out(f"relay --to {to}:{port} --listen {listen}:{port} --seconds 0.001")

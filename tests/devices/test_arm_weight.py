@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from cogrip.devices.arm.driver import FALL_S, RISE_S, SILENT_S, WeightCompensation
 
 from tests.devices.arm_bench import NO_FORCE, RATE_HZ, Bench, least_force_n, opened
+from tests.extent import long
 
 RISE = round(RISE_S * RATE_HZ) + 1
 HELD = RISE + 100  # and the hand has come to rest
@@ -103,7 +104,7 @@ def test_the_force_that_acts_is_the_one_that_is_told_whatever_the_weight_takes(f
     assert sum(a * f for a, f in zip(acting, force, strict=True)) >= (1.0 - 1e-9) * hypot(*acting) * hypot(*force)
 
 
-@pytest.mark.parametrize(("gravity", "booked_well"), [("maker", True), ("off", False)])
+@pytest.mark.parametrize(("gravity", "booked_well"), [("maker", True), long("off", False)])
 def test_the_work_on_the_hand_is_what_the_ledger_books(gravity: str, booked_well: bool) -> None:
     """A hand that is led away by 40 mm and back: the booked force does all the work while the weight is held, to 0.2 mJ.
 

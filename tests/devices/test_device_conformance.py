@@ -72,7 +72,7 @@ def broken(subject: Subject) -> dict[str, str]:
     return found
 
 
-@pytest.mark.parametrize(("address", "axes"), every(2, EVERY))
+@pytest.mark.parametrize(("address", "axes"), every(3, EVERY))
 def test_it_keeps_every_promise(address: str, axes: int) -> None:
     assert broken(subject(address, axes)) == {}
 

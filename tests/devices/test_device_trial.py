@@ -25,6 +25,8 @@ from cogrip.devices.trial import (
     watch,
 )  # fmt: skip
 
+from tests.extent import long
+
 RISEN = round(RISE_S * RATE_HZ)
 
 
@@ -145,7 +147,9 @@ def test_it_lets_go_of_a_tip_that_leaves_or_runs_or_is_not_heard_of() -> None:
     assert not any(spring.force_n(RISEN + 3 + silent, Sample((0.001, 0.0, 0.0), None)))
 
 
-@pytest.mark.parametrize("device", ["emulated:vintage", "emulated:inverse3", "emulated:woodenhaptics", "sim:phantom"])
+@pytest.mark.parametrize(
+    "device", ["emulated:vintage", *map(long, ("emulated:inverse3", "emulated:woodenhaptics")), "sim:phantom"]
+)
 def test_a_spring_is_felt_as_stiff_as_it_was_asked_for(device: str) -> None:
     felt = feel(opened(f"{device}?hand=reach&amplitude_m=0.01"), at_once, unseen)
     assert felt.ended == ""

@@ -9,6 +9,7 @@ from cogrip.devices.conformance import CHECKS, Subject
 from cogrip.devices.openhaptics.mailbox import HOLD_FRAMES
 
 from tests.devices.openhaptics_bench import RATE_HZ
+from tests.extent import long
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
@@ -79,7 +80,7 @@ exec(sys.argv[2])
 """
 
 
-@pytest.mark.parametrize("end", ["pass", "raise RuntimeError", "raise KeyboardInterrupt", "sys.exit(3)"])
+@pytest.mark.parametrize("end", ["pass", long("raise RuntimeError"), "raise KeyboardInterrupt", long("sys.exit(3)")])
 def test_servo_of_a_process_that_ends_without_closing(servo, end) -> None:
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT, str(servo.path), end], capture_output=True, text=True, check=False

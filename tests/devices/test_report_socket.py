@@ -17,6 +17,7 @@ from cogrip.devices.registry import make
 
 from tests import forked
 from tests.devices.test_pseudo_terminal import LIMIT_S, Emulator, Loop, emulating
+from tests.extent import long
 
 pytestmark = pytest.mark.skipif(not SEQUENCED, reason="needs local sockets that keep messages apart")
 NOTHING = bytes(15)
@@ -60,7 +61,7 @@ def test_reports_are_the_firmware_s_one_for_each(emulate: Callable[..., Emulator
     assert not is_socket(path)
 
 
-@pytest.mark.parametrize("model", ["polhem", "woodenhaptics"])
+@pytest.mark.parametrize("model", ["polhem", long("woodenhaptics")])
 def test_a_driver_on_it_sees_where_it_is_and_loads_the_hand(
     emulate: Callable[..., Emulator], path: str, model: str
 ) -> None:

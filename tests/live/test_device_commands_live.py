@@ -20,6 +20,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-te
 
 FASTER_SWINGS = (
     "import sys; from cogrip.devices.arm import identification; identification.FREQUENCIES_HZ = (1.5, 3.0)\n"
+    "identification.PERIODS, identification.SETTLE_S = 2, 0.5\n"
     "from cogrip.cli.main import main; sys.exit(main())"
 )
 

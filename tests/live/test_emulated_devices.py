@@ -139,7 +139,7 @@ def test_a_session_that_ends_in_a_fault_did_not_end_well(start, session):
     assert "no force is left: it ended in a fault: device stall" in person.said
 
 
-@pytest.mark.parametrize("wire", ["serial", "haply"])
+@pytest.mark.parametrize("wire", ["serial", long("haply")])
 @fairly
 def test_no_force_is_left_of_a_client_that_was_killed(start, session, wire):
     """On a serial: line the firmware's watchdog sees to it, on a haply: one the guard process: that firmware has none."""

@@ -37,6 +37,12 @@ def resident_bytes(process: Spoken) -> int:
     return int(Path(f"/proc/{process.popen.pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
+def lost_by_the_machine(port: int) -> int:
+    """Return the datagrams for a port that came while the buffer of its socket was full."""
+    rows = [line.split() for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
+    return sum(int(row[-1]) for row in rows if int(row[1].rpartition(":")[2], 16) == port)
+
+
 def overheard(port: int, fingerprint: str, token: str) -> list[bytes]:
     """Sealed datagrams of somebody who held the cube for a moment, and left."""
 
@@ -86,6 +92,7 @@ def test_nobody_loses_a_seat_in_a_flood_and_all_of_it_is_counted(start, tmp_path
         person.popen.send_signal(signal.SIGINT)
     for person in people:
         assert person.end() == 0, person.said
+    lost = lost_by_the_machine(link.port)
     server.popen.send_signal(signal.SIGTERM)
     assert server.end() == 0, server.said
     took_s = time.monotonic() - begun_s
@@ -96,9 +103,9 @@ def test_nobody_loses_a_seat_in_a_flood_and_all_of_it_is_counted(start, tmp_path
     assert growth < MOST_GROWTH_BYTES
     assert "silent for too long" not in server.said
     dropped = summary(tmp_path / "server")["server"]["dropped"]
-    print(dropped)
+    print(dropped, f"{lost} lost on a machine that let the server wait")
     assert {"unauthenticated", "contact budget", "too large", *ANSWERED} <= dropped.keys()
-    assert sum(dropped.values()) >= done.sent, "each of them is somewhere"
+    assert sum(dropped.values()) + lost >= done.sent, "each of them is somewhere"
     answered = sum(dropped[reason] for reason in ANSWERED)
     peers = 2 * (contacts.burst + contacts.per_second * took_s)  # of the new, and of those who come again
     assert answered <= peers + OURS, "hardly any is worth an answer"

@@ -22,7 +22,7 @@ CROWD = (
 
 @pytest.mark.parametrize(
     "config",
-    every(8, [path for path in sorted(CONFIGS.glob("*.toml")) if path.stem != CROWD]),
+    every(16, [path for path in sorted(CONFIGS.glob("*.toml")) if path.stem != CROWD]),
     ids=lambda path: path.stem,
 )
 def test_a_live_session_plays_again_exactly(run, serve, tmp_path, config):

@@ -324,7 +324,7 @@ def child_of(demo, log):
 @pytest.mark.parametrize(
     ("log", "number", "code", "told"),
     [
-        ("server.log", signal.SIGTERM, 1, r"\nanna: the server was stopped \(SIGTERM\) \(exit code 1\); see"),
+        long("server.log", signal.SIGTERM, 1, r"\nanna: the server was stopped \(SIGTERM\) \(exit code 1\); see"),
         long("server.log", signal.SIGKILL, 1, r"\nserver: was killed by SIGKILL; see .*\nanna: no server for 10 s"),
         long("client-anna.log", signal.SIGTERM, 0, r"\nanna: ended early: stopped \(SIGTERM\)\n"),
         ("client-anna.log", signal.SIGKILL, 1, r"\nanna: was killed by SIGKILL; see .*client-anna.log\n"),

@@ -19,6 +19,7 @@ from cogrip.protocol.settings import Playout, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.session.link import HOLD_MS
 
+from tests.extent import long
 from tests.protocol.spec_page import rows, section
 from tests.protocol.test_line import FRAME_S, CheckedLine, Conditions, drive, networks, noise
 
@@ -282,7 +283,7 @@ def test_the_depth_follows_the_jitter_up_and_down() -> None:
     assert scene.depth(5.0) >= calm + 2.0 * M
 
 
-@pytest.mark.parametrize("late", [0.0, 0.01, 0.05])
+@pytest.mark.parametrize("late", [0.0, long(0.01), 0.05])
 def test_the_late_rate_is_the_one_that_is_set(late: float) -> None:
     scene = Scene(late=late)
     random = Random(1)

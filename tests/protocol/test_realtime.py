@@ -23,17 +23,21 @@ def raising(error: Exception) -> Callable[..., NoReturn]:
     return call
 
 
-def test_gc_freezes_and_thaws() -> None:
+@pytest.mark.parametrize("by_another", [False, True])
+def test_gc_freezes_and_thaws_but_not_what_another_froze(by_another: bool) -> None:
     assert gc.isenabled()
-    measures = realtime.engage(["gc-frozen"])
+    frozen = gc.get_freeze_count() > 0
+    (gc.freeze if by_another else gc.unfreeze)()
     try:
+        measures = realtime.engage(["gc-frozen"])
         assert [measure.granted for measure in measures] == [True]
         assert not gc.isenabled()
         assert gc.get_freeze_count() > 0
-    finally:
         realtime.release(measures)
-    assert gc.isenabled()
-    assert gc.get_freeze_count() == 0
+        assert gc.isenabled()
+        assert (gc.get_freeze_count() > 0) is by_another
+    finally:
+        (gc.freeze if frozen else gc.unfreeze)()
 
 
 @linux

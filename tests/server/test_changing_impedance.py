@@ -15,6 +15,7 @@ from cogrip.server.wave_port import WavePort
 from cogrip.server.worlds.world import World
 from cogrip.sim.session.laboratory import Laboratory
 
+from tests.extent import long
 from tests.server.broken_worlds import Springs
 from tests.server.scene_worlds import hold, port_j, world_of, world_of_settings
 from tests.server.test_guarded_world import guarded
@@ -106,7 +107,7 @@ def test_the_largest_wave_is_that_of_the_impedance_in_use(b: float) -> None:
 
 
 @pytest.mark.parametrize("kind", ["cube", "faces", "wall"])
-@pytest.mark.parametrize("people", [2, 20])
+@pytest.mark.parametrize("people", [2, long(20)])
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)
 def test_no_step_makes_energy_whatever_the_impedances_do(kind: str, people: int, seed: int) -> None:

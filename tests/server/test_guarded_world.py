@@ -164,7 +164,7 @@ def attacks() -> dict[str, Callable[[int, Array], Array]]:
     }
 
 
-@pytest.mark.parametrize(("world", "attack"), every(3, product(WORLDS, attacks())))
+@pytest.mark.parametrize(("world", "attack"), every(5, product(WORLDS, attacks())))
 def test_no_more_comes_out_than_came_in_and_was_held_at_first(world: type[ToolWorld], attack: str) -> None:
     """Also where people come and go, and where the object is put back."""
     room, wave = held(world), attacks()[attack]

@@ -10,7 +10,7 @@ from cogrip.server.worlds.clearance import NEAR_M
 from cogrip.server.worlds.local_scene import CLOSE_M, OUT_M, RELEASE_S, LocalScene
 from cogrip.server.worlds.world import WorldError
 
-from tests.extent import every
+from tests.extent import every, long
 from tests.server.local_worlds import join_all, local_world, report, wanderers
 from tests.server.scene_worlds import SHIPPED, Array, T, port_j, springs_j
 
@@ -268,9 +268,10 @@ def holds_no_more(scene: str, seeds: int, frames: int) -> None:
     assert len(seen) == 4
 
 
+@pytest.mark.parametrize("frames", [300, long(600)])
 @pytest.mark.parametrize("scene", SOME)
-def test_no_energy_comes_of_proxies_and_changes(scene: str) -> None:
-    holds_no_more(scene, 3, 600)
+def test_no_energy_comes_of_proxies_and_changes(scene: str, frames: int) -> None:
+    holds_no_more(scene, 3, frames)
 
 
 @pytest.mark.long

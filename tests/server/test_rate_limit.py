@@ -25,6 +25,8 @@ from cogrip.server.rate_limit import (
     network_of,
 )
 
+from tests.extent import long
+
 PLENTY = Budget(1_000_000, 1_000_000)
 OPEN = Limits(PLENTY, PLENTY, PLENTY, PLENTY)
 ANNA, BEN = ("10.0.0.1", 4001), ("10.0.0.2", 4002)
@@ -130,7 +132,7 @@ GIVE_UP_S = 10.0
 MOST_SHUT_OUT = 0.03  # one in 260 has the bucket of an attacker's address
 
 
-@pytest.mark.parametrize("had_seat", [False, True])
+@pytest.mark.parametrize("had_seat", [long(False), True])
 def test_hundreds_of_addresses_with_cookies_shut_hardly_anybody_out(had_seat: bool) -> None:
     """They ask as often as one address may, all the time; each newcomer dials as a client does, and comes once."""
     chance, limiter, start_ns = random.Random(3), RateLimiter(b"s" * 16), 10**13

@@ -14,7 +14,7 @@ from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_file import held_by, make_scene
 from cogrip.server.worlds.scene_text import SceneError
 
-from tests.extent import every
+from tests.extent import every, long
 from tests.server.scene_worlds import SCENES, T, port_j
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ def test_a_wave_that_turns_is_in_the_worlds_frame() -> None:
     assert np.allclose(turns, turns[0], atol=1e-9)
 
 
-@pytest.mark.parametrize("delay", [0, 1, 3])
+@pytest.mark.parametrize("delay", [0, long(1), 3])
 def test_a_free_tool_weighs_its_inertia_and_that_of_the_line(delay: int) -> None:
     """A hand whose angular velocity grows steadily feels I + b_r (2 d + 1) T/2 (theory 8.4, with b_r for b)."""
     inertia = 4e-4

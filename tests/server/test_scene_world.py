@@ -16,7 +16,7 @@ from cogrip.server.worlds.energy_limiter import START_J
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.world import WorldError
 
-from tests.extent import every
+from tests.extent import every, long
 from tests.server.scene_worlds import (
     SCENES,
     SHIPPED,
@@ -203,7 +203,7 @@ def test_boxes_that_touch_by_their_faces_create_energy_and_by_balls_in_their_cor
 # Feel ----------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("delay", "expected_npm"), [(0, 4477.0), (1, 1629.0), (3, 717.0)])
+@pytest.mark.parametrize(("delay", "expected_npm"), [(0, 4477.0), long(1, 1629.0), (3, 717.0)])
 def test_stiffness_that_a_hand_feels_at_the_wall(delay: int, expected_npm: float) -> None:
     world = hold(world_of("wall", ["ball"]))
     person, loads = Person(delay), []
@@ -224,7 +224,7 @@ def test_stiffness_that_a_hand_feels_at_the_wall(delay: int, expected_npm: float
     assert (loads[1] - loads[0]) / 0.0005 == pytest.approx(1.0 / (1.0 / contact_npm + line), rel=1e-4)
 
 
-@pytest.mark.parametrize(("delay", "expected_kg"), [(0, 0.128), (1, 0.285), (3, 0.600)])
+@pytest.mark.parametrize(("delay", "expected_kg"), [(0, 0.128), long(1, 0.285), (3, 0.600)])
 def test_apparent_mass_of_a_free_tool(delay: int, expected_kg: float) -> None:
     """Force over acceleration where the hand is accelerated evenly."""
     world = hold(world_of(EMPTY, ["ball"]))

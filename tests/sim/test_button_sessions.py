@@ -51,7 +51,7 @@ def taps(button: int, first_s: float, every_s: float, count: int) -> str:
     return ",".join(f"{button}@{first_s + n * every_s:.4f}+{0.5 * every_s:.4f}" for n in range(count))
 
 
-@pytest.mark.parametrize("kind", ["wave", "coupling", "tdpa"])
+@pytest.mark.parametrize("kind", ["wave", long("coupling"), "tdpa"])
 def test_an_edge_comes_to_the_world_within_one_frame_and_the_delay(kind: str) -> None:
     """Edges at every phase of a frame. What comes within a frame waits for its end: 20 ms are 2.56 frames, so 3 at most."""
     settings = pressing(

@@ -40,6 +40,7 @@ from cogrip.sim.runs.export import ExportError, Format, export
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import open_run
 
+from tests.extent import long
 from tests.recording_files import written
 
 SETTINGS: dict[str, Any] = {
@@ -422,7 +423,7 @@ def test_a_hostile_recording_stays_in_its_folder(tmp_path: Path) -> None:
     assert len(list((inside / "out").iterdir())) == len(tables) == 2
 
 
-@pytest.mark.parametrize("to", ["csv", "parquet"])
+@pytest.mark.parametrize("to", ["csv", long("parquet")])
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path, to: Format, monkeypatch: pytest.MonkeyPatch) -> None:
     if to == "parquet":
         pytest.importorskip("pyarrow.parquet")

@@ -89,7 +89,7 @@ def test_an_example_keeps_every_promise(name: str) -> None:
         check(Subject(lambda: world_in(Room(settings)).inner))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", every(2, NAMES))
 def test_an_example_is_held_and_replayed(name: str, tmp_path: Path) -> None:
     settings = load(EXAMPLES / f"{name}.toml", ["seconds=1.5"])
     outcome = run_laboratory(settings, tmp_path)

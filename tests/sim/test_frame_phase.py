@@ -73,7 +73,7 @@ def test_on_any_constant_link_the_loop_is_the_one_that_is_expected(up_ms: float,
     ended(laboratory)
 
 
-@pytest.mark.parametrize(("network", "seed"), every(21, product(NETWORKS, range(1, 21))))
+@pytest.mark.parametrize(("network", "seed"), every(42, product(NETWORKS, range(1, 21))))
 def test_it_stays_passive_on_every_network(network: str, seed: int) -> None:
     laboratory = Laboratory(session({"profile": network}, 3.0, seed, (2, 3, 5)[seed % 3]))
     laboratory.run()

@@ -40,7 +40,9 @@ def frame_of(laboratory: Laboratory, number: int = 0) -> HandFrame:
     return frame
 
 
-@pytest.mark.parametrize(("scale", "force"), [(1.0, 1.0), (2.0, 1.0), (0.5, 0.5), (3.0, 1.8), (0.5, 0.25), (10.0, 1.0)])
+@pytest.mark.parametrize(
+    ("scale", "force"), [(1.0, 1.0), long(2.0, 1.0), long(0.5, 0.5), long(3.0, 1.8), (0.5, 0.25), (10.0, 1.0)]
+)
 def test_a_hand_feels_the_wall_by_the_force_scale(scale: float, force: float) -> None:
     """K_hand = s K: force by s / g, way by 1 / g."""
     laboratory = Laboratory(resolve(at_wall(position_scale=scale, force_scale=force)))
@@ -54,12 +56,13 @@ def test_a_hand_feels_the_wall_by_the_force_scale(scale: float, force: float) ->
     assert account.device.margin_j >= 0.0
 
 
-def test_twenty_clutches_of_50_mm_displace_nothing() -> None:
+@pytest.mark.parametrize("times", [6, long(20)])
+def test_clutches_of_50_mm_displace_nothing(times: int) -> None:
     """The hand goes back and forth freely, held by the clutch on its way forth: the tool goes back by each way back."""
     stroke_s = 0.4
-    presses = ",".join(f"1@{stroke_s * (2 * n + 1.5):.4f}+{stroke_s:.4f}" for n in range(20))
+    presses = ",".join(f"1@{stroke_s * (2 * n + 1.5):.4f}+{stroke_s:.4f}" for n in range(times))
     settings = resolve({
-        "seconds": 2 * 20 * stroke_s + 1.0, "object": {"kind": "wall", "axes": 3}, "coupling": {"impedance_nspm": 5.0},
+        "seconds": 2 * times * stroke_s + 1.0, "object": {"kind": "wall", "axes": 3}, "coupling": {"impedance_nspm": 5.0},
         "users": [{
             "name": "anna", "device": f"sim:phantom?press={presses}", "clutch_button": 1,
             "hand": "sine&amplitude_m=0.025&frequency_hz=1.25&offset_m=-0.05",
@@ -87,7 +90,7 @@ def test_twenty_clutches_of_50_mm_displace_nothing() -> None:
     laboratory.run(each_tick=watch)
     seat = laboratory.people[0].core._seat
     assert not laboratory.diverged
-    assert clutches == 20
+    assert clutches == times
     begun = seat._origin_pose
     assert dist(seat._tool_m(), [a + b for a, b in zip(begun, tool, strict=True)]) < 1e-9
     assert max(offsets) - min(offsets) < 1e-5, "0.01 mm"
@@ -123,7 +126,7 @@ def test_a_clutch_in_contact_lets_the_hand_go_without_a_step_of_force() -> None:
 
 
 @pytest.mark.parametrize("profile", ["lan", *map(long, ("wifi", "wan", "lte", "satellite"))])
-@pytest.mark.parametrize("kind", ["cube", "wall"])
+@pytest.mark.parametrize("kind", [long("cube"), "wall"])
 def test_two_people_of_different_scales_are_passive_and_replay_exactly(tmp_path: Path, profile: str, kind: str) -> None:
     """Lines keep their credit, devices their reserve, and every end plays again bit by bit."""
     press = "2@1.0+0.4,2@2.1+0.3"

@@ -9,6 +9,7 @@ from cogrip.devices.emulated.inverse_service import IDLE_NS
 from cogrip.protocol.settings import resolve
 from cogrip.sim.session.laboratory import Laboratory
 
+from tests.extent import long
 from tests.sim.test_device_faults import (
     AFTER_S,
     AT_ONCE_S,
@@ -48,7 +49,7 @@ def undisturbed() -> Course:
     return run(session(BEGIN_S + 2.0 * AFTER_S), lambda tick: None)
 
 
-@pytest.mark.parametrize("verb", ["unplug", "silence", "garbage", "short", "slow", "model", "jump"])
+@pytest.mark.parametrize("verb", ["unplug", *map(long, ("silence", "garbage", "short")), "slow", long("model"), "jump"])
 def test_the_force_ends_within_50_ms_and_the_other_goes_on(verb: str) -> None:
     laboratory = session(BEGIN_S + AFTER_S)
     anna = laboratory.people[0]

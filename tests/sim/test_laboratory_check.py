@@ -175,7 +175,7 @@ def test_nobody_with_a_load_has_nothing_to_miss(wifi: tuple[Settings, Check]) ->
         ({"link.delay_ms": 20.0}, {}),
         long({"link.delay_ms": 60.0}, {"device_mass_kg": 0.05}),
         ({**SLOW, "link.delay_ms": 5.0}, {"device": "emulated:vintage", "hand": "reach&amplitude_m=0.005"}),
-        (SPRING, {}),
+        long(SPRING, {}),
         long({"users.0.stiffness_npm": 50.0, "coupling.compensate": True, "coupling.stiffness_npm": 100.0}, {}),
     ],
 )

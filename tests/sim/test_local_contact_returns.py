@@ -12,6 +12,7 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.runs.verdict import felt
 from cogrip.sim.session.laboratory import Laboratory
 
+from tests.extent import long
 from tests.sim.test_local_sessions import of_scene
 
 AWAY, BACK = 600, 2560  # ticks at which the force goes, and comes back
@@ -41,7 +42,7 @@ def take_and_return(laboratory: Laboratory, how: str) -> None:
 
 
 @pytest.mark.parametrize("how", ["rearmed", "resumed"])
-@pytest.mark.parametrize("kind", ["wall", "faces", "scene"])
+@pytest.mark.parametrize("kind", [long("wall"), "faces", "scene"])
 def test_a_hand_deep_inside_is_not_thrown_out(kind: str, how: str) -> None:
     """It sinks 26 to 45 mm while there is no force. Before, the wall gave it 68 to 89 mJ, and the peak of the device."""
     laboratory, forces = Laboratory(pressed(kind)), list[tuple[float, ...]]()

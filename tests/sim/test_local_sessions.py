@@ -32,7 +32,7 @@ def at_wall(network: str, stiffness_npm: float = 1000.0, loss: float = 0.05, **u
     )
 
 
-@pytest.mark.parametrize("stiffness_npm", [200.0, 1000.0, 2000.0])
+@pytest.mark.parametrize("stiffness_npm", [200.0, long(1000.0), 2000.0])
 @pytest.mark.parametrize("network", every(3, PROFILES))
 def test_wall_feels_as_stiff_as_asked_on_every_network(network: str, stiffness_npm: float) -> None:
     laboratory = Laboratory(at_wall(network, stiffness_npm, hand=LATER))
@@ -122,7 +122,7 @@ def check_margins(settings: Settings) -> None:
 
 @pytest.mark.parametrize(
     ("network", "seed", "people"),
-    [("lan", 1, 2), ("wifi", 2, 3), long("wan", 3, 5), long("lte", 4, 2), long("satellite", 5, 3)],
+    [long("lan", 1, 2), ("wifi", 2, 3), long("wan", 3, 5), long("lte", 4, 2), long("satellite", 5, 3)],
 )
 def test_faces_are_passive_on_every_network(network: str, seed: int, people: int) -> None:
     check_margins(pushed(network, seed, people))

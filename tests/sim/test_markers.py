@@ -24,6 +24,8 @@ from cogrip.sim.runs.replay.verify import verify
 from cogrip.sim.session.laboratory import Laboratory
 from cogrip.sim.session.link import LinkEmulator
 
+from tests.extent import long
+
 USERS = [{"name": "anna", "hand": "hold"}, {"name": "ben", "hand": "hold"}]
 
 
@@ -55,7 +57,7 @@ def marked(said: list[str]) -> list[str]:
     return [text for text in said if "marker" in text]
 
 
-@pytest.mark.parametrize("loss", [0.0, 0.3])
+@pytest.mark.parametrize("loss", [long(0.0), 0.3])
 def test_every_marker_reaches_everybody_once(loss: float) -> None:
     laboratory, said = session(6.0, seed=3, link={"loss": loss, "delay_ms": 20.0})
     anna, ben = (person.core for person in laboratory.people)

@@ -178,7 +178,7 @@ def reroute(person: Person, delay_ms: float, seconds: float) -> None:
         long("wall", 1, 20.0, 40.0),
         long("wall", 1, 40.0, 20.0),
         long("wall", 3, 20.0, 40.0),
-        ("cube", 2, 20.0, 40.0),
+        long("cube", 2, 20.0, 40.0),
         long("cube", 3, 20.0, 40.0),
         long("cube", 3, 40.0, 20.0),
         ("faces", 1, 40.0, 20.0),

@@ -15,6 +15,8 @@ from cogrip.sim.experiments.methods.query import Comparison, prepare
 from cogrip.sim.experiments.methods.table import gather
 from cogrip.sim.runs.plots.style import COLOURS, NotDrawnError
 
+from tests.extent import long
+
 METHODS = ("wave", "coupling")
 
 
@@ -54,7 +56,7 @@ def trace(most_n: float, people: int, seconds: float = 4.0) -> dict[str, Any]:
     return {"seconds": seconds, "force_n": [[0.0, most_n, -most_n, 0.0]] * people}
 
 
-@pytest.mark.parametrize(("people", "named"), [(2, 2), (COLOURS, COLOURS), (COLOURS + 2, COLOURS)])
+@pytest.mark.parametrize(("people", "named"), [(2, 2), long(COLOURS, COLOURS), (COLOURS + 2, COLOURS)])
 def test_everybody_is_named_or_said_to_be_left_out(people: int, named: int) -> None:
     asked = made_up(people)
     figure = draw(asked, results_of(asked, trace=[trace(1.0, people)] * 2), "traces")

@@ -112,7 +112,7 @@ def seated(laboratory: Laboratory) -> Callable[[], bool]:
 
 @pytest.mark.parametrize(
     ("kind", "axes", "visits"),
-    [("cube", 1, 1), ("faces", 3, 2), *(long(*each, 25) for each in product(("cube", "faces"), (1, 3)))],
+    [long("cube", 1, 1), ("faces", 3, 2), *(long(*each, 25) for each in product(("cube", "faces"), (1, 3)))],
 )
 def test_a_third_comes_and_goes_while_two_move(kind: str, axes: int, visits: int) -> None:
     """The third begins its strokes anew with each visit, against those of the others."""

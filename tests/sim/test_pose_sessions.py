@@ -122,6 +122,7 @@ def test_a_tool_that_tumbles_stays_with_its_hand(tumbled: Turned) -> None:
     assert tumbled.passive()
 
 
+@pytest.mark.long
 def test_without_the_correction_it_drifts(monkeypatch: pytest.MonkeyPatch, tumbled: Turned) -> None:
     monkeypatch.setattr(orientation_drift, "SHARE", 0.0)
     drifted = Turned(tumbled.laboratory.settings)
@@ -129,7 +130,7 @@ def test_without_the_correction_it_drifts(monkeypatch: pytest.MonkeyPatch, tumbl
     assert drifted.passive()
 
 
-@pytest.mark.parametrize("orientation", ["free", "damped", "fixed"])
+@pytest.mark.parametrize("orientation", ["free", long("damped"), long("fixed")])
 def test_a_hand_that_does_not_turn_holds_a_tool_in_a_room_of_poses(orientation: str, tmp_path: Path) -> None:
     """Both press on a box from the side; the pads of a free tool turn as they like, those of a fixed one not at all."""
     squeeze = "waypoints&times_s=0.2,1&x_m=0,{}"

@@ -40,6 +40,7 @@ def test_a_whole_session_is_done_by_its_hands(name: str, network: tuple[str, ...
     ends_well(name, *network)
 
 
+@pytest.mark.long
 def test_one_person_turns_the_valve_alone() -> None:
     """The second never takes hold; friction of 0.3 N m is 5 N at one handle."""
     laboratory = Laboratory(load(Path("valve"), ["seconds=9", "task.turned_rad=6.0"]))

@@ -97,7 +97,7 @@ STREAMS = {
 
 
 @pytest.mark.parametrize(
-    ("stream", "kind", "link", "axes"), every(9, product(STREAMS, ("cube", "faces", "wall"), ({}, FAR), (1, 3)))
+    ("stream", "kind", "link", "axes"), every(13, product(STREAMS, ("cube", "faces", "wall"), ({}, FAR), (1, 3)))
 )
 def test_two_pointers_that_jump_stay_within_their_bounds(
     stream: str, kind: str, link: dict[str, Any], axes: int

@@ -92,7 +92,7 @@ def joined_with(path: Path, device: str) -> None:
 # The same world ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("config", every(7, sorted(CONFIGS.glob("*.toml"))), ids=lambda path: path.stem)
+@pytest.mark.parametrize("config", every(12, sorted(CONFIGS.glob("*.toml"))), ids=lambda path: path.stem)
 def test_the_same_hands_in_the_same_world_are_the_same_run_bit_for_bit(config: Path, tmp_path: Path) -> None:
     first = lab(load(config, ["seconds=1.2"]), tmp_path / "first")
     again = lab(what_if(first, {}), tmp_path / "again")

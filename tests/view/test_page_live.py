@@ -224,7 +224,7 @@ def test_somebody_joins_and_the_camera_stays(opened: tuple[BrowserPage, PageServ
         (4401, "the seat of 'anna' is taken", "Not admitted: the seat of 'anna' is taken."),
         long(4403, "", "no right"),
         long(4400, "malformed", "Reload"),
-        (4408, "", "trying again"),
+        long(4408, "", "trying again"),
     ],
 )
 def test_refusal_is_told_in_a_sentence(open_page: Open, code: int, reason: str, words: str) -> None:

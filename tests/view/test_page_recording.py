@@ -163,6 +163,7 @@ def test_speed_keys_and_ends(shared: BrowserPage) -> None:
     assert shared.state("cogrip.player.time_s") == 0
 
 
+@pytest.mark.long
 def test_phone_shows_the_player(open_page: Open, server: PageServer) -> None:
     page = open_page(server.address, width=390, height=844, has_touch=True)
     server.wait_for_page()

@@ -78,16 +78,17 @@ def _timer_slack(_priority: int) -> Measure:
 
 
 def _gc_frozen(_priority: int) -> Measure:
-    """Collect garbage once, freeze all living objects, and switch the collector off."""
-    was_enabled = gc.isenabled()
+    """Collect garbage once, freeze all living objects, and switch the collector off. What was frozen before stays so."""
     if not hasattr(gc, "freeze"):
         return _unavailable("gc-frozen", f"{sys.implementation.name} has no gc.freeze")
+    was_enabled, was_frozen = gc.isenabled(), gc.get_freeze_count() > 0
     gc.collect()
     gc.freeze()
     gc.disable()
 
     def undo() -> None:
-        gc.unfreeze()
+        if not was_frozen:
+            gc.unfreeze()
         if was_enabled:
             gc.enable()
 
