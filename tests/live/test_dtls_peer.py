@@ -65,14 +65,14 @@ def test_it_takes_a_seat_holds_and_comes_back_by_its_ticket(start, encrypted, tm
     try:
         held.run(1.0)
         server.hear("anna joined")
-        assert held.tally().received > 60
+        assert held.tally().received > held.tally().sent / 2 > 0, "however slow this machine is"
         ticket, session = anna.session.welcome.ticket, anna.session.welcome.session
         again = person(link, "anna", 2, ticket)  # from another port, with another handshake and no token
         held_again = joined(again)
         server.hear("anna resumed from")
         assert again.session.welcome.session == session
         held_again.run(0.5)
-        assert held_again.tally().received > 30
+        assert held_again.tally().received > held_again.tally().sent / 2 > 0
         held_again.leave()
         server.hear("anna left")
     finally:
