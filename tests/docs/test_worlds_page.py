@@ -41,7 +41,6 @@ def test_its_world_is_checked_and_run(capsys: pytest.CaptureFixture[str], monkey
     check, lab, serve = commands()
     others = tuple(each for each in conformance.CHECKS if each is not conformance.keeps_time)  # no clock decides here
     monkeypatch.setattr("cogrip.cli.worlds.check.CHECKS", others)
-    monkeypatch.setattr("cogrip.server.io.call_limit.CALL_LIMIT_S", 60.0)
     assert main(check) == 0
     assert f"{len(others)} of {len(others)} promises kept" in capsys.readouterr().out
     assert main([*lab, "--set", "seconds=1", "--json", "-"]) == 0
