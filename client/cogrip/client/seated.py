@@ -232,11 +232,10 @@ class SeatedClient(ToolPlace):
         coupling, ledger, hand = self.coupling, self.ledger, self.hand
         force = ledger.acting(elapsed, self.force_n) if hand.latency_ticks and elapsed else self.force_n
         frame, weight = self._frame, ledger.weight
-        effects = self.effects
-        law_n: Sequence[float] = force
-        if effects is not None and elapsed:
-            law_n = effects.enter(elapsed, self.force_n, force, hand.start_m, position_m)
-            ledger.effects_j = effects.work_j
+        law_n = force
+        if self.effects is not None and elapsed:
+            law_n = self.effects.enter(elapsed, self.force_n, force, hand.start_m, position_m)
+            ledger.set_effects(self.effects.work_j)
         coupling.applied_n = law_n if frame is None else frame.tool_force(law_n)
         if position_m is None or not elapsed:
             mean: Sequence[float] = (0.0,) * len(force)
@@ -352,16 +351,15 @@ class SeatedClient(ToolPlace):
         if wish is not None and safety.state == "live":
             local_n = coupling.local_n if frame is None else frame.hand_force(coupling.local_n)
             seen_n: Sequence[float] = force
-            reduced = coupling.reduced
             if effects is not None and effects.asked_n is not None:
                 local_n, seen_n = effects.watched(local_n, force, safety.gain)
-                reduced = reduced or effects.reduced
+                coupling.reduced = coupling.reduced or effects.reduced
             if port.ramped:
                 local_n = [safety.gain * local for local in local_n]
             elif (kept := safety.law_n) is not wish:  # the line does not see what limits took
                 cut = [law - left for law, left in zip(wish, kept, strict=True)]
                 coupling.cut_n = cut if frame is None else frame.tool_force(cut)
-            if found := port.watch(seen_n, safety.at_peak, local_n, safety.limited, reduced):
+            if found := port.watch(seen_n, safety.at_peak, local_n, safety.limited, coupling.reduced):
                 self._release(found)
         return force
 
