@@ -53,8 +53,7 @@ class EnergyLedger:
 
     def compare(self) -> None:
         """Compare the work with the energy that went into all lines."""
-        entered_j = self.closed_entered_j + self.weight * self.coupling.entered_j
-        self.leak_j = leak = self.work.value - entered_j - self.effects_j
+        self.leak_j = leak = self.work.value - (self.closed_entered_j + self.weight * self.coupling.entered_j)
         if leak < self.least_leak_j:
             self.least_leak_j = leak
 
@@ -71,6 +70,11 @@ class EnergyLedger:
         self.closed_given_j += weight * coupling.given_j
         self.closed_port_j += weight * coupling.port_j
         self.closed_entered_j += weight * coupling.entered_j
+
+    def set_effects(self, work_j: float) -> None:
+        """Count the hand's work against effects as entered, like that into closed lines."""
+        self.closed_entered_j += work_j - self.effects_j
+        self.effects_j = work_j
 
     def set_weight(self, weight: float) -> None:
         """Weigh what the line takes and gives so from now on."""

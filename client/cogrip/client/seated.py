@@ -207,7 +207,10 @@ class SeatedClient(SeatHand):
         coupling, ledger, hand = self.coupling, self.ledger, self.hand
         force = ledger.acting(elapsed, self.force_n) if hand.latency_ticks and elapsed else self.force_n
         frame, weight = self._frame, ledger.weight
-        law_n, aids = self._coupling_part(elapsed, force, position_m), self.aids
+        aids = self.aids
+        law_n = force
+        if aids.active or self.effects is not None:
+            law_n = self._coupling_part(elapsed, force, position_m)
         coupling.applied_n = law_n if frame is None else frame.tool_force(law_n)
         if position_m is None or not elapsed:
             mean: Sequence[float] = (0.0,) * len(force)
@@ -258,7 +261,7 @@ class SeatedClient(SeatHand):
             force = tuple(map(sub, force, aids.acting(elapsed)))
         if effects is not None and elapsed:
             force = effects.enter(elapsed, held_n, force, self.hand.start_m, position_m)
-            self.ledger.effects_j = effects.work_j
+            self.ledger.set_effects(effects.work_j)
         return force
 
     def _start_frame(self, tick: int) -> None:
