@@ -52,7 +52,7 @@ def test_events_for_an_administrator_are_warnings(event):
     level = json.loads(said("json", ServerEvent(event, "x")))["level"]
     assert level == (
         "info"
-        if event in ("joined", "observes", "resumed", "left", "restored", "reloaded", "marker", "hand")
+        if event in ("joined", "observes", "resumed", "left", "restored", "reloaded", "marker", "hand", "trigger")
         else "warning"
     )
     assert set(WARNINGS) <= set(EVENTS)

@@ -13,6 +13,7 @@ from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.messages import PROTOCOL_VERSION, Waves, decode
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.texts import clipped
 from cogrip.server.inputs import Kick, Stop
 
 from tests.clients.compiled import CClient, needs_compiler
@@ -397,7 +398,7 @@ def test_it_refuses_plainly_what_it_cannot_do(library: Any, settings: dict[str, 
     assert why in person.reason
     leave = decode(session.sent[-1])
     assert isinstance(leave, messages.Leave)
-    assert leave.reason == messages.clipped(person.reason, 160)
+    assert leave.reason == clipped(person.reason, 160)
     assert session.core.rooms[0].seats[0].state == "free"
 
 

@@ -167,7 +167,7 @@ def join(
             client = LiveClient(
                 arm, target.player(arm.capability, address), paths, stop, say, LinkEmulator, files.record_at, seconds, rearms,
                 partial(judge_seat, address, allow_unstable, say), partial(played_out, arm), allow_unstable, clutched,
-                waits=arm if settings and settings.task.together and isinstance(arm, SimulatedDevice) else None,
+                None, arm if settings and settings.task.together and isinstance(arm, SimulatedDevice) else None,
             )  # fmt: skip
             try:
                 ended = client.run()
