@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 from cogrip.client.effects.active import Texture, Vibration
 from cogrip.client.effects.force import PASSIVE, EffectForce
 from cogrip.client.effects.tank import EnergyTank
-from cogrip.protocol.effects import MOST_EFFECTS, Effect
+from cogrip.protocol.effects import MOST_EFFECTS, Effect, unfit_effect
 from cogrip.protocol.messages import Effects
 
 from tests.client.seated_client import capability
 
 TICK_S = 1.0 / 1024.0
+X = (1.0, 0.0, 0.0)
 CARRIED = (50.0, 1e5)
 SPRINGS = (
     Effect("magnet", (0.001, -0.002, 0.0), radius_m=0.01, stiffness_npm=400.0),
@@ -128,6 +129,66 @@ def test_vibration_that_the_slope_limit_would_cut_is_smaller_and_still_a_sine() 
     forces = [force for _, force in held(effects, 1024, lambda tick: 0.0)]
     assert np.abs(np.diff(forces)).max() / TICK_S <= 1000.0 * (1.0 + 1e-9)
     assert effects.reduced
+
+
+def test_vibrations_that_the_slope_limit_would_cut_together_are_smaller_together() -> None:
+    """Each alone has just the largest slope."""
+    effects = force_of(*[Effect("vibration", direction=X, amplitude_n=0.795, frequency_hz=200.0)] * 16, tank_mj=1e3)
+    forces = [force for _, force in held(effects, 1024, lambda tick: 0.0)]
+    assert np.abs(np.diff(forces)).max() / TICK_S == pytest.approx(1000.0, rel=0.05)
+    assert np.abs(np.diff(forces)).max() / TICK_S <= 1000.0 * (1.0 + 1e-9)
+    assert effects.reduced
+
+
+@pytest.mark.parametrize("device_hz", [250, 256, 500, 512, 1024])
+def test_vibration_faster_than_half_of_the_ticks_is_bounded(device_hz: int) -> None:
+    """The sinc of the hold is 0 at the rate of the ticks."""
+    law = Vibration(Effect("vibration", direction=X, amplitude_n=1.0, frequency_hz=256.0), 1, 1.0 / device_hz)
+    assert law.most_n <= math.pi / 2.0
+
+
+PATH = ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0))
+SMALLEST: list[tuple[Callable[[float], Effect], float]] = [
+    (lambda x: Effect("zone", direction=(x, 0.0, 0.0), stiffness_npm=9.0), 1e-6),
+    (lambda x: Effect("vibration", direction=(0.0, x, 0.0), amplitude_n=1.0, frequency_hz=50.0), 1e-6),
+    (lambda x: Effect("texture", direction=(0.0, x, 0.0), amplitude_n=1.0, period_m=0.01), 1e-6),
+    (lambda x: Effect("vibration", direction=X, amplitude_n=1.0, frequency_hz=x), 1e-3),
+    (lambda x: Effect("texture", direction=X, amplitude_n=1.0, period_m=x), 1e-4),
+    (lambda x: Effect("magnet", radius_m=x, stiffness_npm=9.0), 1e-4),
+    (lambda x: Effect("magnet", radius_m=x, stiffness_npm=9.0, force_n=1.0), 1e-4),
+    (lambda x: Effect("path", points_m=((0.0, 0.0, 0.0), (x, 0.0, 0.0)), stiffness_npm=9.0), 1e-4),
+    (lambda x: Effect("path", points_m=PATH, stiffness_npm=x, force_n=1.0), 5e-324),
+    (lambda x: Effect("path", points_m=PATH, stiffness_npm=9.0, force_n=x), 5e-324),
+    (lambda x: Effect("zone", size_m=(x, 0.0, 0.0), stiffness_npm=9.0), 5e-324),
+    (lambda x: Effect("viscous", size_m=(x, 0.0, 0.0), damping_nspm=x), 5e-324),
+]
+
+
+@pytest.mark.parametrize(("make", "least"), SMALLEST)
+def test_numbers_next_to_zero_are_refused_or_give_a_finite_force(make: Callable[[float], Effect], least: float) -> None:
+    assert unfit_effect(make(least), 2) == ""
+    for size in (least, 5e-324, 1e-200, 1e-160):
+        rig = EffectForce(2, TICK_S, 0.0)
+        rig.fit(capability(2), 1.0)
+        fits = not unfit_effect(make(size), 2)
+        assert fits is (size >= least)
+        assert rig.tell(Effects(1, 1, (1,), 10.0, 1, make(size)), 0) == ("" if fits else "unfit effect")
+        for tick in range(32):
+            force = rig.step(tick, (1e-3, 1e-3), (0.1, 0.1), 1.0, CARRIED)
+            assert force is None or all(map(math.isfinite, force))
+
+
+@given(law=st.floats(-20.0, 20.0), applied=st.floats(-20.0, 20.0))
+def test_no_more_of_a_force_is_taken_for_effects_than_was_asked(law: float, applied: float) -> None:
+    """law: of coupling and effects, which may cancel out while slope limits still hold a force."""
+    effects = force_of(Effect("zone", direction=(-1.0, 0.0, 0.0), stiffness_npm=500.0))
+    for tick in range(64):
+        effects.step(tick, (-1e-3,), (0.0,), 1.0, CARRIED)
+    asked = effects.step(64, (0.01,), (0.0,), 1.0, CARRIED)
+    assert asked is not None
+    effects._law = (law,)
+    effects.enter(1, (applied,), (applied,), (0.01,), (0.01,))
+    assert all(0.0 <= own <= all_of for own, all_of in zip(effects.acted_n, asked, strict=True))
 
 
 def test_viscous_field_has_its_coefficient() -> None:
@@ -265,6 +326,17 @@ def test_effects_are_taken_once_and_end_as_told() -> None:
     for number in range(3, 100):
         rig.tell(Effects(1, 2 + number, (number,), 1.0, number, wall), 64)
     assert len(rig._entries) <= 2 * MOST_EFFECTS
+
+
+def test_effects_of_a_hand_without_force_make_room_for_others() -> None:
+    """A world that goes on while a fault is latched: what it tells last is there once the hand is armed again."""
+    rig = EffectForce(1, TICK_S, 0.0)
+    rig.fit(capability(), 1.0)
+    wall = Effect("zone", direction=(-1.0, 0.0, 0.0), stiffness_npm=500.0)
+    for number in range(1, 100):
+        assert rig.tell(Effects(1, number, (number,), 1.0, number, wall), number) == ""
+        rig.begin_anew()
+    assert list(rig._entries) == [99]
 
 
 def test_burst_ends_by_itself() -> None:

@@ -189,7 +189,7 @@ WRONG = [
     ({"kind": "vibration", "amplitude_n": float("nan"), "frequency_hz": 50.0}, "effects.0.amplitude_n"),
     ({"kind": "path", "stiffness_npm": 100.0, "points_m": [(0.0, 0.0, 0.0)]}, "needs points_m"),
     ({"kind": "zone", "stiffness_npm": 100.0}, "fills everything"),
-    ({"kind": "texture", "amplitude_n": 1.0, "period_m": 1e-6, "direction": (1.0, 0.0, 0.0)}, "below 0.0001 m"),
+    ({"kind": "texture", "amplitude_n": 1.0, "period_m": 1e-6, "direction": (1.0, 0.0, 0.0)}, "below 0.0001"),
     ({**ZONE, "users": ["eve"]}, "there is no user 'eve'"),
     ({"kind": "spring"}, "effects.0.kind"),
 ]  # fmt: skip

@@ -36,13 +36,14 @@ class HandAids:
         self.limit, self._asked = limit, carries
         self._tick_s = tick_s
         self._extras: DelayLine[Row] = DelayLine()
-        self._height_m: float | None = None  # at which the weight was carried last
+        self._height_m: float | None  # at which the weight of this device was carried last
         self.potential_j = 0.0
         self.keep_to(record)
 
     def keep_to(self, record: Capability) -> None:
         """Go by this record from now on."""
         self._record, self._axes = record, record.axes
+        self._height_m = None
         self._zero: Row = (0.0,) * record.axes
         self.extra_n = self._zero
         self._extras.set_ticks(record.latency_ticks, self._zero)
@@ -73,7 +74,6 @@ class HandAids:
             self._box = [(low + inset, high - inset) for low, high in record.workspace_m]
         self._weight_n = record.handle_mass_kg * GRAVITY_MPS2 if self._asked and self._axes >= PLACES else 0.0
         self._weight_n = min(self._weight_n, self._most_n)
-        self._height_m = None
         self.active = limit.kind != "none" or self._weight_n > 0.0
 
     @property

@@ -30,6 +30,9 @@ NEEDS: Mapping[EffectKind, tuple[str, ...]] = {
     "magnet": ("stiffness_npm", "radius_m"), "path": ("stiffness_npm",), "zone": ("stiffness_npm",),
 }  # fmt: skip
 """Kind -> parameters that are above 0."""
+LEAST: Mapping[str, float] = {"period_m": 1e-4, "radius_m": 1e-4, "frequency_hz": 1e-3}  # but for 0: none
+LEAST_STEP_M = 1e-4  # from a point of a path to the next
+LEAST_DIRECTION = 1e-6  # length that still has a direction
 _COLOURS: Mapping[EffectKind, tuple[float, float, float, float]] = {
     "viscous": (0.34, 0.71, 0.91, 0.2), "vibration": (0.9, 0.62, 0.0, 0.2), "texture": (0.8, 0.47, 0.65, 0.2),
     "magnet": (0.0, 0.45, 0.7, 0.25), "path": (0.0, 0.62, 0.45, 0.8), "zone": (0.84, 0.37, 0.0, 0.3),
@@ -84,18 +87,21 @@ def unfit_effect(effect: Effect, axes: int) -> str:
     places, kind = min(axes, PLACES), effect.kind
     if kind == "path":
         points = [point[:places] for point in effect.points_m]
-        if len(points) < 2 or any(before == after for before, after in pairwise(points)):
-            return f'kind = "path" needs points_m: 2 to {MOST_POINTS}, each another one in the first {places} axes'
+        if len(points) < 2 or any(dist(before, after) < LEAST_STEP_M for before, after in pairwise(points)):
+            apart = f"each at least {LEAST_STEP_M:g} m from the one before in the first {places} axes"
+            return f'kind = "path" needs points_m: 2 to {MOST_POINTS}, {apart}'
         if places == 1:
             return 'kind = "path" has nothing beside it in one axis; set object.axes to 2 or 3'
-    if kind in ("vibration", "texture") and not any(effect.direction[:places]):
+    directed = hypot(*effect.direction[:places]) >= LEAST_DIRECTION
+    if kind in ("vibration", "texture") and not directed:
         return f'kind = "{kind}" needs a direction in the first {places} axes, such as [1, 0, 0]'
-    if kind == "zone" and any(effect.direction) and not any(effect.direction[:places]):
+    if kind == "zone" and any(effect.direction) and not directed:
         return f'kind = "zone" has a direction outside of the first {places} axes; turn it'
     if kind == "zone" and not any(effect.direction) and not any(effect.size_m[:places]):
         return f'kind = "zone" fills everything; give size_m in the first {places} axes, or a direction'
-    if 0.0 < effect.period_m < 1e-4:
-        return f"period_m = {effect.period_m:g} is below 0.0001 m, which no sampled position shows; give a longer one"
+    for name, least in LEAST.items():
+        if 0.0 < (value := getattr(effect, name)) < least:
+            return f"{name} = {value:g} is below {least:g}, which no sampled motion shows; give more"
     return ""
 
 

@@ -7,13 +7,14 @@ from cogrip.protocol.effects import Effect
 
 
 class Vibration(ActiveLaw):
-    """Sine of amplitude A and frequency f. Held over ticks of T it would be A sinc(f T): it is divided by that."""
+    """Sine of amplitude A and frequency f. Held over ticks of T it would be A sinc(f T): it is divided by that, f T < 1/2."""
 
     def __init__(self, effect: Effect, places: int, tick_s: float) -> None:
         self._box = Box(effect, places)
         self._direction = unit(effect.direction, places)
         self._turn = effect.frequency_hz * tick_s
-        self.most_n = effect.amplitude_n * pi * self._turn / sin(pi * self._turn)
+        half = pi * min(self._turn, 0.5)
+        self.most_n = effect.amplitude_n * half / sin(half)
         self.slope_nps = 2.0 * pi * effect.frequency_hz * effect.amplitude_n  # of the steps: 2 most_n sin(pi f T) / T
 
     def present(self, position_m: Row) -> bool:

@@ -22,6 +22,7 @@ from cogrip.client.effects.laws import ActiveLaw, PassiveLaw, Row
 from cogrip.client.effects.springs import ForbiddenZone, GuidingPath, Magnet
 from cogrip.client.effects.tank import EnergyTank
 from cogrip.client.force_limits import MOST_SLOPE_NPS
+from cogrip.client.hand_aids import part_of
 from cogrip.client.hand_frame import HandFrame
 from cogrip.client.safety import Safety
 from cogrip.devices.device import Capability
@@ -144,8 +145,9 @@ class EffectForce:
         """
         law, rows = self._law, self._held
         if rows[0]:
-            square = sum([each * each for each in law])
-            scale = sum([a * b for a, b in zip(law, held_n, strict=True)]) / square if square else 0.0
+            scale = min(
+                1.0, max(0.0, part_of(held_n, law))
+            )  # where coupling and effects cancel out the law is next to 0
             if scale != 1.0:
                 rows = tuple([[scale * each for each in row] for row in rows])  # type: ignore[assignment]
         acted, active, damper = self._rows.push(rows) if elapsed == 1 else self._rows.push_many(rows, elapsed)[-1]
@@ -180,8 +182,7 @@ class EffectForce:
             self.stored_j = 0.0
             self._reserve(0.0)
             return None
-        for number in [number for number, entry in self._entries.items() if entry.ended and not entry.share]:
-            del self._entries[number]
+        self._leave_out()
         for entry in self._entries.values():
             if tick - entry.begun >= entry.left_ticks:
                 entry.ended = True
@@ -223,6 +224,11 @@ class EffectForce:
         self.asked_n, self.stored_j = None, 0.0
         for entry in self._entries.values():
             entry.share = entry.stored_j = 0.0
+        self._leave_out()
+
+    def _leave_out(self) -> None:
+        for number in [number for number, entry in self._entries.items() if entry.ended and not entry.share]:
+            del self._entries[number]
 
     def watched(self, local_n: Row, force_n: Row, gain: float) -> tuple[Row, Row]:
         """Return for the detector of oscillation what follows the hand's motion, and the force less what follows time."""
@@ -236,15 +242,18 @@ class EffectForce:
     def _active(self, tick: int, position_m: Row, gain: float, stiffness_npm: float, per_tool: float) -> list[float]:
         """Return the force of the active effects, within what the tank holds. per_tool: force at the hand by the tool's."""
         total, most_j, felt = [0.0] * self._axes, 0.0, []
-        for entry in self._entries.values():
-            law = entry.active
-            if law is None:
-                continue
-            goal = 0.0 if entry.ended or not law.present(position_m) else gain
-            if (slope := per_tool * law.slope_nps) > self._slope_nps:
-                goal *= self._slope_nps / slope
-            elif isinstance(law, Texture) and law.stiffness_npm > stiffness_npm:
-                goal *= stiffness_npm / law.stiffness_npm
+        present = [
+            (entry, law, not entry.ended and law.present(position_m))
+            for entry in self._entries.values() if (law := entry.active) is not None
+        ]  # fmt: skip
+        slope_nps = per_tool * sum([law.slope_nps for _, law, here in present if here])
+        texture_npm = sum([law.stiffness_npm for _, law, here in present if here and isinstance(law, Texture)])
+        for entry, law, here in present:
+            goal = gain if here else 0.0
+            if law.slope_nps and slope_nps > self._slope_nps:
+                goal *= self._slope_nps / slope_nps
+            elif isinstance(law, Texture) and texture_npm > stiffness_npm:
+                goal *= stiffness_npm / texture_npm
             self.reduced = self.reduced or 0.0 < goal < gain
             if entry.share == 0.0 and law.slope_nps and tick - entry.begun <= 1:
                 entry.share = goal  # a sine begins at 0
