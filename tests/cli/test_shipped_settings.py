@@ -91,7 +91,7 @@ def test_a_note_names_a_copy_in_the_folder(cogrip: Cogrip) -> None:
     ("given", "words"),
     [
         ("dmo", "dmo: there is no such file; no settings of that name come with cogrip; did you mean demo? There are:"),
-        ("qqq", "no settings of that name come with cogrip. There are: compare, demo, five-users,"),
+        ("qqq", "no settings of that name come with cogrip. There are: compare, demo, effects,"),
         ("demo.toml", "demo.toml: there is no such file; did you mean demo, which comes with cogrip?"),
         ("configs/demo.toml", "configs/demo.toml: there is no such file; did you mean demo, which comes with cogrip?"),
         ("mien.toml", "did you mean mine.toml?"),

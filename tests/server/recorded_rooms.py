@@ -121,7 +121,7 @@ class Server(RecordedEnd):
             "other settings": lambda: self.hello(who, digest="other"),
             "too few axes": lambda: self.hello(who, axes=1),
             "too slow": lambda: self.hello(who, rate_hz=100.0),
-            "newer": lambda: self.hello(who).replace(b"cogrip\x07", b"cogrip\x63", 1),
+            "newer": lambda: self.hello(who).replace(b"cogrip\x08", b"cogrip\x63", 1),
             "short hello": lambda: self.hello(who)[:-1],
             "by token": lambda: self.hello(who, token=f"{'pow'[number % 3]}{TOKEN}", nonce=number + 50),
             "observes": lambda: self.hello(who, role="observer", token=f"p{TOKEN}"),
