@@ -84,7 +84,7 @@ def test_clutches_of_50_mm_displace_nothing(times: int) -> None:
         clutches += frame.held and not held
         still[0] = still[0] + 1 if frame.held else 0
         if still[0] > 300:  # the proxy of the server has come to rest
-            offsets.append(float(laboratory.room.world.hand[0][0]) - seat._tool_m()[0])
+            offsets.append(float(laboratory.room.world.hand[0][0]) - seat.tool_m()[0])
         last[:] = [seat.hand.position_m, frame.held]
 
     laboratory.run(each_tick=watch)
@@ -92,7 +92,7 @@ def test_clutches_of_50_mm_displace_nothing(times: int) -> None:
     assert not laboratory.diverged
     assert clutches == times
     begun = seat._origin_pose
-    assert dist(seat._tool_m(), [a + b for a, b in zip(begun, tool, strict=True)]) < 1e-9
+    assert dist(seat.tool_m(), [a + b for a, b in zip(begun, tool, strict=True)]) < 1e-9
     assert max(offsets) - min(offsets) < 1e-5, "0.01 mm"
     assert not seat.safety.counts["fault"]
     account = account_of(laboratory)
