@@ -84,7 +84,7 @@ def test_while_one_arm_is_in_a_fault_the_other_is_held_off(start, at_terminal, t
         pytest.skip(f"this machine took the processor away for too long: {anna.screen.text}")
     anna.see("anna.1: engaged")
     arm.fault("silence 0.2")
-    anna.see("anna.2: held off: the tool stands still")
+    anna.see(held_off := "anna.2: held off: the tool stands still")
     anna.type("2 set clutch=off\n")
     anna.see("anna.2: set: clutch=off")
     anna.type("2 c\n")
@@ -93,6 +93,10 @@ def test_while_one_arm_is_in_a_fault_the_other_is_held_off(start, at_terminal, t
     anna.see("anna.1: re-armed: force ramps in\n[\\s\\S]*anna.2: engaged: force ramps in")
     anna.type("1 c\n")
     anna.see("anna.1: clutched: the tool stands still")
+    arm.fault("silence 0.2")
+    anna.see(f"{held_off}[\\s\\S]*{held_off}")
+    anna.type("r\n")
+    anna.see("anna.1: re-armed: [\\s\\S]*anna.1: re-armed: [\\s\\S]*anna.2: engaged: force ramps in")
     anna.type("\x1a\x03")
     assert anna.end() == 0, anna.screen.text
     assert anna.screen.text.count("anna.2: clutched") == 0, "an order of the other arm's"

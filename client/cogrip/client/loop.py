@@ -249,10 +249,12 @@ class LiveClient:
         """Do what the person at the terminal asks for: leave a fault, set a marker, hold the clutch or release it."""
         if self.rearms and self._core.safety.state == "fault":
             self._rearm(supervised)
-        if tick % TYPED_TICKS or (seat := self._core.seated) is None:
+        if (seat := self._core.seated) is None:
             return
         if self._unkept is not None and not seat.clutched:  # an administrator's change, or a new session
             self._core.handle(inputs.Clutch(True), now_ns)
+        if tick % TYPED_TICKS:
+            return
         for line in self.stop.take_typed():
             if line in ("hold", "engage"):
                 self._keep_clutched(line == "hold", seat.clutched, now_ns)
@@ -338,8 +340,8 @@ class LiveClient:
             self.stop.take_rearm()  # what was asked before the fault was not asked of it
             if self.rearms:
                 self.say(f"see to its cause; then {system.REARM_HOW.format(os.getpid())} re-arms; Ctrl-C leaves")
-        elif before == "fault" and after == "live":
-            self.say("re-armed: force ramps in")
+        elif before == "fault" and after in ("live", "clutched"):
+            self.say("re-armed: force ramps in" if after == "live" else "re-armed: the clutch is held")
         elif before == "degraded" and after == "live":
             self.say("the server answers again: force ramps in")
 

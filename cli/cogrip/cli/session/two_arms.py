@@ -29,13 +29,17 @@ NO_SUCH_SEAT = "no seat is kept for "
 _SEATED = re.compile(r"(.+) holds \S+ in room ")
 _OVER = re.compile(r".+: the session (broke off|is over), no force is left")
 _NEGATABLE = ("report", "record", "rearm")
-_FAULT, _REARMED = "fault, force released: ", "re-armed: force ramps in"
+_FAULT, _REARMED = "fault, force released: ", "re-armed: "
 
 
 @dataclass(slots=True)
 class Arm:
-    """One arm. label: its seat's name, once it has one; faulty: in a fault, until it is re-armed; over: holds no more;
-    ended: the process has."""
+    """One arm and its child.
+
+    label   name of its seat, once it has one
+    faulty  it is in a fault, and not re-armed
+    over    it holds no more; `ended`: its process has ended
+    """
 
     number: int
     device: str
@@ -59,7 +63,7 @@ class Arm:
             self.seated, self.label = True, found[1]
         elif line.startswith(_FAULT):
             self.faulty = True
-        elif line == _REARMED:
+        elif line.startswith(_REARMED):
             self.faulty = False
         elif _OVER.match(line):
             self.over = True
