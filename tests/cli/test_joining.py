@@ -42,6 +42,15 @@ NO_NAME = "an observer has no seat: --name has no effect"
         ([LINK[:-3]], 2, "the token has 19 characters"),
         ([LINK.partition("#")[0]], 2, "the part after # is missing: put the link in quotes"),
         ([LINK, "--observe", "--device", "sim:phantom"], 2, "--observe needs no --device"),
+        ([LINK, "--observe", "--device", "sim:ideal", "--device", "web"], 2, "--observe needs no --device"),
+        (
+            [LINK, "--device", "hid:1", "--device", "hid:1#pose=home"],
+            2,
+            "--device hid:1 is given twice, and two arms need a",
+        ),
+        ([LINK, *["--device", "sim:ideal"] * 3], 2, "--device is given 3 times; a person has two arms"),
+        ([LINK, *["--device", "sim:ideal"] * 2, "--speed", "2"], 2, "write them as keys of its address"),
+        ([LINK, "--device", "sim:ideal", "--device", "sim:idol"], 2, "sim:idol"),
         (["192.0.2.7:47800"], 1, "192.0.2.7 is not this machine"),
         (["192.0.2.7", "--observe"], 1, "use the join link that the server printed (cogrip://...); --insecure"),
         (["no-such-host.invalid"], 1, "check the server's name"),
@@ -85,7 +94,7 @@ def asked(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> t
     """Return the hello and the paths, caught where the client would start."""
     found: list[tuple[Hello, Paths]] = []
 
-    def client(arm: Device, hello: Hello, calls: Paths, *_: object) -> None:
+    def client(arm: Device, hello: Hello, calls: Paths, *_: object, **__: object) -> None:
         found.append((hello, calls))
         raise BadInput("nobody is there")
 
@@ -154,7 +163,7 @@ def test_a_name_has_no_effect_on_an_observer(cogrip: Cogrip, monkeypatch: pytest
     assert cogrip("join", LINK, "--observe", "--name", "anna") == (0, f"{NO_NAME}\n", "")
 
     class Client:
-        def __init__(self, _arm: Device, hello: bytes, *_: object) -> None:
+        def __init__(self, _arm: Device, hello: bytes, *_: object, **__: object) -> None:
             self.hello = hello
 
         def run(self) -> ClientSession:

@@ -11,6 +11,7 @@ import pytest
 from _pytest.runner import runtestprotocol
 
 from tests.live.held_arms import MACHINE_STALLED, Arm, Session, Spoken
+from tests.terminal import Terminal
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -126,6 +127,20 @@ def start(tmp_path, monkeypatch) -> Iterator[Callable[..., Spoken]]:
     yield run
     for process in reversed(started):
         process.stop()
+
+
+@pytest.fixture
+def at_terminal(tmp_path: Path) -> Iterator[Callable[..., Terminal]]:
+    """Start `cogrip ARGUMENTS` at a terminal of its own; whatever still runs at the end of the test is ended."""
+    opened: list[Terminal] = []
+
+    def start(*arguments: object, **size: int) -> Terminal:
+        opened.append(Terminal(*arguments, "--runs", tmp_path / "runs", "--no-report", **size))
+        return opened[-1]
+
+    yield start
+    for terminal in opened:
+        terminal.close()
 
 
 @pytest.fixture

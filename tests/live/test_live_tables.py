@@ -18,20 +18,6 @@ from tests.terminal import JobShell, Terminal
 SIZES = [(80, 24), long(120, 40)]
 
 
-@pytest.fixture
-def at_terminal(tmp_path: Path) -> Iterator[Callable[..., Terminal]]:
-    """Start `cogrip ARGUMENTS` at a terminal of its own; whatever still runs at the end of the test is ended."""
-    opened: list[Terminal] = []
-
-    def start(*arguments: object, **size: int) -> Terminal:
-        opened.append(Terminal(*arguments, "--runs", tmp_path / "runs", "--no-report", **size))
-        return opened[-1]
-
-    yield start
-    for terminal in opened:
-        terminal.close()
-
-
 def serving(
     at_terminal: Callable[..., Terminal], tmp_path: Path, *arguments: object, **size: int
 ) -> tuple[Terminal, str]:

@@ -90,6 +90,7 @@ class LiveClient:
     _down: Link | None = field(init=False, default=None)
     _counts: dict[str, int] = field(init=False, default_factory=dict)
     _half_tick_ns: int = field(init=False, default=0)
+    _unkept: bool | None = field(init=False, default=None)  # the clutch as it was before `hold`; None without
     _told: int = field(init=False, default=0)  # newest change of the administrator that the person was told of
 
     def run(self) -> Ended | ClientSession:
@@ -248,10 +249,18 @@ class LiveClient:
         """Do what the person at the terminal asks for: leave a fault, set a marker, hold the clutch or release it."""
         if self.rearms and self._core.safety.state == "fault":
             self._rearm(supervised)
-        if tick % TYPED_TICKS or (seat := self._core.seated) is None:
+        if (seat := self._core.seated) is None:
+            return
+        if self._unkept is not None and not seat.clutched:  # an administrator's change, or a new session
+            self._core.handle(inputs.Clutch(True), now_ns)
+        if tick % TYPED_TICKS:
             return
         for line in self.stop.take_typed():
-            if line.startswith("m "):
+            if line in ("hold", "engage"):
+                self._keep_clutched(line == "hold", seat.clutched, now_ns)
+            elif self._unkept is not None and line.lower() == "c":
+                self.say("held off: `c` has no effect until `engage`")
+            elif line.startswith("m "):
                 refused = self._core.markers.refused
                 self._core.handle(inputs.Mark(line[2:]), now_ns)
                 text = clipped_mark(line[2:])
@@ -271,6 +280,17 @@ class LiveClient:
                     "`m TEXT` sets a marker, `c` holds the clutch, `set KEY=VALUE` a scale, `r` re-arms after a fault"
                 )
                 self.say(f"{shown(line)!r} is no order: {orders}")
+
+    def _keep_clutched(self, kept: bool, clutched: bool, now_ns: int) -> None:
+        """Hold the clutch whatever else asks for it, also in a fault; or let it be as it was before."""
+        if kept is (self._unkept is not None):
+            return
+        before, self._unkept = self._unkept, clutched if kept else None
+        held = kept or bool(before)
+        self._core.handle(inputs.Clutch(held), now_ns)
+        self.say(
+            "held off: the tool stands still" if kept else "clutched as before" if held else "engaged: force ramps in"
+        )
 
     def _tell_changes(self) -> None:
         """Tell the person what the administrator has set."""
@@ -320,8 +340,8 @@ class LiveClient:
             self.stop.take_rearm()  # what was asked before the fault was not asked of it
             if self.rearms:
                 self.say(f"see to its cause; then {system.REARM_HOW.format(os.getpid())} re-arms; Ctrl-C leaves")
-        elif before == "fault" and after == "live":
-            self.say("re-armed: force ramps in")
+        elif before == "fault" and after in ("live", "clutched"):
+            self.say("re-armed: force ramps in" if after == "live" else "re-armed: the clutch is held")
         elif before == "degraded" and after == "live":
             self.say("the server answers again: force ramps in")
 

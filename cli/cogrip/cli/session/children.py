@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from typing import IO
 
 from cogrip.cli.terminal.problem import Problem
 from cogrip.protocol.io.platform import system
@@ -32,14 +33,21 @@ def start_child(log: Path, arguments: Sequence[str], *handles: int) -> subproces
     It ends when this process does, however that ends: its standard input is our pipe. handles: that it is to have.
     """
     with log.open("wb") as out:
-        return subprocess.Popen(
-            [sys.executable, "-P", "-m", "cogrip.cli", *arguments],
-            stdin=subprocess.PIPE,
-            stdout=out,
-            stderr=subprocess.STDOUT,
-            env={**os.environ, TETHERED: "yes"},
-            **system.own_session(*handles),
-        )
+        return start_tethered(out, arguments, *handles)
+
+
+def start_tethered(
+    out: int | IO[bytes], arguments: Sequence[str], *handles: int, **environ: str
+) -> subprocess.Popen[bytes]:
+    """Start a child as `start_child` does, with what it says going to `out`, as Popen takes it."""
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "cogrip.cli", *arguments],
+        stdin=subprocess.PIPE,
+        stdout=out,
+        stderr=subprocess.STDOUT,
+        env={**os.environ, **environ, TETHERED: "yes"},
+        **system.own_session(*handles),
+    )
 
 
 def stated_reason(log: Path) -> str:

@@ -25,6 +25,7 @@ from cogrip.cli.session.joined_device import (
 from cogrip.cli.session.live_views import JoinView, drawing
 from cogrip.cli.session.observe import counted, observe_room
 from cogrip.cli.session.settings_file import load
+from cogrip.cli.session.two_arms import as_flags, check_two, join_two
 from cogrip.cli.session.view_child import GivenLink, ViewChild, given_link, is_web, open_view
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Quiet, Record, Report, Runs
@@ -52,7 +53,7 @@ def join(
     server: Annotated[str, Parameter(allow_leading_hyphen=True)],
     /,
     *more: Annotated[str, Parameter(show=False)],
-    device: str | None = None,
+    devices: Annotated[tuple[str, ...], Parameter(name="--device", negative="")] = (),
     observe: Annotated[bool, Parameter(negative="")] = False,
     view: Annotated[bool, Parameter(negative="")] = False,
     insecure: Annotated[bool, Parameter(negative="")] = False,
@@ -87,9 +88,10 @@ def join(
     server
         The join link that the server printed, in quotes: 'cogrip://...'. Or HOST:PORT, or HOST for the usual port, of a
         server without encryption. - reads it from standard input, where no other user of this machine sees it.
-    device
+    devices
         Device address (`cogrip devices`), with its keys: sim:phantom?hand=reach&amplitude_m=0.02. web: the pointer of a page
-        that is opened in the browser.
+        that is opened in the browser. Twice for two arms of one person, who then has two seats: NAME.1 and NAME.2, else the
+        first two free ones.
     observe
         Observe: see the object and the hands, hold nothing.
     view
@@ -136,25 +138,32 @@ def join(
     target = target_of(typed_target, room, insecure, name, digest(settings) if settings else "")
     stop = Stop()
     if observe:
-        if device is not None:
+        if devices:
             raise BadInput("--observe needs no --device: leave one of them out")
         with on_signals(stop), closing(target.paths(insecure)) as paths, ExitStack() as shown:
             open_view(shown, typed_target, console.print, room, insecure, wanted=view)
             if name:
                 console.print(NO_NAME)
             return observe_room(ClientSession(target.observer()), paths, stop, seconds, console)
+    rearms = _at_terminal() if rearm is None else rearm
+    if len(devices) > 1:
+        check_two(devices, settings, axes, speed, loop, start_s, stop_s)
+        flags = as_flags(
+            room=room, config=config, set=overrides, axes=axes, runs=runs, into=into, report=report, record=record,
+            rearm=rearms, insecure=insecure, allow_unstable=allow_unstable,
+        )  # fmt: skip
+        return join_two(typed_target, devices, flags, name, clutched, view, seconds, stop, console)
+    device = next(iter(devices), None)
     with ExitStack() as shown:
         named = device is not None
         pointed = is_web(device)
         page = open_view(shown, typed_target, console.print, room, insecure, wanted=view, hand=pointed)
         device = page.linked(device) if page else device
         device = with_playback(device, speed=speed, loop=loop, start_s=start_s, stop_s=stop_s)
-        if allow_unstable:
-            _refuse_hardware(settings, name, device)
+        _refuse_hardware(allow_unstable, settings, name, device)
         arm, address = make_joined(settings, name, device, axes)
         address = public(address)
         check_hand(lambda: make_joined(settings, name, device, axes), address, name, seconds)
-        rearms = (bool(sys.stdin) and sys.stdin.isatty()) if rearm is None else rearm
         with (
             on_signals(stop),
             closing(target.paths(insecure)) as paths,
@@ -187,8 +196,15 @@ def join(
             return _finish(ended, files.folder, console, alone=into is None, report=report)
 
 
-def _refuse_hardware(settings: Settings | None, name: str, device: str | None) -> None:
-    """Raise BadInput where the device that would be held is hardware."""
+def _at_terminal() -> bool:
+    """Return whether somebody can type an order."""
+    return bool(sys.stdin) and sys.stdin.isatty()
+
+
+def _refuse_hardware(unstable: bool, settings: Settings | None, name: str, device: str | None) -> None:
+    """Raise BadInput where the device that would be held is hardware, and may be `unstable`."""
+    if not unstable:
+        return
     users = [user for user in settings.users if name in ("", user.name)] if settings else []
     refuse_hardware([device or (users[0].device if users else DEFAULT_DEVICE)])
 
@@ -227,13 +243,13 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
     user, well = ended.seat.user, succeeded(summary)
     if counts := counted(ended.counts):
         console.print(f"{user}: dealt with: {counts}")
-    if alone:
-        leave_files(folder, summary, console, shown=report or folder is None, report=report)
     if ended.failed:
         console.print(f"{user}: the session broke off, no force is left: {ended.failed}")
     elif ended.ended:
         console.print(f"{user}: the session is over, no force is left: {ended.ended}")
     if not ended.failed and not well:
         console.print(f"{user}: not a good run: {why_not(summary)}")
+    if alone:
+        leave_files(folder, summary, console, shown=report or folder is None, report=report)
     cut_short = ended.ended.startswith(IN_ORDER) and SECONDS_OVER not in ended.ended
     return 0 if well and not ended.failed and not cut_short else 1

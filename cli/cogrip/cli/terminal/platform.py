@@ -2,7 +2,10 @@
 
 import io
 import select
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 if sys.platform == "win32":
 
@@ -16,6 +19,11 @@ if sys.platform == "win32":
         """Return True: whether a pipe has room cannot be asked."""
         return True
 
+    @contextmanager
+    def no_stop_key() -> Iterator[None]:
+        """Do nothing: no key stops a process."""
+        yield
+
 else:
 
     def use_utf8() -> None:
@@ -24,3 +32,12 @@ else:
     def takes_output(descriptor: int) -> bool:
         """Return whether a write would go at once: not to a terminal on hold, or a full pipe."""
         return bool(select.select([], [descriptor], [], 0.0)[1])
+
+    @contextmanager
+    def no_stop_key() -> Iterator[None]:
+        """Ignore Ctrl-Z: children in sessions of their own would go on, and nobody could end them from this terminal."""
+        before = signal.signal(signal.SIGTSTP, signal.SIG_IGN)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGTSTP, before)

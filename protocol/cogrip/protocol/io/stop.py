@@ -4,7 +4,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from types import FrameType
@@ -46,11 +46,14 @@ class Stop:
     def take_typed(self) -> list[str]:
         """Return the lines other than `r` that were typed at the terminal since the last call."""
         self._read()
-        lines, self.typed = self.typed, []
-        return lines
+        return [self.typed.pop(0) for _ in range(len(self.typed))]  # a thread may append meanwhile
 
     def _read(self) -> None:
-        for line in system.typed().decode("utf-8", "replace").splitlines():
+        self.take(system.typed().decode("utf-8", "replace").splitlines())
+
+    def take(self, lines: Iterable[str]) -> None:
+        """Take in lines that were typed, here or at the parent's terminal."""
+        for line in lines:
             if line.strip().lower() == "r":
                 self.rearm = True
             elif line.strip():
@@ -110,5 +113,5 @@ def _follow_parent(stop: Stop, pipe: int) -> None:
         rest = b""
         while piece := os.read(pipe, 1024):
             *lines, rest = (rest + piece)[-MOST_TYPED_BYTES:].split(b"\n")
-            stop.typed += [text for line in lines if (text := line.decode("utf-8", "replace").strip())]
+            stop.take(line.decode("utf-8", "replace") for line in lines)
     stop.reason = stop.reason or "stopped (its parent has ended)"
