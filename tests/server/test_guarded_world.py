@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from cogrip.protocol.drawing import Shape
+from cogrip.protocol.effects import MOST_EFFECTS, Effect
 from cogrip.server.io import call_limit
 from cogrip.server.worlds.energy_limiter import START_J
 from cogrip.server.worlds.grip import GripWorld
-from cogrip.server.worlds.guarded import MOST_HELD_J, GuardedWorld
+from cogrip.server.worlds.guarded import MOST_GIVEN, MOST_HELD_J, GuardedWorld
 from cogrip.server.worlds.tool_world import ToolWorld
 from cogrip.server.worlds.world import Array, Row, WorldError
 
@@ -330,3 +331,15 @@ def test_the_limit_of_time_needs_the_main_thread_alone() -> None:
     thread.start()
     thread.join()
     assert done
+
+
+class Floods(Springs):
+    """Tells other effects in each step, more than anybody can have, none of which fits."""
+
+    def effects_of(self, user: int) -> list[Effect]:
+        return [Effect("viscous") for _ in range(10_000)]
+
+
+def test_effects_beyond_what_people_can_have_are_not_even_looked_at() -> None:
+    """To look at one takes a part of the frame: others' rooms have the same frame."""
+    assert len(held(Floods).effects_of(0)) == MOST_GIVEN == 4 * MOST_EFFECTS

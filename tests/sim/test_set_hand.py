@@ -1,19 +1,21 @@
 """Hand settings changed while a session runs: energy, replay, loss, times, clutches, the limit and the weight."""
 
 from collections.abc import Callable
+from itertools import count
 from math import dist, hypot
 from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from cogrip.client import inputs as client_inputs
 from cogrip.client.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.inputs import CloseLedger
 from cogrip.protocol.accounts import ClientAccount
-from cogrip.protocol.hand_settings import parsed
+from cogrip.protocol.hand_settings import UNCHANGED, parsed
 from cogrip.protocol.messages import SetHand as Message
-from cogrip.protocol.messages import decode
+from cogrip.protocol.messages import decode, encode
 from cogrip.protocol.settings import resolve
 from cogrip.server.inputs import SetHand
 from cogrip.sim.runs.laboratory_run import run_laboratory
@@ -267,6 +269,27 @@ def test_reports_repeat_until_they_are_answered_and_no_longer() -> None:
     laboratory.run(each_tick=watch)
     assert laboratory.room.seats[0].hand.holds.position_scale == 2.0
     assert not core._seat.changes.pending
+
+
+def test_a_client_that_reports_without_end_fills_no_log_and_loosens_no_limit() -> None:
+    laboratory = Laboratory(resolve(session(hand=CALM) | {"seconds": 2.0}))
+    core, reports, limits = laboratory.people[0].core, count(1), []
+    told = replace(UNCHANGED, position_scale=10.0, force_scale=0.1)  # 100 times the force at the tool
+
+    def lie(_: Laboratory) -> None:
+        if core.session.state == "seated":
+            core.session.outbox.append(encode(Message(core._seat.session_id, next(reports), 0, told)))
+
+    def each_frame(_: Laboratory) -> None:
+        limits.append(laboratory.room.seats[0].limits)
+        if laboratory._frame == 128:
+            ordered(laboratory, "clutch=off")
+
+    laboratory.run(each_tick=lie, each_frame=each_frame)
+    lines = [event for event in laboratory.server.events if event.event == "hand"]
+    assert 20 <= len(lines) <= 40, "20 at once, 10 a second"
+    assert laboratory.server.dropped["too many reports"] == laboratory.room.seats[0].hand._reported - len(lines)
+    assert limits[-1] == limits[64]
 
 
 @pytest.mark.parametrize("limit", ["auto", "box -0.05 0.05 -0.05 0.05 -0.05 0.05", "sphere 0 0 0 0.05"])

@@ -251,7 +251,10 @@ class ServerCore:
     def _receive_report(self, room: Room, seat: Seat, message: SetHand) -> None:
         """Take in what holds of a person's hand; it is repeated until it is acknowledged."""
         if seat.hand.receive(message):
-            self._out.report("hand", room, seat, f"holds: {seat.hand.holds.text}")
+            if seat.hand.worth_a_line(room.steps):
+                self._out.report("hand", room, seat, f"holds: {seat.hand.holds.text}")
+            else:
+                self._drop("too many reports")
         self._out.send(seat.hand.answer(seat.session), seat.address)
 
     def _report_mark(self, room: Room, mark: Mark | None, who: Seat | None = None) -> None:

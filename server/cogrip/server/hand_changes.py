@@ -6,6 +6,7 @@ from cogrip.protocol.hand_settings import HandChange, of_seat
 from cogrip.protocol.messages import SetHand
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.tool_frame import ToolFrame
+from cogrip.server.markers import A_SECOND, BURST
 
 TOLD_HZ = 16
 MOST_UNTOLD = 8  # on their way at once
@@ -22,10 +23,11 @@ class HandChanges:
     def __init__(self, seat: SeatSettings, network_hz: int) -> None:
         self.holds = of_seat(seat)
         self.number = self.taken = 0
-        self._wanted = seat.tool or ToolFrame()
+        self._wanted = seat.tool or ToolFrame()  # by settings and changes; reports are a client's word
         self._told: deque[tuple[int, HandChange]] = deque()
         self._reported = 0
-        self._every = max(1, network_hz // TOLD_HZ)
+        self._lines: deque[int] = deque(maxlen=BURST)  # steps of the last ones
+        self._hz, self._every = network_hz, max(1, network_hz // TOLD_HZ)
 
     @property
     def full(self) -> bool:
@@ -49,8 +51,13 @@ class HandChanges:
         if message.number <= self._reported:
             return False
         self._reported, self.holds = message.number, message.hand.after(self.holds)
-        if not self._told:
-            self._wanted = self.holds.frame(self._wanted)
+        return True
+
+    def worth_a_line(self, step: int) -> bool:
+        """Return whether a report of this step is to be logged: of a client that reports without end few are."""
+        if len(self._lines) == BURST and step - self._lines[0] < BURST // A_SECOND * self._hz:
+            return False
+        self._lines.append(step)
         return True
 
     def answer(self, session: int) -> SetHand:

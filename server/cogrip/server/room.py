@@ -281,6 +281,7 @@ class Room:
         shown = self._shown_effects = self._shown_effects or self._told_effects()
         each = {id(effect): effect for seat in self.seats if seat.on_object for effect in self._effects_of(seat.number)}
         shown.follow(tuple(each.values()), (), self.steps)
+        shown.refused.clear()  # as each person's own have said
         if (message := shown.next(1, self.steps)) is None:
             return []
         observers = self.observer_slots.observers.values()

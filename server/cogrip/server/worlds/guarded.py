@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from cogrip.protocol.drawing import MOST_SHAPES, Shape
-from cogrip.protocol.effects import Effect
+from cogrip.protocol.effects import MOST_EFFECTS, Effect
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.texts import shown
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
@@ -28,7 +28,7 @@ LEAST_J = -1e-9  # rounding about 0
 MOST_WAVE = 1e3  # sqrt(W): 0.5 MW
 MOST_PLACE = 1e3  # m, m/s: an object is put back long before
 MOST_EVENTS = 8  # of one step
-MOST_GIVEN = 1024  # effects of one step
+MOST_GIVEN = 4 * MOST_EFFECTS  # effects of one step: a person has fewer, and looking at each takes time
 MOST_SAVED = 10_000  # numbers: a checkpoint holds them
 
 
