@@ -170,3 +170,21 @@ def test_doctor_prints_the_latency_of_a_line(cogrip: Cogrip, monkeypatch: pytest
 def test_server_without_its_port_does_not_begin(cogrip: Cogrip, tmp_path: Path) -> None:
     words = cogrip.err("serve", "demo", "--trigger", "rts:nowhere")
     assert "--trigger rts:nowhere: No such file or directory" in words
+
+
+def test_a_port_that_is_pulled_out_while_it_drains_is_said_and_the_thread_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """pyserial lets the terminal's own error through there, which is no OSError."""
+    line = TriggerLine(f"byte:{Wire().path}")
+
+    def drain() -> None:
+        raise RuntimeError("as termios.error")
+
+    monkeypatch.setattr(line.line, "flush", drain)
+    trigger = Trigger(line)
+    trigger.fire("one")
+    trigger.fire("two")
+    trigger.close()
+    assert trigger.counts["trigger not written"] == 2
+    assert "markers reach it no more" in trigger.trouble

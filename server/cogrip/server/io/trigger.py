@@ -137,7 +137,7 @@ class Trigger:
                 self._written.append(Written(text, code, now_ns - asked_ns, now_ns))
                 time.sleep(PULSE_S)
                 self._line.rest()
-            except OSError as error:
+            except Exception as error:  # noqa: BLE001 (a port that is pulled out while it drains raises termios.error)
                 self.counts["trigger not written"] += 1
                 self.trouble = self.trouble or f"{self._line.address}: {_reason(error, '')}: markers reach it no more"
         self._line.close()
