@@ -159,7 +159,8 @@ class LiveClient:
             "skipped tick": pacer.skipped,
         }  # fmt: skip
         ended = core.session.ended or self.stop.reason or self.over()
-        return Ended(seat, account, core.session.farewell, failed, seconds, counts, measures, ended)
+        held = core.seated.settings if core.seated is not None else seat  # as they were changed in the session
+        return Ended(held, account, core.session.farewell, failed, seconds, counts, measures, ended)
 
     def _link(self, seat: SeatSettings) -> None:
         """Emulate the link of the settings. Gives the seat back where that is impossible. Raises JoinError."""

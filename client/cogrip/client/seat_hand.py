@@ -158,6 +158,8 @@ class SeatHand:
             self.safety.ramp_anew()
         if change.workspace_limit_m is not None or change.gravity_compensation is not None:
             self.aids.change(change)
+            limit, carries = self.aids.limit, self.aids.carries
+            self.settings = replace(self.settings, workspace_limit=limit, gravity_compensation=carries)
             self.settings = replace(
                 self.settings, workspace_limit=self.aids.limit, gravity_compensation=self.aids.carries
             )
