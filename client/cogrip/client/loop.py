@@ -260,7 +260,7 @@ class LiveClient:
             if line in ("hold", "engage"):
                 self._keep_clutched(line == "hold", seat.clutched, now_ns)
             elif self._unkept is not None and line.lower() == "c":
-                self.say("held off: `c` has no effect until `engage`")
+                self.say("held off: `c` has no effect")
             elif line.startswith("m "):
                 refused = self._core.markers.refused
                 self._core.handle(inputs.Mark(line[2:]), now_ns)

@@ -38,7 +38,7 @@ class Arm:
 
     label   name of its seat, once it has one
     faulty  it is in a fault, and not re-armed
-    over    it holds no more; `ended`: its process has ended
+    over    it holds no more; `ended`: its process has ended; `observes`: it has an observer's place only
     """
 
     number: int
@@ -49,6 +49,7 @@ class Arm:
     faulty: bool = False
     over: bool = False
     ended: bool = False
+    observes: bool = False
     _said: list[str] = field(default_factory=list)
 
     @property
@@ -67,6 +68,8 @@ class Arm:
             self.faulty = False
         elif _OVER.match(line):
             self.over = True
+        elif line.startswith("this link is for observing"):
+            self.observes = True
 
     def order(self, line: str) -> None:
         """Pass a line on, as if it were typed there."""
@@ -157,6 +160,8 @@ class _TwoArms:
         arm = self._start(index + 1, self._devices[index], name, flags)
         while not arm.seated and not arm.ended:
             self._look()
+            if arm.observes:
+                raise BadInput("this link is for observing: two arms need a player's link")
             if self._stop.reason:
                 raise Problem(f"{self._stop.reason} before both arms had a seat")
             for each in self._arms:
