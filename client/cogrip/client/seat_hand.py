@@ -87,7 +87,7 @@ class SeatHand:
         self.ledger.set_weight(frame.weight)
         return frame
 
-    def _tool_m(self) -> Row:
+    def tool_m(self) -> Row:
         """Return the tool's place, in lengths."""
         position = self.hand.position_m
         return position if self._frame is None else self._frame.place(position)

@@ -197,9 +197,9 @@ class SeatedClient(SeatHand):
     def place(self) -> Row:
         """Return the tool's pose, and of one that turns also the angle travelled since the line's beginning."""
         if self._axes is None:
-            return self._tool_m()
+            return self.tool_m()
         assert self._origin_m is not None
-        moved = [at - begun for at, begun in zip(self._tool_m(), self._origin_m, strict=True)]
+        moved = [at - begun for at, begun in zip(self.tool_m(), self._origin_m, strict=True)]
         return self.tool_pose() + self._axes.rates(moved)[PLACES:]
 
     def _enter(self, elapsed: int, position_m: tuple[float, ...] | None) -> bool:
