@@ -193,7 +193,7 @@ def test_twenty_clutches_by_order_displace_nothing() -> None:
         clutches[0] += now and not held
         still[0] = still[0] + 1 if now else 0
         if still[0] > 300:
-            offsets.append(float(laboratory.room.world.hand[0][0]) - seat._tool_m()[0])
+            offsets.append(float(laboratory.room.world.hand[0][0]) - seat.tool_m()[0])
         last[:] = [seat.hand.position_m, now]
 
     def each_frame(_: Laboratory) -> None:
@@ -206,7 +206,7 @@ def test_twenty_clutches_by_order_displace_nothing() -> None:
     assert not laboratory.diverged
     assert clutches[0] == 20
     begun = seat._origin_pose
-    assert dist(seat._tool_m(), [a + b for a, b in zip(begun, tool, strict=True)]) < 1e-9
+    assert dist(seat.tool_m(), [a + b for a, b in zip(begun, tool, strict=True)]) < 1e-9
     assert max(offsets) - min(offsets) < 1e-5, "0.01 mm"
     account = account_of(laboratory)
     assert account.down_margin_j >= 0.0
