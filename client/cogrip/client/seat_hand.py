@@ -34,6 +34,11 @@ class SeatHand:
     and `twist` are as the device has them.
     """
 
+    __slots__ = (
+        "_axes", "_frame", "_ordered", "_record", "aids", "capability", "changes", "coupling", "effects", "force_n", "hand",
+        "handle", "ledger", "safety", "session", "settings",
+    )  # fmt: skip
+
     coupling: AnyCoupling
     safety: Safety
     ledger: EnergyLedger
@@ -158,8 +163,6 @@ class SeatHand:
             self.safety.ramp_anew()
         if change.workspace_limit_m is not None or change.gravity_compensation is not None:
             self.aids.change(change)
-            limit, carries = self.aids.limit, self.aids.carries
-            self.settings = replace(self.settings, workspace_limit=limit, gravity_compensation=carries)
             self.settings = replace(
                 self.settings, workspace_limit=self.aids.limit, gravity_compensation=self.aids.carries
             )
