@@ -48,11 +48,13 @@ def _cylinder(size: Sequence[float], x: float, y: float, z: float) -> Nearest:
 
 def _box(size: Sequence[float], x: float, y: float, z: float) -> Nearest:
     i, j, k = abs(x) - size[0], abs(y) - size[1], abs(z) - size[2]
-    if (i > 0.0) + (j > 0.0) + (k > 0.0) < 2:  # above a face, or inside
-        if i >= j and i >= k:
+    if i >= j and i >= k:
+        if j <= 0.0 and k <= 0.0:  # above a face, or inside
             return i, (1.0 if x > 0.0 else -1.0, 0.0, 0.0)
-        if j >= k:
+    elif j >= k:
+        if i <= 0.0 and k <= 0.0:
             return j, (0.0, 1.0 if y > 0.0 else -1.0, 0.0)
+    elif i <= 0.0 and j <= 0.0:
         return k, (0.0, 0.0, 1.0 if z > 0.0 else -1.0)
     i, j, k = max(i, 0.0), max(j, 0.0), max(k, 0.0)
     distance = sqrt(i * i + j * j + k * k)
@@ -79,8 +81,8 @@ class FixedShape:
 
     def gap(self, x: float, y: float, z: float, radius: float) -> Nearest:
         """Return g [m] and n of a ball of this radius with its centre here."""
-        place = self._place
-        x, y, z = x - place[0], y - place[1], z - place[2]
+        p, q, r = self._place
+        x, y, z = x - p, y - q, z - r
         if self._upright:
             distance, normal = self._nearest(self._size, x, y, z)
             return distance - radius, normal

@@ -23,6 +23,7 @@ line, of impedance b, returning wave w. A tick of the copy is an implicit midpoi
 from abc import abstractmethod
 from collections.abc import Sequence
 from math import inf, sqrt
+from operator import mul
 
 from cogrip.client.coupling import AnyCoupling, Row, spring_j, stretch_m
 from cogrip.client.wave_coupling import WaveCoupling
@@ -84,7 +85,11 @@ class LocalCoupling(WaveCoupling):
         self._side = seat.side_sign
         self._asked_npm, self._asked_nspm = seat.coupling.stiffness_npm, seat.coupling.damping_nspm
         self._lag_s, self._peak_n = 0.0, inf  # of the device
-        self._stiffness = self._asked_npm  # K and B as they are rendered now
+        self._stiffness, self._damping = self._asked_npm, self._asked_nspm  # K and B as they are rendered now
+        self._carried, self._carries_less = (
+            -1.0,
+            False,
+        )  # `carried_nspm` for which they are; whether it leaves less of them
         self._hand_j = CompensatedSum()  # work of the hand
         self._position: Row | None = None  # of the hand at this tick
         self.gate = ContactGate()
@@ -92,7 +97,7 @@ class LocalCoupling(WaveCoupling):
 
     def fit(self, record: Capability, lag_s: float) -> None:
         super().fit(record, lag_s)
-        self._lag_s, self._peak_n = lag_s, record.peak_force_n
+        self._lag_s, self._peak_n, self._carried = lag_s, record.peak_force_n, -1.0
 
     def go_on_from(self, before: AnyCoupling) -> None:
         super().go_on_from(before)
@@ -108,11 +113,9 @@ class LocalCoupling(WaveCoupling):
         return False  # the force is made here
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
-        work = 0.0
-        for force, speed in zip(self.applied_n, mean_velocity_mps, strict=True):
-            work += force * speed
-        self._hand_j.add(work * self._tick_s)
-        self._move(self.applied_n, mean_velocity_mps)
+        applied = self.applied_n
+        self._hand_j.add(sum(map(mul, applied, mean_velocity_mps)) * self._tick_s)
+        self._move(applied, mean_velocity_mps)
 
     def elapse_absent(self) -> None:
         zero = (0.0,) * len(self.sent)
@@ -150,10 +153,14 @@ class LocalCoupling(WaveCoupling):
 
     def _carry(self) -> float:
         """Set the stiffness to what the device carries; return the damping that it does."""
-        damping = min(self._asked_nspm, self.carried_nspm)
-        self._stiffness = min(self._asked_npm, self.carried_nspm / self._lag_s if self._lag_s else inf)
-        self.reduced = self._stiffness < self._asked_npm or damping < self._asked_nspm
-        return damping
+        carried = self.carried_nspm
+        if carried == self._carried:  # as mostly
+            self.reduced = self._carries_less
+            return self._damping
+        self._carried, self._damping = carried, min(self._asked_nspm, carried)
+        self._stiffness = min(self._asked_npm, carried / self._lag_s if self._lag_s else inf)
+        self.reduced = self._carries_less = self._stiffness < self._asked_npm or self._damping < self._asked_nspm
+        return self._damping
 
     def message(
         self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]

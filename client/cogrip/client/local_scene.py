@@ -40,7 +40,7 @@ class LocalScene(LocalCoupling):
         self.engaged_m: Row | None = None
         self._share = 0.0  # s of the line's beginning
         self._leaving = False  # the tick at which the line's force ends
-        self._left: list[Vector] = []  # normals that hold the proxy, or have until less than GROW_S ago
+        self._left: Sequence[Vector] = ()  # normals that hold the proxy, or have until less than GROW_S ago
         self._regained = 0.0  # share of the line's force along them that is rendered again
         self._depth, self._along = 0.0, (0.0, 0.0, 0.0)  # |x - p| less what has yielded of it, e
         self._yielded, self._gated = 0.0, False  # part of |x - p| that is not paid for; whether the gate keeps count
@@ -146,23 +146,23 @@ class LocalScene(LocalCoupling):
             self._leave_line()
             self._leaving = False
             return
-        x, y, z = self.proxy_m
-        rate = self._rate_hz
-        written_off = self.down.written_off
+        (x, y, z), rate = self.proxy_m, self._rate_hz
+        velocity_mps = rate * (x - p), rate * (y - q), rate * (z - r)
         if self._share == 1.0:
-            self._enter_line((rate * (x - p), rate * (y - q), rate * (z - r)))
+            self._enter_line(velocity_mps)
             return
-        self.down.written_off = [0.0] * PLACES
-        self._enter_line((rate * (x - p), rate * (y - q), rate * (z - r)))
+        written_off, self.down.written_off = self.down.written_off, [0.0] * PLACES
+        self._enter_line(velocity_mps)
         # the line owes nothing of what its gain at the beginning leaves: it is this end that shows it later
         self.up.withhold([each / self.frame_ticks for each in self.down.written_off])
         self.down.written_off = written_off
 
     def _follow(self) -> None:
-        assert self._position is not None
-        x, y, z = self._position
-        self.proxy_m = p, q, r = self._proxy.follow((x, y, z))
-        if self._proxy.normals:
+        proxy, hand = self._proxy, self._position
+        assert hand is not None
+        x, y, z = hand
+        self.proxy_m = p, q, r = proxy.follow((x, y, z))
+        if proxy.normals:
             x, y, z = x - p, y - q, z - r
             self._depth = depth = sqrt(x * x + y * y + z * z)
             if depth > 0.0:
@@ -186,8 +186,6 @@ class LocalScene(LocalCoupling):
 
     def _free(self, line_n: Sequence[float]) -> Row:
         """Return the line's force without what geometry carries, or has carried until just now."""
-        if not self._left:
-            return tuple(line_n)
         x, y, z = line_n
         a, b, c = without(line_n, self._left)
         gain = self._regained
@@ -205,15 +203,16 @@ class LocalScene(LocalCoupling):
             self._gated = False
         total: Sequence[float] = [0.0] * PLACES
         self.local_n = total
-        if self._proxy.normals:
-            self._left, self._regained = self._proxy.normals, 0.0
+        if normals := self._proxy.normals:
+            self._left, self._regained = normals, 0.0
         elif self._left:
             self._regained += self._tick_s / GROW_S
-            self._left = self._left if self._regained < 1.0 else []
+            self._left = self._left if self._regained < 1.0 else ()
         if self.engaged_m is not None:
             reduced = self.reduced
             total = super().force(position_m, velocity_mps)
-            total, self.local_n = self._free(total), self._free(self.local_n)
+            if self._left:
+                total, self.local_n = self._free(total), self._free(self.local_n)
             self.reduced = self.reduced or reduced
         if self._depth > 0.0:
             i, j, k = self._along

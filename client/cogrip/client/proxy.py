@@ -11,7 +11,7 @@ thin the shape. p itself is allowed, so |x - p+| <= |x - p|: no move of the prox
 
 from collections.abc import Sequence
 from itertools import combinations
-from math import inf, sqrt
+from math import dist, hypot, inf, sqrt
 
 from cogrip.client.fixed_shapes import FixedShape, Vector
 
@@ -22,19 +22,21 @@ Ball = tuple[Vector, float]
 """Centre from the tool's own [m], radius [m]."""
 Plane = tuple[Vector, float]
 """n and g."""
+FREE: Sequence[Vector] = ()
+"""Normals where nothing holds the proxy."""
 
 
 class Proxy:
     """place_m: p, None before the first tick; normals: of the shapes that hold it, orthonormal."""
 
     def __init__(self, balls: Sequence[Ball], shapes: Sequence[FixedShape]) -> None:
-        self._pairs = [(shape, *centre, radius) for shape in shapes for centre, radius in balls]
+        self._pairs = [(shape.gap, *centre, radius) for shape in shapes for centre, radius in balls]
         self._solid = [False] * len(self._pairs)  # those that a ball has been outside of
         self._due_m = [0.0] * len(self._pairs)  # path of p from which on a pair may be in the way again
         self._path_m = 0.0  # of p, at most
         self._soonest_m = 0.0  # least of `_due_m`
         self.place_m: Vector | None = None
-        self.normals: list[Vector] = []
+        self.normals = FREE
 
     def release(self) -> None:
         """Begin anew at the hand: a shape that it is inside of does not hold it until it has been outside."""
@@ -46,25 +48,26 @@ class Proxy:
     def follow(self, hand_m: Vector) -> Vector:
         """Move the proxy towards the hand. Return where it is."""
         x, y, z = self.place_m or hand_m
+        path, way = self._path_m, dist((x, y, z), hand_m)
+        if path + way < self._soonest_m:  # as mostly: nothing is near
+            self._path_m, self.place_m, self.normals = path + way, hand_m, FREE
+            return hand_m
         ahead = (hand_m[0] - x, hand_m[1] - y, hand_m[2] - z)
-        way = sqrt(ahead[0] * ahead[0] + ahead[1] * ahead[1] + ahead[2] * ahead[2])
-        path = self._path_m
+        due = self._due_m
         planes: list[Plane] = []
-        if path + way >= self._soonest_m:
-            due = self._due_m
-            for number, (shape, cx, cy, cz, radius) in enumerate(self._pairs):
-                if path + way < due[number]:
-                    continue
-                gap, normal = shape.gap(x + cx, y + cy, z + cz, radius)
-                if gap >= 0.0:
-                    self._solid[number] = True
-                due[number] = path + abs(gap)
-                if self._solid[number] and gap <= way:
-                    _add(planes, normal, gap)
-            self._soonest_m = min(due, default=inf)
-        step, self.normals = _nearest(ahead, planes) if planes else (ahead, [])
+        for number, (gap_of, cx, cy, cz, radius) in enumerate(self._pairs):
+            if path + way < due[number]:
+                continue
+            gap, normal = gap_of(x + cx, y + cy, z + cz, radius)
+            if gap >= 0.0:
+                self._solid[number] = True
+            due[number] = path + abs(gap)
+            if self._solid[number] and gap <= way:
+                _add(planes, normal, gap)
+        self._soonest_m = min(due, default=inf)
+        step, self.normals = _nearest(ahead, planes) if planes else (ahead, FREE)
         self.place_m = place = (x + step[0], y + step[1], z + step[2]) if self.normals else hand_m
-        self._path_m = path + sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
+        self._path_m = path + hypot(*step)
         return place
 
 

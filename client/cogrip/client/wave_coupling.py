@@ -176,11 +176,14 @@ class WaveCoupling(Coupling[Waves]):
 
     def elapse_absent(self) -> None:
         """Enter a tick without a hand: send 0, absorb what comes (a matched termination)."""
-        self.up.ticks += 1
-        self.forward = (0.0,) * len(self.sent)
+        up, wave = self.up, self.returning
+        up.ticks += 1
+        self.forward = forward = (0.0,) * len(self.sent)
         self._series.reset()
-        self.up.decimator.push(self.forward)
-        for v in self.late.push((self.returning, self.down.gain, self._ratio, self.cut_n, self._b))[0]:
+        up.decimator.push(forward)
+        if self.late.ticks:
+            wave = self.late.push((wave, self.down.gain, self._ratio, self.cut_n, self._b))[0]
+        for v in wave:
             self.energy.used_now_j += v * v * self._half_tick_s
 
     def end_frame(self, spare_j: float = inf) -> int:
