@@ -160,9 +160,12 @@ class Board:
             data = os.read(self._master, 4096)
             with self._changed:
                 self.firmware.receive(data, now_ns)
-                for reply in self.firmware.due(now_ns):
+                replies = self.firmware.due(now_ns)
+                for reply in replies:
                     os.write(self._master, reply)
-                self.history.append(self.firmware.torque_nm)
+                self.history += max(1, len(replies)) * [
+                    self.firmware.torque_nm
+                ]  # several requests may come in one read
                 self._changed.notify_all()
 
     def wait_for_push(self, since: int = 0) -> None:

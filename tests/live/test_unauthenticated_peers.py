@@ -218,10 +218,11 @@ def test_people_are_kicked_and_an_observer_who_pushes_is_too(start, encrypted, j
     assert "an observer may not send waves: they were not applied" in hostile.said
     encrypted.process.hear("was kicked: an observer may not send waves")
 
-    mark = start("mark", "the lamp goes on", "--state", str(encrypted.state))
+    words = f"the lamp goes on {secrets.token_hex(4)}"  # what a try before this one marked is told to newcomers
+    mark = start("mark", words, "--state", str(encrypted.state))
     assert mark.end() == 0, mark.said
-    assert "marked in 1 room: the lamp goes on" in mark.said
-    encrypted.process.hear("demo: marker: the lamp goes on")
+    assert f"marked in 1 room: {words}" in mark.said
+    encrypted.process.hear(f"demo: marker: {words}")
 
     kick = start("kick", "anna", "--state", str(encrypted.state), "--reason", "enough")
     assert kick.end() == 0, kick.said
@@ -244,7 +245,7 @@ def test_people_are_kicked_and_an_observer_who_pushes_is_too(start, encrypted, j
         recording = recording_of(person)
         assert largest_step_n(recording) < MOST_STEP_N
         texts = [timed.record.text for timed in recording.records("event")]
-        assert texts.count("marker: the lamp goes on") == 1
+        assert texts.count(f"marker: {words}") == 1
 
 
 @fairly
