@@ -17,6 +17,8 @@ from cogrip.protocol.hand_settings import UNCHANGED, parsed
 from cogrip.protocol.messages import SetHand as Message
 from cogrip.protocol.messages import decode, encode
 from cogrip.protocol.settings import resolve
+from cogrip.server.checkpoint import decode as decode_checkpoint
+from cogrip.server.checkpoint import encode as encode_checkpoint
 from cogrip.server.inputs import SetHand
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import open_run
@@ -342,3 +344,37 @@ def test_lifting_a_carried_handle_uses_up_no_reserve() -> None:
     account = assert_passive(laboratory)
     assert account.state == "live"
     assert account.device.controlled < 0.01
+
+
+@pytest.mark.parametrize("restart", [True, False])
+def test_a_hand_that_resumes_its_seat_keeps_the_bounds_of_its_scale(restart: bool) -> None:
+    """The server is killed and begins anew from its checkpoint, or the client is silent until its seat is taken."""
+    table = session(hand="sine&amplitude_m=0.004&frequency_hz=0.7")
+    laboratory = Laboratory(resolve({**table, "seconds": 9.0}))
+    person = laboratory.people[0]
+
+    def frames(count: int) -> None:
+        for _ in range(count):
+            laboratory.frame()
+
+    frames(32)
+    ordered(laboratory, "position_scale=10")
+    frames(96)
+    wide = laboratory.room.limits(0)
+    if restart:
+        checkpoints = [decode_checkpoint(encode_checkpoint(each)) for each in laboratory.kill()]
+        frames(32)
+        laboratory.restart(checkpoints)
+    else:
+        laboratory.alive = False
+        frames(5 * 128)
+        laboratory.server.outbox.clear()
+        laboratory.alive = True
+    frames(256)
+    seat = laboratory.room.seats[0]
+    assert seat.state == "seated"
+    assert person.core.safety.state == "live"
+    assert seat.hand.holds.position_scale == 10.0
+    assert laboratory.room.limits(0) == seat.limits == wide
+    assert wide.speed_mps == 10.0 * laboratory.room.seats[0].record.speed_mps  # type: ignore[union-attr]
+    assert laboratory.room.limited(0) == {}

@@ -6,13 +6,14 @@ nothing that was lost can push it.
 
 import msgspec
 
+from cogrip.protocol.tool_frame import ToolFrame
 from cogrip.server.seat_limits import Record
 
 VERSION = 1
 
 
 class SeatCheckpoint(msgspec.Struct, frozen=True):
-    """One seat. ticket: hash of the session ticket, never the ticket."""
+    """One seat. ticket: hash of the session ticket, never the ticket; tool: told last, None for that of the settings."""
 
     user: str
     session: int
@@ -20,6 +21,7 @@ class SeatCheckpoint(msgspec.Struct, frozen=True):
     ticket: str
     token: str
     record: Record | None
+    tool: ToolFrame | None = None
 
 
 class RoomCheckpoint(msgspec.Struct, frozen=True):

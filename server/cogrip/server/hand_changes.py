@@ -18,16 +18,20 @@ class HandChanges:
     holds    what the client goes by, as it reported last; before that, what the seat's settings say
     number   of the newest change, from 1; 0: none
     taken    newest change that the client has taken
+    wanted   frame of the tool by settings and changes; reports are a client's word
     """
 
-    def __init__(self, seat: SeatSettings, network_hz: int) -> None:
+    def __init__(self, seat: SeatSettings, network_hz: int, before: "HandChanges | None" = None) -> None:
+        """before: of this client's last seat session, which it resumes with the hand that it had."""
         self.holds = of_seat(seat)
         self.number = self.taken = 0
-        self._wanted = seat.tool or ToolFrame()  # by settings and changes; reports are a client's word
+        self.wanted: ToolFrame = before.wanted if before is not None else seat.tool or ToolFrame()
         self._told: deque[tuple[int, HandChange]] = deque()
         self._reported = 0
         self._lines: deque[int] = deque(maxlen=BURST)  # steps of the last ones
         self._hz, self._every = network_hz, max(1, network_hz // TOLD_HZ)
+        for _, change in before._told if before is not None else ():
+            self.add(change)
 
     @property
     def full(self) -> bool:
@@ -38,8 +42,8 @@ class HandChanges:
         """Tell a change. Returns the frame that the tool will have."""
         self.number += 1
         self._told.append((self.number, change))
-        self._wanted = change.frame(self._wanted)
-        return self._wanted
+        self.wanted = change.frame(self.wanted)
+        return self.wanted
 
     def receive(self, message: SetHand) -> bool:
         """Take in a report. Returns whether it is new."""

@@ -97,7 +97,7 @@ class Joining:
             self.refuse(hello.nonce, address, denied)
             return True
         else:
-            room.take_seat(who.number, self._outside.new_session(), hello.nonce, now_ns, record_of(hello))
+            room.take_seat(who.number, self._outside.new_session(), hello.nonce, now_ns, record_of(hello), who.hand)
         who.nonce, who.ticket = hello.nonce, hello.ticket
         self._table.bind(room, who, address)
         self._out.report("resumed", room, who, f"resumed from {place_text(address)}", address)

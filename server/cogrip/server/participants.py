@@ -9,6 +9,7 @@ from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.session import SEAT
 from cogrip.protocol.settings import SeatSettings
+from cogrip.server.checkpoint import SeatCheckpoint
 from cogrip.server.effects import ToldEffects
 from cogrip.server.hand_changes import HandChanges
 from cogrip.server.port import Port
@@ -97,6 +98,19 @@ class Seat(Participant):
     def void_ticket(self) -> None:
         super().void_ticket()
         self.reserved_until_ns = None
+
+    def checkpoint(self) -> SeatCheckpoint:
+        """Return the state that a next server goes on from."""
+        return SeatCheckpoint(
+            self.name, self.session, self.nonce, self.ticket_hash, self.token, self.record, self.hand.wanted
+        )
+
+    def restore(self, before: SeatCheckpoint) -> None:
+        """Let the holder of the ticket resume the session that was saved."""
+        self.session, self.nonce, self.ticket_hash = before.session, before.nonce, before.ticket
+        self.token, self.record = before.token, before.record
+        if before.tool is not None:
+            self.hand.wanted = before.tool
 
     def close_seat_session(self) -> None:
         """Keep the accounts of the session before; of too many, drop the most passive session."""

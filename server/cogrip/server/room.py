@@ -20,7 +20,7 @@ from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.protocol.settings import Settings, seat_settings
 from cogrip.protocol.settings_digest import digest
-from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint, SeatCheckpoint
+from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint
 from cogrip.server.effects import RoomEffects, ToldEffects
 from cogrip.server.hand_changes import HandChanges
 from cogrip.server.markers import Markers
@@ -65,15 +65,20 @@ class Room:
         self.diverged = ""
         self.put_back = 0
 
-    def take_seat(self, number: int, session: int, nonce: int, now_ns: int, record: Record) -> None:
-        """Begin a seat session at a free seat, with a new port and an empty energy ledger."""
+    def take_seat(
+        self, number: int, session: int, nonce: int, now_ns: int, record: Record, hand: HandChanges | None = None
+    ) -> None:
+        """Begin a seat session at a free seat, with a new port and an empty energy ledger.
+
+        hand: of the session before, where the same client resumes it
+        """
         seat = self.seats[number]
         seat.step("hello")
         rested_s = max(0, now_ns - seat.last_received_ns) * 1e-9  # a new session finds no fuller bucket
         power_left = min(1.0, seat.power_left + rested_s / BURST_S)
         seat.begin(session, nonce, now_ns)
         seat.farewell, seat.rtt_ns = b"", None
-        seat.hand = HandChanges(seat.settings, self.settings.rates.network_hz)
+        seat.hand = HandChanges(seat.settings, self.settings.rates.network_hz, hand)
         seat.record, seat.reserved_until_ns = record, None
         seat.limits = self.limits(number)
         seat.port = port = self._scheme.make_port(seat.settings, seat.limits, power_left)
@@ -125,8 +130,8 @@ class Room:
 
     def limits(self, number: int) -> SeatLimits:
         """Return the bounds of what a seat may bring in."""
-        record, tool = self.seats[number].record, self.seats[number].settings.tool
-        return limits_of(record, self.settings, number, tool) if record is not None else SeatLimits()
+        seat = self.seats[number]
+        return limits_of(seat.record, self.settings, number, seat.hand.wanted) if seat.record else SeatLimits()
 
     def set_hand(self, number: int, change: HandChange) -> None:
         """Tell a seat's client a change of its hand's settings.
@@ -159,14 +164,11 @@ class Room:
 
     def checkpoint(self) -> RoomCheckpoint:
         """Return the state that a next server goes on from."""
-        seats = [
-            SeatCheckpoint(seat.name, seat.session, seat.nonce, seat.ticket_hash, seat.token, seat.record)
-            for seat in self.seats
-        ]
+        seats = tuple([seat.checkpoint() for seat in self.seats])
         here = tuple(self.world.position.tolist())
         placed, progress = self.world.coordinates(), self.world.progress()
         return RoomCheckpoint(
-            VERSION, self.name, self.digest, here, self.travel_m, self.steps, tuple(seats), *placed, progress
+            VERSION, self.name, self.digest, here, self.travel_m, self.steps, seats, *placed, progress
         )
 
     def restore(self, checkpoint: RoomCheckpoint, now_ns: int) -> None:
@@ -186,8 +188,7 @@ class Room:
             self.world.go_on(checkpoint.progress)
         self.travel_m, self.steps = checkpoint.travel_m, checkpoint.steps
         for seat, before in zip(self.seats, checkpoint.seats, strict=True):
-            seat.session, seat.nonce, seat.ticket_hash = before.session, before.nonce, before.ticket
-            seat.token, seat.record = before.token, before.record
+            seat.restore(before)
             if before.ticket:
                 seat.reserved_until_ns = now_ns + RESERVED_NS
 
