@@ -1,4 +1,7 @@
-"""`dev.py bench peers`: what a person costs the server, beside a server in C, a bare Python echo and VRPN, in one run."""
+"""`dev.py bench peers`: what a person costs the server, beside a server in C and a bare Python echo, in one run.
+
+Where the machine is busy, the people's frames come late, and a server that fills in for them does more: their share is shown.
+"""
 
 from collections.abc import Sequence
 from statistics import median
@@ -31,6 +34,7 @@ class Cost(msgspec.Struct, frozen=True):
     over_c: float
     late_p99_us: float
     memory_kb: int
+    missed: float  # share of the people's frames that did not come in time; none are expected by the twin and the echo
 
 
 def bench_peers(
@@ -98,14 +102,23 @@ def _cost(found: Sequence[Sequence[Measured]], people: int, case: int) -> Cost:
         median(each.cpu_us / twin.cpu_us for twin, each in rounds),
         median(each.late_us["p99"] for _, each in rounds),
         max(each.memory_kb for _, each in rounds),
+        median((each.frames_lost + each.frames_late) / max(1, each.ticks * people) for _, each in rounds),
     )
 
 
 def _table(costs: Sequence[Cost], per_room: int, axes: int) -> Table:
-    headings = ("server", "people", "µs a person\nand frame", "over\nC twin", "late p99\nµs", "memory\nMB")
+    headings = (
+        "server",
+        "people",
+        "µs a person\nand frame",
+        "over\nC twin",
+        "late p99\nµs",
+        "memory\nMB",
+        "frames\nmissed %",
+    )
     rows = [
         [each.name, f"{each.people}", f"{each.us:.1f}", f"{each.over_c:.1f}", f"{each.late_p99_us:.0f}",
-         f"{each.memory_kb / 1024:.0f}"]
+         f"{each.memory_kb / 1024:.0f}", f"{100.0 * each.missed:.1f}"]
         for each in costs
     ]  # fmt: skip
     return plain_table(headings, rows, title=f"rooms of {per_room}, {axes} axes, {NETWORK_HZ} Hz")

@@ -141,26 +141,34 @@ class Elastic:
         self.quality = quality if quality <= FULL_QUALITY else 1.0
 
     def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
-        smoothing, added = self._smoothing, self._added
+        smoothing, fraction, dissipation = self._smoothing, self._deficit_fraction, self._dissipation_fraction
         after_gap = self._was_gap and not gap
         self._was_gap = gap
-        for axis, value in enumerate(row):
-            missing, held = deficit[axis], reserve[axis]
-            target = max(-ELASTIC_LIMIT, min(ELASTIC_LIMIT, self._deficit_fraction * missing))
-            reach = sqrt(value * value + 0.25 * smoothing * held)  # so that p can go back as slowly as it came
-            target = max(-value - reach, min(reach - value, target))
-            if missing * value < 0.0:  # p takes energy out of this wave: as fast as possible
-                most = min(abs(value), self._dissipation_fraction * abs(missing))
-                target = copysign(max(most, abs(target)), missing)
-            if gap:  # what the end writes off in a gap (`LineReceiver.write_off`) is not compensated before its end
-                target = 0.0
-            p = last[axis] - value if after_gap else added[axis]
+        added: list[float] = []
+        for value, missing, held, before, played in zip(row, deficit, reserve, self._added, last, strict=True):
+            target, square = 0.0, value * value
+            if not gap:  # what the end writes off in a gap (`LineReceiver.write_off`) is not compensated before its end
+                reach = sqrt(square + 0.25 * smoothing * held)  # so that p can go back as slowly as it came
+                target = _within(fraction * missing, -ELASTIC_LIMIT, ELASTIC_LIMIT)
+                target = _within(target, -value - reach, reach - value)
+                if missing * value < 0.0:  # p takes energy out of this wave: as fast as possible
+                    most = min(abs(value), dissipation * abs(missing))
+                    target = copysign(max(most, abs(target)), missing)
+            p = played - value if after_gap else before
             p += smoothing * (target - p)
-            reach = sqrt(value * value + held)
-            added[axis] = max(-value - reach, min(reach - value, p))
+            reach = sqrt(square + held)
+            added.append(_within(p, -value - reach, reach - value))
+        self._added = added
         if not gap:
             self._recover()
         return added
+
+
+def _within(value: float, least: float, most: float) -> float:
+    """Return max(least, min(most, value)), in half the time."""
+    if value >= most:
+        value = most
+    return least if value <= least else value
 
 
 def held_force(impedance_nspm: float, credit_j: float, frame_s: float, axes: int) -> float:

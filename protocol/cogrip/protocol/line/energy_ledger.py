@@ -7,6 +7,7 @@ All squares are in W per axis: an energy over T_n / 2. A frame's totals are the 
 
 from collections.abc import Sequence
 from math import sqrt
+from operator import sub
 
 from cogrip.protocol.line.energy_sums import BOUND_FRACTION, RESERVE_FRACTION, WaveSums
 from cogrip.protocol.line.sender import Frame
@@ -45,7 +46,7 @@ class WaveLedger:
     @property
     def deficit(self) -> list[float]:
         """Sum of the waves sent less sum of those played, shape (axes,) [sqrt(W)], as far as that is known."""
-        return [lost - compensated for lost, compensated in zip(self._lost, self._compensated.total, strict=True)]
+        return list(map(sub, self._lost, self._compensated.total))
 
     def add_totals(self, first: int, cursor: int | None, total: Frame, squares: Frame) -> None:
         """Keep the newest totals up to the cursor, and those of later frames until their frame is due."""
@@ -79,8 +80,8 @@ class WaveLedger:
         """Compare the totals of frame `number` with what was played up to it."""
         played, played_squares, self.settled_fillings = self._history[number % HISTORY]
         self.settled = number
-        self._lost = [a - b for a, b in zip(total, played, strict=True)]
-        lost = [a - b for a, b in zip(squares, played_squares, strict=True)]
+        self._lost = list(map(sub, total, played))
+        lost = list(map(sub, squares, played_squares))
         self.disturbed = self.disturbed or any(self._lost) or any(lost)
         if self.disturbed:  # what may be rounding is no reserve; on a clean line both ends have added up alike
             lost = [less - RESERVE_FRACTION * sent for less, sent in zip(lost, squares, strict=True)]
@@ -94,21 +95,27 @@ class WaveLedger:
         """Enter compensation [sqrt(W)] and by how much it raises the squares played [W]."""
         self._compensated.add(row, squares)
 
-    def allowance(self, axis: int) -> float:
-        """Squares that may still be played beyond the frames themselves, credit included [W]."""
-        filled, spent, credit = self._filled.squares[axis], self._compensated.squares[axis], self.credit
-        rounding = BOUND_FRACTION * (credit + filled + abs(spent))
-        return self.lost_squares[axis] - spent + credit - (filled - self.settled_fillings[axis]) - rounding
+    def allowances(self) -> list[float]:
+        """Squares that may still be played on each axis beyond the frames themselves, credit included [W]."""
+        credit, rows = (
+            self.credit,
+            zip(self.lost_squares, self._filled.squares, self._compensated.squares, self.settled_fillings, strict=True),
+        )
+        return [
+            lost - spent + credit - (filled - settled) - BOUND_FRACTION * (credit + filled + abs(spent))
+            for lost, filled, spent, settled in rows
+        ]
 
     def limits(self) -> list[float]:
         """Largest filling on each axis [sqrt(W)]."""
-        return [sqrt(max(0.0, self.allowance(axis))) for axis in range(self._axes)]
+        return [sqrt(max(0.0, left)) for left in self.allowances()]
 
     def reserve(self) -> list[float]:
         """Squares that compensation may spend on each axis [W]."""
-        return [max(0.0, self.allowance(axis) - KEPT * self.credit) for axis in range(self._axes)]
+        kept = KEPT * self.credit
+        return [left - kept if left > kept else 0.0 for left in self.allowances()]
 
     @property
     def left(self) -> float:
         """Credit of a line that follows this one, if that has no more of its own: both together lend one credit [W]."""
-        return max(0.0, min(map(self.allowance, range(self._axes))))
+        return max(0.0, min(self.allowances()))

@@ -71,15 +71,12 @@ class WaveSums:
 
     def add(self, row: Sequence[float], added: Sequence[float] | None = None) -> None:
         """Add a row and its squares, or `added` in place of them. Inline like `CompensatedSum.add`."""
-        if len(row) == PLACES and added is None:  # as below, without a loop
-            (x, y, z), (tx, ty, tz), (sx, sy, sz), (ex, qx, ey, qy, ez, qz) = (
-                row,
-                self.total,
-                self.squares,
-                self._errors,
-            )
+        if len(row) == PLACES:  # as below, without a loop
+            (x, y, z), (tx, ty, tz), (sx, sy, sz) = row, self.total, self.squares
+            ex, qx, ey, qy, ez, qz = self._errors
             ux, uy, uz = x - ex, y - ey, z - ez
-            px, py, pz = x * x - qx, y * y - qy, z * z - qz
+            i, j, k = (x * x, y * y, z * z) if added is None else added
+            px, py, pz = i - qx, j - qy, k - qz
             self.total = ax, ay, az = tx + ux, ty + uy, tz + uz
             self.squares = bx, by, bz = sx + px, sy + py, sz + pz
             self._errors = [

@@ -301,17 +301,22 @@ class LineReceiver:
         return frame
 
     def _compensate(self, frame: Frame, part: float) -> Frame:
-        deficit, reserve = self.ledger.deficit, self.ledger.reserve()
+        ledger = self.ledger
+        reserve = ledger.reserve()
+        proposed = self._concealment.compensate(frame, ledger.deficit, reserve, self._last, self.gap)
         out, compensated, spent = [], [], []
-        for axis, p in enumerate(self._concealment.compensate(frame, deficit, reserve, self._last, self.gap)):
-            value = frame[axis]
-            reach = sqrt(value * value + reserve[axis])  # (value + p)^2 - value^2 <= reserve
-            played = max(-reach, min(reach, value + p))
+        for value, p, held in zip(frame, proposed, reserve, strict=True):
+            played, before = value + p, value * value
+            reach = sqrt(before + held)  # (value + p)^2 - value^2 <= reserve
+            if played >= reach:
+                played = reach
+            if played <= -reach:
+                played = -reach
+            after = played * played
             compensated.append(part * (played - value))
-            before, after = value * value, played * played
             spent.append(part * (after - before) + BOUND_FRACTION * (after + before))
             out.append(played)
-        self.ledger.add_compensation(compensated, spent)
+        ledger.add_compensation(compensated, spent)
         return tuple(out)
 
     def write_off(self, row: Sequence[float]) -> None:
