@@ -1,5 +1,7 @@
 """A wave line over a network that loses, duplicates, delays and reorders: no frame plays twice, no energy is made."""
 
+import gc
+import tracemalloc
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import sin
@@ -378,3 +380,25 @@ def test_metadata_come_with_the_frame_they_belong_to() -> None:
         receiver.pop()
         metadata.append(receiver.metadata)
     assert metadata == [None, (0.0, 0.0, 0), (1.0, 2.0, 1), (2.0, 4.0, 2), None, (4.0, 8.0, 4)]
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.1])
+def test_a_line_takes_no_more_memory_as_it_grows_old(loss: float) -> None:
+    """Totals that were settled are needed no more; of frames whose totals have not come HISTORY are kept."""
+    random, sender, receiver = Random(1), LineSender(3, 1), LineReceiver(3, 2, 1.0 / 128, 1e-3)
+
+    def held_after(frames: int) -> int:
+        for wave, _ in zip(noise(3, 1), range(frames), strict=False):
+            sender.push(wave)
+            if random.random() >= loss:
+                receiver.receive(*sender.contents())
+            receiver.pop()
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        young = held_after(300)
+        assert held_after(3000) - young < 20_000
+    finally:
+        tracemalloc.stop()

@@ -5,6 +5,7 @@ Invariant, per axis and at every pop, c the number of the next frame: sum(played
 All squares are in W per axis: an energy over T_n / 2. A frame's totals are the sums over all frames before it, by the sender.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from math import sqrt
 from operator import sub
@@ -35,8 +36,10 @@ class WaveLedger:
         self._played = WaveSums(axes)  # frames that were due, as sent or as filled, without compensation
         self._filled = WaveSums(axes)  # fillings among them
         self._compensated = WaveSums(axes)  # compensation; its squares are what it added to the squares played
-        # before frame n: sums of `_played`, squares, squares of `_filled`
-        self._history = [(zero, zero, zero)] * HISTORY
+        # before frame n, for the last n: sums of `_played`, squares, squares of `_filled`; before `settled` none is needed
+        self._history: deque[tuple[Frame, Frame, Frame]] = deque(maxlen=HISTORY)
+        self._cursor = 0  # n of the last one
+        self._nothing = zero, zero, zero  # before the first frame that is played
         self._totals: dict[int, tuple[Frame, Frame]] = {}  # totals of frames above the cursor, not usable yet
         self._usable: tuple[int, Frame, Frame] | None = None  # newest totals of a frame up to the cursor
         self._lost: Sequence[float] = zero  # sum of the waves lost before frame `settled`, less fillings
@@ -68,7 +71,12 @@ class WaveLedger:
         """Enter what stands for frame `number`, without compensation, and settle."""
         played, cursor = self._played, number + 1
         played.add(frame)
-        self._history[cursor % HISTORY] = played.total, played.squares, self._filled.squares
+        history, self._cursor = self._history, cursor
+        history.append((played.total, played.squares, self._filled.squares))
+        for _ in range(
+            min(2, len(history) - (cursor - self.settled))
+        ):  # a few at a time: no frame costs more than another
+            history.popleft()
         newest = self._totals.pop(cursor, None)
         usable = self._usable if newest is None else (cursor, *newest)
         if usable is not None:
@@ -78,7 +86,9 @@ class WaveLedger:
 
     def _settle(self, number: int, total: Frame, squares: Frame) -> None:
         """Compare the totals of frame `number` with what was played up to it."""
-        played, played_squares, self.settled_fillings = self._history[number % HISTORY]
+        ago = self._cursor - number
+        known = ago < len(self._history)
+        played, played_squares, self.settled_fillings = self._history[-1 - ago] if known else self._nothing
         self.settled = number
         self._lost = list(map(sub, total, played))
         lost = list(map(sub, squares, played_squares))

@@ -8,6 +8,7 @@ time) or lost (never arrived): sent = applied + late + lost. No frame is played 
 besides frames.
 """
 
+from array import array
 from collections.abc import Sequence
 from math import sqrt
 
@@ -68,7 +69,7 @@ class LineReceiver:
         self.newest = -1
         self._waiting: dict[int, Frame] = {}
         self._missing: set[int] = set()  # their time came without them; they may still arrive late
-        self._recent = [-1] * 256  # newest frame of recent datagrams: a second one alike is a duplicate
+        self._recent = array("q", [-1]) * 256  # newest frame of recent datagrams: a second one alike is a duplicate
         self._metadata: dict[int, FrameMetadata] = {}
         self._anchor: int | None = None  # newest frame of the first datagram: reference of `_is_near` before playing
         self._late_wave: Frame | None = None  # the newest wave of all, come too late
