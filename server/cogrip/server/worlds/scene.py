@@ -61,7 +61,7 @@ class SceneWorld(World):
         self._object_dof = -1 if scene.object < 0 else int(model.jnt_dofadr[model.body_jntadr[scene.object]])
         self._start = model.qpos0[self._object : self._object + 3].copy() if scene.object >= 0 else np.zeros(3)
         self._unturned = model.qpos0[self._object + 3 : self._object + 7].tolist() if scene.object >= 0 else UNTURNED
-        self._shapes, self._drawn = shapes_of(scene, self._start)
+        self._shapes, self._drawn, _ = shapes_of(scene, self._start)
         self._energy = SceneEnergy(model)
         self._equalities, self._warm = EqualityRows(model), WarmStart(model)
         super().__init__(seats)
