@@ -16,6 +16,7 @@ _LINE = {
     "type": int, "pose": _POSE, "thickness": float, "scale_invariant": bool, "points": [_XYZ], "color": _COLOR,
     "colors": [_COLOR], "indices": [int],
 }  # fmt: skip
+_TRIANGLES = {"pose": _POSE, "points": [_XYZ], "color": _COLOR, "colors": [_COLOR], "indices": [int]}
 _TEXT = {
     "pose": _POSE, "billboard": bool, "font_size": float, "scale_invariant": bool, "color": _COLOR, "text": str,
 }  # fmt: skip
@@ -23,7 +24,7 @@ _ENTITY = {
     "timestamp": _TIME, "frame_id": str, "id": str, "lifetime": _TIME, "frame_locked": bool,
     "metadata": [{"key": str, "value": str}], "arrows": [_ARROW], "cubes": [_SIZED], "spheres": [_SIZED],
     "cylinders": [{**_SIZED, "bottom_scale": float, "top_scale": float}],
-    "lines": [_LINE], "triangles": [{}], "texts": [_TEXT], "models": [{}],
+    "lines": [_LINE], "triangles": [_TRIANGLES], "texts": [_TEXT], "models": [{}],
 }  # fmt: skip
 PUBLISHED: dict[str, Any] = {
     "foxglove.SceneUpdate": {"deletions": [{"timestamp": _TIME, "type": int, "id": str}], "entities": [_ENTITY]},

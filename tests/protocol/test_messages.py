@@ -123,7 +123,7 @@ LARGEST: dict[str, messages.AnyMessage] = {
         True,
     ),
     "bodies": messages.Bodies(BIG, 2**53, messages.pack_poses([(1023, (*ROW, *TURNED))] * messages.MOST_POSES)),
-    "geom": messages.Geom(BIG, 1024, 1023, "ellipsoid", ROW, 1023, ROW, TURNED, (0.1,) * 4, 255, True),
+    "geom": messages.Geom(BIG, 1024, 1023, "mesh", ROW, 1023, ROW, TURNED, (0.1,) * 4, 255, True, b"t" * 990),
     "mark": messages.Mark(BIG, 2**53, "m" * messages.MARK_BYTES, 2**53, 255, 2**53),
     "set hand": messages.SetHand(
         BIG, 2**53, 2**53, HandChange(0.3, 0.3, TURNED, True, WorkspaceLimit("box", (-(10**7), 10**7) * 3), True)
@@ -350,7 +350,8 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
         "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1194,
-        "farewell": 766, "view": 1008, "person": 424, "bodies": 1193, "geom": 163, "mark": 122, "set hand": 123, "effects": 702,
+        "farewell": 766, "view": 1008, "person": 424, "bodies": 1193, "geom": 1151, "mark": 122, "set hand": 123,
+        "effects": 702,
     }  # fmt: skip
     assert max(largest["welcome"], largest["refuse"]) <= HELLO_BYTES, "no answer to anyone is longer than the hello"
     assert len(padded(LARGEST["hello"])) == HELLO_BYTES

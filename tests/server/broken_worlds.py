@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from cogrip.protocol.rotations import exp, log, product
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
 from cogrip.server.worlds.tool_world import ToolWorld
 from cogrip.server.worlds.world import Array, Row
@@ -50,6 +51,52 @@ class InPlace(Springs):
         super().move(force_n, damping_nspm)
         place[:], speed[:] = self.place, self.speed
         self.place, self.speed = place, speed
+
+
+class Tumbling(Springs):
+    """Bodies on springs that turn as they are turned, against friction: sound. Their inertia is the same about every axis."""
+
+    axes_allowed = (6,)
+    inertia_kgm2 = 4e-4
+    friction_nms = 1e-3
+
+    def __init__(self, seats: Sequence[SeatSettings]) -> None:
+        super().__init__(seats)
+        each = np.ones((1, 3))
+        self.inertia = np.concatenate((self.mass_kg * each, self.inertia_kgm2 * each), axis=1)
+        self.stiffness_of_axes = np.concatenate((self.npm * each, 0.0 * each), axis=1)
+        self.friction = np.concatenate((0.0 * each, self.friction_nms * each), axis=1)
+
+    @property
+    def energy_j(self) -> float:
+        return 0.5 * float((self.inertia * self.speed**2 + self.stiffness_of_axes * self.place**2).sum())
+
+    def move(self, force_n: Array, damping_nspm: Array) -> None:
+        inertia, springs = 2.0 * self.inertia / self.frame_s, self.stiffness_of_axes
+        resistance = inertia + damping_nspm + self.friction + 0.5 * self.frame_s * springs
+        mean = (inertia * self.speed + force_n - springs * self.place) / resistance
+        self.place, self.speed = self.moved(self.frame_s * mean), 2.0 * mean - self.speed
+
+    def moved(self, by: Array) -> Array:
+        """Return the poses that are reached by displacements and rotation vectors."""
+        place = self.place + by
+        place[:, 3:] = [log(product(exp(turn[3:]), exp(pose[3:]))) for turn, pose in zip(by, self.place, strict=True)]
+        return place
+
+
+class AddsRotationVectors(Tumbling):
+    """Takes the sum of two rotation vectors for the rotation by one and then the other."""
+
+    def moved(self, by: Array) -> Array:
+        return self.place + by
+
+
+class ForgetsRotation(Tumbling):
+    """Counts no energy of rotation."""
+
+    @property
+    def energy_j(self) -> float:
+        return 0.5 * float((self.inertia * self.speed**2 + self.stiffness_of_axes * self.place**2)[:, :3].sum())
 
 
 class CreatesSlowly(Springs):

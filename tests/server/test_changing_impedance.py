@@ -143,11 +143,11 @@ def driven(world: World, seed: int, frames: int = 200) -> float:
 def test_a_scene_gives_out_no_more_than_came_in(scene: str) -> None:
     """The damper of a tool changes with its port, so nothing has to be limited; with six axes b_r goes along."""
     world = hold(world_of_settings(scene) if scene == "peg" else world_of(scene))
-    length = world.turning.impedance / world.impedance
+    length = world.port_impedance / world.impedance
     assert driven(world, 1) >= -1e-3
     assert world.balance_error_j < 1e-9
     assert world.limiter.limited == 0
-    np.testing.assert_allclose(world.turning.impedance / world.impedance, length, rtol=1e-12)
+    np.testing.assert_allclose(world.port_impedance / world.impedance, length, rtol=1e-12)
 
 
 def test_a_scene_with_the_old_damper_would_be_limited() -> None:

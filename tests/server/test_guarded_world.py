@@ -19,7 +19,7 @@ from cogrip.server.worlds.world import Array, Row, WorldError
 
 from tests.extent import every
 from tests.server import broken_worlds as broken
-from tests.server.broken_worlds import Springs, seats
+from tests.server.broken_worlds import Springs, Tumbling, seats
 
 KIND = "python:mine.py:Mine"
 
@@ -207,6 +207,80 @@ def test_a_sound_world_is_never_limited_and_passes_unchanged() -> None:
         assert [room.proxy_of(user) for user in (0, 1)] == [alone.proxy_of(user) for user in (0, 1)]
     assert room.worked() == pytest.approx(alone.worked(), abs=1e-15)
     assert room.limiter_account()["limited_frames"] == 0
+
+
+# Six axes --------------------------------------------------------------------------------------------------------------
+
+
+def tumbled(seed: int, frames: int, room: GuardedWorld) -> list[object]:
+    """Push at random in six axes, hands saying that they are turned otherwise than their tools; return all that is seen."""
+    random, seen = np.random.default_rng(seed), []
+    for _ in range(frames):
+        for user in range(2):
+            room.hand_turned(user, tuple(random.uniform(-2.0, 2.0, 3)), tuple(random.uniform(-2.0, 2.0, 3)))
+        rows = np.clip(random.normal(size=(2, 6)), -4.0, 4.0)
+        back = np.array(room.advance(rows.tolist()))
+        came_j = 0.5 * room.frame_s * float((rows * rows - back * back).sum())
+        seen.append((came_j, room.energy_j, back.tolist(), room.motion(), tuple(room.worked()), room.save()))
+    return seen
+
+
+def of_poses() -> GuardedWorld:
+    room = guarded(Tumbling, axes=6)
+    for user in range(2):
+        room.join(user, np.array([0.01, 0.0, 0.0, 0.3, 0.0, 0.5]))
+    return room
+
+
+@pytest.mark.parametrize("seed", every(2, range(8)))
+def test_what_turns_tools_to_hands_that_lie_is_paid_by_the_ledger(seed: int) -> None:
+    room, came = of_poses(), 0.0
+    start = room.energy_j
+    for came_j, energy_j, *_ in tumbled(seed, 600, room):
+        came += came_j
+        assert came >= energy_j - start - START_J - 1e-9
+    assert any(drift.correction_radps != (0.0, 0.0, 0.0) for drift in room.turning.drift.values())
+    assert sum(room.worked()) == pytest.approx(came, abs=1e-9)
+
+
+def test_a_tool_is_turned_to_its_hand_and_no_further_when_it_is_let_go() -> None:
+    """A hand that rests, so that what comes goes back turned round, and is turned by 0.1 rad against its tool."""
+    room = of_poses()
+    room.inner.place[0, 3:] = (0.0, 0.0, 0.1)  # type: ignore[attr-defined]
+    for user in range(2):
+        room.join(user, np.zeros(6))
+    assert room.proxy_of(0) == pytest.approx([0.0] * 6, abs=1e-14)
+    u, left = np.zeros((2, 6)), []
+    for _ in range(400):
+        room.hand_turned(0, (0.0, 0.0, 0.1), (0.0, 0.0, 0.0))
+        u = -np.array(room.advance(u.tolist()))
+        left.append(0.1 - room.proxy_of(0)[5])
+    assert left[0] == pytest.approx(0.1, abs=1e-6)
+    assert abs(left[-1]) <= 1e-3
+    assert room.limiter.limited == 0
+    room.hand_turned(0, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+    room.advance(u.tolist())
+    room.leave(0)
+    assert room.turning.corrected(u, room.port_impedance, 1.0) == pytest.approx(u)
+
+
+def test_a_guarded_world_of_poses_goes_on_bit_for_bit() -> None:
+    room = of_poses()
+    tumbled(1, 60, room)
+    saved = room.save()
+    expected = tumbled(2, 60, room)
+    again = of_poses()
+    tumbled(3, 60, again)
+    again.restore(saved)
+    assert again.save() == saved
+    assert tumbled(2, 60, again) == expected
+
+
+def test_a_tool_that_is_turned_far_is_not_out_of_reach() -> None:
+    room = of_poses()
+    room.inner.place = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 3.0], (2, 1))  # type: ignore[attr-defined]
+    room.advance(np.zeros((2, 6)).tolist())
+    assert not room.out_of_reach
 
 
 def test_tools_out_of_reach_are_put_back_though_the_object_is_not() -> None:

@@ -1,16 +1,25 @@
-"""Mesh files of scenes: read from the scene's folder alone, bounded, part of its digest, and drawn as boxes."""
+"""Mesh files of scenes: read from the scene's folder alone, bounded, part of its digest, and drawn as their hulls."""
 
 import struct
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 
+import mujoco  # type: ignore[import-untyped]
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial.transform import Rotation
 
+from cogrip.protocol.drawing import MOST_TRIANGLES, Shape
+from cogrip.protocol.messages import MAX_MESSAGE_BYTES, Geom, encode
+from cogrip.protocol.settings import resolve
 from cogrip.server.worlds.local_geometry import local_geometry
 from cogrip.server.worlds.scene_file import Held, Scene, load_scene
 from cogrip.server.worlds.scene_shapes import shapes_of
+from cogrip.server.worlds.scene_surfaces import MOST_MESHES, PARTS
 from cogrip.server.worlds.scene_text import MOST_BYTES, SceneError
+from cogrip.sim.analysis.scene_advice import scene_findings
 
 from tests.server.scene_worlds import world_of
 
@@ -67,18 +76,86 @@ def test_meshes_are_read_beside_the_scene_and_below(
 
 def drawn(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Return middle and half edges of the drawn mesh."""
-    (shape,) = [each for each in shapes_of(scene, np.zeros(3))[0] if each.object]
-    assert shape.kind == "box"
-    return np.array(shape.place_m), np.sort(shape.size_m)
+    shapes = [each for each in shapes_of(scene, np.zeros(3)).shapes if each.object]
+    assert {(each.kind, each.place_m, each.size_m) for each in shapes} == {
+        ("mesh", shapes[0].place_m, shapes[0].size_m)
+    }
+    return np.array(shapes[0].place_m), np.sort(shapes[0].size_m)
 
 
-def test_a_mesh_is_drawn_as_the_box_around_it(tmp_path: Path) -> None:
-    """Also one that lies beside its own origin."""
+def surface(shapes: Sequence[Shape]) -> np.ndarray:
+    """Return the triangles of a mesh in the frame of its body, shape (triangles, 3, 3)."""
+    turn = Rotation.from_quat(shapes[0].orientation, scalar_first=True)
+    corners = [corner for shape in shapes for corner in shape.corners_m()]
+    placed: np.ndarray = turn.apply(corners) + np.array(shapes[0].place_m)
+    return placed.reshape(-1, 3, 3)
+
+
+def outside(triangles: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Return how far a point is in front of each triangle [m]."""
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    heights: np.ndarray = ((point - triangles[:, 0]) * normals).sum(axis=1)
+    return heights
+
+
+def ball(corners: int, radius_m: float) -> bytes:
+    """Return an OBJ file of an uneven ball, and no faces but one: MuJoCo finds the hull."""
+    places = np.random.default_rng(1).normal(size=(corners, 3))
+    places *= radius_m * np.array([1.0, 0.8, 0.6]) / np.linalg.norm(places, axis=1)[:, None]
+    faces = [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in ConvexHull(places).simplices]
+    return "\n".join([*("v " + " ".join(map(repr, row)) for row in places.tolist()), *faces]).encode()
+
+
+def test_a_mesh_is_drawn_as_its_hull(tmp_path: Path) -> None:
+    """Also one that lies beside its own origin. Twelve triangles of a brick, whose corners are its corners."""
     away = (0.1, 0.05, -0.02)
     (tmp_path / "brick.obj").write_bytes(obj(away))
-    place, size = drawn(load_scene(scene_in(tmp_path), SEAT, STEP))
+    scene = load_scene(scene_in(tmp_path), SEAT, STEP)
+    place, size = drawn(scene)
     assert place == pytest.approx(away, abs=1e-6)
     assert size == pytest.approx(sorted(HALF_M), abs=1e-6)
+    (shape,) = [each for each in shapes_of(scene, np.zeros(3)).shapes if each.object]
+    triangles = surface([shape])
+    assert triangles.shape == (12, 3, 3)
+    found = {tuple(np.round(corner - away, 5).tolist()) for corner in triangles.reshape(-1, 3)}
+    assert found == set(CORNERS)
+    assert outside(triangles, np.array(away)).max() == pytest.approx(-min(HALF_M), abs=1e-6), "seen from outside"
+
+
+def test_a_fine_mesh_is_drawn_by_no_more_than_its_share_and_lies_within_its_hull(tmp_path: Path) -> None:
+    (tmp_path / "brick.obj").write_bytes(ball(3000, 0.05))
+    world = world_of(scene_in(tmp_path), ("",))
+    shapes = [each for each in world.geoms() if each.object]
+    assert len(shapes) == PARTS
+    triangles = surface(shapes)
+    assert len(triangles) == PARTS * MOST_TRIANGLES
+    model = world.scene.model
+    geom = next(each for each in range(model.ngeom) if model.geom_type[each] == mujoco.mjtGeom.mjGEOM_MESH)
+    turn = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
+    corners = turn.apply(model.mesh_vert) + model.geom_pos[geom]
+    away = np.array([outside(triangles, corner).max() for corner in corners])
+    nearest, _ = cKDTree(corners).query(triangles.reshape(-1, 3))
+    assert nearest.max() <= 3e-6, "its corners are the mesh's, in counts of 1.5 um"
+    assert away.max() <= 2e-3, "and no corner of the mesh is farther out than that, of 50 mm"
+    for number in range(len(world.geoms())):
+        assert len(encode(Geom.of(world.geoms(), number, 2**63 - 1))) <= MAX_MESSAGE_BYTES
+
+
+def test_meshes_beyond_the_bound_are_boxes_and_named(tmp_path: Path) -> None:
+    (tmp_path / "brick.obj").write_bytes(obj())
+    path, more = scene_in(tmp_path), MOST_MESHES + 2
+    body = '<body name="b{0}" pos="{0} 0 1"><freejoint/><geom name="g{0}" type="mesh" mesh="brick"/></body>'
+    many = "".join(body.format(number) for number in range(more))
+    path.write_text(path.read_text().replace("</worldbody>", many + "</worldbody>"))
+    shapes, _, boxed = shapes_of(load_scene(path, SEAT, STEP), np.zeros(3))
+    kinds = [each.kind for each in shapes]
+    assert kinds.count("mesh") == MOST_MESHES
+    assert boxed == ("g15", "g16", "g17")
+    assert kinds.count("box") == len(boxed)
+    settings = resolve({"object": {"kind": "scene", "file": str(path), "axes": 3}, "users": [{"tool": "ball"}]})
+    (told,) = [each.text for each in scene_findings(settings) if each.topic == "drawn"]
+    assert told.startswith("drawn as boxes, 3 in all: g15, g16, g17; 16 meshes of a scene are drawn as their hulls")
 
 
 def test_local_contact_leaves_meshes_to_the_server(tmp_path: Path) -> None:

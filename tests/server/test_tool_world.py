@@ -1,4 +1,4 @@
-"""Worlds with tools: the identity of the port, and the examples of docs/worlds.md against closed forms."""
+"""Worlds with tools: the identity of the port, also of poses, and the examples of docs/worlds.md against closed forms."""
 
 from math import atan, cos, sqrt
 from pathlib import Path
@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from cogrip.protocol.object_kinds import PYTHON
+from cogrip.protocol.rotations import between, exp, product
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.worlds.registry import ALLOWED, world_of
 
-from tests.server.broken_worlds import Springs, seats
+from tests.server.broken_worlds import Springs, Tumbling, seats
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples" / "worlds"
 FRAME_S = 1.0 / 128.0
@@ -48,6 +49,60 @@ def test_what_comes_in_at_a_port_is_the_work_of_force_and_damper() -> None:
         assert world.force == pytest.approx(np.sqrt(2.0 * b) * u - b * w, abs=1e-12)
         assert world.port_work - work == pytest.approx(port_j.sum(axis=1), abs=1e-14)
         assert world.energy_j - energy == pytest.approx(port_j.sum(), abs=1e-14)
+
+
+def test_of_six_axes_torque_and_damper_work_on_the_rotation() -> None:
+    """The identity with b_r, and w the rotation vector from one orientation to the next; friction takes B w^2 T of it."""
+    world, random = hold(Tumbling(seats(3, 6))), np.random.default_rng(1)
+    b = world.port_impedance
+    assert b[0] == pytest.approx([20.0] * 3 + [0.02] * 3)
+    for frame in range(300):
+        if frame == 100:
+            world.set_impedance(1, 5.0)
+            assert world.port_impedance[1] == pytest.approx([5.0] * 3 + [0.005] * 3)
+        u, before, energy = random.normal(size=(3, 6)), world.tools, world.energy_j
+        v = world.step(u)
+        w = (world.tools - before) / FRAME_S
+        w[:, 3:] = [between(exp(was[3:]), exp(now[3:])) for was, now in zip(before, world.tools, strict=True)]
+        w[:, 3:] /= FRAME_S
+        port_j = 0.5 * FRAME_S * (u * u - v * v)
+        assert port_j == pytest.approx(FRAME_S * (np.sqrt(2.0 * b) * u - b * w) * w, abs=1e-12)
+        lost_j = FRAME_S * world.friction_nms * float((w[:, 3:] ** 2).sum())
+        assert world.energy_j - energy == pytest.approx(port_j.sum() - lost_j, abs=1e-12)
+
+
+def test_a_hand_that_is_turned_as_it_takes_hold_stays_turned_against_the_tool() -> None:
+    """Tool and proxy turn by the same rotation about the world's axes, and letting go and taking hold turns nothing."""
+    world = Tumbling(seats(1, 6))
+    world.place = np.array([[0.01, 0.0, 0.0, 0.4, -0.3, 1.0]])
+    hand = np.array([0.0, 0.02, 0.0, -0.5, 0.9, 0.2])
+    world.join(0, hand)
+    assert world.proxy(0) == pytest.approx(hand, abs=1e-14)
+    before, random = world.tools[0], np.random.default_rng(2)
+    for _ in range(100):
+        world.step(random.normal(size=(1, 6)))
+    turn = between(exp(before[3:]), exp(world.tools[0][3:]))
+    assert np.linalg.norm(turn) > 0.1
+    after = world.proxy(0)
+    assert after[:3] - hand[:3] == pytest.approx(world.tools[0][:3] - before[:3], abs=1e-14)
+    assert between(product(exp(turn), exp(hand[3:])), exp(after[3:])) == pytest.approx([0.0] * 3, abs=1e-12)
+
+
+def test_a_steering_wheel_swings_as_the_midpoint_rule_has_it_and_holds_what_both_turn() -> None:
+    """Free: phi = phi_0 cos(n theta), tan(theta / 2) = (T / 2) sqrt(K / I). Held: K phi = the sum of torques."""
+    free = example("steering_wheel.py", "SteeringWheel", 2, mass_kg=0.1, axes=6)
+    free.phi_rad = 0.3
+    theta = 2.0 * atan(0.5 * FRAME_S * sqrt(0.1 / (0.1 * 0.06**2)))
+    for frame in range(1, 500):
+        free.step(np.zeros((2, 6)))
+        assert free.phi_rad == pytest.approx(0.3 * cos(frame * theta), abs=1e-12)
+    world = hold(example("steering_wheel.py", "SteeringWheel", 2, mass_kg=0.1, axes=6))
+    torques_nm = np.array([[0.0] * 5 + [0.03], [0.0] * 5 + [-0.01]])
+    for _ in range(1500):
+        v = world.step(torques_nm / np.sqrt(2.0 * world.port_impedance))
+    assert world.phi_rad == pytest.approx(0.02 / 0.1, rel=1e-9)
+    assert world.force == pytest.approx(torques_nm, abs=1e-12)
+    assert v == pytest.approx(-torques_nm / np.sqrt(2.0 * world.port_impedance), abs=1e-9), "as from a wall"
 
 
 def test_a_tool_that_nobody_holds_is_driven_by_nothing() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.cli.session.settings_file import load
-from cogrip.protocol import messages
+from cogrip.protocol import felt_stiffness, messages
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import Farewell, Heartbeat
 from cogrip.protocol.recording.reader import open_recording
@@ -30,7 +30,8 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.runs.verdict import stable, succeeded
 from cogrip.sim.session.laboratory import Laboratory
 
-from tests.extent import every
+from tests.extent import every, long
+from tests.sim.session_measures import least_margin
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples" / "worlds"
 NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py"))
@@ -76,8 +77,8 @@ def failing(folder: Path) -> Settings:
     return load(folder / "failing.toml")
 
 
-def test_there_are_three_examples() -> None:
-    assert NAMES == ["soft_line", "two_masses", "viscous_field"]
+def test_there_are_four_examples() -> None:
+    assert NAMES == ["soft_line", "steering_wheel", "two_masses", "viscous_field"]
     for path in EXAMPLES.glob("*.py"):
         assert len(path.read_text().splitlines()) <= 100
 
@@ -94,10 +95,37 @@ def test_an_example_is_held_and_replayed(name: str, tmp_path: Path) -> None:
     settings = load(EXAMPLES / f"{name}.toml", ["seconds=1.5"])
     outcome = run_laboratory(settings, tmp_path)
     assert succeeded(outcome.summary)
-    assert outcome.summary["object"]["travel_m"] > 0.005
+    assert least_margin(outcome.summary) >= 0.0
+    turned = name == "steering_wheel"
+    assert (
+        outcome.summary["users"][0]["peak_torque_nm"] > 0.005
+        if turned
+        else outcome.summary["object"]["travel_m"] > 0.005
+    )
     ledger = outcome.summary["server"]["energy_limiter"]
     assert ledger["limited_frames"] == 0
     assert ledger["level_j"] >= 0.0
+    for path in tmp_path.glob("*.mcap"):
+        assert not verify(open_recording(path)).difference
+
+
+@pytest.mark.parametrize(
+    ("device", "delay_ms"), [("sim:phantom6", 10.0), long("sim:freeflyer", 0.0), long("sim:freeflyer", 40.0)]
+)
+def test_a_steering_wheel_feels_as_stiff_as_its_spring_and_the_line(
+    device: str, delay_ms: float, tmp_path: Path
+) -> None:
+    """Held turned by 0.2 rad, 1/K_felt = 1/K + (T_fwd + T_back + T_n) / (2 b_r), theory section 4 with b_r for b."""
+    hand = "waypoints&times_s=0.5,1.5&rz_rad=0,0.25"
+    changes = (f"users.0.device={device}", f"users.0.hand={hand}", "users.1.hand=hold", f"link.delay_ms={delay_ms}")
+    free = "users.1.device=sim:freeflyer?wrist_stiffness_nmprad=0&wrist_damping_nms=0&inertia_kgm2=1e-5"
+    outcome = run_laboratory(load(EXAMPLES / "steering_wheel.toml", (*changes, free, "seconds=8")), tmp_path)
+    assert succeeded(outcome.summary)
+    assert least_margin(outcome.summary) >= 0.0
+    anna = outcome.summary["users"][0]
+    loop_s = 1e-3 * 2.0 * delay_ms
+    predicted = felt_stiffness.felt_stiffness(0.1, felt_stiffness.line_compliance(0.02, loop_s, 1.0 / 128.0))
+    assert anna["force_n"][5] / anna["position_m"][5] == pytest.approx(predicted, rel=0.02)
     for path in tmp_path.glob("*.mcap"):
         assert not verify(open_recording(path)).difference
 

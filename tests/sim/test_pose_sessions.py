@@ -1,4 +1,5 @@
-"""Sessions of hands that turn: a wheel for two, a tool that tumbles, hands that only move in a room of poses, replays."""
+"""Sessions of hands that turn: a wheel for two, tools that tumble in a scene and in another author's world, hands that only
+move in a room of poses."""
 
 from math import degrees, hypot
 from pathlib import Path
@@ -11,6 +12,8 @@ from cogrip.cli.session.settings_file import load
 from cogrip.protocol.rotations import between, exp
 from cogrip.protocol.settings import Settings, SettingsError, resolve
 from cogrip.server.worlds import orientation_drift
+from cogrip.server.worlds.guarded import GuardedWorld
+from cogrip.server.worlds.registry import ALLOWED
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.sim.session.laboratory import Laboratory
 
@@ -40,13 +43,13 @@ class Turned:
     def __init__(self, settings: Settings) -> None:
         self.laboratory = Laboratory(settings)
         world = self.laboratory.room.world
-        assert isinstance(world, SceneWorld)
+        assert isinstance(world, SceneWorld | GuardedWorld)
         self.world = world
         apart: list[list[float]] = []
         drift: list[list[float]] = []
 
         def each_frame(laboratory: Laboratory) -> None:
-            users = [user for user, tool in enumerate(world.scene.tools) if tool.driven and world.holding[user]]
+            users = [user for user in world.turning.driven if world.holding[user]]
             hands = [laboratory.people[user].core.position_m[3:] for user in users]
             tools = [world.proxy(user)[3:] for user in users]
             apart.append([degrees(hypot(*between(exp(a), exp(b)))) for a, b in zip(hands, tools, strict=True)])
@@ -122,6 +125,19 @@ def test_a_tool_that_tumbles_stays_with_its_hand(tumbled: Turned) -> None:
     assert tumbled.passive()
 
 
+def test_so_does_one_in_a_world_of_another_author(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The drift is taken back there as well; a hand that took hold turned goes on from there."""
+    monkeypatch.setenv(ALLOWED, str(tmp_path))
+    (tmp_path / "world.py").write_text("from tests.server.broken_worlds import Tumbling")
+    thing = {"kind": f"python:{tmp_path / 'world.py'}:Tumbling", "axes": 6}
+    person = {"device": "sim:freeflyer", "hand": TUMBLING}
+    link = {"delay_ms": 20.0, "loss": 0.03}
+    session = Turned(resolve({"object": thing, "users": [person], "link": link, "seconds": 2.0 + 0.7 * TURNS}))
+    assert session.drift.max() <= 1.0
+    assert session.apart[-1, 0] <= 0.1, "at rest"
+    assert session.passive()
+
+
 @pytest.mark.long
 def test_without_the_correction_it_drifts(monkeypatch: pytest.MonkeyPatch, tumbled: Turned) -> None:
     monkeypatch.setattr(orientation_drift, "SHARE", 0.0)
@@ -162,6 +178,11 @@ def test_devices_that_do_not_turn_are_told_how_to_join(tmp_path: Path) -> None:
     ("change", "said"),
     [
         ({"object": {"axes": 6}}, 'object.axes = 6, but object.kind = "cube" has at most 3; lower it'),
+        ({"object": {"kind": "my-world", "axes": 5}}, "object.axes = 5, but a world has 1 to 3 .places. or 6 .poses."),
+        (
+            {"object": {"kind": "my-world", "axes": 6}, "users": [{"orientation": "free"}]},
+            'is for object.kind = "scene"',
+        ),
         ({"users": [{"orientation": "free"}]}, "users.0.orientation = 'free' is for object.kind = \"scene\""),
         ({"object": {"kind": "scene", "file": "x", "axes": 4}}, "object.axes = 4, but a scene has 3 .places. or 6"),
         (

@@ -199,6 +199,7 @@ def test_others_of_whom_it_is_true_are_counted() -> None:
 
 def test_where_no_force_was_met_nothing_was_felt() -> None:
     assert felt(summary_of(person(peak_force_n=0.0))).sentence == "Nothing was felt: no hand met a force."
+    assert felt(summary_of(person(peak_force_n=0.0, peak_torque_nm=0.002))).tone == "good", "a hand that turns a wheel"
     assert felt(summary_of(person(peak_force_n=0.0), person("ben"))).tone == "good"
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from cogrip.cli.session.settings_file import load
 from cogrip.devices.web.messages import FrameError
-from cogrip.protocol.drawing import Shape
+from cogrip.protocol.drawing import Shape, pack_triangles
 from cogrip.protocol.messages import Pose, View
 from cogrip.protocol.recording.reader import Message
 from cogrip.sim.runs.laboratory_run import run_laboratory
@@ -166,6 +166,84 @@ def test_page_draws_a_body_where_it_has_moved_and_turned_to(open_page: Open) -> 
         assert green > 0.5 * red > blue, "the object in contact, in the colour of contact"
 
 
+WEDGE_M = (0.04, 0.03, 0.03)  # half edges of the box around it: a roof along y, its ridge on top
+EDGES = [(x, y, -0.03) for x in (-0.04, 0.04) for y in (-0.03, 0.03)] + [(0.0, -0.03, 0.03), (0.0, 0.03, 0.03)]
+FACES = ((0, 2, 4), (1, 5, 3), (0, 4, 5), (0, 5, 1), (2, 3, 5), (2, 5, 4), (0, 1, 3), (0, 3, 2))
+
+
+def wedge(red: float = 1.0) -> tuple[Shape, ...]:
+    """Return a roof in two parts, as a surface of more triangles than a shape holds comes."""
+    triangles = [[EDGES[corner] for corner in face] for face in FACES]
+    parts = [pack_triangles(part, WEDGE_M) for part in (triangles[:3], triangles[3:])]
+    return tuple([Shape("mesh", WEDGE_M, 0, rgba=(red, 0.2, 0.1, 1.0), object=True, triangles=part) for part in parts])
+
+
+def on_wedge(page: BrowserPage, picture: np.ndarray, at: tuple[float, float, float]) -> list[bool]:
+    """Return whether points beside the ridge, which the box around holds, and points of the roof are red, from before it."""
+    x, y, z = at
+    beside = [(sign * 0.036, 0.0, 0.026) for sign in (-1, 1)]
+    inside = [(sign * 0.01, 0.0, height) for sign in (-1, 1) for height in (-0.02, 0.0)]
+    return [is_red(page.pixel(picture, (x + a, y - 0.03, z + c))) for a, _, c in (*beside, *inside)]
+
+
+ROOF = [False] * 2 + [True] * 4
+
+
+def test_page_draws_a_mesh_as_its_surface_where_its_body_is(open_page: Open) -> None:
+    """Live, and in the picture of what another person sees; the box around it would be red beside the ridge."""
+    with serving(PageServer(to_json(drawn_of(wedge())))) as server:
+        page = open_page(server.address)
+        server.wait_for_page()
+        page.until("cogrip.scene !== null")
+        page.tab.keyboard.press("2")  # from the side
+        for number, at in enumerate([(0.0, 0.0, 0.0), (0.03, 0.0, 0.02)]):
+            server.send(encode(replace(frame(number), people=(), bodies=((*at, 1.0, 0.0, 0.0, 0.0),))))
+            page.until_drawn(number)
+            assert on_wedge(page, page.picture(), at) == ROOF
+        server.send(encode(replace(frame(5), bodies=(HERE,))))
+        page.until_drawn(5)
+        assert page.state("cogrip.stats.malformed") == 0
+
+
+def mesh_scene(folder: Path) -> Path:
+    """Write a scene of the wedge as an OBJ file, and settings for one person who moves beside it."""
+    lines = ["v " + " ".join(map(str, corner)) for corner in EDGES]
+    lines += ["f " + " ".join(str(number + 1) for number in face) for face in FACES]
+    (folder / "wedge.obj").write_text("\n".join(lines))
+    (folder / "mesh.xml").write_text(
+        '<mujoco><asset><mesh name="wedge" file="wedge.obj"/></asset><option gravity="0 0 0"/><worldbody><body name="roof">'
+        '<freejoint/><geom type="mesh" mesh="wedge" mass=".2" rgba="1 .2 .1 1"/></body></worldbody></mujoco>'
+    )
+    (folder / "mesh.toml").write_text(
+        'name = "mesh"\n[object]\nkind = "scene"\nfile = "mesh.xml"\naxes = 3\n[[users]]\nname = "anna"\n'
+        'tool = "ball"\nhand = "hold"\n'
+    )
+    return folder / "mesh.toml"
+
+
+def test_a_recorded_mesh_is_drawn_from_the_recording_alone(open_page: Open, tmp_path: Path) -> None:
+    """From a mesh file to the pixels of the page as one file, when neither scene nor mesh is there any more."""
+    path, run = mesh_scene(tmp_path), tmp_path / "run"
+    run.mkdir()
+    run_laboratory(load(path, ["seconds=0.5"]), run)
+    live = Watched(**msgspec.to_builtins(load(path, ["seconds=1"]))).run().live
+    for file in ("wedge.obj", "mesh.xml", "mesh.toml"):
+        (tmp_path / file).unlink()
+    view = open_view(run)
+    assert live is not None
+    assert live.scene.geoms == view.scene.geoms
+    assert [shape.kind for shape in view.scene.geoms].count("mesh") == 1
+    page_file = tmp_path / "page.html"
+    page_file.write_text(self_contained(to_json(view.scene), [view.chunk(0)]), encoding="utf-8")
+    page = open_page(page_file.as_uri())
+    page.until("cogrip.frame !== null")
+    page.tab.keyboard.press("2")  # from the side
+    last = view.frames(0)[-1]
+    page.state(f"cogrip.seek({last.time_s})")
+    page.until_drawn(last.number)
+    assert on_wedge(page, page.picture(), (0.0, 0.0, 0.0)) == ROOF
+
+
 @pytest.mark.parametrize("scheme", [long("light"), "dark"])
 def test_page_draws_all_kinds_and_hides_what_is_not_known_or_not_held(open_page: Open, scheme: str) -> None:
     away = [(0.0, 0.07 * number - 0.1, 0.02, 1.0, 0.0, 0.0, 0.0) for number in range(4)]
@@ -222,7 +300,9 @@ def test_a_recording_with_impossible_bodies_is_told_or_shown_without_them(lift_r
     for wrong in (
         {"body": 10**9},
         {"size_m": [1]},
-        {"kind": "mesh"},
+        {"kind": "cloud"},
+        {"triangles": "AAAA"},
+        {"kind": "mesh", "triangles": "AAAA"},
         {"orientation": [1]},
         {"rgba": [1, 1]},
         {"place_m": None},

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from cogrip.cli.session.settings_file import load
-from cogrip.protocol.drawing import Shape
+from cogrip.protocol.drawing import Shape, pack_triangles
 from cogrip.protocol.recording.records import kind_of
 from cogrip.protocol.recording.scene_messages import SCHEMAS
 from cogrip.sim.runs.laboratory_run import run_laboratory
@@ -21,6 +21,8 @@ from tests.foxglove_schemas import PUBLISHED, check_schema, check_value
 from tests.view.pictured import frame, scene
 
 UP = (0.5**0.5, 0.5**0.5, 0.0, 0.0)  # takes z to -y
+CORNER = (0.01, 0.02, 0.03)
+CORNERS = (CORNER, (-0.01, 0.02, 0.03), (-0.01, -0.02, -0.03))
 SHAPES = (
     Shape("plane", (0.0, 1.0, 0.1), place_m=(0.0, 0.0, -0.05)),
     Shape("box", (0.01, 0.02, 0.03), 0, rgba=(1.0, 0.0, 0.0, 0.5), object=True),
@@ -29,6 +31,7 @@ SHAPES = (
     Shape("ellipsoid", (0.01, 0.02, 0.03), 1),
     Shape("sphere", (0.02, 0.0, 0.0), 2, seat=0),
     Shape("sphere", (0.02, 0.0, 0.0), 3, seat=7),
+    Shape("mesh", CORNER, 0, (0.0, 0.1, 0.0), UP, triangles=pack_triangles([CORNERS], CORNER)),
 )
 
 
@@ -53,6 +56,11 @@ def test_every_shape_is_a_primitive_of_its_size() -> None:
     assert body["cylinders"][0]["size"] == {"x": 0.02, "y": 0.02, "z": 0.04}
     ends = [each["pose"]["position"] for each in body["spheres"]]
     assert [(each["x"], each["y"], each["z"]) for each in ends] == [(0.0, 0.02, 0.1), (0.0, -0.02, 0.1)]
+    (surface,) = body["triangles"]
+    assert [(each["x"], each["y"], each["z"]) for each in surface["points"]] == [
+        pytest.approx(each) for each in CORNERS
+    ]
+    assert surface["pose"]["position"] == {"x": 0.0, "y": 0.1, "z": 0.0}
     assert entities["demo/body/2"]["spheres"][0]["color"]["b"] > 0.6, "anna's blue"
     transforms = read(pictures.transforms(told, sent, 5), "foxglove.FrameTransforms")["transforms"]
     (place,) = [each for each in transforms if each["child_frame_id"] == "demo/body/0"]

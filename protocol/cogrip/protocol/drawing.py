@@ -2,6 +2,7 @@
 shapes of a scene's bodies."""
 
 from collections.abc import Sequence
+from struct import Struct, iter_unpack
 from typing import Annotated, Literal
 
 import msgspec
@@ -9,10 +10,14 @@ import msgspec
 from cogrip.protocol.object_kinds import kind_of
 
 Vector = tuple[float, float, float]
-ShapeKind = Literal["box", "sphere", "capsule", "cylinder", "ellipsoid", "plane"]
+ShapeKind = Literal["box", "sphere", "capsule", "cylinder", "ellipsoid", "plane", "mesh"]
 Three = Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=3)]
 Four = Annotated[tuple[float, ...], msgspec.Meta(min_length=4, max_length=4)]
 MOST_SHAPES = 1024  # of a scene, and bodies that move; further ones are left out
+_TRIANGLE = Struct("<9H")
+MOST_TRIANGLES = 55  # of one shape: its message fits a datagram; a surface of more is several shapes
+MOST_SURFACE_BYTES = MOST_TRIANGLES * _TRIANGLE.size
+_COUNTS = 65535  # of a coordinate, from one side of the box around a surface to the other
 MOST_LOCAL = 64  # shapes with which a player's client renders contact itself
 MOST_PAIRS = 256  # of a ball and a fixed shape among them
 UNTURNED: Four = (1.0, 0.0, 0.0, 0.0)
@@ -23,8 +28,10 @@ class Shape(msgspec.Struct, frozen=True):
 
     body         number of its body among those that move and have shapes; None: it is fixed
     size_m       as MJCF has it: radius, half lengths; of a plane 0 along an axis that has no end
+                 of a mesh half the edges of the box around it
     orientation  quaternion w, x, y, z
     rgba         None where the scene gives no colour
+    triangles    of a mesh, else unset: a part of its surface (`pack_triangles`)
     """
 
     kind: ShapeKind
@@ -35,6 +42,39 @@ class Shape(msgspec.Struct, frozen=True):
     rgba: Four | None = None
     seat: int | None = None  # whose tool it is part of
     object: bool = False  # it is part of the room's object
+    triangles: bytes | msgspec.UnsetType = msgspec.UNSET
+
+    def __post_init__(self) -> None:
+        check_triangles(self.kind, self.triangles or b"")
+
+    def corners_m(self) -> list[Vector]:
+        """Return the corners of a mesh's triangles in the shape's own frame [m], three by three; none of other kinds."""
+        scale = [2.0 * half / _COUNTS for half in self.size_m]
+        counts = [each for row in iter_unpack(_TRIANGLE.format, self.triangles or b"") for each in row]
+        at = [scale[n % 3] * count - self.size_m[n % 3] for n, count in enumerate(counts)]
+        return [(at[n], at[n + 1], at[n + 2]) for n in range(0, len(at), 3)]
+
+
+def pack_triangles(corners_m: Sequence[Sequence[Sequence[float]]], half_m: Sequence[float]) -> bytes:
+    """Return triangles of three corners [m] each, outside counter-clockwise, in a box of these half edges about the origin.
+
+    A coordinate is an unsigned 16-bit number, little-endian: 0 at -half, 65535 at half.
+    """
+    packed = b""
+    for triangle in corners_m:
+        places = [(at, half) for place in triangle for at, half in zip(place, half_m, strict=True)]
+        shares = [0.5 + 0.5 * at / half if half > 0.0 else 0.5 for at, half in places]
+        packed += _TRIANGLE.pack(*[round(_COUNTS * min(1.0, max(0.0, share))) for share in shares])
+    return packed
+
+
+def check_triangles(kind: ShapeKind, triangles: bytes) -> None:
+    """Raise ValueError for triangles that are not whole, for too many, and for those of another kind than a mesh."""
+    size, each = len(triangles), _TRIANGLE.size
+    if size and (kind != "mesh" or size > MOST_SURFACE_BYTES or size % each):
+        raise ValueError(
+            f"a {kind} with {size} bytes of triangles; a mesh has at most {MOST_TRIANGLES} of {each} bytes"
+        )
 
 
 FORCE_M_PER_N = 0.01  # length of a force's arrow

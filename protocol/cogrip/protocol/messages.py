@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
-from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
+from cogrip.protocol.drawing import MOST_SHAPES, MOST_SURFACE_BYTES, Shape, ShapeKind, check_triangles
 from cogrip.protocol.effects import MOST_EFFECTS, Effect, EffectTank
 from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.handle import Buttons, EdgeCount, Handle, Opening, Quaternion, is_unit
@@ -295,10 +295,12 @@ class Geom(Message, frozen=True, tag=13):
     rgba: Rgba | None
     seat: SeatNumber | None
     object: bool
+    triangles: Annotated[bytes, msgspec.Meta(max_length=MOST_SURFACE_BYTES)] = b""
 
     def __post_init__(self) -> None:
         if not is_unit(self.orientation):
             raise ValueError("the orientation is no unit quaternion")
+        check_triangles(self.kind, self.triangles)
 
     @classmethod
     def of(cls, shapes: Sequence[Shape], number: int, session: int) -> "Geom":
@@ -306,15 +308,16 @@ class Geom(Message, frozen=True, tag=13):
         told = shapes[number]
         return cls(
             session, len(shapes), number, told.kind, told.size_m, told.body, told.place_m, told.orientation, told.rgba,
-            told.seat, told.object,
+            told.seat, told.object, told.triangles or b"",
         )  # fmt: skip
 
     @property
     def shape(self) -> Shape:
         """The shape itself."""
         return Shape(
-            self.kind, self.size_m, self.body, self.place_m, self.orientation, self.rgba, self.seat, self.object
-        )
+            self.kind, self.size_m, self.body, self.place_m, self.orientation, self.rgba, self.seat, self.object,
+            self.triangles or msgspec.UNSET,
+        )  # fmt: skip
 
 
 class Mark(Message, frozen=True, tag=14):

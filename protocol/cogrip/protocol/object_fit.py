@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from cogrip.protocol.object_kinds import LOCAL_KINDS, kind_of, unfit_kind
+from cogrip.protocol.object_kinds import KINDS, LOCAL_KINDS, kind_of, unfit_kind
 from cogrip.protocol.setting_types import MOST_WAVES, PLACES, POSE_AXES
 from cogrip.protocol.task import unfit
 
@@ -26,7 +26,7 @@ def unfit_object(settings: "Settings", compensated: Sequence[str]) -> str:
         for key, value in own:
             if value:
                 return f'{key} = {value!r} is for object.kind = "scene", not "{given.kind}"; leave one of them out'
-        if given.axes > PLACES:
+        if given.axes > PLACES and given.kind in KINDS:
             return f'object.axes = {given.axes}, but object.kind = "{given.kind}" has at most {PLACES}; lower it'
     if coupling.kind == "local" and given.kind not in LOCAL_KINDS:
         return (
@@ -41,6 +41,11 @@ def unfit_object(settings: "Settings", compensated: Sequence[str]) -> str:
         (
             scene and given.axes not in (PLACES, POSE_AXES),
             f"object.axes = {given.axes}, but a scene has 3 (places) or 6 (poses)",
+            "set one of them",
+        ),
+        (
+            PLACES < given.axes < POSE_AXES,
+            f"object.axes = {given.axes}, but a world has 1 to 3 (places) or 6 (poses)",
             "set one of them",
         ),
         (

@@ -30,9 +30,11 @@ class DrawnBodies:
         shapes = world.geoms()
         if not shapes:
             return []
-        chosen = [
-            (self._turn + each) % len(shapes) for each in range(min(SHAPES_A_VIEW, -(-len(shapes) // VIEWS_A_TURN)))
-        ]
+        chosen: list[int] = []
+        for each in range(min(SHAPES_A_VIEW, -(-len(shapes) // VIEWS_A_TURN))):
+            chosen.append((self._turn + each) % len(shapes))
+            if shapes[chosen[-1]].kind == "mesh":  # of the size of seven others
+                break
         self._turn = (self._turn + len(chosen)) % len(shapes)
         told: list[Bodies | Geom] = [Geom.of(shapes, number, 1) for number in chosen]
         poses = self._next_poses(_within(world.poses_of_bodies()[:MOST_SHAPES]))

@@ -121,8 +121,16 @@ class KeyValuePair(Message, frozen=True, gc=False):
     value: str
 
 
+class TriangleListPrimitive(Message, frozen=True, gc=False):
+    points: tuple[Point3, ...]
+    color: Color
+    pose: Pose = Pose()
+    colors: tuple[Color, ...] = ()
+    indices: tuple[int, ...] = ()
+
+
 class NotUsed(Message, frozen=True, gc=False):
-    """A primitive that is never sent: triangles, models."""
+    """A primitive that is never sent: models."""
 
 
 class SceneEntity(Message, frozen=True, gc=False):
@@ -137,7 +145,7 @@ class SceneEntity(Message, frozen=True, gc=False):
     spheres: tuple[SpherePrimitive, ...] = ()
     cylinders: tuple[CylinderPrimitive, ...] = ()
     lines: tuple[LinePrimitive, ...] = ()
-    triangles: tuple[NotUsed, ...] = ()
+    triangles: tuple[TriangleListPrimitive, ...] = ()
     texts: tuple[TextPrimitive, ...] = ()
     models: tuple[NotUsed, ...] = ()
 
@@ -214,6 +222,7 @@ def _shaped(now: Time, body: Body) -> SceneEntity:
     cubes: list[CubePrimitive] = []
     spheres: list[SpherePrimitive] = []
     cylinders: list[CylinderPrimitive] = []
+    surfaces: list[TriangleListPrimitive] = []
     for shape, color in body.shapes:
         pose = Pose(_vector(_three(shape.place_m)), quaternion_of(shape.orientation))
         a, b, c = shape.size_m
@@ -224,6 +233,8 @@ def _shaped(now: Time, body: Body) -> SceneEntity:
             cubes.append(CubePrimitive(_vector((sides[0], sides[1], _PLANE_M)), color, pose))
         elif shape.kind == "ellipsoid":
             spheres.append(SpherePrimitive(_vector((2 * a, 2 * b, 2 * c)), color, pose))
+        elif shape.kind == "mesh":
+            surfaces.append(TriangleListPrimitive(tuple([_point(each) for each in shape.corners_m()]), color, pose))
         elif shape.kind == "sphere":
             spheres.append(SpherePrimitive(_vector((2 * a, 2 * a, 2 * a)), color, pose))
         else:
@@ -234,8 +245,9 @@ def _shaped(now: Time, body: Body) -> SceneEntity:
                 end = [place + sign * each for place, each in zip(shape.place_m, along, strict=True)]
                 spheres.append(SpherePrimitive(_vector((2 * a, 2 * a, 2 * a)), color, Pose(_vector(_three(end)))))
     return SceneEntity(
-        now, body.frame, body.frame, cubes=tuple(cubes), spheres=tuple(spheres), cylinders=tuple(cylinders)
-    )
+        now, body.frame, body.frame, cubes=tuple(cubes), spheres=tuple(spheres), cylinders=tuple(cylinders),
+        triangles=tuple(surfaces),
+    )  # fmt: skip
 
 
 def _three(values: Sequence[float]) -> Vector:

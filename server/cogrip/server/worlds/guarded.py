@@ -4,7 +4,8 @@ It is called in `advance`, `join` and `leave`, to save and restore, and for its 
 than was agreed, or takes too long is never called again: `advance` raises WorldError, and `failed` says why.
 
 More than what came in, what it held at first (at most MOST_HELD_J) and the limiter's start never goes out: E is never below 0,
-and no change of E goes by uncounted, also where people join and leave or the world is put back (`energy_limiter`).
+and no change of E goes by uncounted, also where people join and leave or the world is put back (`energy_limiter`). What turns
+tools back to their hands, where there are six axes (`orientation_drift`), is added here and paid by the same ledger.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -16,9 +17,12 @@ import numpy as np
 
 from cogrip.protocol.drawing import MOST_SHAPES, Shape
 from cogrip.protocol.effects import MOST_EFFECTS, Effect
+from cogrip.protocol.rotations import exp
+from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.texts import shown
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
+from cogrip.server.worlds.orientation_drift import DriftCorrection
 from cogrip.server.worlds.world import REACH_M, Array, Row, World, WorldError, dot
 
 T = TypeVar("T")
@@ -48,6 +52,7 @@ class GuardedWorld(World):
         self.limited: Callable[[], AbstractContextManager[None]] = nullcontext
         self.limiter = EnergyLimiter(self.frame_s)
         self._shape = len(seats), self.axes
+        self.turning = DriftCorrection(range(len(seats)) if self.axes > PLACES else (), self.frame_s)
         self._where = self._place = np.zeros(self.axes)
         self._proxies = np.zeros(self._shape)
         self._shapes: tuple[Shape, ...] = ()
@@ -120,17 +125,22 @@ class GuardedWorld(World):
         if self.failed:
             raise WorldError(self.failed)
         held = self.holding[:, None]
-        u, before = np.where(held, np.array(rows), 0.0), self._energy
+        theirs, before = np.where(held, np.array(rows), 0.0), self._energy
+        u = self.turning.corrected(theirs, self.port_impedance, self.limiter.level_j) if self.turning.driven else theirs
         with self._named("advance"):
             answers = _array("advance", self.inner.advance([tuple(row) for row in u.tolist()]), self._shape, MOST_WAVE)
             self.events += [str(text) for text in self.inner.take_events()[:MOST_EVENTS]]
             self._look()
         back = np.where(held, answers, 0.0)
-        factor = self.limiter.limit(dot(u, u), dot(back, back), self._energy - before)
+        if self.turning.driven:
+            poses = [exp(proxy[PLACES:]) for proxy in self._proxies.tolist()]
+            rates = (u + back) / np.sqrt(2.0 * self.port_impedance)
+            self.turning.watch(poses, rates, u - theirs, self.port_impedance)
+        factor = self.limiter.limit(dot(theirs, theirs), dot(back, back), self._energy - before)
         if factor < 1.0:
             back = factor * back
-        self.force = np.where(held, (u - back) / self.wave_gain, 0.0)
-        self._book((0.5 * self.frame_s) * (u * u - back * back).sum(axis=1))
+        self.force = np.where(held, (u - back) / np.sqrt(2.0 / self.port_impedance), 0.0)
+        self._book((0.5 * self.frame_s) * (theirs * theirs - back * back).sum(axis=1))
         moved: list[list[float]] = back.tolist()
         return moved
 
@@ -146,15 +156,21 @@ class GuardedWorld(World):
             self.offset = _array("offset", self.inner.offset, self._shape, MOST_PLACE)
 
         self.holding[user] = True
+        self.turning.begin(user)
         self._try("join", joined, None)
 
+    def hand_turned(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
+        self.turning.report(user, rotation_rad, travelled_rad)
+
     def impedance_changed(self, user: int) -> None:
+        super().impedance_changed(user)
         b = float(self.impedance[user, 0])
         self._try("set_impedance", lambda: self.inner.set_impedance(user, b), None)
 
     def leave(self, user: int) -> None:
         self.holding[user] = False
         self.force[user] = 0.0
+        self.turning.begin(user)
         self._try("leave", lambda: self.inner.leave(user), None)
 
     def button(self, user: int, button: int, down: bool) -> None:
@@ -188,7 +204,7 @@ class GuardedWorld(World):
 
     @property
     def out_of_reach(self) -> bool:
-        return super().out_of_reach or bool(np.any(np.abs(self._proxies - self.offset) > REACH_M))
+        return super().out_of_reach or bool(np.any(np.abs(self._proxies - self.offset)[:, :PLACES] > REACH_M))
 
     def _go_to(self, saved: Row) -> None:
         """Restore a state in which nobody holds anything; energy that it has more counts as made."""
@@ -234,13 +250,15 @@ class GuardedWorld(World):
     def save(self) -> Row:
         limiter = self.limiter
         own = super().save()
-        return *own, limiter.level_j, limiter.paid_j, float(limiter.limited), *self._saved()
+        return *own, *self.turning.save(), limiter.level_j, limiter.paid_j, float(limiter.limited), *self._saved()
 
     def restore(self, saved: Row) -> None:
         size = len(super().save())
-        own, ledger, inner = saved[:size], saved[size : size + 3], saved[size + 3 :]
+        ports = size + self.turning.saved_numbers
+        own, turned, ledger, inner = saved[:size], saved[size:ports], saved[ports : ports + 3], saved[ports + 3 :]
         self.inner.restore(inner)
         super().restore(own)
+        self.turning.restore(turned)
         self._look()
         self.limiter.level_j, self.limiter.paid_j, limited = ledger
         self.limiter.limited = int(limited)

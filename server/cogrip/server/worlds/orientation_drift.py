@@ -1,4 +1,4 @@
-"""Drift of a tool's orientation from its hand's, and the rate that takes it back (theory 8.5).
+"""Drift of tools' orientations from those of their hands, and the rates that take them back (theory 8.5).
 
 A wave line carries angular velocity. Sums of it agree at both ends but for the line's own stretch e, the angle by which the
 tool has travelled farther than the hand: a spring's, that has to stay. Orientations do not follow from sums, as rotations do
@@ -7,9 +7,15 @@ not commute: R_tool drifts away from exp(e) R_hand. Each frame asks for SHARE of
     delta = log(R_tool (exp(e) R_hand)^-1)          correction rate = -SHARE delta / T
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cogrip.protocol.rotations import Quaternion, Vector, between, exp, product
+from cogrip.protocol.setting_types import PLACES
+
+Array = NDArray[np.float64]
 
 SHARE = 1.0 / 16.0
 NONE: Vector = (0.0, 0.0, 0.0)
@@ -72,6 +78,61 @@ class OrientationDrift:
         self.drift_rad = drift = between(product(exp(stretch), exp(rotation)), turned)
         rate = -SHARE / period
         self.correction_radps = rate * drift[0], rate * drift[1], rate * drift[2]
+
+
+class DriftCorrection:
+    """Correction of all tools in a world whose orientation is driven. Rows are of six axes, shape (n, 6), in the world's frame.
+
+    driven: numbers of the seats that turn their tools; drift: of each of these tools, by number of its seat
+    """
+
+    def __init__(self, driven: Iterable[int], frame_s: float) -> None:
+        self.driven = list(driven)
+        self.drift = {user: OrientationDrift(frame_s) for user in self.driven}
+        self._half_frame_s = 0.5 * frame_s
+
+    def begin(self, user: int) -> None:
+        """Begin with a tool that has just been taken, where the hand has it, or that has been let go."""
+        if user in self.drift:
+            self.drift[user].begin()
+
+    def report(self, user: int, rotation_rad: Sequence[float], travelled_rad: Sequence[float]) -> None:
+        """Enter how a hand had turned at the end of the frame that is stepped next."""
+        if user in self.drift:
+            self.drift[user].report(rotation_rad, travelled_rad)
+
+    def corrected(self, u: Array, impedance: Array, level_j: float) -> Array:
+        """Return the waves with what turns tools back to their hands, as far as a ledger at this level pays for it.
+
+        impedance: of each axis, shape (n, 6).
+        """
+        out = u.copy()
+        for user, drift in self.drift.items():
+            out[user, PLACES:] += np.array(drift.correction_radps) * np.sqrt(0.5 * impedance[user, PLACES:])
+        cost_j = self._half_frame_s * float(np.add.reduce(out * out - u * u, axis=None))
+        return u if cost_j > max(0.0, level_j) else out
+
+    def watch(self, turned: Sequence[Quaternion], rates: Array, added: Array, impedance: Array) -> None:
+        """Enter a step: how each driven tool is turned in its hand's frame, rates, and the waves that were not the hands'."""
+        for (user, drift), pose in zip(self.drift.items(), turned, strict=True):
+            theirs = rates[user, PLACES:] - added[user, PLACES:] / np.sqrt(
+                2.0 * impedance[user, PLACES:]
+            )  # sqrt(2b) w = u + v
+            drift.step(pose, theirs.tolist())
+
+    @property
+    def saved_numbers(self) -> int:
+        """Return the length of a saved state."""
+        return SAVED * len(self.driven)
+
+    def save(self) -> tuple[float, ...]:
+        """Return the state between two frames."""
+        return tuple([number for drift in self.drift.values() for number in drift.save()])
+
+    def restore(self, saved: Sequence[float]) -> None:
+        """Continue from a saved state."""
+        for place, drift in enumerate(self.drift.values()):
+            drift.restore(saved[SAVED * place : SAVED * (place + 1)])
 
 
 def _less(a: Sequence[float], b: Sequence[float]) -> Vector:

@@ -61,7 +61,7 @@ class SceneWorld(World):
         self._object_dof = -1 if scene.object < 0 else int(model.jnt_dofadr[model.body_jntadr[scene.object]])
         self._start = model.qpos0[self._object : self._object + 3].copy() if scene.object >= 0 else np.zeros(3)
         self._unturned = model.qpos0[self._object + 3 : self._object + 7].tolist() if scene.object >= 0 else UNTURNED
-        self._shapes, self._drawn = shapes_of(scene, self._start)
+        self._shapes, self._drawn, _ = shapes_of(scene, self._start)
         self._energy = SceneEnergy(model)
         self._equalities, self._warm = EqualityRows(model), WarmStart(model)
         super().__init__(seats)
@@ -71,8 +71,8 @@ class SceneWorld(World):
         self.solid, self.kinematic = np.zeros((2, len(seats)), dtype=bool)
         self._dofs = np.array([range(tool.dof, tool.dof + 3) for tool in scene.tools])
         self._places = np.array([range(tool.coordinate, tool.coordinate + 3) for tool in scene.tools])
-        self.turning = TurningPorts(scene, seats, self.frame_s)
-        self._set_ports()
+        self.turning = TurningPorts(scene, self.frame_s)
+        self._drive = np.sqrt(2.0 * self.port_impedance)
         self._driven_axes = np.ones((len(seats), self.axes), dtype=bool)
         self._driven_axes[:, PLACES:] = [[tool.driven] for tool in scene.tools]
         self._grips = [grip_of(model, tool) for tool in scene.tools]
@@ -84,11 +84,6 @@ class SceneWorld(World):
             self._park(user)
         self._refresh()
         self._watch: tuple[int, TaskWatch] | None = None  # body of the task, and its progress
-
-    def _set_ports(self) -> None:
-        self._port_impedance = np.repeat(self.impedance, self.axes, axis=1)
-        self._port_impedance[:, PLACES:] = self.turning.impedance
-        self._drive = np.sqrt(2.0 * self._port_impedance)
 
     def watch(self, task: Task) -> None:
         """Watch how far a task comes, if it states one. Raises SceneError for a body that the scene has not."""
@@ -178,8 +173,7 @@ class SceneWorld(World):
         return place if self.axes == PLACES else np.concatenate((place, log(self.turning.turned(self.data, user))))
 
     def hand_turned(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
-        if user in self.turning.drift:
-            self.turning.drift[user].report(rotation_rad, travelled_rad)
+        self.turning.report(user, rotation_rad, travelled_rad)
 
     def stiffness_of(self, user: int) -> float | None:
         return None
@@ -202,13 +196,14 @@ class SceneWorld(World):
     def _damp(self, user: int) -> None:
         """Give a held tool the damper of its port."""
         tool = self.scene.tools[user]
-        damping = np.concatenate((np.repeat(self.impedance[user], PLACES), self.turning.damping(user)))
+        turning = self.turning.damping(user, self.rotational_impedance[user])
+        damping = np.concatenate((np.repeat(self.impedance[user], PLACES), turning))
         dofs = slice(tool.dof, tool.dof + tool.dofs)
         self.scene.model.dof_damping[dofs] = self._grips[user].damping + self.port_damped * damping
 
     def impedance_changed(self, user: int) -> None:
-        self.turning.set_impedance(user, float(self.impedance[user, 0]))
-        self._set_ports()
+        super().impedance_changed(user)
+        self._drive = np.sqrt(2.0 * self.port_impedance)
         if self.holding[user]:
             self._damp(user)
             self._refresh()
@@ -231,6 +226,7 @@ class SceneWorld(World):
         dofs = slice(tool.dof, tool.dof + tool.dofs)
         self.holding[user] = False
         self.force[user] = 0.0
+        self.turning.begin(user)
         self.data.qfrc_applied[dofs] = 0.0
         self.data.qvel[dofs] = 0.0
         model.dof_damping[dofs] = self._grips[user].damping
@@ -270,14 +266,14 @@ class SceneWorld(World):
     # Stepping
 
     def step(self, inputs: Array) -> Array:
-        data, turning, b = self.data, self.turning, self._port_impedance
+        data, turning, b = self.data, self.turning, self.port_impedance
         held = self.holding[:, None] & self._driven_axes
         all_held = bool(held.all())
         theirs = u = inputs if all_held else np.where(held, inputs, 0.0)  # of the hands; u: what drives the tools
         local = u
         frames = turning.frames(data)
         if turning.driven:
-            u = turning.corrected(u, self.limiter.level_j)
+            u = turning.corrected(u, b, self.limiter.level_j)
             local = turning.to_tools(frames, u)
         drive = self._drive * local
         before = data.qpos[self._places]
@@ -296,7 +292,8 @@ class SceneWorld(World):
         force = drive - b * w
         if turning.driven:
             back, force = turning.to_world(frames, back), turning.to_world(frames, force)
-            turning.watch(data, turning.to_world(frames, w), u - theirs)
+            poses = [turning.turned(data, user) for user in turning.driven]
+            turning.watch(poses, turning.to_world(frames, w), u - theirs, b)
         self.force = force
 
         factor = self.limiter.limit(dot(theirs, theirs), dot(back, back), self._gain())

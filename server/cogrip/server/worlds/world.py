@@ -12,6 +12,7 @@ from cogrip.protocol.drawing import Shape
 from cogrip.protocol.effects import Effect
 from cogrip.protocol.line.energy_sums import add_compensated
 from cogrip.protocol.object_kinds import kind_of
+from cogrip.protocol.rotations import between, exp
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import REMOTE_FORCE_N, SeatSettings
 from cogrip.protocol.waves import server_gain
@@ -33,13 +34,27 @@ def dot(a: Array, b: Array) -> float:
     return float(np.add.reduce(a * b, axis=None))
 
 
+def displacement(before: Array, after: Array) -> Array:
+    """Return by how much each row of places [m], of six axes with a rotation vector [rad] behind it, has gone to another one.
+
+    Of orientations that is the rotation vector from one to the other, in the world's frame: T times the mean rate.
+    """
+    moved: Array = after - before
+    if moved.shape[1] > PLACES:
+        turns = zip(before[:, PLACES:].tolist(), after[:, PLACES:].tolist(), strict=True)
+        moved[:, PLACES:] = [between(exp(was), exp(now)) for was, now in turns]
+    return moved
+
+
 class World(ABC):
     """One object and its users. `step` takes one row of inputs a user, shape (n, inputs), and returns rows to send back.
 
     Positions of a user (proxy, device) are in that user's own frame: `offset` is what joining put between it and the
     object's (theory section 3.7: the proxy starts on the object, wherever the hand is).
 
-    failed  why it is not stepped any more, "" while it is
+    failed          why it is not stepped any more, "" while it is
+    impedance       b of each person's port [N s/m], shape (n, 1); rotational_impedance: b_r [N m s], where a tool turns
+    port_impedance  b, of a rotation b_r, of each axis, shape (n, a)
     """
 
     axes_allowed: ClassVar[Sequence[int]] = (1, 2, 3)
@@ -61,6 +76,10 @@ class World(ABC):
         self.mass_kg = first.object.mass_kg
         self.object_damping = first.object.damping_nspm
         self.impedance = np.array([[seat.coupling.impedance_nspm] for seat in seats])
+        self.rotational_impedance = np.array([[seat.coupling.rotational_impedance_nms] for seat in seats])
+        self.port_impedance = np.repeat(self.impedance, axes, axis=1)
+        self.port_impedance[:, PLACES:] = self.rotational_impedance
+        self._square_m = [seat.coupling.length_m**2 for seat in seats]  # b_r / b
         self.wave_gain = np.array([[server_gain(seat.coupling.impedance_nspm)] for seat in seats])  # c
         self.side = np.array([seat.side_sign for seat in seats])
         self.target_stiffness = np.array([[seat.rendered_npm] for seat in seats])
@@ -140,8 +159,14 @@ class World(ABC):
             self.impedance_changed(user)
 
     def impedance_changed(self, user: int) -> None:
-        """Compute anew what is kept of a person's impedance; a world that keeps more of it extends this."""
-        self.wave_gain[user] = server_gain(float(self.impedance[user, 0]))
+        """Compute anew what is kept of a person's impedance; a world that keeps more of it extends this.
+
+        b_r goes with b: the characteristic length stays (theory 8.5).
+        """
+        b = float(self.impedance[user, 0])
+        self.wave_gain[user] = server_gain(b)
+        self.rotational_impedance[user] = self._square_m[user] * b
+        self.port_impedance[user, :PLACES], self.port_impedance[user, PLACES:] = b, self.rotational_impedance[user]
 
     def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
         """Step in plain floats: a row a user in, a row a user out."""

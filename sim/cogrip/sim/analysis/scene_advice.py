@@ -3,12 +3,16 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
 from cogrip.protocol.felt_stiffness import felt_stiffness
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.line_tuning import filter_lag_s
 from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
 from cogrip.server.worlds.local_geometry import local_geometry
 from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, held_by, load_scene
+from cogrip.server.worlds.scene_shapes import shapes_of
+from cogrip.server.worlds.scene_surfaces import MOST_MESHES
 from cogrip.server.worlds.scene_text import MOST_NAMED
 from cogrip.sim.analysis.advice import Finding, overloads, plain, unbounded
 
@@ -20,7 +24,7 @@ def scene_findings(settings: Settings) -> list[Finding]:
     scene = load_scene(Path(given.file), held_by(settings), seats[0].rates.frame_s / given.substeps)
     felt = [_felt(scene, seat) for seat in seats if seat.coupling.kind == "wave"]
     local = [each for seat in seats if seat.coupling.kind == "local" for each in _local(scene, seat)]
-    return [*_contact(scene), *felt, *local, *_loads(settings)]
+    return [*_contact(scene), *felt, *local, *_drawn(scene), *_loads(settings)]
 
 
 def _contact(scene: Scene) -> Iterator[Finding]:
@@ -32,6 +36,17 @@ def _contact(scene: Scene) -> Iterator[Finding]:
             " back to the hands than they put in and 1 mJ; leave these out, or run it and look at `energy_limiter`"
         )
         yield Finding("contact", text, "warning")
+
+
+def _drawn(scene: Scene) -> Iterator[Finding]:
+    """Yield which meshes are drawn as boxes."""
+    if boxed := shapes_of(scene, np.zeros(3)).boxed:
+        more = f" and {len(boxed) - MOST_NAMED} more" if len(boxed) > MOST_NAMED else ""
+        text = (
+            f"drawn as boxes, {len(boxed)} in all: {', '.join(boxed[:MOST_NAMED])}{more}; {MOST_MESHES} meshes of a scene are "
+            "drawn as their hulls, and one that is flat has none; contact is the same"
+        )
+        yield Finding("drawn", text, "note")
 
 
 def _local(scene: Scene, seat: SeatSettings) -> Iterator[Finding]:

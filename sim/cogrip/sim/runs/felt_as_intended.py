@@ -22,6 +22,10 @@ STIFFNESS_JND = 0.23
 SOFTER, SOFTER_BRIEF = "Softer than asked for", "softer than asked"
 LEAST_FELT_N = 0.05
 """Peak force below which a hand has felt nothing: about the smallest that a finger notices."""
+LEAST_FELT_NM = 0.02 * LEAST_FELT_N
+"""The same of a torque: that force at a handle's radius."""
+
+_LEAST_FELT = (("peak_force_n", LEAST_FELT_N), ("peak_torque_nm", LEAST_FELT_NM))
 
 
 def felt_as_intended(summary: Summary, stable: bool) -> Judgement:
@@ -40,7 +44,7 @@ def felt_as_intended(summary: Summary, stable: bool) -> Judgement:
     elif (unknown := names_of(row for row in held if not is_number(row.get("at_limit")))) or not held:
         whom = some(unknown) or "anybody"
         text = f"Whether it felt as intended is not known: limits on the force were not reported of {whom}."
-    elif not any((_value(row, "peak_force_n") or 0.0) >= LEAST_FELT_N for row in held):
+    elif not any((_value(row, key) or 0.0) >= least for row in held for key, least in _LEAST_FELT):
         text = "Nothing was felt: no hand met a force."
     elif softer := _softer(held):
         text, brief = f"{SOFTER}: {softer}.", SOFTER_BRIEF

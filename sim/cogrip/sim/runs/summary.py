@@ -184,6 +184,7 @@ def _user(user: UserRecord, claims: bool, credit_j: float) -> dict[str, Any]:
         "proxy_m": _of(seat, "proxy_m"),
         "force_n": _of(client, "force_n"),
         "peak_force_n": _of(client, "peak_force_n"),
+        "peak_torque_nm": _of(client, "peak_torque_nm"),
         "peak_force_step_n": _of(client, "peak_step_n"),
         "travel_m": _of(client, "travel_m"),
         "asked_stiffness_npm": user.asked_npm,

@@ -1,17 +1,18 @@
 /** Bodies of a scene: its shapes in three.js, each body moved to its pose. */
 
 import {
-  BoxGeometry, CapsuleGeometry, Color, CylinderGeometry, DoubleSide, EdgesGeometry, FrontSide, Group, LineBasicMaterial, LineSegments, Mesh,
+  BoxGeometry, BufferGeometry, CapsuleGeometry, Color, CylinderGeometry, DoubleSide, EdgesGeometry, Float32BufferAttribute, FrontSide, Group,
+  LineBasicMaterial, LineSegments, Mesh,
   MeshLambertMaterial, PlaneGeometry, Quaternion, SphereGeometry, Vector3,
 } from "three";
 
 const LEAST_M = 1e-4; // a side of nothing has no normal
 const WIDEST = 0.75; // half the side of a plane as it is drawn, in workspaces: contact has no end, and a full picture is slow to draw
 
-/** @typedef {{kind: string, size_m: number[], body: number | null, place_m: number[], orientation: number[], rgba: number[] | null, seat: number | null, object: boolean}} Shape */
+/** @typedef {{kind: string, size_m: number[], body: number | null, place_m: number[], orientation: number[], rgba: number[] | null, seat: number | null, object: boolean, triangles?: string}} Shape */
 
 /** @param {Shape} shape @param {import("three").Box3} space that the camera takes in @returns {import("three").BufferGeometry} in the frame of its body */
-export function shapeGeometry({ kind, size_m, place_m, orientation: [w, x, y, z] }, space) {
+export function shapeGeometry({ kind, size_m, place_m, orientation: [w, x, y, z], triangles }, space) {
   const [a, b, c] = size_m.map((each) => Math.max(each, LEAST_M));
   const turned = new Quaternion(x, y, z, w);
   const middle = () => space.getCenter(new Vector3()).sub(new Vector3(...place_m)).applyQuaternion(turned.clone().invert());
@@ -22,8 +23,19 @@ export function shapeGeometry({ kind, size_m, place_m, orientation: [w, x, y, z]
     capsule: () => new CapsuleGeometry(a, 2 * b, 8, 24).rotateX(Math.PI / 2), // its axis is z
     cylinder: () => new CylinderGeometry(a, a, 2 * b, 32).rotateX(Math.PI / 2),
     plane: () => planeGeometry(size_m, space.getSize(new Vector3()), middle()),
+    mesh: () => surfaceGeometry(size_m, triangles ?? ""),
   }[kind];
   return make().applyQuaternion(turned).translate(...place_m);
+}
+
+/** Part of a mesh's surface. @param {string} triangles base64 of three corners each, 16 bits a coordinate: from -size_m to size_m */
+function surfaceGeometry(size_m, triangles) {
+  const bytes = Uint8Array.from(atob(triangles), (each) => each.charCodeAt(0));
+  const counts = new DataView(bytes.buffer);
+  const points = Float32Array.from({ length: bytes.length / 2 }, (_, index) => size_m[index % 3] * (counts.getUint16(2 * index, true) / 32767.5 - 1));
+  const geometry = new BufferGeometry().setAttribute("position", new Float32BufferAttribute(points, 3));
+  geometry.computeVertexNormals(); // no corner is shared, so each face has its own
+  return geometry;
 }
 
 /** The part of a plane below the workspace. @param {Vector3} middle of the workspace, in the plane's frame */
