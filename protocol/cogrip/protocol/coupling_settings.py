@@ -14,6 +14,7 @@ from cogrip.protocol.line_tuning import USUAL_NSPM, corner_hz, filter_lag_s, tun
 from cogrip.protocol.rates import Rates
 
 LEAST_FILTER_HZ = 0.05
+GRIP_NSPM = 10.0  # of a gripper, where nothing else is said
 
 
 class CouplingBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -29,6 +30,7 @@ class CouplingBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     server_step: types.ServerStep = "passive"
     encoder: types.Encoder = "displacement"
     rotational_impedance_nms: types.RotationalImpedance = 0.02  # of the axes that turn, where there are six
+    grip_impedance_nspm: types.Impedance | msgspec.UnsetType = msgspec.UNSET  # of a gripper; of a seat without one: unset
 
 
 class CouplingSection(CouplingBase, frozen=True, forbid_unknown_fields=True):
@@ -48,6 +50,15 @@ class Coupling(CouplingBase, frozen=True, forbid_unknown_fields=True):
         """Characteristic length l [m], by which an angle is a length of the same impedance: b l^2 = b_r."""
         return sqrt(self.rotational_impedance_nms / self.impedance_nspm)
 
+    @property
+    def grip_nspm(self) -> float:
+        """Impedance b_g of the gripper [N s/m], 0 where there is none."""
+        return 0.0 if self.grip_impedance_nspm is msgspec.UNSET else self.grip_impedance_nspm
+
+    def unit(self, axes: int) -> float:
+        """Return which length of impedance b one unit behind the places is: l [m] of an angle, of an opening sqrt(b_g / b)."""
+        return sqrt(self.grip_nspm / self.impedance_nspm) if axes == types.GRIP_AXES else self.length_m
+
 
 class LineTuning(msgspec.Struct, frozen=True, array_like=True):
     """Filter of one seat's waves, and what its client may change: array-like, as a welcome has no room for more keys."""
@@ -64,10 +75,17 @@ class LineTuning(msgspec.Struct, frozen=True, array_like=True):
 
 
 def of_seat(
-    asked: CouplingSection, playout: PlayoutDelay, ways: Iterable[Direction], rates: Rates
+    asked: CouplingSection, playout: PlayoutDelay, ways: Iterable[Direction], rates: Rates, grips: bool
 ) -> tuple[Coupling, LineTuning]:
-    """Return coupling and tuning of a seat: in place of "auto" stands what suits the delay that settings say."""
+    """Return coupling and tuning of a seat: in place of "auto" stands what suits the delay that settings say.
+
+    grips: its hand drives a gripper
+    """
     values = msgspec.structs.asdict(asked)
+    if not grips:
+        values["grip_impedance_nspm"] = msgspec.UNSET
+    elif asked.grip_impedance_nspm is msgspec.UNSET:
+        values["grip_impedance_nspm"] = GRIP_NSPM
     prefer, b, corner = [values.pop(name) for name in ("prefer", "impedance_nspm", "wave_filter_hz")]
     auto = b == "auto", corner == "auto"
     if any(auto):

@@ -28,7 +28,7 @@ from cogrip.protocol.messages import (
     Welcome,
 )
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
-from cogrip.protocol.setting_types import POSE_AXES
+from cogrip.protocol.setting_types import GRIP_AXES, POSE_AXES
 from cogrip.protocol.texts import clipped, shown
 
 HELLO_EVERY_NS = 250_000_000
@@ -322,6 +322,8 @@ def unfit(
         return version_mismatch(hello.version)
     if hello.digest and hello.digest != digest:
         return "settings", f"your settings ({hello.digest}) are not the server's ({digest}): use the same file, or none"
+    if axes == GRIP_AXES and hello.device_axes != axes:
+        return "axes", f"device {hello.device} has no gripper with force, as this seat's tool asks for; take one that has, or another seat"
     if hello.device_axes < axes:
         cure = ': set orientation = "free", "damped" or "fixed" for this seat' if axes == POSE_AXES else ""
         return "axes", f"device {hello.device} moves on {hello.device_axes} of the {axes} axes of this room{cure}"

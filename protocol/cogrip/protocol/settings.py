@@ -30,7 +30,7 @@ from cogrip.protocol.network_rate import best_rate, take_auto
 from cogrip.protocol.object_fit import unfit_object
 from cogrip.protocol.object_kinds import KindText, LocalKindText, kind_of, shared_kind
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
-from cogrip.protocol.setting_types import MOST_RENDERED_NPM, PLACES, POSE_AXES, Name, Seconds, Seed, Side
+from cogrip.protocol.setting_types import GRIP_AXES, MOST_RENDERED_NPM, PINCH, PLACES, POSE_AXES, Name, Seconds, Seed, Side
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
 from cogrip.protocol.task import Task
 from cogrip.protocol.tool_frame import ToolFrame
@@ -120,10 +120,16 @@ class User(HandSection, frozen=True, forbid_unknown_fields=True):
     compensate: bool | None = None
     device_hz: DeviceHz | None = None
     power_w: types.Watts | None = None  # None: [admission]'s
-    tool: str = ""  # body of a scene that this person moves; "" one is added
+    tool: str = ""  # body of a scene that this person moves; "" one is added; PINCH: with a gripper
     # of that tool: "driven" by the hand; "" driven where the room has six axes, else as the body's joints have it
     orientation: types.Orientation = ""
     rotational_impedance_nms: types.RotationalImpedance | None = None
+    grip_impedance_nspm: types.Impedance | None = None
+
+    @property
+    def grips(self) -> bool:
+        """True where the hand drives a gripper, whose opening is an axis of its line."""
+        return self.tool.partition(":")[0] == PINCH
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -292,7 +298,7 @@ def coupling_of(settings: Settings, user: User) -> Coupling:
 
 def tuned_coupling(settings: Settings, user: User) -> tuple[Coupling, LineTuning]:
     """Return the coupling of this user's seat, and the tuning of its line."""
-    return of_seat(coupling_asked(settings, user), settings.playout, ways_of(settings), rates_of(settings, user))
+    return of_seat(coupling_asked(settings, user), settings.playout, ways_of(settings), rates_of(settings, user), user.grips)
 
 
 def not_passive(settings: Settings) -> str:
@@ -310,8 +316,13 @@ def not_passive(settings: Settings) -> str:
 
 
 def seat_axes(settings: Settings, user: User) -> int:
-    """Return the number of axes of a user's seat: in a room of poses only the places, where the hand does not turn its tool."""
+    """Return the number of axes of a user's seat: in a room of poses only the places, where the hand does not turn its tool.
+
+    One more where it drives a gripper.
+    """
     axes = settings.object.axes
+    if user.grips:
+        return GRIP_AXES
     return axes if axes < POSE_AXES or user.orientation in ("", "driven") else PLACES
 
 

@@ -8,6 +8,8 @@ Per axis at a tool, T frame, h = T/n step, b impedance, u wave that came, held o
 The work of force and damper is what MuJoCo integrates; the last sum is lost. Contact adds nothing where it creates nothing
 (`scene_file`), and whatever it does, the limiter bounds what goes back (`energy_limiter`).
 
+A tool that is a gripper has one axis more, of impedance b_g, at the joint of its finger: all of the above, with q_k its rate.
+
 A tool with an orientation that is driven has three axes more, of impedance b_r, waves in the world's frame. MuJoCo turns a body
 by rates in its own frame: with R its orientation at the frame's start, u and v are R^T u and R^T v there, of the same squares,
 and w is the mean rate. As rotations do not commute, R drifts from the hand's; `orientation_drift` brings it back.
@@ -25,11 +27,12 @@ import numpy as np
 
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.rotations import UNTURNED, exp, inverse, log, product, turned
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.task import Task
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.equality_rows import EqualityRows
+from cogrip.server.worlds.opening_ports import OpeningPorts
 from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
 from cogrip.server.worlds.scene_file import Scene, body_of
 from cogrip.server.worlds.scene_grips import grip_of
@@ -71,10 +74,10 @@ class SceneWorld(World):
         self.solid, self.kinematic = np.zeros((2, len(seats)), dtype=bool)
         self._dofs = np.array([range(tool.dof, tool.dof + 3) for tool in scene.tools])
         self._places = np.array([range(tool.coordinate, tool.coordinate + 3) for tool in scene.tools])
-        self.turning = TurningPorts(scene, seats, self.frame_s)
+        self.turning, self.openings = TurningPorts(scene, seats, self.frame_s), OpeningPorts(scene, seats)
         self._set_ports()
         self._driven_axes = np.ones((len(seats), self.axes), dtype=bool)
-        self._driven_axes[:, PLACES:] = [[tool.driven] for tool in scene.tools]
+        self._driven_axes[:, PLACES:] = [[tool.driven or tool.opening >= 0] for tool in scene.tools]
         self._grips = [grip_of(model, tool) for tool in scene.tools]
         start = np.array([model.body_pos[tool.body] for tool in scene.tools])
         self.offset[:, :PLACES] = self._start - start  # from the object's frame to each hand's own
@@ -87,7 +90,8 @@ class SceneWorld(World):
 
     def _set_ports(self) -> None:
         self._port_impedance = np.repeat(self.impedance, self.axes, axis=1)
-        self._port_impedance[:, PLACES:] = self.turning.impedance
+        behind = self.openings if self.axes == GRIP_AXES else self.turning
+        self._port_impedance[:, PLACES:] = np.where(behind.impedance, behind.impedance, self.impedance)
         self._drive = np.sqrt(2.0 * self._port_impedance)
 
     def watch(self, task: Task) -> None:
@@ -108,15 +112,15 @@ class SceneWorld(World):
             return np.zeros(self.axes)
         at = self.data.qpos[self._object : self._object + 7]
         place: Array = at[:3] - self._start
-        if self.axes == PLACES:
-            return place
+        if self.axes < POSE_AXES:
+            return np.append(place, [0.0] * (self.axes - PLACES))  # it has no opening
         return np.concatenate((place, log(product(at[3:].tolist(), inverse(self._unturned)))))
 
     @position.setter
     def position(self, value: Array) -> None:
         if self._object >= 0 and not np.array_equal(value, self.position):
             self.data.qpos[self._object : self._object + 3] = self._start + value[:PLACES]
-            if self.axes > PLACES:
+            if self.axes == POSE_AXES:
                 self.data.qpos[self._object + 3 : self._object + 7] = product(
                     exp(value[PLACES:].tolist()), self._unturned
                 )
@@ -129,7 +133,9 @@ class SceneWorld(World):
         if self._object < 0:
             return np.zeros(self.axes)
         rates: Array = self.data.qvel[self._object_dof : self._object_dof + self.axes].copy()
-        if self.axes > PLACES:
+        if self.axes == GRIP_AXES:
+            rates[PLACES:] = 0.0
+        if self.axes == POSE_AXES:
             rates[PLACES:] = turned(self.orientation.tolist(), rates[PLACES:].tolist())
         return rates
 
@@ -175,7 +181,11 @@ class SceneWorld(World):
     def proxy(self, user: int) -> Array:
         first = self.scene.tools[user].coordinate
         place: Array = self.data.qpos[first : first + PLACES] - self._zero[user]
-        return place if self.axes == PLACES else np.concatenate((place, log(self.turning.turned(self.data, user))))
+        if self.axes == PLACES:
+            return place
+        if self.axes == GRIP_AXES:
+            return np.append(place, self.openings.opening(self.data, user))
+        return np.concatenate((place, log(self.turning.turned(self.data, user))))
 
     def hand_turned(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
         if user in self.turning.drift:
@@ -190,6 +200,8 @@ class SceneWorld(World):
         data, grip, tool = self.data, self._grips[user], self.scene.tools[user]
         data.qpos[self._places[user]] = self._zero[user] + position_m[:PLACES]
         self.turning.place(data, user, position_m[PLACES:].tolist())
+        self.openings.place(data, user, float(position_m[-1]))
+        self.openings.rest(data, user)
         dofs = slice(tool.dof, tool.dof + tool.dofs)
         data.qvel[dofs] = 0.0
         self._damp(user)
@@ -205,9 +217,11 @@ class SceneWorld(World):
         damping = np.concatenate((np.repeat(self.impedance[user], PLACES), self.turning.damping(user)))
         dofs = slice(tool.dof, tool.dof + tool.dofs)
         self.scene.model.dof_damping[dofs] = self._grips[user].damping + self.port_damped * damping
+        self.openings.hold(user, True)
 
     def impedance_changed(self, user: int) -> None:
         self.turning.set_impedance(user, float(self.impedance[user, 0]))
+        self.openings.set_impedance(user, float(self.impedance[user, 0]))
         self._set_ports()
         if self.holding[user]:
             self._damp(user)
@@ -234,6 +248,8 @@ class SceneWorld(World):
         self.data.qfrc_applied[dofs] = 0.0
         self.data.qvel[dofs] = 0.0
         model.dof_damping[dofs] = self._grips[user].damping
+        self.openings.hold(user, False)
+        self.openings.rest(self.data, user)
         model.body_gravcomp[tool.body] = 1.0
         self._touch(user, False)
 
@@ -313,6 +329,9 @@ class SceneWorld(World):
         data.qfrc_applied[dofs] = force[:, :PLACES]
         if turning:
             data.qfrc_applied[self.turning.dofs] = force[turning, PLACES:]
+        grippers = self.openings.users
+        if grippers:
+            data.qfrc_applied[self.openings.dofs] = force[grippers, PLACES]
         rates = np.zeros((self.substeps, *force.shape))
         for number, rate in enumerate(rates, 1):
             data.efc_margin[:] = 0.0
@@ -323,6 +342,8 @@ class SceneWorld(World):
             rate[:, :PLACES] = data.qvel[dofs]
             if turning:
                 rate[turning, PLACES:] = data.qvel[self.turning.dofs]
+            if grippers:
+                rate[grippers, PLACES] = data.qvel[self.openings.dofs]
             if number == self.substeps:
                 self.contacts.read(data)
             mujoco.mj_step1(model, data)
