@@ -1,7 +1,7 @@
 """Limits of one group of a device's axes, those that are places or those behind them: peak, warm motors, slope.
 
-Each group has its own: force, torque and the force of a gripper are of different motors. Symbols: forces [N], shape (axes of the
-group,); behind the places forces on lengths (`pose_axes`, `grip_axes`), which `shown` turns back.
+Each group has its own: force, torque and the force of a gripper are of different motors. Symbols: forces [N], shape (axes of
+the group,); behind the places forces on lengths (`pose_axes`, `grip_axes`), which `shown` turns back.
 """
 
 from collections.abc import Callable, Sequence
@@ -50,7 +50,10 @@ def bounds_of(record: Capability, unit: float) -> tuple[Bounds, ...]:
     if record.gripper is not None and record.grip_m is not None:
         closed, opened = record.grip_m
         beyond = BEYOND * (opened - closed)
-        units, range_m = ("N at the gripper", "m/s at the gripper"), (unit * (closed - beyond), unit * (opened + beyond))
+        units, range_m = (
+            ("N at the gripper", "m/s at the gripper"),
+            (unit * (closed - beyond), unit * (opened + beyond)),
+        )
     return places, Bounds(other.peak_n, other.continuous_n, other.slew_nps, other.speed_mps, unit, *units, range_m)
 
 

@@ -1,6 +1,7 @@
 """Axes of a seat with a gripper that has force, as one vector of lengths of one impedance: see `pose_axes`.
 
-With b_g the gripper's own impedance, b that of the places, lambda = sqrt(b_g / b) of its seat, g opening [m], F_g its force [N]:
+With b_g the gripper's own impedance, b that of the places, lambda = sqrt(b_g / b) of its seat, g opening [m], F_g its force
+[N]:
 
     q = (x, lambda g)          f = (F, F_g / lambda)          f dq/dt = F dx/dt + F_g dg/dt
 

@@ -2,7 +2,7 @@
 
     p_w = p_0 + g R (x_h - x_0)        v_w = g R v_h        F_h = (s / g) R^T F_w
 
-Angles are turned and not scaled, the opening of a gripper is neither, and torques, and its force, have the weight of the forces:
+Angles are turned and not scaled, the opening of a gripper is neither; torques, and its force, have the weight of the forces:
 
     omega_w = R omega_h        tau_h = (s / g^2) R^T tau_w        F_h v_h + tau_h omega_h = (s / g^2) (F_w v_w + tau_w omega_w)
 

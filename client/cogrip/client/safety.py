@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from math import hypot, inf, isfinite, sqrt
 from typing import Literal, get_args
 
-from cogrip.client.force_limits import ForceLimits, bounds_of
+from cogrip.client.force_limits import Bounds, ForceLimits, bounds_of
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
 from cogrip.protocol.setting_types import PLACES
@@ -166,19 +166,23 @@ class Safety:
         if square > self._speed_mps * self._speed_mps:
             self.fail(f"over-speed: {sqrt(square):.2f} m/s is above {self._speed_mps:g} m/s; slow down, then re-arm")
         if self._behind is not None:
-            bounds = self._behind.bounds
-            if other > bounds.speed_mps**2:
-                speeds = [speed / bounds.per_unit for speed in (sqrt(other), bounds.speed_mps)]
-                unit = bounds.rate_unit
-                self.fail(f"over-speed: {speeds[0]:.2f} {unit} is above {speeds[1]:g} {unit}; slow down, then re-arm")
-            if bounds.range_m is not None and not bounds.range_m[0] <= position_m[-1] <= bounds.range_m[1]:
-                low, at, high = [1e3 * x / bounds.per_unit for x in (bounds.range_m[0], position_m[-1], bounds.range_m[1])]
-                self.note("implausible opening")
-                self.fail(f"the gripper's opening of {at:.4g} mm is out of {low:.4g} to {high:.4g} mm; check its sensor, then re-arm")
+            self._check_behind(self._behind.bounds, sqrt(other), position_m[-1])
         for axis, (low, high) in enumerate(self._workspace_m):  # angles have none
             if not low <= position_m[axis] <= high:
                 self.diverged = self.diverged or f"the hand left the workspace at {position_m[axis]:.4g} m"
         return True
+
+    def _check_behind(self, bounds: Bounds, speed_mps: float, last_m: float) -> None:
+        """Check the axes behind the places: their speed, and the opening of a gripper."""
+        if speed_mps > bounds.speed_mps:
+            speeds, unit = [speed / bounds.per_unit for speed in (speed_mps, bounds.speed_mps)], bounds.rate_unit
+            self.fail(f"over-speed: {speeds[0]:.2f} {unit} is above {speeds[1]:g} {unit}; slow down, then re-arm")
+        if bounds.range_m is not None and not bounds.range_m[0] <= last_m <= bounds.range_m[1]:
+            low, at, high = [1e3 / bounds.per_unit * each for each in (bounds.range_m[0], last_m, bounds.range_m[1])]
+            self.note("implausible opening")
+            self.fail(
+                f"the gripper's opening of {at:.4g} mm is out of {low:.4g} to {high:.4g} mm; check its sensor, then re-arm"
+            )
 
     def coming_gain(self, wished: bool = True) -> float:
         """Return the gain of the next `limit`. wished: whether there is a law's force."""

@@ -11,12 +11,12 @@ from msgspec.structs import replace
 from cogrip.client.coupling import AnyCoupling
 from cogrip.client.effects.force import EffectForce
 from cogrip.client.energy_ledger import EnergyLedger
+from cogrip.client.grip_axes import GripAxes
 from cogrip.client.hand_aids import HandAids
 from cogrip.client.hand_changes import HandChanges
 from cogrip.client.hand_frame import HandFrame
 from cogrip.client.hand_motion import HandMotion
 from cogrip.client.handle import HandleReader, has_handle
-from cogrip.client.grip_axes import GripAxes
 from cogrip.client.pose_axes import PoseAxes, Row, in_lengths
 from cogrip.client.safety import Safety
 from cogrip.devices.device import Capability, Sample
@@ -37,8 +37,8 @@ def axes_of(seat: SeatSettings) -> PoseAxes | GripAxes | None:
 class SeatHand:
     """Base of `SeatedClient`, which sets `coupling`, `safety`, `ledger`, `hand` and `effects`, and calls `follow` each tick.
 
-    Inside, all of a hand that turns, or has a gripper, is in lengths (`pose_axes`, `grip_axes`): `force_n`, `hand` and what they are given to. `wrench`, `pose`
-    and `twist` are as the device has them.
+    Inside, all of a hand that turns or has a gripper is in lengths (`pose_axes`, `grip_axes`): `force_n`, `hand` and what they
+    are given to. `wrench`, `pose` and `twist` are as the device has them.
     """
 
     __slots__ = (

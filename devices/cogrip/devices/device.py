@@ -184,7 +184,9 @@ class Capability:
         if not 0 <= self.buttons <= MOST_BUTTONS:
             raise self._error(f"buttons = {self.buttons} is out of 0 to {MOST_BUTTONS}")
         if (self.gripper is not None) != (self.axes == GRIP_AXES) or (self.gripper and self.grip_m is None):
-            raise self._error(f"axes = {self.axes}: {GRIP_AXES} axes need a gripper's record and grip_m, others have no such record")
+            raise self._error(
+                f"axes = {self.axes}: {GRIP_AXES} axes need a gripper's record and grip_m, others have no such record"
+            )
         ranges = [("workspace_m", *bounds) for bounds in self.workspace_m]
         for name, low, high in ranges + [("grip_m", *bounds) for bounds in [self.grip_m] if bounds]:
             if not (isfinite(low) and isfinite(high) and low < high):
@@ -317,7 +319,7 @@ class Device(Protocol):
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         """Hold `force_n` [N], shape (axes,), until the next write. It is F of P eq. 9 (see above): the hand gets -F.
 
-        Of six axes the last three are a torque [N m]; of four the last is the force of the gripper, which loads fingers that open.
+        Of six axes the last three are a torque [N m]; of four the last is the force that loads fingers as they open [N].
 
         Returns the force that acts where that is another one: its motors cannot give more, or it could not be told yet.
         Raises DeviceError when not open, when the number of axes differs, or when a force is not finite.

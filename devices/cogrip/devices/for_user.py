@@ -44,8 +44,8 @@ def first_axes(device: Device, axes: int) -> Device:
     record = device.capability
     if axes == GRIP_AXES and record.gripper is None:
         raise DeviceError(
-            f'{record.family}:{record.model} has no gripper with force, and the tool "{PINCH}" asks for one; take another device'
-            " or tool"
+            f'{record.family}:{record.model} has no gripper with force, and the tool "{PINCH}" asks for one; take another'
+            " device or tool"
         )
     if record.axes < axes:
         raise DeviceError(

@@ -30,7 +30,9 @@ class CouplingBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     server_step: types.ServerStep = "passive"
     encoder: types.Encoder = "displacement"
     rotational_impedance_nms: types.RotationalImpedance = 0.02  # of the axes that turn, where there are six
-    grip_impedance_nspm: types.Impedance | msgspec.UnsetType = msgspec.UNSET  # of a gripper; of a seat without one: unset
+    grip_impedance_nspm: types.Impedance | msgspec.UnsetType = (
+        msgspec.UNSET
+    )  # of a gripper; of a seat without one: unset
 
 
 class CouplingSection(CouplingBase, frozen=True, forbid_unknown_fields=True):

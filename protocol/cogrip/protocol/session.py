@@ -323,7 +323,10 @@ def unfit(
     if hello.digest and hello.digest != digest:
         return "settings", f"your settings ({hello.digest}) are not the server's ({digest}): use the same file, or none"
     if axes == GRIP_AXES and hello.device_axes != axes:
-        return "axes", f"device {hello.device} has no gripper with force, as this seat's tool asks for; take one that has, or another seat"
+        return (
+            "axes",
+            f"device {hello.device} has no gripper with force, and this seat's tool is one; take another device or seat",
+        )
     if hello.device_axes < axes:
         cure = ': set orientation = "free", "damped" or "fixed" for this seat' if axes == POSE_AXES else ""
         return "axes", f"device {hello.device} moves on {hello.device_axes} of the {axes} axes of this room{cure}"

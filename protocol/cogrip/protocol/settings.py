@@ -30,7 +30,7 @@ from cogrip.protocol.network_rate import best_rate, take_auto
 from cogrip.protocol.object_fit import unfit_object
 from cogrip.protocol.object_kinds import KindText, LocalKindText, kind_of, shared_kind
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
-from cogrip.protocol.setting_types import GRIP_AXES, MOST_RENDERED_NPM, PINCH, PLACES, POSE_AXES, Name, Seconds, Seed, Side
+from cogrip.protocol.setting_types import MOST_RENDERED_NPM, PLACES, POSE_AXES, Name, Seconds, Seed, Side
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
 from cogrip.protocol.task import Task
 from cogrip.protocol.tool_frame import ToolFrame
@@ -129,7 +129,7 @@ class User(HandSection, frozen=True, forbid_unknown_fields=True):
     @property
     def grips(self) -> bool:
         """True where the hand drives a gripper, whose opening is an axis of its line."""
-        return self.tool.partition(":")[0] == PINCH
+        return self.tool.partition(":")[0] == types.PINCH
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -298,7 +298,9 @@ def coupling_of(settings: Settings, user: User) -> Coupling:
 
 def tuned_coupling(settings: Settings, user: User) -> tuple[Coupling, LineTuning]:
     """Return the coupling of this user's seat, and the tuning of its line."""
-    return of_seat(coupling_asked(settings, user), settings.playout, ways_of(settings), rates_of(settings, user), user.grips)
+    return of_seat(
+        coupling_asked(settings, user), settings.playout, ways_of(settings), rates_of(settings, user), user.grips
+    )
 
 
 def not_passive(settings: Settings) -> str:
@@ -322,7 +324,7 @@ def seat_axes(settings: Settings, user: User) -> int:
     """
     axes = settings.object.axes
     if user.grips:
-        return GRIP_AXES
+        return types.GRIP_AXES
     return axes if axes < POSE_AXES or user.orientation in ("", "driven") else PLACES
 
 

@@ -61,7 +61,9 @@ class SeatLimits(msgspec.Struct, frozen=True):
         """Return the looser bound of both."""
         return SeatLimits(*map(max, msgspec.structs.astuple(self), msgspec.structs.astuple(other)))
 
-    def square_of(self, impedance_nspm: float, rotational_impedance_nms: float, grip_impedance_nspm: float) -> float:
+    def square_of(
+        self, impedance_nspm: float, rotational_impedance_nms: float, grip_impedance_nspm: float = 0.0
+    ) -> float:
         """Return the largest |u|^2 of all axes [W]. grip_impedance_nspm: b_g, 0 without a gripper."""
         largest = wave_of(impedance_nspm, self.speed_mps, self.force_n)
         turning = wave_of(rotational_impedance_nms, self.speed_radps, self.torque_nm)

@@ -12,7 +12,17 @@ import msgspec
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import MOST_AXES, Address, Setting, check_axes, keys_of, read_settings, unknown
-from cogrip.devices.simulated import grasp, gripper, hands, ideal, phantom, pose, reconstructed_hand, recorded_hand, waypoints
+from cogrip.devices.simulated import (
+    grasp,
+    gripper,
+    hands,
+    ideal,
+    phantom,
+    pose,
+    reconstructed_hand,
+    recorded_hand,
+    waypoints,
+)
 from cogrip.devices.simulated.device import Plant, SimulatedDevice
 from cogrip.devices.simulated.presses import read_presses
 from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES

@@ -1,7 +1,7 @@
 """Ports of tools that are grippers: the opening, one axis behind the places, whose force acts between finger and thumb.
 
-It is a port as those of the places are (`scene`, theory 8.1): a force sqrt(2 b_g) u and a damper b_g at the finger's joint, with
-an impedance b_g of its own. Rows are those of `World.step`, shape (n, 4), of which the last column of grippers is meant.
+It is a port as those of the places are (`scene`, theory 8.1), with an impedance b_g of its own: a force sqrt(2 b_g) u and a
+damper b_g at the finger's joint. Rows are those of `World.step`, shape (n, 4), of which the last column of grippers is meant.
 """
 
 from collections.abc import Sequence

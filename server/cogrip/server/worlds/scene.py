@@ -26,8 +26,8 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.rotations import UNTURNED, exp, inverse, log, product, turned
-from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
+from cogrip.protocol.rotations import log
+from cogrip.protocol.setting_types import GRIP_AXES, PLACES
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.task import Task
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
@@ -36,6 +36,7 @@ from cogrip.server.worlds.opening_ports import OpeningPorts
 from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
 from cogrip.server.worlds.scene_file import Scene, body_of
 from cogrip.server.worlds.scene_grips import grip_of
+from cogrip.server.worlds.scene_object import SceneObject
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_state import SceneEnergy, check_memory, check_rates
 from cogrip.server.worlds.task_watch import TaskWatch
@@ -60,11 +61,8 @@ class SceneWorld(World):
         model = scene.model
         self.scene, self.substeps = scene, substeps
         self.data = mujoco.MjData(model)
-        self._object = -1 if scene.object < 0 else int(model.jnt_qposadr[model.body_jntadr[scene.object]])
-        self._object_dof = -1 if scene.object < 0 else int(model.jnt_dofadr[model.body_jntadr[scene.object]])
-        self._start = model.qpos0[self._object : self._object + 3].copy() if scene.object >= 0 else np.zeros(3)
-        self._unturned = model.qpos0[self._object + 3 : self._object + 7].tolist() if scene.object >= 0 else UNTURNED
-        self._shapes, self._drawn = shapes_of(scene, self._start)
+        self.object = SceneObject(scene, self.data)
+        self._shapes, self._drawn = shapes_of(scene, self.object.start)
         self._energy = SceneEnergy(model)
         self._equalities, self._warm = EqualityRows(model), WarmStart(model)
         super().__init__(seats)
@@ -80,7 +78,7 @@ class SceneWorld(World):
         self._driven_axes[:, PLACES:] = [[tool.driven or tool.opening >= 0] for tool in scene.tools]
         self._grips = [grip_of(model, tool) for tool in scene.tools]
         start = np.array([model.body_pos[tool.body] for tool in scene.tools])
-        self.offset[:, :PLACES] = self._start - start  # from the object's frame to each hand's own
+        self.offset[:, :PLACES] = self.object.start - start  # from the object's frame to each hand's own
         self._zero = model.qpos0[self._places]  # coordinates of a hand at 0
         self._state = np.zeros(mujoco.mj_stateSize(model, _STATE))
         for user in range(len(seats)):
@@ -108,56 +106,32 @@ class SceneWorld(World):
     @property
     def position(self) -> Array:
         """Place of the object [m] and, of six axes, rotation vector [rad], from its start. To set it puts it there, at rest."""
-        if self._object < 0:
-            return np.zeros(self.axes)
-        at = self.data.qpos[self._object : self._object + 7]
-        place: Array = at[:3] - self._start
-        if self.axes < POSE_AXES:
-            return np.append(place, [0.0] * (self.axes - PLACES))  # it has no opening
-        return np.concatenate((place, log(product(at[3:].tolist(), inverse(self._unturned)))))
+        return self.object.place(self.axes)
 
     @position.setter
     def position(self, value: Array) -> None:
-        if self._object >= 0 and not np.array_equal(value, self.position):
-            self.data.qpos[self._object : self._object + 3] = self._start + value[:PLACES]
-            if self.axes == POSE_AXES:
-                self.data.qpos[self._object + 3 : self._object + 7] = product(
-                    exp(value[PLACES:].tolist()), self._unturned
-                )
-            self.data.qvel[self._object_dof : self._object_dof + 6] = 0.0
+        if self.object.there and not np.array_equal(value, self.position):
+            self.object.put(value)
             self._refresh()
 
     @property
     def velocity(self) -> Array:
         """Velocity of the object [m/s], and of six axes its angular velocity [rad/s]."""
-        if self._object < 0:
-            return np.zeros(self.axes)
-        rates: Array = self.data.qvel[self._object_dof : self._object_dof + self.axes].copy()
-        if self.axes == GRIP_AXES:
-            rates[PLACES:] = 0.0
-        if self.axes == POSE_AXES:
-            rates[PLACES:] = turned(self.orientation.tolist(), rates[PLACES:].tolist())
-        return rates
+        return self.object.velocity(self.axes)
 
     @velocity.setter
     def velocity(self, value: Array) -> None:
-        if self._object >= 0 and not np.array_equal(value, self.velocity):
-            self.data.qvel[self._object_dof : self._object_dof + 3] = value[:PLACES]
+        if self.object.there and not np.array_equal(value, self.velocity):
+            self.object.push(value)
             self._refresh()
 
     def motion(self) -> Row:
-        if self._object < 0 or self.axes > PLACES:
-            return super().motion()
-        moved = self.data.qpos[self._object : self._object + 3] - self._start
-        return (*moved.tolist(), *self.data.qvel[self._object_dof : self._object_dof + 3].tolist())
+        return self.object.motion() if self.object.there and self.axes == PLACES else super().motion()
 
     @property
     def orientation(self) -> Array:
         """Quaternion w, x, y, z of the object."""
-        if self._object < 0:
-            return np.array([1.0, 0.0, 0.0, 0.0])
-        turned: Array = self.data.qpos[self._object + 3 : self._object + 7].copy()
-        return turned
+        return self.object.orientation
 
     @property
     def poses(self) -> Array:
@@ -168,7 +142,7 @@ class SceneWorld(World):
         return self._shapes
 
     def poses_of_bodies(self) -> Array:
-        return np.concatenate((self.data.xpos[self._drawn] - self._start, self.data.xquat[self._drawn]), axis=1)
+        return np.concatenate((self.data.xpos[self._drawn] - self.object.start, self.data.xquat[self._drawn]), axis=1)
 
     @property
     def energy_j(self) -> float:

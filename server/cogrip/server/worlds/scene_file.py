@@ -30,7 +30,10 @@ TOOLS = ("pad", "ball", "box", PINCH)
 TOOL_KG = 0.05
 APART_M = 0.05  # between added tools of one side
 CLEAR_M = 0.03  # between an added tool's start and the object
-FINGER_M, FINGER_APART_M = 0.004, 0.006  # radius of the balls of a gripper's faces, and their places from the middle of each
+FINGER_M, FINGER_APART_M = (
+    0.004,
+    0.006,
+)  # radius of the balls of a gripper's faces, and their places from the middle of each
 
 CONTACT_SHARE = 0.1  # d
 CONTACT_RATE_PS2, CONTACT_DAMPING_PS = 4e5, 1300.0  # kappa, beta
@@ -122,7 +125,8 @@ def held_by(settings: Settings) -> list[Held]:
     """Return what each seat asks for. In a room of poses a hand drives the orientation, if nothing else is said."""
     usual: Orientation = "driven" if settings.object.axes == POSE_AXES else ""
     return [
-        Held(user.tool.removeprefix(f"{PINCH}:"), user.side, user.orientation or usual, user.grips) for user in settings.users
+        Held(user.tool.removeprefix(f"{PINCH}:"), user.side, user.orientation or usual, user.grips)
+        for user in settings.users
     ]
 
 
@@ -273,7 +277,9 @@ def _added(tool: str, seat: int, bodies: set[str], name: str) -> str:
     """Return the name of the body that is added for a seat. Raises SceneError for a tool that there is not."""
     if tool and tool not in TOOLS:
         there = f"; its bodies are {', '.join(sorted(bodies)[:MOST_NAMED])}" if bodies else ""
-        raise SceneError(f'{name}: there is no body {tool!r} to be a tool{there}; or take one of {", ".join(TOOLS)}')
+        raise SceneError(
+            f'{name}: there is no body {tool!r} to be a tool{there}; or take "pad", "ball", "box" or "pinch"'
+        )
     return f"tool of seat {seat}"
 
 
@@ -287,7 +293,9 @@ def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[f
         body.add_freejoint()
     if kind == "box":
         geoms = [body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.01, 0.01, 0.01])]
-    elif kind == PINCH:  # faces along y, which touch each other at an opening of 0; the middle of the thumb's is the tool's place
+    elif (
+        kind == PINCH
+    ):  # faces along y, which touch each other at an opening of 0; the middle of the thumb's is the tool's place
         finger = body.add_body(name=f"finger of {body_name}", gravcomp=1.0)
         finger.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 1.0, 0.0])
         geoms = [
@@ -374,7 +382,7 @@ def _opening(model: mujoco.MjModel, body: int, name: str) -> int:
     slides = [joint for joint in joints if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE]
     if len(slides) != 1:
         raise SceneError(
-            f"{name}: body {model.body(body).name!r} cannot be a gripper: it needs one child with a slide joint as its only one,"
-            f" and {len(slides)} have it"
+            f"{name}: body {model.body(body).name!r} cannot be a gripper: it needs one child that has a slide joint"
+            f" and no other, and {len(slides)} have"
         )
     return slides[0]
