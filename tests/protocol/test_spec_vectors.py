@@ -317,6 +317,8 @@ def with_value(name: str, place: list[Any], value: Any) -> bytes:
     for step in place[:-1]:
         inner = inner[step]
     inner[place[-1]] = value
+    if place[-1] == "grip_impedance_nspm":  # of a seat of 4 axes alone
+        whole[6][8]["axes"] = 4
     return bytes(msgpack.packb(whole))
 
 

@@ -172,6 +172,12 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     workspace_limit: WorkspaceLimit = NO_LIMIT
     gravity_compensation: bool = False
 
+    def __post_init__(self) -> None:
+        if (self.coupling.grip_nspm > 0.0) != (self.object.axes == types.GRIP_AXES):
+            raise ValueError(
+                f"a seat of {self.object.axes} axes, and grip_impedance_nspm = {self.coupling.grip_nspm:g}"
+            )
+
     @property
     def side_sign(self) -> float:
         """Direction in which this person pushes along the first axis: +1 from the left, -1 from the right."""
