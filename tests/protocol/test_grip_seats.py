@@ -8,7 +8,7 @@ from cogrip.protocol.coupling_settings import Coupling
 from cogrip.protocol.hello_padding import HELLO_BYTES
 from cogrip.protocol.messages import MalformedError, Welcome, decode, encode
 from cogrip.protocol.session import ClientSession, make_hello, unfit_axes
-from cogrip.protocol.settings import Object, resolve, seat_settings
+from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.settings_digest import digest
 
 from tests.protocol.test_messages import LARGEST
@@ -20,7 +20,9 @@ def largest_welcome() -> Welcome:
     """The longest welcome to a seat with a gripper, which only a scene has."""
     longest = LARGEST["welcome"]
     assert isinstance(longest, Welcome)
-    coupling = msgspec.structs.replace(longest.settings.coupling, grip_impedance_nspm=0.1)
+    coupling = msgspec.structs.replace(
+        longest.settings.coupling, grip_impedance_nspm=0.1, rotational_impedance_nms=msgspec.UNSET
+    )
     given = msgspec.structs.replace(longest.settings.object, kind="scene", axes=4)
     return msgspec.structs.replace(
         longest, settings=msgspec.structs.replace(longest.settings, coupling=coupling, object=given)
@@ -42,20 +44,20 @@ def test_a_seat_without_a_gripper_has_no_word_of_one() -> None:
     assert digest(plain) != digest(grips)
     other = resolve({"object": thing, "users": [{"tool": "pinch"}], "coupling": {GRIP: 7.0}})
     assert digest(other) != digest(grips)
-    assert seat_settings(other, 0).coupling.grip_nspm == 7.0
+    assert seat_settings(other, 0).coupling.behind == 7.0
     own = resolve({"object": thing, "users": [{"tool": "pinch", GRIP: 6.0}], "coupling": {GRIP: 7.0}})
-    assert seat_settings(own, 0).coupling.grip_nspm == 6.0
+    assert seat_settings(own, 0).coupling.behind == 6.0
 
 
 @pytest.mark.parametrize("axes", [1, 3, 6])
 def test_a_welcome_of_other_axes_with_a_gripper_is_malformed(axes: int) -> None:
     whole = msgpack.unpackb(encode(largest_welcome()))
     whole[6][8]["axes"] = axes
-    with pytest.raises(MalformedError, match="grip_impedance_nspm = 0.1"):
+    with pytest.raises(MalformedError, match="of turning, alone"):
         decode(msgpack.packb(whole))
     whole[6][8]["axes"] = 4
     del whole[6][6][GRIP]
-    with pytest.raises(MalformedError, match="a seat of 4 axes"):
+    with pytest.raises(MalformedError, match="a seat of 4 axes needs"):
         decode(msgpack.packb(whole))
 
 
@@ -92,8 +94,8 @@ def test_a_seat_of_other_axes_is_refused_at_both_ends(device: int, seat: int, wo
     assert words in session.failed
 
 
-def test_a_unit_behind_the_places_is_a_length_of_one_impedance() -> None:
-    coupling = Coupling(impedance_nspm=20.0, rotational_impedance_nms=0.05, grip_impedance_nspm=5.0)
-    assert coupling.unit(6) == pytest.approx(0.05)
-    assert coupling.unit(4) == pytest.approx(0.5)
-    assert Object(axes=4).axes == 4
+@pytest.mark.parametrize(("axes", "impedance"), [(6, {"rotational_impedance_nms": 0.05}), (4, {GRIP: 0.05})])
+def test_a_unit_behind_the_places_is_a_length_of_one_impedance(axes: int, impedance: dict[str, float]) -> None:
+    coupling = Coupling(impedance_nspm=20.0, **impedance)  # type: ignore[arg-type]
+    assert coupling.unit == pytest.approx(0.05)
+    assert [coupling.fits(each) for each in (3, 4, 6)] == [axes == 6, axes == 4, axes == 6]

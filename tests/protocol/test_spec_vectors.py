@@ -319,6 +319,7 @@ def with_value(name: str, place: list[Any], value: Any) -> bytes:
     inner[place[-1]] = value
     if place[-1] == "grip_impedance_nspm":  # of a seat of 4 axes alone
         whole[6][8]["axes"] = 4
+        del whole[6][6]["rotational_impedance_nms"]
     return bytes(msgpack.packb(whole))
 
 

@@ -126,7 +126,7 @@ def test_a_saved_state_goes_on_bit_for_bit() -> None:
 def test_an_impedance_that_changes_takes_that_of_the_gripper_along() -> None:
     world = hold(world_of(BLOCK, "pinch"))
     world.set_impedance(0, 2.0 * B)
-    assert world.openings.impedance[0, 0] == pytest.approx(2.0 * GRIP_NSPM)
+    assert world.turning.impedance[0, 0] == pytest.approx(2.0 * GRIP_NSPM)
     assert world.scene.model.dof_damping[world.openings.dofs[0]] == pytest.approx(2.0 * GRIP_NSPM)
     v = world.step(np.array([[0.0, 0.0, 0.0, 1.0]]))
     assert world.balance_error_j <= 1e-15
@@ -159,8 +159,8 @@ def test_the_digest_of_a_scene_tells_a_gripper_from_a_hand() -> None:
 
 def test_waves_of_four_axes_are_limited_together() -> None:
     """By force and speed of the claimed record at both impedances; one that is cut keeps its direction."""
-    limits = SeatLimits(8.5, 2.0, 1e6)
-    limiter = WaveLimiter(B, T, limits, 1.0, 1.0, GRIP_NSPM)
+    limits = SeatLimits(8.5, 2.0, 1e6, 8.5, 2.0)
+    limiter = WaveLimiter(B, T, limits, 1.0, GRIP_NSPM)
     most = wave_of(B, 2.0, 8.5) ** 2 + wave_of(GRIP_NSPM, 2.0, 8.5) ** 2
     wave = limiter.limit((0.0, 100.0, 0.0, 100.0))
     assert np.dot(wave, wave) == pytest.approx(most)
@@ -177,8 +177,8 @@ def test_a_seat_has_four_axes_and_an_impedance_of_its_gripper_or_neither() -> No
         {"object": {"kind": "scene", "file": "x.xml", "axes": 3}, "users": [{"tool": "pinch"}, {"tool": "pad"}]}
     )
     grips, plain = (seat_settings(table, number) for number in range(2))
-    assert (grips.object.axes, grips.coupling.grip_nspm) == (4, 10.0)
-    assert (plain.object.axes, plain.coupling.grip_nspm) == (3, 0.0)
+    assert (grips.object.axes, grips.coupling.behind) == (4, 10.0)
+    assert (plain.object.axes, plain.coupling.behind) == (3, 0.02)
     for seat, coupling in ((grips, plain.coupling), (plain, grips.coupling)):
-        with pytest.raises(ValueError, match="grip_impedance_nspm"):
+        with pytest.raises(ValueError, match="the impedance of its gripper, or of turning, alone"):
             replace(seat, coupling=coupling)

@@ -30,7 +30,7 @@ from cogrip.protocol.tool_frame import ToolFrame
 
 def axes_of(seat: SeatSettings) -> PoseAxes | GripAxes | None:
     """Return what makes lengths of the axes of a seat; None where all are."""
-    axes, unit = seat.object.axes, seat.coupling.unit(seat.object.axes)
+    axes, unit = seat.object.axes, seat.coupling.unit
     return PoseAxes(unit) if axes == POSE_AXES else GripAxes(unit) if axes == GRIP_AXES else None
 
 

@@ -48,7 +48,7 @@ class SeatedClient(SeatHand):
         super().__init__(seat, session, capability)
         self.session_id = session.welcome.session if session.welcome else 0
         self.coupling: AnyCoupling = SCHEMES[seat.coupling.kind].make(seat)
-        self.safety = Safety(self.capability, rates.tick_s, seat.coupling.unit(seat.object.axes))
+        self.safety = Safety(self.capability, rates.tick_s, seat.coupling.unit)
         self.port = make_port(self._record, rates.tick_s)
         self.ledger = EnergyLedger(self.coupling)
         self.effects: EffectForce | None = None  # once one was told

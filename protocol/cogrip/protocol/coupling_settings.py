@@ -29,10 +29,10 @@ class CouplingBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lowpass_rad_s: Annotated[float, msgspec.Meta(ge=1e-3, le=1e5)] = 50.0
     server_step: types.ServerStep = "passive"
     encoder: types.Encoder = "displacement"
-    rotational_impedance_nms: types.RotationalImpedance = 0.02  # of the axes that turn, where there are six
-    grip_impedance_nspm: types.Impedance | msgspec.UnsetType = (
-        msgspec.UNSET
-    )  # of a gripper; of a seat without one: unset
+    rotational_impedance_nms: types.RotationalImpedance | msgspec.UnsetType = (
+        0.02  # of the axes that turn, where there are six
+    )
+    grip_impedance_nspm: types.Impedance | msgspec.UnsetType = msgspec.UNSET  # of a gripper, where there is one
 
 
 class CouplingSection(CouplingBase, frozen=True, forbid_unknown_fields=True):
@@ -43,23 +43,26 @@ class CouplingSection(CouplingBase, frozen=True, forbid_unknown_fields=True):
 
 
 class Coupling(CouplingBase, frozen=True, forbid_unknown_fields=True):
-    """The coupling of one seat."""
+    """The coupling of one seat. Of the last two impedances a seat has one: that of its gripper, or of turning."""
 
     impedance_nspm: types.Impedance = USUAL_NSPM  # for "auto" that which the seat begins with
+    rotational_impedance_nms: types.RotationalImpedance | msgspec.UnsetType = msgspec.UNSET
+
+    def fits(self, axes: int) -> bool:
+        """Return whether it has the impedance that a seat of so many axes needs, and not the other."""
+        unset = self.grip_impedance_nspm is msgspec.UNSET, self.rotational_impedance_nms is msgspec.UNSET
+        return unset == ((False, True) if axes == types.GRIP_AXES else (True, False))
 
     @property
-    def length_m(self) -> float:
-        """Characteristic length l [m], by which an angle is a length of the same impedance: b l^2 = b_r."""
-        return sqrt(self.rotational_impedance_nms / self.impedance_nspm)
+    def behind(self) -> float:
+        """Impedance of the axes behind the places: b_r [N m s] of those that turn, b_g [N s/m] of an opening."""
+        own = (self.grip_impedance_nspm, self.rotational_impedance_nms)
+        return next(each for each in own if each is not msgspec.UNSET)
 
     @property
-    def grip_nspm(self) -> float:
-        """Impedance b_g of the gripper [N s/m], 0 where there is none."""
-        return 0.0 if self.grip_impedance_nspm is msgspec.UNSET else self.grip_impedance_nspm
-
-    def unit(self, axes: int) -> float:
-        """Return which length of impedance b one unit behind the places is: l [m] of an angle, of an opening sqrt(b_g / b)."""
-        return sqrt(self.grip_nspm / self.impedance_nspm) if axes == types.GRIP_AXES else self.length_m
+    def unit(self) -> float:
+        """Length that has the impedance b of one unit behind the places: l [m] of an angle, sqrt(b_g / b) of an opening."""
+        return sqrt(self.behind / self.impedance_nspm)
 
 
 class LineTuning(msgspec.Struct, frozen=True, array_like=True):
@@ -84,9 +87,8 @@ def of_seat(
     grips: its hand drives a gripper
     """
     values = msgspec.structs.asdict(asked)
-    if not grips:
-        values["grip_impedance_nspm"] = msgspec.UNSET
-    elif asked.grip_impedance_nspm is msgspec.UNSET:
+    values["rotational_impedance_nms" if grips else "grip_impedance_nspm"] = msgspec.UNSET
+    if values["grip_impedance_nspm"] is msgspec.UNSET and grips:
         values["grip_impedance_nspm"] = GRIP_NSPM
     prefer, b, corner = [values.pop(name) for name in ("prefer", "impedance_nspm", "wave_filter_hz")]
     auto = b == "auto", corner == "auto"

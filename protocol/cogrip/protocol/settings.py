@@ -173,9 +173,9 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     gravity_compensation: bool = False
 
     def __post_init__(self) -> None:
-        if (self.coupling.grip_nspm > 0.0) != (self.object.axes == types.GRIP_AXES):
+        if not self.coupling.fits(self.object.axes):
             raise ValueError(
-                f"a seat of {self.object.axes} axes, and grip_impedance_nspm = {self.coupling.grip_nspm:g}"
+                f"a seat of {self.object.axes} axes needs the impedance of its gripper, or of turning, alone"
             )
 
     @property

@@ -4,25 +4,18 @@ It is a port as those of the places are (`scene`, theory 8.1), with an impedance
 damper b_g at the finger's joint. Rows are those of `World.step`, shape (n, 4), of which the last column of grippers is meant.
 """
 
-from collections.abc import Sequence
-
 import mujoco  # type: ignore[import-untyped]
-import numpy as np
-from numpy.typing import NDArray
 
-from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.scene_file import Scene
-
-Array = NDArray[np.float64]
 
 
 class OpeningPorts:
-    """users: numbers of the seats whose tools are grippers; dofs: one of each; impedance: b_g, shape (n, 1).
+    """users: numbers of the seats whose tools are grippers; dofs: one of each. Impedances are kept by `TurningPorts`.
 
     An opening of 0 is the coordinate that the joint has in the file.
     """
 
-    def __init__(self, scene: Scene, seats: Sequence[SeatSettings]) -> None:
+    def __init__(self, scene: Scene) -> None:
         model = scene.model
         self._model = model
         self.users = [user for user, tool in enumerate(scene.tools) if tool.opening >= 0]
@@ -31,17 +24,10 @@ class OpeningPorts:
         self._coordinates = dict(zip(self.users, model.jnt_qposadr[joints].tolist(), strict=True))
         self._dof_of = dict(zip(self.users, self.dofs, strict=True))
         self._own_damping = {user: float(model.dof_damping[dof]) for user, dof in self._dof_of.items()}
-        self.impedance = np.array([[seat.coupling.grip_nspm] for seat in seats])
-        self._ratio = np.array([[seat.coupling.grip_nspm / seat.coupling.impedance_nspm] for seat in seats])
 
-    def set_impedance(self, user: int, impedance_nspm: float) -> None:
-        """Go with the impedance of a seat's places: their ratio stays."""
-        self.impedance[user] = self._ratio[user] * impedance_nspm
-
-    def hold(self, user: int, held: bool) -> None:
-        """Give a held gripper the damper of its port, or take it away."""
+    def damp(self, user: int, damping: float) -> None:
+        """Give a gripper the damper of its port; 0: nobody holds it."""
         if user in self._dof_of:
-            damping = float(self.impedance[user, 0]) if held else 0.0
             self._model.dof_damping[self._dof_of[user]] = self._own_damping[user] + damping
 
     def rest(self, data: mujoco.MjData, user: int) -> None:

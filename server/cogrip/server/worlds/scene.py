@@ -72,7 +72,7 @@ class SceneWorld(World):
         self.solid, self.kinematic = np.zeros((2, len(seats)), dtype=bool)
         self._dofs = np.array([range(tool.dof, tool.dof + 3) for tool in scene.tools])
         self._places = np.array([range(tool.coordinate, tool.coordinate + 3) for tool in scene.tools])
-        self.turning, self.openings = TurningPorts(scene, seats, self.frame_s), OpeningPorts(scene, seats)
+        self.turning, self.openings = TurningPorts(scene, seats, self.frame_s), OpeningPorts(scene)
         self._set_ports()
         self._driven_axes = np.ones((len(seats), self.axes), dtype=bool)
         self._driven_axes[:, PLACES:] = [[tool.driven or tool.opening >= 0] for tool in scene.tools]
@@ -88,8 +88,7 @@ class SceneWorld(World):
 
     def _set_ports(self) -> None:
         self._port_impedance = np.repeat(self.impedance, self.axes, axis=1)
-        behind = self.openings if self.axes == GRIP_AXES else self.turning
-        self._port_impedance[:, PLACES:] = np.where(behind.impedance, behind.impedance, self.impedance)
+        self._port_impedance[:, PLACES:] = self.turning.impedance
         self._drive = np.sqrt(2.0 * self._port_impedance)
 
     def watch(self, task: Task) -> None:
@@ -191,11 +190,10 @@ class SceneWorld(World):
         damping = np.concatenate((np.repeat(self.impedance[user], PLACES), self.turning.damping(user)))
         dofs = slice(tool.dof, tool.dof + tool.dofs)
         self.scene.model.dof_damping[dofs] = self._grips[user].damping + self.port_damped * damping
-        self.openings.hold(user, True)
+        self.openings.damp(user, float(self.turning.impedance[user, 0]))
 
     def impedance_changed(self, user: int) -> None:
         self.turning.set_impedance(user, float(self.impedance[user, 0]))
-        self.openings.set_impedance(user, float(self.impedance[user, 0]))
         self._set_ports()
         if self.holding[user]:
             self._damp(user)
@@ -222,7 +220,7 @@ class SceneWorld(World):
         self.data.qfrc_applied[dofs] = 0.0
         self.data.qvel[dofs] = 0.0
         model.dof_damping[dofs] = self._grips[user].damping
-        self.openings.hold(user, False)
+        self.openings.damp(user, 0.0)
         self.openings.rest(self.data, user)
         model.body_gravcomp[tool.body] = 1.0
         self._touch(user, False)

@@ -20,7 +20,8 @@ Row = tuple[float, ...]
 
 
 class TurningPorts:
-    """driven: numbers of the seats that turn their tools; dofs: three of each, shape (driven, 3); impedance: b_r, shape (n, 1).
+    """driven: numbers of the seats that turn their tools; dofs: three of each, shape (driven, 3); impedance: b_r, shape (n, 1); of
+    a gripper (`opening_ports`) b_g.
 
     drift: of each driven tool, by number of its seat
     """
@@ -29,8 +30,8 @@ class TurningPorts:
         self._model, self._tools, self._half_frame_s = scene.model, scene.tools, 0.5 * frame_s
         self.driven = [user for user, tool in enumerate(scene.tools) if tool.driven]
         self.dofs = np.array([range(scene.tools[user].dof + 3, scene.tools[user].dof + 6) for user in self.driven])
-        self.impedance = np.array([[seat.coupling.rotational_impedance_nms] for seat in seats])
-        self._square_m = np.array([[seat.coupling.length_m**2] for seat in seats])
+        self.impedance = np.array([[seat.coupling.behind] for seat in seats])
+        self._square_m = np.array([[seat.coupling.unit**2] for seat in seats])
         self._bodies = [scene.tools[user].body for user in self.driven]
         self.drift = {user: OrientationDrift(frame_s) for user in self.driven}
 
