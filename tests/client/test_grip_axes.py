@@ -45,7 +45,7 @@ def test_the_power_is_that_of_hand_and_fingers(
 def test_a_port_of_lengths_is_one_of_its_own_impedance(
     b: float, grip_nspm: float, rate_mps: float, wave: float
 ) -> None:
-    """Theory 1.3: force and wave at the fingers are those of b_g, though the port is one of b."""
+    """Theory 8.8: force and wave at the fingers are those of b_g, though the port is one of b."""
     axes = GripAxes((grip_nspm / b) ** 0.5)
     velocity = (0.0, 0.0, 0.0, axes.unit * rate_mps)[3]
     force_n = axes.wrench((0.0, 0.0, 0.0, device_force(b, device_gain(b), velocity, wave)))[3]

@@ -328,9 +328,7 @@ def seat_axes(settings: Settings, user: User) -> int:
 
     One more where it drives a gripper.
     """
-    axes = settings.object.axes
-    if user.grips:
-        return types.GRIP_AXES
+    axes = types.GRIP_AXES if user.grips else settings.object.axes
     return axes if axes < POSE_AXES or user.orientation in ("", "driven") else PLACES
 
 
