@@ -20,8 +20,8 @@ Row = tuple[float, ...]
 
 
 class TurningPorts:
-    """driven: numbers of the seats that turn their tools; dofs: three of each, shape (driven, 3); impedance: b_r, shape (n, 1); of
-    a gripper (`opening_ports`) b_g.
+    """driven: numbers of the seats that turn their tools; dofs: three of each, shape (driven, 3); impedance: b_r, shape (n, 1),
+    or b_g of a gripper (`opening_ports`).
 
     drift: of each driven tool, by number of its seat
     """
