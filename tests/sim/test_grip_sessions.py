@@ -198,6 +198,19 @@ def test_a_person_without_a_gripper_is_as_without_the_one_beside(scene: dict[str
     assert forces[0] == forces[1]
 
 
+def test_observers_are_told_the_opening_and_the_summary_the_largest_force(scene: dict[str, Any]) -> None:
+    held = session(scene, seconds=1.0)
+    forces: list[float] = []
+    held.run(lambda lab: forces.append(abs(lab.people[0].device.force_n[3])))  # type: ignore[attr-defined]
+    port = held.room.seats[0].port
+    assert port is not None
+    assert port.handle.grip_m == pytest.approx(held.people[0].device.position_m[3], abs=5e-4)  # type: ignore[attr-defined]
+    [user] = of_laboratory(held)["users"]
+    assert user["peak_grip_n"] == pytest.approx(max(forces))
+    assert user["peak_force_n"] < 0.1, "the arm's alone"
+    assert len(user["position_m"]) == len(user["proxy_m"]) == len(user["force_n"]) == 4
+
+
 def test_a_session_with_a_gripper_plays_again_bit_by_bit(scene: dict[str, Any], tmp_path: Path) -> None:
     users = (PINCH, {"name": "ben", "device": "sim:phantom", "side": "right"})
     table = {"object": scene, "users": users, "seconds": 0.6, "link": {"loss": 0.1, "jitter_ms": 5.0}}
