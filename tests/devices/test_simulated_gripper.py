@@ -8,7 +8,7 @@ import pytest
 
 from cogrip.devices.conformance import CHECKS, Subject
 from cogrip.devices.device import Device, DeviceError, Gripper
-from cogrip.devices.for_user import make_for
+from cogrip.devices.for_user import first_axes, make_for
 from cogrip.devices.registry import axes_of, make
 from cogrip.protocol.settings import User
 
@@ -92,3 +92,17 @@ def test_a_record_has_a_gripper_or_another_number_of_axes() -> None:
 def test_a_device_without_force_on_its_gripper_does_not_take_the_seat(device: str) -> None:
     with pytest.raises(DeviceError):
         make_for(User(device=device, tool="pinch"), 4)
+
+
+def test_in_a_seat_of_places_the_opening_is_a_newest_value() -> None:
+    """As of any gripper without force: three axes, no force on the fingers, the opening beside them."""
+    device = first_axes(make(ADDRESS, axes=4), 3)
+    record = device.capability
+    assert (record.axes, record.gripper, record.grip_m) == (3, None, (0.0, 0.03))
+    device.open(1024)
+    for tick in range(400):
+        sample = device.read(tick)
+        device.write((0.0, 0.0, 1.0))
+    assert sample is not None
+    assert len(sample.position_m) == 3
+    assert sample.grip_m == pytest.approx(0.005, abs=1e-4)
