@@ -26,6 +26,7 @@ enum {
 enum {
     AXES = COGRIP_AXES,
     WIRE_AXES = 6,          /* most axes of any seat */
+    GRIP_AXES = 4,          /* of one with a gripper [1] */
     MOST_WAVES = 78,        /* waves of a message */
     MOST_FRAMES = 32,       /* frames of a message */
     MOST_TICKS = 20000,     /* of a frame */
@@ -465,6 +466,7 @@ typedef struct settings {
     char room[161], user[161];
     int seat, device_hz, network_hz, scheme, decimator, velocity_encoder, axes, automatic, playout_frames, redundancy,
         concealment;
+    int grips;      /* its impedance behind the places is that of a gripper [3.4] */
     int scaled;     /* the tool moves in a frame of its own [3.4] */
     int aided;      /* a workspace limit, or a handle that is to be carried [3.4] */
     int emulated;   /* an impairment of the link is to be emulated */
@@ -586,26 +588,29 @@ static int get_profile(reader *from) {
     return any;
 }
 
-/* Read a map that must have all of `names`, in any order, and no other key: *values at the place of its name. */
-static void get_map(reader *from, const char *const *names, int count, reader *values) {
+/* Read a map of `given` of `names`, in any order: each at the place of its name. Returns a bit for each that was there. */
+static unsigned get_map(reader *from, const char *const *names, int count, int given, reader *values) {
     unsigned seen = 0;
-    const uint64_t length = get_length(from, 1, (uint64_t)count, (uint64_t)count);
+    const uint64_t length = get_length(from, 1, (uint64_t)given, (uint64_t)given);
+    for (int place = 0; place < count; place++) values[place] = *from, values[place].bad = 1;
     for (uint64_t entry = 0; entry < length; entry++) {
         const int place = get_choice(from, names, count);
+        if (seen & (1U << place)) from->bad = 1;
         values[place] = *from;
         skip(from);
         seen |= 1U << place;
     }
-    if (seen != (1U << count) - 1U) from->bad = 1;
     for (int place = 0; place < count; place++)
         if (from->bad) values[place].bad = 1, values[place].at = values[place].end = from->end;
+    return seen;
 }
 
 static void get_coupling(reader *from, settings *into) {
     static const char *const names[] = {"kind", "impedance_nspm", "stiffness_npm", "damping_nspm", "compensate", "decimator",
-                                        "lowpass_rad_s", "server_step", "encoder", "rotational_impedance_nms"};
-    reader value[10];
-    get_map(from, names, 10, value);
+                                        "lowpass_rad_s", "server_step", "encoder", "rotational_impedance_nms",
+                                        "grip_impedance_nspm"};
+    reader value[11];
+    into->grips = get_map(from, names, 11, 10, value) >> 10 & 1; /* that of turning, or of a gripper */
     into->scheme = get_choice(&value[0], schemes, 4);
     into->impedance_nspm = get_real(&value[1], 1e-3, 1e4);
     get_real(&value[2], 0.0, 1e7);
@@ -615,19 +620,22 @@ static void get_coupling(reader *from, settings *into) {
     into->lowpass_rad_s = get_real(&value[6], 1e-3, 1e5);
     get_choice(&value[7], steps, 2);
     into->velocity_encoder = get_choice(&value[8], encoders, 2);
-    get_real(&value[9], 1e-6, 1e2);
-    for (int place = 0; place < 10; place++) from->bad |= value[place].bad;
+    if (into->grips) get_real(&value[10], 1e-3, 1e4);
+    else get_real(&value[9], 1e-6, 1e2);
+    for (int place = 0; place < 9; place++) from->bad |= value[place].bad;
+    from->bad |= value[into->grips ? 10 : 9].bad;
 }
 
 static void get_object(reader *from, settings *into) {
     static const char *const names[] = {"kind", "mass_kg", "damping_nspm", "axes"};
     reader value[4];
     char kind[65];
-    get_map(from, names, 4, value);
+    get_map(from, names, 4, 4, value);
     get_name(&value[0], kind, sizeof kind, 64, " .:_-");
     get_real(&value[1], 1e-6, 1e3);
     get_real(&value[2], 0.0, 1e4);
     into->axes = (int)get_int(&value[3], 1, WIRE_AXES);
+    if (into->grips != (into->axes == GRIP_AXES)) from->bad = 1;
     for (int place = 0; place < 4; place++) from->bad |= value[place].bad;
 }
 
@@ -635,7 +643,7 @@ static void get_playout(reader *from, settings *into) {
     static const char *const names[] = {"frames", "late", "redundancy", "tank_mj", "concealment"};
     static const char *const adaptive[] = {"auto"};
     reader value[5];
-    get_map(from, names, 5, value);
+    get_map(from, names, 5, 5, value);
     const int head = peek(&value[0]);
     into->automatic = (head >= 0xa0 && head <= 0xbf) || (head >= 0xd9 && head <= 0xdb);
     if (into->automatic) get_choice(&value[0], adaptive, 1);
@@ -1997,6 +2005,7 @@ static const char *unsupported(const cogrip_client *client, const welcome *given
         return "the server came back with another seat or other settings: join anew";
     if (seat->scheme)
         return "the seat's coupling.kind is not \"wave\", the only one that this client has: set it for this seat";
+    if (seat->grips) return "the seat's tool is a gripper, which this client has none of: take another seat";
     if (seat->axes > AXES)
         return "the room has 6 axes, this client 3: set orientation = \"free\", \"damped\" or \"fixed\" for this seat";
     if (seat->axes > client->config.axes) return "the room has more axes than the device: set object.axes lower";

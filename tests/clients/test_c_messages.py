@@ -142,8 +142,9 @@ def test_both_sides_of_every_bound_of_the_page(
     library: Any, name: str, place: list[Any], kind: str, bound: str
 ) -> None:
     old = msgpack.unpackb(VECTORS[name][0])
-    for step in place:
+    for step in place[:-1]:
         old = old[step]
+    old = old.get(place[-1], 1.0) if isinstance(old, dict) else old[place[-1]]  # a key that not every seat has
     for value, allowed in cases(kind, bound, old):
         datagram = with_value(name, place, value)
         assert bool(library.probe_decode(datagram, len(datagram))) is allowed, value

@@ -193,7 +193,7 @@ def test_shapes_are_in_the_hands_own_frame() -> None:
     world = session.room.world
     for player in session.players:
         wall = next(geom.shape for geom in player.geoms.values() if geom.seat is None)
-        world_m = np.array(wall.place_m) - world.offset[player.seat] + world._start  # type: ignore[attr-defined]
+        world_m = np.array(wall.place_m) - world.offset[player.seat] + world.object.start  # type: ignore[attr-defined]
         assert world_m == pytest.approx([0.08, 0.0, 0.0])
         assert wall.size_m == pytest.approx((0.02, 0.1, 0.1))
 

@@ -141,7 +141,7 @@ def test_urdf_is_read() -> None:
         ("<bad/>", [""], r"x\.xml: does not load: XML Error: Schema violation: unrecognized element Element 'bad', line 1$"),
         ("<geom>", [""], r"does not load: mismatched tag: line 1, column \d+$"),
         ("<body name='b'><freejoint/></body>", [""], r"mass and inertia .* name 'b', id 1, .*; give the body a geom with mass"),
-        (BALL, ["bull"], r"""there is no body 'bull' to be a tool; its bodies are ball; or take "pad", "ball" or "box"$"""),
+        (BALL, ["bull"], r"""no body 'bull' to be a tool; its bodies are ball; or take "pad", "ball", "box" or "pinch"$"""),
         ("", ["hand"], r"""there is no body 'hand' to be a tool; or take"""),
         (BALL, ["ball", "ball"], r"two seats have the tool 'ball'; name a body for each"),
         ("<body name='b'><joint/><geom size='.1'/></body>", ["b"], r"body 'b' cannot be a tool: it needs a free joint"),

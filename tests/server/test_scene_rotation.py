@@ -134,7 +134,7 @@ def test_the_object_of_a_room_of_poses_has_a_rotation_vector() -> None:
     world = poses(PILE, "tool")
     world.position = np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.5])
     assert world.position == pytest.approx([0.1, 0.0, 0.0, 0.0, 0.0, 0.5])
-    world.data.qvel[world._object_dof + 3] = 2.0
+    world.data.qvel[world.object._dof + 3] = 2.0
     assert world.velocity[3:] == pytest.approx([2.0 * cos(0.5), 2.0 * sin(0.5), 0.0]), "about its own x axis"
 
 

@@ -1,13 +1,15 @@
-"""Limits of one group of a device's axes, those that are places or those that turn: peak, warm motors, slope.
+"""Limits of one group of a device's axes, those that are places or those behind them: peak, warm motors, slope.
 
-Each group has its own: force and torque are of different motors. Symbols: forces [N], shape (axes of the group,); of the
-axes that turn a torque over the seat's characteristic length (`pose_axes`), which `shown` turns back.
+Each group has its own: force, torque and the force of a gripper are of different motors. Symbols: forces [N], shape (axes of
+the group,); behind the places forces on lengths (`pose_axes`, `grip_axes`), which `shown` turns back.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import dist
 
+from cogrip.client.handle import BEYOND
+from cogrip.client.pose_axes import behind
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
 from cogrip.protocol.setting_types import PLACES
@@ -19,7 +21,10 @@ SOFT_S = 0.05  # after a gap, in which the force may still return to the law
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Bounds of a group: forces [N], slope [N/s], speed [m/s]. per_unit, unit: what one of them is shown as."""
+    """Bounds of a group: forces [N], slope [N/s], speed [m/s]. per_unit, unit, rate_unit: what one of them is shown as.
+
+    range_m: where readings of the group can be, as lengths; None: anywhere
+    """
 
     peak_n: float
     continuous_n: float
@@ -27,21 +32,29 @@ class Bounds:
     speed_mps: float
     per_unit: float = 1.0
     unit: str = "N"
+    rate_unit: str = "m/s"
+    range_m: tuple[float, float] | None = None
 
     def shown(self, force_n: float) -> str:
-        """Return a force, or a torque, with its unit."""
+        """Return a force, a torque, or the force of a gripper, with its unit."""
         return f"{self.per_unit * force_n:g} {self.unit}"
 
 
-def bounds_of(record: Capability, length_m: float) -> tuple[Bounds, ...]:
-    """Return the bounds of the places, then those of the axes that turn, where there are any."""
+def bounds_of(record: Capability, unit: float) -> tuple[Bounds, ...]:
+    """Return the bounds of the places, then those of the axes behind them, where there are any."""
     places = Bounds(record.peak_force_n, record.continuous_force_n, record.slew_nps, record.speed_mps)
-    turning = record.rotation
-    if turning is None:
+    other = behind(record, unit)
+    if other is None:
         return (places,)
-    peak, continuous, slew = turning.peak_torque_nm, turning.continuous_torque_nm, turning.slew_nmps
-    speed_mps = length_m * turning.speed_radps
-    return places, Bounds(peak / length_m, continuous / length_m, slew / length_m, speed_mps, length_m, "N m")
+    units, range_m = ("N m", "rad/s"), None
+    if record.gripper is not None and record.grip_m is not None:
+        closed, opened = record.grip_m
+        beyond = BEYOND * (opened - closed)
+        units, range_m = (
+            ("N at the gripper", "m/s at the gripper"),
+            (unit * (closed - beyond), unit * (opened + beyond)),
+        )
+    return places, Bounds(other.peak_n, other.continuous_n, other.slew_nps, other.speed_mps, unit, *units, range_m)
 
 
 class ForceLimits:

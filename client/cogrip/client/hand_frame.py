@@ -2,7 +2,7 @@
 
     p_w = p_0 + g R (x_h - x_0)        v_w = g R v_h        F_h = (s / g) R^T F_w
 
-Angles are turned and not scaled, and torques have the weight of the forces:
+Angles are turned and not scaled, the opening of a gripper is neither; torques, and its force, have the weight of the forces:
 
     omega_w = R omega_h        tau_h = (s / g^2) R^T tau_w        F_h v_h + tau_h omega_h = (s / g^2) (F_w v_w + tau_w omega_w)
 
@@ -16,7 +16,7 @@ from dataclasses import replace
 from cogrip.client.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.protocol.rotations import UNTURNED, Quaternion, exp, inverse, log, product, turned
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.setting_types import PLACES, POSE_AXES
 from cogrip.protocol.tool_frame import ToolFrame
 
 Row = tuple[float, ...]
@@ -26,13 +26,15 @@ class HandFrame:
     """The map of one seat of `axes` axes: lengths on all of them (`pose_axes`).
 
     weight    s / g^2: power at the hand by power at the tool
-    stiffest  impedance, or stiffness, at the hand by that of the tool: s; of angles s / g^2, the larger one counts
+    stiffest  impedance, or stiffness, at the hand by that of the tool: s; behind the places s / g^2, the larger one counts
+    turns     whether the hand turns its tool
     held      whether the clutch is held: the tool stands still; `asked` whether it is to be, whatever its button does
     button    bit of that button in `Sample.buttons`
     """
 
     def __init__(self, frame: ToolFrame, axes: int) -> None:
         self._axes = axes
+        self.turns = axes == POSE_AXES
         self._hand_m: Row = (0.0,) * axes
         self._tool_m: Row = self._hand_m
         self._turn: Quaternion = UNTURNED  # orientation of the tool where the hand's is none
@@ -70,18 +72,20 @@ class HandFrame:
     def _freeze(self, hand_m: Row, pose: Row) -> None:
         """Keep the tool's place and orientation."""
         if not self.held:
-            self._tool_m, self._turn = self.place(hand_m), self._orientation(pose[PLACES:])
+            self._tool_m = self.place(hand_m)
+            if self.turns:
+                self._turn = self._orientation(pose[PLACES:])
 
     def _thaw(self, hand_m: Row, pose: Row) -> None:
         """Have the tool, as it was kept, go on with the hand."""
         self._hand_m = hand_m
-        if len(pose) > PLACES:
+        if self.turns:
             kept, self._turn = self._turn, UNTURNED
             self._turn = product(inverse(self._orientation(pose[PLACES:])), kept)
 
     def _orientation(self, rotation_rad: Sequence[float]) -> Quaternion:
         """Return the tool's orientation for the hand's rotation vector."""
-        return product(exp(turned(self.frame.rotation, rotation_rad)), self._turn) if len(rotation_rad) else self._turn
+        return product(exp(turned(self.frame.rotation, rotation_rad)), self._turn)
 
     def rotation(self, rotation_rad: Sequence[float]) -> Row:
         """Return the tool's rotation vector for the hand's [rad]."""
@@ -90,7 +94,11 @@ class HandFrame:
     def rates(self, hand: Sequence[float]) -> Row:
         """Return velocities of the tool for those of the hand, or differences."""
         x = [self._g * part for part in _times(self._rows, hand)]
-        return (*x, *_times(self._rows, hand[PLACES:])) if self._axes > PLACES else tuple(x)
+        return (*x, *self._behind(self._rows, hand)) if self._axes > PLACES else tuple(x)
+
+    def _behind(self, rows: Sequence[Sequence[float]], values: Sequence[float]) -> Sequence[float]:
+        """Return what becomes of the axes behind the places."""
+        return _times(rows, values[PLACES:]) if self.turns else values[PLACES:]
 
     def shown(self, hand: Sequence[float]) -> Row:
         """Return velocities as the world sees them: none while the clutch is held."""
@@ -107,13 +115,13 @@ class HandFrame:
         """Return the force on the hand for that on the tool."""
         weight = self.weight
         x = [weight * self._g * part for part in _times(self._columns, force_n)]
-        return x + [weight * part for part in _times(self._columns, force_n[PLACES:])] if self._axes > PLACES else x
+        return x + [weight * part for part in self._behind(self._columns, force_n)] if self._axes > PLACES else x
 
     def tool_force(self, force_n: Sequence[float]) -> Row:
         """Return the force on the tool for that on the hand."""
         per = 1.0 / self.weight
         x = [per / self._g * part for part in _times(self._rows, force_n)]
-        return (*x, *[per * part for part in _times(self._rows, force_n[PLACES:])]) if self._axes > PLACES else tuple(x)
+        return (*x, *[per * part for part in self._behind(self._rows, force_n)]) if self._axes > PLACES else tuple(x)
 
     def record(self, record: Capability, tick_s: float) -> Capability:
         """Return a device's record as the tool's coupling sees it: speed, force, and the impedance that it carries."""

@@ -3,23 +3,25 @@
 from dataclasses import dataclass
 from math import dist, hypot
 
+from cogrip.client.grip_axes import GripAxes
 from cogrip.client.pose_axes import PoseAxes, Row
 from cogrip.protocol.setting_types import PLACES
 
 
 @dataclass(slots=True)
 class Peaks:
-    """Largest force and change of force between two ticks [N], torque [N m], and the path from frame to frame [m]."""
+    """Largest force and change of force between two ticks [N], and the path from frame to frame [m]; behind: largest torque
+    [N m], or force of a gripper [N]."""
 
     force_n: float = 0.0
-    torque_nm: float = 0.0
+    behind: float = 0.0
     step_n: float = 0.0
     travel_m: float = 0.0
 
-    def enter(self, force_n: Row, before_n: Row, axes: PoseAxes | None) -> None:
+    def enter(self, force_n: Row, before_n: Row, axes: PoseAxes | GripAxes | None) -> None:
         """Enter the force of a tick, and that of the one before, shape (axes,)."""
         if axes is not None:
-            self.torque_nm = max(self.torque_nm, axes.length_m * hypot(*force_n[PLACES:]))
+            self.behind = max(self.behind, axes.unit * hypot(*force_n[PLACES:]))
             step, size = dist(force_n[:PLACES], before_n[:PLACES]), hypot(*force_n[:PLACES])
         elif len(force_n) == 1:
             step, size = abs(force_n[0] - before_n[0]), abs(force_n[0])

@@ -10,7 +10,9 @@ angle travelled, theta, does not say how the hand is turned: rotations do not co
 """
 
 from collections.abc import Sequence
+from dataclasses import astuple
 from math import hypot, isfinite
+from typing import NamedTuple
 
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.rotations import UNTURNED, between, exp, log, product
@@ -20,10 +22,10 @@ Row = tuple[float, ...]
 
 
 class PoseAxes:
-    """Turns samples of one device into lengths, and forces into wrenches. length_m: l, of the seat."""
+    """Turns samples of one device into lengths, and forces into wrenches. length_m, unit: l, of the seat."""
 
     def __init__(self, length_m: float) -> None:
-        self.length_m = length_m
+        self.length_m = self.unit = length_m
         self._begun = False
         self._orientation = UNTURNED  # of the newest sample
         self._travelled_m: Row = (0.0,) * PLACES  # l theta then
@@ -60,26 +62,52 @@ class PoseAxes:
         return (*wrench[:PLACES], *[part / self.length_m for part in wrench[PLACES:]])
 
 
-def in_lengths(record: Capability, length_m: float) -> Capability:
-    """Return the record of a device that turns as one of lengths: bounds that hold for q on every axis.
+class Behind(NamedTuple):
+    """Bounds of the axes behind the places as lengths: those of `Rotation` and `Gripper`, in their order."""
+
+    peak_n: float
+    continuous_n: float
+    damping_nspm: float
+    slew_nps: float
+    speed_mps: float
+    resolution_m: float
+    mass_kg: float
+    own_damping_nspm: float
+    own_friction_n: float
+
+
+def behind(record: Capability, unit: float) -> Behind | None:
+    """Return the bounds of the axes behind the places, one unit of which is a length `unit`; None where there are none."""
+    own = record.rotation or record.gripper
+    if own is None:
+        return None
+    peak, continuous, damping, slew, speed, resolution, mass, own_damping, own_friction = astuple(own)
+    square = unit * unit
+    return Behind(
+        peak / unit, continuous / unit, damping / square, slew / unit, unit * speed, unit * resolution, mass / square,
+        own_damping / square, own_friction / unit,
+    )  # fmt: skip
+
+
+def in_lengths(record: Capability, unit: float) -> Capability:
+    """Return the record of a device with axes behind the places as one of lengths: bounds that hold for q on every axis.
 
     What the device can do at most is that of both together, what it carries that of the weaker.
     """
-    turning = record.rotation
-    assert turning is not None
-    square = length_m * length_m
+    other = behind(record, unit)
+    assert other is not None
     return Capability(
         family=record.family, model=record.model, axes=record.axes, workspace_m=record.workspace_m,
-        peak_force_n=hypot(record.peak_force_n, turning.peak_torque_nm / length_m),
-        continuous_force_n=hypot(record.continuous_force_n, turning.continuous_torque_nm / length_m),
+        peak_force_n=hypot(record.peak_force_n, other.peak_n),
+        continuous_force_n=hypot(record.continuous_force_n, other.continuous_n),
         stiffness_npm=record.stiffness_npm,
-        damping_nspm=min(record.damping_nspm, turning.damping_nms / square),
-        slew_nps=min(record.slew_nps, turning.slew_nmps / length_m),
-        speed_mps=hypot(record.speed_mps, length_m * turning.speed_radps),
-        resolution_m=max(record.resolution_m, length_m * turning.resolution_rad),
-        apparent_mass_kg=min(record.apparent_mass_kg, turning.apparent_inertia_kgm2 / square),
+        damping_nspm=min(record.damping_nspm, other.damping_nspm),
+        slew_nps=min(record.slew_nps, other.slew_nps),
+        speed_mps=hypot(record.speed_mps, other.speed_mps),
+        resolution_m=max(record.resolution_m, other.resolution_m),
+        apparent_mass_kg=min(record.apparent_mass_kg, other.mass_kg),
         rate_hz=record.rate_hz, gives_velocity=record.gives_velocity, latency_ticks=record.latency_ticks,
-        own_damping_nspm=min(record.own_damping_nspm, turning.own_damping_nms / square),
-        own_friction_n=min(record.own_friction_n, turning.own_friction_nm / length_m), buttons=record.buttons,
-        gives_orientation=record.gives_orientation, grip_m=record.grip_m,
+        own_damping_nspm=min(record.own_damping_nspm, other.own_damping_nspm),
+        own_friction_n=min(record.own_friction_n, other.own_friction_n), buttons=record.buttons,
+        gives_orientation=record.gives_orientation, grip_m=record.grip_m, gripper=record.gripper,
     )  # fmt: skip

@@ -7,8 +7,8 @@
 Only `live` lets force through. Entering it ramps the force in over RAMP_IN_S; leaving it ramps the force out over
 RAMP_OUT_S, after a fault over FAULT_OUT_S. The force is clamped to the device's peak keeping its direction, as its motors
 warm to its continuous force (`thermal`); its change is clamped to the device's slope, never above MOST_SLOPE_NPS; where
-waves are missing to SOFT_SLOPE_NPS, for a law without its wave jumps (`force_limits`). A torque has limits of its own. The
-energy ledger has what that takes or gives (docs/decisions/0004-leaks.md).
+waves are missing to SOFT_SLOPE_NPS, for a law without its wave jumps (`force_limits`). Torque, and the force of a gripper, have
+limits of their own. The energy ledger has what that takes or gives (docs/decisions/0004-leaks.md).
 """
 
 from collections import Counter
@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from math import hypot, inf, isfinite, sqrt
 from typing import Literal, get_args
 
-from cogrip.client.force_limits import ForceLimits, bounds_of
+from cogrip.client.force_limits import Bounds, ForceLimits, bounds_of
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
 from cogrip.protocol.setting_types import PLACES
@@ -54,15 +54,15 @@ class Safety:
     diverged  why this end has diverged, "" if it has not
     """
 
-    def __init__(self, capability: Capability, tick_s: float, length_m: float = 1.0) -> None:
-        """length_m: characteristic length of the seat, for a device that turns (`pose_axes`)."""
-        self._length_m = length_m
+    def __init__(self, capability: Capability, tick_s: float, unit: float = 1.0) -> None:
+        """unit: of the seat, a length for one unit of the axes behind the places (`Coupling.unit`)."""
+        self._unit = unit
         sizes = (min(capability.axes, PLACES), capability.axes - PLACES)
         self._groups = [
             ForceLimits(bounds, axes, tick_s, self.note)
-            for bounds, axes in zip(bounds_of(capability, length_m), sizes, strict=False)
+            for bounds, axes in zip(bounds_of(capability, unit), sizes, strict=False)
         ]
-        self._places, self._turning = self._groups[0], self._groups[1] if len(self._groups) > 1 else None
+        self._places, self._behind = self._groups[0], self._groups[1] if len(self._groups) > 1 else None
         self.keep_to(capability)
         self._rise = tick_s / RAMP_IN_S
         self._fall = tick_s / RAMP_OUT_S
@@ -83,7 +83,7 @@ class Safety:
 
     def keep_to(self, capability: Capability) -> None:
         """Go by this record from now on."""
-        for group, bounds in zip(self._groups, bounds_of(capability, self._length_m), strict=True):
+        for group, bounds in zip(self._groups, bounds_of(capability, self._unit), strict=True):
             group.keep_to(bounds)
         self._speed_mps = capability.speed_mps
         self._workspace_m = capability.workspace_m
@@ -148,16 +148,16 @@ class Safety:
             self._absent = max(0.0, self._absent - FORGIVEN)
         if ticks > 1:
             self._hold(ticks)
-        square = turning = 0.0
+        square = other = 0.0
         if len(velocity_mps) == PLACES:  # as below, without a loop
             x, y, z = velocity_mps
             square = x * x + y * y + z * z
         else:
-            for speed in velocity_mps if self._turning is None else velocity_mps[:PLACES]:
+            for speed in velocity_mps if self._behind is None else velocity_mps[:PLACES]:
                 square += speed * speed
-        if self._turning is not None:
-            turning = sum([speed * speed for speed in velocity_mps[PLACES:]])
-        if not isfinite(square + turning + sum(position_m)):
+        if self._behind is not None:
+            other = sum([speed * speed for speed in velocity_mps[PLACES:]])
+        if not isfinite(square + other + sum(position_m)):
             self.note("non-finite sample")
             self.fail("the device gave a number that is not finite; re-arm once it is well")
             return False
@@ -165,13 +165,24 @@ class Safety:
             self.fail(f"watchdog: the loop was away for {ticks} ticks; see `cogrip doctor`, then re-arm")
         if square > self._speed_mps * self._speed_mps:
             self.fail(f"over-speed: {sqrt(square):.2f} m/s is above {self._speed_mps:g} m/s; slow down, then re-arm")
-        if turning and turning > (bounds := self._groups[-1].bounds).speed_mps ** 2:
-            speeds = [speed / bounds.per_unit for speed in (sqrt(turning), bounds.speed_mps)]
-            self.fail(f"over-speed: {speeds[0]:.2f} rad/s is above {speeds[1]:g} rad/s; turn slower, then re-arm")
+        if self._behind is not None:
+            self._check_behind(self._behind.bounds, sqrt(other), position_m[-1])
         for axis, (low, high) in enumerate(self._workspace_m):  # angles have none
             if not low <= position_m[axis] <= high:
                 self.diverged = self.diverged or f"the hand left the workspace at {position_m[axis]:.4g} m"
         return True
+
+    def _check_behind(self, bounds: Bounds, speed_mps: float, last_m: float) -> None:
+        """Check the axes behind the places: their speed, and the opening of a gripper."""
+        if speed_mps > bounds.speed_mps:
+            speeds, unit = [speed / bounds.per_unit for speed in (speed_mps, bounds.speed_mps)], bounds.rate_unit
+            self.fail(f"over-speed: {speeds[0]:.2f} {unit} is above {speeds[1]:g} {unit}; slow down, then re-arm")
+        if bounds.range_m is not None and not bounds.range_m[0] <= last_m <= bounds.range_m[1]:
+            low, at, high = [1e3 / bounds.per_unit * each for each in (bounds.range_m[0], last_m, bounds.range_m[1])]
+            self.note("implausible opening")
+            self.fail(
+                f"the gripper's opening of {at:.4g} mm is out of {low:.4g} to {high:.4g} mm; check its sensor, then re-arm"
+            )
 
     def coming_gain(self, wished: bool = True) -> float:
         """Return the gain of the next `limit`. wished: whether there is a law's force."""
@@ -184,31 +195,31 @@ class Safety:
         gain = self.gain
         if gain != 1.0 or self.state != "live" or force_n is None:
             self.gain = gain = self.coming_gain(force_n is not None)
-        places, turning = self._places, self._turning
+        places, behind = self._places, self._behind
         places.limited = places.derated = places.over = False
-        if turning is not None:
-            turning.limited = turning.derated = turning.over = False
+        if behind is not None:
+            behind.limited = behind.derated = behind.over = False
         if force_n is not None:
             size_n = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
             if not size_n < inf:  # nan, too
                 self.note("non-finite force")
                 self.fail("the force law gave a number that is not finite; re-arm")
-            elif turning is None:
+            elif behind is None:
                 self.law_n = places.clip(force_n, size_n)
             else:
-                force, torque = force_n[:PLACES], force_n[PLACES:]
-                self.law_n = [*places.clip(force, hypot(*force)), *turning.clip(torque, hypot(*torque))]
+                force, rest = force_n[:PLACES], force_n[PLACES:]
+                self.law_n = [*places.clip(force, hypot(*force)), *behind.clip(rest, hypot(*rest))]
         out = tuple(self.law_n) if gain == 1.0 else tuple([gain * value for value in self.law_n])
         fall = self._drop if self.state == "fault" else 0.0  # a fault, also of now, fades as fast as ever
-        if turning is None:
+        if behind is None:
             out = places.follow(out, gap, fall)
             over, self.limited, self.derated = places.over, places.limited, places.derated
             warm = places.thermal.warm
         else:
-            out = places.follow(out[:PLACES], gap, fall) + turning.follow(out[PLACES:], gap, fall)
-            over = places.over or turning.over
-            self.limited, self.derated = places.limited or turning.limited, places.derated or turning.derated
-            warm = places.thermal.warm or turning.thermal.warm
+            out = places.follow(out[:PLACES], gap, fall) + behind.follow(out[PLACES:], gap, fall)
+            over = places.over or behind.over
+            self.limited, self.derated = places.limited or behind.limited, places.derated or behind.derated
+            warm = places.thermal.warm or behind.thermal.warm
         if over:
             self._clipped(gain)
         else:

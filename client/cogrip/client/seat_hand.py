@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from cogrip.client.coupling import AnyCoupling
 from cogrip.client.effects.force import EffectForce
 from cogrip.client.energy_ledger import EnergyLedger
+from cogrip.client.grip_axes import GripAxes
 from cogrip.client.hand_aids import HandAids
 from cogrip.client.hand_changes import HandChanges
 from cogrip.client.hand_frame import HandFrame
@@ -22,16 +23,22 @@ from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.hand_settings import HandChange, of_seat, unfit
 from cogrip.protocol.messages import SetHand
 from cogrip.protocol.session import ClientSession
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
+from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.tool_frame import ToolFrame
+
+
+def axes_of(seat: SeatSettings) -> PoseAxes | GripAxes | None:
+    """Return what makes lengths of the axes of a seat; None where all are."""
+    axes, unit = seat.object.axes, seat.coupling.unit
+    return PoseAxes(unit) if axes == POSE_AXES else GripAxes(unit) if axes == GRIP_AXES else None
 
 
 class SeatHand:
     """Base of `SeatedClient`, which sets `coupling`, `safety`, `ledger`, `hand` and `effects`, and calls `follow` each tick.
 
-    Inside, all of a hand that turns is in lengths (`pose_axes`): `force_n`, `hand` and what they are given to. `wrench`, `pose`
-    and `twist` are as the device has them.
+    Inside, all of a hand that turns or has a gripper is in lengths (`pose_axes`, `grip_axes`): `force_n`, `hand` and what they
+    are given to. `wrench`, `pose` and `twist` are as the device has them.
     """
 
     __slots__ = (
@@ -48,7 +55,7 @@ class SeatHand:
     def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability) -> None:
         self.settings = seat
         self.session = session
-        self._axes = PoseAxes(seat.coupling.length_m) if seat.object.axes == POSE_AXES else None
+        self._axes = axes_of(seat)
         self.handle: HandleReader | None = None  # where the device has one
         self._set_record(capability)
         self.force_n: Row = (0.0,) * seat.object.axes
@@ -60,7 +67,7 @@ class SeatHand:
     def _set_record(self, capability: Capability) -> None:
         self.capability = self._record = capability.first(self.settings.object.axes)
         if self._axes is not None:
-            self._record = in_lengths(self.capability, self._axes.length_m)
+            self._record = in_lengths(self.capability, self._axes.unit)
         if self.handle is None and has_handle(capability):
             self.handle = HandleReader(self.session.dropped)
         if self.handle is not None:
@@ -68,19 +75,19 @@ class SeatHand:
 
     @property
     def pose(self) -> Row:
-        """Position of the hand [m], and rotation vector [rad]."""
+        """Position of the hand [m], and rotation vector [rad] or opening [m]."""
         position = self.hand.position_m
         return position if self._axes is None else self._axes.pose(position)
 
     @property
     def twist(self) -> Sequence[float]:
-        """Velocity of the hand [m/s], and angular velocity [rad/s]."""
+        """Velocity of the hand [m/s], and angular velocity [rad/s] or rate of opening [m/s]."""
         velocity = self.hand.velocity_mps
         return velocity if self._axes is None else self._axes.rates(velocity)
 
     @property
     def wrench(self) -> Row:
-        """Force [N] and torque [N m] of this tick, shape (axes,)."""
+        """Force [N] and torque [N m], or force of the gripper [N], of this tick, shape (axes,)."""
         return self.force_n if self._axes is None else self._axes.wrench(self.force_n)
 
     def _fit_coupling(self) -> None:
@@ -98,12 +105,14 @@ class SeatHand:
         return position if self._frame is None else self._frame.place(position)
 
     def tool_pose(self) -> Row:
-        """Return the tool's position [m], and rotation vector [rad]."""
-        frame, pose = self._frame, self.pose
+        """Return the tool's position [m], and rotation vector [rad] or opening [m]."""
+        frame, axes = self._frame, self._axes
         if frame is None:
-            return pose
+            return self.pose
         place = frame.place(self.hand.position_m)
-        return place if self._axes is None else place[:PLACES] + frame.rotation(pose[PLACES:])
+        if axes is None:
+            return place
+        return place[:PLACES] + frame.rotation(self.pose[PLACES:]) if frame.turns else axes.pose(place)
 
     # Clutch and changes
 

@@ -20,7 +20,7 @@ from cogrip.client.felt_stiffness import REST_S, FeltStiffness
 from cogrip.client.hand_aids import part_of
 from cogrip.client.hand_motion import HandMotion, work_and_velocity
 from cogrip.client.peaks import Peaks
-from cogrip.client.pose_axes import Row
+from cogrip.client.pose_axes import PoseAxes, Row
 from cogrip.client.safety import Safety
 from cogrip.client.schemes import SCHEMES
 from cogrip.client.seat_hand import SeatHand
@@ -48,7 +48,7 @@ class SeatedClient(SeatHand):
         super().__init__(seat, session, capability)
         self.session_id = session.welcome.session if session.welcome else 0
         self.coupling: AnyCoupling = SCHEMES[seat.coupling.kind].make(seat)
-        self.safety = Safety(self.capability, rates.tick_s, seat.coupling.length_m)
+        self.safety = Safety(self.capability, rates.tick_s, seat.coupling.unit)
         self.port = make_port(self._record, rates.tick_s)
         self.ledger = EnergyLedger(self.coupling)
         self.effects: EffectForce | None = None  # once one was told
@@ -201,8 +201,8 @@ class SeatedClient(SeatHand):
 
     def place(self) -> Row:
         """Return the tool's pose, and of one that turns also the angle travelled since the line's beginning."""
-        if self._axes is None:
-            return self.tool_m()
+        if not isinstance(self._axes, PoseAxes):
+            return self.tool_pose()
         assert self._origin_m is not None
         moved = [at - begun for at, begun in zip(self.tool_m(), self._origin_m, strict=True)]
         return self.tool_pose() + self._axes.rates(moved)[PLACES:]
@@ -296,7 +296,8 @@ class SeatedClient(SeatHand):
             self.felt.add(depth, sum(map(mul, direction, force_n)))
 
     def act(self, now_ns: int) -> tuple[float, ...]:
-        """Return force [N] and torque [N m], shape (axes,), to hold until the next tick: F of P eq. 9, which loads the hand."""
+        """Return force [N], torque [N m] or the gripper's force [N], shape (axes,), to hold until the next tick: F of P eq. 9,
+        which loads the hand."""
         coupling, safety, session = self.coupling, self.safety, self.session
         if self.tick >= self._wave_end:
             self._start_frame(self.tick)

@@ -13,7 +13,7 @@ from cogrip.devices.device import Capability, Device, DeviceError, Sample
 from cogrip.devices.plausibility import AGE, DRIFT, JUMP, OLD, ForceReports, Plausibility
 from cogrip.protocol.handle import is_unit
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
+from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
 
 FEW_TICKS = 40
 JUDGED_TICKS = 160
@@ -54,9 +54,9 @@ def record_is_complete(subject: Subject) -> None:
     _expect(isinstance(record, Capability), f"capability is a Capability, not {type(record).__name__}")
     _expect(bool(record.family) and bool(record.model), "family and model have names")
     bounds = record.workspace_m
-    _expect(1 <= record.axes <= PLACES or record.axes == POSE_AXES, f"axes are 1 to 3, or 6: {record.axes}")
+    _expect(1 <= record.axes <= GRIP_AXES or record.axes == POSE_AXES, f"axes are 1 to 4, or 6: {record.axes}")
     _expect(len(bounds) == min(record.axes, PLACES), "workspace_m has a (low, high) for each place")
-    _expect((record.rotation is None) == (record.axes <= PLACES), "a device of six axes has a record of its rotation")
+    _expect((record.rotation is None) == (record.axes < POSE_AXES), "a device of six axes has a record of its rotation")
     _expect(all(low < high for low, high in bounds), f"workspace_m is low to high: {bounds}")
     _expect(all(high - low < 5.0 for low, high in bounds), f"workspace_m is in metres: {bounds}")
     forces = (record.continuous_force_n, record.peak_force_n)
@@ -124,6 +124,8 @@ def samples_are_metres(subject: Subject) -> None:
             _expect(inside, f"inside the workspace {record.workspace_m} m: {sample.position_m}")
             turned = hypot(*sample.position_m[PLACES:])
             _expect(turned <= pi * (1.0 + 1e-3), f"a rotation vector turns by at most pi: {turned} rad")
+            if record.gripper is not None:
+                _expect(sample.grip_m == sample.position_m[-1], f"the opening is the axis behind the places: {sample}")
             _expect(sample.age_ticks >= 0, f"an age of at least 0: {sample.age_ticks}")
 
 

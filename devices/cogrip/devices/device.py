@@ -20,6 +20,7 @@ import msgspec
 
 from cogrip.protocol.handle import MOST_BUTTONS
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
+from cogrip.protocol.setting_types import GRIP_AXES
 
 LARGEST = 1e6  # of any number in a record: what is above is no bound
 GRAVITY_MPS2 = 9.81
@@ -88,11 +89,37 @@ class Rotation:
 
 
 @dataclass(frozen=True, slots=True)
+class Gripper:
+    """Record of a gripper with force, whose opening is the axis behind the places. Symbols as in `Capability`, of this axis.
+
+    Its range is `Capability.grip_m`. Every limit is a finite number above 0: raises DeviceError for any other.
+    """
+
+    peak_force_n: float
+    continuous_force_n: float
+    damping_nspm: float
+    slew_nps: float
+    speed_mps: float
+    resolution_m: float
+    apparent_mass_kg: float
+    own_damping_nspm: float = 0.0
+    own_friction_n: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("peak_force_n", "continuous_force_n", "damping_nspm", "slew_nps", "speed_mps", "apparent_mass_kg"):
+            if not 0.0 < getattr(self, name) <= LARGEST:  # False for nan
+                raise DeviceError(f"gripper: {name} = {getattr(self, name):g} is no limit: state a number above 0")
+        if self.continuous_force_n > self.peak_force_n or not 0.0 <= self.resolution_m <= LARGEST:
+            raise DeviceError("gripper: continuous_force_n is above peak_force_n, or resolution_m is not 0 or above")
+
+
+@dataclass(frozen=True, slots=True)
 class Capability:
     """Capability record of a device; safety reads it before any force flows.
 
     family, model       names for people
-    axes                how many axes this device was made with: 1 to 3 places, or 6, a place and an orientation
+    axes                how many axes this device was made with: 1 to 3 places; 6, a place and an orientation; 4, a place and
+                        the opening of a gripper with force
     workspace_m         (low, high) per place [m], shape (min(axes, 3),)
     peak_force_n        largest force per axis, briefly [N]
     continuous_force_n  largest force per axis, for ever [N]
@@ -112,6 +139,7 @@ class Capability:
     gives_orientation   whether samples carry an orientation
     grip_m              (closed, open) of its gripper [m]; None where it has none
     handle_mass_kg      mass whose weight the hand carries on the third axis, and nobody else [kg]; 0 where it is not known
+    gripper             record of the gripper's axis, where it has force; None where there is none
 
     Every limit is a finite number above 0: raises DeviceError for any other.
     """
@@ -138,6 +166,7 @@ class Capability:
     gives_orientation: bool = False
     grip_m: tuple[float, float] | None = None
     handle_mass_kg: float = 0.0
+    gripper: Gripper | None = None
 
     def __post_init__(self) -> None:
         for name in ("peak_force_n", "continuous_force_n", *_FORMERLY_UNBOUNDED, "apparent_mass_kg"):
@@ -154,6 +183,10 @@ class Capability:
             raise self._error(f"handle_mass_kg = {self.handle_mass_kg:g} is out of 0 to {MOST_HANDLE_KG:g}")
         if not 0 <= self.buttons <= MOST_BUTTONS:
             raise self._error(f"buttons = {self.buttons} is out of 0 to {MOST_BUTTONS}")
+        if (self.gripper is not None) != (self.axes == GRIP_AXES) or (self.gripper and self.grip_m is None):
+            raise self._error(
+                f"axes = {self.axes}: {GRIP_AXES} axes need a gripper's record and grip_m, others have no such record"
+            )
         ranges = [("workspace_m", *bounds) for bounds in self.workspace_m]
         for name, low, high in ranges + [("grip_m", *bounds) for bounds in [self.grip_m] if bounds]:
             if not (isfinite(low) and isfinite(high) and low < high):
@@ -178,15 +211,19 @@ class Capability:
     def claims(self) -> dict[str, Any]:
         """Return what a hello says of the device, by parameter of `session.make_hello`."""
         turning = self.rotation
+        force_n, speed_mps = self.peak_force_n, self.speed_mps
+        if own := self.gripper:  # the larger of both
+            force_n, speed_mps = max(force_n, own.peak_force_n), max(speed_mps, own.speed_mps)
         return {
-            "axes": self.axes, "rate_hz": float(self.rate_hz), "force_n": self.peak_force_n, "speed_mps": self.speed_mps,
+            "axes": self.axes, "rate_hz": float(self.rate_hz), "force_n": force_n, "speed_mps": speed_mps,
             "torque_nm": turning.peak_torque_nm if turning else 0.0, "speed_radps": turning.speed_radps if turning else 0.0,
         }  # fmt: skip
 
     def first(self, axes: int) -> Capability:
         """The record of the first `axes` axes alone."""
-        rotation = self.rotation if axes == self.axes else None
-        return replace(self, axes=axes, workspace_m=self.workspace_m[:axes], rotation=rotation)
+        if axes == self.axes:
+            return self
+        return replace(self, axes=axes, workspace_m=self.workspace_m[:axes], rotation=None, gripper=None)
 
 
 _FORMERLY_UNBOUNDED = {
@@ -230,7 +267,8 @@ def check_rate(rate_hz: int, record: Capability, where: str) -> None:
 class Sample(msgspec.Struct, frozen=True, gc=False):
     """One reading: position [m] and, where the device knows it, velocity [m/s], each of shape (axes,).
 
-    Of six axes the last three are a rotation vector [rad] and an angular velocity [rad/s], in the device's own frame.
+    Of six axes the last three are a rotation vector [rad] and an angular velocity [rad/s], in the device's own frame; of four
+    the last is the opening of a gripper with force [m] and its rate.
 
     It was taken `age_ticks` ticks before the tick it is read at: a device that answers a request is asked at one tick, with
     the force that begins then, and read at the next.
@@ -281,7 +319,7 @@ class Device(Protocol):
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         """Hold `force_n` [N], shape (axes,), until the next write. It is F of P eq. 9 (see above): the hand gets -F.
 
-        Of six axes the last three are a torque [N m].
+        Of six axes the last three are a torque [N m]; of four the last is the force that loads fingers as they open [N].
 
         Returns the force that acts where that is another one: its motors cannot give more, or it could not be told yet.
         Raises DeviceError when not open, when the number of axes differs, or when a force is not finite.

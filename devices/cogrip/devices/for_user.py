@@ -6,6 +6,7 @@ from msgspec.structs import replace
 
 from cogrip.devices.device import Capability, Device, DeviceError, Sample, defects_named
 from cogrip.devices.registry import make, record_of
+from cogrip.protocol.setting_types import GRIP_AXES, PINCH
 from cogrip.protocol.settings import User
 
 HANDLESS = ("sim:", "emulated:")  # devices that need a simulated hand
@@ -41,6 +42,11 @@ def try_for(user: User, axes: int, rate_hz: int) -> None:
 def first_axes(device: Device, axes: int) -> Device:
     """`device` itself if it has just `axes` axes, else a view of its first ones. Raises DeviceError where it has fewer."""
     record = device.capability
+    if axes == GRIP_AXES and record.gripper is None:
+        raise DeviceError(
+            f'{record.family}:{record.model} has no gripper with force, and the tool "{PINCH}" asks for one; take another'
+            " device or tool"
+        )
     if record.axes < axes:
         raise DeviceError(
             f"{record.family}:{record.model} has {record.axes} axes, and the room has {axes}; take another device, or set"

@@ -124,7 +124,7 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     delay: DelayAccount = DelayAccount()
     device: DeviceAccount = DeviceAccount()
     down_reserve_j: float | None = None  # least balance of the downlink after its first second
-    peak_torque_nm: float = 0.0
+    peak_torque_nm: float = 0.0  # of a seat with a gripper its largest force [N]
     line: LineAccount | None = None  # of the last line; None without waves
     effects: EffectAccount | None = None  # None where none were told
 

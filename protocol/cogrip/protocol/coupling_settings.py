@@ -14,6 +14,7 @@ from cogrip.protocol.line_tuning import USUAL_NSPM, corner_hz, filter_lag_s, tun
 from cogrip.protocol.rates import Rates
 
 LEAST_FILTER_HZ = 0.05
+GRIP_NSPM = 10.0  # of a gripper, where nothing else is said
 
 
 class CouplingBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -28,7 +29,10 @@ class CouplingBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lowpass_rad_s: Annotated[float, msgspec.Meta(ge=1e-3, le=1e5)] = 50.0
     server_step: types.ServerStep = "passive"
     encoder: types.Encoder = "displacement"
-    rotational_impedance_nms: types.RotationalImpedance = 0.02  # of the axes that turn, where there are six
+    rotational_impedance_nms: types.RotationalImpedance | msgspec.UnsetType = (
+        0.02  # of the axes that turn, where there are six
+    )
+    grip_impedance_nspm: types.Impedance | msgspec.UnsetType = msgspec.UNSET  # of a gripper, where there is one
 
 
 class CouplingSection(CouplingBase, frozen=True, forbid_unknown_fields=True):
@@ -39,14 +43,26 @@ class CouplingSection(CouplingBase, frozen=True, forbid_unknown_fields=True):
 
 
 class Coupling(CouplingBase, frozen=True, forbid_unknown_fields=True):
-    """The coupling of one seat."""
+    """The coupling of one seat. Of the last two impedances a seat has one: that of its gripper, or of turning."""
 
     impedance_nspm: types.Impedance = USUAL_NSPM  # for "auto" that which the seat begins with
+    rotational_impedance_nms: types.RotationalImpedance | msgspec.UnsetType = msgspec.UNSET
+
+    def fits(self, axes: int) -> bool:
+        """Return whether it has the impedance that a seat of so many axes needs, and not the other."""
+        unset = self.grip_impedance_nspm is msgspec.UNSET, self.rotational_impedance_nms is msgspec.UNSET
+        return unset == ((False, True) if axes == types.GRIP_AXES else (True, False))
 
     @property
-    def length_m(self) -> float:
-        """Characteristic length l [m], by which an angle is a length of the same impedance: b l^2 = b_r."""
-        return sqrt(self.rotational_impedance_nms / self.impedance_nspm)
+    def behind(self) -> float:
+        """Impedance of the axes behind the places: b_r [N m s] of those that turn, b_g [N s/m] of an opening."""
+        own = (self.grip_impedance_nspm, self.rotational_impedance_nms)
+        return next(each for each in own if each is not msgspec.UNSET)
+
+    @property
+    def unit(self) -> float:
+        """Length that has the impedance b of one unit behind the places: l [m] of an angle, sqrt(b_g / b) of an opening."""
+        return sqrt(self.behind / self.impedance_nspm)
 
 
 class LineTuning(msgspec.Struct, frozen=True, array_like=True):
@@ -64,10 +80,16 @@ class LineTuning(msgspec.Struct, frozen=True, array_like=True):
 
 
 def of_seat(
-    asked: CouplingSection, playout: PlayoutDelay, ways: Iterable[Direction], rates: Rates
+    asked: CouplingSection, playout: PlayoutDelay, ways: Iterable[Direction], rates: Rates, grips: bool
 ) -> tuple[Coupling, LineTuning]:
-    """Return coupling and tuning of a seat: in place of "auto" stands what suits the delay that settings say."""
+    """Return coupling and tuning of a seat: in place of "auto" stands what suits the delay that settings say.
+
+    grips: its hand drives a gripper
+    """
     values = msgspec.structs.asdict(asked)
+    values["rotational_impedance_nms" if grips else "grip_impedance_nspm"] = msgspec.UNSET
+    if values["grip_impedance_nspm"] is msgspec.UNSET and grips:
+        values["grip_impedance_nspm"] = GRIP_NSPM
     prefer, b, corner = [values.pop(name) for name in ("prefer", "impedance_nspm", "wave_filter_hz")]
     auto = b == "auto", corner == "auto"
     if any(auto):

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from cogrip.protocol.object_kinds import KINDS, LOCAL_KINDS, kind_of, unfit_kind
-from cogrip.protocol.setting_types import MOST_WAVES, PLACES, POSE_AXES
+from cogrip.protocol.setting_types import GRIP_AXES, MOST_WAVES, PINCH, PLACES, POSE_AXES
 from cogrip.protocol.task import unfit
 
 if TYPE_CHECKING:
@@ -36,6 +36,8 @@ def unfit_object(settings: "Settings", compensated: Sequence[str]) -> str:
     if kind_of(given.kind).spring:
         return ""
     scene, step = given.kind == "scene", coupling.server_step
+    grips = any(user.grips for user in settings.users)
+    axes = GRIP_AXES if grips else given.axes
     refused = [
         (scene and not given.file, 'object.file = "" names no scene', 'give an MJCF or URDF file, such as "lift.xml"'),
         (
@@ -54,9 +56,19 @@ def unfit_object(settings: "Settings", compensated: Sequence[str]) -> str:
             "set object.axes = 6",
         ),
         (
-            given.axes * settings.playout.redundancy > MOST_WAVES,
-            f"playout.redundancy = {settings.playout.redundancy} of {given.axes} axes is more than a datagram holds",
-            f"set it to at most {MOST_WAVES // given.axes}",
+            grips and given.axes != PLACES,
+            f'object.axes = {given.axes}, but tool = "{PINCH}" moves in places alone',
+            "set object.axes = 3",
+        ),
+        (
+            grips and coupling.kind != "wave",
+            f'coupling.kind = "{coupling.kind}" has no gripper',
+            f'set coupling.kind = "wave", or take another tool than "{PINCH}"',
+        ),
+        (
+            axes * settings.playout.redundancy > MOST_WAVES,
+            f"playout.redundancy = {settings.playout.redundancy} of {axes} axes is more than a datagram holds",
+            f"set it to at most {MOST_WAVES // axes}",
         ),
         (
             scene and given.axes == POSE_AXES and coupling.kind != "wave",

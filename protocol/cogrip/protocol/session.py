@@ -28,7 +28,7 @@ from cogrip.protocol.messages import (
     Welcome,
 )
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
-from cogrip.protocol.setting_types import POSE_AXES
+from cogrip.protocol.setting_types import GRIP_AXES, POSE_AXES
 from cogrip.protocol.texts import clipped, shown
 
 HELLO_EVERY_NS = 250_000_000
@@ -209,7 +209,7 @@ class ClientSession:
         if isinstance(message, Refuse):
             if self._step("refuse"):
                 self.failed = f"the server refused: {shown(message.reason)} [{shown(message.code)}]"
-        elif fault := _unacceptable(before, message):
+        elif fault := _unacceptable(before, message, self._asked):
             if self._step("refuse"):
                 goodbye, self.failed = fault
                 self.outbox.append(messages.encode(Leave(message.session, goodbye)))
@@ -284,13 +284,17 @@ def _resumption_hello(hello: Hello, welcome: Welcome) -> Hello:
     return msgspec.structs.replace(hello, **seat)
 
 
-def _unacceptable(before: Welcome | None, after: Welcome) -> tuple[str, str] | None:
+def _unacceptable(before: Welcome | None, after: Welcome, hello: Hello) -> tuple[str, str] | None:
     """Return (reason for the leave, failure) where a person cannot take, or go on with, the seat of this welcome."""
     both_observe = before is not None and before.role == after.role == "observer"
     if before and not both_observe and (before.role, before.settings) != (after.role, after.settings):
         return "not the seat that was left", "the server came back with another seat or other settings: join anew"
+    if after.role == "observer":
+        return None
+    if why := unfit_axes(hello, after.settings.object.axes):
+        return "a seat of other axes", why
     device_hz = after.settings.rates.device_hz
-    if after.role == "observer" or device_hz >= LEAST_DEVICE_HZ:
+    if device_hz >= LEAST_DEVICE_HZ:
         return None
     return "device_hz is too low", (
         f"the server asks for rates.device_hz = {device_hz}, at least {LEAST_DEVICE_HZ} is safe for a hand: raise it in the "
@@ -311,6 +315,18 @@ def make_hello(
     return Hello(*head, axes, rate_hz, force, speed, role, token, "", torque, turning)
 
 
+def unfit_axes(hello: Hello, axes: int) -> str:
+    """Return why a device cannot have a seat of so many axes, "" if it can."""
+    if axes == GRIP_AXES and hello.device_axes != axes:
+        return (
+            f"device {hello.device} has no gripper with force, and this seat's tool is one; take another device or seat"
+        )
+    if hello.device_axes < axes:
+        cure = ': set orientation = "free", "damped" or "fixed" for this seat' if axes == POSE_AXES else ""
+        return f"device {hello.device} moves on {hello.device_axes} of the {axes} axes of this room{cure}"
+    return ""
+
+
 def unfit(
     hello: Hello, *, digest: str, axes: int, device_hz: int, whose: str = "this room at rates.device_hz"
 ) -> tuple[str, str] | None:
@@ -322,9 +338,8 @@ def unfit(
         return version_mismatch(hello.version)
     if hello.digest and hello.digest != digest:
         return "settings", f"your settings ({hello.digest}) are not the server's ({digest}): use the same file, or none"
-    if hello.device_axes < axes:
-        cure = ': set orientation = "free", "damped" or "fixed" for this seat' if axes == POSE_AXES else ""
-        return "axes", f"device {hello.device} moves on {hello.device_axes} of the {axes} axes of this room{cure}"
+    if why := unfit_axes(hello, axes):
+        return "axes", why
     if hello.device_rate_hz < device_hz:
         return "rate", f"device {hello.device} runs at {hello.device_rate_hz:g} Hz at most, {whose} = {device_hz}"
     return None

@@ -120,10 +120,16 @@ class User(HandSection, frozen=True, forbid_unknown_fields=True):
     compensate: bool | None = None
     device_hz: DeviceHz | None = None
     power_w: types.Watts | None = None  # None: [admission]'s
-    tool: str = ""  # body of a scene that this person moves; "" one is added
+    tool: str = ""  # body of a scene that this person moves; "" one is added; PINCH: with a gripper
     # of that tool: "driven" by the hand; "" driven where the room has six axes, else as the body's joints have it
     orientation: types.Orientation = ""
     rotational_impedance_nms: types.RotationalImpedance | None = None
+    grip_impedance_nspm: types.Impedance | None = None
+
+    @property
+    def grips(self) -> bool:
+        """True where the hand drives a gripper, whose opening is an axis of its line."""
+        return self.tool.partition(":")[0] == types.PINCH
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -165,6 +171,12 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     tool: ToolFrame | None = None  # None: as the hand moves
     workspace_limit: WorkspaceLimit = NO_LIMIT
     gravity_compensation: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.coupling.fits(self.object.axes):
+            raise ValueError(
+                f"a seat of {self.object.axes} axes needs the impedance of its gripper, or of turning, alone"
+            )
 
     @property
     def side_sign(self) -> float:
@@ -292,7 +304,9 @@ def coupling_of(settings: Settings, user: User) -> Coupling:
 
 def tuned_coupling(settings: Settings, user: User) -> tuple[Coupling, LineTuning]:
     """Return the coupling of this user's seat, and the tuning of its line."""
-    return of_seat(coupling_asked(settings, user), settings.playout, ways_of(settings), rates_of(settings, user))
+    return of_seat(
+        coupling_asked(settings, user), settings.playout, ways_of(settings), rates_of(settings, user), user.grips
+    )
 
 
 def not_passive(settings: Settings) -> str:
@@ -310,8 +324,11 @@ def not_passive(settings: Settings) -> str:
 
 
 def seat_axes(settings: Settings, user: User) -> int:
-    """Return the number of axes of a user's seat: in a room of poses only the places, where the hand does not turn its tool."""
-    axes = settings.object.axes
+    """Return the number of axes of a user's seat: in a room of poses only the places, where the hand does not turn its tool.
+
+    One more where it drives a gripper.
+    """
+    axes = types.GRIP_AXES if user.grips else settings.object.axes
     return axes if axes < POSE_AXES or user.orientation in ("", "driven") else PLACES
 
 

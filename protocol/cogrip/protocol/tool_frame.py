@@ -44,7 +44,7 @@ class ToolFrame(msgspec.Struct, frozen=True, array_like=True):
             raise ValueError(f"rotation of length {size:g} is no unit quaternion; divide it by its length")
 
     def stiffest(self, axes: int) -> float:
-        """Return impedance, or stiffness, at the hand by that of the tool: s, and of angles s / g^2; the larger one."""
+        """Return impedance, or stiffness, at the hand by that of the tool: s, and behind the places s / g^2; the larger one."""
         turning = self.force_scale / self.position_scale**2 if axes > PLACES else 0.0
         return max(self.force_scale, turning)
 

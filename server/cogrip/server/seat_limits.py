@@ -1,7 +1,8 @@
 """Bounds of what a seat may bring in: a hostile player can be unpleasant, never dangerous.
 
     waves     |u| <= (b V + F) / sqrt(2b), with peak force F and speed V of the device record that was claimed; where that
-              has no bound, [admission]'s, or REMOTE's; where a hand turns also (b_r V_r + M) / sqrt(2 b_r)
+              has no bound, [admission]'s, or REMOTE's; where a hand turns also (b_r V_r + M) / sqrt(2 b_r), where it drives a
+              gripper also (b_g V + F) / sqrt(2 b_g)
     power     into the object on average over BURST_S; what the settings say (by default a hand's), or the device's own F V
     states    (virtual coupling, time-domain passivity) speed V, and no farther in one frame than V lets a hand go
     energy    (time-domain passivity) that power as well, whatever energy the client says it has sent
@@ -48,7 +49,7 @@ class Record(msgspec.Struct, frozen=True):
 
 
 class SeatLimits(msgspec.Struct, frozen=True):
-    """Bounds of one seat; inf where there is none."""
+    """Bounds of one seat; inf where there is none. torque_nm, speed_radps: of a gripper its force [N] and speed [m/s]."""
 
     force_n: float = inf
     speed_mps: float = inf
@@ -60,11 +61,11 @@ class SeatLimits(msgspec.Struct, frozen=True):
         """Return the looser bound of both."""
         return SeatLimits(*map(max, msgspec.structs.astuple(self), msgspec.structs.astuple(other)))
 
-    def square_of(self, impedance_nspm: float, rotational_impedance_nms: float) -> float:
-        """Return the largest |u|^2 of all axes [W]."""
+    def square_of(self, impedance_nspm: float, behind: float) -> float:
+        """Return the largest |u|^2 of all axes [W]. behind: impedance of those behind the places."""
         largest = wave_of(impedance_nspm, self.speed_mps, self.force_n)
-        turning = wave_of(rotational_impedance_nms, self.speed_radps, self.torque_nm)
-        return largest * largest + turning * turning
+        other = wave_of(behind, self.speed_radps, self.torque_nm)
+        return largest * largest + other * other
 
 
 def record_of(hello: Hello) -> Record:
@@ -83,6 +84,8 @@ def limits_of(record: Record, settings: Settings, number: int, tool: ToolFrame |
         return claim if claim < NO_BOUND else getattr(admission, name) or REMOTE[name]
 
     force, speed, torque, turning = [bound(name) for name in ("force_n", "speed_mps", "torque_nm", "speed_radps")]
+    if settings.users[number].grips:  # the record's force and speed are the larger of arm and gripper
+        torque, turning = force, speed
     if tool is not None:
         scale, weight = tool.position_scale, tool.force_scale / tool.position_scale**2
         force, speed, torque = force / (scale * weight), scale * speed, torque / weight
@@ -146,12 +149,11 @@ class WaveLimiter(PowerBucket):
     """
 
     def __init__(
-        self, impedance_nspm: float, frame_s: float, limits: SeatLimits, power_left: float = 1.0,
-        rotational_impedance_nms: float = 1.0,
-    ) -> None:  # fmt: skip
+        self, impedance_nspm: float, frame_s: float, limits: SeatLimits, power_left: float = 1.0, behind: float = 1.0
+    ) -> None:
         super().__init__(frame_s, limits, power_left)
         self._limits = limits
-        self._square_m = rotational_impedance_nms / impedance_nspm  # b_r / b, which stays
+        self._ratio = behind / impedance_nspm  # b_r / b, or b_g / b, which stays
         self.set_impedance(impedance_nspm)
         self._half_frame_s = 0.5 * frame_s
         self._brought = 0.0  # |u|^2 of this step
@@ -167,7 +169,7 @@ class WaveLimiter(PowerBucket):
     def set_impedance(self, impedance_nspm: float) -> None:
         """Bound waves as of this impedance from now on."""
         self._impedance_nspm = impedance_nspm
-        self._largest_square = self._limits.square_of(impedance_nspm, self._square_m * impedance_nspm)
+        self._largest_square = self._limits.square_of(impedance_nspm, self._ratio * impedance_nspm)
 
     def limit(self, wave: Row) -> Row:
         square = 0.0

@@ -32,9 +32,7 @@ class WavePort(Port):
         self._rates = seat.rates
         self._sender = LineSender(axes, playout.redundancy)
         coupling = seat.coupling
-        self._limiter = WaveLimiter(
-            coupling.impedance_nspm, frame_s, limits, power_left, coupling.rotational_impedance_nms
-        )
+        self._limiter = WaveLimiter(coupling.impedance_nspm, frame_s, limits, power_left, coupling.behind)
         self._impedances = ImpedanceChanges(coupling.impedance_nspm) if seat.line.auto_impedance else None
         self._since = 0  # number of the first returning frame with the impedance of now
         self._port_j: float | None = None

@@ -12,20 +12,31 @@ import msgspec
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import MOST_AXES, Address, Setting, check_axes, keys_of, read_settings, unknown
-from cogrip.devices.simulated import grasp, hands, ideal, phantom, pose, reconstructed_hand, recorded_hand, waypoints
+from cogrip.devices.simulated import (
+    grasp,
+    gripper,
+    hands,
+    ideal,
+    phantom,
+    pose,
+    reconstructed_hand,
+    recorded_hand,
+    waypoints,
+)
 from cogrip.devices.simulated.device import Plant, SimulatedDevice
 from cogrip.devices.simulated.presses import read_presses
-from cogrip.protocol.setting_types import PLACES, POSE_AXES
+from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
 
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """A simulated machine: its query keys, its record, its plant; of more than MOST_AXES axes it turns."""
+    """A simulated machine: its query keys, its record, its plant; of more than MOST_AXES axes it turns, or has a gripper."""
 
     settings: type[msgspec.Struct]
     capability: Callable[[Any, int], Capability]
     plant: Callable[[Any, int], Plant]
     axes: int = MOST_AXES
+    held_by: Callable[[hands.Hand, Any], hands.Hand] | None = None  # what a hand of places becomes on all these axes
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +57,7 @@ MACHINES: dict[str, Machine] = {
     "phantom": Machine(phantom.PhantomSettings, phantom.capability, phantom.PhantomPlant),
     "freeflyer": Machine(pose.FreeflyerSettings, pose.freeflyer, pose.freeflyer_plant, POSE_AXES),
     "phantom6": Machine(pose.Phantom6Settings, pose.phantom6, pose.phantom6_plant, POSE_AXES),
+    "gripper": Machine(gripper.GripperSettings, gripper.record, gripper.plant, GRIP_AXES, gripper.SqueezingHand),
 }
 
 HANDS: dict[str, HandKind] = {
@@ -144,6 +156,8 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
         )
     if axes == POSE_AXES and not kind.turns:
         hand: hands.Hand = pose.UnturnedHand(kind.make(hand_settings, PLACES, *argument))
+    elif axes == machine.axes and machine.held_by:
+        hand = machine.held_by(kind.make(hand_settings, PLACES, *argument), machine_settings)
     else:
         hand = kind.make(hand_settings, axes, *argument)
     plant = machine.plant(machine_settings, axes)

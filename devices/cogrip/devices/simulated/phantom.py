@@ -61,9 +61,11 @@ def capability(settings: PhantomSettings, axes: int) -> Capability:
 class PhantomPlant:
     """The machine per axis, axes alike but for their stops. `saturated` counts axis-ticks of clipped force."""
 
-    def __init__(self, settings: PhantomSettings, axes: int) -> None:
+    def __init__(
+        self, settings: PhantomSettings, axes: int, stops_m: Sequence[tuple[float, float]] = WORKSPACE_M
+    ) -> None:
         self._settings = settings
-        self._stops = WORKSPACE_M[:axes]
+        self._stops = stops_m[:axes]
         self.position_m = [0.0] * axes
         self.velocity_mps = [0.0] * axes
         self.saturated = 0

@@ -8,6 +8,8 @@ Per axis at a tool, T frame, h = T/n step, b impedance, u wave that came, held o
 The work of force and damper is what MuJoCo integrates; the last sum is lost. Contact adds nothing where it creates nothing
 (`scene_file`), and whatever it does, the limiter bounds what goes back (`energy_limiter`).
 
+A tool that is a gripper has one axis more, of impedance b_g, at the joint of its finger: all of the above, with q_k its rate.
+
 A tool with an orientation that is driven has three axes more, of impedance b_r, waves in the world's frame. MuJoCo turns a body
 by rates in its own frame: with R its orientation at the frame's start, u and v are R^T u and R^T v there, of the same squares,
 and w is the mean rate. As rotations do not commute, R drifts from the hand's; `orientation_drift` brings it back.
@@ -24,15 +26,17 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.rotations import UNTURNED, exp, inverse, log, product, turned
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.rotations import log
+from cogrip.protocol.setting_types import GRIP_AXES, PLACES
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.task import Task
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.equality_rows import EqualityRows
+from cogrip.server.worlds.opening_ports import OpeningPorts
 from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
 from cogrip.server.worlds.scene_file import Scene, body_of
 from cogrip.server.worlds.scene_grips import grip_of
+from cogrip.server.worlds.scene_object import SceneObject
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_state import SceneEnergy, check_memory, check_rates
 from cogrip.server.worlds.task_watch import TaskWatch
@@ -57,11 +61,8 @@ class SceneWorld(World):
         model = scene.model
         self.scene, self.substeps = scene, substeps
         self.data = mujoco.MjData(model)
-        self._object = -1 if scene.object < 0 else int(model.jnt_qposadr[model.body_jntadr[scene.object]])
-        self._object_dof = -1 if scene.object < 0 else int(model.jnt_dofadr[model.body_jntadr[scene.object]])
-        self._start = model.qpos0[self._object : self._object + 3].copy() if scene.object >= 0 else np.zeros(3)
-        self._unturned = model.qpos0[self._object + 3 : self._object + 7].tolist() if scene.object >= 0 else UNTURNED
-        self._shapes, self._drawn, _ = shapes_of(scene, self._start)
+        self.object = SceneObject(scene, self.data)
+        self._shapes, self._drawn, _ = shapes_of(scene, self.object.start)
         self._energy = SceneEnergy(model)
         self._equalities, self._warm = EqualityRows(model), WarmStart(model)
         super().__init__(seats)
@@ -71,13 +72,13 @@ class SceneWorld(World):
         self.solid, self.kinematic = np.zeros((2, len(seats)), dtype=bool)
         self._dofs = np.array([range(tool.dof, tool.dof + 3) for tool in scene.tools])
         self._places = np.array([range(tool.coordinate, tool.coordinate + 3) for tool in scene.tools])
-        self.turning = TurningPorts(scene, self.frame_s)
+        self.turning, self.openings = TurningPorts(scene, self.frame_s), OpeningPorts(scene)
         self._drive = np.sqrt(2.0 * self.port_impedance)
         self._driven_axes = np.ones((len(seats), self.axes), dtype=bool)
-        self._driven_axes[:, PLACES:] = [[tool.driven] for tool in scene.tools]
+        self._driven_axes[:, PLACES:] = [[tool.driven or tool.opening >= 0] for tool in scene.tools]
         self._grips = [grip_of(model, tool) for tool in scene.tools]
         start = np.array([model.body_pos[tool.body] for tool in scene.tools])
-        self.offset[:, :PLACES] = self._start - start  # from the object's frame to each hand's own
+        self.offset[:, :PLACES] = self.object.start - start  # from the object's frame to each hand's own
         self._zero = model.qpos0[self._places]  # coordinates of a hand at 0
         self._state = np.zeros(mujoco.mj_stateSize(model, _STATE))
         for user in range(len(seats)):
@@ -99,54 +100,32 @@ class SceneWorld(World):
     @property
     def position(self) -> Array:
         """Place of the object [m] and, of six axes, rotation vector [rad], from its start. To set it puts it there, at rest."""
-        if self._object < 0:
-            return np.zeros(self.axes)
-        at = self.data.qpos[self._object : self._object + 7]
-        place: Array = at[:3] - self._start
-        if self.axes == PLACES:
-            return place
-        return np.concatenate((place, log(product(at[3:].tolist(), inverse(self._unturned)))))
+        return self.object.place(self.axes)
 
     @position.setter
     def position(self, value: Array) -> None:
-        if self._object >= 0 and not np.array_equal(value, self.position):
-            self.data.qpos[self._object : self._object + 3] = self._start + value[:PLACES]
-            if self.axes > PLACES:
-                self.data.qpos[self._object + 3 : self._object + 7] = product(
-                    exp(value[PLACES:].tolist()), self._unturned
-                )
-            self.data.qvel[self._object_dof : self._object_dof + 6] = 0.0
+        if self.object.there and not np.array_equal(value, self.position):
+            self.object.put(value)
             self._refresh()
 
     @property
     def velocity(self) -> Array:
         """Velocity of the object [m/s], and of six axes its angular velocity [rad/s]."""
-        if self._object < 0:
-            return np.zeros(self.axes)
-        rates: Array = self.data.qvel[self._object_dof : self._object_dof + self.axes].copy()
-        if self.axes > PLACES:
-            rates[PLACES:] = turned(self.orientation.tolist(), rates[PLACES:].tolist())
-        return rates
+        return self.object.velocity(self.axes)
 
     @velocity.setter
     def velocity(self, value: Array) -> None:
-        if self._object >= 0 and not np.array_equal(value, self.velocity):
-            self.data.qvel[self._object_dof : self._object_dof + 3] = value[:PLACES]
+        if self.object.there and not np.array_equal(value, self.velocity):
+            self.object.push(value)
             self._refresh()
 
     def motion(self) -> Row:
-        if self._object < 0 or self.axes > PLACES:
-            return super().motion()
-        moved = self.data.qpos[self._object : self._object + 3] - self._start
-        return (*moved.tolist(), *self.data.qvel[self._object_dof : self._object_dof + 3].tolist())
+        return self.object.motion() if self.object.there and self.axes == PLACES else super().motion()
 
     @property
     def orientation(self) -> Array:
         """Quaternion w, x, y, z of the object."""
-        if self._object < 0:
-            return np.array([1.0, 0.0, 0.0, 0.0])
-        turned: Array = self.data.qpos[self._object + 3 : self._object + 7].copy()
-        return turned
+        return self.object.orientation
 
     @property
     def poses(self) -> Array:
@@ -157,7 +136,7 @@ class SceneWorld(World):
         return self._shapes
 
     def poses_of_bodies(self) -> Array:
-        return np.concatenate((self.data.xpos[self._drawn] - self._start, self.data.xquat[self._drawn]), axis=1)
+        return np.concatenate((self.data.xpos[self._drawn] - self.object.start, self.data.xquat[self._drawn]), axis=1)
 
     @property
     def energy_j(self) -> float:
@@ -170,7 +149,11 @@ class SceneWorld(World):
     def proxy(self, user: int) -> Array:
         first = self.scene.tools[user].coordinate
         place: Array = self.data.qpos[first : first + PLACES] - self._zero[user]
-        return place if self.axes == PLACES else np.concatenate((place, log(self.turning.turned(self.data, user))))
+        if self.axes == PLACES:
+            return place
+        if self.axes == GRIP_AXES:
+            return np.append(place, self.openings.opening(self.data, user))
+        return np.concatenate((place, log(self.turning.turned(self.data, user))))
 
     def hand_turned(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
         self.turning.report(user, rotation_rad, travelled_rad)
@@ -184,6 +167,8 @@ class SceneWorld(World):
         data, grip, tool = self.data, self._grips[user], self.scene.tools[user]
         data.qpos[self._places[user]] = self._zero[user] + position_m[:PLACES]
         self.turning.place(data, user, position_m[PLACES:].tolist())
+        self.openings.place(data, user, float(position_m[-1]))
+        self.openings.rest(data, user)
         dofs = slice(tool.dof, tool.dof + tool.dofs)
         data.qvel[dofs] = 0.0
         self._damp(user)
@@ -196,10 +181,11 @@ class SceneWorld(World):
     def _damp(self, user: int) -> None:
         """Give a held tool the damper of its port."""
         tool = self.scene.tools[user]
-        turning = self.turning.damping(user, self.rotational_impedance[user])
+        turning = self.turning.damping(user, self.impedance_behind[user])
         damping = np.concatenate((np.repeat(self.impedance[user], PLACES), turning))
         dofs = slice(tool.dof, tool.dof + tool.dofs)
         self.scene.model.dof_damping[dofs] = self._grips[user].damping + self.port_damped * damping
+        self.openings.damp(user, float(self.impedance_behind[user, 0]))
 
     def impedance_changed(self, user: int) -> None:
         super().impedance_changed(user)
@@ -230,6 +216,8 @@ class SceneWorld(World):
         self.data.qfrc_applied[dofs] = 0.0
         self.data.qvel[dofs] = 0.0
         model.dof_damping[dofs] = self._grips[user].damping
+        self.openings.damp(user, 0.0)
+        self.openings.rest(self.data, user)
         model.body_gravcomp[tool.body] = 1.0
         self._touch(user, False)
 
@@ -310,6 +298,9 @@ class SceneWorld(World):
         data.qfrc_applied[dofs] = force[:, :PLACES]
         if turning:
             data.qfrc_applied[self.turning.dofs] = force[turning, PLACES:]
+        grippers = self.openings.users
+        if grippers:
+            data.qfrc_applied[self.openings.dofs] = force[grippers, PLACES]
         rates = np.zeros((self.substeps, *force.shape))
         for number, rate in enumerate(rates, 1):
             data.efc_margin[:] = 0.0
@@ -320,6 +311,8 @@ class SceneWorld(World):
             rate[:, :PLACES] = data.qvel[dofs]
             if turning:
                 rate[turning, PLACES:] = data.qvel[self.turning.dofs]
+            if grippers:
+                rate[grippers, PLACES] = data.qvel[self.openings.dofs]
             if number == self.substeps:
                 self.contacts.read(data)
             mujoco.mj_step1(model, data)

@@ -18,18 +18,22 @@ from typing import NamedTuple
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
-from cogrip.protocol.setting_types import PLACES, POSE_AXES, Orientation, Side
+from cogrip.protocol.setting_types import PINCH, PLACES, POSE_AXES, Orientation, Side
 from cogrip.protocol.settings import Settings
 from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, read_meshes, read_text, scan
 
 MOST_CONTACTS = 8  # of a tool whose forces are measured, the strongest ones
 MOST_MEMORY = 2**28  # that <size memory> may ask for
 MOST_RATE = 1e5  # of anything after one step [m/s, rad/s]
-TOOLS = ("pad", "ball", "box")
+TOOLS = ("pad", "ball", "box", PINCH)
 """Tools that are added; `tool = ""` is the first."""
 TOOL_KG = 0.05
 APART_M = 0.05  # between added tools of one side
 CLEAR_M = 0.03  # between an added tool's start and the object
+FINGER_M, FINGER_APART_M = (
+    0.004,
+    0.006,
+)  # radius of the balls of a gripper's faces, and their places from the middle of each
 
 CONTACT_SHARE = 0.1  # d
 CONTACT_RATE_PS2, CONTACT_DAMPING_PS = 4e5, 1300.0  # kappa, beta
@@ -68,6 +72,7 @@ class Tool:
     dof, coordinate  first of its three, and of six where it turns
     turns            it has a free joint
     orientation      of the seat's settings, "" for what its joints have
+    opening          joint by which its finger slides away from it; -1 where it is no gripper
     """
 
     body: int
@@ -75,6 +80,7 @@ class Tool:
     coordinate: int
     turns: bool
     orientation: Orientation
+    opening: int = -1
 
     @property
     def dofs(self) -> int:
@@ -107,17 +113,21 @@ class Scene:
 
 
 class Held(NamedTuple):
-    """Choice of a seat's tool: name of its body or "", side on which it starts, orientation."""
+    """Choice of a seat's tool: name of its body or "", side on which it starts, orientation; grips: it has a finger."""
 
     tool: str
     side: Side
     orientation: Orientation
+    grips: bool = False
 
 
 def held_by(settings: Settings) -> list[Held]:
     """Return what each seat asks for. In a room of poses a hand drives the orientation, if nothing else is said."""
     usual: Orientation = "driven" if settings.object.axes == POSE_AXES else ""
-    return [Held(user.tool, user.side, user.orientation or usual) for user in settings.users]
+    return [
+        Held(user.tool.removeprefix(f"{PINCH}:"), user.side, user.orientation or usual, user.grips)
+        for user in settings.users
+    ]
 
 
 def load_scene(path: Path, seats: Sequence[Held], step_s: float) -> Scene:
@@ -174,7 +184,7 @@ def make_scene(
     if model.na or model.nplugin:
         what = "actuators with states of their own" if model.na else "plugins"
         raise SceneError(f"{name}: has {what}, whose energy is not counted; leave them out")
-    tools = tuple(_tool(model, body, held.orientation, name) for body, held in zip(chosen, seats, strict=True))
+    tools = tuple(_tool(model, body, held, name) for body, held in zip(chosen, seats, strict=True))
     if len({tool.body for tool in tools}) < len(tools):
         twice = next(body for body in chosen if chosen.count(body) > 1)
         raise SceneError(f"{name}: two seats have the tool {twice!r}; name a body for each, or leave one out")
@@ -183,7 +193,8 @@ def make_scene(
 
 
 def _digest(text: str, meshes: Mapping[str, bytes], seats: Sequence[Held], step_s: float) -> str:
-    words = [held.tool for held in seats] + [held.side for held in seats] + [held.orientation for held in seats]
+    words = [f"{PINCH} {held.tool}" if held.grips else held.tool for held in seats]
+    words += [held.side for held in seats] + [held.orientation for held in seats]
     digest = sha256("\0".join([text, *words, str(step_s)]).encode())
     for base, data in sorted(meshes.items()):
         digest.update(f"\0{base}\0{len(data)}\0".encode() + data)
@@ -266,7 +277,9 @@ def _added(tool: str, seat: int, bodies: set[str], name: str) -> str:
     """Return the name of the body that is added for a seat. Raises SceneError for a tool that there is not."""
     if tool and tool not in TOOLS:
         there = f"; its bodies are {', '.join(sorted(bodies)[:MOST_NAMED])}" if bodies else ""
-        raise SceneError(f'{name}: there is no body {tool!r} to be a tool{there}; or take "pad", "ball" or "box"')
+        raise SceneError(
+            f'{name}: there is no body {tool!r} to be a tool{there}; or take "pad", "ball", "box" or "pinch"'
+        )
     return f"tool of seat {seat}"
 
 
@@ -280,18 +293,29 @@ def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[f
         body.add_freejoint()
     if kind == "box":
         geoms = [body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.01, 0.01, 0.01])]
-    else:
-        centres = (
-            [(0.0, y, z) for y in (-0.012, 0.012) for z in (-0.012, 0.012)] if kind == "pad" else [(0.0, 0.0, 0.0)]
-        )
-        radius = 0.008 if kind == "pad" else 0.01
+    elif (
+        kind == PINCH
+    ):  # faces along y, which touch each other at an opening of 0; the middle of the thumb's is the tool's place
+        finger = body.add_body(name=f"finger of {body_name}", gravcomp=1.0)
+        finger.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 1.0, 0.0])
         geoms = [
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius, 0, 0], pos=centre) for centre in centres
+            _ball(part, FINGER_M, (x, y, z))
+            for part, y in ((body, -FINGER_M), (finger, FINGER_M))
+            for x in (-FINGER_APART_M, FINGER_APART_M)
+            for z in (-FINGER_APART_M, FINGER_APART_M)
         ]
+    elif kind == "pad":
+        geoms = [_ball(body, 0.008, (0.0, y, z)) for y in (-0.012, 0.012) for z in (-0.012, 0.012)]
+    else:
+        geoms = [_ball(body, 0.01, (0.0, 0.0, 0.0))]
     for geom in geoms:
         geom.mass = TOOL_KG / len(geoms)
         for key, value in _GEOM.items():
             setattr(geom, key, value)
+
+
+def _ball(body: mujoco.MjsBody, radius_m: float, centre: Sequence[float]) -> mujoco.MjsGeom:
+    return body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius_m, 0, 0], pos=centre)
 
 
 def _add_sensor(spec: mujoco.MjSpec, body_name: str) -> None:
@@ -329,9 +353,9 @@ def _object(model: mujoco.MjModel, tools: set[str]) -> tuple[np.ndarray[tuple[in
     return model.body_pos[body].copy(), max(reach, default=0.0)
 
 
-def _tool(model: mujoco.MjModel, body_name: str, orientation: Orientation, name: str) -> Tool:
+def _tool(model: mujoco.MjModel, body_name: str, held: Held, name: str) -> Tool:
     """Return the tool that a body is. Raises SceneError where a port cannot move it so."""
-    body = model.body(body_name).id
+    body, orientation = model.body(body_name).id, held.orientation
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     kinds = [model.jnt_type[joint] for joint in range(first, first + count)]
     root = model.body_parentid[body] == 0
@@ -347,4 +371,18 @@ def _tool(model: mujoco.MjModel, body_name: str, orientation: Orientation, name:
         raise SceneError(
             f'{name}: body {body_name!r} has {has}, so its orientation cannot be "{orientation}"; set "{cure}"'
         )
-    return Tool(body, int(model.jnt_dofadr[first]), int(model.jnt_qposadr[first]), turns, orientation)
+    opening = _opening(model, body, name) if held.grips else -1
+    return Tool(body, int(model.jnt_dofadr[first]), int(model.jnt_qposadr[first]), turns, orientation, opening)
+
+
+def _opening(model: mujoco.MjModel, body: int, name: str) -> int:
+    """Return the joint of a tool's finger: the one child of its body that slides on it. Raises SceneError."""
+    fingers = [child for child in range(1, model.nbody) if model.body_parentid[child] == body]
+    joints = [int(model.body_jntadr[child]) for child in fingers if model.body_jntnum[child] == 1]
+    slides = [joint for joint in joints if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE]
+    if len(slides) != 1:
+        raise SceneError(
+            f"{name}: body {model.body(body).name!r} cannot be a gripper: it needs one child that has a slide joint"
+            f" and no other, and {len(slides)} have"
+        )
+    return slides[0]

@@ -52,9 +52,10 @@ class World(ABC):
     Positions of a user (proxy, device) are in that user's own frame: `offset` is what joining put between it and the
     object's (theory section 3.7: the proxy starts on the object, wherever the hand is).
 
-    failed          why it is not stepped any more, "" while it is
-    impedance       b of each person's port [N s/m], shape (n, 1); rotational_impedance: b_r [N m s], where a tool turns
-    port_impedance  b, of a rotation b_r, of each axis, shape (n, a)
+    failed            why it is not stepped any more, "" while it is
+    impedance         b of each person's port [N s/m], shape (n, 1)
+    impedance_behind  of the axes behind the places, shape (n, 1): b_r [N m s] of those that turn, b_g [N s/m] of an opening
+    port_impedance    of each axis, shape (n, a)
     """
 
     axes_allowed: ClassVar[Sequence[int]] = (1, 2, 3)
@@ -76,10 +77,10 @@ class World(ABC):
         self.mass_kg = first.object.mass_kg
         self.object_damping = first.object.damping_nspm
         self.impedance = np.array([[seat.coupling.impedance_nspm] for seat in seats])
-        self.rotational_impedance = np.array([[seat.coupling.rotational_impedance_nms] for seat in seats])
+        self.impedance_behind = np.array([[seat.coupling.behind] for seat in seats])
         self.port_impedance = np.repeat(self.impedance, axes, axis=1)
-        self.port_impedance[:, PLACES:] = self.rotational_impedance
-        self._square_m = [seat.coupling.length_m**2 for seat in seats]  # b_r / b
+        self.port_impedance[:, PLACES:] = self.impedance_behind
+        self._square = [seat.coupling.unit**2 for seat in seats]  # b_r / b, or b_g / b
         self.wave_gain = np.array([[server_gain(seat.coupling.impedance_nspm)] for seat in seats])  # c
         self.side = np.array([seat.side_sign for seat in seats])
         self.target_stiffness = np.array([[seat.rendered_npm] for seat in seats])
@@ -161,12 +162,12 @@ class World(ABC):
     def impedance_changed(self, user: int) -> None:
         """Compute anew what is kept of a person's impedance; a world that keeps more of it extends this.
 
-        b_r goes with b: the characteristic length stays (theory 8.5).
+        b_r, or b_g, goes with b: the characteristic length stays (theory 8.5).
         """
         b = float(self.impedance[user, 0])
         self.wave_gain[user] = server_gain(b)
-        self.rotational_impedance[user] = self._square_m[user] * b
-        self.port_impedance[user, :PLACES], self.port_impedance[user, PLACES:] = b, self.rotational_impedance[user]
+        self.impedance_behind[user] = self._square[user] * b
+        self.port_impedance[user, :PLACES], self.port_impedance[user, PLACES:] = b, self.impedance_behind[user]
 
     def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
         """Step in plain floats: a row a user in, a row a user out."""

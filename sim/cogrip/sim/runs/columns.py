@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 from cogrip.protocol.accounts import ClientAccount, LinkCount, RoomAccount, SeatAccount, TickCount
 from cogrip.protocol.recording.records import Datagram, Ledger, Poses, Record, Row, SeatStep, Step, Tick
 from cogrip.protocol.recording.schema import unit_of
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.setting_types import GRIP_AXES, PLACES
+from cogrip.protocol.settings import seat_axes
 from cogrip.server.recorder import address_of, start_of
 
 Array = NDArray[Any]
 AXES = ("x", "y", "z", "rx", "ry", "rz")  # the last three: a rotation vector
+GRIP = "opening"  # of a gripper: the axis behind the places, where there are four
 _TURNING = {"m": "rad", "m/s": "rad/s", "N": "N m"}  # units of the axes that turn
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _POSE = (*AXES[:PLACES], *_QUATERNION)
@@ -149,7 +151,14 @@ def _flag(value: Any) -> Any:
     return int(value) if isinstance(value, bool) else value
 
 
-def _vector(name: str, axes: int, get: Callable[[Any], Any], prefix: str = "", parts: Sequence[str] = AXES) -> Field:
+def axes_named(axes: int, unit: str, turning: Mapping[str, str]) -> tuple[Sequence[str], Sequence[str]]:
+    """Return names and units of so many axes. turning: unit of a place to that of the same of an axis that turns."""
+    if axes == GRIP_AXES:
+        return (*AXES[:PLACES], GRIP), [unit] * axes
+    return AXES[:axes], [unit] * PLACES + [turning.get(unit, unit)] * (axes - PLACES)
+
+
+def _vector(name: str, axes: int, get: Callable[[Any], Any], prefix: str = "", parts: Sequence[str] = ()) -> Field:
     missing = (None,) * axes
 
     def read(sources: Sequence[Any]) -> list[Sequence[Any]]:
@@ -159,8 +168,8 @@ def _vector(name: str, axes: int, get: Callable[[Any], Any], prefix: str = "", p
         return list(zip(*rows, strict=True))
 
     name, unit = f"{prefix}{name}", unit_of(name)
-    units = [unit] * PLACES + [_TURNING.get(unit, unit)] * (axes - PLACES)
-    columns = [Column(f"{name}_{axis}", NUMBER, unit) for axis, unit in zip(parts[:axes], units, strict=False)]
+    names, units = axes_named(axes, unit, _TURNING)
+    columns = [Column(f"{name}_{axis}", NUMBER, unit) for axis, unit in zip(parts or names, units, strict=False)]
     return Field(name, columns, read)
 
 
@@ -263,7 +272,7 @@ def _server_layout(start: str) -> Layout:
         rooms = {room.name: room for room in start_of(start)[0]}
     except (KeyError, ValueError):  # it can be read all the same
         rooms = {}
-    axes = max((room.object.axes for room in rooms.values()), default=len(AXES))
+    axes = max((seat_axes(room, user) for room in rooms.values() for user in room.users), default=len(AXES))
     fields = [_scalar(name, str, itemgetter(name)) for name in ("room", "user")]
     fields += _account_fields(SeatAccount, axes, itemgetter("seat"))
     for name in ("limited", "room_dropped"):

@@ -25,7 +25,7 @@ LEAST_FELT_N = 0.05
 LEAST_FELT_NM = 0.02 * LEAST_FELT_N
 """The same of a torque: that force at a handle's radius."""
 
-_LEAST_FELT = (("peak_force_n", LEAST_FELT_N), ("peak_torque_nm", LEAST_FELT_NM))
+_LEAST_FELT = (("peak_force_n", LEAST_FELT_N), ("peak_torque_nm", LEAST_FELT_NM), ("peak_grip_n", LEAST_FELT_N))
 
 
 def felt_as_intended(summary: Summary, stable: bool) -> Judgement:

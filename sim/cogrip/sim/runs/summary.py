@@ -22,6 +22,7 @@ from cogrip.protocol.accounts import (
 from cogrip.protocol.hand_settings import HandChange, of_seat
 from cogrip.protocol.messages import Farewell
 from cogrip.protocol.passivity_control import lent_mj
+from cogrip.protocol.setting_types import GRIP_AXES
 from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
 from cogrip.protocol.texts import shown
 from cogrip.sim.runs.felt_as_intended import not_predicted
@@ -216,6 +217,8 @@ def _user(user: UserRecord, claims: bool, credit_j: float) -> dict[str, Any]:
         "reason": shown(client.reason) if client else None,
         "claimed": {key: _of(client, key) for key in ("diverged", "down_margin_j")} if claims else None,
     }
+    if client and len(client.force_n) == GRIP_AXES:  # the account has one number for what is behind the places
+        row["peak_grip_n"], row["peak_torque_nm"] = client.peak_torque_nm, 0.0
     why = not_predicted(row, credit_j) if row["predicted_stiffness_npm"] is not None else ""
     return {
         **row,

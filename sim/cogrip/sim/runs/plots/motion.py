@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from cogrip.protocol.setting_types import PLACES
+from cogrip.sim.runs.columns import axes_named
 from cogrip.sim.runs.plots.curves import (
     DETAIL_S,
     Line,
@@ -19,7 +19,6 @@ from cogrip.sim.runs.plots.curves import (
     shown,
 )
 from cogrip.sim.runs.plots.style import (
-    AXIS_NAMES,
     DASHED,
     FAINT,
     INK,
@@ -101,9 +100,8 @@ def _against_time(run: Run, lines: list[tuple[int, Line]], quantity: str, unit: 
 
 
 def _labels(rows: int, quantity: str, unit: str) -> list[str]:
-    units = [unit] * PLACES + [_TURNING.get(unit, unit)] * PLACES
-    named = [f"{quantity} {name} [{unit}]" for name, unit in zip(AXIS_NAMES, units, strict=True)]
-    return named[:rows] if rows > 1 else [f"{quantity} [{unit}]"]
+    named = [f"{quantity} {name} [{unit}]" for name, unit in zip(*axes_named(rows, unit, _TURNING), strict=False)]
+    return named if rows > 1 else [f"{quantity} [{unit}]"]
 
 
 def _bar_not_live(run: Run, panel: Axes) -> bool:

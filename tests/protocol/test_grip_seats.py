@@ -1,0 +1,101 @@
+"""Seats of hands with a gripper on the wire: who gets one, what a welcome of one is as long as, wrong ones."""
+
+import msgpack  # type: ignore[import-untyped]
+import msgspec
+import pytest
+
+from cogrip.protocol.coupling_settings import Coupling
+from cogrip.protocol.hello_padding import HELLO_BYTES
+from cogrip.protocol.messages import MalformedError, Welcome, decode, encode
+from cogrip.protocol.session import ClientSession, make_hello, unfit_axes
+from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings_digest import digest
+
+from tests.protocol.test_messages import LARGEST
+
+GRIP = "grip_impedance_nspm"
+
+
+def largest_welcome() -> Welcome:
+    """The longest welcome to a seat with a gripper, which only a scene has."""
+    longest = LARGEST["welcome"]
+    assert isinstance(longest, Welcome)
+    coupling = msgspec.structs.replace(
+        longest.settings.coupling, grip_impedance_nspm=0.1, rotational_impedance_nms=msgspec.UNSET
+    )
+    given = msgspec.structs.replace(longest.settings.object, kind="scene", axes=4)
+    return msgspec.structs.replace(
+        longest, settings=msgspec.structs.replace(longest.settings, coupling=coupling, object=given)
+    )
+
+
+def test_the_longest_welcome_of_a_gripper_is_no_longer_than_a_hello() -> None:
+    welcome = largest_welcome()
+    assert len(encode(welcome)) <= HELLO_BYTES
+    assert decode(encode(welcome)) == welcome
+
+
+def test_a_seat_without_a_gripper_has_no_word_of_one() -> None:
+    """So a welcome of one, and the digest of its settings, are the bytes that they were before there were grippers."""
+    thing = {"kind": "scene", "file": "x.xml", "axes": 3}
+    plain, grips = (resolve({"object": thing, "users": [{"tool": tool}]}) for tool in ("pad", "pinch"))
+    assert GRIP.encode() not in msgspec.msgpack.encode(seat_settings(plain, 0))
+    assert GRIP.encode() in msgspec.msgpack.encode(seat_settings(grips, 0))
+    assert digest(plain) != digest(grips)
+    other = resolve({"object": thing, "users": [{"tool": "pinch"}], "coupling": {GRIP: 7.0}})
+    assert digest(other) != digest(grips)
+    assert seat_settings(other, 0).coupling.behind == 7.0
+    own = resolve({"object": thing, "users": [{"tool": "pinch", GRIP: 6.0}], "coupling": {GRIP: 7.0}})
+    assert seat_settings(own, 0).coupling.behind == 6.0
+
+
+@pytest.mark.parametrize("axes", [1, 3, 6])
+def test_a_welcome_of_other_axes_with_a_gripper_is_malformed(axes: int) -> None:
+    whole = msgpack.unpackb(encode(largest_welcome()))
+    whole[6][8]["axes"] = axes
+    with pytest.raises(MalformedError, match="of turning, alone"):
+        decode(msgpack.packb(whole))
+    whole[6][8]["axes"] = 4
+    del whole[6][6][GRIP]
+    with pytest.raises(MalformedError, match="a seat of 4 axes needs"):
+        decode(msgpack.packb(whole))
+
+
+def hello(axes: int) -> object:
+    return make_hello(software="x", nonce=7, room="", name="", digest="", device="sim:x", axes=axes, rate_hz=1024.0)
+
+
+@pytest.mark.parametrize(("device", "seat"), [(3, 3), (4, 3), (6, 3), (4, 4), (6, 6), (3, 2), (4, 1)])
+def test_a_device_takes_a_seat_of_its_axes_or_its_first_ones(device: int, seat: int) -> None:
+    assert unfit_axes(hello(device), seat) == ""  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("device", "seat", "words"),
+    [
+        (3, 4, "no gripper with force"), (6, 4, "no gripper with force"), (1, 4, "no gripper with force"),
+        (4, 6, "moves on 4 of the 6 axes"), (3, 6, "moves on 3 of the 6 axes"),
+    ],
+)  # fmt: skip
+def test_a_seat_of_other_axes_is_refused_at_both_ends(device: int, seat: int, words: str) -> None:
+    asked = hello(device)
+    assert words in unfit_axes(asked, seat)  # type: ignore[arg-type]
+    session = ClientSession(asked)  # type: ignore[arg-type]
+    session.connect(0)
+    welcome = msgspec.structs.replace(largest_welcome(), nonce=7, ticket="", role="player")
+    if seat != 4:
+        longest = LARGEST["welcome"]
+        assert isinstance(longest, Welcome)
+        given = msgspec.structs.replace(longest.settings.object, axes=seat)
+        settings = msgspec.structs.replace(longest.settings, object=given)
+        welcome = msgspec.structs.replace(welcome, settings=settings)
+    session.receive(encode(welcome), 1)
+    assert session.welcome is None
+    assert words in session.failed
+
+
+@pytest.mark.parametrize(("axes", "impedance"), [(6, {"rotational_impedance_nms": 0.05}), (4, {GRIP: 0.05})])
+def test_a_unit_behind_the_places_is_a_length_of_one_impedance(axes: int, impedance: dict[str, float]) -> None:
+    coupling = Coupling(impedance_nspm=20.0, **impedance)  # type: ignore[arg-type]
+    assert coupling.unit == pytest.approx(0.05)
+    assert [coupling.fits(each) for each in (3, 4, 6)] == [axes == 6, axes == 4, axes == 6]
