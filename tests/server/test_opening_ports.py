@@ -126,7 +126,7 @@ def test_a_saved_state_goes_on_bit_for_bit() -> None:
 def test_an_impedance_that_changes_takes_that_of_the_gripper_along() -> None:
     world = hold(world_of(BLOCK, "pinch"))
     world.set_impedance(0, 2.0 * B)
-    assert world.turning.impedance[0, 0] == pytest.approx(2.0 * GRIP_NSPM)
+    assert world.impedance_behind[0, 0] == pytest.approx(2.0 * GRIP_NSPM)
     assert world.scene.model.dof_damping[world.openings.dofs[0]] == pytest.approx(2.0 * GRIP_NSPM)
     v = world.step(np.array([[0.0, 0.0, 0.0, 1.0]]))
     assert world.balance_error_j <= 1e-15
