@@ -1,7 +1,6 @@
 """An association that another process goes on with, against OpenSSL's own client."""
 
 import random
-from pathlib import Path
 
 import pytest
 from hypothesis import given

@@ -4,23 +4,20 @@ A tick of a room: drain the socket, step, send one datagram a user. Rooms may ha
 the administrator's orders are chores: called between ticks, and none may wait for anything.
 """
 
-import errno
 import hashlib
 import secrets
-import socket
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from cogrip.protocol.channel import Address, Channel, place_text
-from cogrip.protocol.io.arrivals import Arrivals
+from cogrip.protocol.channel import Address, Channel
 from cogrip.protocol.io.pacing import SPIN_NS, Pacer
 from cogrip.protocol.io.platform import time
 from cogrip.protocol.io.realtime import engage, release
-from cogrip.protocol.io.receive_buffer import OVERRUN, enlarge, overrun
+from cogrip.protocol.io.receive_buffer import OVERRUN
 from cogrip.protocol.io.recorder import Recorder, open_recorder
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
@@ -33,6 +30,7 @@ from cogrip.server import inputs
 from cogrip.server.admission import AdmitAll, Authenticator, Outside
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.io.call_limit import call_limit
+from cogrip.server.io.udp_port import DatagramPort, UdpPort
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer
 from cogrip.server.worlds.guarded import GuardedWorld
@@ -51,14 +49,6 @@ class ServerChannel(Channel, Protocol):
 
 
 Chore = Callable[[int], None]
-
-
-class ServeError(Exception):
-    """The server cannot listen. The text says why and what to do."""
-
-
-class HostError(ServeError):
-    """There is no such address here, and there will be none."""
 
 
 @dataclass(slots=True)
@@ -88,8 +78,7 @@ class LiveServer:
     recorder: Recorder | None = field(init=False, default=None)
     _received: int = field(init=False, default=0)
     _sent: int = field(init=False, default=0)
-    _socket: socket.socket = field(init=False)
-    _arrivals: Arrivals = field(init=False)
+    _port: DatagramPort = field(init=False)
     _start_ns: int = field(init=False, default=0)
     _overran: int = field(init=False, default=0)
     _cut_short: int = field(init=False, default=0)
@@ -99,16 +88,13 @@ class LiveServer:
 
     def listen(self) -> tuple[str, int]:
         """Bind, and return (host, port). Raises ServeError."""
-        try:
-            family = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_DGRAM)[0]
-            self._socket = socket.socket(family[0], socket.SOCK_DGRAM)
-            enlarge(self._socket)
-            self._socket.bind(family[4])
-        except OSError as error:
-            raise _cannot_listen(self.host, self.port, error) from None
-        self._socket.setblocking(False)
-        self._arrivals = Arrivals(self._socket)
-        host, port = self._socket.getsockname()[:2]
+        port = UdpPort(self.host, self.port)
+        self.serve_at(port)
+        return port.place
+
+    def serve_at(self, port: DatagramPort) -> None:
+        """Serve at a port that is open already. Raises what `open_channel` raises, the port being closed then."""
+        self._port = port
         outside = Outside(
             lambda: secrets.randbelow(2**63 - 1) + 1, self.authenticator, lambda: secrets.token_urlsafe(16), ticket_hash
         )
@@ -122,11 +108,10 @@ class LiveServer:
             self.close()
             raise
         self._drain_limit_ns = min(500_000_000 // room.rates.network_hz for room in self.rooms)  # half a frame
-        return host, port
 
     def close(self) -> None:
         """Free the port where `run` is not called."""
-        self._socket.close()
+        self._port.close()
 
     @property
     def elapsed_s(self) -> float:
@@ -143,7 +128,7 @@ class LiveServer:
             pacers[room.name] = pacer = Pacer(room.settings.rates.network_hz, self._start_ns)
             self.core.count_ticks(room, pacer.count)
         try:
-            with self._socket:
+            with closing(self._port):
                 self._loop(pacers)
                 self._farewell()
             self.core.handle(inputs.CloseLedger(), time.monotonic_ns())
@@ -186,7 +171,7 @@ class LiveServer:
         if self._cut_short:
             dropped["left for the next tick"] = self._cut_short  # times that some were
         with suppress(OSError):  # the socket is closed: the last count holds
-            self._overran = overrun(self._socket)
+            self._overran = self._port.overruns()
         if self._overran:
             dropped[OVERRUN] = self._overran
         return dict(dropped)
@@ -257,7 +242,7 @@ class LiveServer:
         self._report()
 
     def _drain(self, now_ns: int) -> None:
-        receive, decrypt, handle = self._arrivals.receive, self.channel.receive, self.core.receive
+        receive, decrypt, handle = self._port.receive, self.channel.receive, self.core.receive
         renewed = self.channel.renewed
         for count in range(MOST_AT_ONCE):
             if count % CLOCK_EVERY == CLOCK_EVERY - 1 and time.monotonic_ns() - now_ns > self._drain_limit_ns:
@@ -289,25 +274,14 @@ class LiveServer:
         self._flush()
 
     def _flush(self) -> None:
-        outbox, send = self.channel.outbox, self._socket.sendto
+        outbox, send = self.channel.outbox, self._port.send
         self._sent += len(outbox)
         while outbox:
             address, datagram = outbox.popleft()
             try:
-                send(datagram, address)  # type: ignore[call-overload]  # addresses are the socket's own
+                send(datagram, address)
             except OSError as error:
                 self.core.handle(inputs.SocketFailed(str(error.strerror)), time.monotonic_ns())
-
-
-def _cannot_listen(host: str, port: int, error: OSError) -> ServeError:
-    why = error.strerror or error
-    if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
-        return HostError(
-            f"--host {host} is no address of this machine ({why}); 0.0.0.0 is all of its addresses, 127.0.0.1 itself alone"
-        )
-    return ServeError(
-        f"cannot listen on {place_text((host, port))}: {why}; choose another --port, or end the program that has it"
-    )
 
 
 def ticket_hash(ticket: str) -> str:

@@ -45,11 +45,12 @@ class SessionKeys(msgspec.Struct, frozen=True):
 
 
 def export_keys(connection: SSL.Connection, written: int, received: int) -> SessionKeys:
-    """Return the keys of a server's end of an open association. written, received: see `SessionKeys`."""
+    """Return the keys of a server's end of an open association. written, received: see `SessionKeys`. Raises ValueError."""
     suite = connection.get_cipher_name() or ""
     digest, key_bytes, iv_bytes, _ = SUITES[suite]
     master, theirs, ours = connection.master_key(), connection.client_random(), connection.server_random()
-    assert master is not None and theirs is not None and ours is not None  # the handshake is done
+    if master is None or theirs is None or ours is None:
+        raise ValueError("the handshake is not done: there are no keys yet")
     block = prf(digest, master, b"key expansion", ours + theirs, 2 * (key_bytes + iv_bytes))
     ends = [key_bytes, 2 * key_bytes, 2 * key_bytes + iv_bytes]
     return SessionKeys(
