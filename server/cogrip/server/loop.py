@@ -21,6 +21,7 @@ from cogrip.protocol.io.receive_buffer import OVERRUN
 from cogrip.protocol.io.recorder import Recorder, open_recorder
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
+from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Nowhere
 from cogrip.protocol.session import SECONDS_OVER
@@ -33,11 +34,13 @@ from cogrip.server.io.call_limit import call_limit
 from cogrip.server.io.udp_port import DatagramPort, UdpPort
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer
+from cogrip.server.room import Room
 from cogrip.server.worlds.guarded import GuardedWorld
 
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
 MOST_AT_ONCE = 1024  # datagrams that are received before a tick: a flood beyond that is the kernel's to drop
 REPORTED = Budget(1, 40)  # of each of UNAUTHENTICATED_EVENTS
+IDLE_NS, IDLE_TURNS = 500_000_000, 32  # a deserted room is stepped so often, and the rooms in so many turns
 CLOCK_EVERY = 32  # datagrams between two readings of the clock
 
 
@@ -181,18 +184,24 @@ class LiveServer:
         last = dict.fromkeys(pacers, -1)
         work_us = dict.fromkeys(pacers, 0)
         end_ns = None if self.seconds is None else self._start_ns + round(self.seconds * 1e9)
+        awake, asleep = (
+            list(core.rooms),
+            deque[tuple[int, Room]](),
+        )  # those that are deserted, and when they were stepped
+        quiet_ns = min(NS_PER_S // pacer.rate_hz for pacer in pacers.values())  # between looks where all are
+        now_ns = self._start_ns
         while not self.stop.reason:
             if end_ns is not None and clock() >= end_ns:
                 self.stop.reason = f"stopped ({SECONDS_OVER})"
-            due_ns = min(pacer.next_due_ns for pacer in pacers.values())
+            due_ns = min([pacers[room.name].next_due_ns for room in awake], default=now_ns + quiet_ns)
             remaining_ns = due_ns - SPIN_NS - clock()
             if remaining_ns > 0:
                 time.sleep(remaining_ns * 1e-9)
             while (now_ns := clock()) < due_ns:
                 pass
-            ticks = {room.name: pacers[room.name].take(now_ns) for room in core.rooms}
+            ticks = {room.name: pacers[room.name].take(now_ns) for room in awake}
             self._drain(now_ns)
-            for room in core.rooms:
+            for room in awake:
                 pacer, tick = pacers[room.name], ticks[room.name]
                 if tick is None:
                     continue
@@ -202,11 +211,34 @@ class LiveServer:
                 self._send()
                 work_us[room.name] = (clock() - now_ns) // 1000
                 pacer.done()
+            self._send()
+            if core.woken:
+                for room in [room for _, room in asleep if room in core.woken]:
+                    last[room.name] += pacers[room.name].pass_by(now_ns)
+                    awake.append(room)
+                asleep = deque(each for each in asleep if each[1] not in core.woken)
+                core.woken.clear()
+            self._step_deserted(asleep, last, now_ns)
+            for room in [room for room in awake if room.deserted and pacers[room.name].run]:
+                awake.remove(room)
+                asleep.append((now_ns, room))
             self._report()
             self.channel.poll(now_ns)
             self._flush()
             for chore in self.chores:
                 chore(now_ns)
+
+    def _step_deserted(self, asleep: "deque[tuple[int, Room]]", last: dict[str, int], now_ns: int) -> None:
+        """Step rooms where nobody is, each now and then by all the ticks that were due, a few at a time."""
+        for _ in range(-(-len(asleep) // IDLE_TURNS)):
+            since_ns, room = asleep[0]
+            if now_ns - since_ns < IDLE_NS:
+                return
+            asleep.popleft()
+            if steps := self.pacers[room.name].pass_by(now_ns):
+                last[room.name] += steps
+                self.core.idle(room, steps)
+            asleep.append((now_ns, room))
 
     def _report(self) -> None:
         """Report events; of those that unauthenticated peers can cause a bounded number, then the count of the others."""

@@ -29,12 +29,11 @@ from cogrip.server.io.housekeeping import Housekeeping
 from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.io.udp_port import HostError, ServeError
+from cogrip.server.io.workers.front import named
 from cogrip.server.loop import LiveServer
 from cogrip.sim.runs.folder import SERVER_RECORDING, write_settings
 from cogrip.sim.runs.summary import of_room
 from cogrip.sim.runs.verdict import came, succeeded
-
-MOST_NAMED = 40  # rooms in a line
 
 
 def serve(
@@ -208,9 +207,8 @@ def _say_where(
     """Say where people and programs find this server."""
     if feed is not None:
         say(f"metrics: http://127.0.0.1:{feed.port}/metrics, health: http://127.0.0.1:{feed.port}/healthz")
-    how, more = "encrypted" if encrypted else "unencrypted", len(names) - MOST_NAMED
-    rooms = f"{', '.join(names[:MOST_NAMED])}{f' and {more} more' if more > 0 else ''}"
-    say(f"listening on {place_text(bound)}, {how}; rooms: {rooms}; Ctrl-C ends")
+    how = "encrypted" if encrypted else "unencrypted"
+    say(f"listening on {place_text(bound)}, {how}; rooms: {named(names)}; Ctrl-C ends")
 
 
 def _view(bound: tuple[str, int], link: str, room: str, insecure: bool, say: Say, stack: ExitStack) -> None:

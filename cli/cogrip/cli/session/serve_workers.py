@@ -93,7 +93,7 @@ class FrontServer:
         job, say = self._job, self._lines.say
         for_workers = Job(
             tuple(job.rooms), str(job.folder.path) if job.folder else "", str(job.runs or ""), job.record, job.report,
-            self._lines.form,
+            self._lines.form, metrics is not None,
         )  # fmt: skip
         os.pwrite(self._job_file, msgspec.json.encode(for_workers), 0)
         try:

@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 from ipaddress import ip_address
 from pathlib import Path
 
+import msgspec
+
 from cogrip.cli.session.before_run import scene_warnings, together
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.terminal.problem import BadInput, within
@@ -55,6 +57,7 @@ def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, 
             f"warning: {bound[0]} is open to everyone who can reach it, and sessions are not encrypted (--insecure): "
             "anyone may join, listen, and forge what moves a motor"
         )
+    advised: dict[bytes, tuple[str, ...]] = {}  # by all settings but the name: advice takes some 20 ms
     for settings in rooms:
         if (encrypted or reachable) and (active := not_passive(settings)):
             say(
@@ -66,17 +69,19 @@ def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, 
                 f"warning: room {settings.name}: virtual coupling bounds speeds but no power: "
                 "serve people you trust, or waves"
             )
-        _warn_by_advice(settings, say)
+        key = msgspec.json.encode(msgspec.structs.replace(settings, name=rooms[0].name))
+        if key not in advised:
+            advised[key] = _advice_on(settings)
+        for text in together(advised[key], [user.name for user in settings.users]):
+            say(f"warning: room {settings.name}: {text}")
 
 
-def _warn_by_advice(settings: Settings, say: Say) -> None:
-    """Warn where a room is not stable, passive or fit for its devices, in the words of `cogrip advise`."""
+def _advice_on(settings: Settings) -> tuple[str, ...]:
+    """Return where a room is not stable, passive or fit for its devices, in the words of `cogrip advise`."""
     from cogrip.sim.analysis.advice import advise
     from cogrip.sim.analysis.linear_session import ModelError
 
     try:
-        warnings = scene_warnings(settings) if settings.object.kind == "scene" else advise(settings).warnings
+        return scene_warnings(settings) if settings.object.kind == "scene" else advise(settings).warnings
     except (ModelError, DeviceError) as error:
-        warnings = (f"no advice: {error}",)
-    for text in together(warnings, [user.name for user in settings.users]):
-        say(f"warning: room {settings.name}: {text}")
+        return (f"no advice: {error}",)

@@ -44,6 +44,7 @@ class Job(msgspec.Struct, frozen=True):
     record: bool
     report: bool
     log: Literal["text", "json"]
+    metrics: bool
 
 
 def main(arguments: list[str]) -> int:
@@ -84,7 +85,7 @@ def _serve(link: Link, job: Job, number: int) -> int:
         server.record_at = runs / f"worker-{number}" / SERVER_RECORDING if job.record else None
     housekeeping = Housekeeping(
         server, lines.say, folder=StateFolder(Path(job.state)) if job.state else None, authenticator=verdicts,
-        metrics=LinkMeasures(link), software=VERSION, fresh=first.fresh, orders=orders,
+        metrics=LinkMeasures(link) if job.metrics else None, software=VERSION, fresh=first.fresh, orders=orders,
     )  # fmt: skip
     housekeeping.begin()
     link.send(Ready())

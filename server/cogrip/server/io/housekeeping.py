@@ -88,7 +88,7 @@ class Housekeeping:
             self._writers = {room: CheckpointWriter(folder.checkpoint(room), self._report_trouble) for room in rooms}
         self._kept: list[tuple[int, str]] = []  # sessions and ticket hashes of all seats
         self._reported_limits: set[tuple[int, str]] = set()
-        self._idle: set[str] = set()  # rooms that are deserted since their checkpoint
+        self._idle = {room.name for room in server.core.rooms}  # rooms that are deserted since their checkpoint
         self._maker = SnapshotMaker(server.core.rooms, server.pacers, software)
         self._poll_ns = self._next_ns = self._watchdog_ns = 0
         self._turn = 0
@@ -205,7 +205,7 @@ class Housekeeping:
         """Report once for each session of a seat and each reason."""
         now, events = set(), self._server.events
         for room in self._server.core.rooms:
-            for number, seat in enumerate(room.seats):
+            for number, seat in enumerate(() if room.deserted else room.seats):
                 for reason in room.limited(number):
                     now.add(what := (seat.session, reason))
                     if what not in self._reported_limits:

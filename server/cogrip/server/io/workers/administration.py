@@ -168,7 +168,9 @@ def merged(order: object, answers: Sequence[Answer], rooms: int) -> Answer:
     good = [answer for answer in answers if answer.ok]
     match order:
         case Who():
-            people = tuple(person for answer in good for person in answer.people)
+            people = tuple(
+                sorted((who for each in good for who in each.people), key=lambda who: (who.room, who.seat is None))
+            )
             more = len(people) - MOST_LISTED
             words = f"{len(people)} in {rooms} rooms" if people else "nobody is here"
             return Answer(True, f"{words}; {more} are not listed" if more > 0 else words, people[:MOST_LISTED])

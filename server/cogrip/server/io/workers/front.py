@@ -53,6 +53,7 @@ POLL_EVERY_NS = 50_000_000
 MOST_AT_ONCE = 256  # datagrams between two looks at the workers
 REPORTED = Budget(1, 40)
 ASKED_NS = 1_000_000_000  # a worker answers a hello at its next tick
+MOST_NAMED = 20  # rooms in a line
 DEATHS_NS, MOST_DEATHS = 10_000_000_000, 10
 DYING = "stopped (the workers die again and again)"
 
@@ -278,6 +279,8 @@ class Front:
         match given:
             case Ready():
                 worker.state = "ready"
+                text = f"worker {worker.number} (process {worker.process.pid}) serves {named(worker.rooms)}"
+                self._say(ServerEvent("notice", text))
             case Say():
                 self._answer(worker, given)
             case Asked():
@@ -339,7 +342,7 @@ class Front:
         self.seated = {at: each for at, each in self.seated.items() if each.worker is not worker}
         self._asking = {at: each for at, each in self._asking.items() if each[0] is not worker}
         if rooms:
-            text = f"worker {worker.number} has ended; another one goes on with: {', '.join(rooms)}"
+            text = f"worker {worker.number} has ended; another one goes on with {named(rooms)}"
             self._say(ServerEvent("trouble", text))
 
     def _report(self) -> None:
@@ -352,6 +355,12 @@ class Front:
             self._say(event)
         else:
             self.dropped[f"event not said: {event.event}"] += 1
+
+
+def named(rooms: Sequence[str]) -> str:
+    """Return the names of the first rooms, and how many more there are."""
+    more = len(rooms) - MOST_NAMED
+    return f"{', '.join(rooms[:MOST_NAMED])}{f' and {more} more' if more > 0 else ''}"
 
 
 def shares(rooms: Sequence[str], workers: int) -> list[list[str]]:

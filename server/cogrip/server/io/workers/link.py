@@ -4,6 +4,8 @@ The front sends what comes of peers that have no path of their own yet; a worker
 the descriptor of a socket that the kernel gives that peer's datagrams to.
 """
 
+import errno
+import os
 import socket
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -166,6 +168,8 @@ class Link:
         """Send a message and copies of descriptors. False, and counted, where there is no room or nobody."""
         data = _encode(message)
         try:
+            if len(data) > MOST_BYTES:  # the other end would get a part of it
+                raise OSError(errno.EMSGSIZE, os.strerror(errno.EMSGSIZE))
             if descriptors:
                 socket.send_fds(self.socket, [data], descriptors)
             else:
