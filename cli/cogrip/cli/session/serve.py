@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from cyclopts import Parameter
 
@@ -11,8 +11,7 @@ from cogrip.cli.runs.run_folder import leave_files, live_run_folder
 from cogrip.cli.session.live_views import ServeView, drawing
 from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
-from cogrip.cli.session.serve_workers import FrontJob, FrontServer, Workers, worker_count
-from cogrip.cli.session.served_rooms import Say, is_loopback, rooms_of, warn_of
+from cogrip.cli.session.served_rooms import Say, Workers, is_loopback, rooms_of, warn_of, worker_count
 from cogrip.cli.session.server_state import LOOPBACKS, authenticator_of, channel_of, held_folder, publish
 from cogrip.cli.session.trigger_line import open_trigger
 from cogrip.cli.session.view_child import ViewChild
@@ -24,16 +23,19 @@ from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.protocol.settings import Settings, for_remote_clients
+from cogrip.protocol.texts import named
 from cogrip.protocol.version import VERSION
 from cogrip.server.io.housekeeping import Housekeeping
 from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.io.udp_port import HostError, ServeError
-from cogrip.server.io.workers.front import named
 from cogrip.server.loop import LiveServer
 from cogrip.sim.runs.folder import SERVER_RECORDING, write_settings
 from cogrip.sim.runs.summary import of_room
 from cogrip.sim.runs.verdict import came, succeeded
+
+if TYPE_CHECKING:
+    from cogrip.cli.session.serve_workers import FrontJob
 
 
 def serve(
@@ -123,6 +125,8 @@ def serve(
         authenticator = authenticator_of(state_folder, say) if encrypted and state_folder else None
         key_folder = state_folder if encrypted else None
         if count > 1:
+            from cogrip.cli.session.serve_workers import FrontJob  # with OpenSSL
+
             run_folder = into or live_run_folder(runs, "rooms", say)
             job = FrontJob(
                 rooms, count, host, port, state_folder, authenticator, encrypted, fresh, run_folder, record, report
@@ -183,9 +187,11 @@ class _Shown(NamedTuple):
 
 
 def _serve_by_workers(
-    job: FrontJob, stop: Stop, lines: LogLines, stack: ExitStack, shown: _Shown, seconds: float | None
+    job: "FrontJob", stop: Stop, lines: LogLines, stack: ExitStack, shown: _Shown, seconds: float | None
 ) -> int:
     """Serve by a front and several workers. Return the exit code."""
+    from cogrip.cli.session.serve_workers import FrontServer
+
     say, rooms, encrypted = lines.say, job.rooms, job.encrypted
     server = FrontServer(job, stop, lines, stack)
     with on_signals(stop, hangup="reload"):

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 
@@ -22,33 +22,17 @@ from cogrip.protocol.version import VERSION
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.control import Control
 from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
+from cogrip.server.io.platform import memory_file
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.io.udp_port import HostError, ServeError, cannot_listen
 from cogrip.server.io.workers.administration import Administration
 from cogrip.server.io.workers.front import DYING, Front, FrontChannel, shares
 from cogrip.server.io.workers.pool import START_LIMIT_S, WorkerPool
-from cogrip.server.io.workers.steering import AVAILABLE, open_public
-
-MOST_WORKERS = 256
-Workers = int | Literal["auto"]
-
-
-def worker_count(wanted: Workers, rooms: int) -> int:
-    """Return the number of workers: no more than there are rooms; "auto": one less than there are cores. Raises BadInput."""
-    if wanted != "auto" and not 1 <= wanted <= MOST_WORKERS:
-        raise BadInput(f"--workers {wanted}: give a number from 1 to {MOST_WORKERS}, or auto")
-    count = min(rooms, max(1, (os.cpu_count() or 1) - 1) if wanted == "auto" else wanted)
-    if count > 1 and not AVAILABLE:
-        if wanted != "auto":
-            raise BadInput(
-                f"--workers {wanted}: several workers need Linux, whose kernel steers datagrams; leave it out"
-            )
-        return 1
-    return count
+from cogrip.server.io.workers.steering import open_public
 
 
 class FrontJob(NamedTuple):
-    """What a front is made of. runs: folder of this run."""
+    """Parts and settings of a front. runs: folder of this run."""
 
     rooms: Sequence[Settings]
     workers: int
@@ -74,8 +58,7 @@ class FrontServer:
             except OSError as error:
                 raise cannot_listen(job.host, job.port, error) from None
         self.bound: tuple[str, int] = self._public.getsockname()[:2]
-        self._job_file = os.memfd_create("job")
-        stack.callback(os.close, self._job_file)
+        self._job_file = -1
         names = [room.name for room in job.rooms]
         self._pool = WorkerPool(shares(names, job.workers), self._start, job.fresh)
 
@@ -95,8 +78,9 @@ class FrontServer:
             tuple(job.rooms), str(job.folder.path) if job.folder else "", str(job.runs or ""), job.record, job.report,
             self._lines.form, metrics is not None,
         )  # fmt: skip
-        os.pwrite(self._job_file, msgspec.json.encode(for_workers), 0)
         try:
+            self._job_file = memory_file(msgspec.json.encode(for_workers))
+            stack.callback(os.close, self._job_file)
             self._pool.begin()
             stack.callback(self._kill)
             open_channel: Callable[[Callable[[Address], bool]], FrontChannel] = lambda asks: front_channel_of(  # noqa: E731

@@ -1,9 +1,11 @@
 """Rooms of `cogrip serve`: their settings, and the warnings before anyone joins."""
 
+import os
 import socket
 from collections.abc import Callable, Sequence
 from ipaddress import ip_address
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 
@@ -11,10 +13,27 @@ from cogrip.cli.session.before_run import scene_warnings, together
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.terminal.problem import BadInput, within
 from cogrip.devices.device import DeviceError
+from cogrip.protocol.io.platform import system
 from cogrip.protocol.settings import Settings, not_passive
 from cogrip.server.events import ServerEvent
 
+MOST_WORKERS = 256
+Workers = int | Literal["auto"]
 Say = Callable[[ServerEvent | str], None]
+
+
+def worker_count(wanted: Workers, rooms: int) -> int:
+    """Return the number of workers: no more than there are rooms; "auto": one less than there are cores. Raises BadInput."""
+    if wanted != "auto" and not 1 <= wanted <= MOST_WORKERS:
+        raise BadInput(f"--workers {wanted}: give a number from 1 to {MOST_WORKERS}, or auto")
+    count = min(rooms, max(1, (os.cpu_count() or 1) - 1) if wanted == "auto" else wanted)
+    if count > 1 and not system.LINUX:
+        if wanted != "auto":
+            raise BadInput(
+                f"--workers {wanted}: several workers need Linux, whose kernel steers datagrams; leave it out"
+            )
+        return 1
+    return count
 
 
 def rooms_of(config: Sequence[Path], overrides: Sequence[str], port: int, into: Path | None) -> list[Settings]:

@@ -17,10 +17,12 @@ import msgspec
 from cogrip.cli.runs.run_folder import leave_files
 from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.terminal.output import make_console
+from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server.io.housekeeping import Housekeeping
+from cogrip.server.io.platform import content_of
 from cogrip.server.io.state_folder import StateFolder
 from cogrip.server.io.workers.channel import WorkerChannel
 from cogrip.server.io.workers.link import Assign, Link, LinkEndedError, Ready
@@ -36,7 +38,7 @@ from cogrip.sim.runs.verdict import came, succeeded
 
 
 class Job(msgspec.Struct, frozen=True):
-    """What every worker of a server knows. rooms: all of them; state, runs: folders, "" for none."""
+    """Settings that all workers of a server get. rooms: all of them; state, runs: folders, "" for none."""
 
     rooms: tuple[Settings, ...]
     state: str
@@ -50,9 +52,10 @@ class Job(msgspec.Struct, frozen=True):
 def main(arguments: list[str]) -> int:
     """Serve the rooms that the front assigns. Return the exit code."""
     link_end, job_file, number = map(int, arguments)
-    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(each, signal.SIG_IGN)  # they reach the front, and it ends this process by the link
-    job = msgspec.json.decode(os.pread(job_file, os.fstat(job_file).st_size, 0), type=Job)
+    for each in (*system.END_SIGNALS, system.HANGUP_SIGNAL):
+        if each is not None:
+            signal.signal(each, signal.SIG_IGN)  # they reach the front, and it ends this process by the link
+    job = msgspec.json.decode(content_of(job_file), type=Job)
     os.close(job_file)
     link = Link(socket.socket(fileno=link_end))
     for kind in {room.object.kind: room for room in job.rooms}.values():

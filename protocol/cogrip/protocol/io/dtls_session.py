@@ -27,7 +27,7 @@ TAG_BYTES = 16
 
 
 class SessionKeys(msgspec.Struct, frozen=True):
-    """What a server needs to go on with an association. They are secret: never written to a file or a log.
+    """Keys and numbers by which a server goes on with an association. They are secret: never written to a file or a log.
 
     written, received  highest numbers of the records of epoch 1 so far
     """

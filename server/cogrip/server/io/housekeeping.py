@@ -28,7 +28,7 @@ Say = Callable[[ServerEvent], None]
 
 
 class Tokens(Protocol):
-    """What became of tokens; `TokenAuthenticator` says what each does."""
+    """Tokens that are void by now; `TokenAuthenticator` says what each function does."""
 
     def revoke(self, ident: str) -> None: ...
 

@@ -1,4 +1,4 @@
-"""What the front does for the administrator: orders go to the workers that they concern, and their answers become one."""
+"""Administration of a front: orders go to the workers that they concern, and their answers become one."""
 
 import time
 from collections import Counter

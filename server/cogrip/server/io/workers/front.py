@@ -11,7 +11,7 @@ import selectors
 import socket
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import NamedTuple, Protocol
 
@@ -22,6 +22,7 @@ from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Hello, MalformedError, Welcome
 from cogrip.protocol.session import SECONDS_OVER, refusal
 from cogrip.protocol.settings import Settings
+from cogrip.protocol.texts import named
 from cogrip.server.admission import AdmitAll, Authenticator, Denied, Grant
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.io.dtls_channel import DtlsListener
@@ -53,7 +54,6 @@ POLL_EVERY_NS = 50_000_000
 MOST_AT_ONCE = 256  # datagrams between two looks at the workers
 REPORTED = Budget(1, 40)
 ASKED_NS = 1_000_000_000  # a worker answers a hello at its next tick
-MOST_NAMED = 20  # rooms in a line
 DEATHS_NS, MOST_DEATHS = 10_000_000_000, 10
 DYING = "stopped (the workers die again and again)"
 
@@ -357,20 +357,6 @@ class Front:
             self.dropped[f"event not said: {event.event}"] += 1
 
 
-def named(rooms: Sequence[str]) -> str:
-    """Return the names of the first rooms, and how many more there are."""
-    more = len(rooms) - MOST_NAMED
-    return f"{', '.join(rooms[:MOST_NAMED])}{f' and {more} more' if more > 0 else ''}"
-
-
 def shares(rooms: Sequence[str], workers: int) -> list[list[str]]:
     """Return the rooms of each worker: in turn, so that rooms that are used together are divided."""
     return [list(rooms[number::workers]) for number in range(workers)]
-
-
-def sums(counts: Sequence[Mapping[str, int]]) -> dict[str, int]:
-    """Return the sums of counts by name."""
-    total: Counter[str] = Counter()
-    for each in counts:
-        total.update(each)
-    return dict(total)

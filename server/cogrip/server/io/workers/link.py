@@ -15,6 +15,7 @@ import msgspec
 from cogrip.protocol.io.dtls_session import SessionKeys
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.io.control import Answer, AnyOrder
+from cogrip.server.io.platform import receive_with_descriptors, send_with_descriptors
 
 MOST_BYTES = 1 << 18  # of a message
 BUFFER_BYTES = 1 << 20
@@ -171,7 +172,7 @@ class Link:
             if len(data) > MOST_BYTES:  # the other end would get a part of it
                 raise OSError(errno.EMSGSIZE, os.strerror(errno.EMSGSIZE))
             if descriptors:
-                socket.send_fds(self.socket, [data], descriptors)
+                send_with_descriptors(self.socket, [data], descriptors)
             else:
                 self.socket.send(data)
         except OSError as error:  # full, too long, or gone: its end is noticed where the link is read
@@ -190,7 +191,7 @@ class Link:
 
     def _receive(self) -> tuple[bytes, list[int]]:
         try:
-            data, descriptors, _, _ = socket.recv_fds(self.socket, MOST_BYTES, 1)
+            data, descriptors, _, _ = receive_with_descriptors(self.socket, MOST_BYTES, 1)
         except ConnectionResetError:
             raise LinkEndedError from None
         if not data:
@@ -200,8 +201,3 @@ class Link:
     def close(self) -> None:
         """Close this end."""
         self.socket.close()
-
-
-def link_pair() -> tuple[socket.socket, socket.socket]:
-    """Return the sockets of both ends. Raises OSError."""
-    return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)

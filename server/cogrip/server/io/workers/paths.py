@@ -1,6 +1,5 @@
 """A worker's port: a socket for each of its people, and the front for all who have none yet."""
 
-import select
 import socket
 from collections import Counter, deque
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from cogrip.protocol.io.arrivals import Arrivals
 from cogrip.protocol.io.dtls_session import DtlsSession, SessionKeys
 from cogrip.protocol.io.receive_buffer import overrun
 from cogrip.protocol.io.stop import Stop
+from cogrip.server.io.platform import Readable
 from cogrip.server.io.workers.link import (
     AnyToWorker,
     Ask,
@@ -56,15 +56,15 @@ class WorkerPort:
         self._link, self._stop, self._verdicts, self._orders = link, stop, verdicts, orders
         self._by_descriptor: dict[int, OpenPath] = {}
         self._front = link.socket.fileno()
-        self._epoll = select.epoll()
-        self._epoll.register(self._front, select.EPOLLIN)
+        self._readable = Readable()
+        self._readable.add(self._front)
         self._waiting: list[int] = []  # descriptors
         self._overran = 0
 
     def receive(self, most_bytes: int, now_ns: int) -> tuple[bytes, Address, int]:
         """Return one datagram of each path that has some, in turn, and what the front has sent."""
         if not self._waiting:
-            self._waiting = [ready for ready, _ in self._epoll.poll(0)]
+            self._waiting = self._readable.ready()
         while self._waiting:
             ready = self._waiting.pop()
             with suppress(BlockingIOError):
@@ -92,7 +92,7 @@ class WorkerPort:
         """Close all paths."""
         for address in list(self.paths):
             self.drop(address)
-        self._epoll.close()
+        self._readable.close()
 
     def _take_of_front(self, now_ns: int) -> tuple[bytes, Address]:
         """Return the next datagram or message of the front; do what else it says. Raises BlockingIOError, LinkEndedError."""
@@ -112,7 +112,7 @@ class WorkerPort:
                 self.drop(given.address)
                 path = OpenPath(given.address, socket.socket(fileno=descriptors[0]), given.keys, now_ns)
                 self.paths[given.address] = self._by_descriptor[path.socket.fileno()] = path
-                self._epoll.register(path.socket, select.EPOLLIN)
+                self._readable.add(path.socket.fileno())
             case Forget():
                 self.drop(given.address)
                 self.renewed.append(given.address)
@@ -129,4 +129,4 @@ class WorkerPort:
             with suppress(OSError):
                 self._overran += overrun(path.socket)
             del self._by_descriptor[path.socket.fileno()]
-            path.socket.close()  # which takes it out of the epoll
+            path.socket.close()  # which ends its being watched

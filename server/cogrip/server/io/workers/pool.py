@@ -5,7 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from cogrip.server.io.workers.link import Assign, Link, link_pair
+from cogrip.server.io.platform import message_pair
+from cogrip.server.io.workers.link import Assign, Link
 from cogrip.server.snapshot import Snapshot
 
 START_LIMIT_S = 30.0
@@ -54,7 +55,7 @@ class WorkerPool:
     def add(self) -> Worker:
         """Start a spare. Raises OSError."""
         self._number += 1
-        ours, theirs = link_pair()
+        ours, theirs = message_pair()
         try:
             process = self._start(self._number, theirs.fileno())
         except OSError:

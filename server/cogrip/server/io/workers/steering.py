@@ -17,8 +17,6 @@ from cogrip.server.io.workers.link import PeerAddress
 SO_ATTACH_REUSEPORT_CBPF = 51
 _RETURN_FIRST = struct.pack("=HBBI", 0x06, 0, 0, 0)  # BPF_RET | BPF_K, 0
 
-AVAILABLE = sys.platform == "linux"
-
 
 def open_public(host: str, port: int) -> socket.socket:
     """Return the front's socket, alone at its port so far. Raises OSError."""
