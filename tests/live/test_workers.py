@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from cogrip.protocol.join_link import parse_link
@@ -15,7 +16,7 @@ from cogrip.sim.runs.replay.verify import verify
 
 from tests.free_ports import free_port
 from tests.live.held_arms import DEMO, Spoken, fairly
-from tests.live.test_unauthenticated_peers import MOST_STEP_N, PULL, before_silence, largest_step_n, recording_of
+from tests.live.test_unauthenticated_peers import MOST_STEP_N, PULL, Relay, before_silence, largest_step_n, recording_of
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="several workers need Linux, which steers datagrams")
 
@@ -155,6 +156,27 @@ def test_whoever_names_no_room_gets_a_free_seat_and_a_one_time_link_is_good_once
     }
     assert sorted(found.values()) == ["holds cube in room", "token was used already"]
     leave(*(person for person, words in found.items() if words == "holds cube in room"))
+
+
+@fairly
+def test_another_port_of_a_person_leads_to_the_same_worker(start, tmp_path, join):
+    rooms = Rooms(start, tmp_path, "--seal")
+    relay = Relay(rooms.port)
+    try:
+        ben = join(
+            (msgspec.structs.replace(parse_link(rooms.where("cellar")[0]), port=relay.port).text,), "--name", "ben"
+        )
+        ben.hear("ben holds cube in room")
+        relay.rebind()
+        ben.hear(r"resumed after ([\d.]+) s")
+        rooms.process.hear("cellar: ben resumed from")
+        ben.hear("force ramps in")
+        assert "1 in 3 rooms" in rooms.ask("who")
+        rooms.process.popen.send_signal(signal.SIGTERM)
+        assert rooms.process.end() == 0, rooms.process.said
+        assert "the server was stopped" in ben.said or ben.hear("the server was stopped")
+    finally:
+        relay.close()
 
 
 @fairly

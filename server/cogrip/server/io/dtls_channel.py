@@ -219,6 +219,7 @@ class DtlsListener:
             return None
         del self._open[address]
         self._unseated.pop(address, None)
+        self._rate_limiter.seated(address, peer.since_ns)
         return export_keys(peer.association.connection, newest_number(self.outbox[-1][1]), peer.newest)
 
     def counts(self) -> dict[str, int]:

@@ -116,6 +116,10 @@ if sys.platform == "linux":
 
     send_with_descriptors, receive_with_descriptors = socket.send_fds, socket.recv_fds
 
+    def share_port(unbound: socket.socket) -> None:
+        """Let other sockets of this user have the same port. Raises OSError."""
+        unbound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+
     def message_pair() -> tuple[socket.socket, socket.socket]:
         """Return two connected local sockets of whole messages. Raises OSError."""
         return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -157,6 +161,10 @@ else:
     def receive_with_descriptors(
         link: socket.socket, most_bytes: int, most: int
     ) -> tuple[bytes, list[int], int, object]:
+        """Raise OSError."""
+        raise OSError(WITHOUT)
+
+    def share_port(unbound: socket.socket) -> None:
         """Raise OSError."""
         raise OSError(WITHOUT)
 

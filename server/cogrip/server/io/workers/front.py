@@ -19,7 +19,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.channel import Address, Channel, place_text
 from cogrip.protocol.io.receive_buffer import OVERRUN, overrun
 from cogrip.protocol.io.stop import Stop
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Hello, MalformedError, Welcome
+from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, PROTOCOL_VERSION, Hello, MalformedError, Welcome
 from cogrip.protocol.session import SECONDS_OVER, refusal
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import named
@@ -198,6 +198,10 @@ class Front:
             return
         verdict = self._authenticator.admit(hello)
         token = verdict.token if isinstance(verdict, Grant) else ""
+        anew = by is None and address not in self._asking and not hello.ticket and hello.version == PROTOCOL_VERSION
+        if anew and isinstance(verdict, Denied):  # no worker has to judge a wrong token
+            self._refuse(hello, verdict, address)
+            return
         room = self._room_for(hello, verdict)
         if isinstance(room, Denied):
             self._refuse(hello, room, address)

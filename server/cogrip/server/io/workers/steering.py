@@ -6,12 +6,11 @@ BPF program of one instruction, which needs no right, returns the first socket o
 """
 
 import ctypes
-import errno
 import socket
 import struct
-import sys
 
 from cogrip.protocol.io.receive_buffer import enlarge
+from cogrip.server.io.platform import share_port
 from cogrip.server.io.workers.link import PeerAddress
 
 SO_ATTACH_REUSEPORT_CBPF = 51
@@ -49,16 +48,16 @@ def open_path(public: socket.socket, address: PeerAddress) -> socket.socket:
 
 def _shared(family: int) -> socket.socket:
     made = socket.socket(family, socket.SOCK_DGRAM)
-    if sys.platform != "linux":
+    try:
+        share_port(made)
+    except OSError:
         made.close()
-        raise OSError(errno.ENOTSUP, "several workers need Linux")
-    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        raise
     enlarge(made)
     return made
 
 
 def _attach(first: socket.socket) -> None:
-    if sys.platform == "linux":
-        instruction = ctypes.create_string_buffer(_RETURN_FIRST)
-        program = struct.pack("@HP", 1, ctypes.addressof(instruction))
-        first.setsockopt(socket.SOL_SOCKET, SO_ATTACH_REUSEPORT_CBPF, program)
+    instruction = ctypes.create_string_buffer(_RETURN_FIRST)
+    program = struct.pack("@HP", 1, ctypes.addressof(instruction))
+    first.setsockopt(socket.SOL_SOCKET, SO_ATTACH_REUSEPORT_CBPF, program)
