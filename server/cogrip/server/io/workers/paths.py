@@ -73,8 +73,10 @@ class WorkerPort:
                     self._waiting.append(ready)  # there may be more, and it comes first
                     return datagram, address, now_ns
                 if path := self._by_descriptor.get(ready):
-                    datagram, _, arrived_ns = path.arrivals.receive(most_bytes, now_ns)
-                    return datagram, path.address, arrived_ns
+                    datagram, sender, arrived_ns = path.arrivals.receive(most_bytes, now_ns)
+                    if tuple(sender[:2]) == path.address[:2]:
+                        return datagram, path.address, arrived_ns
+                    self.dropped["of another peer"] += 1  # it came before the path was connected
         raise BlockingIOError
 
     def send(self, datagram: bytes, address: Address) -> None:

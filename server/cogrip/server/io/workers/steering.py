@@ -1,20 +1,15 @@
 """Sockets that share the public port: the kernel gives each peer with a path to its worker, all others to the front.
 
-A connected UDP socket gets its peer's datagrams before any that is not connected (Linux, `udp4_lib_lookup2`): no program runs
-for that. But a socket is bound before it is connected, and meanwhile it would get a share of everybody's datagrams: a classic
-BPF program of one instruction, which needs no right, returns the first socket of the group, which is the front's.
+A connected UDP socket gets its peer's datagrams before any that is not connected (Linux, `udp4_lib_lookup2`): no right and no
+program are needed. A path is bound before it is connected: what others send in those microseconds may come to it, or to a
+path that is bound with it. So a worker drops what is not of a path's peer (`WorkerPort`); handshakes and hellos are repeated.
 """
 
-import ctypes
 import socket
-import struct
 
 from cogrip.protocol.io.receive_buffer import enlarge
 from cogrip.server.io.platform import share_port
 from cogrip.server.io.workers.link import PeerAddress
-
-SO_ATTACH_REUSEPORT_CBPF = 51
-_RETURN_FIRST = struct.pack("=HBBI", 0x06, 0, 0, 0)  # BPF_RET | BPF_K, 0
 
 
 def open_public(host: str, port: int) -> socket.socket:
@@ -26,7 +21,6 @@ def open_public(host: str, port: int) -> socket.socket:
     public = _shared(family[0])
     try:
         public.bind(bound)
-        _attach(public)
     except BaseException:
         public.close()
         raise
@@ -55,9 +49,3 @@ def _shared(family: int) -> socket.socket:
         raise
     enlarge(made)
     return made
-
-
-def _attach(first: socket.socket) -> None:
-    instruction = ctypes.create_string_buffer(_RETURN_FIRST)
-    program = struct.pack("@HP", 1, ctypes.addressof(instruction))
-    first.setsockopt(socket.SOL_SOCKET, SO_ATTACH_REUSEPORT_CBPF, program)
