@@ -1,4 +1,4 @@
-"""What several workers are made of: the kernel's steering, the link, answers of several workers as one."""
+"""Parts of a server with several workers: the kernel's steering, the link, answers of several workers as one."""
 
 import socket
 import sys
