@@ -1,9 +1,11 @@
 """Texts of the other end and of files: cut to length, and shown without doing anything to a terminal or page."""
 
+from collections.abc import Sequence
 from typing import Any
 
 TEXT_BYTES = 300  # senders cut a text to this
 MARK_BYTES = 80  # and a marker's
+MOST_NAMED = 20  # names in a line
 
 
 def clipped(text: str, most: int = TEXT_BYTES) -> str:
@@ -31,3 +33,9 @@ def all_shown(value: Any) -> Any:
     if isinstance(value, list):
         return [all_shown(item) for item in value]
     return value
+
+
+def named(names: Sequence[str]) -> str:
+    """Return the names of the first of them, and how many more there are."""
+    more = len(names) - MOST_NAMED
+    return f"{', '.join(names[:MOST_NAMED])}{f' and {more} more' if more > 0 else ''}"

@@ -75,6 +75,15 @@ class ServerCore:
         return self._table.roster()
 
     @property
+    def woken(self) -> set[Room]:
+        """Rooms to which somebody came since the loop emptied this."""
+        return self._table.woken
+
+    def idle(self, room: Room, steps: int) -> None:
+        """Step a deserted room, so often at once."""
+        room.idle(steps)
+
+    @property
     def awaits_accounts(self) -> bool:
         """Return whether a client whose seat was ended by `Stop` has not sent its account yet."""
         return any(seat.last is not None and seat.account is None for room in self.rooms for seat in room.seats)

@@ -4,26 +4,24 @@ A tick of a room: drain the socket, step, send one datagram a user. Rooms may ha
 the administrator's orders are chores: called between ticks, and none may wait for anything.
 """
 
-import errno
 import hashlib
 import secrets
-import socket
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from cogrip.protocol.channel import Address, Channel, place_text
-from cogrip.protocol.io.arrivals import Arrivals
+from cogrip.protocol.channel import Address, Channel
 from cogrip.protocol.io.pacing import SPIN_NS, Pacer
 from cogrip.protocol.io.platform import time
 from cogrip.protocol.io.realtime import engage, release
-from cogrip.protocol.io.receive_buffer import OVERRUN, enlarge, overrun
+from cogrip.protocol.io.receive_buffer import OVERRUN
 from cogrip.protocol.io.recorder import Recorder, open_recorder
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
+from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Nowhere
 from cogrip.protocol.session import SECONDS_OVER
@@ -33,13 +31,16 @@ from cogrip.server import inputs
 from cogrip.server.admission import AdmitAll, Authenticator, Outside
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.io.call_limit import call_limit
+from cogrip.server.io.udp_port import DatagramPort, UdpPort
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer
+from cogrip.server.room import Room
 from cogrip.server.worlds.guarded import GuardedWorld
 
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
 MOST_AT_ONCE = 1024  # datagrams that are received before a tick: a flood beyond that is the kernel's to drop
 REPORTED = Budget(1, 40)  # of each of UNAUTHENTICATED_EVENTS
+IDLE_NS, IDLE_TURNS = 500_000_000, 32  # a deserted room is stepped so often, and the rooms in so many turns
 CLOCK_EVERY = 32  # datagrams between two readings of the clock
 
 
@@ -51,14 +52,6 @@ class ServerChannel(Channel, Protocol):
 
 
 Chore = Callable[[int], None]
-
-
-class ServeError(Exception):
-    """The server cannot listen. The text says why and what to do."""
-
-
-class HostError(ServeError):
-    """There is no such address here, and there will be none."""
 
 
 @dataclass(slots=True)
@@ -88,8 +81,7 @@ class LiveServer:
     recorder: Recorder | None = field(init=False, default=None)
     _received: int = field(init=False, default=0)
     _sent: int = field(init=False, default=0)
-    _socket: socket.socket = field(init=False)
-    _arrivals: Arrivals = field(init=False)
+    _port: DatagramPort = field(init=False)
     _start_ns: int = field(init=False, default=0)
     _overran: int = field(init=False, default=0)
     _cut_short: int = field(init=False, default=0)
@@ -99,16 +91,13 @@ class LiveServer:
 
     def listen(self) -> tuple[str, int]:
         """Bind, and return (host, port). Raises ServeError."""
-        try:
-            family = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_DGRAM)[0]
-            self._socket = socket.socket(family[0], socket.SOCK_DGRAM)
-            enlarge(self._socket)
-            self._socket.bind(family[4])
-        except OSError as error:
-            raise _cannot_listen(self.host, self.port, error) from None
-        self._socket.setblocking(False)
-        self._arrivals = Arrivals(self._socket)
-        host, port = self._socket.getsockname()[:2]
+        port = UdpPort(self.host, self.port)
+        self.serve_at(port)
+        return port.place
+
+    def serve_at(self, port: DatagramPort) -> None:
+        """Serve at a port that is open already. Raises what `open_channel` raises, the port being closed then."""
+        self._port = port
         outside = Outside(
             lambda: secrets.randbelow(2**63 - 1) + 1, self.authenticator, lambda: secrets.token_urlsafe(16), ticket_hash
         )
@@ -122,11 +111,10 @@ class LiveServer:
             self.close()
             raise
         self._drain_limit_ns = min(500_000_000 // room.rates.network_hz for room in self.rooms)  # half a frame
-        return host, port
 
     def close(self) -> None:
         """Free the port where `run` is not called."""
-        self._socket.close()
+        self._port.close()
 
     @property
     def elapsed_s(self) -> float:
@@ -143,7 +131,7 @@ class LiveServer:
             pacers[room.name] = pacer = Pacer(room.settings.rates.network_hz, self._start_ns)
             self.core.count_ticks(room, pacer.count)
         try:
-            with self._socket:
+            with closing(self._port):
                 self._loop(pacers)
                 self._farewell()
             self.core.handle(inputs.CloseLedger(), time.monotonic_ns())
@@ -186,7 +174,7 @@ class LiveServer:
         if self._cut_short:
             dropped["left for the next tick"] = self._cut_short  # times that some were
         with suppress(OSError):  # the socket is closed: the last count holds
-            self._overran = overrun(self._socket)
+            self._overran = self._port.overruns()
         if self._overran:
             dropped[OVERRUN] = self._overran
         return dict(dropped)
@@ -196,18 +184,24 @@ class LiveServer:
         last = dict.fromkeys(pacers, -1)
         work_us = dict.fromkeys(pacers, 0)
         end_ns = None if self.seconds is None else self._start_ns + round(self.seconds * 1e9)
+        awake, asleep = (
+            list(core.rooms),
+            deque[tuple[int, Room]](),
+        )  # those that are deserted, and when they were stepped
+        quiet_ns = min(NS_PER_S // pacer.rate_hz for pacer in pacers.values())  # between looks where all are
+        now_ns = self._start_ns
         while not self.stop.reason:
             if end_ns is not None and clock() >= end_ns:
                 self.stop.reason = f"stopped ({SECONDS_OVER})"
-            due_ns = min(pacer.next_due_ns for pacer in pacers.values())
+            due_ns = min([pacers[room.name].next_due_ns for room in awake], default=now_ns + quiet_ns)
             remaining_ns = due_ns - SPIN_NS - clock()
             if remaining_ns > 0:
                 time.sleep(remaining_ns * 1e-9)
             while (now_ns := clock()) < due_ns:
                 pass
-            ticks = {room.name: pacers[room.name].take(now_ns) for room in core.rooms}
+            ticks = {room.name: pacers[room.name].take(now_ns) for room in awake}
             self._drain(now_ns)
-            for room in core.rooms:
+            for room in awake:
                 pacer, tick = pacers[room.name], ticks[room.name]
                 if tick is None:
                     continue
@@ -217,11 +211,34 @@ class LiveServer:
                 self._send()
                 work_us[room.name] = (clock() - now_ns) // 1000
                 pacer.done()
+            self._send()
+            if core.woken:
+                for room in [room for _, room in asleep if room in core.woken]:
+                    last[room.name] += pacers[room.name].pass_by(now_ns)
+                    awake.append(room)
+                asleep = deque(each for each in asleep if each[1] not in core.woken)
+                core.woken.clear()
+            self._step_deserted(asleep, last, now_ns)
+            for room in [room for room in awake if room.deserted and pacers[room.name].run]:
+                awake.remove(room)
+                asleep.append((now_ns, room))
             self._report()
             self.channel.poll(now_ns)
             self._flush()
             for chore in self.chores:
                 chore(now_ns)
+
+    def _step_deserted(self, asleep: "deque[tuple[int, Room]]", last: dict[str, int], now_ns: int) -> None:
+        """Step rooms where nobody is, each now and then by all the ticks that were due, a few at a time."""
+        for _ in range(-(-len(asleep) // IDLE_TURNS)):
+            since_ns, room = asleep[0]
+            if now_ns - since_ns < IDLE_NS:
+                return
+            asleep.popleft()
+            if steps := self.pacers[room.name].pass_by(now_ns):
+                last[room.name] += steps
+                self.core.idle(room, steps)
+            asleep.append((now_ns, room))
 
     def _report(self) -> None:
         """Report events; of those that unauthenticated peers can cause a bounded number, then the count of the others."""
@@ -257,7 +274,7 @@ class LiveServer:
         self._report()
 
     def _drain(self, now_ns: int) -> None:
-        receive, decrypt, handle = self._arrivals.receive, self.channel.receive, self.core.receive
+        receive, decrypt, handle = self._port.receive, self.channel.receive, self.core.receive
         renewed = self.channel.renewed
         for count in range(MOST_AT_ONCE):
             if count % CLOCK_EVERY == CLOCK_EVERY - 1 and time.monotonic_ns() - now_ns > self._drain_limit_ns:
@@ -289,25 +306,14 @@ class LiveServer:
         self._flush()
 
     def _flush(self) -> None:
-        outbox, send = self.channel.outbox, self._socket.sendto
+        outbox, send = self.channel.outbox, self._port.send
         self._sent += len(outbox)
         while outbox:
             address, datagram = outbox.popleft()
             try:
-                send(datagram, address)  # type: ignore[call-overload]  # addresses are the socket's own
+                send(datagram, address)
             except OSError as error:
                 self.core.handle(inputs.SocketFailed(str(error.strerror)), time.monotonic_ns())
-
-
-def _cannot_listen(host: str, port: int, error: OSError) -> ServeError:
-    why = error.strerror or error
-    if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
-        return HostError(
-            f"--host {host} is no address of this machine ({why}); 0.0.0.0 is all of its addresses, 127.0.0.1 itself alone"
-        )
-    return ServeError(
-        f"cannot listen on {place_text((host, port))}: {why}; choose another --port, or end the program that has it"
-    )
 
 
 def ticket_hash(ticket: str) -> str:

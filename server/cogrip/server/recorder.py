@@ -120,6 +120,10 @@ class RecordedServer(CoreRecorder, ServerCore):
             self.put(DATAGRAM_IN, Datagram(without_secrets(datagram, self._hash_ticket), self._text(address)))
         super().receive(datagram, address, now_ns)
 
+    def idle(self, room: Room, steps: int) -> None:
+        self._idle_steps[room.name] = self._idle_steps.get(room.name, 0) + steps
+        super().idle(room, steps)
+
     def tick(self, room: Room, now_ns: int, frames: int = 1) -> None:
         if room.deserted:
             self.now_ns = now_ns

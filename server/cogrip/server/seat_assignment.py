@@ -18,11 +18,13 @@ class SeatTable:
     """Places of all participants. It alone writes `Participant.address`: nobody has two addresses, no address two people.
 
     A seat that was left keeps its address until another hello comes from it, so that a repeated goodbye is answered.
-    at  returns the place at an address, None where there is none
+    at     returns the place at an address, None where there is none
+    woken  rooms in which somebody got an address, since the loop emptied it
     """
 
     def __init__(self, rooms: Sequence[Room]) -> None:
         self.rooms = rooms
+        self.woken: set[Room] = set()
         self._places: dict[Address, Place] = {}
         self.at: Callable[[Address], Place | None] = self._places.get  # once a datagram
 
@@ -36,6 +38,7 @@ class SeatTable:
         self.unbind(who)
         self.release(address)
         self._places[address] = room, who
+        self.woken.add(room)
         who.address = address
 
     def unbind(self, who: Participant) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from cyclopts import Parameter
 
@@ -11,7 +11,7 @@ from cogrip.cli.runs.run_folder import leave_files, live_run_folder
 from cogrip.cli.session.live_views import ServeView, drawing
 from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
-from cogrip.cli.session.served_rooms import is_loopback, rooms_of, warn_of
+from cogrip.cli.session.served_rooms import Say, Workers, is_loopback, rooms_of, warn_of, worker_count
 from cogrip.cli.session.server_state import LOOPBACKS, authenticator_of, channel_of, held_folder, publish
 from cogrip.cli.session.trigger_line import open_trigger
 from cogrip.cli.session.view_child import ViewChild
@@ -23,14 +23,19 @@ from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.protocol.settings import Settings, for_remote_clients
+from cogrip.protocol.texts import named
 from cogrip.protocol.version import VERSION
 from cogrip.server.io.housekeeping import Housekeeping
-from cogrip.server.io.metrics_feed import MetricsError, open_metrics
+from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
 from cogrip.server.io.state_folder import StateError, StateFolder
-from cogrip.server.loop import HostError, LiveServer, ServeError
+from cogrip.server.io.udp_port import HostError, ServeError
+from cogrip.server.loop import LiveServer
 from cogrip.sim.runs.folder import SERVER_RECORDING, write_settings
 from cogrip.sim.runs.summary import of_room
 from cogrip.sim.runs.verdict import came, succeeded
+
+if TYPE_CHECKING:
+    from cogrip.cli.session.serve_workers import FrontJob
 
 
 def serve(
@@ -55,6 +60,7 @@ def serve(
     record: Record = True,
     quiet: Quiet = False,
     python_worlds: PythonWorlds = (),
+    workers: Workers = 1,
 ) -> int:
     """Serve until Ctrl-C or SIGTERM; then say goodbye to everyone and leave a run folder.
 
@@ -96,6 +102,8 @@ def serve(
         Folder in which the run folder is made; with several rooms each has a folder in it.
     into
         Write into this existing folder instead, and leave its report to its owner (one room only).
+    workers
+        Processes over which the rooms are divided, behind one port; auto: one less than there are cores. Linux only.
     """
     allow_python_worlds(python_worlds)
     rooms = rooms_of(config, overrides, port, into)
@@ -107,12 +115,23 @@ def serve(
     if encrypted:
         rooms = [for_remote_clients(room) for room in rooms]
     names = [room.name for room in rooms]
+    count = worker_count(workers, len(rooms))
+    if count > 1 and trigger is not None:
+        raise BadInput("--trigger is for one process: leave --workers out, or serve its room by another server")
     stop = Stop()
     with ExitStack() as stack:
         line = open_trigger(trigger, stack)
         state_folder = held_folder(state, port, encrypted, say, stack)
         authenticator = authenticator_of(state_folder, say) if encrypted and state_folder else None
         key_folder = state_folder if encrypted else None
+        if count > 1:
+            from cogrip.cli.session.serve_workers import FrontJob  # with OpenSSL
+
+            run_folder = into or live_run_folder(runs, "rooms", say)
+            job = FrontJob(
+                rooms, count, host, port, state_folder, authenticator, encrypted, fresh, run_folder, record, report
+            )
+            return _serve_by_workers(job, stop, lines, stack, _Shown(public, links, view, insecure, metrics), seconds)
         server = LiveServer(rooms, host, port, stop, say, lambda core: channel_of(core, key_folder), seconds=seconds)
         if authenticator is not None:
             server.authenticator = authenticator
@@ -140,14 +159,10 @@ def serve(
         with on_signals(stop, hangup="reload"):
             warn_of(rooms, bound, encrypted, say)
             link = publish(state_folder, public, bound, rooms, encrypted, links, say) if state_folder else ""
-            if feed is not None:
-                say(f"metrics: http://127.0.0.1:{feed.port}/metrics, health: http://127.0.0.1:{feed.port}/healthz")
             housekeeping.begin()
-            how = "encrypted" if encrypted else "unencrypted"
-            say(f"listening on {place_text(bound)}, {how}; rooms: {', '.join(names)}; Ctrl-C ends")
+            _say_where(bound, encrypted, names, feed, say)
             if view:
-                shown = place_text((LOOPBACKS.get(bound[0], bound[0]), bound[1]))
-                stack.enter_context(ViewChild(link or shown, say, names[0], insecure=insecure, waits=False))
+                _view(bound, link, names[0], insecure, say, stack)
             screen = stack.enter_context(LiveScreen(say))
             if not quiet:
                 _draw(screen, lines, rooms, run_folder if record else None, state_folder)
@@ -159,6 +174,53 @@ def serve(
             say(stop.reason)
             losses = {**server.drops(), **server.losses(), **housekeeping.counts()}
             return _conclude(server, folders, losses, lines, alone=into is None, report=report)
+
+
+class _Shown(NamedTuple):
+    """Flags of what is shown to people."""
+
+    public: str | None
+    links: bool
+    view: bool
+    insecure: bool
+    metrics: int | None
+
+
+def _serve_by_workers(
+    job: "FrontJob", stop: Stop, lines: LogLines, stack: ExitStack, shown: _Shown, seconds: float | None
+) -> int:
+    """Serve by a front and several workers. Return the exit code."""
+    from cogrip.cli.session.serve_workers import FrontServer
+
+    say, rooms, encrypted = lines.say, job.rooms, job.encrypted
+    server = FrontServer(job, stop, lines, stack)
+    with on_signals(stop, hangup="reload"):
+        warn_of(rooms, server.bound, encrypted, say)
+        feed = server.begin(shown.metrics, stack)
+        link = ""
+        if job.folder is not None:
+            link = publish(job.folder, shown.public, server.bound, rooms, encrypted, shown.links, say)
+        names = [room.name for room in rooms]
+        _say_where(server.bound, encrypted, names, feed, say)
+        if shown.view:
+            _view(server.bound, link, names[0], shown.insecure, say, stack)
+        return server.run(seconds)
+
+
+def _say_where(
+    bound: tuple[str, int], encrypted: bool, names: Sequence[str], feed: MetricsFeed | None, say: Say
+) -> None:
+    """Say where people and programs find this server."""
+    if feed is not None:
+        say(f"metrics: http://127.0.0.1:{feed.port}/metrics, health: http://127.0.0.1:{feed.port}/healthz")
+    how = "encrypted" if encrypted else "unencrypted"
+    say(f"listening on {place_text(bound)}, {how}; rooms: {named(names)}; Ctrl-C ends")
+
+
+def _view(bound: tuple[str, int], link: str, room: str, insecure: bool, say: Say, stack: ExitStack) -> None:
+    """Show a room in the browser until `stack` is left."""
+    shown = place_text((LOOPBACKS.get(bound[0], bound[0]), bound[1]))
+    stack.enter_context(ViewChild(link or shown, say, room, insecure=insecure, waits=False))
 
 
 def _draw(

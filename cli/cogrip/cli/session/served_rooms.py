@@ -1,18 +1,39 @@
 """Rooms of `cogrip serve`: their settings, and the warnings before anyone joins."""
 
+import os
 import socket
 from collections.abc import Callable, Sequence
 from ipaddress import ip_address
 from pathlib import Path
+from typing import Literal
+
+import msgspec
 
 from cogrip.cli.session.before_run import scene_warnings, together
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.terminal.problem import BadInput, within
 from cogrip.devices.device import DeviceError
+from cogrip.protocol.io.platform import system
 from cogrip.protocol.settings import Settings, not_passive
 from cogrip.server.events import ServerEvent
 
+MOST_WORKERS = 256
+Workers = int | Literal["auto"]
 Say = Callable[[ServerEvent | str], None]
+
+
+def worker_count(wanted: Workers, rooms: int) -> int:
+    """Return the number of workers: no more than there are rooms; "auto": one less than there are cores. Raises BadInput."""
+    if wanted != "auto" and not 1 <= wanted <= MOST_WORKERS:
+        raise BadInput(f"--workers {wanted}: give a number from 1 to {MOST_WORKERS}, or auto")
+    count = min(rooms, max(1, (os.cpu_count() or 1) - 1) if wanted == "auto" else wanted)
+    if count > 1 and not system.LINUX:
+        if wanted != "auto":
+            raise BadInput(
+                f"--workers {wanted}: several workers need Linux, whose kernel steers datagrams; leave it out"
+            )
+        return 1
+    return count
 
 
 def rooms_of(config: Sequence[Path], overrides: Sequence[str], port: int, into: Path | None) -> list[Settings]:
@@ -55,6 +76,7 @@ def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, 
             f"warning: {bound[0]} is open to everyone who can reach it, and sessions are not encrypted (--insecure): "
             "anyone may join, listen, and forge what moves a motor"
         )
+    advised: dict[bytes, tuple[str, ...]] = {}  # by all settings but the name: advice takes some 20 ms
     for settings in rooms:
         if (encrypted or reachable) and (active := not_passive(settings)):
             say(
@@ -66,17 +88,19 @@ def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, 
                 f"warning: room {settings.name}: virtual coupling bounds speeds but no power: "
                 "serve people you trust, or waves"
             )
-        _warn_by_advice(settings, say)
+        key = msgspec.json.encode(msgspec.structs.replace(settings, name=rooms[0].name))
+        if key not in advised:
+            advised[key] = _advice_on(settings)
+        for text in together(advised[key], [user.name for user in settings.users]):
+            say(f"warning: room {settings.name}: {text}")
 
 
-def _warn_by_advice(settings: Settings, say: Say) -> None:
-    """Warn where a room is not stable, passive or fit for its devices, in the words of `cogrip advise`."""
+def _advice_on(settings: Settings) -> tuple[str, ...]:
+    """Return where a room is not stable, passive or fit for its devices, in the words of `cogrip advise`."""
     from cogrip.sim.analysis.advice import advise
     from cogrip.sim.analysis.linear_session import ModelError
 
     try:
-        warnings = scene_warnings(settings) if settings.object.kind == "scene" else advise(settings).warnings
+        return scene_warnings(settings) if settings.object.kind == "scene" else advise(settings).warnings
     except (ModelError, DeviceError) as error:
-        warnings = (f"no advice: {error}",)
-    for text in together(warnings, [user.name for user in settings.users]):
-        say(f"warning: room {settings.name}: {text}")
+        return (f"no advice: {error}",)

@@ -4,12 +4,14 @@ import os
 import secrets
 import socket
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cogrip.cli.session.served_rooms import Say
 from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.protocol.channel import Address
 from cogrip.protocol.join_link import JoinLink, LinkError, check_host
 from cogrip.protocol.settings import Settings
 from cogrip.server.core import ServerCore
@@ -29,6 +31,10 @@ from cogrip.server.loop import ServerChannel
 from cogrip.server.rate_limit import RateLimiter, limits_for
 from cogrip.server.unencrypted_channel import UnencryptedListener
 
+if TYPE_CHECKING:  # OpenSSL takes a while
+    from cogrip.server.io.dtls_channel import DtlsListener
+
+MOST_LINKED = 100  # rooms with links of their own: of more, a link is for any
 WILDCARDS = ("0.0.0.0", "::", "")
 LOOPBACKS = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # by which a process of this machine reaches a wildcard
 
@@ -59,15 +65,29 @@ def authenticator_of(folder: StateFolder, say: Say) -> TokenAuthenticator:
 
 def channel_of(core: ServerCore, folder: StateFolder | None) -> ServerChannel:
     """Return the server's channel, encrypted where there is a folder for the key. Raises BadInput, ServeError."""
-    rate_hz = max(room.settings.rates.network_hz for room in core.rooms)
+    return _channel(core.listens_to, core.knows, [room.settings for room in core.rooms], folder)
+
+
+def front_channel_of(
+    asks: Callable[[Address], bool], rooms: Sequence[Settings], folder: StateFolder | None
+) -> "UnencryptedListener | DtlsListener":
+    """Return the channel of a front, which keeps nobody with a seat. asks: says whether an answer is awaited at an address."""
+    return _channel(asks, lambda address: False, rooms, folder)
+
+
+def _channel(
+    listens: Callable[[Address], bool], seated: Callable[[Address], bool], rooms: Sequence[Settings],
+    folder: StateFolder | None,
+) -> "UnencryptedListener | DtlsListener":  # fmt: skip
+    rate_hz = max(room.rates.network_hz for room in rooms)
     rate_limiter = RateLimiter(secrets.token_bytes(16), limits_for(rate_hz))
     if folder is None:
-        return UnencryptedListener(rate_limiter, core.listens_to)
+        return UnencryptedListener(rate_limiter, listens)
     from cogrip.protocol.io.certificate import CertificateError  # OpenSSL takes a while
     from cogrip.server.io.dtls_channel import DtlsListener
 
     with BadInput.of(CertificateError):  # no restart mends it: an administrator has to
-        return DtlsListener(folder.path, rate_limiter, core.knows)
+        return DtlsListener(folder.path, rate_limiter, seated)
 
 
 def publish(
@@ -88,12 +108,13 @@ def publish(
 
         fingerprint, secret = load(folder.path).fingerprint, secret_of(folder.path)
         write_server(folder, ServerRecord(host, port, fingerprint, seats, os.getpid()))
-        made = TokenFile(folder).change(lambda book: book.standing(secret, list(seats), time.time()))
+        linked = list(seats) if len(seats) <= MOST_LINKED else [""]
+        made = TokenFile(folder).change(lambda book: book.standing(secret, linked, time.time()))
     if links and public is None and bound[0] in WILDCARDS:
         say(f"links name {host}, which is a guess; --public HOST if people reach this machine by another name")
     for each in made if links else ():
         link = JoinLink(host, port, each.room, fingerprint, each.token)
-        say(f"join {each.room} as {each.role}:  cogrip join '{link.text}'")
+        say(f"join {each.room or 'any room'} as {each.role}:  cogrip join '{link.text}'")
     observer = next(each for each in made if each.role == "observer")
     here = LOOPBACKS.get(bound[0], bound[0])
     return JoinLink(here, bound[1], observer.room, fingerprint, observer.token).text

@@ -78,6 +78,14 @@ class Pacer:
         self._started_ns = now_ns
         return tick
 
+    def pass_by(self, now_ns: int) -> int:
+        """Count the ticks that are due as run, without lateness and work: of a room where nobody is. Returns how many."""
+        count = max(0, self.tick_at(now_ns) + 1 - self._next)
+        self.run += count
+        self._next += count
+        self.next_due_ns = self.due_ns(self._next)
+        return count
+
     def wait(self) -> int:
         """Sleep, then spin, to the next deadline and return its tick; return at once when it is late already."""
         clock = self._clock

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, Protocol
 
 import msgspec
 
@@ -105,10 +105,20 @@ class _Caller:
 
 
 class Request(NamedTuple):
-    """Order that waits for its answer."""
+    """Order that waits for its answer. caller: as whoever takes orders knows the one who asks."""
 
     order: AnyOrder
-    caller: _Caller
+    caller: object
+
+
+class Orders(Protocol):
+    """Source of orders. poll: new ones; answer: answers one."""
+
+    def poll(self, now_ns: int | None = None) -> list[Request]: ...
+
+    def answer(self, request: Request, text: str, *, ok: bool = True, people: Sequence[RosterEntry] = ()) -> None: ...
+
+    def close(self) -> None: ...
 
 
 class Control:
@@ -146,7 +156,7 @@ class Control:
 
     def answer(self, request: Request, text: str, *, ok: bool = True, people: Sequence[RosterEntry] = ()) -> None:
         """Answer an order; a caller that has gone is counted."""
-        if request.caller in self._callers:
+        if isinstance(request.caller, _Caller) and request.caller in self._callers:
             self._answer(request.caller, Answer(ok, text, tuple(people)))
         else:
             self.dropped["nobody waits"] += 1

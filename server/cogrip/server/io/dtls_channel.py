@@ -21,6 +21,7 @@ from cogrip.protocol.channel import Address, place_text
 from cogrip.protocol.dtls_records import HANDSHAKE, RECORD_HEADER_BYTES, ClientRecords
 from cogrip.protocol.io.certificate import load
 from cogrip.protocol.io.dtls import Association, client_random, cookie_in, is_client_hello, server_context
+from cogrip.protocol.io.dtls_session import SessionKeys, export_keys, newest_number
 from cogrip.protocol.messages import MAX_MESSAGE_BYTES
 from cogrip.protocol.session import nonce_of, refusal
 from cogrip.server.events import ServerEvent
@@ -154,6 +155,8 @@ class DtlsListener:
                 self._end(address, peer)
         else:
             peer.has_received = True
+            if not peer.seated:
+                peer.newest = max(peer.newest, newest_number(datagram))
         return received
 
     def _bounded(self, received: Sequence[bytes], address: Address, now_ns: int) -> Sequence[bytes]:
@@ -208,6 +211,16 @@ class DtlsListener:
         if peer is not None:
             peer.association.close()
             self._take(peer, address)
+
+    def hand_over(self, address: Address, last: bytes) -> SessionKeys | None:
+        """Send a last message, and return the keys by which another process goes on; None where it cannot be sent."""
+        peer = self._open.get(address)
+        if peer is None or not self.send(last, address):
+            return None
+        del self._open[address]
+        self._unseated.pop(address, None)
+        self._rate_limiter.seated(address, peer.since_ns)
+        return export_keys(peer.association.connection, newest_number(self.outbox[-1][1]), peer.newest)
 
     def counts(self) -> dict[str, int]:
         """Return the numbers of associations, open and half open."""
@@ -334,6 +347,7 @@ class DtlsListener:
             self._take(half, address)
             return ()
         half.since_ns, half.requests, half.has_received = now_ns, 0, bool(received)
+        half.newest = newest_number(datagram) if received else 0  # 0: the client's Finished
         self._open[address] = self._unseated[address] = half
         return received
 

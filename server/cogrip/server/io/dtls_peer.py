@@ -15,8 +15,8 @@ class Peer:
     """Association with its handshake's nonce, and the time since its last change of state."""
 
     __slots__ = (
-        "address", "association", "had_seat", "has_received", "last_flight", "most_requests", "network", "nonce", "records",
-        "repeats", "requests", "seated", "since_ns",
+        "address", "association", "had_seat", "has_received", "last_flight", "most_requests", "network", "newest", "nonce",
+        "records", "repeats", "requests", "seated", "since_ns",
     )  # fmt: skip
 
     def __init__(
@@ -33,6 +33,7 @@ class Peer:
         self.has_received = False  # a message
         self.requests = 0  # datagrams of this handshake, then those without a seat
         self.most_requests = most_requests
+        self.newest = -1  # number of a record of a message, as far as it was not seated
         self.last_flight: Sequence[bytes] = ()
         self.repeats = 0  # of the last flight
 

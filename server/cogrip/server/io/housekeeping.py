@@ -3,16 +3,15 @@
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from typing import Protocol
 
 from cogrip.server import inputs
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.events import ServerEvent
 from cogrip.server.io import checkpoint_file
-from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.checkpoint_file import CheckpointWriter
-from cogrip.server.io.control import Control, Kick, Mark, Reload, Request, SetHand, Who
+from cogrip.server.io.control import Control, Kick, Mark, Orders, Reload, Request, SetHand, Who
 from cogrip.server.io.hand_orders import HandOrders
-from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.io.trigger import Trigger
@@ -28,6 +27,30 @@ TURNS = EVERY_NS // POLL_EVERY_NS
 Say = Callable[[ServerEvent], None]
 
 
+class Tokens(Protocol):
+    """Tokens that are void by now; `TokenAuthenticator` says what each function does."""
+
+    def revoke(self, ident: str) -> None: ...
+
+    def revoked(self) -> set[str]: ...
+
+    def expired(self) -> set[str]: ...
+
+    def reload(self) -> bool: ...
+
+    def close(self) -> None: ...
+
+
+class Measures(Protocol):
+    """Reader of snapshots, such as `MetricsFeed`."""
+
+    not_taken: int
+
+    def put(self, snapshot: Snapshot) -> None: ...
+
+    def close(self) -> None: ...
+
+
 class Housekeeping:
     """Chores of one live server that listens: `begin` before it runs, `end` after. Each part may be missing."""
 
@@ -37,13 +60,17 @@ class Housekeeping:
         say: Say,
         *,
         folder: StateFolder | None = None,
-        authenticator: TokenAuthenticator | None = None,
-        metrics: MetricsFeed | None = None,
+        authenticator: Tokens | None = None,
+        metrics: Measures | None = None,
         trigger: Trigger | None = None,
         software: str = "",
         fresh: bool = False,
+        orders: Orders | None = None,
     ) -> None:
-        """fresh: begin with every object at its start, whatever checkpoints there are. Raises ControlError."""
+        """fresh: begin with every object at its start, whatever checkpoints there are. Raises ControlError.
+
+        orders: source of orders; that of the folder if not given
+        """
         self._fresh = fresh
         self._server = server
         self._say = say
@@ -53,7 +80,7 @@ class Housekeeping:
         self._trigger = trigger
         server.marked = trigger.fire if trigger else None
         self._notifier = ServiceNotifier()
-        self._control = Control(folder) if folder else None
+        self._control = orders or (Control(folder) if folder else None)
         self._hand_orders = HandOrders(server.core, lambda request, text, ok: self._answer(request, text, ok))
         self._writers: dict[str, CheckpointWriter] = {}
         if folder:
@@ -61,7 +88,7 @@ class Housekeeping:
             self._writers = {room: CheckpointWriter(folder.checkpoint(room), self._report_trouble) for room in rooms}
         self._kept: list[tuple[int, str]] = []  # sessions and ticket hashes of all seats
         self._reported_limits: set[tuple[int, str]] = set()
-        self._idle: set[str] = set()  # rooms that are deserted since their checkpoint
+        self._idle = {room.name for room in server.core.rooms}  # rooms that are deserted since their checkpoint
         self._maker = SnapshotMaker(server.core.rooms, server.pacers, software)
         self._poll_ns = self._next_ns = self._watchdog_ns = 0
         self._turn = 0
@@ -178,7 +205,7 @@ class Housekeeping:
         """Report once for each session of a seat and each reason."""
         now, events = set(), self._server.events
         for room in self._server.core.rooms:
-            for number, seat in enumerate(room.seats):
+            for number, seat in enumerate(() if room.deserted else room.seats):
                 for reason in room.limited(number):
                     now.add(what := (seat.session, reason))
                     if what not in self._reported_limits:

@@ -6,10 +6,11 @@ metrics are refused on Windows, each in one line. What is left there is a server
 """
 
 import os
+import select
 import signal
 import socket
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import IO
@@ -94,3 +95,87 @@ else:
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             signal.signal(signal.SIGALRM, before)
+
+
+if sys.platform == "linux":
+
+    class Readable:
+        """Descriptors that are watched (epoll). `ready` returns those that can be read now."""
+
+        def __init__(self) -> None:
+            self._epoll = select.epoll()
+            self.close = self._epoll.close
+
+        def add(self, descriptor: int) -> None:
+            """Watch a descriptor, until it is closed."""
+            self._epoll.register(descriptor, select.EPOLLIN)
+
+        def ready(self) -> list[int]:
+            """Return those that can be read, without waiting."""
+            return [descriptor for descriptor, _ in self._epoll.poll(0)]
+
+    send_with_descriptors, receive_with_descriptors = socket.send_fds, socket.recv_fds
+
+    def share_port(unbound: socket.socket) -> None:
+        """Let other sockets of this user have the same port. Raises OSError."""
+        unbound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+
+    def message_pair() -> tuple[socket.socket, socket.socket]:
+        """Return two connected local sockets of whole messages. Raises OSError."""
+        return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+
+    def memory_file(content: bytes) -> int:
+        """Return the descriptor of a file in memory alone. Raises OSError."""
+        descriptor = os.memfd_create("content")
+        os.pwrite(descriptor, content, 0)
+        return descriptor
+
+    def content_of(descriptor: int) -> bytes:
+        """Return the content of a file that other processes may read at the same time."""
+        return os.pread(descriptor, os.fstat(descriptor).st_size, 0)
+
+else:
+    WITHOUT = "several workers need Linux"
+
+    class Readable:
+        """Not there."""
+
+        def __init__(self) -> None:
+            raise OSError(WITHOUT)
+
+        def add(self, descriptor: int) -> None:
+            """Raise OSError."""
+            raise OSError(WITHOUT)
+
+        def ready(self) -> list[int]:
+            """Raise OSError."""
+            raise OSError(WITHOUT)
+
+        def close(self) -> None:
+            """Do nothing."""
+
+    def send_with_descriptors(link: socket.socket, pieces: Sequence[bytes], descriptors: Sequence[int]) -> int:
+        """Raise OSError."""
+        raise OSError(WITHOUT)
+
+    def receive_with_descriptors(
+        link: socket.socket, most_bytes: int, most: int
+    ) -> tuple[bytes, list[int], int, object]:
+        """Raise OSError."""
+        raise OSError(WITHOUT)
+
+    def share_port(unbound: socket.socket) -> None:
+        """Raise OSError."""
+        raise OSError(WITHOUT)
+
+    def message_pair() -> tuple[socket.socket, socket.socket]:
+        """Raise OSError."""
+        raise OSError(WITHOUT)
+
+    def memory_file(content: bytes) -> int:
+        """Raise OSError."""
+        raise OSError(WITHOUT)
+
+    def content_of(descriptor: int) -> bytes:
+        """Raise OSError."""
+        raise OSError(WITHOUT)

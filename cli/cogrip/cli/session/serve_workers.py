@@ -1,0 +1,124 @@
+"""`cogrip serve --workers N`: the front process of several workers (docs/scaling.md)."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from cogrip.cli.session.log_lines import LogLines
+from cogrip.cli.session.server_state import front_channel_of
+from cogrip.cli.session.worker import Job
+from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.protocol.channel import Address
+from cogrip.protocol.io.platform import system
+from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.settings import Settings
+from cogrip.protocol.version import VERSION
+from cogrip.server.io.authenticator import TokenAuthenticator
+from cogrip.server.io.control import Control
+from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
+from cogrip.server.io.platform import memory_file
+from cogrip.server.io.state_folder import StateError, StateFolder
+from cogrip.server.io.udp_port import HostError, ServeError, cannot_listen
+from cogrip.server.io.workers.administration import Administration
+from cogrip.server.io.workers.front import DYING, Front, FrontChannel, shares
+from cogrip.server.io.workers.pool import START_LIMIT_S, WorkerPool
+from cogrip.server.io.workers.steering import open_public
+
+
+class FrontJob(NamedTuple):
+    """Parts and settings of a front. runs: folder of this run."""
+
+    rooms: Sequence[Settings]
+    workers: int
+    host: str
+    port: int
+    folder: StateFolder | None
+    authenticator: TokenAuthenticator | None
+    encrypted: bool
+    fresh: bool
+    runs: Path | None
+    record: bool
+    report: bool
+
+
+class FrontServer:
+    """Front with its workers: `open` binds and starts them, `run` serves, `end` waits for them."""
+
+    def __init__(self, job: FrontJob, stop: Stop, lines: LogLines, stack: ExitStack) -> None:
+        self._job, self._stop, self._lines = job, stop, lines
+        with Problem.of(ServeError), BadInput.of(HostError):
+            try:
+                self._public = stack.enter_context(open_public(job.host, job.port))
+            except OSError as error:
+                raise cannot_listen(job.host, job.port, error) from None
+        self.bound: tuple[str, int] = self._public.getsockname()[:2]
+        self._job_file = -1
+        names = [room.name for room in job.rooms]
+        self._pool = WorkerPool(shares(names, job.workers), self._start, job.fresh)
+
+    def _start(self, number: int, link_end: int) -> subprocess.Popen[bytes]:
+        """Start a worker; what it says goes where this process says its own."""
+        environ = {name: value for name, value in os.environ.items() if name != "NOTIFY_SOCKET"}
+        handles = (link_end, self._job_file)
+        return subprocess.Popen(
+            [sys.executable, "-P", "-m", "cogrip.cli.session.worker", *map(str, handles), str(number)],
+            stdin=subprocess.DEVNULL, env=environ, **system.own_session(*handles),
+        )  # fmt: skip
+
+    def begin(self, metrics: int | None, stack: ExitStack) -> MetricsFeed | None:
+        """Start the workers, and wait until they serve. Raises Problem."""
+        job, say = self._job, self._lines.say
+        for_workers = Job(
+            tuple(job.rooms), str(job.folder.path) if job.folder else "", str(job.runs or ""), job.record, job.report,
+            self._lines.form, metrics is not None,
+        )  # fmt: skip
+        try:
+            self._job_file = memory_file(msgspec.json.encode(for_workers))
+            stack.callback(os.close, self._job_file)
+            self._pool.begin()
+            stack.callback(self._kill)
+            open_channel: Callable[[Callable[[Address], bool]], FrontChannel] = lambda asks: front_channel_of(  # noqa: E731
+                asks, job.rooms, job.folder if job.encrypted else None
+            )
+            self.front = Front(self._public, job.rooms, self._pool, self._stop, say, open_channel, job.authenticator)
+            feed = None if metrics is None else open_metrics(metrics, say)
+            control = Control(job.folder) if job.folder else None
+        except (MetricsError, StateError) as error:
+            raise Problem(str(error)) from None
+        except OSError as error:
+            raise Problem(f"serve: a worker cannot be started: {error.strerror}; give fewer --workers") from None
+        self.administration = Administration(
+            self.front, say, VERSION, control=control, authenticator=job.authenticator, metrics=feed,
+            reload=self._stop.take_reload,
+        )  # fmt: skip
+        if not self.front.await_ready(START_LIMIT_S) and not self._stop.reason:
+            self.administration.end()
+            raise Problem(f"serve: the workers did not begin within {START_LIMIT_S:g} s; see what they said above")
+        return feed
+
+    def run(self, seconds: float | None) -> int:
+        """Serve until stopped, at most for `seconds`. Return the exit code: the worst of the workers'."""
+        self.administration.begin()
+        try:
+            self.front.run(seconds)
+        finally:
+            codes = self._pool.end()
+            self.administration.end()
+        self._lines.say(self._stop.reason)
+        dropped = {name: count for name, count in sorted(self.front.drops().items()) if count}
+        if dropped:
+            self._lines.say(f"at the front: {', '.join(f'{name}: {count}' for name, count in dropped.items())}")
+        return 1 if any(codes) or self._stop.reason == DYING else 0
+
+    def _kill(self) -> None:
+        """End whoever has not ended by itself."""
+        for worker in self._pool.workers:
+            if worker.process.poll() is None:
+                worker.process.kill()
+                worker.process.wait()

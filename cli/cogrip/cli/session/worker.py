@@ -1,0 +1,122 @@
+"""Process of one worker: an ordinary server of its rooms, whose people a front process hands over.
+
+Started by `cogrip.cli.session.serve_workers` with two descriptors: its end of the link, and a file with the job.
+"""
+
+import os
+import secrets
+import select
+import signal
+import socket
+import sys
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from cogrip.cli.runs.run_folder import leave_files
+from cogrip.cli.session.log_lines import LogLines
+from cogrip.cli.terminal.output import make_console
+from cogrip.protocol.io.platform import system
+from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.settings import Settings
+from cogrip.protocol.version import VERSION
+from cogrip.server.io.housekeeping import Housekeeping
+from cogrip.server.io.platform import content_of
+from cogrip.server.io.state_folder import StateFolder
+from cogrip.server.io.workers.channel import WorkerChannel
+from cogrip.server.io.workers.link import Assign, Link, LinkEndedError, Ready
+from cogrip.server.io.workers.orders import LinkMeasures, LinkOrders
+from cogrip.server.io.workers.paths import WorkerPort
+from cogrip.server.io.workers.verdicts import FrontVerdicts
+from cogrip.server.loop import LiveServer
+from cogrip.server.rate_limit import RateLimiter, limits_for
+from cogrip.server.room import Room
+from cogrip.sim.runs.folder import SERVER_RECORDING, write_settings
+from cogrip.sim.runs.summary import of_room
+from cogrip.sim.runs.verdict import came, succeeded
+
+
+class Job(msgspec.Struct, frozen=True):
+    """Settings that all workers of a server get. rooms: all of them; state, runs: folders, "" for none."""
+
+    rooms: tuple[Settings, ...]
+    state: str
+    runs: str
+    record: bool
+    report: bool
+    log: Literal["text", "json"]
+    metrics: bool
+
+
+def main(arguments: list[str]) -> int:
+    """Serve the rooms that the front assigns. Return the exit code."""
+    link_end, job_file, number = map(int, arguments)
+    for each in (*system.END_SIGNALS, system.HANGUP_SIGNAL):
+        if each is not None:
+            signal.signal(each, signal.SIG_IGN)  # they reach the front, and it ends this process by the link
+    job = msgspec.json.decode(content_of(job_file), type=Job)
+    os.close(job_file)
+    link = Link(socket.socket(fileno=link_end))
+    for kind in {room.object.kind: room for room in job.rooms}.values():
+        Room(kind)  # all that is imported for such rooms is there before they are assigned
+    try:
+        return _serve(link, job, number)
+    except LinkEndedError:
+        return 1
+
+
+def _serve(link: Link, job: Job, number: int) -> int:
+    """Serve until the front says so. Raises LinkEndedError: then people resume at the next server, by the checkpoints."""
+    select.select([link.socket], [], [])
+    first, _ = link.take_at_worker()
+    if not isinstance(first, Assign):  # the end, of one that was never needed
+        return 0
+    rooms = [room for room in job.rooms if room.name in first.rooms]
+    lines, stop = LogLines(job.log), Stop()
+    verdicts, orders = FrontVerdicts(link), LinkOrders(link)
+    verdicts.void(first.revoked, first.expired)
+    port = WorkerPort(link, stop, verdicts, orders)
+    rate_limiter = RateLimiter(secrets.token_bytes(16), limits_for(max(room.rates.network_hz for room in rooms)))
+    server = LiveServer(
+        rooms, "", 0, stop, lines.say, lambda core: WorkerChannel(link, port, rate_limiter, core.knows),
+        authenticator=verdicts,
+    )  # fmt: skip
+    server.serve_at(port)
+    runs = Path(job.runs) if job.runs else None
+    if runs is not None:
+        server.record_at = runs / f"worker-{number}" / SERVER_RECORDING if job.record else None
+    housekeeping = Housekeeping(
+        server, lines.say, folder=StateFolder(Path(job.state)) if job.state else None, authenticator=verdicts,
+        metrics=LinkMeasures(link) if job.metrics else None, software=VERSION, fresh=first.fresh, orders=orders,
+    )  # fmt: skip
+    housekeeping.begin()
+    link.send(Ready())
+    try:
+        server.run()
+    finally:
+        housekeeping.end(said_goodbye=bool(stop.reason))
+    return _conclude(server, job, {**server.drops(), **server.losses(), **housekeeping.counts()}, lines)
+
+
+def _conclude(server: LiveServer, job: Job, losses: dict[str, int], lines: LogLines) -> int:
+    """Leave a summary for each room that somebody was in. Return the exit code."""
+    if lines.lost:
+        losses["log line"] = lines.lost
+    well = True
+    console = make_console(soft_wrap=True, stderr=True)
+    for room in server.core.rooms:
+        summary = of_room(room, server.elapsed_s, losses)
+        well = well and (succeeded(summary) or not came(summary))
+        if job.runs and came(summary):
+            folder = Path(job.runs) / room.name
+            try:
+                write_settings(folder, room.settings)
+            except OSError as error:
+                lines.say(f"warning: {folder}: {error.strerror}; no settings are left there")
+            leave_files(folder, summary, console, shown=False, report=job.report)
+    return 0 if well else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

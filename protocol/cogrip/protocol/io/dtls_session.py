@@ -1,0 +1,148 @@
+"""Keys of an open DTLS 1.2 association, handed from the process that made the handshake to the one that has the session.
+
+Only what an open association needs: records of epoch 1 with data or an alert, an AEAD, a replay window (RFC 6347 section 4.1,
+RFC 5246 sections 5, 6.3 and 8.1, RFC 5288, RFC 7905). The process that has exported the keys must write no record any more: a
+number used twice would break the AEAD.
+"""
+
+import hmac
+
+import msgspec
+from cryptography.exceptions import InvalidTag
+from cryptography.hazmat.primitives.ciphers.aead import AESGCM, ChaCha20Poly1305
+from OpenSSL import SSL
+
+from cogrip.protocol.dtls_records import ALERT, DATA, RECORD_HEADER_BYTES, records
+
+VERSION = b"\xfe\xfd"
+EPOCH = b"\x00\x01"
+CLOSE_NOTIFY = b"\x01\x00"
+WINDOW = 64  # records behind the newest that may still come, once each
+SUITES = {  # OpenSSL's name: hash of its PRF, bytes of a key, of the implicit part of a nonce, of the part in the record
+    "ECDHE-ECDSA-AES128-GCM-SHA256": ("sha256", 16, 4, 8),
+    "ECDHE-ECDSA-AES256-GCM-SHA384": ("sha384", 32, 4, 8),
+    "ECDHE-ECDSA-CHACHA20-POLY1305": ("sha256", 32, 12, 0),
+}
+TAG_BYTES = 16
+
+
+class SessionKeys(msgspec.Struct, frozen=True):
+    """Keys and numbers by which a server goes on with an association. They are secret: never written to a file or a log.
+
+    written, received  highest numbers of the records of epoch 1 so far
+    """
+
+    suite: str
+    read_key: bytes
+    write_key: bytes
+    read_iv: bytes
+    write_iv: bytes
+    written: int
+    received: int
+
+    def __repr__(self) -> str:
+        return f"SessionKeys(suite={self.suite!r})"
+
+
+def export_keys(connection: SSL.Connection, written: int, received: int) -> SessionKeys:
+    """Return the keys of a server's end of an open association. written, received: see `SessionKeys`. Raises ValueError."""
+    suite = connection.get_cipher_name() or ""
+    digest, key_bytes, iv_bytes, _ = SUITES[suite]
+    master, theirs, ours = connection.master_key(), connection.client_random(), connection.server_random()
+    if master is None or theirs is None or ours is None:
+        raise ValueError("the handshake is not done: there are no keys yet")
+    block = prf(digest, master, b"key expansion", ours + theirs, 2 * (key_bytes + iv_bytes))
+    ends = [key_bytes, 2 * key_bytes, 2 * key_bytes + iv_bytes]
+    return SessionKeys(
+        suite, block[: ends[0]], block[ends[0] : ends[1]], block[ends[1] : ends[2]], block[ends[2] :], written, received
+    )
+
+
+def prf(digest: str, secret: bytes, label: bytes, seed: bytes, size: int) -> bytes:
+    """Return the pseudorandom function of TLS 1.2 (RFC 5246 section 5)."""
+    a = seed = label + seed
+    block = b""
+    while len(block) < size:
+        a = hmac.digest(secret, a, digest)
+        block += hmac.digest(secret, a + seed, digest)
+    return block[:size]
+
+
+def newest_number(datagram: bytes) -> int:
+    """Return the highest number among a datagram's records of epoch 1; -1 where there is none."""
+    return max((each.number for each in records(datagram) if each.epoch == 1), default=-1)
+
+
+class DtlsSession:
+    """Server's end of an open association. closed: the other end has closed it."""
+
+    __slots__ = ("_explicit", "_newest", "_read", "_read_iv", "_seen", "_write", "_write_iv", "_written", "closed")
+
+    def __init__(self, keys: SessionKeys) -> None:
+        _, _, _, self._explicit = SUITES[keys.suite]
+        cipher = AESGCM if "GCM" in keys.suite else ChaCha20Poly1305
+        self._read, self._write = cipher(keys.read_key), cipher(keys.write_key)
+        self._read_iv, self._write_iv = keys.read_iv, keys.write_iv
+        self._written, self._newest = keys.written, keys.received
+        self._seen = (1 << WINDOW) - 1  # all before the hand-over; bit k: the newest less k
+        self.closed = False
+
+    def send(self, message: bytes) -> bytes:
+        """Return the datagram that carries a message."""
+        return self._record(DATA, message)
+
+    def close(self) -> bytes:
+        """Return the datagram that tells the other end that this association is over."""
+        return self._record(ALERT, CLOSE_NOTIFY)
+
+    def receive(self, datagram: bytes) -> list[bytes]:
+        """Return the messages of a datagram. What is not authentic, or comes again, changes nothing."""
+        messages = []
+        for each in records(datagram):
+            if each.epoch != 1 or each.type not in (DATA, ALERT) or not self._new(each.number):
+                continue
+            body = datagram[each.begin + RECORD_HEADER_BYTES : each.end]
+            plain_bytes = len(body) - self._explicit - TAG_BYTES
+            if plain_bytes < 0:
+                continue
+            place = datagram[each.begin + 3 : each.begin + 11]
+            nonce = self._nonce(self._read_iv, body[: self._explicit] or place)
+            head = place + datagram[each.begin : each.begin + 3] + plain_bytes.to_bytes(2, "big")
+            try:
+                plain = self._read.decrypt(nonce, body[self._explicit :], head)
+            except InvalidTag:
+                continue
+            self._note(each.number)
+            if each.type == DATA:
+                messages.append(plain)
+            else:  # every alert ends a session: none but close_notify is expected
+                self.closed = True
+        return messages
+
+    def _record(self, kind: int, plain: bytes) -> bytes:
+        self._written += 1
+        place = EPOCH + self._written.to_bytes(6, "big")
+        begin = bytes([kind]) + VERSION
+        sealed = self._write.encrypt(
+            self._nonce(self._write_iv, place), plain, place + begin + len(plain).to_bytes(2, "big")
+        )
+        body = place[: self._explicit] + sealed
+        return begin + place + len(body).to_bytes(2, "big") + body
+
+    def _nonce(self, iv: bytes, place: bytes) -> bytes:
+        """Return a record's nonce: RFC 5288 section 3 puts the number behind, RFC 7905 section 2 adds it."""
+        if self._explicit:
+            return iv + place
+        return (int.from_bytes(iv, "big") ^ int.from_bytes(place, "big")).to_bytes(12, "big")
+
+    def _new(self, number: int) -> bool:
+        behind = self._newest - number
+        return behind < 0 or (behind < WINDOW and not self._seen >> behind & 1)
+
+    def _note(self, number: int) -> None:
+        ahead = number - self._newest
+        if ahead > 0:
+            self._newest = number
+            self._seen = ((self._seen << min(ahead, WINDOW)) | 1) & ((1 << WINDOW) - 1)
+        else:
+            self._seen |= 1 << -ahead

@@ -1,0 +1,69 @@
+"""Datagrams of a server: one UDP socket, or the sockets of its people that a front process hands over."""
+
+import errno
+import socket
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from cogrip.protocol.channel import Address, place_text
+from cogrip.protocol.io.arrivals import Arrivals
+from cogrip.protocol.io.receive_buffer import enlarge, overrun
+
+
+class ServeError(Exception):
+    """The server cannot listen. The text says why and what to do."""
+
+
+class HostError(ServeError):
+    """There is no such address here, and there will be none."""
+
+
+class DatagramPort(Protocol):
+    """Datagrams of many peers."""
+
+    def receive(self, most_bytes: int, now_ns: int) -> tuple[bytes, Address, int]:
+        """Return a datagram, its sender, and when it came. Raises BlockingIOError where there is none, OSError."""
+
+    def send(self, datagram: bytes, address: Address) -> object:
+        """Send a datagram. Raises OSError."""
+
+    def overruns(self) -> int:
+        """Return the datagrams that the kernel dropped for want of room. Raises OSError once it is closed."""
+
+    def close(self) -> None:
+        """Close all sockets."""
+
+
+class UdpPort:
+    """One bound UDP socket. place: its host and port. Raises ServeError."""
+
+    def __init__(self, host: str, port: int) -> None:
+        try:
+            family = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            self._socket = made = socket.socket(family[0], socket.SOCK_DGRAM)
+            enlarge(made)
+            made.bind(family[4])
+        except OSError as error:
+            raise cannot_listen(host, port, error) from None
+        made.setblocking(False)
+        self.place: tuple[str, int] = made.getsockname()[:2]
+        self.receive = Arrivals(made).receive
+        self.send: Callable[[bytes, Any], object] = made.sendto
+
+    def overruns(self) -> int:
+        return overrun(self._socket)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def cannot_listen(host: str, port: int, error: OSError) -> ServeError:
+    """Return the error of an address that cannot be bound."""
+    why = error.strerror or error
+    if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
+        return HostError(
+            f"--host {host} is no address of this machine ({why}); 0.0.0.0 is all of its addresses, 127.0.0.1 itself alone"
+        )
+    return ServeError(
+        f"cannot listen on {place_text((host, port))}: {why}; choose another --port, or end the program that has it"
+    )

@@ -1,0 +1,366 @@
+"""Front process of a server with several workers: it has the public port and the tokens, and no room.
+
+    datagram of an unknown peer --handshake--> message --hello: verdict, room--> its worker --welcome--> a path of its own
+    datagram of a seated peer: the kernel gives it to the worker; one that is here already goes after it as a stray
+
+A worker that ends takes its paths with it: its people resume with a new handshake, here, in the worker that has their rooms
+by then.
+"""
+
+import selectors
+import socket
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import NamedTuple, Protocol
+
+from cogrip.protocol import messages
+from cogrip.protocol.channel import Address, Channel, place_text
+from cogrip.protocol.io.receive_buffer import OVERRUN, overrun
+from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, PROTOCOL_VERSION, Hello, MalformedError, Welcome
+from cogrip.protocol.session import SECONDS_OVER, refusal
+from cogrip.protocol.settings import Settings
+from cogrip.protocol.texts import named
+from cogrip.server.admission import AdmitAll, Authenticator, Denied, Grant
+from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
+from cogrip.server.io.dtls_channel import DtlsListener
+from cogrip.server.io.workers.link import (
+    Admitted,
+    Answered,
+    AnyToFront,
+    Ask,
+    Asked,
+    Astray,
+    End,
+    Forget,
+    LinkEndedError,
+    Measured,
+    Path,
+    PeerAddress,
+    Ready,
+    Released,
+    Revoke,
+    Say,
+    Stray,
+)  # fmt: skip
+from cogrip.server.io.workers.pool import Worker, WorkerPool
+from cogrip.server.io.workers.steering import open_path
+from cogrip.server.rate_limit import Buckets, Budget
+from cogrip.server.snapshot import decode
+
+POLL_EVERY_NS = 50_000_000
+MOST_AT_ONCE = 256  # datagrams between two looks at the workers
+REPORTED = Budget(1, 40)
+ASKED_NS = 1_000_000_000  # a worker answers a hello at its next tick
+DEATHS_NS, MOST_DEATHS = 10_000_000_000, 10
+DYING = "stopped (the workers die again and again)"
+
+
+class FrontChannel(Channel, Protocol):
+    """Channel of the front: `DtlsListener` or `UnencryptedListener`."""
+
+    renewed: deque[Address]
+    events: deque[ServerEvent]
+
+
+class Seated(NamedTuple):
+    """A peer that a worker has. user: "" of an observer. token: public id."""
+
+    worker: Worker
+    room: str
+    user: str
+    token: str
+
+
+class Front:
+    """Front of some rooms. open_channel: returns the channel, given what says whether an address has a path or has asked.
+
+    seated    peers with a path
+    answered  called with the number of an order and its answer; measured: with a worker's new snapshot
+    """
+
+    def __init__(
+        self, public: socket.socket, rooms: Sequence[Settings], pool: WorkerPool, stop: Stop,
+        say: Callable[[ServerEvent], None], open_channel: Callable[[Callable[[Address], bool]], FrontChannel],
+        authenticator: "Authenticator | None" = None,
+    ) -> None:  # fmt: skip
+        self.rooms = {room.name: room for room in rooms}
+        self.pool = pool
+        self.seated: dict[Address, Seated] = {}
+        self.answered: Callable[[Answered], None] = lambda answer: None
+        self.revoke: Callable[[str], None] = lambda token: None
+        self.chores: list[Callable[[int], None]] = []
+        self.dropped: Counter[str] = Counter()
+        self.received = 0
+        self.sent = 0
+        self._public, self._stop, self._say = public, stop, say
+        self._authenticator = authenticator or AdmitAll()
+        self._asking: dict[Address, tuple[Worker, str, int]] = {}  # worker, token and when, of hellos without an answer
+        self._channel = open_channel(lambda address: address in self._asking)
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(public, selectors.EVENT_READ)
+        self._budget = Buckets(len(UNAUTHENTICATED_EVENTS), REPORTED)
+        self._deaths: deque[int] = deque(maxlen=MOST_DEATHS)
+        self._poll_ns = 0
+        for worker in pool.workers:
+            self._selector.register(worker.link.socket, selectors.EVENT_READ, worker)
+
+    def drops(self) -> dict[str, int]:
+        """Return the drop counts by reason: of kernel, channel, links and front."""
+        counts = self.dropped + Counter(self._channel.dropped)
+        for worker in self.pool.workers:
+            counts += worker.link.dropped
+        with suppress(OSError):
+            counts += Counter({OVERRUN: overrun(self._public)})
+        return dict(counts)
+
+    def await_ready(self, limit_s: float) -> bool:
+        """Return whether all workers serve their rooms within this time. People wait in the socket's buffer meanwhile."""
+        self._selector.unregister(self._public)
+        until_s = time.monotonic() + limit_s
+        while time.monotonic() < until_s and not self._stop.reason:
+            if all(worker.state == "ready" for worker in self.pool.workers if worker.rooms):
+                break
+            if self.pool.replaced:
+                return False
+            self._wait(0.05)
+        self._selector.register(self._public, selectors.EVENT_READ)
+        return all(worker.state == "ready" for worker in self.pool.workers if worker.rooms)
+
+    def run(self, seconds: float | None = None) -> None:
+        """Serve until stopped, at most for `seconds`."""
+        end_ns = None if seconds is None else time.monotonic_ns() + round(seconds * 1e9)
+        while not self._stop.reason:
+            if end_ns is not None and time.monotonic_ns() >= end_ns:
+                self._stop.reason = f"stopped ({SECONDS_OVER})"
+            self._wait(POLL_EVERY_NS * 1e-9)
+            now_ns = time.monotonic_ns()
+            if now_ns >= self._poll_ns:
+                self._poll_ns = now_ns + POLL_EVERY_NS
+                self._channel.poll(now_ns)
+                self._asking = {at: each for at, each in self._asking.items() if now_ns - each[2] < ASKED_NS}
+                for chore in self.chores:
+                    chore(now_ns)
+                self._flush()
+        for worker in self.pool.workers:
+            worker.link.send(End(self._stop.reason))
+
+    def _wait(self, limit_s: float) -> None:
+        """Take in what has come, of workers first."""
+        ready = self._selector.select(limit_s)
+        for key, _ in ready:
+            if key.data is not None:
+                self._take_of(key.data)
+        if any(key.data is None for key, _ in ready):
+            self._drain()
+        self._flush()
+        self._report()
+
+    def _drain(self) -> None:
+        now_ns = time.monotonic_ns()
+        for _ in range(MOST_AT_ONCE):
+            try:
+                datagram, address = self._public.recvfrom(MAX_DATAGRAM_BYTES + 1)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                self.dropped[f"socket: {error.strerror}"] += 1
+                continue
+            self.received += 1
+            if seated := self.seated.get(address):
+                seated.worker.link.send(Stray(address, datagram))
+            else:
+                self._take(datagram, address, now_ns)
+
+    def _take(self, datagram: bytes, address: PeerAddress, now_ns: int) -> None:
+        for message in self._channel.receive(datagram, address, now_ns):
+            if seated := self.seated.pop(address, None):  # a new association, from the same address
+                seated.worker.link.send(Forget(address))
+            self._ask(message, address, now_ns)
+        self._channel.renewed.clear()  # nobody here has a seat
+
+    def _ask(self, message: bytes, address: PeerAddress, now_ns: int, by: Worker | None = None) -> None:
+        """Hand a message over to the worker that answers it. by: the one by whose path it came."""
+        try:
+            hello = messages.decode(message)
+        except MalformedError:  # also a hello of another version, which every worker can refuse
+            worker = next((each for each in self.pool.workers if each.state == "ready"), None)
+            if worker is not None:
+                worker.link.send(Ask(address, message, None))
+            return
+        if not isinstance(hello, Hello):
+            if asked := self._asking.get(address):
+                asked[0].link.send(Ask(address, message, None))
+            else:
+                self.dropped["not seated"] += 1
+            return
+        verdict = self._authenticator.admit(hello)
+        token = verdict.token if isinstance(verdict, Grant) else ""
+        anew = by is None and address not in self._asking and not hello.ticket and hello.version == PROTOCOL_VERSION
+        if anew and isinstance(verdict, Denied):  # no worker has to judge a wrong token
+            self._refuse(hello, verdict, address)
+            return
+        room = self._room_for(hello, verdict)
+        if isinstance(room, Denied):
+            self._refuse(hello, room, address)
+            return
+        if isinstance(verdict, Grant) and (denied := self._too_many(token, room, address)):
+            verdict = denied
+        worker = self.pool.home(room)
+        if worker is None:
+            self.dropped["room not there yet"] += 1  # its worker has died: the hello comes again
+        elif by not in (None, worker):
+            self._refuse(hello, Denied("room", f"room {room!r} is reached by a new connection; join anew"), address)
+        elif token and any(other != address and each[1] == token for other, each in self._asking.items()):
+            self.dropped["token is asked about"] += 1  # it may be good for one time; the hello comes again
+        else:
+            self._asking[address] = worker, token, now_ns
+            worker.link.send(Ask(address, message, verdict))
+
+    def _room_for(self, hello: Hello, verdict: Grant | Denied) -> str | Denied:
+        """Return the room that a hello is for: of those that it lets us choose the first with a seat that is free."""
+        grant = verdict if isinstance(verdict, Grant) else None
+        wanted = hello.room or (grant.room if grant else "")
+        if wanted:
+            there = ", ".join(self.rooms)
+            return wanted if wanted in self.rooms else verdict if isinstance(verdict, Denied) else Denied(
+                "room", f"there is no room {wanted!r} here; there is: {there}"
+            )  # fmt: skip
+        name = hello.name or (grant.user if grant else "")
+        taken = {(each.room, each.user) for each in self.seated.values()}
+        with_name = [room for room in self.rooms.values() if not name or any(user.name == name for user in room.users)]
+        for room in with_name:
+            if any((room.name, user.name) not in taken and name in ("", user.name) for user in room.users):
+                return room.name
+        return (with_name or list(self.rooms.values()))[0].name
+
+    def _too_many(self, token: str, room: str, address: Address) -> Denied | None:
+        """Return a refusal where the token holds as many seats in other workers as it may in all."""
+        home, most = self.pool.home(room), self.rooms[room].admission.seats_per_token
+        others = [each for at, each in self.seated.items() if each.token == token and each.user and at != address]
+        if not token or len(others) < most or all(each.worker is home for each in others):
+            return None
+        words = f"this token holds {most} seats already (admission.seats_per_token): ask for a link of your own"
+        return Denied("token", words)
+
+    def _refuse(self, hello: Hello, denied: Denied, address: PeerAddress) -> None:
+        self.dropped[f"refused: {denied.code}"] += 1
+        where = place_text(address)
+        self._event(
+            ServerEvent("refused", f"refused {where}: {denied.reason} [{denied.code}]", address=where, code=denied.code)
+        )
+        self._send(refusal(hello.nonce, denied.code, denied.reason), address)
+
+    def _send(self, message: bytes, address: Address) -> None:
+        if address in self.seated:  # the worker has a path by now, and repeats what is needed
+            self.dropped["path is the worker's"] += 1
+        else:
+            self._channel.send(message, address)
+
+    def _flush(self) -> None:
+        outbox = self._channel.outbox
+        while outbox:
+            address, datagram = outbox.popleft()
+            try:
+                self._public.sendto(datagram, address)  # type: ignore[call-overload]  # addresses are the socket's own
+                self.sent += 1
+            except OSError as error:
+                self.dropped[f"socket: {error.strerror}"] += 1
+
+    def _take_of(self, worker: Worker) -> None:
+        try:
+            while True:
+                self._follow(worker, worker.link.take_at_front())
+        except BlockingIOError:
+            pass
+        except LinkEndedError:
+            self._replace(worker)
+
+    def _follow(self, worker: Worker, given: AnyToFront) -> None:
+        now_ns = time.monotonic_ns()
+        match given:
+            case Ready():
+                worker.state = "ready"
+                text = f"worker {worker.number} (process {worker.process.pid}) serves {named(worker.rooms)}"
+                self._say(ServerEvent("notice", text))
+            case Say():
+                self._answer(worker, given)
+            case Asked():
+                self._ask(given.message, given.address, now_ns, worker)
+            case Astray():
+                self._take(given.datagram, given.address, now_ns)
+            case Released():
+                self.seated.pop(given.address, None)
+            case Admitted():
+                self._authenticator.admitted(given.grant)
+            case Revoke():
+                self.revoke(given.token)
+            case Answered():
+                self.answered(given)
+            case Measured():
+                worker.snapshot = decode(given.snapshot)
+
+    def _answer(self, worker: Worker, said: Say) -> None:
+        """Send a worker's message; with a welcome the peer gets a path to it."""
+        address = said.address
+        asked = self._asking.pop(address, None)
+        message = messages.decode(said.message)
+        if not isinstance(message, Welcome):
+            self._send(said.message, address)
+            return
+        keys = None
+        if isinstance(self._channel, DtlsListener):
+            keys = self._channel.hand_over(address, said.message)
+            if keys is None:
+                return  # the association has ended: whoever it was says hello again
+        else:
+            self._channel.send(said.message, address)
+        self._flush()  # before the worker's first datagram
+        try:
+            path = open_path(self._public, address)
+        except OSError as error:
+            self.dropped[f"path: {error.strerror}"] += 1
+            return
+        with path:
+            if worker.link.send(Path(address, keys), [path.fileno()]):
+                settings = message.settings
+                user = settings.user if message.role == "player" else ""
+                self.seated[address] = Seated(worker, settings.room, user, asked[1] if asked else "")
+
+    def _replace(self, worker: Worker) -> None:
+        """Let another process have the rooms of a worker that has ended."""
+        self._selector.unregister(worker.link.socket)
+        if self._stop.reason:
+            return
+        now_ns = time.monotonic_ns()
+        if len(self._deaths) == MOST_DEATHS and now_ns - self._deaths[0] < DEATHS_NS:
+            self._stop.reason = DYING
+            return
+        self._deaths.append(now_ns)
+        before = set(self.pool.workers)
+        rooms = self.pool.replace(worker)
+        for added in set(self.pool.workers) - before:
+            self._selector.register(added.link.socket, selectors.EVENT_READ, added)
+        self.seated = {at: each for at, each in self.seated.items() if each.worker is not worker}
+        self._asking = {at: each for at, each in self._asking.items() if each[0] is not worker}
+        if rooms:
+            text = f"worker {worker.number} has ended; another one goes on with {named(rooms)}"
+            self._say(ServerEvent("trouble", text))
+
+    def _report(self) -> None:
+        while self._channel.events:
+            self._event(self._channel.events.popleft())
+
+    def _event(self, event: ServerEvent) -> None:
+        """Say what unauthenticated peers can cause, a bounded number of times."""
+        if self._budget.take(UNAUTHENTICATED_EVENTS.index(event.event), time.monotonic_ns()):
+            self._say(event)
+        else:
+            self.dropped[f"event not said: {event.event}"] += 1
+
+
+def shares(rooms: Sequence[str], workers: int) -> list[list[str]]:
+    """Return the rooms of each worker: in turn, so that rooms that are used together are divided."""
+    return [list(rooms[number::workers]) for number in range(workers)]

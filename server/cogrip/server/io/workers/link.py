@@ -1,0 +1,203 @@
+"""Link between the front process and one worker: a local socket of whole messages, which never waits.
+
+The front sends what comes of peers that have no path of their own yet; a worker sends what it answers them. With a `Path` goes
+the descriptor of a socket that the kernel gives that peer's datagrams to.
+"""
+
+import errno
+import os
+import socket
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+import msgspec
+
+from cogrip.protocol.io.dtls_session import SessionKeys
+from cogrip.server.admission import Denied, Grant
+from cogrip.server.io.control import Answer, AnyOrder
+from cogrip.server.io.platform import receive_with_descriptors, send_with_descriptors
+
+MOST_BYTES = 1 << 18  # of a message
+BUFFER_BYTES = 1 << 20
+
+PeerAddress = tuple[str | int, ...]
+
+
+class ToWorker(msgspec.Struct, frozen=True, array_like=True, tag_field="kind"):
+    """Message of the front."""
+
+
+class Assign(ToWorker, frozen=True, tag="assign"):
+    """Serve these rooms. fresh: whatever checkpoints there are. revoked, expired: ids of tokens, of all so far."""
+
+    rooms: tuple[str, ...]
+    fresh: bool
+    revoked: tuple[str, ...]
+    expired: tuple[str, ...]
+
+
+class Ask(ToWorker, frozen=True, tag="ask"):
+    """A message of a peer that has no path here, or a hello of any; verdict: of the authenticator on a hello."""
+
+    address: PeerAddress
+    message: bytes
+    verdict: Grant | Denied | None
+
+
+class Path(ToWorker, frozen=True, tag="path"):
+    """From now on this peer's datagrams come by the socket that is sent with this. keys: None without encryption."""
+
+    address: PeerAddress
+    keys: SessionKeys | None
+
+
+class Stray(ToWorker, frozen=True, tag="stray"):
+    """A datagram of a peer with a path that came to the front before the kernel knew of it, or by another address."""
+
+    address: PeerAddress
+    datagram: bytes
+
+
+class Forget(ToWorker, frozen=True, tag="forget"):
+    """This peer's path is over: somebody has made a new DTLS association from its address."""
+
+    address: PeerAddress
+
+
+class Obey(ToWorker, frozen=True, tag="obey"):
+    """An administrator's order."""
+
+    number: int
+    order: AnyOrder
+
+
+class Void(ToWorker, frozen=True, tag="void"):
+    """Ids of tokens that were revoked, or have expired, since the last of these."""
+
+    revoked: tuple[str, ...]
+    expired: tuple[str, ...]
+
+
+class End(ToWorker, frozen=True, tag="end"):
+    """Say goodbye to everybody and end."""
+
+    reason: str
+
+
+class ToFront(msgspec.Struct, frozen=True, array_like=True, tag_field="kind"):
+    """Message of a worker."""
+
+
+class Ready(ToFront, frozen=True, tag="ready"):
+    """The rooms that were assigned are served."""
+
+
+class Say(ToFront, frozen=True, tag="say"):
+    """Send this message to a peer that has no path here."""
+
+    address: PeerAddress
+    message: bytes
+
+
+class Asked(ToFront, frozen=True, tag="asked"):
+    """A hello came by a path: ask the authenticator."""
+
+    address: PeerAddress
+    message: bytes
+
+
+class Astray(ToFront, frozen=True, tag="astray"):
+    """A datagram of a handshake came by a path."""
+
+    address: PeerAddress
+    datagram: bytes
+
+
+class Released(ToFront, frozen=True, tag="released"):
+    """A path is closed: its seat has ended."""
+
+    address: PeerAddress
+
+
+class Admitted(ToFront, frozen=True, tag="admitted"):
+    """A seat was given by this grant."""
+
+    grant: Grant
+
+
+class Revoke(ToFront, frozen=True, tag="revoke"):
+    """Revoke a token."""
+
+    token: str
+
+
+class Answered(ToFront, frozen=True, tag="answered"):
+    """Answer to an order."""
+
+    number: int
+    answer: Answer
+
+
+class Measured(ToFront, frozen=True, tag="measured"):
+    """Newest snapshot of the worker, encoded."""
+
+    snapshot: bytes
+
+
+AnyToWorker = Assign | Ask | Path | Stray | Forget | Obey | Void | End
+AnyToFront = Ready | Say | Asked | Astray | Released | Admitted | Revoke | Answered | Measured
+
+_encode = msgspec.msgpack.Encoder().encode
+_to_worker: Callable[[bytes], AnyToWorker] = msgspec.msgpack.Decoder(AnyToWorker).decode
+_to_front: Callable[[bytes], AnyToFront] = msgspec.msgpack.Decoder(AnyToFront).decode
+
+
+class LinkEndedError(Exception):
+    """The other end has gone."""
+
+
+class Link:
+    """One end. dropped: counts of messages that found no room, by reason."""
+
+    def __init__(self, end: socket.socket) -> None:
+        self.socket = end
+        end.setblocking(False)
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+        self.dropped: Counter[str] = Counter()
+
+    def send(self, message: AnyToWorker | AnyToFront, descriptors: Sequence[int] = ()) -> bool:
+        """Send a message and copies of descriptors. False, and counted, where there is no room or nobody."""
+        data = _encode(message)
+        try:
+            if len(data) > MOST_BYTES:  # the other end would get a part of it
+                raise OSError(errno.EMSGSIZE, os.strerror(errno.EMSGSIZE))
+            if descriptors:
+                send_with_descriptors(self.socket, [data], descriptors)
+            else:
+                self.socket.send(data)
+        except OSError as error:  # full, too long, or gone: its end is noticed where the link is read
+            self.dropped[f"worker's link: {error.strerror}"] += 1
+            return False
+        return True
+
+    def take_at_worker(self) -> tuple[AnyToWorker, list[int]]:
+        """Return the next message of the front and the descriptors with it. Raises BlockingIOError, LinkEndedError."""
+        data, descriptors = self._receive()
+        return _to_worker(data), descriptors
+
+    def take_at_front(self) -> AnyToFront:
+        """Return the next message of a worker. Raises BlockingIOError, LinkEndedError."""
+        return _to_front(self._receive()[0])
+
+    def _receive(self) -> tuple[bytes, list[int]]:
+        try:
+            data, descriptors, _, _ = receive_with_descriptors(self.socket, MOST_BYTES, 1)
+        except ConnectionResetError:
+            raise LinkEndedError from None
+        if not data:
+            raise LinkEndedError
+        return data, list(descriptors)
+
+    def close(self) -> None:
+        """Close this end."""
+        self.socket.close()

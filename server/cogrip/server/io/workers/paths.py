@@ -1,0 +1,134 @@
+"""A worker's port: a socket for each of its people, and the front for all who have none yet."""
+
+import socket
+from collections import Counter, deque
+from collections.abc import Sequence
+from contextlib import suppress
+
+from cogrip.protocol.channel import Address
+from cogrip.protocol.io.arrivals import Arrivals
+from cogrip.protocol.io.dtls_session import DtlsSession, SessionKeys
+from cogrip.protocol.io.receive_buffer import overrun
+from cogrip.protocol.io.stop import Stop
+from cogrip.server.io.platform import Readable
+from cogrip.server.io.workers.link import (
+    AnyToWorker,
+    Ask,
+    End,
+    Forget,
+    Link,
+    Obey,
+    Path,
+    PeerAddress,
+    Stray,
+    Void,
+)  # fmt: skip
+from cogrip.server.io.workers.orders import LinkOrders
+from cogrip.server.io.workers.verdicts import FrontVerdicts
+
+
+class OpenPath:
+    """One path. session: None without encryption. seated_ns: when its peer was last seen with a seat."""
+
+    __slots__ = ("address", "arrivals", "seated_ns", "session", "socket")
+
+    def __init__(self, address: PeerAddress, owned: socket.socket, keys: SessionKeys | None, now_ns: int) -> None:
+        owned.setblocking(False)
+        self.address, self.socket = address, owned
+        self.arrivals = Arrivals(owned)
+        self.session = None if keys is None else DtlsSession(keys)
+        self.seated_ns = now_ns
+
+
+class WorkerPort:
+    """`DatagramPort` of a worker.
+
+    paths       by the peer's address
+    from_front  what `receive` returned last is a message, which the front has decrypted
+    renewed     addresses whose path is over, as somebody has made a new association from there
+    """
+
+    def __init__(self, link: Link, stop: Stop, verdicts: FrontVerdicts, orders: LinkOrders) -> None:
+        self.paths: dict[Address, OpenPath] = {}
+        self.from_front = False
+        self.renewed: deque[Address] = deque()
+        self.dropped: Counter[str] = Counter()
+        self._link, self._stop, self._verdicts, self._orders = link, stop, verdicts, orders
+        self._by_descriptor: dict[int, OpenPath] = {}
+        self._front = link.socket.fileno()
+        self._readable = Readable()
+        self._readable.add(self._front)
+        self._waiting: list[int] = []  # descriptors
+        self._overran = 0
+
+    def receive(self, most_bytes: int, now_ns: int) -> tuple[bytes, Address, int]:
+        """Return one datagram of each path that has some, in turn, and what the front has sent."""
+        if not self._waiting:
+            self._waiting = self._readable.ready()
+        while self._waiting:
+            ready = self._waiting.pop()
+            with suppress(BlockingIOError):
+                if ready == self._front:
+                    datagram, address = self._take_of_front(now_ns)
+                    self._waiting.append(ready)  # there may be more, and it comes first
+                    return datagram, address, now_ns
+                if path := self._by_descriptor.get(ready):
+                    datagram, sender, arrived_ns = path.arrivals.receive(most_bytes, now_ns)
+                    if tuple(sender[:2]) == path.address[:2]:
+                        return datagram, path.address, arrived_ns
+                    self.dropped["of another peer"] += 1  # it came before the path was connected
+        raise BlockingIOError
+
+    def send(self, datagram: bytes, address: Address) -> None:
+        """Send a datagram by a path; one whose path has gone meanwhile is counted."""
+        if path := self.paths.get(address):
+            path.socket.send(datagram)
+        else:
+            self.dropped["path has gone"] += 1
+
+    def overruns(self) -> int:
+        """Return the datagrams that the kernel dropped for want of room, of all paths so far."""
+        return self._overran + sum(overrun(path.socket) for path in self.paths.values())
+
+    def close(self) -> None:
+        """Close all paths."""
+        for address in list(self.paths):
+            self.drop(address)
+        self._readable.close()
+
+    def _take_of_front(self, now_ns: int) -> tuple[bytes, Address]:
+        """Return the next datagram or message of the front; do what else it says. Raises BlockingIOError, LinkEndedError."""
+        while True:
+            given, descriptors = self._link.take_at_worker()
+            if isinstance(given, Ask):
+                self._verdicts.newest = given.verdict
+                self.from_front = True
+                return given.message, given.address
+            if isinstance(given, Stray):
+                return given.datagram, given.address
+            self._follow(given, descriptors, now_ns)
+
+    def _follow(self, given: AnyToWorker, descriptors: Sequence[int], now_ns: int) -> None:
+        match given:
+            case Path() if descriptors:
+                self.drop(given.address)
+                path = OpenPath(given.address, socket.socket(fileno=descriptors[0]), given.keys, now_ns)
+                self.paths[given.address] = self._by_descriptor[path.socket.fileno()] = path
+                self._readable.add(path.socket.fileno())
+            case Forget():
+                self.drop(given.address)
+                self.renewed.append(given.address)
+            case Obey():
+                self._orders.add(given.number, given.order)
+            case Void():
+                self._verdicts.void(given.revoked, given.expired)
+            case End():
+                self._stop.reason = self._stop.reason or given.reason
+
+    def drop(self, address: Address) -> None:
+        """Close a path."""
+        if path := self.paths.pop(address, None):
+            with suppress(OSError):
+                self._overran += overrun(path.socket)
+            del self._by_descriptor[path.socket.fileno()]
+            path.socket.close()  # which ends its being watched

@@ -1,0 +1,133 @@
+"""Parts of a server with several workers: the kernel's steering, the link, answers of several workers as one."""
+
+import socket
+import sys
+import time
+from contextlib import suppress
+
+import pytest
+
+from cogrip.protocol.io.stop import Stop
+from cogrip.server.admission import Grant
+from cogrip.server.io.control import Answer, Kick, Who
+from cogrip.server.io.platform import message_pair
+from cogrip.server.io.workers.administration import merged
+from cogrip.server.io.workers.front import shares
+from cogrip.server.io.workers.link import MOST_BYTES, Ask, Link, LinkEndedError, Path, Say
+from cogrip.server.io.workers.orders import LinkOrders
+from cogrip.server.io.workers.paths import WorkerPort
+from cogrip.server.io.workers.steering import open_path, open_public
+from cogrip.server.io.workers.verdicts import FrontVerdicts
+from cogrip.server.roster import RosterEntry
+
+HOST = "127.0.0.1"
+PEERS = 20
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="several workers need Linux")
+
+
+def taken(end: socket.socket) -> int:
+    """Return how many datagrams had come."""
+    end.setblocking(False)
+    count = 0
+    while True:
+        try:
+            end.recv(100)
+        except BlockingIOError:
+            return count
+        count += 1
+
+
+def test_a_peer_with_a_path_is_steered_to_it_and_all_others_to_the_front() -> None:
+    public = open_public(HOST, 0)
+    place = public.getsockname()
+    peers = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(PEERS)]
+    for peer in peers:
+        peer.bind((HOST, 0))
+    paths = [open_path(public, peer.getsockname()) for peer in peers[::2]]
+    try:
+        for peer in peers:
+            peer.sendto(b"a datagram", place)
+        assert [taken(path) for path in paths] == [1] * len(paths)
+        assert taken(public) == PEERS // 2
+        for path in paths:  # its worker has ended
+            path.close()
+        for peer in peers:
+            peer.sendto(b"a datagram", place)
+        assert taken(public) == PEERS
+    finally:
+        for each in (public, *peers, *paths):
+            each.close()
+
+
+def test_a_worker_drops_what_came_to_a_path_before_it_was_connected() -> None:
+    public = open_public(HOST, 0)
+    mine, other = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    path = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    path.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+    front, link = (Link(end) for end in message_pair())
+    port = WorkerPort(link, Stop(), FrontVerdicts(link), LinkOrders(link))
+    try:
+        for peer in (mine, other):
+            peer.bind((HOST, 0))
+        path.bind((HOST, 0))  # alone there: all of it comes to this path
+        other.sendto(b"forged", path.getsockname())
+        path.connect(mine.getsockname())
+        mine.sendto(b"a datagram", path.getsockname())
+        front.send(Path(mine.getsockname(), None), [path.fileno()])
+        came = []
+        for _ in range(4):
+            with suppress(BlockingIOError):
+                came.append(port.receive(100, time.monotonic_ns())[:2])
+        assert came == [(b"a datagram", mine.getsockname())]
+        assert port.dropped == {"of another peer": 1}
+    finally:
+        port.close()
+        for each in (public, mine, other, path, front, link):
+            each.close()
+
+
+def test_a_port_that_another_program_has_is_not_shared() -> None:
+    first = open_public(HOST, 0)
+    try:
+        with pytest.raises(OSError, match="in use"):
+            open_public(HOST, first.getsockname()[1])
+    finally:
+        first.close()
+
+
+def test_a_link_carries_messages_and_descriptors_and_counts_what_it_cannot() -> None:
+    front, worker = (Link(end) for end in message_pair())
+    read, write = socket.socketpair()
+    ask = Ask((HOST, 5), b"hello", Grant("player", "0b9ee21b"))
+    assert front.send(ask)
+    assert front.send(Path((HOST, 5), None), [write.fileno()])
+    assert worker.take_at_worker() == (ask, [])
+    path, (descriptor,) = worker.take_at_worker()
+    assert path == Path((HOST, 5), None)
+    with socket.socket(fileno=descriptor) as handed:
+        handed.send(b"by it")
+    assert read.recv(10) == b"by it"
+    with pytest.raises(BlockingIOError):
+        worker.take_at_worker()
+    assert not worker.send(Say((HOST, 5), bytes(MOST_BYTES)))
+    assert list(worker.dropped) == ["worker's link: Message too long"]
+    worker.close()
+    with pytest.raises(LinkEndedError):
+        front.take_at_front()
+    for each in (front, read, write):
+        each.close()
+
+
+def test_rooms_are_divided_in_turn() -> None:
+    assert shares(["a", "b", "c", "d", "e"], 2) == [["a", "c", "e"], ["b", "d"]]
+
+
+def test_answers_of_several_workers_become_one() -> None:
+    anna, ben = (RosterEntry(name, room, "", 1.0, 0) for name, room in (("anna", "b"), ("ben", "a")))
+    both = [Answer(True, "1 in 1 room", (anna,)), Answer(True, "1 in 1 room", (ben,))]
+    assert merged(Who(), both, 4) == Answer(True, "2 in 4 rooms", (ben, anna))
+    here = [Answer(False, "nobody here is 'anna'"), Answer(True, "anna was kicked")]
+    assert merged(Kick("anna"), here, 4) == Answer(True, "anna was kicked")
+    assert not merged(Kick("zoe"), here[:1] * 2, 4).ok
+    assert not merged(Who(), [], 4).ok
