@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from cogrip.cli.study.pages import prompt_of
 from cogrip.sim.experiments.study.questions import MOST_TEXT, Question, items_of
 from cogrip.view.frames import encode
-from cogrip.view.hello import PageError, PanelReply, read_text
+from cogrip.view.hello import MOST_NUMBER, PageError, PanelReply, read_text
+from cogrip.view.io.study_page import StudyPage
 from cogrip.view.panel import Panel, PanelMessage, Prompt, Target
 from cogrip.view.scene import to_json
 from cogrip.view.tab import Tab
@@ -52,6 +53,21 @@ def test_every_prompt_has_the_first_reply_to_it_or_none(steps: list[tuple[str, i
             else:
                 late += 1
     assert panel.late == late
+
+
+def test_a_reply_to_a_prompt_of_the_command_before_does_not_count() -> None:
+    """A tab stays open over a kill: the question that it shows has another number than any of the command begun anew."""
+    before, again = (StudyPage("study", {"P01": "token"}).panel("P01") for _ in range(2))
+    numbers = []
+    for panel in (before, again):
+        panel.show(asking(GO))
+        assert panel.message.prompt is not None
+        numbers.append(panel.message.prompt.number)
+    assert 0 < numbers[0] != numbers[1] <= MOST_NUMBER
+    again.reply(numbers[0], "5")
+    assert (again.take(), again.late) == (None, 1)
+    again.reply(numbers[1], "6")
+    assert again.take() == "6"
 
 
 def test_tab_that_comes_later_is_told_the_open_prompt() -> None:
