@@ -1,6 +1,7 @@
 """Mesh files of scenes: read from the scene's folder alone, bounded, part of its digest, and drawn as boxes."""
 
 import struct
+import warnings
 from itertools import product
 from pathlib import Path
 
@@ -150,6 +151,14 @@ def scene_folder(tmp_path: Path) -> Path:
     (folder / "noise.stl").write_bytes(bytes(range(256)))
     (folder / "large.stl").write_bytes(bytes(MOST_BYTES + 1))
     return folder
+
+
+def test_a_mesh_with_texture_coordinates_that_nobody_uses_is_read_without_a_word(tmp_path: Path) -> None:
+    (tmp_path / "brick.obj").write_bytes(b"vt 0 0\n" + obj())
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        load_scene(scene_in(tmp_path), SEAT, STEP)
+    assert not said
 
 
 def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ impedance b, against a fixed body: m + h b, step h). What is held by friction cr
 1.2 mm a minute at impratio 100, by 0.04 mm at 3000. A scene that sets such values itself keeps them (`Scene.own`).
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -141,7 +142,7 @@ def make_scene(
             raise SceneError(
                 f"{name}: <size memory> asks for {spec.memory} bytes, more than {MOST_MEMORY}; leave it out"
             )
-        bare = spec.compile()
+        bare = _compile(spec)
         filled, own = _complete(spec, options, step_s)
         bodies = {body.name for body in spec.bodies[1:] if body.name}
         chosen = [
@@ -195,9 +196,15 @@ def _compiled(spec: mujoco.MjSpec, tools: Sequence[str]) -> mujoco.MjModel:
     heavy = [spec.body(tool) for tool in tools if not spec.body(tool).gravcomp]
     for body in heavy:
         body.gravcomp = 1.0
-    model = spec.compile()
+    model = _compile(spec)
     model.body_gravcomp[[body.id for body in heavy]] = 0.0
     return model
+
+
+def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Return the model of a scene. MuJoCo would warn on standard error of textures that a mesh is to have, and nobody draws."""
+    with warnings.catch_warnings(action="ignore", category=UserWarning):
+        return spec.compile()
 
 
 def _try_step(model: mujoco.MjModel, name: str) -> None:
