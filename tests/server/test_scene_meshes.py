@@ -130,6 +130,7 @@ OUTSIDE = "is outside of the scene's folder; put it beside the scene, or below"
         ("empty.obj", "", "scene.xml: does not load: "),
         ("noise.stl", "", "scene.xml: does not load: "),
         ("large.stl", "", "its meshes have more than 8 MB together; make them coarser"),
+        ("far.obj", "", r"scene.xml: reaches 1.73e\+30 m, more than 10000 m; give lengths in metres"),
         ("brick.dae", "", r"refers to other files \(brick.dae\), which are not read"),
     ],
 )
@@ -147,6 +148,7 @@ def scene_folder(tmp_path: Path) -> Path:
     for path in (tmp_path / "brick.obj", folder / "brick.obj"):
         path.write_bytes(obj())
     (folder / "link.obj").symlink_to(tmp_path / "brick.obj")
+    (folder / "far.obj").write_bytes(obj().replace(b"0.03", b"1e30").replace(b"0.02", b"1e30"))
     (folder / "empty.obj").write_bytes(b"")
     (folder / "noise.stl").write_bytes(bytes(range(256)))
     (folder / "large.stl").write_bytes(bytes(MOST_BYTES + 1))

@@ -26,6 +26,7 @@ from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, read_meshes,
 MOST_CONTACTS = 8  # of a tool whose forces are measured, the strongest ones
 MOST_MEMORY = 2**28  # that <size memory> may ask for
 MOST_RATE = 1e5  # of anything after one step [m/s, rad/s]
+MOST_FAR_M = 1e4  # of a body from the middle, and of a geom from its own
 TOOLS = ("pad", "ball", "box")
 """Tools that are added; `tool = ""` is the first."""
 TOOL_KG = 0.05
@@ -208,9 +209,14 @@ def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _try_step(model: mujoco.MjModel, name: str) -> None:
-    """Raise SceneError for a scene with a number in it that is none."""
+    """Raise SceneError for a scene with a number in it that is none, or huge."""
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data)
+    far_m = max(float(np.abs(data.xpos).max()), float(model.geom_rbound.max(initial=0.0)))
+    if far_m > MOST_FAR_M:
+        raise SceneError(
+            f"{name}: reaches {far_m:.3g} m, more than {MOST_FAR_M:g} m; give lengths in metres, or scale its meshes"
+        )
     if not bool(np.all(np.abs(data.qvel) < MOST_RATE)):
         raise SceneError(
             f"{name}: its bodies leave all bounds in the first step; look for a number that is none, or huge"
