@@ -38,6 +38,7 @@ name = "walls"
 order = "latin"
 ask = ["sure"]
 """
+EFFORT = "[questions.load_effort]\nkind = 'text'\ntext = 'Why?'"
 FILE = Path("study.toml")
 FOLDER = Path("studies/two+walls")
 
@@ -181,6 +182,7 @@ def test_studies_that_come_with_cogrip_go_by_their_name(monkeypatch: pytest.Monk
         ({"[conditions.stiff]": "[simulated]\nspread.delay_s = 0.1\n[conditions.stiff]"}, "simulated.spread.delay_s: no hand"),
         ({"= 300.0": "= 300.0\nseed = 3"}, "conditions.soft: seed is the study's own; leave it out"),
         ({'["sure"]': '["sure"]\nask_after = ["sure"]'}, "'sure' is in ask and in ask_after"),
+        ({"[questions.sure]": f"[questions.load]\nkind = 'tlx'\n{EFFORT}\n[questions.sure]"}, "load_effort is named twice"),
         ({"participants": "participant"}, "participants"),
         ({"[conditions.soft]": "[conditions.soft"}, "not valid TOML"),
     ],

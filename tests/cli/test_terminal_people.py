@@ -93,7 +93,7 @@ QUESTIONS = {
         ("choice", {"1": "left", "2": "right", " right ": "right"}, ("0", "3", "", "lef")),
         ("likert", {"1": 1, "5": 5}, ("0", "6", "2.5", "")),
         ("tlx", {"0": 0, "100": 100, "35": 35}, ("-5", "105", "7")),
-        ("text", {"": "", " because ": "because"}, ("x" * 10_001,)),
+        ("text", {"": "", " because\n\tü ": "because\n\tü"}, ("x" * 10_001, "x\0y", "\x1b[2Jx", "x\x9by")),
     ],
 )
 def test_answers_within_their_bounds_are_taken(kind: str, right: dict[str, object], wrong: tuple[str, ...]) -> None:

@@ -85,7 +85,9 @@ def test_after_a_worker_is_killed_its_people_resume_and_nobody_else_notices(star
     for person in (anna, ben):
         person.hear(r"(anna|ben) holds cube in room")
     os.kill(rooms.worker(2), signal.SIGKILL)
-    rooms.process.hear("cellar: restored: the object is at .* seats are kept for ben")  # by another process than the next
+    rooms.process.hear(
+        "cellar: restored: the object is at .* seats are kept for ben"
+    )  # by another process than the next
     rooms.process.rewind()
     rooms.process.hear("worker 2 has ended; another one goes on with cellar")
     away_s = float(ben.hear(r"resumed after ([\d.]+) s")[1])

@@ -1,6 +1,7 @@
 """Mesh files of scenes: read from the scene's folder alone, bounded, part of its digest, and drawn as their hulls."""
 
 import struct
+import warnings
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
@@ -206,6 +207,7 @@ OUTSIDE = "is outside of the scene's folder; put it beside the scene, or below"
         ("empty.obj", "", "scene.xml: does not load: "),
         ("noise.stl", "", "scene.xml: does not load: "),
         ("large.stl", "", "its meshes have more than 8 MB together; make them coarser"),
+        ("far.obj", "", r"scene.xml: reaches 1.73e\+30 m, more than 10000 m; give lengths in metres"),
         ("brick.dae", "", r"refers to other files \(brick.dae\), which are not read"),
     ],
 )
@@ -223,10 +225,19 @@ def scene_folder(tmp_path: Path) -> Path:
     for path in (tmp_path / "brick.obj", folder / "brick.obj"):
         path.write_bytes(obj())
     (folder / "link.obj").symlink_to(tmp_path / "brick.obj")
+    (folder / "far.obj").write_bytes(obj().replace(b"0.03", b"1e30").replace(b"0.02", b"1e30"))
     (folder / "empty.obj").write_bytes(b"")
     (folder / "noise.stl").write_bytes(bytes(range(256)))
     (folder / "large.stl").write_bytes(bytes(MOST_BYTES + 1))
     return folder
+
+
+def test_a_mesh_with_texture_coordinates_that_nobody_uses_is_read_without_a_word(tmp_path: Path) -> None:
+    (tmp_path / "brick.obj").write_bytes(b"vt 0 0\n" + obj())
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        load_scene(scene_in(tmp_path), SEAT, STEP)
+    assert not said
 
 
 def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from cogrip.protocol.messages import MARK_BYTES, encode
 from cogrip.protocol.messages import Mark as MarkMessage
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings import resolve
+from cogrip.protocol.task import EVERYBODY
 from cogrip.server import inputs
 from cogrip.server.markers import BURST, MOST_TOLD, TOLD_S, Markers
 from cogrip.sim.runs import laboratory_run
@@ -170,6 +171,18 @@ def test_an_observer_sets_none() -> None:
     laboratory.server.receive(encode(MarkMessage(77, 1, "x")), "somebody else", 0)
     assert laboratory.server.dropped["not seated"] == 1
     assert marked(said[""]) == []
+
+
+def test_who_comes_is_not_told_that_everybody_held_on_before() -> None:
+    """Their hand would begin, though somebody else may have left meanwhile; other markers of before are told."""
+    markers = Markers(128)
+    markers.add(EVERYBODY, 0)
+    markers.add(EVERYBODY, 0, 1, 7)  # a person's words
+    markers.add("lamp on", 0)
+    markers.begin(2)
+    assert [(mark.text, mark.seat) for mark in markers.due(1)] == [(EVERYBODY, 1), ("lamp on", None)]
+    markers.add(EVERYBODY, 1)
+    assert [mark.text for mark in markers.due(2)] == [EVERYBODY]
 
 
 def test_a_text_is_one_line_of_bounded_length() -> None:

@@ -1,5 +1,6 @@
 """Journal of a study: no trial is lost or run twice, wherever it is cut short."""
 
+import csv
 import shutil
 from pathlib import Path
 
@@ -20,8 +21,9 @@ from cogrip.sim.experiments.study.journal import (
 )
 from cogrip.sim.experiments.study.staircase import Estimate
 from cogrip.sim.experiments.study.study_file import StudyError
-from cogrip.sim.experiments.study.table import thresholds
+from cogrip.sim.experiments.study.table import StudyTable, thresholds, write_table
 from cogrip.sim.experiments.study.trial import Event
+from cogrip.sim.runs.columns import NUMBER, Column
 
 from tests.extent import every
 from tests.sim.studies import PLAIN, NoSessions, conducted, parsed
@@ -116,6 +118,33 @@ def test_answers_of_a_trial_that_was_killed_while_asking_do_not_count(whole: Pat
     assert finished(path) == finished(whole)
     assert answered(path) == answered(whole)
     assert [line.attempt for line in read_trials(path) if line.place == 0 and line.group == 0][:3] == [1, 2, 2]
+
+
+def test_question_that_stands_twice_is_asked_once(tmp_path: Path) -> None:
+    study = parsed(PLAIN.replace('ask_after = ["load"]', 'ask_after = ["load", "load"]'))
+    outcome, folder = conducted(study, tmp_path / "study")
+    assert outcome.complete
+    asked = [line for line in folder.answers if line.place < 0]
+    assert len(asked) == len({(line.participant, line.question) for line in asked}) == 2 * 6
+    answered(folder.path)
+
+
+def test_question_of_a_staircase_is_not_asked_at_the_end_as_well() -> None:
+    with pytest.raises(StudyError, match="'wider' is in ask and in ask_after"):
+        parsed(PLAIN.replace('conditions = ["a"]', 'conditions = ["a"]\nask_after = ["wider"]'))
+
+
+@pytest.mark.parametrize("typed", ["=1+1", "+1", "-1", "@x", "\tx", '=HYPERLINK("http://x")\n=2'])
+def test_what_people_typed_is_no_formula_in_a_spreadsheet(tmp_path: Path, typed: str) -> None:
+    """A spreadsheet shows a text behind an apostrophe as it is. Other answers, and Parquet, stay as they are."""
+    study = parsed(PLAIN.replace("[[blocks]]", '[questions.why]\nkind = "text"\ntext = "Why?"\n[[blocks]]', 1))
+    columns = [Column("answer_why", "string"), Column("answer_wider", "string"), Column("answer_sure", NUMBER)]
+    row = {"answer_why": typed, "answer_wider": "-1", "answer_sure": -1}
+    table = StudyTable(study, columns, [row, {}, {"answer_why": "2 = 2"}], [])
+    write_table(table, "csv", tmp_path / "table.csv")
+    with (tmp_path / "table.csv").open(newline="") as file:
+        rows = [list(each.values()) for each in csv.DictReader(file)]
+    assert rows == [[f"'{typed}", "-1", "-1.0"], ["", "", ""], ["2 = 2", "", ""]]
 
 
 def test_failed_sessions_are_begun_again_and_three_in_a_row_end_the_day(tmp_path: Path) -> None:

@@ -1,20 +1,28 @@
 """Panel of a study's participant: prompts and replies; and a page that shows it, of a server that the test speaks for."""
 
 import json
+import socket
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from io import StringIO
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.console import Console
 
+from cogrip.cli.study.pages import open_page as serve_pages
 from cogrip.cli.study.pages import prompt_of
 from cogrip.sim.experiments.study.questions import MOST_TEXT, Question, items_of
 from cogrip.view.frames import encode
-from cogrip.view.hello import PageError, PanelReply, read_text
+from cogrip.view.hello import MOST_NUMBER, PageError, PanelReply, read_text
+from cogrip.view.io.study_page import StudyPage
 from cogrip.view.panel import Panel, PanelMessage, Prompt, Target
 from cogrip.view.scene import to_json
 from cogrip.view.tab import Tab
 
+from tests.sim.studies import PLAIN, parsed
 from tests.view.browser_page import BrowserPage
 from tests.view.page_server import PageServer, serving
 from tests.view.pictured import frame, scene
@@ -52,6 +60,21 @@ def test_every_prompt_has_the_first_reply_to_it_or_none(steps: list[tuple[str, i
             else:
                 late += 1
     assert panel.late == late
+
+
+def test_a_reply_to_a_prompt_of_the_command_before_does_not_count() -> None:
+    """A tab stays open over a kill: the question that it shows has another number than any of the command begun anew."""
+    before, again = (StudyPage("study", {"P01": "token"}).panel("P01") for _ in range(2))
+    numbers = []
+    for panel in (before, again):
+        panel.show(asking(GO))
+        assert panel.message.prompt is not None
+        numbers.append(panel.message.prompt.number)
+    assert 0 < numbers[0] != numbers[1] <= MOST_NUMBER
+    again.reply(numbers[0], "5")
+    assert (again.take(), again.late) == (None, 1)
+    again.reply(numbers[1], "6")
+    assert again.take() == "6"
 
 
 def test_tab_that_comes_later_is_told_the_open_prompt() -> None:
@@ -191,3 +214,15 @@ def test_target_is_drawn_where_the_goal_is(asked: Asked, place_m: tuple[float, .
     assert drawn["place"][: len(place_m)] == pytest.approx(list(place_m))
     asked.show(PanelMessage("P01", "waiting"))
     asked.page.until("cogrip.frame.drawn.target === null")
+
+
+def test_pages_whose_port_is_none_get_another_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A port that no socket has would end the page's thread, unseen."""
+    monkeypatch.setenv("BROWSER", "true")
+    study = parsed(PLAIN)
+    (tmp_path / "state").mkdir()
+    (tmp_path / "state" / "pages.json").write_text('{"port": 70000, "tokens": {"P01": "token"}}')
+    with ExitStack() as stack, Console(file=StringIO()) as console:
+        page = serve_pages(study, tmp_path, (), [0], console, stack)
+        with socket.create_connection(("127.0.0.1", page.port), 5.0):
+            assert 0 < page.port <= 65535

@@ -6,6 +6,7 @@ from msgspec.structs import replace
 
 from cogrip.protocol.messages import Mark
 from cogrip.protocol.setting_types import SeatNumber
+from cogrip.protocol.task import EVERYBODY
 from cogrip.protocol.texts import clipped_mark
 
 TOLD_S = 2.0  # for which each is repeated: of datagrams lost in bursts one comes through
@@ -63,10 +64,13 @@ class Markers:
         return self._taken.get(seat, {}).get(theirs)
 
     def begin(self, seat: SeatNumber) -> None:
-        """Begin with another client in a seat, which counts its own from 1: it takes none of before for its own."""
-        if self._taken.pop(seat, None):
-            told = [replace(mark, theirs=0) if mark.seat == seat else mark for mark in self._told]
-            self._told = deque(told)
+        """Begin with another client in a seat, which counts its own from 1: it takes none of before for its own.
+
+        Nor for its sign to begin that everybody held on, before it came.
+        """
+        self._taken.pop(seat, None)
+        told = [mark for mark in self._told if mark.seat is not None or mark.text != EVERYBODY]
+        self._told = deque([replace(mark, theirs=0) if mark.seat == seat else mark for mark in told])
 
     def due(self, step: int) -> list[Mark]:
         """Return what is to be told after this step."""

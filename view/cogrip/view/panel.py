@@ -50,13 +50,16 @@ class PanelMessage(msgspec.Struct, frozen=True, tag_field="type", tag="panel"):
 class Panel:
     """See above. late: replies to prompts that are not open any more, or have a reply."""
 
-    def __init__(self, person: str, changed: Callable[[], None] = lambda: None) -> None:
-        """changed: called from any thread when tabs are to be told."""
+    def __init__(self, person: str, changed: Callable[[], None] = lambda: None, number: int = 0) -> None:
+        """changed: called from any thread when tabs are to be told; number: that the first prompt follows.
+
+        A tab outlives the command: `number` by chance keeps it from answering the prompt of another one, begun anew.
+        """
         self.message = PanelMessage(person)
         self.late = 0
         self._changed = changed
         self._tabs: set[Tab] = set()
-        self._number = 0
+        self._number = number
         self._reply: tuple[int, str] | None = None  # to the prompt of that number
 
     def show(self, message: PanelMessage) -> None:

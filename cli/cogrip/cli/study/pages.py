@@ -4,6 +4,7 @@ import os
 from collections.abc import Collection, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 from rich.console import Console
@@ -21,7 +22,7 @@ FILE = "pages.json"  # port and tokens, beside the key of the server: tabs find 
 class _Kept(msgspec.Struct):
     """Content of FILE."""
 
-    port: int = 0
+    port: Annotated[int, msgspec.Meta(ge=0, le=65535)] = 0
     tokens: dict[str, str] = msgspec.field(default_factory=dict)
 
 

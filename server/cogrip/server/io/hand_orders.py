@@ -71,8 +71,12 @@ class HandOrders:
         elif hand.taken < each.number:
             text = f"{name} has not answered for {ANSWER_NS * 1e-9:g} s; it holds once they do, see `cogrip who`"
             self._say(each.request, text, False)
-        elif refused := each.order.change.refused(hand.holds):
+        elif refused := [name for name in each.order.change.refused(hand.holds) if name not in self._later(each)]:
             kept = hand.holds.text
             self._say(each.request, f"{name} did not take {', '.join(refused)}{REASONS}; what holds: {kept}", False)
         else:
             self._say(each.request, f"{name}: {hand.holds.text}", True)
+
+    def _later(self, each: "_Waiting") -> set[str]:
+        """Return what later orders for the same seat change: what they set may hold by now."""
+        return {name for order in self._waiting if order.seat is each.seat for name in order.order.change.given}

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Protocol
 
+from cogrip.protocol.tool_frame import ToolFrame
 from cogrip.server import inputs
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.events import ServerEvent
@@ -86,7 +87,7 @@ class Housekeeping:
         if folder:
             rooms = [room.name for room in server.core.rooms]
             self._writers = {room: CheckpointWriter(folder.checkpoint(room), self._report_trouble) for room in rooms}
-        self._kept: list[tuple[int, str]] = []  # sessions and ticket hashes of all seats
+        self._kept: list[tuple[int, str, ToolFrame]] = []  # sessions, ticket hashes and tools' frames of all seats
         self._reported_limits: set[tuple[int, str]] = set()
         self._idle = {room.name for room in server.core.rooms}  # rooms that are deserted since their checkpoint
         self._maker = SnapshotMaker(server.core.rooms, server.pacers, software)
@@ -132,8 +133,9 @@ class Housekeeping:
             for request in self._control.poll(now_ns):
                 self._obey(request)
             self._hand_orders.poll(now_ns)
-        kept = [(seat.session, seat.ticket_hash) for room in self._server.core.rooms for seat in room.seats]
-        if kept != self._kept:  # the next server must know a new session too
+        seats = [seat for room in self._server.core.rooms for seat in room.seats]
+        kept = [(seat.session, seat.ticket_hash, seat.hand.wanted) for seat in seats]
+        if kept != self._kept:  # the next server must know a new session too, and what a hand was set to
             self._kept = kept
             self._write_checkpoints(self._server.core.rooms)
         self._take_triggers()

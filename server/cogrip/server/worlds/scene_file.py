@@ -9,6 +9,7 @@ impedance b, against a fixed body: m + h b, step h). What is held by friction cr
 1.2 mm a minute at impratio 100, by 0.04 mm at 3000. A scene that sets such values itself keeps them (`Scene.own`).
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -25,6 +26,7 @@ from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, read_meshes,
 MOST_CONTACTS = 8  # of a tool whose forces are measured, the strongest ones
 MOST_MEMORY = 2**28  # that <size memory> may ask for
 MOST_RATE = 1e5  # of anything after one step [m/s, rad/s]
+MOST_FAR_M = 1e4  # of a body from the middle, and of a geom from its own
 TOOLS = ("pad", "ball", "box", PINCH)
 """Tools that are added; `tool = ""` is the first."""
 TOOL_KG = 0.05
@@ -151,7 +153,7 @@ def make_scene(
             raise SceneError(
                 f"{name}: <size memory> asks for {spec.memory} bytes, more than {MOST_MEMORY}; leave it out"
             )
-        bare = spec.compile()
+        bare = _compile(spec)
         filled, own = _complete(spec, options, step_s)
         bodies = {body.name for body in spec.bodies[1:] if body.name}
         chosen = [
@@ -206,15 +208,25 @@ def _compiled(spec: mujoco.MjSpec, tools: Sequence[str]) -> mujoco.MjModel:
     heavy = [spec.body(tool) for tool in tools if not spec.body(tool).gravcomp]
     for body in heavy:
         body.gravcomp = 1.0
-    model = spec.compile()
+    model = _compile(spec)
     model.body_gravcomp[[body.id for body in heavy]] = 0.0
     return model
 
 
+def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Return the model of a scene. MuJoCo would warn on standard error of textures that a mesh is to have, and nobody draws."""
+    with warnings.catch_warnings(action="ignore", category=UserWarning):
+        return spec.compile()
+
+
 def _try_step(model: mujoco.MjModel, name: str) -> None:
-    """Raise SceneError for a scene with a number in it that is none."""
+    """Raise SceneError for a scene with a number in it that is none, or huge."""
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data)
+    far_m = max(float(np.abs(data.xpos).max()), float(model.geom_rbound.max(initial=0.0)))
+    if far_m > MOST_FAR_M:
+        cure = "give lengths in metres, or scale its meshes"
+        raise SceneError(f"{name}: reaches {far_m:.3g} m, more than {MOST_FAR_M:g} m; {cure}")
     if not bool(np.all(np.abs(data.qvel) < MOST_RATE)):
         raise SceneError(
             f"{name}: its bodies leave all bounds in the first step; look for a number that is none, or huge"

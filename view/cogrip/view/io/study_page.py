@@ -28,6 +28,7 @@ from cogrip.view.tab import Tab
 
 MOST_REPLY_BYTES = 64 * 1024  # 10,000 letters, each of which JSON may write in six bytes
 END_S = 5.0
+NUMBER_BITS = 30  # of a prompt before the first one: `MOST_NUMBER` is as many above
 
 
 @dataclass(eq=False)
@@ -73,7 +74,8 @@ class StudyPage:
         self.port = port
         self.tokens = dict(tokens)
         self._feed = StudyFeed(Scene(name, "live", 3, 128, 1024, SceneObject("mass", "box", (0.04,) * 3, 1.0)))
-        self._panels = {person: Panel(person, partial(self._post, self._tell, person)) for person in tokens}
+        number = secrets.randbits(NUMBER_BITS)
+        self._panels = {person: Panel(person, partial(self._post, self._tell, person), number) for person in tokens}
         pairs = {person: system.datagram_pair() for person in hands}
         self._ends: dict[str, socket.socket] = {person: theirs for person, (_, theirs) in pairs.items()}
         self._hands = {person: HandLink(ours, self._feed.tell_scene) for person, (ours, _) in pairs.items()}

@@ -161,7 +161,7 @@ class Conductor:
         return self._sessions.run(settings, folder, goal, title)
 
     def _items(self, names: Sequence[str]) -> list[Item]:
-        return [item for name in names for item in items_of(name, self._study.questions[name])]
+        return [item for name in dict.fromkeys(names) for item in items_of(name, self._study.questions[name])]
 
     def _ask(self, trial: Trial, people: Sequence[str], state: TrialState, runs: Sequence[Path]) -> bool | None:
         """Ask everybody, the first one of a staircase its question too. Return whether that was answered right."""
@@ -169,7 +169,7 @@ class Conductor:
         for place, person in enumerate(people):
             rule = trial.block.staircase
             first = (rule.question,) if rule is not None and place == 0 else ()
-            for item in self._items(tuple(dict.fromkeys((*first, *trial.block.ask)))):
+            for item in self._items((*first, *trial.block.ask)):
                 answer = self._people.answer(person, item, trial, runs)
                 if rule is not None and item.name == rule.question and place == 0:
                     correct = item.question.choices.index(str(answer)) == trial.right

@@ -5,6 +5,7 @@ NASA-TLX: Hart and Staveland 1988, six scales of 21 gradations, here 0 to 100 in
 """
 
 from typing import Annotated, Any, Literal
+from unicodedata import category
 
 import msgspec
 
@@ -78,6 +79,8 @@ class Item(msgspec.Struct, frozen=True):
             case "text":
                 if len(text) > MOST_TEXT:
                     raise AnswerError(f"the answer has {len(text)} letters; at most {MOST_TEXT} are kept")
+                if control := next((each for each in text if category(each) == "Cc" and each not in "\t\n\r"), ""):
+                    raise AnswerError(f"the answer has a control character (U+{ord(control):04X}); leave it out")
                 return text
 
     def _number(self, text: str, least: int, most: int) -> int:

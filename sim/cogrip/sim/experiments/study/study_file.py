@@ -13,7 +13,7 @@ from cogrip.protocol.setting_types import Name, Seed
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.protocol.settings_table import SettingsError, readable, refuse_unknown
 from cogrip.sim.experiments.study.orders import Order
-from cogrip.sim.experiments.study.questions import Question, unfit_question
+from cogrip.sim.experiments.study.questions import Question, items_of, unfit_question
 from cogrip.sim.experiments.study.spread import unfit_spread
 from cogrip.sim.experiments.study.staircase import Staircase, unfit_staircase
 from cogrip.sim.runs.measures.goal import NO_GOAL, Goal, unfit_goal
@@ -187,7 +187,10 @@ def check(study: Study, base: Mapping[str, Any]) -> list[tuple[str, Settings]]:
 
 def _check_names(study: Study) -> None:
     people = [name for group in study.groups() for name in group]
-    for what, names in (("participants", people), ("blocks", [block.name for block in study.blocks])):
+    items = [item.name for name, question in study.questions.items() for item in items_of(name, question)]
+    for what, names in (
+        ("participants", people), ("blocks", [block.name for block in study.blocks]), ("questions", items),
+    ):  # fmt: skip
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
             raise StudyError(f"{what}: {twice} is named twice; give each one name")
@@ -202,7 +205,8 @@ def _check_block(study: Study, block: Block) -> None:
             if name not in known:
                 there = ", ".join(known) or "none"
                 raise StudyError(f"{where}there is no {what} {name!r}; there is: {there}")
-    if twice := set(block.ask) & set(block.ask_after):
+    asked = {*block.ask, *([block.staircase.question] if block.staircase else [])}  # after each trial
+    if twice := asked & set(block.ask_after):
         raise StudyError(
             f"{where}{twice.pop()!r} is in ask and in ask_after; ask it at one of them, or name another question"
         )

@@ -27,6 +27,7 @@ PLACE: tuple[Column, ...] = (
     Column("pauses", "int64"),
 )  # fmt: skip
 ANSWER = "answer_"
+FORMULA = ("=", "+", "-", "@", "\t", "\r")  # what a spreadsheet takes for a formula begins so
 
 Row = dict[str, Any]
 
@@ -125,15 +126,20 @@ def write_table(table: StudyTable, to: Format, path: Path) -> None:
     with path.open("xb") as file:
         try:
             out = open_table(to, file, table.columns)
-            out.write([_values(table.rows, column) for column in table.columns])
+            typed = {f"{ANSWER}{name}" for name, each in table.study.questions.items() if each.kind == "text"}
+            texts = typed if to == "csv" else set()
+            out.write([_values(table.rows, column, text=column.name in texts) for column in table.columns])
             out.close()
         except BaseException:
             path.unlink()
             raise
 
 
-def _values(rows: Sequence[Row], column: Column) -> list[Any]:
+def _values(rows: Sequence[Row], column: Column, *, text: bool) -> list[Any]:
+    """Return a column. text: typed by people; a spreadsheet is to show, and not to run, what looks like a formula."""
     values = [row.get(column.name) for row in rows]
+    if text:
+        return [f"'{value}" if str(value).startswith(FORMULA) else value for value in values]
     return [None if value is None else float(value) for value in values] if column.type == NUMBER else values
 
 
