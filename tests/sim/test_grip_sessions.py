@@ -12,6 +12,7 @@ from cogrip.protocol.settings import SettingsError, resolve
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import open_run
 from cogrip.sim.runs.replay.verify import verify
+from cogrip.sim.runs.report.tables import people_table
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
@@ -205,9 +206,15 @@ def test_observers_are_told_the_opening_and_the_summary_the_largest_force(scene:
     port = held.room.seats[0].port
     assert port is not None
     assert port.handle.grip_m == pytest.approx(held.people[0].device.position_m[3], abs=5e-4)  # type: ignore[attr-defined]
-    [user] = of_laboratory(held)["users"]
+    summary = of_laboratory(held)
+    [user] = summary["users"]
     assert user["peak_grip_n"] == pytest.approx(max(forces))
     assert user["peak_force_n"] < 0.1, "the arm's alone"
+    table = people_table(summary)
+    assert not isinstance(table, str)
+    cells = {row.label: (row.unit, row.cells[0].text) for row in table.rows if not isinstance(row, str)}
+    assert cells["peak force of the gripper"] == ("N", f"{max(forces):.2f}")
+    assert "peak torque" not in cells
     assert len(user["position_m"]) == len(user["proxy_m"]) == len(user["force_n"]) == 4
 
 

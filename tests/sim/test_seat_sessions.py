@@ -47,6 +47,9 @@ def test_both_seat_sessions_of_a_person_are_in_its_summary() -> None:
     table = people_table(json.loads(summary_text(summary)))
     assert not isinstance(table, str)
     assert table.head == ["", "anna, seat session 1", "anna, seat session 2", "ben"]
+    assert not {"peak torque", "peak force of the gripper"} & {
+        row.label for row in table.rows if not isinstance(row, str)
+    }
     console = Console(width=120, record=True, file=io.StringIO())
     console.print(terminal_summary(summary))
     said = console.export_text()

@@ -216,6 +216,10 @@ _PERSON: tuple[_Line | str, ...] = (
     "Loop",
     *_LOOP,
 )
+_PEAKS: dict[str, _Line] = {  # behind that of the force, where somebody's hand turns or grips
+    "peak_torque_nm": ("peak torque", "N m", _at("peak_torque_nm", digits=3)),
+    "peak_grip_n": ("peak force of the gripper", "N", _at("peak_grip_n", digits=2)),
+}
 _ROOM: tuple[_Line, ...] = (
     ("object", "mm", _at("object.position_m", 1e3)),
     ("its velocity", "mm/s", _at("object.velocity_mps", 1e3)),
@@ -250,7 +254,10 @@ def people_table(summary: Summary) -> Table | str:
         for user in users
         for number in range(1, len(earlier(user)) + 2)
     ]
-    return Table(["", *names], _rows(_PERSON, seat_sessions(users)))
+    shown = seat_sessions(users)
+    peaks = [line for key, line in _PEAKS.items() if any(is_number(each.get(key)) and each[key] for each in shown)]
+    place = [line[0] for line in _PERSON].index("peak force") + 1
+    return Table(["", *names], _rows([*_PERSON[:place], *peaks, *_PERSON[place:]], shown))
 
 
 def room_table(summary: Summary) -> Table:
