@@ -29,7 +29,10 @@ WITHIN = ("--set", "coupling.impedance_nspm=2")  # what every arm here carries: 
 AWAY = (
     r"encoder \w jumped by|no reply for 50 ms"  # says a driver whose arm's process, or itself, was away for 10, 50 ms
 )
-STALLED = ("the loop was away", "device stall", "its guard process did not start within")
+STALLED = (
+    "the loop was away", "device stall", "its guard process did not start within",
+    "the loop must not wait for a device",  # no arm here blocks: the loop lost its processor within a read, or a write
+)  # fmt: skip
 MACHINE_STALLED = "this machine took the processor away"
 FREE = "push&force_n=0"  # nobody holds it
 
