@@ -18,6 +18,7 @@ import pytest
 from _pytest.faulthandler import fault_handler_stderr_fd_key
 from hypothesis import HealthCheck, settings
 
+pytest_plugins = ("tests.stalls",)
 QUICK_FOLDERS = ("protocol", "devices", "client", "server")
 NOT_QUICK = {  # modules in these folders that start processes, simulate whole sessions or play recordings again
     "test_altered_client_recording", "test_altered_recordings", "test_altered_server_recording", "test_arm_check",

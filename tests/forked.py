@@ -40,6 +40,8 @@ PRELOADED = (
     "cogrip.protocol.recording.writer", "cogrip.view.io.page_server", "numpy.polynomial", "rich._unicode_data",
 )  # fmt: skip
 """Not what draws a report: every process locks its memory, and would copy that too."""
+begun: list[str] = []
+"""Commands that were begun here until now."""
 _LENGTH = struct.Struct("=I")
 _COMM = 15  # characters of a process's name
 _MESSAGE = struct.Struct("=ii")  # the process id, then the exit code as `subprocess` has it
@@ -124,6 +126,7 @@ def start(
 ) -> Any:  # fmt: skip
     """Start `cogrip ARGUMENTS`, or Python `code` with these arguments, unbuffered and in a session of its own; text streams."""
     words = [str(argument) for argument in arguments]
+    begun.append(" ".join(words))
     environment = dict(os.environ if env is None else env)
     if sys.platform == "linux":
         request = {"arguments": words, "code": code, "folder": os.getcwd(), "environment": environment}

@@ -232,7 +232,8 @@ def arm(tmp_path: Path) -> Iterator[str]:
 @pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals")
 def test_at_a_terminal_of_80x24_on_an_emulated_arm(arm: str, tmp_path: Path, monkeypatch) -> None:
     """A serial arm behind a pseudo-terminal: pushed, calibrated, its signs seen live, and written down."""
-    from tests.live.held_arms import AWAY, MACHINE_STALLED
+    from tests.live.held_arms import AWAY
+    from tests.stalls import MACHINE_STALLED
     from tests.terminal import Terminal
 
     monkeypatch.setenv("COGRIP_CALIBRATION", str(tmp_path / "calibration"))

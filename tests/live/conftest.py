@@ -8,30 +8,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from _pytest.runner import runtestprotocol
 
-from tests.live.held_arms import MACHINE_STALLED, Arm, Session, Spoken
+from tests.live.held_arms import Arm, Session, Spoken
+from tests.stalls import MACHINE_STALLED
 from tests.terminal import Terminal
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """These come first: they wait more than they compute, and other workers have something to do meanwhile."""
     items.sort(key=lambda item: item.path.parent != Path(__file__).parent)
-
-
-def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
-    """Run a test anew, up to twice, where the machine itself stalled."""
-    if item.path.parent != Path(__file__).parent:
-        return None
-    item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
-    reports = runtestprotocol(item, nextitem=nextitem, log=False)
-    for _ in range(2):
-        if any(report.skipped and MACHINE_STALLED in str(report.longrepr) for report in reports):
-            reports = runtestprotocol(item, nextitem=nextitem, log=False)
-    for report in reports:
-        item.ihook.pytest_runtest_logreport(report=report)
-    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
-    return True
 
 
 class Process(Spoken):

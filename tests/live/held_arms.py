@@ -21,6 +21,7 @@ from cogrip.protocol.recording.reader import Follower, RecordingError
 from cogrip.protocol.recording.records import Tick
 
 from tests import forked
+from tests.stalls import MACHINE_STALLED
 
 LIMIT_S = 120.0  # for anything that is waited for
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -33,7 +34,6 @@ STALLED = (
     "the loop was away", "device stall", "its guard process did not start within",
     "the loop must not wait for a device",  # no arm here blocks: the loop lost its processor within a read, or a write
 )  # fmt: skip
-MACHINE_STALLED = "this machine took the processor away"
 FREE = "push&force_n=0"  # nobody holds it
 
 

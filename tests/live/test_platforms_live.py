@@ -11,7 +11,7 @@ import pytest
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.sim.runs.replay.verify import verify
 
-from tests.live.held_arms import MACHINE_STALLED
+from tests.stalls import MACHINE_STALLED
 from tests.test_layout import ROOT
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the stand-in for Windows runs on Linux")
