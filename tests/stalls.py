@@ -15,7 +15,7 @@ from tests import forked
 
 MACHINE_STALLED = "this machine took the processor away"
 STALL_S = 0.03
-"""A stall of fewer is borne by every loop here: an arm's driver gives up after 50 ms, the watchdog after 100 ms."""
+"""A shorter stall is borne by every loop here: an arm's driver gives up after 50 ms, the watchdog after 100 ms."""
 RUNS = 5
 _WATCH = f"""
 import os, select, time
