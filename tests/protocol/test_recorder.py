@@ -27,6 +27,7 @@ from tests.extent import long
 KINDS = ("event", "command", "gap", "clock")
 EVENT, COMMAND, GAP, CLOCK = range(4)
 MOST_TURNS = 50_000_000  # of a loop that waits for the writer: hours; a test that hangs is ended long before
+TOO_SLOW = "recording of client-anna.mcap is too slow: messages are left out, and counted"
 LIMIT_S, POLL_S = 600.0, 0.005
 
 Words = list[str]
@@ -204,7 +205,7 @@ def test_a_full_ring_costs_messages_that_are_counted_and_marked_at_their_place(s
         if gap.topic == GAP:
             missing = after.time_ns - before.time_ns - 1
             assert missing == msgspec.json.decode(gap.payload, type=Gap).messages, "it stands where they are missing"
-    assert words == ["recording of client-anna.mcap is too slow: messages are left out, and counted"], "said once"
+    assert words == [TOO_SLOW], "said once"
 
 
 def test_messages_lost_at_the_very_end_are_marked_too(start):
@@ -231,7 +232,8 @@ def test_a_killed_writer_is_noticed_and_what_it_flushed_is_there(start, words):
     assert recorder.lost > 0
     recorder.close()
     since_the_kill = last - 10**9 + 50_000
-    assert words == [f"recording of client-anna.mcap has stopped: {recorder.trouble}"], "said once"
+    stopped = f"recording of client-anna.mcap has stopped: {recorder.trouble}"
+    assert words in ([stopped], [TOO_SLOW, stopped]), "said once; the ring may be full before its writer is missed"
     assert "what it had written can be recovered" in recorder.trouble
     recording = open_recording(recorder.path)
     numbers = [message.time_ns for message in recording.messages() if message.topic == EVENT]
