@@ -11,8 +11,11 @@ from msgspec.structs import replace
 
 from cogrip.devices.device import Device, Sample
 from cogrip.devices.for_user import make_for
+from cogrip.protocol.handle import MOST_AT_ONCE, Handle
+from cogrip.protocol.messages import Edges, Stamp, encode
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.observers import _person
+from cogrip.server.rate_limit import limits_for
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import open_run
 from cogrip.sim.runs.replay.verify import verify
@@ -112,6 +115,33 @@ def test_no_edge_is_lost_or_comes_twice_at_thirty_percent_loss(kind: str) -> Non
         mine = [edge for edge in told.edges if edge[0] == number]
         assert mine == [(number, button, True), (number, button, False)] * count
         assert not laboratory.people[number].core.session.dropped["button edges"]
+
+
+def test_edges_at_once_that_cannot_be_are_dropped_by_name_and_repeated_ones_given_once() -> None:
+    laboratory = Laboratory(pressing(["", ""]))
+    told = Told(laboratory)
+    for _ in range(32):
+        laboratory.frame()
+    person, server = laboratory.people[0], laboratory.server
+    session, now_ns = person.core.session, laboratory.now_ns
+    assert session.welcome is not None
+    number = session.welcome.session
+
+    def edges(number: int, first: int) -> bytes:
+        return encode(Edges(number, Stamp(now_ns), Handle(first, (4, -4), (1, 0))))
+
+    for datagram in (edges(number, 1), edges(number + 1, 0), edges(number, 0), edges(number, 0)):
+        server.receive(datagram, person.address, now_ns)
+    laboratory.frame()
+    assert (server.dropped["unfit"], server.dropped["other session"]) == (1, 1)
+    assert told.edges == [(0, 4, True), (0, 4, False)]
+    person.core.receive(edges(number, 0), now_ns)
+    assert session.dropped["unexpected"] == 1, "no client is told edges"
+
+
+@pytest.mark.parametrize("network_hz", [64, 128, 1024])
+def test_a_server_takes_all_that_a_button_that_never_rests_sends(network_hz: int) -> None:
+    assert (1 + MOST_AT_ONCE) * network_hz < limits_for(network_hz).peer.per_second
 
 
 def test_a_seat_that_is_left_releases_its_buttons() -> None:
