@@ -21,7 +21,7 @@
 
 enum {
     TAG_HELLO = 1, TAG_WELCOME, TAG_REFUSE, TAG_WAVES, TAG_STATE, TAG_HEARTBEAT, TAG_LEAVE, TAG_FAREWELL, TAG_VIEW, TAG_POWER,
-    TAG_PERSON, TAG_BODIES, TAG_GEOM, TAG_MARK, TAG_SET_HAND, TAG_EFFECTS
+    TAG_PERSON, TAG_BODIES, TAG_GEOM, TAG_MARK, TAG_SET_HAND, TAG_EFFECTS, TAG_EDGES
 };
 enum {
     AXES = COGRIP_AXES,
@@ -44,6 +44,7 @@ enum {
     PHASE_QUIET = 256,      /* [5.7] */
     PHASE_PRESSING = 64,
     MOST_EDGES = 16,        /* [5.9] */
+    MOST_AT_ONCE = 2,       /* messages of edges between two frames */
     MOST_AGE = 65535,
     LEAST_DEVICE_HZ = 250,
     HELLO_BYTES = 1024,
@@ -1355,6 +1356,7 @@ typedef struct line {
 typedef struct handle {
     uint32_t buttons, said; /* said: what the server knows once it has all edges */
     int known, turned, count;
+    int edged, at_once; /* an edge was in no message yet; messages that may be sent before the next frame's */
     int64_t first; /* number of the oldest edge that is not acknowledged */
     int8_t edge[MOST_EDGES];
     int64_t tick[MOST_EDGES];
@@ -1543,6 +1545,7 @@ static void handle_edges(cogrip_client *client) {
         hand->edge[hand->count] = (int8_t)(hand->buttons & bit ? button + 1 : -(button + 1));
         hand->tick[hand->count++] = client->tick;
         hand->said ^= bit;
+        hand->edged = 1;
     }
 }
 
@@ -1561,6 +1564,24 @@ static void put_handle(const cogrip_client *client, writer *to) {
     if (hand->turned) put_row(to, hand->orientation, 4);
     else put_nil(to);
     put_known(to, hand->grip_m);
+}
+
+/* Tell edges within a frame: no more than MOST_AT_ONCE times, as the server bounds what a peer sends [5.9]. */
+static void write_edges(cogrip_client *client, int64_t now_ns) {
+    const stamp sent = stamp_now(client, now_ns);
+    message *into;
+    writer to;
+    if (!client->handle.edged || !client->handle.at_once) return;
+    client->handle.edged = 0;
+    client->handle.at_once--;
+    into = outbox_push(client);
+    to = open_message(into);
+    put_array(&to, 4);
+    put_int(&to, TAG_EDGES);
+    put_int(&to, client->seat.session);
+    put_stamp(&to, &sent);
+    put_handle(client, &to);
+    close_message(into, &to);
 }
 
 static void handle_acknowledged(handle *hand, int64_t edges) {
@@ -2184,7 +2205,7 @@ static void decode(const void *data, size_t bytes, decoded *into) {
     reader from = {data, (const unsigned char *)data + bytes, 0};
     if (!bytes) from.bad = 1;
     const uint64_t length = get_length(&from, 0, 1, UINT32_MAX);
-    into->tag = (int)get_int(&from, TAG_HELLO, TAG_EFFECTS);
+    into->tag = (int)get_int(&from, TAG_HELLO, TAG_EDGES);
     switch (into->tag) {
     case TAG_WELCOME: get_welcome(&from, length, &into->as.welcome); break;
     case TAG_REFUSE: get_refusal(&from, length, &into->as.refusal); break;
@@ -2406,8 +2427,14 @@ void cogrip_sense(cogrip_client *client, int64_t tick, const double *position_m,
         const int moved = hand_moved(client, elapsed, position_m, velocity_mps);
         if (client->handle.known) handle_edges(client);
         if (client->has_origin) {
-            if (enter_ticks(client, elapsed, moved) && client->state == COGRIP_SEATED)
+            const int ended = enter_ticks(client, elapsed, moved);
+            if (client->state == COGRIP_SEATED && ended) {
                 write_waves(client, outbox_push(client), now_ns);
+                client->handle.edged = 0;
+                client->handle.at_once = MOST_AT_ONCE;
+            } else if (client->state == COGRIP_SEATED) {
+                write_edges(client, now_ns);
+            }
         } else if (moved) {
             client->has_origin = 1;
             memcpy(client->origin_m, client->position_m, sizeof client->origin_m);
@@ -2514,6 +2541,7 @@ cogrip_client *cogrip_init(void *memory, size_t bytes, const cogrip_config *conf
     client->ratio = 1.0;
     client->goodbye.up_margin_j = client->goodbye.line_margin_j = NAN;
     client->handle.grip_m = NAN;
+    client->handle.at_once = MOST_AT_ONCE;
     return client;
 }
 

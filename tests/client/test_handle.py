@@ -29,6 +29,24 @@ def sample(buttons: int = 0, orientation: Any = None, grip_m: float | None = Non
     return Sample((0.0, 0.0, 0.0), None, 0, buttons, orientation, grip_m)
 
 
+def test_edges_within_a_frame_are_told_at_once_twice_and_then_with_the_frame() -> None:
+    """A button that changes at each tick sends no more than the server lets a peer send."""
+    made = reader(gives_orientation=False, grip_m=None)
+    told = []
+    for tick in range(8):
+        made.read(sample(buttons=1 - tick % 2), tick)
+        told.append(made.message_at_once(tick))
+    assert told == [Handle(0, (1,), (0,)), Handle(0, (1, -1), (1, 0)), *[None] * 6]
+    frame = made.message(8)
+    assert frame is not None
+    assert frame.edges == (1, -1) * 4
+    assert made.message_at_once(8) is None, "the frame's message had all edges"
+    made.read(sample(buttons=1), 9)
+    assert made.message_at_once(9) == Handle(0, (1, -1) * 4 + (1,), (*range(9, 1, -1), 0))
+    made.read(sample(buttons=1), 10)
+    assert made.message_at_once(10) is None, "a button that stays down has no edge"
+
+
 def test_what_the_record_does_not_have_is_not_read() -> None:
     bare = reader(buttons=0, gives_orientation=False, grip_m=None)
     bare.read(sample(7, TURNED, 0.01), 0)

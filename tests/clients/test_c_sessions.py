@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import ClientAccount
-from cogrip.protocol.messages import PROTOCOL_VERSION, Waves, decode
+from cogrip.protocol.messages import PROTOCOL_VERSION, Edges, Waves, decode
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.texts import clipped
@@ -351,6 +351,9 @@ def test_every_edge_of_a_button_comes_to_the_world_once_and_in_order(library: An
     port = session.core.rooms[0].seats[0].port
     assert port is not None
     assert (port.handle.orientation, port.handle.grip_m) == ((0.5, 0.5, -0.5, 0.5), 0.001 * 59)
+    at_once = [message.handle for message in map(decode, session.sent) if isinstance(message, Edges)]
+    assert {abs(told.edges[-1]) for told in at_once} == {1, 2, 32}
+    assert all(told.ages[-1] == 0 for told in at_once)
     assert session.sends_what_the_reference_would()
 
 

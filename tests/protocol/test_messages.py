@@ -129,6 +129,7 @@ LARGEST: dict[str, messages.AnyMessage] = {
         BIG, 2**53, 2**53, HandChange(0.3, 0.3, TURNED, True, WorkspaceLimit("box", (-(10**7), 10**7) * 3), True)
     ),
     "effects": messages.Effects(BIG, 2**53, (2**53,) * 16, 0.1, 2**53, LARGEST_EFFECT),
+    "edges": messages.Edges(BIG, STAMP, HANDLE),
 }
 
 short_texts = st.text(max_size=40)
@@ -198,6 +199,7 @@ anything = st.one_of(
         totals, counters, stamps, handles, edge_counts,
     ),
     st.builds(messages.Heartbeat, sessions, stamps),
+    st.builds(messages.Edges, sessions, stamps, handles.filter(bool)),
     st.builds(messages.Leave, sessions, texts, st.sampled_from([None, CLIENT])),
     st.builds(messages.Farewell, sessions, texts, st.sampled_from([None, SEAT]), st.sampled_from([None, ROOM])),
     st.builds(
@@ -351,7 +353,7 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
     assert largest == {
         "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1194,
         "farewell": 766, "view": 1008, "person": 424, "bodies": 1193, "geom": 1151, "mark": 122, "set hand": 123,
-        "effects": 702,
+        "effects": 702, "edges": 161,
     }  # fmt: skip
     assert max(largest["welcome"], largest["refuse"]) <= HELLO_BYTES, "no answer to anyone is longer than the hello"
     assert len(padded(LARGEST["hello"])) == HELLO_BYTES
@@ -457,7 +459,7 @@ def test_a_pose_out_of_bounds_is_malformed(pose: tuple[int, tuple[float, ...]]) 
 
 def test_messages_of_the_two_ends_are_told_by_their_tag() -> None:
     tags = {name: msgpack.unpackb(encode(message))[0] for name, message in LARGEST.items()}
-    assert list(tags.values()) == list(range(1, 17))
+    assert list(tags.values()) == list(range(1, 18))
     assert messages.encode is encode
 
 

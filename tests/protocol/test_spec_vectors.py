@@ -98,7 +98,7 @@ def said(value: Any) -> Any:
 
 
 def test_every_message_has_a_vector() -> None:
-    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 17))
+    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 18))
 
 
 @pytest.mark.parametrize("name", VECTORS)
@@ -193,6 +193,7 @@ ARRAYS: list[tuple[str, str, type[msgspec.Struct], str, list[int]]] = [
     ("3.17 SetHand", "", messages.SetHand, "setHand", []),
     ("3.17 SetHand", "Hand:", HandChange, "setHand", [4]),
     ("3.18 Effects", "", messages.Effects, "effects", []),
+    ("3.19 Edges", "", messages.Edges, "edges", []),
 ]
 MAPS: list[tuple[str, type[msgspec.Struct], list[int]]] = [
     ("coupling", Coupling, [6, 6]),

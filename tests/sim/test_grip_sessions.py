@@ -1,5 +1,6 @@
 """Sessions of a hand with a gripper that has force: what a spring between the fingers feels like, energy on every network."""
 
+from math import sqrt
 from pathlib import Path
 from typing import Any
 
@@ -7,8 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.settings import SettingsError, resolve
+from cogrip.server.wave_port import WavePort
+from cogrip.sim.runs.felt_as_intended import MOST_CONTROLLED
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import open_run
 from cogrip.sim.runs.replay.verify import verify
@@ -93,6 +97,50 @@ def test_a_spring_between_the_fingers_is_in_series_with_the_line(
     assert force_n < -1.0
     assert force_n / stretch_m == pytest.approx(expected, rel=within)
     assert least(held) >= 0.0
+
+
+@pytest.mark.parametrize(
+    ("network", "seed", "squeeze_m", "within"),
+    [
+        ("wifi", 1, 0.008, 0.02), ("wan", 1, 0.008, 0.02), ("wan", 1, 0.018, 0.02), ("wifi", 3, 0.018, 0.02),
+        *[
+            long(network, seed, squeeze_m, 0.05)
+            for network in ("wifi", "wan", "lte") for seed in range(2, 7) for squeeze_m in (0.008, 0.018)
+        ],
+    ],
+)  # fmt: skip
+def test_what_both_lines_owe_is_all_by_which_a_lossy_network_softens_the_fingers(
+    scene: dict[str, Any], network: str, seed: int, squeeze_m: float, within: float
+) -> None:
+    """x = F (1/K + T_loop / (2 b_g)) + T_n (D_down - D_up) / sqrt(2 b_g), means over 2 s: theory 8.8.
+
+    A force that the credit holds needs no D. Of the 30 long sessions 24 are within 2 %; in others a gap is just over. Where
+    it is more, the device port changed what is felt, and the run says so.
+    """
+    b_nspm, coupling = 10.0, {"impedance_nspm": 20.0, "grip_impedance_nspm": 10.0}
+    device = SQUEEZE.replace("squeeze_m=0.008", f"squeeze_m={squeeze_m}")
+    squeezing = {**PINCH, "device": f"{device}{FRICTIONLESS}{EXACT}"}
+    held = session(scene, squeezing, coupling=coupling, link={"profile": network}, seed=seed, seconds=8.0)
+    rows: list[tuple[float, ...]] = []
+
+    def each_frame(laboratory: Laboratory) -> None:
+        device: Any = laboratory.people[0].device
+        seat, port = laboratory.people[0].core.seated, laboratory.room.seats[0].port
+        if laboratory.seconds >= 6.0 and seat is not None and isinstance(port, WavePort):
+            coupling: Any = seat.coupling
+            owed = coupling.deficit[3] - port.deficit[3]
+            rows.append((device.force_n[3], REST_M - device.position_m[3], coupling.loop_frames(), owed))
+
+    held.run(None, each_frame)
+    force_n, squeezed_m, loop_frames, owed = (sum(column) / len(rows) for column in zip(*rows, strict=True))
+    assert len(rows) > 250
+    frame_s = 1.0 / 128.0
+    bare_m = -force_n * (1.0 / K_NPM + loop_frames * frame_s / (2.0 * b_nspm))
+    expected_m = bare_m + frame_s * owed / sqrt(2.0 * b_nspm)
+    [user] = of_laboratory(held)["users"]
+    assert abs(squeezed_m / expected_m - 1.0) < within or user["controlled"] > MOST_CONTROLLED
+    if -force_n < held_force(b_nspm, 1e-3, frame_s, 4) and within < 0.05:
+        assert squeezed_m == pytest.approx(bare_m, rel=within)
 
 
 @pytest.mark.parametrize("network", every(2, PROFILES))

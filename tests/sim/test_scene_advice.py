@@ -6,6 +6,7 @@ import pytest
 
 from cogrip.cli.session.before_run import advice_on
 from cogrip.cli.session.settings_file import load
+from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.settings import Settings
 from cogrip.sim.analysis.scene_advice import scene_findings
 from cogrip.sim.runs.report.tables import room_table
@@ -38,6 +39,33 @@ def test_advice_says_what_a_hand_will_feel_and_which_contact_is_set() -> None:
     line_mpn = (loop_frames * frame_s) / (2.0 * 20.0)
     said = float(felt[0].partition("felt with ")[2].partition(" N/m")[0])
     assert said == pytest.approx(1.0 / (contact_mpn + line_mpn), rel=0.02)  # the client's end adds parts of a frame
+
+
+def test_advice_says_what_a_gripper_will_feel_and_the_fingers_feel_it() -> None:
+    """Theory 8.8 by hand: b_g = 10 N s/m, a loop of 9 frames. A held block of 12 mm is in series, 1 % softer."""
+    settings = load(Path("pinch"))
+    _, grip = texts(settings, "felt")
+    loop_s = 9.0 / 128.0
+    said = float(grip.partition("a spring of ")[2].partition(" N/m")[0])
+    assert said == pytest.approx(2.0 * 10.0 / loop_s, rel=1e-3)
+    assert f"the free finger is felt as {0.025 + 0.5 * 10.0 * loop_s:.3g} kg" in grip
+    laboratory = Laboratory(load(Path("pinch"), ["seconds=4.0"]))
+    laboratory.run()
+    device = laboratory.people[0].device
+    felt_npm = device.force_n[3] / (device.position_m[3] - 0.012)  # type: ignore[attr-defined]
+    assert 0.97 * said < felt_npm < said
+    assert not texts(settings, "gaps")
+
+
+def test_advice_says_which_force_between_the_fingers_lasts_through_gaps() -> None:
+    """Theory 3.5 with b_g and the gripper's continuous force: what is said to be enough is."""
+    (said,) = texts(load(Path("pinch"), ["link.loss=0.01"]), "gaps")
+    assert said.startswith("anna: between the fingers 0.42 N are held in full")
+    enough_mj = float(said.rsplit("tank_mj = ", 1)[1])
+    assert held_force(10.0, enough_mj * 1e-3, 1.0 / 128.0, 4) == pytest.approx(4.0, rel=0.03)
+    (rich,) = texts(load(Path("pinch"), ["link.loss=0.01", f"playout.tank_mj={1.1 * enough_mj}"]), "gaps")
+    assert rich.startswith("anna: between the fingers 4.2 N are held in full")
+    assert not texts(load(LIFT, ["link.loss=0.01"]), "gaps")
 
 
 def test_advice_warns_of_contact_that_a_scene_sets_itself(tmp_path: Path) -> None:

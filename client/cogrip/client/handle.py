@@ -5,7 +5,7 @@ from math import inf
 
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.button_edges import EdgeSender
-from cogrip.protocol.handle import Handle, is_unit
+from cogrip.protocol.handle import MOST_AT_ONCE, Handle, is_unit
 
 BEYOND = 0.1  # of a gripper's range, by which a reading may lie outside it
 MOST_M = 1.0  # that a message can say (SPEC 3.6)
@@ -28,6 +28,8 @@ class HandleReader:
         self._least_m, self._most_m = inf, -inf
         self._orientation: tuple[float, ...] | None = None
         self._grip_m: float | None = None
+        self._edged = False  # by an edge that was in no message yet
+        self._at_once = MOST_AT_ONCE  # messages that may be sent before the next frame's
 
     def fit(self, record: Capability) -> None:
         """Go by this record: what it does not have is not read."""
@@ -40,7 +42,8 @@ class HandleReader:
 
     def read(self, sample: Sample, tick: int) -> None:
         """Take in a sample, read at a tick."""
-        self.edges.update(sample.buttons & self._mask, tick)
+        if self.edges.update(sample.buttons & self._mask, tick):
+            self._edged = True
         turned, grip_m = sample.orientation, sample.grip_m
         if turned is not None and self._turns:
             if is_unit(turned):
@@ -54,7 +57,16 @@ class HandleReader:
                 self.dropped["implausible handle"] += 1
 
     def message(self, tick: int) -> Handle | None:
-        """Return what is sent at a tick; None where there is nothing to say."""
+        """Return what is sent with a frame, at a tick; None where there is nothing to say."""
+        self._edged, self._at_once = False, MOST_AT_ONCE
+        return self.edges.message(tick, self._orientation, self._grip_m)
+
+    def message_at_once(self, tick: int) -> Handle | None:
+        """Return what is sent at a tick within a frame: None where no button has an edge to tell at once."""
+        if not self._edged or not self._at_once:
+            return None
+        self._edged = False
+        self._at_once -= 1
         return self.edges.message(tick, self._orientation, self._grip_m)
 
 

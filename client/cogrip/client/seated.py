@@ -25,7 +25,7 @@ from cogrip.client.safety import Safety
 from cogrip.client.schemes import SCHEMES
 from cogrip.client.seat_hand import SeatHand
 from cogrip.devices.device import Capability, Sample
-from cogrip.protocol.messages import Effects, Frame, View, encode
+from cogrip.protocol.messages import Edges, Effects, Frame, View, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
@@ -166,11 +166,11 @@ class SeatedClient(SeatHand):
 
     def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
         """Enter the ticks since the last call, with the sample read now."""
-        elapsed = tick - self.tick
+        elapsed, session = tick - self.tick, self.session
         if self.tick < 0:
             elapsed = 0
             # silence counts from the first tick: opening the device took its time
-            self.session.last_received_ns = self.session.fresh_ns = now_ns
+            session.last_received_ns = session.fresh_ns = now_ns
         self.tick = tick
         hand, handle = self.hand, self.handle
         if handle is not None and sample is not None:
@@ -182,20 +182,22 @@ class SeatedClient(SeatHand):
         if self._origin_m is None:
             self.ledger.elapse(elapsed, self.force_n)
             if position is None:
-                self.session.heartbeat(now_ns)  # no hand yet, so no waves: the seat is kept all the same
+                session.heartbeat(now_ns)  # no hand yet, so no waves: the seat is kept all the same
             else:
                 self._begin_at(position)
                 self._frame_start_m = position
                 self._frame_begin = tick - tick % self._ticks_per_frame
                 self._frame_end = self._frame_begin + self._ticks_per_frame
-        elif (ended := self._enter(elapsed, position)) and self.session.state == "seated":
+        elif (ended := self._enter(elapsed, position)) and session.state == "seated":
             message = self.coupling.message(
-                self.session_id, self.session.clock.stamp(now_ns), self._origin_pose, self.place(),
+                self.session_id, session.clock.stamp(now_ns), self._origin_pose, self.place(),
                 hand.velocity_mps if self._frame is None else self._frame.shown(hand.velocity_mps),
             )  # fmt: skip
             if handle is not None and (told := handle.message(tick)) is not None:
                 message = replace(message, handle=told)
-            self.session.outbox.append(encode(message))
+            session.outbox.append(encode(message))
+        elif handle is not None and session.state == "seated" and (told := handle.message_at_once(tick)) is not None:
+            session.outbox.append(encode(Edges(self.session_id, session.clock.stamp(now_ns), told)))
         if sample is not None and (self._frame is not None or self._ordered is not None):
             self._follow(sample, ended or self._origin_m is None)
 

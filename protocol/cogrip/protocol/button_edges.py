@@ -27,20 +27,22 @@ class EdgeSender:
         self._buttons = 0  # as read last
         self._sent = 0  # after the newest edge
 
-    def update(self, buttons: int, tick: int) -> None:
-        """Enter the buttons that are down at a tick, one bit each."""
+    def update(self, buttons: int, tick: int) -> bool:
+        """Enter the buttons that are down at a tick, one bit each; True if that made an edge."""
         if buttons == self._buttons == self._sent:
-            return
+            return False
+        before = len(self._edges)
         changed, self._buttons = buttons ^ self._buttons, buttons
         differs = buttons ^ self._sent
         if left_out := changed & ~differs:
             self._dropped[LEFT_OUT] += 2 * left_out.bit_count()
         for bit in bits_of(differs):
             if len(self._edges) == MOST_EDGES:
-                return
+                break
             self._edges.append(bit + 1 if buttons >> bit & 1 else -bit - 1)
             self._ticks.append(tick)
             self._sent ^= 1 << bit
+        return len(self._edges) > before
 
     def acknowledge(self, count: int) -> None:
         """Forget the first `count` edges; a count that cannot be, or is an old one, changes nothing."""

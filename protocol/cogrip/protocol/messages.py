@@ -351,6 +351,14 @@ class Effects(Message, frozen=True, tag=16):
     effect: Effect | None = None  # down, in the hand's own frame; None: none is left
 
 
+class Edges(Message, frozen=True, tag=17):
+    """Edges of buttons of a player's device, sent as they happen: frames' messages repeat them until they are acknowledged."""
+
+    session: Session
+    stamp: Stamp
+    handle: Handle
+
+
 def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
     """Return the records of a `Bodies`."""
     return b"".join([_POSE.pack(body, *pose) for body, pose in poses])
@@ -358,7 +366,7 @@ def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
 
 Frame = Waves | State | Power  # what couplings send, one a frame
 Observed = Person | Bodies | Geom | Mark | Effects  # what observers are sent beside views
-AnyMessage = Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell | View | Power | Observed | SetHand
+AnyMessage = Hello | Welcome | Refuse | Frame | Edges | Heartbeat | Leave | Farewell | View | Observed | SetHand
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
 _raw_decoder = msgspec.msgpack.Decoder(list[msgspec.Raw])

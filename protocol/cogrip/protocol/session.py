@@ -16,6 +16,7 @@ from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import (
     PROTOCOL_VERSION,
     Bodies,
+    Edges,
     Farewell,
     Frame,
     Heartbeat,
@@ -45,7 +46,7 @@ SECONDS_OVER = "its --seconds are over"  # of a server with a time limit: no ses
 IN_ORDER = "the server was stopped"  # the farewell of a server that was stopped on purpose begins with this
 
 FOR_OBSERVERS = (View, Person, Bodies)  # tuples: a union would be made for every datagram
-ANSWERS, FOR_SERVERS = (Welcome, Refuse), (Hello, Leave)
+ANSWERS, FOR_SERVERS = (Welcome, Refuse), (Hello, Leave, Edges)
 FOR_CLIENTS = (messages.Waves, messages.State, messages.Power, messages.SetHand, *FOR_OBSERVERS)
 
 ClientState = Literal["idle", "connecting", "seated", "resuming", "leaving", "closed"]

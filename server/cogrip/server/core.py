@@ -9,7 +9,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.accounts import SeatAccount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.hand_settings import unfit
-from cogrip.protocol.messages import Effects, Farewell, Heartbeat, Hello, Leave, Mark, SetHand
+from cogrip.protocol.messages import Edges, Effects, Farewell, Heartbeat, Hello, Leave, Mark, SetHand
 from cogrip.protocol.session import nonce_of, version_mismatch
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import clipped, shown
@@ -26,7 +26,7 @@ from cogrip.server.seat_assignment import Place, SeatTable
 
 FAREWELL_EVERY_NS = 50_000_000  # to a client that has not received it
 
-FROM_CLIENTS = (*FRAMES, Heartbeat, Leave, Mark, SetHand, Effects)
+FROM_CLIENTS = (*FRAMES, Edges, Heartbeat, Leave, Mark, SetHand, Effects)
 
 
 class ServerCore:
@@ -148,9 +148,11 @@ class ServerCore:
             elif message.stamp.echo_ns:
                 self._drop("implausible stamp")
             if type(message) is not Heartbeat and (
-                type(message) is not room.frame
-                or seat.port is None
-                or not seat.port.receive(message, now_ns)
+                seat.port is None
+                or (
+                    type(message) is not Edges
+                    and (type(message) is not room.frame or not seat.port.receive(message, now_ns))
+                )
                 or (message.handle is not None and not seat.port.handle.receive(message.handle, message.stamp.sent_ns))
             ):
                 self._drop("unfit")  # it keeps no seat: who can bring nothing in counts as silent

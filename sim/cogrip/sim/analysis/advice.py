@@ -287,12 +287,7 @@ def _seat(user: UserAdvice, seat: SeatSettings, record: Capability, section: str
         yield Finding("feel", _felt_text(user, seat, limit), feel_level(user.felt_npm, user.asked_npm))
     if seat.line.live or seat.line.wave_filter_hz:
         yield Finding("line", _line_text(user.name, seat, damper.value_nspm))
-    if (
-        seat.coupling.kind == "wave"
-        and seat.playout.concealment == "elastic"
-        and max(seat.up.loss, seat.down.loss) > 0.0
-    ):
-        yield _gaps(user.name, seat, damper.value_nspm, record.continuous_force_n)
+    yield from gaps(f"{user.name}: ", seat, damper.value_nspm, record.continuous_force_n)
     yield _free(user)
 
 
@@ -305,14 +300,20 @@ def _line_text(name: str, seat: SeatSettings, impedance_nspm: float) -> str:
     )
 
 
-def _gaps(name: str, seat: SeatSettings, impedance_nspm: float, wanted_n: float) -> Finding:
+def gaps(whom: str, seat: SeatSettings, impedance_nspm: float, wanted_n: float) -> Iterator[Finding]:
     """Say up to which force the credit holds a hand through missing frames (theory 3.5), and which holds all it can have."""
+    coupling, lossy = seat.coupling.kind, max(seat.up.loss, seat.down.loss) > 0.0
+    if coupling != "wave" or seat.playout.concealment != "elastic" or not lossy:
+        return
     one_mj_n = held_force(impedance_nspm, 1e-3, seat.rates.frame_s, seat.object.axes)
     held_n, enough_mj = one_mj_n * sqrt(seat.playout.tank_mj), (wanted_n / one_mj_n) ** 2
-    text = f"{name}: {plain(held_n, 2)} N are held in full where frames are lost, by a credit of {seat.playout.tank_mj:g} mJ"
+    text = (
+        f"{whom}{plain(held_n, 2)} N are held in full where frames are lost, by a credit of {seat.playout.tank_mj:g} mJ"
+    )
     if held_n >= wanted_n:
-        return Finding("gaps", text)
-    return Finding(
+        yield Finding("gaps", text)
+        return
+    yield Finding(
         "gaps",
         f"{text}; a larger force feels softer; the {plain(wanted_n, 3)} N that the device gives for ever would take "
         f"playout.tank_mj = {plain(enough_mj, 2)}",

@@ -5,16 +5,18 @@ from pathlib import Path
 
 import numpy as np
 
+from cogrip.devices.for_user import make_for
 from cogrip.protocol.felt_stiffness import felt_stiffness
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.line_tuning import filter_lag_s
-from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
+from cogrip.protocol.setting_types import GRIP_AXES
+from cogrip.protocol.settings import SeatSettings, Settings, seat_axes, seat_settings
 from cogrip.server.worlds.local_geometry import local_geometry
 from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, held_by, load_scene
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_surfaces import MOST_MESHES
 from cogrip.server.worlds.scene_text import MOST_NAMED
-from cogrip.sim.analysis.advice import Finding, overloads, plain, unbounded
+from cogrip.sim.analysis.advice import Finding, gaps, overloads, plain, unbounded
 
 
 def scene_findings(settings: Settings) -> list[Finding]:
@@ -24,7 +26,8 @@ def scene_findings(settings: Settings) -> list[Finding]:
     scene = load_scene(Path(given.file), held_by(settings), seats[0].rates.frame_s / given.substeps)
     felt = [_felt(scene, seat) for seat in seats if seat.coupling.kind == "wave"]
     local = [each for seat in seats if seat.coupling.kind == "local" for each in _local(scene, seat)]
-    return [*_contact(scene), *felt, *local, *_drawn(scene), *_loads(settings)]
+    grips = [each for seat in seats if seat.object.axes == GRIP_AXES for each in _grip(settings, scene, seat)]
+    return [*_contact(scene), *felt, *grips, *local, *_drawn(scene), *_loads(settings)]
 
 
 def _contact(scene: Scene) -> Iterator[Finding]:
@@ -69,16 +72,40 @@ def _local(scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
 
 def _felt(scene: Scene, seat: SeatSettings) -> Finding:
     """Return the stiffness and the mass that a hand feels (theory 8.4)."""
-    tool_kg = float(scene.model.body_mass[scene.tools[seat.seat].body])
-    b, frame_s = seat.coupling.impedance_nspm, seat.rates.frame_s
-    frames = sum(line_delay(seat.playout, link, seat.rates).frames for link in (seat.up, seat.down))
-    loop_frames = frames + 1.0
+    tool_kg, b = float(scene.model.body_mass[scene.tools[seat.seat].body]), seat.coupling.impedance_nspm
     contact_npm = CONTACT_RATE_PS2 * (tool_kg + b * float(scene.model.opt.timestep))
-    felt_npm = felt_stiffness(contact_npm, seat.line_compliance(loop_frames))
-    mass_kg = tool_kg + 0.5 * b * (loop_frames * frame_s + 2.0 * filter_lag_s(seat.line.wave_filter_hz))
+    felt_npm = felt_stiffness(contact_npm, seat.line_compliance(_loop_frames(seat)))
+    mass_kg = tool_kg + _line_kg(seat, b)
     own = "" if "geom solref" not in scene.own else " where contact is as hard as by default"
     text = f"{seat.user}: a fixed body is felt with {plain(felt_npm)} N/m at rest{own}; the free tool as {plain(mass_kg, 3)} kg"
     return Finding("felt", text)
+
+
+def _grip(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
+    """Yield what the fingers of a gripper feel of their line, whose impedance is their own (theory 8.8)."""
+    joint, b_g = scene.tools[seat.seat].opening, seat.coupling.behind
+    finger_kg = float(scene.model.body_mass[scene.model.jnt_bodyid[joint]])
+    most_npm = b_g / (seat.coupling.impedance_nspm * seat.line_compliance(_loop_frames(seat)))
+    mass_kg = finger_kg + _line_kg(seat, b_g)
+    text = (
+        f"{seat.user}: the gripper's line is a spring of {plain(most_npm)} N/m at rest, at b_g = {plain(b_g, 3)} N s/m, in "
+        f"series with what is between the fingers; the free finger is felt as {plain(mass_kg, 3)} kg"
+    )
+    yield Finding("felt", text)
+    user = settings.users[seat.seat]
+    if gripper := make_for(user, seat_axes(settings, user)).capability.gripper:
+        yield from gaps(f"{seat.user}: between the fingers ", seat, b_g, gripper.continuous_force_n)
+
+
+def _loop_frames(seat: SeatSettings) -> float:
+    """Return the frames from a forward wave's own to that in which its answer is applied: 2d + 1."""
+    return sum(line_delay(seat.playout, link, seat.rates).frames for link in (seat.up, seat.down)) + 1.0
+
+
+def _line_kg(seat: SeatSettings, impedance_nspm: float) -> float:
+    """Return the mass of a line of this impedance that moves freely (theory 8.4)."""
+    lag_s = 2.0 * filter_lag_s(seat.line.wave_filter_hz)
+    return 0.5 * impedance_nspm * (_loop_frames(seat) * seat.rates.frame_s + lag_s)
 
 
 def _loads(settings: Settings) -> Iterator[Finding]:
