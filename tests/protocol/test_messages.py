@@ -129,6 +129,7 @@ LARGEST: dict[str, messages.AnyMessage] = {
         BIG, 2**53, 2**53, HandChange(0.3, 0.3, TURNED, True, WorkspaceLimit("box", (-(10**7), 10**7) * 3), True)
     ),
     "effects": messages.Effects(BIG, 2**53, (2**53,) * 16, 0.1, 2**53, LARGEST_EFFECT),
+    "redirect": messages.Redirect(2**53, BIG, "p" * 60, ("f" * 60,) * messages.MOST_FRONTS),
 }
 
 short_texts = st.text(max_size=40)
@@ -221,6 +222,7 @@ anything = st.one_of(
         messages.Effects, sessions, counters, st.lists(counters, max_size=MOST_EFFECTS).map(tuple), st.floats(0.0, 1e3),
         counters, st.none() | effects,
     ),
+    st.builds(messages.Redirect, counters, sessions, short_texts, st.lists(short_texts, max_size=8).map(tuple)),
 )  # fmt: skip
 
 
@@ -351,7 +353,7 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
     assert largest == {
         "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1194,
         "farewell": 766, "view": 1008, "person": 424, "bodies": 1193, "geom": 1151, "mark": 122, "set hand": 123,
-        "effects": 702,
+        "effects": 702, "redirect": 579,
     }  # fmt: skip
     assert max(largest["welcome"], largest["refuse"]) <= HELLO_BYTES, "no answer to anyone is longer than the hello"
     assert len(padded(LARGEST["hello"])) == HELLO_BYTES
@@ -457,7 +459,7 @@ def test_a_pose_out_of_bounds_is_malformed(pose: tuple[int, tuple[float, ...]]) 
 
 def test_messages_of_the_two_ends_are_told_by_their_tag() -> None:
     tags = {name: msgpack.unpackb(encode(message))[0] for name, message in LARGEST.items()}
-    assert list(tags.values()) == list(range(1, 17))
+    assert list(tags.values()) == list(range(1, 18))
     assert messages.encode is encode
 
 

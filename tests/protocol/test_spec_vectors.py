@@ -98,7 +98,7 @@ def said(value: Any) -> Any:
 
 
 def test_every_message_has_a_vector() -> None:
-    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 17))
+    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 18))
 
 
 @pytest.mark.parametrize("name", VECTORS)
@@ -193,6 +193,7 @@ ARRAYS: list[tuple[str, str, type[msgspec.Struct], str, list[int]]] = [
     ("3.17 SetHand", "", messages.SetHand, "setHand", []),
     ("3.17 SetHand", "Hand:", HandChange, "setHand", [4]),
     ("3.18 Effects", "", messages.Effects, "effects", []),
+    ("3.19 Redirect", "", messages.Redirect, "redirect", []),
 ]
 MAPS: list[tuple[str, type[msgspec.Struct], list[int]]] = [
     ("coupling", Coupling, [6, 6]),
@@ -289,7 +290,7 @@ def cases(kind: str, bound: str, old: Any) -> list[tuple[Any, bool]]:
         return [(letters, True), ("", True), *((value, False) for value in wrong)]
     if kind == "bool":
         return [(True, True), (False, True), (1, False), (None, False)]
-    lengths = re.fullmatch(r"list of (\d+) to (\d+) (reals|ints)", kind)
+    lengths = re.fullmatch(r"list of (\d+) to (\d+) (reals|ints|texts)", kind)
     if lengths:
         short, long = int(lengths[1]), int(lengths[2])
         one, some = [old[0]], max(1, short)

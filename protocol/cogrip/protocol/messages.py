@@ -57,6 +57,8 @@ Bound = Annotated[float, msgspec.Meta(ge=0.0, le=NO_BOUND)]
 Milliseconds = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
 Frames = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Presence = Literal["joining", "live", "silent"]
+ServerPlace = Annotated[str, msgspec.Meta(max_length=60)]
+MOST_FRONTS = 8  # of a redirect
 MOST_POSES = 39  # of one message
 _POSE = Struct("<H7f")
 MOST_POSE_BYTES = MOST_POSES * _POSE.size
@@ -351,6 +353,15 @@ class Effects(Message, frozen=True, tag=16):
     effect: Effect | None = None  # down, in the hand's own frame; None: none is left
 
 
+class Redirect(Message, frozen=True, tag=17):
+    """A server's answer to a hello whose room another one serves: where it is, and who knows where it is later."""
+
+    version: Counter
+    nonce: Ns
+    place: ServerPlace  # HOST:PORT, the host an address
+    fronts: Annotated[tuple[ServerPlace, ...], msgspec.Meta(max_length=MOST_FRONTS)] = ()
+
+
 def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
     """Return the records of a `Bodies`."""
     return b"".join([_POSE.pack(body, *pose) for body, pose in poses])
@@ -358,7 +369,9 @@ def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
 
 Frame = Waves | State | Power  # what couplings send, one a frame
 Observed = Person | Bodies | Geom | Mark | Effects  # what observers are sent beside views
-AnyMessage = Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell | View | Power | Observed | SetHand
+AnyMessage = (
+    Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell | View | Power | Observed | SetHand | Redirect
+)
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
 _raw_decoder = msgspec.msgpack.Decoder(list[msgspec.Raw])
