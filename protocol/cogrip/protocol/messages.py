@@ -370,7 +370,19 @@ def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
 Frame = Waves | State | Power  # what couplings send, one a frame
 Observed = Person | Bodies | Geom | Mark | Effects  # what observers are sent beside views
 AnyMessage = (
-    Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell | View | Power | Observed | SetHand | Redirect
+    Hello
+    | Welcome
+    | Refuse
+    | Waves
+    | State
+    | Heartbeat
+    | Leave
+    | Farewell
+    | View
+    | Power
+    | Observed
+    | SetHand
+    | Redirect
 )
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
