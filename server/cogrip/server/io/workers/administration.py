@@ -7,7 +7,19 @@ from dataclasses import dataclass, field
 
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.authenticator import TokenAuthenticator
-from cogrip.server.io.control import Answer, Control, Kick, Mark, Reload, Request, SetHand, Status, Who
+from cogrip.server.io.control import (
+    NO_CLUSTER,
+    Answer,
+    Control,
+    Drain,
+    Kick,
+    Mark,
+    Reload,
+    Request,
+    SetHand,
+    Status,
+    Who,
+)
 from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.workers.front import Front
@@ -34,8 +46,10 @@ class Administration:
     def __init__(
         self, front: Front, say: Callable[[ServerEvent], None], software: str, *, control: Control | None,
         authenticator: TokenAuthenticator | None, metrics: MetricsFeed | None, reload: Callable[[], bool],
+        drain: Callable[[str], tuple[str, bool]] = lambda host: (NO_CLUSTER, False),
     ) -> None:  # fmt: skip
-        """reload: says whether the tokens are to be read again, by a signal."""
+        """reload: says whether the tokens are to be read again, by a signal. drain: lets the rooms of a host move."""
+        self._drain = drain
         self._front, self._say, self._software = front, say, software
         self._control, self._authenticator, self._metrics = control, authenticator, metrics
         self._asks_reload = reload
@@ -112,6 +126,10 @@ class Administration:
         order = request.order
         if isinstance(order, Reload):
             text, ok = self._reload()
+            self._control.answer(request, text, ok=ok)
+            return
+        if isinstance(order, Drain):
+            text, ok = self._drain(order.host)
             self._control.answer(request, text, ok=ok)
             return
         room = "" if isinstance(order, Status) else order.room
