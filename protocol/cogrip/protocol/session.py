@@ -45,7 +45,7 @@ LEAVE_GIVE_UP_NS = 600_000_000
 SECONDS_OVER = "its --seconds are over"  # of a server with a time limit: no session is cut short
 IN_ORDER = "the server was stopped"  # the farewell of a server that was stopped on purpose begins with this
 
-MOST_REDIRECTS = 4  # in a row, without a welcome
+MOST_REDIRECTS = 4  # in a row
 
 FOR_OBSERVERS = (View, Person, Bodies)  # tuples: a union would be made for every datagram
 ANSWERS, NOT_OF_A_SESSION = (Welcome, Refuse), (Hello, Leave, Redirect)

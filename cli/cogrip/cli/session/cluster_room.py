@@ -1,9 +1,8 @@
 """Process of one room of a cluster: an ordinary server of this room, with a UDP port of its own.
 
-Started by `cogrip.server.io.cluster.room_actor` with two descriptors: its end of the link, and a file with the job.
+Started by `cogrip.server.io.cluster.room_actor` with a descriptor, its end of the link, before it is known which room.
 """
 
-import os
 import select
 import signal
 import socket
@@ -22,13 +21,11 @@ from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.version import VERSION
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.housekeeping import Housekeeping
-from cogrip.server.io.platform import content_of
 from cogrip.server.io.state_folder import find_folder
 from cogrip.server.io.token_file import TokenFile
-from cogrip.server.io.workers.link import Assign, End, HandOver, Link, LinkEndedError, Obey, Ready
+from cogrip.server.io.workers.link import End, HandOver, Link, LinkEndedError, Obey, Ready, Serve
 from cogrip.server.io.workers.orders import LinkMeasures, LinkOrders
 from cogrip.server.loop import LiveServer
-from cogrip.server.room import Room
 from cogrip.sim.runs.folder import SERVER_RECORDING
 
 
@@ -45,17 +42,17 @@ class HandedOverError(Exception):
 
 def main(arguments: list[str]) -> int:
     """Serve the room once the actor says so. Return the exit code."""
-    link_end, job_file, number = map(int, arguments)
+    (link_end,) = map(int, arguments)
     for each in (*system.END_SIGNALS, system.HANGUP_SIGNAL):
         if each is not None:
             signal.signal(each, signal.SIG_IGN)  # the link ends this process
-    job = msgspec.json.decode(content_of(job_file), type=RoomJob)
-    os.close(job_file)
     link = Link(socket.socket(fileno=link_end))
-    Room(job.rooms[0])  # all that is imported for such a room is there before it is handed over
     try:
         select.select([link.socket], [], [])
-        return _serve(link, job, number) if isinstance(link.take_at_worker()[0], Assign) else 0
+        first = link.take_at_worker()[0]
+        if not isinstance(first, Serve):  # the end, of one that was never needed
+            return 0
+        return _serve(link, msgspec.json.decode(first.job, type=RoomJob), first.number)
     except HandedOverError:
         return 0
     except LinkEndedError:

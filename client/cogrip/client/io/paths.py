@@ -124,7 +124,9 @@ class Paths:
     _newest_hello: bytes = field(init=False, default=b"")
     _known: list[Server] = field(init=False, default_factory=list)  # that are asked in turn, in a silence
     _asked: int = field(init=False, default=0)  # number of the next of them
-    _redirects: int = field(init=False, default=0)  # since the last welcome
+    _redirects: int = field(
+        init=False, default=0
+    )  # since the last welcome, or the last path that was opened without one
 
     def open(self) -> None:
         """Open the first path. Raises JoinError."""
@@ -186,7 +188,6 @@ class Paths:
         """Give `take` the messages that have come; follow redirects.
 
         answers: tells a welcome, whose path is used from then on; redirect: returns a redirect that is awaited.
-
         At most MOST_DATAGRAMS by each path: what is beyond them waits in the socket for the next drain.
         """
         migration = self._migration
@@ -213,15 +214,21 @@ class Paths:
                         self._follow(found, now_ns)
                         continue
                     if migration.newer is not None and answers(message):
-                        self._close(*migration.adopt(path))
-                        self.failed, self._redirects = "", 0
-                        if path.server not in self._known:
-                            self._known[:0] = [path.server]
+                        self._adopt(path)
                     take(message, now_ns)
+                if path not in migration.paths:  # a redirect has closed it
+                    break
             else:
                 self._counts[LEFT] += 1
             if channel.outbox:
                 self._flush(path)
+
+    def _adopt(self, path: NetworkPath) -> None:
+        """Use a path from now on, and ask its server first in the next silence."""
+        self._close(*self._migration.adopt(path))
+        self.failed, self._redirects, self._hello = "", 0, b""
+        if path.server not in self._known:
+            self._known[:0] = [path.server]
 
     def _follow(self, redirect: Redirect, now_ns: int) -> None:
         """Open a path to the server that a redirect names."""
@@ -253,7 +260,7 @@ class Paths:
         if migration.due(now_ns, resuming, ready, newest.refused):
             self.failed = newest.channel.failed or self.failed
             server = self._known[self._asked % len(self._known)]
-            self._asked += 1
+            self._asked, self._redirects = self._asked + 1, 0
             another = self._open_path(server)
             self._close(migration.tried(another, now_ns))
             if another is not None:

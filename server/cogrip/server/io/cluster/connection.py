@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from cogrip.server.io.cluster.directory import Home
-from cogrip.server.io.cluster.directory_actor import DirectoryActor, actor_name
+from cogrip.server.io.cluster.directory_actor import DirectoryActor
 from cogrip.server.io.cluster.room_actor import DIRECTORY, NAMESPACE
 from cogrip.server.io.control import Answer
 from cogrip.server.io.workers.link import Answered, Obey, Void
@@ -106,7 +106,7 @@ class RemoteRooms:
         return [
             RemoteRoom(
                 (room,),
-                RemoteLink(partial(self._order, actor_name(room, home.number))),
+                RemoteLink(partial(self._order, home.actor)),
                 decode(home.snapshot) if home.snapshot else None,
             )
             for room, home in self.homes.items()
@@ -138,15 +138,23 @@ class RemoteRooms:
         self._thread.join(CALL_S)
         ray, code = self._ray, 0
         with suppress(ray.exceptions.RayError, ValueError):
-            homes = ray.get(self._directory().leave.remote(self.place), timeout=CALL_S)
-            if homes is not None:
+            left = ray.get(self._directory().leave.remote(self.place), timeout=CALL_S)
+            if left is not None:
                 ray.kill(self._directory())  # or it would begin them anew
-                names = [actor_name(room, home.number) for room, home in homes.items()]
-                codes = [ray.get_actor(name, NAMESPACE).end.remote(reason) for name in names]
-                code = max(ray.get(codes, timeout=END_S), default=0)
+                homes, spares = left
+                code = max(self._each_ends([home.actor for home in homes.values()], reason), default=0)
+                self._each_ends(spares, reason)
         self._callers.shutdown(wait=False, cancel_futures=True)
         ray.shutdown()
         return code
+
+    def _each_ends(self, names: Sequence[str], reason: str) -> list[int]:
+        """End actors. Returns the exit codes of those that could be asked."""
+        ray, codes = self._ray, []
+        for name in names:
+            with suppress(ValueError):
+                codes.append(ray.get_actor(name, NAMESPACE).end.remote(reason))
+        return list(ray.get(codes, timeout=END_S))
 
     def _directory(self) -> Any:
         """Return the directory, started if need be: by the head, which no cluster outlives."""
@@ -184,5 +192,5 @@ class RemoteRooms:
             asked = ray.get_actor(name, NAMESPACE).obey.remote(msgspec.json.encode(order.order))
             answer = msgspec.json.decode(ray.get(asked, timeout=ORDER_S), type=Answer)
         except (ray.exceptions.RayError, ValueError):
-            answer = Answer(False, f"{name.rpartition(' ')[0]} has not answered; try again")
+            answer = Answer(False, "a room has not answered; try again")
         self._news.append(Answered(order.number, answer))

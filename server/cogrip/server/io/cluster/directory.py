@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 LOST_S = 1.5  # without a report, of an actor that serves
-START_S = 20.0  # likewise, of one that is being started; it may have to wait for the one before
+START_S = 30.0  # likewise, of one that is being started; it may have to wait for the one before
 SUSPECT_S = 15.0  # for which no room is placed on a host that lost one, if there is another
 GAP_S = 0.5  # between two calls: longer ones are this process's own
 
@@ -25,6 +25,7 @@ class Host(NamedTuple):
 class Report(NamedTuple):
     """What the actor of a room tells of itself. place: HOST:PORT, "" before it serves; taken: seats; snapshot: encoded."""
 
+    actor: str
     room: str
     number: int
     host: str
@@ -35,19 +36,19 @@ class Report(NamedTuple):
 
 
 class Start(NamedTuple):
-    """Actor to be started. after: number of the one that hands the room over, 0 for none."""
+    """Actor to be started. after: name of the one that hands the room over, "" for none."""
 
     room: str
     number: int
     host: str
     job: bytes
-    after: int
+    after: str
 
 
 class Home(NamedTuple):
     """Where a room is: what its newest report said."""
 
-    number: int
+    actor: str
     place: str
     taken: tuple[str, ...]
     snapshot: bytes
@@ -112,10 +113,15 @@ class Directory:
             room.serving, room.heard_s = told, now_s
         return True
 
+    @property
+    def settled(self) -> bool:
+        """True while no room is being started."""
+        return all(room.serving and not room.starting for room in self._rooms.values())
+
     def homes(self) -> dict[str, Home]:
         """Return where the rooms are that are served."""
         return {
-            name: Home(room.serving.number, room.serving.place, room.serving.taken, room.serving.snapshot)
+            name: Home(room.serving.actor, room.serving.place, room.serving.taken, room.serving.snapshot)
             for name, room in self._rooms.items()
             if room.serving
         }
@@ -145,7 +151,7 @@ class Directory:
             return []
         started = []
         for name, room in self._rooms.items():
-            if room.serving and now_s - room.heard_s > LOST_S:
+            if room.serving and not room.starting and now_s - room.heard_s > LOST_S:
                 self.lost += 1
                 self._suspect[room.serving.host] = now_s
                 room.serving = None
@@ -156,7 +162,7 @@ class Directory:
             if room.starting or (room.serving and not drained):
                 continue
             if host := self._host(hosts, now_s):
-                after = room.serving.number if room.serving else 0
+                after = room.serving.actor if room.serving else ""
                 room.number, room.host, room.since_s, room.starting = room.number + 1, host, now_s, True
                 started.append(Start(name, room.number, host, room.job, after))
         return started

@@ -1,19 +1,15 @@
 """Actor of the directory: the clock, the nodes of Ray, and the actors that it starts."""
 
+import secrets
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
-from cogrip.server.io.cluster.directory import Directory, Home, Host, Report
+from cogrip.server.io.cluster.directory import LOST_S, START_S, Directory, Home, Host, Report
 from cogrip.server.io.cluster.room_actor import NAMESPACE, RoomActor
 
 HOSTS_S = 1.0  # between two looks at the nodes
-
-
-def actor_name(room: str, number: int) -> str:
-    """Return the name of a room's actor."""
-    return f"room {room} {number}"
 
 
 class DirectoryActor:
@@ -24,6 +20,8 @@ class DirectoryActor:
         self._command, self._loopback = tuple(command), loopback
         self._hosts: list[Host] = []
         self._hosts_s = float("-inf")
+        self._spares: dict[str, tuple[str, float]] = {}  # by host: name, and when it was heard of
+        self._started: set[str] = set()
 
     def front(
         self, place: str, jobs: Mapping[str, bytes]
@@ -36,8 +34,14 @@ class DirectoryActor:
         return refused, self._directory.homes(), fronts, counts
 
     def report(self, told: tuple[Any, ...]) -> bool:
-        """See `Directory`."""
-        allowed = self._directory.report(Report(*told), time.monotonic())
+        """See `Directory`; a spare may go on where this directory has started it."""
+        report = Report(*told)
+        if report.room:
+            allowed = self._directory.report(report, time.monotonic())
+        else:
+            allowed = report.actor in self._started
+            if self._spares.get(report.host, ("", 0.0))[0] == report.actor:
+                self._spares[report.host] = report.actor, time.monotonic()
         self._look()
         return allowed
 
@@ -47,9 +51,11 @@ class DirectoryActor:
         self._look()
         return said
 
-    def leave(self, place: str) -> dict[str, Home] | None:
-        """Forget a front. Returns the rooms that it has to end, as it was the last; else None."""
-        return self._directory.homes() if self._directory.leave_front(place) else None
+    def leave(self, place: str) -> tuple[dict[str, Home], list[str]] | None:
+        """Forget a front. Returns the rooms and the spares that it has to end, as it was the last; else None."""
+        if not self._directory.leave_front(place):
+            return None
+        return self._directory.homes(), [spare for spare, _ in self._spares.values()]
 
     def _living(self) -> list[Host]:
         import ray
@@ -65,19 +71,32 @@ class DirectoryActor:
         return self._hosts
 
     def _look(self) -> None:
+        """Start what is to be started: rooms, by the spares of their hosts, and a spare on each host."""
+        import ray
+
+        hosts, now_s = {host.name: host for host in self._living()}, time.monotonic()
+        for start in self._directory.look(list(hosts.values()), now_s):
+            spare, heard_s = self._spares.pop(start.host, ("", 0.0))
+            if not spare or now_s - heard_s > LOST_S:
+                spare = self._start(hosts[start.host])
+            with suppress(ValueError):  # it has died: another one is tried once it was not heard of
+                ray.get_actor(spare, NAMESPACE).serve.remote(start.room, start.job, start.number, start.after)
+        for name, host in hosts.items() if self._directory.settled else ():
+            if name not in self._spares or now_s - self._spares[name][1] > START_S:
+                self._spares[name] = self._start(host), now_s
+
+    def _start(self, host: Host) -> str:
+        """Start an actor on a host. Returns its name."""
         import ray
         from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-        hosts = self._living()
-        for start in self._directory.look(hosts, time.monotonic()):
-            address = next(host.address for host in hosts if host.name == start.host)
-            there = NodeAffinitySchedulingStrategy(node_id=start.host, soft=False)
-            options: dict[str, Any] = {
-                "name": actor_name(start.room, start.number), "namespace": NAMESPACE, "lifetime": "detached",
-                "num_cpus": 0, "max_concurrency": 4, "scheduling_strategy": there,
-            }  # fmt: skip
-            with suppress(ValueError):  # there is one of this name: it is heard of, or another number is tried
-                ray.remote(RoomActor).options(**options).remote(
-                    self._command, start.room, start.job, start.number, start.host,
-                    "127.0.0.1" if self._loopback else address, actor_name(start.room, start.after) if start.after else "",
-                )  # fmt: skip
+        name = f"room {host.name[:8]} {secrets.token_hex(4)}"
+        there = NodeAffinitySchedulingStrategy(node_id=host.name, soft=False)
+        options: dict[str, Any] = {
+            "name": name, "namespace": NAMESPACE, "lifetime": "detached", "num_cpus": 0, "max_concurrency": 4,
+            "scheduling_strategy": there,
+        }  # fmt: skip
+        address = "127.0.0.1" if self._loopback else host.address
+        ray.remote(RoomActor).options(**options).remote(self._command, name, host.name, address)
+        self._started.add(name)
+        return name

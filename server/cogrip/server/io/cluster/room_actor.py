@@ -1,7 +1,8 @@
 """Actor of a room: it starts the room's process, tells the directory of it, and hands orders on.
 
-The process is an ordinary server with one room and a UDP port of its own; it ends with its link to the actor. So when a host
-dies, or Ray there, or the directory has given the room to another actor, nobody is served twice.
+It waits, as a spare of its host, until it is given a room: a start takes longer than anyone should wait. The process is an
+ordinary server with one room and a UDP port of its own; it ends with its link to the actor. So when a host dies, or Ray there,
+or the directory has given the room to another actor, nobody is served twice.
 """
 
 import os
@@ -19,11 +20,10 @@ import msgspec
 from cogrip.protocol.io.platform import system
 from cogrip.server.io.cluster.directory import Report
 from cogrip.server.io.control import Answer, AnyOrder
-from cogrip.server.io.platform import memory_file, message_pair
+from cogrip.server.io.platform import message_pair
 from cogrip.server.io.workers.link import (
     Answered,
     AnyToWorker,
-    Assign,
     End,
     HandOver,
     Link,
@@ -31,6 +31,7 @@ from cogrip.server.io.workers.link import (
     Measured,
     Obey,
     Ready,
+    Serve,
 )
 from cogrip.server.snapshot import decode
 
@@ -45,26 +46,32 @@ ORDER = msgspec.json.Decoder(AnyOrder)
 class RoomActor:
     """One room, on this host. command: module of the room's process and its arguments."""
 
-    def __init__(
-        self, command: Sequence[str], room: str, job: bytes, number: int, host: str, address: str, after: str
-    ) -> None:
-        """address: of this host, as people reach it. after: actor that hands the room over, "" for none."""
-        self._report = Report(room, number, host, job)
+    def __init__(self, command: Sequence[str], name: str, host: str, address: str) -> None:
+        """name: of this actor; address: of this host, as people reach it."""
+        self._report = Report(name, "", 0, host, b"")
         self._address = address
         ours, theirs = message_pair()
-        job_file = memory_file(job)
-        handles = (theirs.fileno(), job_file)
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", *command, *map(str, handles), str(number)],
-            stdin=subprocess.DEVNULL, **system.own_session(*handles),
+            [sys.executable, "-P", "-m", *command, str(theirs.fileno())],
+            stdin=subprocess.DEVNULL, **system.own_session(theirs.fileno()),
         )  # fmt: skip
         theirs.close()
-        os.close(job_file)
         self._link, self._lock = Link(ours), threading.Lock()
         self._answers: dict[int, Answer] = {}
         self._answered = threading.Condition()
         self._number = 0
-        threading.Thread(target=self._run, args=(after,), daemon=True).start()
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def serve(self, room: str, job: bytes, number: int, after: str) -> None:
+        """Serve a room. after: actor that hands it over, "" for none."""
+        import ray
+        from ray.exceptions import RayError
+
+        self._report = self._report._replace(room=room, job=job, number=number)
+        if after:
+            with suppress(RayError, ValueError):  # it has died: its last checkpoint is there
+                ray.get(ray.get_actor(after, NAMESPACE).hand_over.remote(), timeout=HAND_OVER_S)
+        self._send(Serve(job, number))
 
     def obey(self, order: bytes) -> bytes:
         """Return the answer to an order."""
@@ -96,27 +103,22 @@ class RoomActor:
         with self._lock:
             self._link.send(message)
 
-    def _run(self, after: str) -> None:
+    def _run(self) -> None:
         """Follow the process until it ends, or until the directory says that another actor has the room."""
         import ray
         from ray.exceptions import RayError
 
         directory, due_s = ray.get_actor(DIRECTORY, NAMESPACE), 0.0
         asked: list[Any] = []
-        if after:
-            with suppress(RayError, ValueError):  # it has died: its last checkpoint is there
-                ray.get(ray.get_actor(after, NAMESPACE).hand_over.remote(), timeout=HAND_OVER_S)
-        self._send(Assign((self._report.room,), False, (), ()))
-        allowed = True
+        allowed, raylet = True, os.getppid()
         with suppress(LinkEndedError):
-            while allowed:
+            while allowed and os.getppid() == raylet:  # without it the cluster takes this host for dead
                 if select.select([self._link.socket], [], [], EVERY_S)[0]:
                     self._take()
                 if time.monotonic() >= due_s:
                     due_s = time.monotonic() + EVERY_S
                     allowed, asked = _allowed(ray, RayError, asked)
                     asked.append(directory.report.remote(tuple(self._report)))
-        if not allowed:
             self._process.kill()
         self._process.wait()
         time.sleep(LINGER_S)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.authenticator import TokenAuthenticator
+from cogrip.server.io.cluster.connection import RemoteRoom
+from cogrip.server.io.cluster.front import ClusterFront
 from cogrip.server.io.control import (
     NO_CLUSTER,
     Answer,
@@ -35,7 +37,7 @@ ANSWER_NS = 4_000_000_000  # for which workers may take: less than the one who a
 @dataclass(slots=True)
 class _Waiting:
     request: Request
-    asked: list[Worker]
+    asked: list[Worker | RemoteRoom]
     until_ns: int
     answers: list[Answer] = field(default_factory=list)
 
@@ -44,7 +46,7 @@ class Administration:
     """Orders, tokens and metrics of a front. `begin` before it runs, `end` after; each part may be missing."""
 
     def __init__(
-        self, front: Front, say: Callable[[ServerEvent], None], software: str, *, control: Control | None,
+        self, front: Front | ClusterFront, say: Callable[[ServerEvent], None], software: str, *, control: Control | None,
         authenticator: TokenAuthenticator | None, metrics: MetricsFeed | None, reload: Callable[[], bool],
         drain: Callable[[str], tuple[str, bool]] = lambda host: (NO_CLUSTER, False),
     ) -> None:  # fmt: skip
@@ -140,7 +142,7 @@ class Administration:
                 self._control.answer(request, text, ok=False)
                 return
             room = homes[0] if homes else ""
-        ready = [worker for worker in self._front.pool.workers if worker.state == "ready"]
+        ready: list[Worker | RemoteRoom] = [worker for worker in self._front.pool.workers if worker.state == "ready"]
         home = self._front.pool.home(room) if room else None
         asked = [home] if home is not None else ready
         self._number += 1

@@ -78,6 +78,13 @@ class Void(ToWorker, frozen=True, tag="void"):
     expired: tuple[str, ...]
 
 
+class Serve(ToWorker, frozen=True, tag="serve"):
+    """Serve the room of this job. number: of the process, among those that had the room."""
+
+    job: bytes
+    number: int
+
+
 class HandOver(ToWorker, frozen=True, tag="hand over"):
     """Leave a checkpoint of this moment, and end without a goodbye: another process goes on with the rooms."""
 
@@ -150,7 +157,7 @@ class Measured(ToFront, frozen=True, tag="measured"):
     snapshot: bytes
 
 
-AnyToWorker = Assign | Ask | Path | Stray | Forget | Obey | Void | HandOver | End
+AnyToWorker = Assign | Ask | Path | Stray | Forget | Obey | Void | Serve | HandOver | End
 AnyToFront = Ready | Say | Asked | Astray | Released | Admitted | Revoke | Answered | Measured
 
 _encode = msgspec.msgpack.Encoder().encode
