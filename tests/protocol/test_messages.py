@@ -15,7 +15,7 @@ from cogrip.protocol.drawing import ShapeKind
 from cogrip.protocol.effects import MOST_EFFECTS, MOST_POINTS, Effect, EffectKind
 from cogrip.protocol.hand_settings import HandChange, WorkspaceLimit
 from cogrip.protocol.messages import HELLO_BYTES, VIEWED_SEATS, Hello, MalformedError, decode, encode, padded
-from cogrip.protocol.session import ClientSession, make_hello, nonce_of
+from cogrip.protocol.session import ClientSession, foreign_version, make_hello, nonce_of
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.texts import TEXT_BYTES, clipped
 
@@ -239,7 +239,7 @@ def test_round_trip(message: messages.AnyMessage) -> None:
 
 def read(datagram: bytes) -> messages.AnyMessage | None:
     """Return the decoded message, None for MalformedError; any other error is a bug."""
-    messages.foreign_version(datagram)
+    foreign_version(datagram)
     nonce_of(datagram)
     try:
         return decode(datagram)
@@ -318,7 +318,7 @@ def test_a_wrong_value_in_any_place_is_malformed_or_harmless(name: str) -> None:
 @pytest.mark.parametrize("nested", [b"\x91" * messages.MAX_DATAGRAM_BYTES, b"\x93\x01\xa6cogrip" + b"\x91" * 1200])
 def test_deep_nesting_is_malformed_too(nested: bytes) -> None:
     assert read(nested) is None
-    assert messages.foreign_version(nested) is None
+    assert foreign_version(nested) is None
 
 
 @given(hellos)
@@ -430,14 +430,14 @@ def test_a_hello_of_another_version_is_recognised_by_its_fixed_part() -> None:
     assert len(datagram) == HELLO_BYTES
     with pytest.raises(MalformedError):
         decode(datagram)
-    assert (messages.foreign_version(datagram), nonce_of(datagram)) == (messages.PROTOCOL_VERSION + 1, 77)
-    assert messages.foreign_version(foreign(messages.PROTOCOL_VERSION)) is None
+    assert (foreign_version(datagram), nonce_of(datagram)) == (messages.PROTOCOL_VERSION + 1, 77)
+    assert foreign_version(foreign(messages.PROTOCOL_VERSION)) is None
 
 
 def test_another_magic_is_no_hello() -> None:
     datagram = padded(LARGEST["hello"]).replace(b"cogrip", b"gropic")
     assert read(datagram) is None
-    assert messages.foreign_version(datagram) is None
+    assert foreign_version(datagram) is None
 
 
 @pytest.mark.parametrize(

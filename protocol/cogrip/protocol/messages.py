@@ -386,7 +386,6 @@ AnyMessage = (
 )
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
-_raw_decoder = msgspec.msgpack.Decoder(list[msgspec.Raw])
 
 encode = _encoder.encode
 
@@ -400,17 +399,3 @@ def decode(datagram: bytes) -> AnyMessage:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MalformedError(str(error)) from None
     return with_whole_device(message) if type(message) is Hello else message
-
-
-def foreign_version(datagram: bytes) -> int | None:
-    """Return the protocol version of a hello that `decode` refused for its version; None if it is not one."""
-    try:
-        elements = _raw_decoder.decode(datagram[:MAX_MESSAGE_BYTES])
-        if len(elements) < 3 or msgspec.msgpack.decode(elements[0], type=int) != 1:
-            return None
-        if msgspec.msgpack.decode(elements[1], type=str) != MAGIC:
-            return None
-        version = msgspec.msgpack.decode(elements[2], type=int)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return None
-    return version if version != PROTOCOL_VERSION else None

@@ -369,6 +369,20 @@ def refusal(hello_nonce: int, code: str, reason: str) -> bytes:
     return messages.encode(Refuse(PROTOCOL_VERSION, hello_nonce, code, clipped(reason)))
 
 
+def foreign_version(datagram: bytes) -> int | None:
+    """Return the protocol version of a hello that `decode` refused for its version; None if it is not one."""
+    try:
+        elements = msgspec.msgpack.decode(datagram[: messages.MAX_MESSAGE_BYTES], type=list[msgspec.Raw])
+        if len(elements) < 3 or msgspec.msgpack.decode(elements[0], type=int) != 1:
+            return None
+        if msgspec.msgpack.decode(elements[1], type=str) != messages.MAGIC:
+            return None
+        version = msgspec.msgpack.decode(elements[2], type=int)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+    return version if version != PROTOCOL_VERSION else None
+
+
 def nonce_of(datagram: bytes) -> int:
     """Return the nonce of a hello of another version, 0 if it cannot be read."""
     try:

@@ -75,6 +75,7 @@ class RemoteRooms:
         except (ConnectionError, RuntimeError, ValueError) as error:
             text = str(error).splitlines()[0]
             raise ClusterError(f"no Ray cluster at {where}: {text}; start one: ray start --head") from None
+        logging.getLogger("ray._private.worker").setLevel(logging.CRITICAL)  # it quotes all logs of a host that died
         self._ray: Any = ray
         self._command, self._loopback = tuple(command), loopback
         self.homes: dict[str, Home] = {}

@@ -23,7 +23,7 @@ class Host(NamedTuple):
 
 
 class Report(NamedTuple):
-    """What the actor of a room tells of itself. place: HOST:PORT, "" before it serves; taken: seats; snapshot: encoded."""
+    """State of a room as its actor tells it. place: HOST:PORT, "" before it serves; taken: seats; snapshot: encoded."""
 
     actor: str
     room: str

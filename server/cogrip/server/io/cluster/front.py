@@ -11,7 +11,7 @@ from cogrip.protocol.channel import Address
 from cogrip.protocol.io.receive_buffer import OVERRUN, overrun
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import HELLO_BYTES, MOST_FRONTS, PROTOCOL_VERSION, Hello, MalformedError, Redirect
-from cogrip.protocol.session import nonce_of, refusal, version_mismatch
+from cogrip.protocol.session import foreign_version, nonce_of, refusal, version_mismatch
 from cogrip.protocol.settings import Settings
 from cogrip.server.admission import Authenticator, Denied
 from cogrip.server.events import ServerEvent
@@ -72,7 +72,7 @@ class ClusterFront(PublicPort):
         try:
             hello = messages.decode(message)
         except MalformedError:
-            hello, version = None, messages.foreign_version(message)
+            hello, version = None, foreign_version(message)
         if version is None and not isinstance(hello, Hello):
             self.dropped["malformed" if hello is None else "not seated"] += 1
         elif len(message) < HELLO_BYTES:
