@@ -97,7 +97,10 @@ def leave(*people: Spoken) -> None:
         person.popen.send_signal(signal.SIGINT)
     for person in people:
         person.end()
-        assert largest_step_n(end := recording_of(person), before_silence(end)) < MOST_STEP_N
+        end = recording_of(person)
+        step_n = largest_step_n(end, before_silence(end))
+        print(f"largest step of the force from before the silence on: {step_n:.3f} N")
+        assert step_n < MOST_STEP_N
 
 
 @fairly

@@ -386,7 +386,6 @@ AnyMessage = (
 )
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
-
 encode = _encoder.encode
 
 
