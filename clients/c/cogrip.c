@@ -2824,14 +2824,14 @@ enum { MOST_DATAGRAM_BYTES = 1232, MOST_DATAGRAMS = 64, MOST_MESSAGES = 16 }; /*
 static const int64_t again_ns[] = {500 * MS, 1000 * MS, 2000 * MS};
 
 /* Address of a server. */
-typedef struct place {
+typedef struct endpoint {
     struct sockaddr_storage address;
     socklen_t bytes;
-} place;
+} endpoint;
 
 /* A socket, and where the link says so a DTLS association [11]. */
 typedef struct path {
-    place server;
+    endpoint server;
     int open, fd, refused, ready;
     unsigned char datagram[MOST_DATAGRAM_BYTES + 1];
 #ifndef COGRIP_NO_DTLS
@@ -2846,10 +2846,10 @@ typedef struct path {
 struct cogrip_driver {
     cogrip_client client;
     cogrip_target target;
-    place known[MOST_FRONTS + 2]; /* the server of the link, and those that a redirect named: asked in turn in a silence */
+    endpoint known[MOST_FRONTS + 2]; /* the server of the link, and those that a redirect named: asked in turn in a silence */
     int known_count, asked, redirects, roams;
-    place last;     /* server of the seat */
-    place leads_to; /* of a redirect that is to be followed; without bytes: none is */
+    endpoint last;     /* server of the seat */
+    endpoint leads_to; /* of a redirect that is to be followed; without bytes: none is */
     path paths[2];
     int current, newer; /* places in `paths`; newer: opened since the server fell silent, -1 if none was */
     int tries, was_ready;
@@ -3007,7 +3007,7 @@ static void explain(char *error, size_t bytes, const char *what, const char *why
     if (error && bytes) snprintf(error, bytes, "%s: %s", what, why);
 }
 
-static int path_open(cogrip_driver *driver, path *way, const place *server) {
+static int path_open(cogrip_driver *driver, path *way, const endpoint *server) {
     const int fd = socket(server->address.ss_family, SOCK_DGRAM, 0);
     memset(way, 0, sizeof *way);
     way->server = *server;
@@ -3060,12 +3060,12 @@ static int is_loopback(const struct sockaddr_storage *address) {
         && IN6_IS_ADDR_LOOPBACK(&((const struct sockaddr_in6 *)(const void *)address)->sin6_addr);
 }
 
-static int same_place(const place *one, const place *other) {
+static int same_place(const endpoint *one, const endpoint *other) {
     return one->bytes == other->bytes && !memcmp(&one->address, &other->address, one->bytes);
 }
 
 /* Read ADDRESS:PORT or [ADDRESS]:PORT; nothing is looked up. */
-static int read_place(const char *text, place *into) {
+static int read_place(const char *text, endpoint *into) {
     char host[64], *end;
     const char *colon = strrchr(text, ':');
     const size_t length = colon ? (size_t)(colon - text) : 0;
@@ -3093,7 +3093,7 @@ static int read_place(const char *text, place *into) {
  * False for what is to be dropped. */
 static int take_redirect(cogrip_driver *driver, const redirect *given) {
     const cogrip_state state = driver->client.state;
-    place found;
+    endpoint found;
     if ((state != COGRIP_CONNECTING && state != COGRIP_RESUMING) || given->nonce != (int64_t)driver->client.config.nonce) return 0;
     if (!read_place(given->places[0], &found) || driver->redirects >= MOST_REDIRECTS) return 0;
     if (!driver->roams && is_loopback(&driver->known[0].address) && !is_loopback(&found.address)) return 0;
@@ -3170,7 +3170,7 @@ static void drain(cogrip_driver *driver, int64_t now_ns) {
 
 static path *newest_path(cogrip_driver *driver) { return &driver->paths[driver->newer >= 0 ? driver->newer : driver->current]; }
 
-static void open_newer(cogrip_driver *driver, const place *server, int64_t now_ns) {
+static void open_newer(cogrip_driver *driver, const endpoint *server, int64_t now_ns) {
     const int place = !driver->current;
     path_close(&driver->paths[place]);
     driver->newer = path_open(driver, &driver->paths[place], server) ? place : -1;
