@@ -99,6 +99,7 @@ def leave(*people: Spoken) -> None:
         person.end()
         end = recording_of(person)
         step_n = largest_step_n(end, before_silence(end))
+        print(*re.findall(r"resumed after [0-9.]+ s", person.said))
         print(f"largest step of the force from before the silence on: {step_n:.3f} N")
         assert step_n < MOST_STEP_N
 
