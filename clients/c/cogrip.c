@@ -2805,6 +2805,7 @@ int cogrip_parse_target(const char *text, cogrip_target *target, char *error, si
 #include <netdb.h>
 #include <netinet/in.h>
 #include <arpa/inet.h>
+#include <stdlib.h>
 #include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
@@ -3094,7 +3095,8 @@ static int read_place(const char *text, endpoint *into) {
 static int take_redirect(cogrip_driver *driver, const redirect *given) {
     const cogrip_state state = driver->client.state;
     endpoint found;
-    if ((state != COGRIP_CONNECTING && state != COGRIP_RESUMING) || given->nonce != (int64_t)driver->client.config.nonce) return 0;
+    if (state != COGRIP_CONNECTING && state != COGRIP_RESUMING) return 0;
+    if (given->nonce != (int64_t)driver->client.config.nonce) return 0;
     if (!read_place(given->places[0], &found) || driver->redirects >= MOST_REDIRECTS) return 0;
     if (!driver->roams && is_loopback(&driver->known[0].address) && !is_loopback(&found.address)) return 0;
     if (same_place(&found, &driver->paths[driver->newer >= 0 ? driver->newer : driver->current].server)) return 1;

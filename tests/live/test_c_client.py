@@ -95,7 +95,12 @@ def test_both_clients_follow_a_redirect(run, serve, tmp_path: Path, example, enc
             target = server.hear(r"(cogrip://[^' ]+)'")[1].replace(f":{port}/", f":{front}/")
         ben = run("join", target, "--name", "ben", "--seconds", SECONDS, "--runs", str(tmp_path / "ben"), "--no-report")
         anna = subprocess.run(
-            [example("checked"), "-", SECONDS, "anna"], input=target, capture_output=True, text=True, timeout=60, check=False
+            [example("checked"), "-", SECONDS, "anna"],
+            input=target,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
         )
         assert anna.returncode == 0, anna.stderr
         assert ben.end() == 0, ben.said
