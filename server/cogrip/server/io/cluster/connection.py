@@ -13,6 +13,8 @@ from typing import Any
 
 import msgspec
 
+from cogrip.protocol.io.cluster_address import ClusterError as ClusterError
+from cogrip.protocol.io.cluster_address import probe
 from cogrip.server.io.cluster.directory import Home
 from cogrip.server.io.cluster.directory_actor import DirectoryActor
 from cogrip.server.io.cluster.room_actor import DIRECTORY, NAMESPACE
@@ -25,10 +27,6 @@ CALL_S = 3.0  # for an answer of the directory
 ORDER_S = 3.8  # for an answer of a room
 END_S = 15.0
 CALLERS = 8
-
-
-class ClusterError(Exception):
-    """The cluster cannot be used. The text says why and what to do."""
 
 
 class RemoteLink:
@@ -70,6 +68,7 @@ class RemoteRooms:
             raise ClusterError("--cluster needs the package ray: pip install 'cogrip[cluster]'") from None
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         where = address or os.environ.get("RAY_ADDRESS", "") or "auto"
+        probe(where)
         try:
             ray.init(address=where, namespace=NAMESPACE, log_to_driver=False, logging_level=logging.ERROR)
         except (ConnectionError, RuntimeError, ValueError) as error:
