@@ -21,7 +21,7 @@
 
 enum {
     TAG_HELLO = 1, TAG_WELCOME, TAG_REFUSE, TAG_WAVES, TAG_STATE, TAG_HEARTBEAT, TAG_LEAVE, TAG_FAREWELL, TAG_VIEW, TAG_POWER,
-    TAG_PERSON, TAG_BODIES, TAG_GEOM, TAG_MARK, TAG_SET_HAND, TAG_EFFECTS, TAG_EDGES
+    TAG_PERSON, TAG_BODIES, TAG_GEOM, TAG_MARK, TAG_SET_HAND, TAG_EFFECTS, TAG_EDGES, TAG_REDIRECT
 };
 enum {
     AXES = COGRIP_AXES,
@@ -475,6 +475,14 @@ typedef struct settings {
     double impedance_nspm, lowpass_rad_s, rendered_npm, late, tank_mj, wave_filter_hz;
 } settings;
 
+enum { MOST_FRONTS = 8, MOST_REDIRECTS = 4 };
+
+typedef struct redirect {
+    int64_t nonce;
+    char places[1 + MOST_FRONTS][4 * 60 + 1]; /* of the room, then of the fronts */
+    int count;
+} redirect;
+
 typedef struct welcome {
     int64_t nonce, session;
     settings seat;
@@ -722,6 +730,20 @@ static void get_refusal(reader *from, uint64_t length, refusal *into) {
     into->nonce = get_int(from, 0, INT64_MAX);
     get_text(from, into->code, sizeof into->code, 0, 40);
     get_text(from, into->reason, sizeof into->reason, 0, 300);
+}
+
+static void get_redirect(reader *from, uint64_t length, redirect *into) {
+    memset(into, 0, sizeof *into);
+    if (length != 4 && length != 5) from->bad = 1;
+    get_int(from, 0, MOST_INT);
+    into->nonce = get_int(from, 0, INT64_MAX);
+    get_text(from, into->places[0], sizeof into->places[0], 0, 60);
+    into->count = 1;
+    if (length == 5) {
+        const uint64_t fronts = get_length(from, 0, 0, MOST_FRONTS);
+        for (; into->count <= (int)fronts && !from->bad; into->count++)
+            get_text(from, into->places[into->count], sizeof into->places[0], 0, 60);
+    }
 }
 
 static void get_farewell(reader *from, uint64_t length, farewell *into) {
@@ -2189,6 +2211,7 @@ typedef struct decoded {
     union {
         welcome welcome;
         refusal refusal;
+        redirect redirect;
         waves waves;
         farewell farewell;
         struct {
@@ -2205,10 +2228,11 @@ static void decode(const void *data, size_t bytes, decoded *into) {
     reader from = {data, (const unsigned char *)data + bytes, 0};
     if (!bytes) from.bad = 1;
     const uint64_t length = get_length(&from, 0, 1, UINT32_MAX);
-    into->tag = (int)get_int(&from, TAG_HELLO, TAG_EDGES);
+    into->tag = (int)get_int(&from, TAG_HELLO, TAG_REDIRECT);
     switch (into->tag) {
     case TAG_WELCOME: get_welcome(&from, length, &into->as.welcome); break;
     case TAG_REFUSE: get_refusal(&from, length, &into->as.refusal); break;
+    case TAG_REDIRECT: get_redirect(&from, length, &into->as.redirect); break;
     case TAG_WAVES: get_waves(&from, length, &into->as.waves); break;
     case TAG_FAREWELL: get_farewell(&from, length, &into->as.farewell); break;
     case TAG_HEARTBEAT:
@@ -2808,6 +2832,8 @@ int cogrip_parse_target(const char *text, cogrip_target *target, char *error, si
 #include <fcntl.h>
 #include <netdb.h>
 #include <netinet/in.h>
+#include <arpa/inet.h>
+#include <stdlib.h>
 #include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
@@ -2826,8 +2852,15 @@ enum { MOST_DATAGRAM_BYTES = 1232, MOST_DATAGRAMS = 64, MOST_MESSAGES = 16 }; /*
 #define SPARE_NS (2000 * MS)
 static const int64_t again_ns[] = {500 * MS, 1000 * MS, 2000 * MS};
 
+/* Address of a server. */
+typedef struct endpoint {
+    struct sockaddr_storage address;
+    socklen_t bytes;
+} endpoint;
+
 /* A socket, and where the link says so a DTLS association [11]. */
 typedef struct path {
+    endpoint server;
     int open, fd, refused, ready;
     unsigned char datagram[MOST_DATAGRAM_BYTES + 1];
 #ifndef COGRIP_NO_DTLS
@@ -2842,8 +2875,10 @@ typedef struct path {
 struct cogrip_driver {
     cogrip_client client;
     cogrip_target target;
-    struct sockaddr_storage address;
-    socklen_t address_bytes;
+    endpoint known[MOST_FRONTS + 2]; /* the server of the link, and those that a redirect named: asked in turn in a silence */
+    int known_count, asked, redirects, roams;
+    endpoint last;     /* server of the seat */
+    endpoint leads_to; /* of a redirect that is to be followed; without bytes: none is */
     path paths[2];
     int current, newer; /* places in `paths`; newer: opened since the server fell silent, -1 if none was */
     int tries, was_ready;
@@ -3001,12 +3036,13 @@ static void explain(char *error, size_t bytes, const char *what, const char *why
     if (error && bytes) snprintf(error, bytes, "%s: %s", what, why);
 }
 
-static int path_open(cogrip_driver *driver, path *way) {
-    const int fd = socket(driver->address.ss_family, SOCK_DGRAM, 0);
+static int path_open(cogrip_driver *driver, path *way, const endpoint *server) {
+    const int fd = socket(server->address.ss_family, SOCK_DGRAM, 0);
     memset(way, 0, sizeof *way);
+    way->server = *server;
     if (fd < 0) return 0;
     if (fcntl(fd, F_SETFL, O_NONBLOCK) < 0 || fcntl(fd, F_SETFD, FD_CLOEXEC) < 0 ||
-        connect(fd, (const struct sockaddr *)&driver->address, driver->address_bytes) < 0) {
+        connect(fd, (const struct sockaddr *)&server->address, server->bytes) < 0) {
         driver->client.counts[COGRIP_SOCKET_ERRORS]++;
         close(fd);
         return 0;
@@ -3046,16 +3082,71 @@ static void path_send(cogrip_driver *driver, path *way, const message *out) {
     if (send(way->fd, out->data, out->bytes, 0) < 0) note_error(driver, way);
 }
 
+static int is_loopback(const struct sockaddr_storage *address) {
+    if (address->ss_family == AF_INET)
+        return (ntohl(((const struct sockaddr_in *)(const void *)address)->sin_addr.s_addr) >> 24) == 127;
+    return address->ss_family == AF_INET6
+        && IN6_IS_ADDR_LOOPBACK(&((const struct sockaddr_in6 *)(const void *)address)->sin6_addr);
+}
+
+static int same_place(const endpoint *one, const endpoint *other) {
+    return one->bytes == other->bytes && !memcmp(&one->address, &other->address, one->bytes);
+}
+
+/* Read ADDRESS:PORT or [ADDRESS]:PORT; nothing is looked up. */
+static int read_place(const char *text, endpoint *into) {
+    char host[64], *end;
+    const char *colon = strrchr(text, ':');
+    const size_t length = colon ? (size_t)(colon - text) : 0;
+    const long port = colon && colon[1] >= '0' && colon[1] <= '9' ? strtol(colon + 1, &end, 10) : 0;
+    memset(into, 0, sizeof *into);
+    if (port < 1 || port > 65535 || *end || length < 3 || length >= sizeof host) return 0;
+    memcpy(host, text, length);
+    host[length] = 0;
+    if (host[0] == '[' && host[length - 1] == ']') {
+        struct sockaddr_in6 *const far = (struct sockaddr_in6 *)(void *)&into->address;
+        host[length - 1] = 0;
+        far->sin6_family = AF_INET6;
+        far->sin6_port = htons((uint16_t)port);
+        into->bytes = sizeof *far;
+        return inet_pton(AF_INET6, host + 1, &far->sin6_addr) == 1;
+    }
+    struct sockaddr_in *const far = (struct sockaddr_in *)(void *)&into->address;
+    far->sin_family = AF_INET;
+    far->sin_port = htons((uint16_t)port);
+    into->bytes = sizeof *far;
+    return inet_pton(AF_INET, host, &far->sin_addr) == 1;
+}
+
+/* Note where a redirect leads; `go_on` opens the path once nothing is read from those that are there [4.5].
+ * False for what is to be dropped. */
+static int take_redirect(cogrip_driver *driver, const redirect *given) {
+    const cogrip_state state = driver->client.state;
+    endpoint found;
+    if (state != COGRIP_CONNECTING && state != COGRIP_RESUMING) return 0;
+    if (given->nonce != (int64_t)driver->client.config.nonce) return 0;
+    if (!read_place(given->places[0], &found) || driver->redirects >= MOST_REDIRECTS) return 0;
+    if (!driver->roams && is_loopback(&driver->known[0].address) && !is_loopback(&found.address)) return 0;
+    if (same_place(&found, &driver->paths[driver->newer >= 0 ? driver->newer : driver->current].server)) return 1;
+    driver->leads_to = found;
+    driver->known_count = 1;
+    for (int front = 1; front < given->count; front++)
+        if (read_place(given->places[front], &found)) driver->known[driver->known_count++] = found;
+    driver->asked = 0;
+    return 1;
+}
+
 static void take_message(cogrip_driver *driver, path *way, const unsigned char *data, size_t bytes, int64_t now_ns) {
-    if (driver->newer >= 0) { /* a welcome, by whichever path: that one is used from now on */
-        decoded found;
-        decode(data, bytes, &found);
-        if (found.tag == TAG_WELCOME && found.as.welcome.nonce == (int64_t)driver->client.config.nonce) {
-            const int place = (int)(way - driver->paths);
-            path_close(&driver->paths[!place]);
-            driver->current = place;
-            driver->newer = -1;
-        }
+    decoded found;
+    decode(data, bytes, &found);
+    if (found.tag == TAG_REDIRECT && take_redirect(driver, &found.as.redirect)) return;
+    if (driver->newer >= 0 && found.tag == TAG_WELCOME && found.as.welcome.nonce == (int64_t)driver->client.config.nonce) {
+        const int place = (int)(way - driver->paths); /* by whichever path: that one is used from now on */
+        path_close(&driver->paths[!place]);
+        driver->current = place;
+        driver->newer = -1;
+        driver->redirects = driver->asked = 0;
+        driver->leads_to.bytes = 0;
     }
     cogrip_receive(&driver->client, data, bytes, now_ns);
 }
@@ -3109,10 +3200,20 @@ static void drain(cogrip_driver *driver, int64_t now_ns) {
 
 static path *newest_path(cogrip_driver *driver) { return &driver->paths[driver->newer >= 0 ? driver->newer : driver->current]; }
 
+static void open_newer(cogrip_driver *driver, const endpoint *server, int64_t now_ns) {
+    const int place = !driver->current;
+    path_close(&driver->paths[place]);
+    driver->newer = path_open(driver, &driver->paths[place], server) ? place : -1;
+    driver->since_ns = now_ns;
+    driver->resumed_ns = -1;
+    driver->was_ready = 0;
+    driver->tries++;
+}
+
 /* Open another path while the server is silent; close it once it is not needed any more [4.4]. */
 static void migrate(cogrip_driver *driver, int64_t now_ns) {
     if (driver->client.state != COGRIP_RESUMING) {
-        driver->tries = 0;
+        driver->tries = driver->asked = 0;
         if (driver->newer < 0) return;
         if (driver->resumed_ns < 0) driver->resumed_ns = now_ns;
         if (now_ns - driver->resumed_ns < SPARE_NS) return;
@@ -3128,12 +3229,10 @@ static void migrate(cogrip_driver *driver, int64_t now_ns) {
     const int64_t wait_ns = !driver->tries ? 0 : newest->refused ? REFUSED_NS
         : again_ns[ready || driver->tries > 2 ? 2 : driver->tries - 1];
     if (driver->tries && now_ns - driver->since_ns < wait_ns) return;
-    const int place = !driver->current;
-    path_close(&driver->paths[place]);
-    driver->newer = path_open(driver, &driver->paths[place]) ? place : -1;
-    driver->since_ns = now_ns;
-    driver->was_ready = 0;
-    driver->tries++;
+    if (!driver->tries) driver->last = driver->paths[driver->current].server; /* whom it was seated at is asked first */
+    const int turn = driver->asked++ % (driver->known_count + 1);
+    driver->redirects = 0;
+    open_newer(driver, turn ? &driver->known[turn - 1] : &driver->last, now_ns);
 }
 
 static void send_all(cogrip_driver *driver) {
@@ -3158,15 +3257,13 @@ static void go_on(cogrip_driver *driver, int64_t now_ns) {
     }
 #endif
     if (client->state == COGRIP_IDLE && driver->paths[driver->current].ready) cogrip_connect(client, now_ns);
+    if (driver->leads_to.bytes) {
+        driver->redirects++;
+        open_newer(driver, &driver->leads_to, now_ns);
+        driver->leads_to.bytes = 0;
+    }
     migrate(driver, now_ns);
     send_all(driver);
-}
-
-static int is_loopback(const struct sockaddr_storage *address) {
-    if (address->ss_family == AF_INET)
-        return (ntohl(((const struct sockaddr_in *)(const void *)address)->sin_addr.s_addr) >> 24) == 127;
-    return address->ss_family == AF_INET6
-        && IN6_IS_ADDR_LOOPBACK(&((const struct sockaddr_in6 *)(const void *)address)->sin6_addr);
 }
 
 static int draw_nonce(uint64_t *nonce) {
@@ -3207,10 +3304,12 @@ cogrip_driver *cogrip_open(
         explain(error, error_bytes, driver->target.host, gai_strerror(status));
         return NULL;
     }
-    memcpy(&driver->address, found->ai_addr, found->ai_addrlen);
-    driver->address_bytes = found->ai_addrlen;
+    memcpy(&driver->known[0].address, found->ai_addr, found->ai_addrlen);
+    driver->known[0].bytes = found->ai_addrlen;
+    driver->known_count = 1;
+    driver->roams = allow_unencrypted || driver->target.fingerprint[0];
     freeaddrinfo(found);
-    if (!driver->target.fingerprint[0] && !allow_unencrypted && !is_loopback(&driver->address)) {
+    if (!driver->target.fingerprint[0] && !allow_unencrypted && !is_loopback(&driver->known[0].address)) {
         explain(error, error_bytes, driver->target.host,
             "unencrypted to another machine; join by the server's link, or allow it");
         return NULL;
@@ -3227,7 +3326,7 @@ cogrip_driver *cogrip_open(
         return NULL;
     }
 #endif
-    if (!path_open(driver, &driver->paths[0])) {
+    if (!path_open(driver, &driver->paths[0], &driver->known[0])) {
         explain(error, error_bytes, driver->target.host, "no socket to it; check the network of this machine");
         cogrip_close(driver);
         return NULL;

@@ -14,6 +14,7 @@ from cogrip.sim.runs.verdict import passive
 from tests.clients.compiled import CHECKED, build, has_libssl, needs_compiler
 from tests.extent import long
 from tests.free_ports import free_port
+from tests.live.redirecting_front import redirecting
 from tests.live.test_live_sessions import DEMO, FEW_FRAMES, summary_in
 
 pytestmark = [needs_compiler, pytest.mark.skipif(not has_libssl(), reason="no headers of libssl: install libssl-dev")]
@@ -81,6 +82,31 @@ def test_a_person_by_c_and_one_by_python_hold_one_cube(
         assert int(found[1]) > FEW_FRAMES
         assert int(found[3]) > 0  # what it counts at all
         assert int(found[2]) == 0
+
+
+@pytest.mark.parametrize("encrypted", [True, False])
+def test_both_clients_follow_a_redirect(run, serve, tmp_path: Path, example, encrypted: bool) -> None:
+    """They ask a front, and hold the object of another server, whose key it has."""
+    server, port = serve(DEMO, "--set", "link.delay_ms=0", *(sealed(tmp_path) if encrypted else []))
+    state = tmp_path / "state" if encrypted else None
+    with redirecting(DEMO, f"127.0.0.1:{port}", state) as front:
+        target = f"127.0.0.1:{front}"
+        if encrypted:
+            target = server.hear(r"(cogrip://[^' ]+)'")[1].replace(f":{port}/", f":{front}/")
+        ben = run("join", target, "--name", "ben", "--seconds", SECONDS, "--runs", str(tmp_path / "ben"), "--no-report")
+        anna = subprocess.run(
+            [example("checked"), "-", SECONDS, "anna"],
+            input=target,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        assert anna.returncode == 0, anna.stderr
+        assert ben.end() == 0, ben.said
+    server.signal(signal.SIGTERM)
+    server.end()
+    assert [user["link"]["applied"] > FEW_FRAMES for user in summary_in(tmp_path / "server")["users"]] == [True, True]
 
 
 @pytest.mark.long

@@ -15,7 +15,7 @@ from cogrip.protocol.drawing import ShapeKind
 from cogrip.protocol.effects import MOST_EFFECTS, MOST_POINTS, Effect, EffectKind
 from cogrip.protocol.hand_settings import HandChange, WorkspaceLimit
 from cogrip.protocol.messages import HELLO_BYTES, VIEWED_SEATS, Hello, MalformedError, decode, encode, padded
-from cogrip.protocol.session import ClientSession, make_hello, nonce_of
+from cogrip.protocol.session import ClientSession, foreign_version, make_hello, nonce_of
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.texts import TEXT_BYTES, clipped
 
@@ -130,6 +130,7 @@ LARGEST: dict[str, messages.AnyMessage] = {
     ),
     "effects": messages.Effects(BIG, 2**53, (2**53,) * 16, 0.1, 2**53, LARGEST_EFFECT),
     "edges": messages.Edges(BIG, STAMP, HANDLE),
+    "redirect": messages.Redirect(2**53, BIG, "p" * 60, ("f" * 60,) * messages.MOST_FRONTS),
 }
 
 short_texts = st.text(max_size=40)
@@ -223,6 +224,7 @@ anything = st.one_of(
         messages.Effects, sessions, counters, st.lists(counters, max_size=MOST_EFFECTS).map(tuple), st.floats(0.0, 1e3),
         counters, st.none() | effects,
     ),
+    st.builds(messages.Redirect, counters, sessions, short_texts, st.lists(short_texts, max_size=8).map(tuple)),
 )  # fmt: skip
 
 
@@ -239,7 +241,7 @@ def test_round_trip(message: messages.AnyMessage) -> None:
 
 def read(datagram: bytes) -> messages.AnyMessage | None:
     """Return the decoded message, None for MalformedError; any other error is a bug."""
-    messages.foreign_version(datagram)
+    foreign_version(datagram)
     nonce_of(datagram)
     try:
         return decode(datagram)
@@ -318,7 +320,7 @@ def test_a_wrong_value_in_any_place_is_malformed_or_harmless(name: str) -> None:
 @pytest.mark.parametrize("nested", [b"\x91" * messages.MAX_DATAGRAM_BYTES, b"\x93\x01\xa6cogrip" + b"\x91" * 1200])
 def test_deep_nesting_is_malformed_too(nested: bytes) -> None:
     assert read(nested) is None
-    assert messages.foreign_version(nested) is None
+    assert foreign_version(nested) is None
 
 
 @given(hellos)
@@ -353,7 +355,7 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
     assert largest == {
         "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1194,
         "farewell": 766, "view": 1008, "person": 424, "bodies": 1193, "geom": 1151, "mark": 122, "set hand": 123,
-        "effects": 702, "edges": 161,
+        "effects": 702, "edges": 161, "redirect": 579,
     }  # fmt: skip
     assert max(largest["welcome"], largest["refuse"]) <= HELLO_BYTES, "no answer to anyone is longer than the hello"
     assert len(padded(LARGEST["hello"])) == HELLO_BYTES
@@ -430,14 +432,14 @@ def test_a_hello_of_another_version_is_recognised_by_its_fixed_part() -> None:
     assert len(datagram) == HELLO_BYTES
     with pytest.raises(MalformedError):
         decode(datagram)
-    assert (messages.foreign_version(datagram), nonce_of(datagram)) == (messages.PROTOCOL_VERSION + 1, 77)
-    assert messages.foreign_version(foreign(messages.PROTOCOL_VERSION)) is None
+    assert (foreign_version(datagram), nonce_of(datagram)) == (messages.PROTOCOL_VERSION + 1, 77)
+    assert foreign_version(foreign(messages.PROTOCOL_VERSION)) is None
 
 
 def test_another_magic_is_no_hello() -> None:
     datagram = padded(LARGEST["hello"]).replace(b"cogrip", b"gropic")
     assert read(datagram) is None
-    assert messages.foreign_version(datagram) is None
+    assert foreign_version(datagram) is None
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Heartbeat, Hello, Stamp, Welcome
 from cogrip.protocol.recording.secrets import without_secrets
-from cogrip.protocol.session import make_hello, nonce_of
+from cogrip.protocol.session import foreign_version, make_hello, nonce_of
 from cogrip.protocol.settings import resolve, seat_settings
 
 TOKEN, TICKET = "token-of-22-characters", "ticket-22-characters-x"
@@ -66,7 +66,7 @@ def test_a_hello_of_another_version_is_refused_the_same(version: int) -> None:
     theirs = theirs.replace(b"sim:x", b"\xa0\xa0\xa0\xa0\xc1")  # and what follows is another layout
     out = kept(theirs)
     assert len(out) == len(theirs)
-    assert messages.foreign_version(out) == messages.foreign_version(theirs)
+    assert foreign_version(out) == foreign_version(theirs)
     assert nonce_of(out) == nonce_of(theirs)
 
 
@@ -81,6 +81,6 @@ def test_a_broken_hello_is_kept_without_them(junk: bytes, at: int, value: int) -
         try:
             messages.decode(broken)
         except messages.MalformedError:
-            assert messages.foreign_version(out) == messages.foreign_version(broken)
+            assert foreign_version(out) == foreign_version(broken)
             with pytest.raises(messages.MalformedError):
                 messages.decode(out)

@@ -194,6 +194,7 @@ ARRAYS: list[tuple[str, str, type[msgspec.Struct], str, list[int]]] = [
     ("3.17 SetHand", "Hand:", HandChange, "setHand", [4]),
     ("3.18 Effects", "", messages.Effects, "effects", []),
     ("3.19 Edges", "", messages.Edges, "edges", []),
+    ("3.20 Redirect", "", messages.Redirect, "redirect", []),
 ]
 MAPS: list[tuple[str, type[msgspec.Struct], list[int]]] = [
     ("coupling", Coupling, [6, 6]),
@@ -290,7 +291,7 @@ def cases(kind: str, bound: str, old: Any) -> list[tuple[Any, bool]]:
         return [(letters, True), ("", True), *((value, False) for value in wrong)]
     if kind == "bool":
         return [(True, True), (False, True), (1, False), (None, False)]
-    lengths = re.fullmatch(r"list of (\d+) to (\d+) (reals|ints)", kind)
+    lengths = re.fullmatch(r"list of (\d+) to (\d+) (reals|ints|texts)", kind)
     if lengths:
         short, long = int(lengths[1]), int(lengths[2])
         one, some = [old[0]], max(1, short)

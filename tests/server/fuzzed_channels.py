@@ -19,7 +19,7 @@ from OpenSSL.SSL import _lib  # type: ignore[attr-defined]
 from cogrip.protocol import messages
 from cogrip.protocol.channel import PEER, Address
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Hello, Stamp, Waves
-from cogrip.protocol.session import make_hello
+from cogrip.protocol.session import foreign_version, make_hello
 from cogrip.server.io.dtls_channel import MOST_UNSEATED
 from cogrip.server.rate_limit import LIMITS, RateLimiter
 from cogrip.server.unencrypted_channel import UnencryptedListener, looks_like_hello
@@ -101,7 +101,7 @@ def fuzz_unencrypted(datagrams: int, seed: int) -> dict[str, int]:
             try:
                 decoded = messages.decode(message)
             except messages.MalformedError:
-                messages.foreign_version(message)
+                foreign_version(message)
             else:
                 assert address == seated or isinstance(decoded, Hello)
     assert not authenticator.outbox

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.records import Datagram, Input
-from cogrip.protocol.session import LOST_NS
+from cogrip.protocol.session import LOST_NS, foreign_version
 from cogrip.server.admission import Outside
 from cogrip.server.checkpoint import CheckpointError
 from cogrip.server.inputs import CloseLedger, Idle, Restore, SocketFailed, Stop, decode
@@ -187,4 +187,4 @@ def test_a_hello_is_what_it_should_be() -> None:
     """The words are what they are called."""
     server = Server()
     assert isinstance(messages.decode(server.word(0, "hello", 0, 0.0)), Hello)
-    assert messages.foreign_version(server.word(0, "newer", 0, 0.0)) == 0x63
+    assert foreign_version(server.word(0, "newer", 0, 0.0)) == 0x63

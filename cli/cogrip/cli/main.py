@@ -56,6 +56,7 @@ GROUPS: dict[str, Table] = {
         "mark": ("admin.mark:mark", "Set a marker in a running session, in every recording of it."),
         "set": ("admin.set_hand:set_hand", "Change a person's scales, rotation, clutch or limits in a running session."),
         "kick": ("admin.kick:kick", "Kick somebody from a running session."),
+        "drain": ("admin.drain:drain", "Let the rooms of a host of a cluster move to others."),
         "doctor": ("admin.doctor:doctor", "Measure what this machine can do in real time, and advise how to improve it."),
     },
 }  # fmt: skip

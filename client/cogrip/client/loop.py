@@ -379,7 +379,8 @@ class LiveClient:
 
     def _drain(self, now_ns: int) -> None:
         down, core = self._down, self._core
-        self.paths.drain(now_ns, core.receive if down is None else down.send, core.session.is_welcome)
+        session, take = core.session, core.receive if down is None else down.send
+        self.paths.drain(now_ns, take, session.is_welcome, session.redirect)
         if down is not None and down.next_ns is not None:
             for message in down.due(now_ns + self._half_tick_ns):
                 core.receive(message, now_ns)

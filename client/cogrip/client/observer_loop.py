@@ -57,5 +57,5 @@ class LiveObserver:
         while core.outbox:
             message = core.outbox.popleft()
             paths.send(message, message == session.hello)
-        paths.drain(now_ns, core.receive, session.is_welcome)
+        paths.drain(now_ns, core.receive, session.is_welcome, session.redirect)
         paths.poll(now_ns, session.state == "resuming")

@@ -57,6 +57,8 @@ Bound = Annotated[float, msgspec.Meta(ge=0.0, le=NO_BOUND)]
 Milliseconds = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
 Frames = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Presence = Literal["joining", "live", "silent"]
+ServerPlace = Annotated[str, msgspec.Meta(max_length=60)]
+MOST_FRONTS = 8  # of a redirect
 MOST_POSES = 39  # of one message
 _POSE = Struct("<H7f")
 MOST_POSE_BYTES = MOST_POSES * _POSE.size
@@ -359,6 +361,15 @@ class Edges(Message, frozen=True, tag=17):
     handle: Handle
 
 
+class Redirect(Message, frozen=True, tag=18):
+    """A server's answer to a hello whose room another one serves: where it is, and who knows where it is later."""
+
+    version: Counter
+    nonce: Ns
+    place: ServerPlace  # HOST:PORT, the host an address
+    fronts: Annotated[tuple[ServerPlace, ...], msgspec.Meta(max_length=MOST_FRONTS)] = ()
+
+
 def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
     """Return the records of a `Bodies`."""
     return b"".join([_POSE.pack(body, *pose) for body, pose in poses])
@@ -366,11 +377,11 @@ def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
 
 Frame = Waves | State | Power  # what couplings send, one a frame
 Observed = Person | Bodies | Geom | Mark | Effects  # what observers are sent beside views
-AnyMessage = Hello | Welcome | Refuse | Frame | Edges | Heartbeat | Leave | Farewell | View | Observed | SetHand
+AnyMessage = (
+    Hello | Welcome | Refuse | Frame | Edges | Heartbeat | Leave | Farewell | View | Observed | SetHand | Redirect
+)
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
-_raw_decoder = msgspec.msgpack.Decoder(list[msgspec.Raw])
-
 encode = _encoder.encode
 
 
@@ -383,17 +394,3 @@ def decode(datagram: bytes) -> AnyMessage:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MalformedError(str(error)) from None
     return with_whole_device(message) if type(message) is Hello else message
-
-
-def foreign_version(datagram: bytes) -> int | None:
-    """Return the protocol version of a hello that `decode` refused for its version; None if it is not one."""
-    try:
-        elements = _raw_decoder.decode(datagram[:MAX_MESSAGE_BYTES])
-        if len(elements) < 3 or msgspec.msgpack.decode(elements[0], type=int) != 1:
-            return None
-        if msgspec.msgpack.decode(elements[1], type=str) != MAGIC:
-            return None
-        version = msgspec.msgpack.decode(elements[2], type=int)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return None
-    return version if version != PROTOCOL_VERSION else None

@@ -24,6 +24,7 @@ from cogrip.protocol.messages import (
     Leave,
     Observed,
     Person,
+    Redirect,
     Refuse,
     View,
     Welcome,
@@ -45,8 +46,10 @@ LEAVE_GIVE_UP_NS = 600_000_000
 SECONDS_OVER = "its --seconds are over"  # of a server with a time limit: no session is cut short
 IN_ORDER = "the server was stopped"  # the farewell of a server that was stopped on purpose begins with this
 
+MOST_REDIRECTS = 4  # in a row
+
 FOR_OBSERVERS = (View, Person, Bodies)  # tuples: a union would be made for every datagram
-ANSWERS, FOR_SERVERS = (Welcome, Refuse), (Hello, Leave, Edges)
+ANSWERS, NOT_OF_A_SESSION = (Welcome, Refuse), (Hello, Leave, Edges, Redirect)
 FOR_CLIENTS = (messages.Waves, messages.State, messages.Power, messages.SetHand, *FOR_OBSERVERS)
 
 ClientState = Literal["idle", "connecting", "seated", "resuming", "leaving", "closed"]
@@ -154,6 +157,16 @@ class ClientSession:
             return False
         return isinstance(message, Welcome) and message.nonce == self._asked.nonce
 
+    def redirect(self, datagram: bytes) -> Redirect | None:
+        """Return the redirect that answers this session's hello, where one is awaited and this is one."""
+        if self.state not in ("connecting", "resuming"):
+            return None
+        try:
+            message = messages.decode(datagram)
+        except messages.MalformedError:
+            return None
+        return message if isinstance(message, Redirect) and message.nonce == self._asked.nonce else None
+
     def receive(self, datagram: bytes, now_ns: int) -> Frame | View | Observed | messages.SetHand | None:
         """Take in a datagram; return a message for the coupling or the observer. What does not fit is dropped and counted."""
         try:
@@ -165,7 +178,7 @@ class ClientSession:
             self._receive_answer(message, now_ns)
             return None
         welcome = self.welcome
-        if isinstance(message, FOR_SERVERS) or welcome is None:
+        if isinstance(message, NOT_OF_A_SESSION) or welcome is None:
             self.drop("unexpected")
             return None
         if message.session != welcome.session:
@@ -355,6 +368,20 @@ def version_mismatch(theirs: int) -> tuple[str, str]:
 def refusal(hello_nonce: int, code: str, reason: str) -> bytes:
     """Return a refusal as a datagram. The reason is clipped: every client reads it, and no answer is longer than its hello."""
     return messages.encode(Refuse(PROTOCOL_VERSION, hello_nonce, code, clipped(reason)))
+
+
+def foreign_version(datagram: bytes) -> int | None:
+    """Return the protocol version of a hello that `decode` refused for its version; None if it is not one."""
+    try:
+        elements = msgspec.msgpack.decode(datagram[: messages.MAX_MESSAGE_BYTES], type=list[msgspec.Raw])
+        if len(elements) < 3 or msgspec.msgpack.decode(elements[0], type=int) != 1:
+            return None
+        if msgspec.msgpack.decode(elements[1], type=str) != messages.MAGIC:
+            return None
+        version = msgspec.msgpack.decode(elements[2], type=int)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+    return version if version != PROTOCOL_VERSION else None
 
 
 def nonce_of(datagram: bytes) -> int:

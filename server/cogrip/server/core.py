@@ -10,7 +10,7 @@ from cogrip.protocol.accounts import SeatAccount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.hand_settings import unfit
 from cogrip.protocol.messages import Edges, Effects, Farewell, Heartbeat, Hello, Leave, Mark, SetHand
-from cogrip.protocol.session import nonce_of, version_mismatch
+from cogrip.protocol.session import foreign_version, nonce_of, version_mismatch
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import clipped, shown
 from cogrip.server import inputs
@@ -117,7 +117,7 @@ class ServerCore:
             self._receive_from_observer(place[0], place[1], message, now_ns)
 
     def _receive_malformed(self, datagram: bytes, address: Address) -> None:
-        version = messages.foreign_version(datagram)
+        version = foreign_version(datagram)
         if version is None:
             self._drop("malformed")
         elif len(datagram) < messages.HELLO_BYTES:

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.protocol.join_link import DEFAULT_PORT
-from cogrip.server.io.control import Answer, Kick, Mark, NotRunningError, SetHand, Who, ask
+from cogrip.server.io.control import Answer, Drain, Kick, Mark, NotRunningError, SetHand, Who, ask
 from cogrip.server.io.state_folder import (
     NoStateError,
     ServerRecord,
@@ -44,7 +44,9 @@ def server_at(folder: StateFolder) -> ServerRecord | None:
         return read_server(folder)
 
 
-def answer_of(command: str, order: Who | Kick | Mark | SetHand, state: Path | None, port: int) -> tuple[Answer, Path]:
+def answer_of(
+    command: str, order: Who | Kick | Mark | SetHand | Drain, state: Path | None, port: int
+) -> tuple[Answer, Path]:
     """Return the running server's answer, and its state folder.
 
     Raises BadInput for an unknown room, Problem where the server refuses or does not run.
@@ -52,7 +54,7 @@ def answer_of(command: str, order: Who | Kick | Mark | SetHand, state: Path | No
     path = _path(state, port)
     try:
         folder = find_folder(path)
-        if (server := read_server(folder)) is not None:
+        if not isinstance(order, Drain) and (server := read_server(folder)) is not None:
             check_known("--room", order.room, list(server.rooms), "room")
         answer = ask(folder, order)
     except (NoStateError, NotRunningError):

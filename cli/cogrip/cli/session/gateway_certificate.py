@@ -72,7 +72,7 @@ def _fingerprint(folder: StateFolder) -> str:
     from cogrip.protocol.io.certificate import CertificateError, load  # OpenSSL takes a while
 
     with BadInput.of(CertificateError):
-        return load(folder.path).fingerprint
+        return load(folder.shared).fingerprint
 
 
 def _context(certificate: Path, key: Path) -> ssl.SSLContext:

@@ -46,7 +46,7 @@ class Target:
                 f"{self.host} is not this machine, and without encryption everyone on the path could read the session and "
                 "move your hand: use the join link that the server printed (cogrip://...); --insecure does without it"
             )
-        return Paths(found, self.channel)
+        return Paths(found, self.channel, bool(self.fingerprint) or insecure)
 
     def player(self, record: Capability, address: str) -> Hello:
         """Return the hello of a player with the device at `address`."""

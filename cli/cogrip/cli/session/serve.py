@@ -12,7 +12,7 @@ from cogrip.cli.session.live_views import ServeView, drawing
 from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
 from cogrip.cli.session.served_rooms import Say, Workers, is_loopback, rooms_of, warn_of, worker_count
-from cogrip.cli.session.server_state import LOOPBACKS, authenticator_of, channel_of, held_folder, publish
+from cogrip.cli.session.server_state import LOOPBACKS, authenticator_of, channel_of, held_folder, publish, shared_folder
 from cogrip.cli.session.trigger_line import open_trigger
 from cogrip.cli.session.view_child import ViewChild
 from cogrip.cli.terminal.output import make_console
@@ -20,6 +20,7 @@ from cogrip.cli.terminal.parameters import Overrides, Quiet, Record, Report
 from cogrip.cli.terminal.problem import BadInput, Problem, some_time, within
 from cogrip.cli.terminal.screen import LiveScreen, may_draw
 from cogrip.protocol.channel import place_text
+from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.protocol.settings import Settings, for_remote_clients
@@ -35,7 +36,8 @@ from cogrip.sim.runs.summary import of_room
 from cogrip.sim.runs.verdict import came, succeeded
 
 if TYPE_CHECKING:
-    from cogrip.cli.session.serve_workers import FrontJob
+    from cogrip.cli.session.serve_cluster import ClusterJob, ClusterServer
+    from cogrip.cli.session.serve_workers import FrontJob, FrontServer
 
 
 def serve(
@@ -61,6 +63,8 @@ def serve(
     quiet: Quiet = False,
     python_worlds: PythonWorlds = (),
     workers: Workers = 1,
+    cluster: str | None = None,
+    shared: Path | None = None,
 ) -> int:
     """Serve until Ctrl-C or SIGTERM; then say goodbye to everyone and leave a run folder.
 
@@ -104,6 +108,10 @@ def serve(
         Write into this existing folder instead, and leave its report to its owner (one room only).
     workers
         Processes over which the rooms are divided, behind one port; auto: one less than there are cores. Linux only.
+    cluster
+        Serve the rooms on the hosts of a Ray cluster, this one being a front: ray, or ray://HOST:PORT of its head. Linux only.
+    shared
+        Folder that all hosts of the cluster reach, for key, tokens and checkpoints, in place of the state folder.
     """
     allow_python_worlds(python_worlds)
     rooms = rooms_of(config, overrides, port, into)
@@ -118,20 +126,30 @@ def serve(
     count = worker_count(workers, len(rooms))
     if count > 1 and trigger is not None:
         raise BadInput("--trigger is for one process: leave --workers out, or serve its room by another server")
+    head = _head(cluster, shared, workers, trigger, view, fresh, into)
     stop = Stop()
     with ExitStack() as stack:
         line = open_trigger(trigger, stack)
         state_folder = held_folder(state, port, encrypted, say, stack)
-        authenticator = authenticator_of(state_folder, say) if encrypted and state_folder else None
+        state_folder = shared_folder(state_folder, shared)
         key_folder = state_folder if encrypted else None
+        authenticator = authenticator_of(key_folder, say)
+        shown = _Shown(public, links, view, insecure, metrics)
+        if head is not None:
+            from cogrip.cli.session.serve_cluster import ClusterJob, ClusterServer  # with OpenSSL
+
+            hosts = ClusterJob(
+                rooms, head, host, port, public, state_folder, authenticator, encrypted, runs, record, report
+            )
+            return _serve_by_front(ClusterServer(hosts, stop, lines, stack), hosts, stop, lines, stack, shown, seconds)
         if count > 1:
-            from cogrip.cli.session.serve_workers import FrontJob  # with OpenSSL
+            from cogrip.cli.session.serve_workers import FrontJob, FrontServer  # with OpenSSL
 
             run_folder = into or live_run_folder(runs, "rooms", say)
             job = FrontJob(
                 rooms, count, host, port, state_folder, authenticator, encrypted, fresh, run_folder, record, report
             )
-            return _serve_by_workers(job, stop, lines, stack, _Shown(public, links, view, insecure, metrics), seconds)
+            return _serve_by_front(FrontServer(job, stop, lines, stack), job, stop, lines, stack, shown, seconds)
         server = LiveServer(rooms, host, port, stop, say, lambda core: channel_of(core, key_folder), seconds=seconds)
         if authenticator is not None:
             server.authenticator = authenticator
@@ -186,14 +204,42 @@ class _Shown(NamedTuple):
     metrics: int | None
 
 
-def _serve_by_workers(
-    job: "FrontJob", stop: Stop, lines: LogLines, stack: ExitStack, shown: _Shown, seconds: float | None
-) -> int:
-    """Serve by a front and several workers. Return the exit code."""
-    from cogrip.cli.session.serve_workers import FrontServer
+def _head(
+    cluster: str | None,
+    shared: Path | None,
+    workers: Workers,
+    trigger: str | None,
+    view: bool,
+    fresh: bool,
+    into: Path | None,
+) -> str | None:
+    """Return the address of the cluster's head, None without a cluster. Raises BadInput."""
+    if cluster is None:
+        if shared is not None:
+            raise BadInput("--shared is for the hosts of a cluster: add --cluster ray, or name the folder with --state")
+        return None
+    from cogrip.cli.session.serve_cluster import head_of
 
+    if not system.LINUX:
+        raise BadInput("--cluster needs Linux on every host; leave it out")
+    others = {
+        "--workers": workers != 1,
+        "--trigger": trigger is not None,
+        "--view": view,
+        "--fresh": fresh,
+        "--into": into,
+    }
+    if wrong := [flag for flag, given in others.items() if given]:
+        raise BadInput(f"{wrong[0]} is for a server on one host: leave it out, or leave --cluster out")
+    return head_of(cluster)
+
+
+def _serve_by_front(
+    server: "FrontServer | ClusterServer", job: "FrontJob | ClusterJob", stop: Stop, lines: LogLines, stack: ExitStack,
+    shown: _Shown, seconds: float | None,
+) -> int:  # fmt: skip
+    """Serve by a front, and workers or other hosts. Return the exit code."""
     say, rooms, encrypted = lines.say, job.rooms, job.encrypted
-    server = FrontServer(job, stop, lines, stack)
     with on_signals(stop, hangup="reload"):
         warn_of(rooms, server.bound, encrypted, say)
         feed = server.begin(shown.metrics, stack)

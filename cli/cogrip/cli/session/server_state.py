@@ -23,6 +23,7 @@ from cogrip.server.io.state_folder import (
     StateFolder,
     make_folder,
     one_server,
+    share,
     state_path,
     write_server,
 )  # fmt: skip
@@ -57,10 +58,16 @@ def held_folder(state: Path | None, port: int, encrypted: bool, say: Say, stack:
     return folder
 
 
-def authenticator_of(folder: StateFolder, say: Say) -> TokenAuthenticator:
-    """Return the authenticator by the folder's tokens. Raises BadInput."""
+def shared_folder(folder: StateFolder | None, shared: Path | None) -> StateFolder | None:
+    """Return the folder with key, tokens and checkpoints in `shared`, where that is given. Raises BadInput."""
     with BadInput.of(StateError):
-        return TokenAuthenticator(TokenFile(folder), say)
+        return None if folder is None else share(folder, shared)
+
+
+def authenticator_of(folder: StateFolder | None, say: Say) -> TokenAuthenticator | None:
+    """Return the authenticator by the folder's tokens, None without a folder. Raises BadInput."""
+    with BadInput.of(StateError):
+        return None if folder is None else TokenAuthenticator(TokenFile(folder), say)
 
 
 def channel_of(core: ServerCore, folder: StateFolder | None) -> ServerChannel:
@@ -87,7 +94,7 @@ def _channel(
     from cogrip.server.io.dtls_channel import DtlsListener
 
     with BadInput.of(CertificateError):  # no restart mends it: an administrator has to
-        return DtlsListener(folder.path, rate_limiter, seated)
+        return DtlsListener(folder.shared, rate_limiter, seated)
 
 
 def publish(
@@ -98,7 +105,7 @@ def publish(
 
     Returns an observer's link to the first room, "" for an unencrypted server.
     """
-    host, port = _public(public, bound)
+    host, port = public_place(public, bound)
     seats = {room.name: [user.name for user in room.users] for room in rooms}
     with Problem.of(StateError):
         if not encrypted:
@@ -106,7 +113,7 @@ def publish(
             return ""
         from cogrip.protocol.io.certificate import load, secret_of
 
-        fingerprint, secret = load(folder.path).fingerprint, secret_of(folder.path)
+        fingerprint, secret = load(folder.shared).fingerprint, secret_of(folder.shared)
         write_server(folder, ServerRecord(host, port, fingerprint, seats, os.getpid()))
         linked = list(seats) if len(seats) <= MOST_LINKED else [""]
         made = TokenFile(folder).change(lambda book: book.standing(secret, linked, time.time()))
@@ -120,7 +127,7 @@ def publish(
     return JoinLink(here, bound[1], observer.room, fingerprint, observer.token).text
 
 
-def _public(public: str | None, bound: tuple[str, int]) -> tuple[str, int]:
+def public_place(public: str | None, bound: tuple[str, int]) -> tuple[str, int]:
     """Return host and port by which people reach this server. Raises BadInput."""
     host, port = bound
     if public is None:

@@ -96,10 +96,10 @@ def _serve(link: Link, job: Job, number: int) -> int:
         server.run()
     finally:
         housekeeping.end(said_goodbye=bool(stop.reason))
-    return _conclude(server, job, {**server.drops(), **server.losses(), **housekeeping.counts()}, lines)
+    return conclude(server, job, {**server.drops(), **server.losses(), **housekeeping.counts()}, lines)
 
 
-def _conclude(server: LiveServer, job: Job, losses: dict[str, int], lines: LogLines) -> int:
+def conclude(server: LiveServer, job: Job, losses: dict[str, int], lines: LogLines) -> int:
     """Leave a summary for each room that somebody was in. Return the exit code."""
     if lines.lost:
         losses["log line"] = lines.lost

@@ -1,4 +1,8 @@
-"""A client's paths to its server: a socket and a channel each; one, or while the session resumes, a second and newer one."""
+"""A client's paths to its server: a socket and a channel each; one, or while the session resumes, a second and newer one.
+
+A server may redirect to another, which has the room (SPEC section 4.5): then the newer path leads there. Whoever is silent is
+asked in turn with the servers that the redirect named.
+"""
 
 import socket
 from collections import Counter
@@ -12,8 +16,9 @@ from cogrip.client.path_migration import PathMigration
 from cogrip.protocol.channel import PEER, Channel
 from cogrip.protocol.io.platform import system, time
 from cogrip.protocol.io.stop import Stop
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
-from cogrip.protocol.session import GIVE_UP_NS, ClientSession
+from cogrip.protocol.join_link import LinkError, split_place
+from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Redirect
+from cogrip.protocol.session import GIVE_UP_NS, MOST_REDIRECTS, ClientSession
 
 REFUSED = "connection refused"
 POLL_S = 0.002  # between two polls where nothing ticks
@@ -56,6 +61,17 @@ def find(host: str, port: int) -> Server:
     return Server(host, port, found[0], found[4])
 
 
+def server_of(place: str) -> Server | None:
+    """Return the server at HOST:PORT, None where the host is no address: nothing is looked up here."""
+    try:
+        host, port = split_place(place)
+        address = ip_address(host)
+    except (LinkError, ValueError):
+        return None
+    family = socket.AF_INET if address.version == 4 else socket.AF_INET6
+    return None if port is None else Server(host, port, family, (host, port))
+
+
 def session_change(session: ClientSession, before: str, after: str) -> str:
     """Return what to tell a person of a change of the session's state, "" for nothing."""
     if after == "resuming":
@@ -69,6 +85,7 @@ class NetworkPath:
     """One socket and its channel. `refused`: nobody listens at its other end."""
 
     def __init__(self, server: Server, channel: Channel) -> None:
+        self.server = server
         self.socket = socket.socket(server.family, socket.SOCK_DGRAM)
         self.socket.setblocking(False)
         self.channel = channel
@@ -91,28 +108,39 @@ class Core(Protocol):
 
 @dataclass(slots=True)
 class Paths:
-    """`open` the first path, then `send`, `drain` and `poll` on every tick; none of them waits for anything."""
+    """`open` the first path, then `send`, `drain` and `poll` on every tick; none of them waits for anything.
+
+    roams: whether a redirect may lead from this machine to another
+    """
 
     server: Server
     make_channel: Callable[[], Channel]
+    roams: bool = True
     failed: str = ""  # why the newest path cannot be used, "" while it can
     _counts: Counter[str] = field(init=False, default_factory=Counter)
     _migration: PathMigration[NetworkPath] = field(init=False)
     _opened: bool = field(init=False, default=False)
     _hello: bytes = field(init=False, default=b"")  # waits for its path to be ready
+    _newest_hello: bytes = field(init=False, default=b"")
+    _known: list[Server] = field(init=False, default_factory=list)  # that are asked in turn, in a silence
+    _asked: int = field(init=False, default=0)  # number of the next of them
+    _redirects: int = field(
+        init=False, default=0
+    )  # since the last welcome, or the last path that was opened without one
 
     def open(self) -> None:
         """Open the first path. Raises JoinError."""
-        path = self._open_path()
+        self._known = [self.server]
+        path = self._open_path(self.server)
         if path is None:
             raise JoinError(f"{self.server.host}:{self.server.port}: {self.failed}; check the network of this machine")
         self._migration = PathMigration(path)
         self._opened = True
 
-    def _open_path(self) -> NetworkPath | None:
-        path = NetworkPath(self.server, self.make_channel())
+    def _open_path(self, server: Server) -> NetworkPath | None:
+        path = NetworkPath(server, self.make_channel())
         try:
-            path.socket.connect(self.server.address)
+            path.socket.connect(server.address)
         except OSError as error:  # there is no network just now
             self._count(error)
             self.failed = f"socket: {error.strerror}"
@@ -145,6 +173,7 @@ class Paths:
         """Send by the path in use; a hello by the newest path, as soon as it is ready."""
         path = self._migration.path
         if hello:
+            self._newest_hello = message
             path = self._migration.newest
             if not path.ready:
                 self._hello = message
@@ -152,9 +181,13 @@ class Paths:
         path.channel.send(message, PEER)
         self._flush(path)
 
-    def drain(self, now_ns: int, take: Callable[[bytes, int], None], answers: Callable[[bytes], bool]) -> None:
-        """Give `take` the messages that have come. answers: tells a welcome, whose path is used from then on.
+    def drain(
+        self, now_ns: int, take: Callable[[bytes, int], None], answers: Callable[[bytes], bool],
+        redirect: Callable[[bytes], Redirect | None] = lambda message: None,
+    ) -> None:  # fmt: skip
+        """Give `take` the messages that have come; follow redirects.
 
+        answers: tells a welcome, whose path is used from then on; redirect: returns a redirect that is awaited.
         At most MOST_DATAGRAMS by each path: what is beyond them waits in the socket for the next drain.
         """
         migration = self._migration
@@ -177,18 +210,47 @@ class Paths:
                     self._counts[TOO_MANY] += len(messages) - MOST_MESSAGES
                     messages = messages[:MOST_MESSAGES]
                 for message in messages:
+                    if (found := redirect(message)) is not None:
+                        self._follow(found, now_ns)
+                        continue
                     if migration.newer is not None and answers(message):
-                        self._close(*migration.adopt(path))
-                        self.failed = ""
+                        self._adopt(path)
                     take(message, now_ns)
+                if path not in migration.paths:  # a redirect has closed it
+                    break
             else:
                 self._counts[LEFT] += 1
             if channel.outbox:
                 self._flush(path)
 
+    def _adopt(self, path: NetworkPath) -> None:
+        """Use a path from now on, and ask its server first in the next silence."""
+        self._close(*self._migration.adopt(path))
+        self.failed, self._redirects, self._hello = "", 0, b""
+        if path.server not in self._known:
+            self._known[:0] = [path.server]
+
+    def _follow(self, redirect: Redirect, now_ns: int) -> None:
+        """Open a path to the server that a redirect names."""
+        migration, place = self._migration, server_of(redirect.place)
+        if place is None or (self.server.loopback and not place.loopback and not self.roams):
+            self._counts["redirect not followed"] += 1
+        elif place == migration.newest.server:
+            pass  # a repeated hello was answered again
+        elif self._redirects >= MOST_REDIRECTS:
+            self._counts["too many redirects"] += 1
+        else:
+            self._redirects += 1
+            fronts = [front for front in map(server_of, redirect.fronts) if front is not None]
+            self._known = list(dict.fromkeys([self.server, *fronts]))
+            self._asked, self._hello = 0, self._newest_hello
+            another = self._open_path(place)
+            self._close(migration.tried(another, now_ns))
+
     def poll(self, now_ns: int, resuming: bool) -> None:
         """Go on with handshakes; try another path where one is due."""
         migration = self._migration
+        self._asked = self._asked if resuming else 0
         for path in migration.paths:
             path.channel.poll(now_ns)
             if path.channel.outbox:
@@ -197,7 +259,9 @@ class Paths:
         ready = newest.ready
         if migration.due(now_ns, resuming, ready, newest.refused):
             self.failed = newest.channel.failed or self.failed
-            another = self._open_path()
+            server = self._known[self._asked % len(self._known)]
+            self._asked, self._redirects = self._asked + 1, 0
+            another = self._open_path(server)
             self._close(migration.tried(another, now_ns))
             if another is not None:
                 another.channel.poll(now_ns)
@@ -256,7 +320,7 @@ class Paths:
                 raise JoinError(self._placed(f"no server answered within {GIVE_UP_NS / 1e9:g} s"))
             while session.outbox:
                 self.send(session.outbox.popleft(), hello=True)
-            self.drain(now_ns, core.receive, session.is_welcome)
+            self.drain(now_ns, core.receive, session.is_welcome, session.redirect)
             self.poll(now_ns, resuming=False)
             time.sleep(POLL_S)
         if session.state == "closed":

@@ -82,6 +82,12 @@ class Who(Order, frozen=True, tag="who"):
     room: Word = ""  # "" every room
 
 
+class Drain(Order, frozen=True, tag="drain"):
+    """Let the rooms of a host of the cluster move to others."""
+
+    host: Words
+
+
 class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """Answer to an order."""
 
@@ -90,7 +96,8 @@ class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     people: tuple[RosterEntry, ...] = ()
 
 
-AnyOrder = Kick | Mark | SetHand | Reload | Status | Who
+NO_CLUSTER = "this server is no part of a cluster (serve --cluster): it has one host, which cannot be drained"
+AnyOrder = Kick | Mark | SetHand | Reload | Status | Who | Drain
 
 
 @dataclass(slots=True, eq=False)

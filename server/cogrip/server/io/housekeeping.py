@@ -11,7 +11,7 @@ from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.events import ServerEvent
 from cogrip.server.io import checkpoint_file
 from cogrip.server.io.checkpoint_file import CheckpointWriter
-from cogrip.server.io.control import Control, Kick, Mark, Orders, Reload, Request, SetHand, Who
+from cogrip.server.io.control import NO_CLUSTER, Control, Drain, Kick, Mark, Orders, Reload, Request, SetHand, Who
 from cogrip.server.io.hand_orders import HandOrders
 from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.state_folder import StateError, StateFolder
@@ -195,6 +195,10 @@ class Housekeeping:
             self._metrics.close()
         self._notifier.close()
 
+    def write_checkpoints(self) -> None:
+        """Write checkpoints of all rooms as they are now; `end` waits for them."""
+        self._write_checkpoints(self._server.core.rooms)
+
     def _write_checkpoints(self, rooms: Sequence[Room]) -> None:
         for room in rooms if self._writers else ():
             deserted = room.deserted
@@ -247,6 +251,8 @@ class Housekeeping:
                 return
             case Reload():
                 text, ok = self._reload()
+            case Drain():
+                text, ok = NO_CLUSTER, False
             case Who() as order:
                 text, ok, entries = self._who(order)
             case _:

@@ -20,6 +20,7 @@ from cogrip.server.io import platform
 
 FOLDER_MODE = 0o700
 FILE_MODE = 0o600
+SHARED = "shared"  # link to the folder that the servers of a cluster share
 MOST_BYTES = 4 * 2**20  # of a file that is read back
 _LOOK_AGAIN_S = 0.005
 
@@ -39,18 +40,21 @@ class NoStateError(StateError):
 class StateFolder:
     """Paths of its files. See `make_folder` and `find_folder`.
 
+    shared       folder of the key, tokens and checkpoints: another one where the server is one of a cluster
     tokens_lock  lock of a change of the tokens
     lock         lock of the one server that uses this folder
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.key, self.certificate, self.server = path / "server.key", path / "server.crt", path / "server.json"
-        self.tokens, self.tokens_lock = path / "tokens.json", path / "tokens.lock"
-        self.control, self.lock = path / "control", path / "lock"
+        self.path, self.shared = path, path
+        if (link := path / SHARED).is_symlink():
+            self.shared = link.resolve()
+        self.key, self.certificate = self.shared / "server.key", self.shared / "server.crt"
+        self.tokens, self.tokens_lock = self.shared / "tokens.json", self.shared / "tokens.lock"
+        self.control, self.lock, self.server = path / "control", path / "lock", path / "server.json"
 
     def checkpoint(self, room: str) -> Path:
-        return self.path / f"checkpoint-{room}.json"
+        return self.shared / f"checkpoint-{room}.json"
 
 
 class ServerRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -104,6 +108,18 @@ def find_folder(path: Path) -> StateFolder:
         raise StateError(f"{path}: is no folder; name another one with --state")
     _need_private(path, found, FOLDER_MODE)
     return StateFolder(path)
+
+
+def share(folder: StateFolder, shared: Path | None) -> StateFolder:
+    """Return the folder with the key, tokens and checkpoints in `shared`; with its own ones for None. Raises StateError."""
+    link = folder.path / SHARED
+    try:
+        link.unlink(missing_ok=True)
+        if shared is not None:
+            link.symlink_to(make_folder(shared).path.resolve(), target_is_directory=True)
+    except OSError as error:
+        raise StateError(f"{link}: cannot be replaced: {error.strerror}; name another folder with --state") from None
+    return StateFolder(folder.path)
 
 
 def read_private(path: Path) -> bytes:

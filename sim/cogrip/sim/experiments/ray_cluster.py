@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import logging
 import os
-import socket
 from collections import deque
 from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Any
 
+from cogrip.protocol.io.cluster_address import ClusterError as ClusterError
+from cogrip.protocol.io.cluster_address import probe
 from cogrip.protocol.io.stop import Stop
 from cogrip.sim.experiments.experiment import Job, Measure, Result, run_cases
 
 _UNDER_WAY = 4  # tasks kept in the cluster's queue for each of its processors
 _POLL_S = 0.2
-_PROBE_S = 3.0
 _RETRIES = 20  # of a task whose node or worker died
-
-
-class ClusterError(Exception):
-    """An error of the cluster: no Ray, or no such address."""
 
 
 class RayWorkers:
@@ -38,7 +34,7 @@ class RayWorkers:
         except ImportError:
             raise ClusterError("--cluster ray needs the package ray: pip install 'cogrip[cluster]'") from None
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-        self._probe()
+        probe(self._address)
         try:
             where: dict[str, Any] = {"address": self._address} if self._address else {"include_dashboard": False}
             ray.init(**where, log_to_driver=False, logging_level=logging.ERROR)
@@ -51,18 +47,6 @@ class RayWorkers:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._ray.shutdown()
-
-    def _probe(self) -> None:
-        """Raise ClusterError for an address where nobody listens; Ray itself waits a minute for it."""
-        host, colon, port = self._address.rpartition(":")
-        if not (colon and port.isdigit()) or "/" in host:
-            return  # "auto", ray://...: Ray's own to resolve
-        try:
-            socket.create_connection((host.strip("[]"), int(port)), timeout=_PROBE_S).close()
-        except OSError as error:
-            raise ClusterError(
-                f"no Ray cluster at {self._address}: {error.strerror or error}; start one: ray start --head"
-            ) from None
 
     def run(self, measure: Measure, jobs: Sequence[Job], batch: int = 1) -> Iterator[Result]:
         """Yield results in any order; `batch` jobs are one task. Ends early once `stop` is set."""

@@ -7,7 +7,21 @@ from dataclasses import dataclass, field
 
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.authenticator import TokenAuthenticator
-from cogrip.server.io.control import Answer, Control, Kick, Mark, Reload, Request, SetHand, Status, Who
+from cogrip.server.io.cluster.connection import RemoteRoom
+from cogrip.server.io.cluster.front import ClusterFront
+from cogrip.server.io.control import (
+    NO_CLUSTER,
+    Answer,
+    Control,
+    Drain,
+    Kick,
+    Mark,
+    Reload,
+    Request,
+    SetHand,
+    Status,
+    Who,
+)
 from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.workers.front import Front
@@ -23,7 +37,7 @@ ANSWER_NS = 4_000_000_000  # for which workers may take: less than the one who a
 @dataclass(slots=True)
 class _Waiting:
     request: Request
-    asked: list[Worker]
+    asked: list[Worker | RemoteRoom]
     until_ns: int
     answers: list[Answer] = field(default_factory=list)
 
@@ -32,10 +46,12 @@ class Administration:
     """Orders, tokens and metrics of a front. `begin` before it runs, `end` after; each part may be missing."""
 
     def __init__(
-        self, front: Front, say: Callable[[ServerEvent], None], software: str, *, control: Control | None,
+        self, front: Front | ClusterFront, say: Callable[[ServerEvent], None], software: str, *, control: Control | None,
         authenticator: TokenAuthenticator | None, metrics: MetricsFeed | None, reload: Callable[[], bool],
+        drain: Callable[[str], tuple[str, bool]] = lambda host: (NO_CLUSTER, False),
     ) -> None:  # fmt: skip
-        """reload: says whether the tokens are to be read again, by a signal."""
+        """reload: says whether the tokens are to be read again, by a signal. drain: lets the rooms of a host move."""
+        self._drain = drain
         self._front, self._say, self._software = front, say, software
         self._control, self._authenticator, self._metrics = control, authenticator, metrics
         self._asks_reload = reload
@@ -114,6 +130,10 @@ class Administration:
             text, ok = self._reload()
             self._control.answer(request, text, ok=ok)
             return
+        if isinstance(order, Drain):
+            text, ok = self._drain(order.host)
+            self._control.answer(request, text, ok=ok)
+            return
         room = "" if isinstance(order, Status) else order.room
         if isinstance(order, SetHand) and not room:
             homes = sorted({each.room for each in self._front.seated.values() if each.user == order.user})
@@ -122,7 +142,7 @@ class Administration:
                 self._control.answer(request, text, ok=False)
                 return
             room = homes[0] if homes else ""
-        ready = [worker for worker in self._front.pool.workers if worker.state == "ready"]
+        ready: list[Worker | RemoteRoom] = [worker for worker in self._front.pool.workers if worker.state == "ready"]
         home = self._front.pool.home(room) if room else None
         asked = [home] if home is not None else ready
         self._number += 1

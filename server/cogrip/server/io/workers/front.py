@@ -13,19 +13,20 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from cogrip.protocol import messages
-from cogrip.protocol.channel import Address, Channel, place_text
+from cogrip.protocol.channel import Address
 from cogrip.protocol.io.receive_buffer import OVERRUN, overrun
 from cogrip.protocol.io.stop import Stop
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, PROTOCOL_VERSION, Hello, MalformedError, Welcome
-from cogrip.protocol.session import SECONDS_OVER, refusal
+from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, MalformedError, Welcome
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import named
-from cogrip.server.admission import AdmitAll, Authenticator, Denied, Grant
-from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
+from cogrip.server.admission import Authenticator, Denied, Grant
+from cogrip.server.events import ServerEvent
 from cogrip.server.io.dtls_channel import DtlsListener
+from cogrip.server.io.public_port import FrontChannel as FrontChannel
+from cogrip.server.io.public_port import PublicPort
 from cogrip.server.io.workers.link import (
     Admitted,
     Answered,
@@ -47,22 +48,11 @@ from cogrip.server.io.workers.link import (
 )  # fmt: skip
 from cogrip.server.io.workers.pool import Worker, WorkerPool
 from cogrip.server.io.workers.steering import open_path
-from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.snapshot import decode
 
-POLL_EVERY_NS = 50_000_000
-MOST_AT_ONCE = 256  # datagrams between two looks at the workers
-REPORTED = Budget(1, 40)
 ASKED_NS = 1_000_000_000  # a worker answers a hello at its next tick
 DEATHS_NS, MOST_DEATHS = 10_000_000_000, 10
 DYING = "stopped (the workers die again and again)"
-
-
-class FrontChannel(Channel, Protocol):
-    """Channel of the front: `DtlsListener` or `UnencryptedListener`."""
-
-    renewed: deque[Address]
-    events: deque[ServerEvent]
 
 
 class Seated(NamedTuple):
@@ -74,7 +64,7 @@ class Seated(NamedTuple):
     token: str
 
 
-class Front:
+class Front(PublicPort):
     """Front of some rooms. open_channel: returns the channel, given what says whether an address has a path or has asked.
 
     seated    peers with a path
@@ -86,24 +76,14 @@ class Front:
         say: Callable[[ServerEvent], None], open_channel: Callable[[Callable[[Address], bool]], FrontChannel],
         authenticator: "Authenticator | None" = None,
     ) -> None:  # fmt: skip
-        self.rooms = {room.name: room for room in rooms}
+        self._asking: dict[Address, tuple[Worker, str, int]] = {}  # worker, token and when, of hellos without an answer
+        channel = open_channel(lambda address: address in self._asking)
+        super().__init__(public, rooms, stop, say, channel, authenticator)
         self.pool = pool
         self.seated: dict[Address, Seated] = {}
         self.answered: Callable[[Answered], None] = lambda answer: None
         self.revoke: Callable[[str], None] = lambda token: None
-        self.chores: list[Callable[[int], None]] = []
-        self.dropped: Counter[str] = Counter()
-        self.received = 0
-        self.sent = 0
-        self._public, self._stop, self._say = public, stop, say
-        self._authenticator = authenticator or AdmitAll()
-        self._asking: dict[Address, tuple[Worker, str, int]] = {}  # worker, token and when, of hellos without an answer
-        self._channel = open_channel(lambda address: address in self._asking)
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(public, selectors.EVENT_READ)
-        self._budget = Buckets(len(UNAUTHENTICATED_EVENTS), REPORTED)
         self._deaths: deque[int] = deque(maxlen=MOST_DEATHS)
-        self._poll_ns = 0
         for worker in pool.workers:
             self._selector.register(worker.link.socket, selectors.EVENT_READ, worker)
 
@@ -131,21 +111,12 @@ class Front:
 
     def run(self, seconds: float | None = None) -> None:
         """Serve until stopped, at most for `seconds`."""
-        end_ns = None if seconds is None else time.monotonic_ns() + round(seconds * 1e9)
-        while not self._stop.reason:
-            if end_ns is not None and time.monotonic_ns() >= end_ns:
-                self._stop.reason = f"stopped ({SECONDS_OVER})"
-            self._wait(POLL_EVERY_NS * 1e-9)
-            now_ns = time.monotonic_ns()
-            if now_ns >= self._poll_ns:
-                self._poll_ns = now_ns + POLL_EVERY_NS
-                self._channel.poll(now_ns)
-                self._asking = {at: each for at, each in self._asking.items() if now_ns - each[2] < ASKED_NS}
-                for chore in self.chores:
-                    chore(now_ns)
-                self._flush()
+        super().run(seconds)
         for worker in self.pool.workers:
             worker.link.send(End(self._stop.reason))
+
+    def _poll(self, now_ns: int) -> None:
+        self._asking = {at: each for at, each in self._asking.items() if now_ns - each[2] < ASKED_NS}
 
     def _wait(self, limit_s: float) -> None:
         """Take in what has come, of workers first."""
@@ -158,21 +129,11 @@ class Front:
         self._flush()
         self._report()
 
-    def _drain(self) -> None:
-        now_ns = time.monotonic_ns()
-        for _ in range(MOST_AT_ONCE):
-            try:
-                datagram, address = self._public.recvfrom(MAX_DATAGRAM_BYTES + 1)
-            except BlockingIOError:
-                return
-            except OSError as error:
-                self.dropped[f"socket: {error.strerror}"] += 1
-                continue
-            self.received += 1
-            if seated := self.seated.get(address):
-                seated.worker.link.send(Stray(address, datagram))
-            else:
-                self._take(datagram, address, now_ns)
+    def _arrived(self, datagram: bytes, address: PeerAddress, now_ns: int) -> None:
+        if seated := self.seated.get(address):
+            seated.worker.link.send(Stray(address, datagram))
+        else:
+            self._take(datagram, address, now_ns)
 
     def _take(self, datagram: bytes, address: PeerAddress, now_ns: int) -> None:
         for message in self._channel.receive(datagram, address, now_ns):
@@ -202,7 +163,7 @@ class Front:
         if anew and isinstance(verdict, Denied):  # no worker has to judge a wrong token
             self._refuse(hello, verdict, address)
             return
-        room = self._room_for(hello, verdict)
+        room = self.room_for(hello, verdict, {(each.room, each.user) for each in self.seated.values()})
         if isinstance(room, Denied):
             self._refuse(hello, room, address)
             return
@@ -219,23 +180,6 @@ class Front:
             self._asking[address] = worker, token, now_ns
             worker.link.send(Ask(address, message, verdict))
 
-    def _room_for(self, hello: Hello, verdict: Grant | Denied) -> str | Denied:
-        """Return the room that a hello is for: of those that it lets us choose the first with a seat that is free."""
-        grant = verdict if isinstance(verdict, Grant) else None
-        wanted = hello.room or (grant.room if grant else "")
-        if wanted:
-            there = ", ".join(self.rooms)
-            return wanted if wanted in self.rooms else verdict if isinstance(verdict, Denied) else Denied(
-                "room", f"there is no room {wanted!r} here; there is: {there}"
-            )  # fmt: skip
-        name = hello.name or (grant.user if grant else "")
-        taken = {(each.room, each.user) for each in self.seated.values()}
-        with_name = [room for room in self.rooms.values() if not name or any(user.name == name for user in room.users)]
-        for room in with_name:
-            if any((room.name, user.name) not in taken and name in ("", user.name) for user in room.users):
-                return room.name
-        return (with_name or list(self.rooms.values()))[0].name
-
     def _too_many(self, token: str, room: str, address: Address) -> Denied | None:
         """Return a refusal where the token holds as many seats in other workers as it may in all."""
         home, most = self.pool.home(room), self.rooms[room].admission.seats_per_token
@@ -245,29 +189,11 @@ class Front:
         words = f"this token holds {most} seats already (admission.seats_per_token): ask for a link of your own"
         return Denied("token", words)
 
-    def _refuse(self, hello: Hello, denied: Denied, address: PeerAddress) -> None:
-        self.dropped[f"refused: {denied.code}"] += 1
-        where = place_text(address)
-        self._event(
-            ServerEvent("refused", f"refused {where}: {denied.reason} [{denied.code}]", address=where, code=denied.code)
-        )
-        self._send(refusal(hello.nonce, denied.code, denied.reason), address)
-
     def _send(self, message: bytes, address: Address) -> None:
         if address in self.seated:  # the worker has a path by now, and repeats what is needed
             self.dropped["path is the worker's"] += 1
         else:
             self._channel.send(message, address)
-
-    def _flush(self) -> None:
-        outbox = self._channel.outbox
-        while outbox:
-            address, datagram = outbox.popleft()
-            try:
-                self._public.sendto(datagram, address)  # type: ignore[call-overload]  # addresses are the socket's own
-                self.sent += 1
-            except OSError as error:
-                self.dropped[f"socket: {error.strerror}"] += 1
 
     def _take_of(self, worker: Worker) -> None:
         try:
@@ -348,17 +274,6 @@ class Front:
         if rooms:
             text = f"worker {worker.number} has ended; another one goes on with {named(rooms)}"
             self._say(ServerEvent("trouble", text))
-
-    def _report(self) -> None:
-        while self._channel.events:
-            self._event(self._channel.events.popleft())
-
-    def _event(self, event: ServerEvent) -> None:
-        """Say what unauthenticated peers can cause, a bounded number of times."""
-        if self._budget.take(UNAUTHENTICATED_EVENTS.index(event.event), time.monotonic_ns()):
-            self._say(event)
-        else:
-            self.dropped[f"event not said: {event.event}"] += 1
 
 
 def shares(rooms: Sequence[str], workers: int) -> list[list[str]]:

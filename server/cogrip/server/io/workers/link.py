@@ -78,6 +78,17 @@ class Void(ToWorker, frozen=True, tag="void"):
     expired: tuple[str, ...]
 
 
+class Serve(ToWorker, frozen=True, tag="serve"):
+    """Serve the room of this job. number: of the process, among those that had the room."""
+
+    job: bytes
+    number: int
+
+
+class HandOver(ToWorker, frozen=True, tag="hand over"):
+    """Leave a checkpoint of this moment, and end without a goodbye: another process goes on with the rooms."""
+
+
 class End(ToWorker, frozen=True, tag="end"):
     """Say goodbye to everybody and end."""
 
@@ -89,7 +100,9 @@ class ToFront(msgspec.Struct, frozen=True, array_like=True, tag_field="kind"):
 
 
 class Ready(ToFront, frozen=True, tag="ready"):
-    """The rooms that were assigned are served."""
+    """The rooms that were assigned are served. port: their own one, 0 for that of the front."""
+
+    port: int = 0
 
 
 class Say(ToFront, frozen=True, tag="say"):
@@ -144,7 +157,7 @@ class Measured(ToFront, frozen=True, tag="measured"):
     snapshot: bytes
 
 
-AnyToWorker = Assign | Ask | Path | Stray | Forget | Obey | Void | End
+AnyToWorker = Assign | Ask | Path | Stray | Forget | Obey | Void | Serve | HandOver | End
 AnyToFront = Ready | Say | Asked | Astray | Released | Admitted | Revoke | Answered | Measured
 
 _encode = msgspec.msgpack.Encoder().encode

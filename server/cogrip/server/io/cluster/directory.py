@@ -1,0 +1,194 @@
+"""Directory of a cluster: which room is where, which host gets the next one. It asks no clock and starts nothing.
+
+A room's actors are numbered. One of them serves; the next is started where none does, or where the host of that one is to be
+drained. All that is known here comes with reports, twice a second and more: a directory that is started again learns it anew.
+"""
+
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+LOST_S = 1.5  # without a report, of an actor that serves
+START_S = 30.0  # likewise, of one that is being started; it may have to wait for the one before
+SUSPECT_S = 15.0  # for which no room is placed on a host that lost one, if there is another
+GAP_S = 0.5  # between two calls: longer ones are this process's own
+
+
+class Host(NamedTuple):
+    """One node of Ray. name: its identity; address: by which people reach it."""
+
+    name: str
+    address: str
+    processors: float
+
+
+class Report(NamedTuple):
+    """State of a room as its actor tells it. place: HOST:PORT, "" before it serves; taken: seats; snapshot: encoded."""
+
+    actor: str
+    room: str
+    number: int
+    host: str
+    job: bytes
+    place: str = ""
+    taken: tuple[str, ...] = ()
+    snapshot: bytes = b""
+
+
+class Start(NamedTuple):
+    """Actor to be started. after: name of the one that hands the room over, "" for none."""
+
+    room: str
+    number: int
+    host: str
+    job: bytes
+    after: str
+
+
+class Home(NamedTuple):
+    """Where a room is: what its newest report said."""
+
+    actor: str
+    place: str
+    taken: tuple[str, ...]
+    snapshot: bytes
+
+
+@dataclass(slots=True)
+class _Room:
+    """number, since_s: of the newest actor, and when it was heard of; starting: it does not serve yet."""
+
+    job: bytes
+    number: int = 0
+    host: str = ""
+    since_s: float = 0.0
+    starting: bool = False
+    serving: Report | None = None
+    heard_s: float = 0.0
+
+
+@dataclass(slots=True)
+class Directory:
+    """Rooms and fronts of a cluster, by name and by place. moved, lost: counts."""
+
+    moved: int = 0
+    lost: int = 0
+    _rooms: dict[str, _Room] = field(default_factory=dict)
+    _fronts: dict[str, float] = field(default_factory=dict)
+    _drained: set[str] = field(default_factory=set)
+    _suspect: dict[str, float] = field(default_factory=dict)
+    _called_s: float | None = None
+    _born_s: float = 0.0
+
+    def offer(self, jobs: Mapping[str, bytes]) -> tuple[str, ...]:
+        """Take rooms that are to be served. Returns those that are here with another job."""
+        for room, job in jobs.items():
+            self._rooms.setdefault(room, _Room(job))
+        return tuple(room for room, job in jobs.items() if self._rooms[room].job != job)
+
+    def keep_front(self, place: str, now_s: float) -> tuple[str, ...]:
+        """Note that a front is there. Returns the places of all."""
+        self._pass(now_s)
+        self._fronts[place] = now_s
+        self._fronts = {front: heard_s for front, heard_s in self._fronts.items() if now_s - heard_s < LOST_S}
+        return tuple(self._fronts)
+
+    def leave_front(self, place: str) -> bool:
+        """Forget a front. Returns whether it was the last."""
+        self._fronts.pop(place, None)
+        return not self._fronts
+
+    def report(self, told: Report, now_s: float) -> bool:
+        """Take in an actor's report. Returns whether it may go on."""
+        self._pass(now_s)
+        room = self._rooms.setdefault(told.room, _Room(told.job))
+        serving = room.serving.number if room.serving else 0
+        if told.number < (serving or room.number):
+            return False  # another one has the room, or is to have it
+        if told.number >= room.number:
+            room.number, room.host, room.since_s = told.number, told.host, now_s
+            room.starting = not told.place
+        if told.place:
+            self.moved += bool(serving) and told.number > serving
+            room.serving, room.heard_s = told, now_s
+        return True
+
+    @property
+    def settled(self) -> bool:
+        """True while no room is being started."""
+        return all(room.serving and not room.starting for room in self._rooms.values())
+
+    def homes(self) -> dict[str, Home]:
+        """Return where the rooms are that are served."""
+        return {
+            name: Home(room.serving.actor, room.serving.place, room.serving.taken, room.serving.snapshot)
+            for name, room in self._rooms.items()
+            if room.serving
+        }
+
+    def drain(self, host: str, hosts: Sequence[Host]) -> tuple[str, bool]:
+        """Place no room on a host any more, and let its rooms move. Returns what to tell, and whether it is done.
+
+        host: its address, or the beginning of its name
+        """
+        found = [each for each in hosts if each.address == host or (len(host) >= 4 and each.name.startswith(host))]
+        there = ", ".join(f"{each.address} ({each.name[:8]})" for each in hosts if each.name not in self._drained)
+        if len(found) != 1:
+            several = "there are several" if found else "there is no"
+            return f"{several} host {host!r} in the cluster; give the beginning of one of these: {there}", False
+        drained = self._drained | {found[0].name}
+        if not any(each.name not in drained for each in hosts):
+            return f"{host} is the last host that is left: its rooms have nowhere to go", False
+        self._drained = drained
+        rooms = sorted(name for name, room in self._rooms.items() if room.host == found[0].name)
+        moving = f"its rooms move: {', '.join(rooms)}" if rooms else "it has no rooms"
+        return f"no room is placed on {found[0].address} ({found[0].name[:8]}) any more; {moving}", True
+
+    def look(self, hosts: Sequence[Host], now_s: float) -> list[Start]:
+        """Return the actors that are to be started now."""
+        self._pass(now_s)
+        if now_s - self._born_s < LOST_S:  # rooms that are served already are heard of meanwhile
+            return []
+        started = []
+        for name, room in self._rooms.items():
+            if room.serving and not room.starting and now_s - room.heard_s > LOST_S:
+                self.lost += 1
+                self._suspect[room.serving.host] = now_s
+                room.serving = None
+            if room.starting and now_s - room.since_s > START_S:
+                self._suspect[room.host] = now_s
+                room.starting = False
+            drained = room.serving is not None and room.serving.host in self._drained
+            if room.starting or (room.serving and not drained):
+                continue
+            if host := self._host(hosts, now_s):
+                after = room.serving.actor if room.serving else ""
+                room.number, room.host, room.since_s, room.starting = room.number + 1, host, now_s, True
+                started.append(Start(name, room.number, host, room.job, after))
+        return started
+
+    def _host(self, hosts: Sequence[Host], now_s: float) -> str:
+        """Return the host with the least load: rooms and people for each processor. "" where there is none."""
+        suspect = {name for name, since_s in self._suspect.items() if now_s - since_s < SUSPECT_S}
+        free = [each for each in hosts if each.name not in self._drained]
+        fit = [each for each in free if each.name not in suspect] or free
+        return min(fit, key=lambda each: self._load(each.name) / max(each.processors, 1.0)).name if fit else ""
+
+    def _load(self, host: str) -> int:
+        there = [room for room in self._rooms.values() if room.host == host]
+        return sum(1 + (len(room.serving.taken) if room.serving else 0) for room in there)
+
+    def _pass(self, now_s: float) -> None:
+        """Let time pass. While nobody called nobody was heard: that is this process's own pause, and none of a room."""
+        if self._called_s is None:
+            self._called_s = self._born_s = now_s
+        gap_s, self._called_s = now_s - self._called_s, now_s
+        if gap_s > GAP_S:
+            for room in self._rooms.values():
+                room.heard_s += gap_s
+                room.since_s += gap_s
+
+
+def taken_seats(homes: Mapping[str, Home]) -> Set[tuple[str, str]]:
+    """Return rooms and names of all seats that are taken."""
+    return {(room, user) for room, home in homes.items() for user in home.taken}

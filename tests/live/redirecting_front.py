@@ -1,0 +1,46 @@
+"""A front of a cluster without the cluster: it redirects to one server."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from cogrip.cli.session.server_state import front_channel_of
+from cogrip.cli.session.settings_file import load
+from cogrip.protocol.io.stop import Stop
+from cogrip.server.io.cluster.directory import Home
+from cogrip.server.io.cluster.front import ClusterFront
+from cogrip.server.io.state_folder import StateFolder
+from cogrip.server.io.workers.steering import open_public
+
+
+class OneHome:
+    """Where the one room is. place: HOST:PORT, which may be changed."""
+
+    def __init__(self, room: str, place: str) -> None:
+        self.homes = {room: Home("", place, (), b"")}
+        self.fronts: tuple[str, ...] = ()
+        self.counts: dict[str, int] = {}
+
+    def answers(self) -> list[Any]:
+        return []
+
+
+@contextmanager
+def redirecting(config: Path, place: str, state: Path | None) -> Iterator[int]:
+    """Serve as a front on a free port until left. state: with the key, None for unencrypted."""
+    room, stop = load(config, ()), Stop()
+    public = open_public("127.0.0.1", 0)
+    pool, port = OneHome(room.name, place), int(public.getsockname()[1])
+    pool.fronts = (f"127.0.0.1:{port}",)
+    channel = front_channel_of(lambda address: False, [room], StateFolder(state) if state else None)
+    front = ClusterFront(public, [room], pool, stop, lambda event: None, channel)  # type: ignore[arg-type]
+    thread = threading.Thread(target=front.run)
+    thread.start()
+    try:
+        yield port
+    finally:
+        stop.reason = "over"
+        thread.join()
+        public.close()

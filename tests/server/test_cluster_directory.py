@@ -1,0 +1,143 @@
+"""Directory of a cluster in virtual time: placement by load, hosts that die, drained hosts, and its own pauses."""
+
+import pytest
+
+from cogrip.server.io.cluster.directory import GAP_S, LOST_S, START_S, Directory, Host, Report, Start
+
+HOSTS = [Host("aaaa1111", "10.0.0.1", 4.0), Host("bbbb2222", "10.0.0.2", 4.0)]
+EVERY_S = 0.25
+
+
+class Cluster:
+    """Actors that report four times a second: as long as their host lives."""
+
+    def __init__(self, hosts: list[Host]) -> None:
+        self.directory, self.hosts, self.now_s = Directory(), list(hosts), 100.0
+        self.living = {host.name for host in hosts}
+        self.running: dict[tuple[str, int], Report] = {}
+        self.started: list[Start] = []
+        self.fenced: list[tuple[str, int]] = []
+
+    def pass_by(self, seconds: float, ready: bool = True) -> None:
+        """Let time pass. ready: actors that are started serve at once; else never."""
+        for _ in range(round(seconds / EVERY_S)):
+            self.now_s += EVERY_S
+            for start in self.directory.look(self.hosts, self.now_s):
+                self.started.append(start)
+                place = f"{start.host}:{start.number}" if ready else ""
+                taken = ("anna",) if start.room == "full" else ()
+                self.running[start.room, start.number] = Report(
+                    f"{start.room} {start.number}", start.room, start.number, start.host, start.job, place, taken
+                )
+            for key, report in list(self.running.items()):
+                if report.host in self.living and not self.directory.report(report, self.now_s):
+                    self.fenced.append(key)
+                    del self.running[key]
+
+    def where(self) -> dict[str, str]:
+        return {room: home.place for room, home in self.directory.homes().items()}
+
+
+@pytest.fixture
+def cluster() -> Cluster:
+    return Cluster(HOSTS)
+
+
+def test_rooms_go_to_the_host_with_the_least_load(cluster: Cluster) -> None:
+    cluster.directory.offer({"full": b"", "b": b""})
+    cluster.pass_by(5.0)
+    assert {start.host for start in cluster.started} == {"aaaa1111", "bbbb2222"}
+    crowded = next(start.host for start in cluster.started if start.room == "full")
+    cluster.directory.offer({"c": b""})
+    cluster.pass_by(1.0)
+    assert cluster.started[-1].host != crowded, "a room with a person weighs as much as two"
+
+
+def test_a_host_with_more_processors_takes_more_rooms() -> None:
+    cluster = Cluster([Host("aaaa1111", "10.0.0.1", 1.0), Host("bbbb2222", "10.0.0.2", 3.0)])
+    cluster.directory.offer({f"room {number}": b"" for number in range(8)})
+    cluster.pass_by(5.0)
+    assert [start.host for start in cluster.started].count("bbbb2222") == 6
+
+
+def test_a_host_that_dies_loses_its_rooms_to_another(cluster: Cluster) -> None:
+    cluster.directory.offer({"attic": b"job", "cellar": b"job"})
+    cluster.pass_by(5.0)
+    dead, alive = cluster.started[0], cluster.started[1]
+    cluster.living.remove(dead.host)
+    cluster.pass_by(LOST_S)
+    cluster.pass_by(2 * EVERY_S)
+    again = cluster.started[-1]
+    assert (again.room, again.number, again.job, again.after) == (dead.room, 2, b"job", "")
+    assert again.host == alive.host, "Ray may still list the dead one"
+    assert cluster.where()[dead.room] == f"{alive.host}:2"
+    assert cluster.directory.lost == 1
+    cluster.living.add(dead.host)  # it was away only: its room is not served twice
+    cluster.pass_by(EVERY_S)
+    assert cluster.fenced == [(dead.room, 1)]
+    assert len(cluster.started) == 3
+
+
+def test_a_drained_host_hands_its_rooms_over_and_gets_none(cluster: Cluster) -> None:
+    cluster.directory.offer({"attic": b"", "cellar": b""})
+    cluster.pass_by(5.0)
+    text, ok = cluster.directory.drain("aaaa", HOSTS)
+    assert ok
+    moved = next(start.room for start in cluster.started if start.host == "aaaa1111")
+    assert f"its rooms move: {moved}" in text
+    cluster.pass_by(2.0)
+    assert cluster.started[-1] == Start(moved, 2, "bbbb2222", b"", f"{moved} 1")
+    assert (cluster.directory.moved, cluster.directory.lost) == (1, 0)
+    assert set(cluster.where().values()) == {"bbbb2222:1", "bbbb2222:2"}
+    cluster.directory.offer({"hall": b""})
+    cluster.pass_by(1.0)
+    assert cluster.started[-1].host == "bbbb2222"
+    text, ok = cluster.directory.drain("10.0.0.2", HOSTS)
+    assert not ok
+    assert "the last host that is left" in text
+
+
+@pytest.mark.parametrize("host", ["10.0.0.9", "", "a", "192"])
+def test_no_such_host_is_drained(cluster: Cluster, host: str) -> None:
+    text, ok = cluster.directory.drain(host, HOSTS)
+    assert not ok
+    assert "10.0.0.1 (aaaa1111), 10.0.0.2 (bbbb2222)" in text
+
+
+def test_a_start_that_fails_is_tried_again_elsewhere(cluster: Cluster) -> None:
+    cluster.directory.offer({"attic": b""})
+    cluster.living.clear()
+    cluster.pass_by(START_S + 3.0)
+    first, second = cluster.started
+    assert (first.number, second.number) == (1, 2)
+    assert first.host != second.host
+
+
+def test_a_pause_of_the_directory_is_no_death_of_a_room(cluster: Cluster) -> None:
+    cluster.directory.offer({"attic": b""})
+    cluster.pass_by(5.0)
+    cluster.now_s += 100 * LOST_S
+    cluster.pass_by(5.0)
+    assert len(cluster.started) == 1
+    assert cluster.directory.lost == 0
+    assert LOST_S > GAP_S > EVERY_S
+
+
+def test_a_directory_that_is_started_again_learns_where_the_rooms_are(cluster: Cluster) -> None:
+    cluster.directory.offer({"attic": b"job"})
+    cluster.pass_by(5.0)
+    cluster.directory = Directory()
+    assert cluster.directory.offer({"attic": b"job"}) == ()
+    cluster.pass_by(5.0)
+    assert len(cluster.started) == 1
+    assert list(cluster.where()) == ["attic"]
+    assert cluster.directory.offer({"attic": b"another"}) == ("attic",)
+
+
+def test_fronts_that_are_silent_are_forgotten(cluster: Cluster) -> None:
+    directory = cluster.directory
+    assert directory.keep_front("10.0.0.1:1", 0.0) == ("10.0.0.1:1",)
+    assert directory.keep_front("10.0.0.2:1", 0.25) == ("10.0.0.1:1", "10.0.0.2:1")
+    assert not directory.leave_front("10.0.0.2:1")
+    assert directory.keep_front("10.0.0.3:1", LOST_S) == ("10.0.0.3:1",)
+    assert directory.leave_front("10.0.0.3:1")
