@@ -17,6 +17,8 @@ from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
 
+_NONE = (0.0,) * PLACES
+
 
 class LocalPoses(LocalScene):
     """See `LocalScene`. Rows have the axes of turning, as lengths, behind those of the places."""
@@ -46,10 +48,10 @@ class LocalPoses(LocalScene):
         self._end_leaving()
 
     def _move(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
-        x, y, z = self._go_on(applied_n, mean_velocity_mps)
+        x, y, z = self._go_on(applied_n[:PLACES], mean_velocity_mps[:PLACES])
         s, cut_n = self._port_share(), self.cut_n
         if cut_n is not None:  # of the places it is mostly the contact's, which the line does not see at all
-            lost_n = self._free(cut_n[:PLACES]) if s == 1.0 else (0.0,) * PLACES
+            lost_n = self._free(cut_n[:PLACES]) if s == 1.0 else _NONE
             self.cut_n = *lost_n, *cut_n[PLACES:]
         self._enter_line((s * x, s * y, s * z, *mean_velocity_mps[PLACES:]))
         self.cut_n = cut_n
@@ -62,19 +64,27 @@ class LocalPoses(LocalScene):
         if self.engaged_m is None:
             self._leaving = False
 
-    def _line_force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
-        s = self._port_share()
-        x, y, z = velocity_mps[:PLACES]
-        line_n = WaveCoupling.force(self, position_m, (s * x, s * y, s * z, *velocity_mps[PLACES:]))
-        self.local_n = self._shown(self.local_n, s)
-        return self._shown(line_n, s)
+    def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
+        damping, s = self._press(tuple(position_m[:PLACES])), self._port_share()
+        x, y, z, *turning = velocity_mps
+        reduced = self.reduced
+        line_n = WaveCoupling.force(self, position_m, (s * x, s * y, s * z, *turning))
+        self.reduced = self.reduced or reduced
+        size, (i, j, k) = 0.0, self._along
+        if self._depth > 0.0:
+            size = max(0.0, self._stiffness * self._depth + damping * (i * x + j * y + k * z))
+        (a, b, c), local_n = self._shown(self.local_n[:PLACES], s), self.local_n
+        self.local_n = (a + size * i, b + size * j, c + size * k, *local_n[PLACES:])
+        a, b, c = self._shown(line_n[:PLACES], s)
+        return [a + size * i, b + size * j, c + size * k, *line_n[PLACES:]]
 
     def _port_share(self) -> float:
         """Return s."""
         return 0.0 if self.engaged_m is None else self._share
 
-    def _shown(self, port_n: Sequence[float], s: float) -> Row:
-        """Return the hand's force for one at the port."""
-        a, b, c, *turning = port_n
-        places = s * a, s * b, s * c
-        return *(self._free(places) if self._left else places), *turning
+    def _shown(self, port_n: Sequence[float], s: float) -> Sequence[float]:
+        """Return the hand's force, at the places, for one at the port."""
+        if s == 0.0:
+            return _NONE
+        shown = [s * each for each in port_n]
+        return self._free(shown) if self._left else shown

@@ -150,13 +150,13 @@ class LocalScene(LocalCoupling):
         self.down.written_off = written_off
 
     def _go_on(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> Vector:
-        """Enter a tick of the hand, where there is one. Return the mean velocity of the proxy."""
+        """Enter a tick of the hand's places, where there is one. Return the mean velocity of the proxy."""
         p, q, r = self.proxy_m
         if self._position is not None:
             (x, y, z), T = self._position, self._tick_s
-            i, j, k = mean_velocity_mps[:PLACES]
+            i, j, k = mean_velocity_mps
             if self._gated and self._depth > 0.0:
-                (a, b, c), (f, g, h) = self._along, applied_n[:PLACES]
+                (a, b, c), (f, g, h) = self._along, applied_n
                 self.gate.saved_j += (a * f + b * g + c * h) * (a * i + b * j + c * k) * T
             self._position = x + T * i, y + T * j, z + T * k
             self._follow()
@@ -198,9 +198,30 @@ class LocalScene(LocalCoupling):
         return a + gain * (x - a), b + gain * (y - b), c + gain * (z - c)
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
+        damping = self._press(tuple(position_m))
+        total: Sequence[float] = [0.0] * PLACES
+        self.local_n = total
+        if self.engaged_m is not None:
+            reduced = self.reduced
+            total = super().force(position_m, velocity_mps)
+            if self._left:
+                total, self.local_n = self._free(total), self._free(self.local_n)
+            self.reduced = self.reduced or reduced
+        if self._depth > 0.0:
+            i, j, k = self._along
+            speed = damping * (i * velocity_mps[0] + j * velocity_mps[1] + k * velocity_mps[2])
+            size = max(0.0, self._stiffness * self._depth + speed)
+            a, b, c = self.local_n
+            self.local_n = a + size * i, b + size * j, c + size * k
+            a, b, c = total
+            return [a + size * i, b + size * j, c + size * k]
+        return list(total)
+
+    def _press(self, place_m: Row) -> float:
+        """Enter where the hand is: how deep, on which surfaces. Return the damping of contact."""
         damping = self._carry()
         anew = self._position is None
-        self._position = tuple(position_m[:PLACES])
+        self._position = place_m
         if anew:
             self._follow()
         if self.ramp_gain < 1.0 or self._yielded > 0.0:
@@ -212,26 +233,4 @@ class LocalScene(LocalCoupling):
         elif self._left:
             self._regained += self._tick_s / GROW_S
             self._left = self._left if self._regained < 1.0 else ()
-        reduced = self.reduced
-        total = self._line_force(position_m, velocity_mps)
-        self.reduced = self.reduced or reduced
-        if self._depth > 0.0:
-            i, j, k = self._along
-            speed = damping * (i * velocity_mps[0] + j * velocity_mps[1] + k * velocity_mps[2])
-            size = max(0.0, self._stiffness * self._depth + speed)
-            a, b, c, *turning = self.local_n
-            self.local_n = a + size * i, b + size * j, c + size * k, *turning
-            a, b, c, *turning = total
-            return [a + size * i, b + size * j, c + size * k, *turning]
-        return list(total)
-
-    def _line_force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
-        """Return P F_line, its part of the hand's own motion in `local_n`."""
-        if self.engaged_m is None:
-            self.local_n = total = [0.0] * PLACES
-            return total
-        line_n = super().force(position_m, velocity_mps)
-        if not self._left:
-            return line_n
-        self.local_n = self._free(self.local_n)
-        return self._free(line_n)
+        return damping
