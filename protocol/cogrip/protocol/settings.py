@@ -26,7 +26,7 @@ from cogrip.protocol.effects import MOST_EFFECTS, TANK_MJ, EffectSection, Effect
 from cogrip.protocol.hand_settings import NO_LIMIT, HandSection, WorkspaceLimit
 from cogrip.protocol.line.concealment import Concealed
 from cogrip.protocol.link_profile import Link, LinkProfile, check_link
-from cogrip.protocol.network_rate import best_rate, take_auto
+from cogrip.protocol.network_rate import best_rate, stated_frame_s, take_auto
 from cogrip.protocol.object_fit import unfit_object
 from cogrip.protocol.object_kinds import KindText, LocalKindText, kind_of, shared_kind
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
@@ -268,15 +268,16 @@ def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
     except msgspec.ValidationError as error:
         raise SettingsError(readable(str(error), merged, Settings)) from None
     if automatic:
-        settings = replace(settings, rates=replace(settings.rates, network_hz=_best_rate(settings)))
+        frame_s = stated_frame_s(len(settings.users), not kind_of(settings.object.kind).spring)
+        settings = replace(settings, rates=replace(settings.rates, network_hz=best_network_hz(settings, frame_s)))
     _check_fit(settings)
     return settings
 
 
-def _best_rate(settings: Settings) -> int:
+def best_network_hz(settings: Settings, frame_s: float) -> int:
+    """Return what "auto" is where a frame takes the server this time [s]."""
     device_hz = [user.device_hz or settings.rates.device_hz for user in settings.users]
-    scene = not kind_of(settings.object.kind).spring
-    return best_rate(device_hz, settings.object.axes, scene, settings.playout, ways_of(settings))
+    return best_rate(device_hz, settings.object.axes, frame_s, settings.playout, ways_of(settings))
 
 
 def ways_of(settings: Settings) -> tuple[LinkProfile, LinkProfile]:

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from cogrip.cli.runs.run_folder import leave_files, live_run_folder
 from cogrip.cli.session.live_views import ServeView, drawing
 from cogrip.cli.session.log_lines import LogLines
+from cogrip.cli.session.network_rate import RateChoices, measured, write_choice
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
 from cogrip.cli.session.served_rooms import Say, Workers, is_loopback, rooms_of, warn_of, worker_count
 from cogrip.cli.session.server_state import LOOPBACKS, authenticator_of, channel_of, held_folder, publish
@@ -106,10 +107,13 @@ def serve(
         Processes over which the rooms are divided, behind one port; auto: one less than there are cores. Linux only.
     """
     allow_python_worlds(python_worlds)
-    rooms = rooms_of(config, overrides, port, into)
+    rates = RateChoices(measured)
+    rooms = rooms_of(config, overrides, port, into, rates)
     host = _host(host)
     lines = LogLines(log)
     say = lines.say
+    for text in rates.lines():
+        say(text)
     encrypted = not insecure and (seal or not is_loopback(host))
     _check_flags(seal, insecure, encrypted, public, metrics, seconds)
     if encrypted:
@@ -129,8 +133,9 @@ def serve(
 
             run_folder = into or live_run_folder(runs, "rooms", say)
             job = FrontJob(
-                rooms, count, host, port, state_folder, authenticator, encrypted, fresh, run_folder, record, report
-            )
+                rooms, count, host, port, state_folder, authenticator, encrypted, fresh, run_folder, record, report,
+                rates.found,
+            )  # fmt: skip
             return _serve_by_workers(job, stop, lines, stack, _Shown(public, links, view, insecure, metrics), seconds)
         server = LiveServer(rooms, host, port, stop, say, lambda core: channel_of(core, key_folder), seconds=seconds)
         if authenticator is not None:
@@ -145,6 +150,7 @@ def serve(
             try:
                 for settings in rooms:
                     write_settings(folders[settings.name], settings)
+                    write_choice(folders[settings.name], rates.found.get(settings.name))
             except OSError as error:  # the session continues; the recorder reports by itself
                 say(f"warning: {run_folder}: {error.strerror}; no settings are left there")
         try:

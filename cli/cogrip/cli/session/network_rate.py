@@ -1,0 +1,58 @@
+"""`rates.network_hz = "auto"` where a session is started: by what a frame takes on this machine, or by what is stated."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+from msgspec.structs import replace
+
+from cogrip.protocol.io.platform import time
+from cogrip.protocol.network_rate import OUTSIDE_S, RateChoice, stated_frame_s
+from cogrip.protocol.object_kinds import kind_of
+from cogrip.protocol.settings import Settings, best_network_hz
+
+FILE = "network_rate.json"
+Choose = Callable[[Settings], RateChoice]
+
+
+def stated(settings: Settings) -> RateChoice:
+    """Choose by settings alone: the same everywhere."""
+    frame_s = stated_frame_s(len(settings.users), not kind_of(settings.object.kind).spring)
+    return RateChoice(best_network_hz(settings, frame_s), "stated", frame_s)
+
+
+def measured(settings: Settings) -> RateChoice:
+    """Choose by the time that the room's frame takes here, at the rate that devices and link would have."""
+    from cogrip.server.frame_cost import frame_cost
+
+    fastest = replace(settings, rates=replace(settings.rates, network_hz=best_network_hz(settings, 0.0)))
+    cost = frame_cost(fastest, time.perf_counter_ns, _wait_until)
+    frame_s = cost.frame_s + OUTSIDE_S * len(settings.users)
+    return RateChoice(best_network_hz(settings, frame_s), "measured", frame_s, cost.frames)
+
+
+def _wait_until(due_ns: int) -> None:
+    time.sleep(max(0, due_ns - time.perf_counter_ns()) * 1e-9)
+
+
+class RateChoices:
+    """Choices for the rooms that ask for "auto", by name, kept to be said and written. A function of settings, for `load`."""
+
+    def __init__(self, choose: Choose) -> None:
+        self._choose = choose
+        self.found: dict[str, RateChoice] = {}
+
+    def __call__(self, settings: Settings) -> int:
+        choice = self.found[settings.name] = self._choose(settings)
+        return choice.network_hz
+
+    def lines(self) -> list[str]:
+        """Return what was chosen, a line for each room."""
+        return [f"room {name}: {choice.text}" for name, choice in self.found.items()]
+
+
+def write_choice(folder: Path, choice: RateChoice | None) -> None:
+    """Leave a choice and its measurement in a run folder, where there is one."""
+    if choice is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / FILE).write_bytes(msgspec.json.format(msgspec.json.encode(choice), indent=2) + b"\n")
