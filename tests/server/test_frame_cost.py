@@ -10,9 +10,11 @@ from cogrip.cli.session.network_rate import RateChoices, stated
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.shipped_settings import shipped
 from cogrip.protocol.network_rate import OUTSIDE_S, PERSON_S, RATES_HZ, SERVER_SHARE, RateChoice
-from cogrip.protocol.settings import Settings, best_network_hz, resolve
+from cogrip.protocol.settings import Settings, best_network_hz, for_remote_clients, resolve
 from cogrip.server import frame_cost as module
+from cogrip.server.checkpoint import encode
 from cogrip.server.frame_cost import PAUSE_NS, SPENT_NS, WARM, frame_cost
+from cogrip.server.io.state_folder import make_folder, write_private
 from cogrip.server.room import Room
 
 
@@ -133,6 +135,25 @@ def test_what_is_chosen_at_the_start_is_in_the_settings_and_said_in_a_line(tmp_p
     assert load(file, rate=lab).rates == load(file).rates
     assert lab.found["box"] == RateChoice(1024, "stated", PERSON_S)
     assert tomllib.loads(file.read_text())["rates"]["network_hz"] == "auto"
+
+
+@pytest.mark.parametrize("encrypted", [False, True])
+def test_a_server_that_was_killed_goes_on_at_its_rate(tmp_path: Path, encrypted: bool) -> None:
+    """However long a frame takes now: its checkpoint, and the seats that wait for their people, are of that rate."""
+    file = tmp_path / "room.toml"
+    file.write_text('name = "box"\n[rates]\nnetwork_hz = "auto"\n[[users]]\nname = "anna"\n')
+    before = load(file, rate=RateChoices(choose(1000.0)))
+    assert before.rates.network_hz == 256
+    folder = make_folder(tmp_path / "state")
+    killed = Room(for_remote_clients(before) if encrypted else before)
+    write_private(folder.checkpoint("box"), encode(killed.checkpoint()))
+    again = RateChoices(choose(50.0), folder.path)
+    settings = load(file, rate=again)
+    assert settings.rates.network_hz == 256
+    assert again.found["box"].by == "kept"
+    Room(for_remote_clients(settings) if encrypted else settings).restore(killed.checkpoint(), 0)
+    other = RateChoices(choose(50.0), folder.path)
+    assert load(file, ["object.mass_kg=0.7"], rate=other).rates.network_hz == 1024, "of other settings: none that fits"
 
 
 def test_nothing_is_chosen_where_a_number_is_given() -> None:

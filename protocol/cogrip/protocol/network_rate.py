@@ -24,16 +24,23 @@ REAL_BYTES = 9
 
 
 class RateChoice(msgspec.Struct, frozen=True):
-    """Choice of "auto", and by what. frame_s: of the server's time for a frame of everybody; frames: that were measured."""
+    """Choice of "auto", and by what: "kept" is that of a server that was killed, to which a checkpoint belongs.
+
+    frame_s: of the server's time for a frame of everybody, unless it was kept; frames: that were measured
+    """
 
     network_hz: int
-    by: Literal["stated", "measured"]
-    frame_s: float
+    by: Literal["stated", "measured", "kept"]
+    frame_s: float | None = None
     frames: int = 0
 
     @property
     def text(self) -> str:
         """The choice in one line."""
+        if self.frame_s is None:
+            return (
+                f"rates.network_hz = {self.network_hz}: as it was when the server was killed, whose checkpoint is there"
+            )
         how = f"measured in {self.frames} frames" if self.by == "measured" else "as stated: no clock has a say"
         return (
             f"rates.network_hz = {self.network_hz}: a frame takes the server {1e6 * self.frame_s:.0f} µs ({how}), "

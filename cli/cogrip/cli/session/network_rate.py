@@ -7,9 +7,12 @@ import msgspec
 from msgspec.structs import replace
 
 from cogrip.protocol.io.platform import time
-from cogrip.protocol.network_rate import OUTSIDE_S, RateChoice, stated_frame_s
+from cogrip.protocol.network_rate import OUTSIDE_S, RATES_HZ, RateChoice, stated_frame_s
 from cogrip.protocol.object_kinds import kind_of
-from cogrip.protocol.settings import Settings, best_network_hz
+from cogrip.protocol.settings import Settings, best_network_hz, for_remote_clients
+from cogrip.protocol.settings_digest import digest
+from cogrip.server.checkpoint import CheckpointError, decode
+from cogrip.server.io.state_folder import StateError, StateFolder, read_private
 
 FILE = "network_rate.json"
 Choose = Callable[[Settings], RateChoice]
@@ -35,15 +38,31 @@ def _wait_until(due_ns: int) -> None:
     time.sleep(max(0, due_ns - time.perf_counter_ns()) * 1e-9)
 
 
+def kept(settings: Settings, folder: Path | None) -> RateChoice | None:
+    """Return the rate of the room's checkpoint in this folder; None where there is none that fits."""
+    if folder is None:
+        return None
+    try:
+        found = decode(read_private(StateFolder(folder).checkpoint(settings.name))).digest
+    except (OSError, StateError, CheckpointError):
+        return None  # whoever restores it says what is wrong
+    for hz in RATES_HZ:
+        tried = replace(settings, rates=replace(settings.rates, network_hz=hz))
+        if found in (digest(tried), digest(for_remote_clients(tried))):
+            return RateChoice(hz, "kept")
+    return None
+
+
 class RateChoices:
     """Choices for the rooms that ask for "auto", by name, kept to be said and written. A function of settings, for `load`."""
 
-    def __init__(self, choose: Choose) -> None:
-        self._choose = choose
+    def __init__(self, choose: Choose, folder: Path | None = None) -> None:
+        """folder: of the server's state, where a checkpoint of another rate would be of no use; None: there is none."""
+        self._choose, self._folder = choose, folder
         self.found: dict[str, RateChoice] = {}
 
     def __call__(self, settings: Settings) -> int:
-        choice = self.found[settings.name] = self._choose(settings)
+        choice = self.found[settings.name] = kept(settings, self._folder) or self._choose(settings)
         return choice.network_hz
 
     def lines(self) -> list[str]:

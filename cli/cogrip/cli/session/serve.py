@@ -28,7 +28,7 @@ from cogrip.protocol.texts import named
 from cogrip.protocol.version import VERSION
 from cogrip.server.io.housekeeping import Housekeeping
 from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
-from cogrip.server.io.state_folder import StateError, StateFolder
+from cogrip.server.io.state_folder import StateError, StateFolder, state_path
 from cogrip.server.io.udp_port import HostError, ServeError
 from cogrip.server.loop import LiveServer
 from cogrip.sim.runs.folder import SERVER_RECORDING, write_settings
@@ -107,7 +107,7 @@ def serve(
         Processes over which the rooms are divided, behind one port; auto: one less than there are cores. Linux only.
     """
     allow_python_worlds(python_worlds)
-    rates = RateChoices(measured)
+    rates = RateChoices(measured, None if fresh else state_path(state, port))
     rooms = rooms_of(config, overrides, port, into, rates)
     host = _host(host)
     lines = LogLines(log)
