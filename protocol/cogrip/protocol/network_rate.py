@@ -5,12 +5,16 @@ served (`cogrip.server.frame_cost`). Every run is written with a number.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import msgspec
 
 from cogrip.protocol.line.delays import Direction, PlayoutDelay, line_delay
+from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rates import Rates, misfit
+
+if TYPE_CHECKING:
+    from cogrip.protocol.settings import Settings
 
 AUTO = "auto"
 RATES_HZ = (128, 256, 512, 1024)
@@ -71,9 +75,9 @@ def take_auto(table: dict[str, Any]) -> bool:
     return True
 
 
-def stated_frame_s(people: int, scene: bool) -> float:
+def stated_frame_s(settings: "Settings") -> float:
     """Return what a frame takes the server by the numbers above [s]."""
-    return PERSON_S * people + WORLD_S * scene
+    return PERSON_S * len(settings.users) + WORLD_S * (not kind_of(settings.object.kind).spring)
 
 
 def best_rate(device_hz: Sequence[int], axes: int, frame_s: float, playout: PlayoutDelay, ways: Sequence[Way]) -> int:

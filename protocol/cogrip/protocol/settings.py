@@ -268,16 +268,16 @@ def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
     except msgspec.ValidationError as error:
         raise SettingsError(readable(str(error), merged, Settings)) from None
     if automatic:
-        frame_s = stated_frame_s(len(settings.users), not kind_of(settings.object.kind).spring)
-        settings = replace(settings, rates=replace(settings.rates, network_hz=best_network_hz(settings, frame_s)))
+        settings = replace(settings, rates=replace(settings.rates, network_hz=best_network_hz(settings)))
     _check_fit(settings)
     return settings
 
 
-def best_network_hz(settings: Settings, frame_s: float) -> int:
-    """Return what "auto" is where a frame takes the server this time [s]."""
+def best_network_hz(settings: Settings, frame_s: float | None = None) -> int:
+    """Return what "auto" is where a frame takes the server this time [s]; None: what is stated."""
     device_hz = [user.device_hz or settings.rates.device_hz for user in settings.users]
-    return best_rate(device_hz, settings.object.axes, frame_s, settings.playout, ways_of(settings))
+    took_s = stated_frame_s(settings) if frame_s is None else frame_s
+    return best_rate(device_hz, settings.object.axes, took_s, settings.playout, ways_of(settings))
 
 
 def ways_of(settings: Settings) -> tuple[LinkProfile, LinkProfile]:
@@ -343,8 +343,7 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
     """Return what user number `seat` and the server share. Raises SettingsError where compensation is out of reach."""
     user = settings.users[seat]
     coupling, line = tuned_coupling(settings, user)
-    rates = rates_of(settings, user)
-    up, down = ways_of(settings)
+    rates, (up, down) = rates_of(settings, user), ways_of(settings)
     if why := unfit_line(coupling, line):
         raise SettingsError(f"users.{seat} ({user.name}): {why}")
     rendered = coupling.stiffness_npm

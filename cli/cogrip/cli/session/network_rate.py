@@ -8,7 +8,6 @@ from msgspec.structs import replace
 
 from cogrip.protocol.io.platform import time
 from cogrip.protocol.network_rate import OUTSIDE_S, RATES_HZ, RateChoice, stated_frame_s
-from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings, best_network_hz, for_remote_clients
 from cogrip.protocol.settings_digest import digest
 from cogrip.server.checkpoint import CheckpointError, decode
@@ -20,8 +19,7 @@ Choose = Callable[[Settings], RateChoice]
 
 def stated(settings: Settings) -> RateChoice:
     """Choose by settings alone: the same everywhere."""
-    frame_s = stated_frame_s(len(settings.users), not kind_of(settings.object.kind).spring)
-    return RateChoice(best_network_hz(settings, frame_s), "stated", frame_s)
+    return RateChoice(best_network_hz(settings), "stated", stated_frame_s(settings))
 
 
 def measured(settings: Settings) -> RateChoice:
@@ -29,13 +27,13 @@ def measured(settings: Settings) -> RateChoice:
     from cogrip.server.frame_cost import frame_cost
 
     fastest = replace(settings, rates=replace(settings.rates, network_hz=best_network_hz(settings, 0.0)))
-    cost = frame_cost(fastest, time.perf_counter_ns, _wait_until)
+    cost = frame_cost(fastest, time.monotonic_ns, _wait_until)
     frame_s = cost.frame_s + OUTSIDE_S * len(settings.users)
     return RateChoice(best_network_hz(settings, frame_s), "measured", frame_s, cost.frames)
 
 
 def _wait_until(due_ns: int) -> None:
-    time.sleep(max(0, due_ns - time.perf_counter_ns()) * 1e-9)
+    time.sleep(max(0, due_ns - time.monotonic_ns()) * 1e-9)
 
 
 def kept(settings: Settings, folder: Path | None) -> RateChoice | None:
