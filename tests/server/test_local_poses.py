@@ -12,7 +12,7 @@ from cogrip.server.worlds.scene_text import SceneError
 
 from tests.extent import long
 from tests.server.local_worlds import join_all, local_world, report, wanderers
-from tests.server.scene_worlds import Array, T, port_j, springs_j
+from tests.server.scene_worlds import WORST_J, Array, T, port_j, springs_j
 
 BALLS = ("ball", "ball")
 
@@ -65,7 +65,7 @@ def holds_no_more(seeds: int, frames: int) -> None:
             back = world.step(waves)
             came += port_j(counted(world, clear, waves), back)
             held = world.energy_j - start - came + springs_j(world)
-            assert held - least <= 1e-8, seed
+            assert held - least <= WORST_J["lift"], seed  # 1.3e-6; of the same scene under waves 1e-5
             least = min(least, held)
             assert world.limiter.level_j >= 0.0
             seen |= {(clear[user], world.kinematic[user]) for user in (0, 1)}
