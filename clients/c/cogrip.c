@@ -28,6 +28,7 @@ enum {
     WIRE_AXES = 6,          /* most axes of any seat */
     GRIP_AXES = 4,          /* of one with a gripper [1] */
     MOST_WAVES = 78,        /* waves of a message */
+    MOST_STATE = 18,        /* places, velocities, turning and proxy of a message of waves */
     MOST_FRAMES = 32,       /* frames of a message */
     MOST_TICKS = 20000,     /* of a frame */
     HISTORY = 1024,         /* frames that a receiver remembers */
@@ -455,7 +456,7 @@ typedef struct stamp {
 typedef struct waves {
     int64_t session, first, acknowledged, phase, applied, since, edges;
     int count, totals, squares_count, states; /* lengths of the lists */
-    double wave[MOST_WAVES], total[WIRE_AXES], squares[WIRE_AXES], state[15];
+    double wave[MOST_WAVES], total[WIRE_AXES], squares[WIRE_AXES], state[MOST_STATE];
     double made_j, port_j, impedance_nspm;
     stamp sent;
 } waves;
@@ -572,7 +573,7 @@ static void get_waves(reader *from, uint64_t length, waves *into) {
     into->port_j = get_real(from, -1e15, 1e15);
     into->acknowledged = get_int(from, 0, MOST_INT);
     get_stamp(from, &into->sent);
-    into->states = get_row(from, into->state, 2, 15, 1e4);
+    into->states = get_row(from, into->state, 2, MOST_STATE, 1e4);
     if (length > 11) into->phase = get_int(from, -(INT64_C(1) << 31), INT64_C(1) << 31);
     if (length > 12) into->applied = get_int(from, 0, MOST_INT);
     if (length > 13) into->impedance_nspm = get_real(from, 0.0, 1e4);

@@ -17,8 +17,10 @@ from cogrip.sim.session.laboratory import Laboratory
 from tests.bench.targets import reached
 
 MOST = 1.3
+PRESS = "waypoints&times_s=1,1.5,4,4.5,5&x_m=0,0.09,0.09,0,0&rz_rad=0,0.3,-0.3,0,0.3"
 TUNED = ("coupling.impedance_nspm=auto", "coupling.wave_filter_hz=auto")
 LOCAL = ("coupling.kind=local",)
+POSES = ("object.axes=6", "users.0.tool=ball", "users.0.device=sim:freeflyer", "users.0.hand=" + PRESS)
 SESSIONS: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("cube, tuned", "demo", (), TUNED),
     ("cube, virtual coupling", "demo", (), ("coupling.kind=coupling",)),
@@ -28,6 +30,7 @@ SESSIONS: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("scene wall, local", "wall", (), LOCAL),
     ("scene lift, local", "lift", (), LOCAL),
     ("scene table, local", "table", (), LOCAL),
+    ("scene wall of six axes, local", "wall", POSES, LOCAL),
 )
 """Name, settings, what both sessions of a pair have, and what the second one has besides."""
 BLOCK = 16  # frames

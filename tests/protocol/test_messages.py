@@ -357,6 +357,8 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
         "farewell": 766, "view": 1008, "person": 424, "bodies": 1193, "geom": 1151, "mark": 122, "set hand": 123,
         "effects": 702, "edges": 161, "redirect": 579,
     }  # fmt: skip
+    proxied = msgspec.structs.replace(LARGEST["waves"], waves=(0.1,) * 72, state=(0.1,) * 18)
+    assert len(encode(proxied)) == 1162, "of local contact with 6 axes, R = 12"
     assert max(largest["welcome"], largest["refuse"]) <= HELLO_BYTES, "no answer to anyone is longer than the hello"
     assert len(padded(LARGEST["hello"])) == HELLO_BYTES
 

@@ -3,7 +3,15 @@
 import pytest
 
 from cogrip.protocol.line.delays import line_delay
-from cogrip.protocol.network_rate import HEAD_BYTES, LINK_SHARE, PERSON_S, RATES_HZ, REAL_BYTES, SERVER_SHARE, WORLD_S
+from cogrip.protocol.network_rate import (
+    HEAD_BYTES,
+    LINK_SHARE,
+    PERSON_S,
+    RATES_HZ,
+    REAL_BYTES,
+    SERVER_SHARE,
+    WORLD_S,
+)
 from cogrip.protocol.network_rate import best_rate as best
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.settings import Playout, Settings, resolve
@@ -38,7 +46,7 @@ def test_the_server_bears_so_many_people() -> None:
 def test_a_scene_costs_as_much_as_its_world() -> None:
     def rate(scene: bool, people: int) -> int:
         way = resolve({"users": [{}]}).link.direction("up")
-        return best([1024] * people, 3, scene, Playout(), (way, way))
+        return best([1024] * people, 3, PERSON_S * people + WORLD_S * scene, Playout(), (way, way))
 
     assert rate(False, 3) == 1024
     assert rate(True, 3) == max(hz for hz in RATES_HZ if (3 * PERSON_S + WORLD_S) * hz <= SERVER_SHARE)

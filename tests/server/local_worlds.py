@@ -11,10 +11,10 @@ from cogrip.server.worlds.scene_file import held_by, load_scene, make_scene
 from tests.server.scene_worlds import SCENES, SHIPPED, Array, T
 
 
-def local_world(scene: str, tools: Sequence[str] = ("", ""), substeps: int = 4) -> LocalScene:
+def local_world(scene: str, tools: Sequence[str] = ("", ""), substeps: int = 4, axes: int = 3) -> LocalScene:
     """Return the world of a scene: a name of those that come with cogrip, or XML."""
     people = [{"tool": tool, "side": ("left", "right")[number % 2]} for number, tool in enumerate(tools)]
-    thing = {"kind": "scene", "file": "x.xml", "axes": 3, "substeps": substeps}
+    thing = {"kind": "scene", "file": "x.xml", "axes": axes, "substeps": substeps}
     settings = resolve({"object": thing, "coupling": {"kind": "local"}, "users": people})
     held, step_s = held_by(settings), T / substeps
     loaded = load_scene(SCENES / f"{scene}.xml", held, step_s) if scene in SHIPPED else make_scene(scene, held, step_s)
@@ -24,7 +24,7 @@ def local_world(scene: str, tools: Sequence[str] = ("", ""), substeps: int = 4) 
 def join_all(world: LocalScene) -> LocalScene:
     """Let everybody take hold, each hand in the middle of its own frame."""
     for user in range(len(world.holding)):
-        world.join(user, np.zeros(3))
+        world.join(user, np.zeros(world.axes))
     return world
 
 
@@ -49,7 +49,7 @@ def wanderers(world: LocalScene, seed: int) -> Callable[[Array], tuple[Array, Ar
 
     def go_on(back: Array) -> tuple[Array, Array]:
         for user in np.flatnonzero(left <= 0).tolist():
-            start = world.offset[user]
+            start = world.offset[user, :3]
             goal[user] = start + random.uniform((-0.08, -0.08, -0.03), 0.08)  # seldom below a floor
             left[user], mode[user] = random.integers(5, 150), random.integers(4)
             speed[user], gain[user] = 10.0 ** random.uniform(-1.5, 1.0), 10.0 ** random.uniform(-1.5, 0.5)
@@ -59,10 +59,10 @@ def wanderers(world: LocalScene, seed: int) -> Callable[[Array], tuple[Array, Ar
         way = goal - place
         far = np.maximum(np.sqrt((way * way).sum(axis=1)), 1e-9)
         place[:] += way * np.minimum(1.0, speed * T / far)[:, None]
-        tools = np.array([world.proxy(user) for user in range(people)])
+        tools = np.array([world.proxy(user)[:3] for user in range(people)])
         drawn = np.clip(30.0 * gain[:, None] * (place - tools), -2.0, 2.0)
         noise = random.normal(0.0, 0.3, (people, 3)) * gain[:, None]
-        mirrored = np.clip(-back, -2.0, 2.0) + 0.3 * drawn
+        mirrored = np.clip(-back[:, :3], -2.0, 2.0) + 0.3 * drawn
         waves = np.select([(mode == each)[:, None] for each in (0, 1, 2)], [drawn, drawn + noise, mirrored], 0.0)
         return place.copy(), waves
 

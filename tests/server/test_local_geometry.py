@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cogrip.cli.session.settings_file import load
+from cogrip.cli.session.shipped_settings import shipped_scene
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.worlds.local_geometry import MOST_LOCAL, LocalGeometry
 from cogrip.sim.analysis.scene_advice import scene_findings
@@ -147,3 +148,17 @@ def test_advice_says_what_is_rendered_where(tmp_path: Path) -> None:
         f"anna: contact with 6 fixed shapes {at_hand}",
         "anna: contact with ellipsoid, far is the server's: no client renders it",
     ]
+
+
+def test_advice_refuses_a_tool_that_turns_and_is_no_ball() -> None:
+    table = {
+        "object": {"kind": "scene", "axes": 6, "file": str(shipped_scene("wall.xml"))},
+        "coupling": {"kind": "local"},
+    }
+    pad = scene_findings(resolve({**table, "users": [{"name": "anna", "tool": "pad", "device": "sim:phantom6"}]}))
+    assert [finding.refused for finding in pad if finding.topic == "local"] == [True]
+    fixed = scene_findings(resolve({**table, "users": [{"name": "anna", "tool": "pad", "orientation": "fixed"}]}))
+    ball = scene_findings(resolve({**table, "users": [{"name": "anna", "tool": "ball", "device": "sim:phantom6"}]}))
+    for found in (fixed, ball):
+        (text,) = [finding.text for finding in found if finding.topic == "local"]
+        assert text.startswith("anna: contact with 1 fixed shape is rendered at the hand")

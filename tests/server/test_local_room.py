@@ -236,7 +236,10 @@ def test_a_late_frame_takes_no_proxy_back_and_other_lengths_are_unfit() -> None:
 @pytest.mark.parametrize(
     ("tables", "words"),
     [
-        ({"object.axes": 6}, 'coupling.kind = "local" has no poses; set coupling.kind = "wave", or object.axes = 3'),
+        (
+            {"object.axes": 6, "playout.redundancy": 13},
+            "redundancy = 13 of 6 axes is more than a datagram holds; set it to at most 12",
+        ),
         ({"coupling.server_step": "paper"}, 'with coupling.kind = "local" leave it "passive"'),
     ],
 )

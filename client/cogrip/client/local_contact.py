@@ -30,6 +30,7 @@ from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import Stamp, Waves
+from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
 
 MOST_SAVED_J = 1e-3  # E
@@ -77,7 +78,7 @@ class ContactGate:
 class LocalCoupling(WaveCoupling):
     """Contact here, the wave line behind it.
 
-    proxy_m  where the hand is without the depth of contact, shape (axes,)
+    proxy_m  where the hand is without the depth of contact, shape (places,)
     """
 
     def __init__(self, seat: SeatSettings) -> None:
@@ -93,7 +94,7 @@ class LocalCoupling(WaveCoupling):
         self._hand_j = CompensatedSum()  # work of the hand
         self._position: Row | None = None  # of the hand at this tick
         self.gate = ContactGate()
-        self.proxy_m: Row = (0.0,) * seat.object.axes
+        self.proxy_m: Row = (0.0,) * min(seat.object.axes, PLACES)
 
     def fit(self, record: Capability, lag_s: float) -> None:
         super().fit(record, lag_s)
@@ -120,9 +121,13 @@ class LocalCoupling(WaveCoupling):
     def elapse_absent(self) -> None:
         zero = (0.0,) * len(self.sent)
         if self._position is not None:
-            self._position = None
-            self.gate.begin(0.0)
+            self._release()
         self._move(zero, zero)
+
+    def _release(self) -> None:
+        """Leave what the hand has touched."""
+        self._position = None
+        self.gate.begin(0.0)
 
     def _leave_line(self) -> None:
         """Enter a tick in which nothing is sent, and what comes is absorbed."""

@@ -91,7 +91,9 @@ class LocalScene(LocalCoupling):
     def receive(self, message: Waves) -> bool:
         axes, newest = len(self.sent), self.newest
         state = message.state
-        if len(state) not in (2 * axes, 3 * axes) or not super().receive(replace(message, state=state[: 2 * axes])):
+        if len(state) not in (2 * axes, 2 * axes + PLACES) or not super().receive(
+            replace(message, state=state[: 2 * axes])
+        ):
             return False
         if self.newest > newest:
             engaged = state[2 * axes :] or None
@@ -100,7 +102,7 @@ class LocalScene(LocalCoupling):
                 self.up.withhold(behind, anew=True)
                 self._share = 0.0
             elif engaged is None and self.engaged_m is not None:
-                self.up.withhold((0.0,) * axes, anew=True)  # a tool that is clear is owed nothing
+                self.up.withhold((0.0,) * PLACES, anew=True)  # a tool that is clear is owed nothing
                 self._leaving = True
             self.engaged_m = engaged
         return True
@@ -127,27 +129,17 @@ class LocalScene(LocalCoupling):
 
     # The law
 
-    def elapse_absent(self) -> None:
-        if self._position is not None:
-            self._proxy.release()
-            self._gated = True
-        super().elapse_absent()
+    def _release(self) -> None:
+        super()._release()
+        self._proxy.release()
+        self._gated = True
 
     def _move(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
-        p, q, r = self.proxy_m
-        if self._position is not None:
-            (x, y, z), (i, j, k), T = self._position, mean_velocity_mps, self._tick_s
-            if self._gated and self._depth > 0.0:
-                (a, b, c), (f, g, h) = self._along, applied_n
-                self.gate.saved_j += (a * f + b * g + c * h) * (a * i + b * j + c * k) * T
-            self._position = x + T * i, y + T * j, z + T * k
-            self._follow()
+        velocity_mps = self._go_on(applied_n, mean_velocity_mps)
         if self.engaged_m is None:
             self._leave_line()
             self._leaving = False
             return
-        (x, y, z), rate = self.proxy_m, self._rate_hz
-        velocity_mps = rate * (x - p), rate * (y - q), rate * (z - r)
         if self._share == 1.0:
             self._enter_line(velocity_mps)
             return
@@ -156,6 +148,20 @@ class LocalScene(LocalCoupling):
         # the line owes nothing of what its gain at the beginning leaves: it is this end that shows it later
         self.up.withhold([each / self.frame_ticks for each in self.down.written_off])
         self.down.written_off = written_off
+
+    def _go_on(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> Vector:
+        """Enter a tick of the hand's places, where there is one. Return the mean velocity of the proxy."""
+        p, q, r = self.proxy_m
+        if self._position is not None:
+            (x, y, z), T = self._position, self._tick_s
+            i, j, k = mean_velocity_mps
+            if self._gated and self._depth > 0.0:
+                (a, b, c), (f, g, h) = self._along, applied_n
+                self.gate.saved_j += (a * f + b * g + c * h) * (a * i + b * j + c * k) * T
+            self._position = x + T * i, y + T * j, z + T * k
+            self._follow()
+        (x, y, z), rate = self.proxy_m, self._rate_hz
+        return rate * (x - p), rate * (y - q), rate * (z - r)
 
     def _follow(self) -> None:
         proxy, hand = self._proxy, self._position
@@ -192,22 +198,9 @@ class LocalScene(LocalCoupling):
         return a + gain * (x - a), b + gain * (y - b), c + gain * (z - c)
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
-        damping = self._carry()
-        anew = self._position is None
-        self._position = tuple(position_m)
-        if anew:
-            self._follow()
-        if self.ramp_gain < 1.0 or self._yielded > 0.0:
-            self._yield()
-        else:
-            self._gated = False
+        damping = self._press(tuple(position_m))
         total: Sequence[float] = [0.0] * PLACES
         self.local_n = total
-        if normals := self._proxy.normals:
-            self._left, self._regained = normals, 0.0
-        elif self._left:
-            self._regained += self._tick_s / GROW_S
-            self._left = self._left if self._regained < 1.0 else ()
         if self.engaged_m is not None:
             reduced = self.reduced
             total = super().force(position_m, velocity_mps)
@@ -223,3 +216,21 @@ class LocalScene(LocalCoupling):
             a, b, c = total
             return [a + size * i, b + size * j, c + size * k]
         return list(total)
+
+    def _press(self, place_m: Row) -> float:
+        """Enter where the hand is: how deep, on which surfaces. Return the damping of contact."""
+        damping = self._carry()
+        anew = self._position is None
+        self._position = place_m
+        if anew:
+            self._follow()
+        if self.ramp_gain < 1.0 or self._yielded > 0.0:
+            self._yield()
+        else:
+            self._gated = False
+        if normals := self._proxy.normals:
+            self._left, self._regained = normals, 0.0
+        elif self._left:
+            self._regained += self._tick_s / GROW_S
+            self._left = self._left if self._regained < 1.0 else ()
+        return damping

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 from cogrip.client.coupling import AnyCoupling
 from cogrip.client.local_contact import LocalFaces, LocalWall
+from cogrip.client.local_poses import LocalPoses
 from cogrip.client.local_scene import LocalScene
 from cogrip.client.passivity_control import PassivityControl
 from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.protocol.messages import Frame, Power, State, Waves
-from cogrip.protocol.setting_types import Kind
+from cogrip.protocol.setting_types import POSE_AXES, Kind
 from cogrip.protocol.settings import SeatSettings
 
 
@@ -33,7 +34,7 @@ class Scheme:
 def make_local(seat: SeatSettings) -> AnyCoupling:
     """Return the coupling with local contact of a seat's kind of object."""
     makers: dict[str, Callable[[SeatSettings], AnyCoupling]] = {
-        "wall": LocalWall, "faces": LocalFaces, "scene": LocalScene,
+        "wall": LocalWall, "faces": LocalFaces, "scene": LocalPoses if seat.object.axes == POSE_AXES else LocalScene,
     }  # fmt: skip
     return makers[seat.object.kind](seat)
 

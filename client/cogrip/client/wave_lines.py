@@ -77,8 +77,14 @@ class ForwardLine:
         return sent
 
     def withhold(self, waves: Sequence[float], *, anew: bool = False) -> None:
-        """Enter a sum of waves over frames that is to be sent as energy allows. anew: in place of all that has waited."""
-        self._withheld = list(waves) if anew else [h + u for h, u in zip(self._withheld, waves, strict=True)]
+        """Enter a sum of waves over frames that is to be sent as energy allows.
+
+        anew: of the first axes, in place of all that has waited there.
+        """
+        if anew:
+            self._withheld[: len(waves)] = waves
+        else:
+            self._withheld = [h + u for h, u in zip(self._withheld, waves, strict=True)]
 
     def next_length(self, acknowledged: int) -> int:
         """Return the ticks of the next frame: M, or as many more or fewer as shift the phase by what is spare.

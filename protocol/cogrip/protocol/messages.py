@@ -21,7 +21,7 @@ from cogrip.protocol.hello_padding import HELLO_BYTES as HELLO_BYTES
 from cogrip.protocol.hello_padding import SHORT as SHORT
 from cogrip.protocol.hello_padding import padded as padded
 from cogrip.protocol.hello_padding import with_whole_device
-from cogrip.protocol.setting_types import MOST_WAVES, POSE_AXES, SeatNumber
+from cogrip.protocol.setting_types import MOST_WAVES, PLACES, POSE_AXES, SeatNumber
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.texts import MARK_BYTES as MARK_BYTES
 from cogrip.protocol.texts import TEXT_BYTES
@@ -44,7 +44,7 @@ Metres = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 MetresPerSecond = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
 Newtons = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 Entered = Annotated[float, msgspec.Meta(ge=0.0, le=1e15)]  # J
-MOST_STATE = 2 * POSE_AXES + 3
+MOST_STATE = 2 * POSE_AXES + 2 * PLACES  # with the angle travelled and the proxy of local contact
 VIEWED_SEATS = 16  # a view has room for so many; further ones are left out
 Axes = msgspec.Meta(min_length=1, max_length=POSE_AXES)
 Text = Annotated[str, msgspec.Meta(max_length=TEXT_BYTES)]

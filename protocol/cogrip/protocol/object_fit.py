@@ -38,6 +38,9 @@ def unfit_object(settings: "Settings", compensated: Sequence[str]) -> str:
     scene, step = given.kind == "scene", coupling.server_step
     grips = any(user.grips for user in settings.users)
     axes = GRIP_AXES if grips else given.axes
+    proxy = (
+        PLACES if coupling.kind == "local" and axes == POSE_AXES else 0
+    )  # in the room of as many waves (SPEC.md 3.6)
     refused = [
         (scene and not given.file, 'object.file = "" names no scene', 'give an MJCF or URDF file, such as "lift.xml"'),
         (
@@ -66,14 +69,14 @@ def unfit_object(settings: "Settings", compensated: Sequence[str]) -> str:
             f'set coupling.kind = "wave", or take another tool than "{PINCH}"',
         ),
         (
-            axes * settings.playout.redundancy > MOST_WAVES,
+            axes * settings.playout.redundancy + proxy > MOST_WAVES,
             f"playout.redundancy = {settings.playout.redundancy} of {axes} axes is more than a datagram holds",
-            f"set it to at most {MOST_WAVES // axes}",
+            f"set it to at most {(MOST_WAVES - proxy) // axes}",
         ),
         (
-            scene and given.axes == POSE_AXES and coupling.kind != "wave",
+            scene and given.axes == POSE_AXES and coupling.kind not in ("wave", "local"),
             f'coupling.kind = "{coupling.kind}" has no poses',
-            'set coupling.kind = "wave", or object.axes = 3',
+            'set coupling.kind = "wave" or "local", or object.axes = 3',
         ),
         (
             not scene and coupling.kind != "wave",

@@ -26,7 +26,7 @@ from cogrip.protocol.effects import MOST_EFFECTS, TANK_MJ, EffectSection, Effect
 from cogrip.protocol.hand_settings import NO_LIMIT, HandSection, WorkspaceLimit
 from cogrip.protocol.line.concealment import Concealed
 from cogrip.protocol.link_profile import Link, LinkProfile, check_link
-from cogrip.protocol.network_rate import best_rate, take_auto
+from cogrip.protocol.network_rate import best_rate, stated_frame_s, take_auto
 from cogrip.protocol.object_fit import unfit_object
 from cogrip.protocol.object_kinds import KindText, LocalKindText, kind_of, shared_kind
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
@@ -268,15 +268,16 @@ def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
     except msgspec.ValidationError as error:
         raise SettingsError(readable(str(error), merged, Settings)) from None
     if automatic:
-        settings = replace(settings, rates=replace(settings.rates, network_hz=_best_rate(settings)))
+        settings = replace(settings, rates=replace(settings.rates, network_hz=best_network_hz(settings)))
     _check_fit(settings)
     return settings
 
 
-def _best_rate(settings: Settings) -> int:
+def best_network_hz(settings: Settings, frame_s: float | None = None) -> int:
+    """Return what "auto" is where a frame takes the server this time [s]; None: what is stated."""
     device_hz = [user.device_hz or settings.rates.device_hz for user in settings.users]
-    scene = not kind_of(settings.object.kind).spring
-    return best_rate(device_hz, settings.object.axes, scene, settings.playout, ways_of(settings))
+    took_s = stated_frame_s(settings) if frame_s is None else frame_s
+    return best_rate(device_hz, settings.object.axes, took_s, settings.playout, ways_of(settings))
 
 
 def ways_of(settings: Settings) -> tuple[LinkProfile, LinkProfile]:
@@ -342,8 +343,7 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
     """Return what user number `seat` and the server share. Raises SettingsError where compensation is out of reach."""
     user = settings.users[seat]
     coupling, line = tuned_coupling(settings, user)
-    rates = rates_of(settings, user)
-    up, down = ways_of(settings)
+    rates, (up, down) = rates_of(settings, user), ways_of(settings)
     if why := unfit_line(coupling, line):
         raise SettingsError(f"users.{seat} ({user.name}): {why}")
     rendered = coupling.stiffness_npm

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import Stamp, Waves
+from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.port import Row
 from cogrip.server.seat_limits import FASTER, SeatLimits
@@ -19,7 +20,10 @@ from cogrip.server.wave_port import WavePort
 
 
 class LocalPort(WavePort):
-    """proxy: of the newest frame [m], in the hand's own frame, as fast as the device's record allows; None before the first."""
+    """proxy: of the newest frame [m], in the hand's own frame, as fast as the device's record allows; None before the first.
+
+    Clear or engaged are the places of a tool. What its hand turns it by is the line's all the time.
+    """
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
         super().__init__(seat, limits, power_left)
@@ -38,14 +42,14 @@ class LocalPort(WavePort):
         self._reach_m = FASTER * limits.speed_mps * self._frame_s
 
     def receive(self, message: Waves, now_ns: int) -> bool:
-        axes = self.axes
-        if len(message.state) != 3 * axes:
+        axes, places = self.axes, min(self.axes, PLACES)
+        if len(message.state) < places:
             return False
         newest = self._receiver.newest
-        if not super().receive(replace(message, state=message.state[: 2 * axes]), now_ns):
+        if not super().receive(replace(message, state=message.state[:-places]), now_ns):
             return False
         if self._reported is None or self._receiver.newest > newest:
-            self._reported = message.state[2 * axes :]
+            self._reported = message.state[-places:]
         if message.stamp.echo_ns < self._told_ns:
             self._unaware = max(self._unaware, message.first + len(message.waves) // axes - 1)
         return True
@@ -59,10 +63,12 @@ class LocalPort(WavePort):
         wave, receiver = super().pop(frames), self._receiver
         if self._always or (self._engaged and receiver.acknowledged > self._unaware + 1):
             return wave
-        self._absorbed_j.add(sum([value * value for value in wave]) * self._half_frame_s)
-        if any(receiver.deficit):
-            receiver.write_off(receiver.deficit)
-        return self.neutral
+        absorbed, turning = wave[:PLACES], wave[PLACES:]
+        self._absorbed_j.add(sum([value * value for value in absorbed]) * self._half_frame_s)
+        deficit = receiver.deficit[:PLACES]
+        if any(deficit):
+            receiver.write_off([*deficit, *(0.0,) * len(turning)])
+        return (0.0,) * len(absorbed) + turning
 
     @property
     def absorbed_j(self) -> float:

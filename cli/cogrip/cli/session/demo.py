@@ -16,6 +16,7 @@ from cogrip.cli.runs.summary_table import terminal_summary
 from cogrip.cli.session.before_run import AllowUnstable, check_settings, refuse_hardware
 from cogrip.cli.session.children import end_all, how_ended, listening_port, start_child, stated_reason
 from cogrip.cli.session.live_views import LiveTable
+from cogrip.cli.session.network_rate import RateChoices, measured, write_choice
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
 from cogrip.cli.session.settings_file import load, try_hands, with_people
 from cogrip.cli.session.shipped_settings import shipped
@@ -73,7 +74,8 @@ def demo(
     allow_python_worlds(python_worlds)
     path = session or config or shipped("demo")
     changes = [*overrides, *([f"seconds={seconds}"] if seconds is not None else [])]
-    settings = load(path, changes)
+    rates = RateChoices(measured)
+    settings = load(path, changes, rate=rates)
     settings = with_people(settings, hands, device)
     if allow_unstable:
         refuse_hardware([user.device for user in settings.users])
@@ -81,6 +83,9 @@ def demo(
     check_settings(settings, allow_unstable)
     console = make_console(soft_wrap=True)
     folder = new_run_folder(runs, settings.name)
+    write_choice(folder, rates.found.get(settings.name))
+    for text in rates.lines():
+        console.print(text, highlight=False)
     stop = Stop()
     with on_signals(stop):
         failed = _watch(settings, folder, stop, console, ["--allow-unstable"] if allow_unstable else [], view=view)

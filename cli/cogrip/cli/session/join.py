@@ -23,6 +23,7 @@ from cogrip.cli.session.joined_device import (
     with_playback,
 )  # fmt: skip
 from cogrip.cli.session.live_views import JoinView, drawing
+from cogrip.cli.session.network_rate import RateChoices, stated
 from cogrip.cli.session.observe import counted, observe_room
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.two_arms import as_flags, check_two, join_two
@@ -130,12 +131,13 @@ def join(
     """
     above_zero("--seconds", seconds)
     console = make_console(soft_wrap=True)
-    settings = load(config, overrides, world=False) if config else None
+    rates = RateChoices(stated)
+    settings = load(config, overrides, world=False, rate=rates) if config else None
     if overrides and not config:
         raise BadInput("--set changes the settings of --config; without one they are the server's")
     room = room or (settings.name if settings else "")
     typed_target = typed(server, more)
-    target = target_of(typed_target, room, insecure, name, digest(settings) if settings else "")
+    target = target_of(typed_target, room, insecure, name, _compared(settings, rates, console))
     stop = Stop()
     if observe:
         if devices:
@@ -199,6 +201,15 @@ def join(
 def _at_terminal() -> bool:
     """Return whether somebody can type an order."""
     return bool(sys.stdin) and sys.stdin.isatty()
+
+
+def _compared(settings: Settings | None, rates: RateChoices, console: Console) -> str:
+    """Return the digest that the server's settings are to have, "" for any: a rate that the server chooses is not known."""
+    if rates.found:
+        console.print(
+            'note: rates.network_hz = "auto" is the server\'s to choose: its settings are not compared with --config'
+        )
+    return digest(settings) if settings and not rates.found else ""
 
 
 def _refuse_hardware(unstable: bool, settings: Settings | None, name: str, device: str | None) -> None:

@@ -6,6 +6,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.cli.session.before_run import AllowUnstable, check_settings
+from cogrip.cli.session.network_rate import RateChoices, stated, write_choice
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
 from cogrip.cli.session.settings_file import load, refuse_real, try_hands, with_people
 from cogrip.cli.terminal.output import Json, make_console, write_text
@@ -34,12 +35,15 @@ def lab(
     only if the run was passive and stable, devices included, and nobody ended in a fault.
     """
     allow_python_worlds(python_worlds)
-    settings = with_people(load(config, overrides), hands, device)
+    rates = RateChoices(stated)
+    settings = with_people(load(config, overrides, rate=rates), hands, device)
     refuse_real(settings)
     try_hands(settings)
     check_settings(settings, allow_unstable)
     console = make_console(stderr=True)
     folder = None if json else new_run_folder(runs, settings.name)
+    for text in rates.lines():
+        console.print(text, highlight=False, soft_wrap=True)
     with on_signals(Stop()) as stop, Progress(
         TextColumn("[progress.description]{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"),
         TimeRemainingColumn(), console=console, transient=True,
@@ -54,6 +58,7 @@ def lab(
         from cogrip.sim.runs.report.page import write_report
 
         assert folder is not None
+        write_choice(folder, rates.found.get(settings.name))
         with console.status("writing the report"):
             report = write_report(folder)
         make_console().print(terminal_summary(summary))

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from cogrip.cli.runs.run_folder import leave_files, live_run_folder
 from cogrip.cli.session.live_views import ServeView, drawing
 from cogrip.cli.session.log_lines import LogLines
+from cogrip.cli.session.network_rate import RateChoices, measured, write_choice
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
 from cogrip.cli.session.served_rooms import Say, Workers, is_loopback, rooms_of, warn_of, worker_count
 from cogrip.cli.session.server_state import LOOPBACKS, authenticator_of, channel_of, held_folder, publish, shared_folder
@@ -28,7 +29,7 @@ from cogrip.protocol.texts import named
 from cogrip.protocol.version import VERSION
 from cogrip.server.io.housekeeping import Housekeeping
 from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
-from cogrip.server.io.state_folder import StateError, StateFolder
+from cogrip.server.io.state_folder import StateError, StateFolder, state_path
 from cogrip.server.io.udp_port import HostError, ServeError
 from cogrip.server.loop import LiveServer
 from cogrip.sim.runs.folder import SERVER_RECORDING, write_settings
@@ -114,10 +115,13 @@ def serve(
         Folder that all hosts of the cluster reach, for key, tokens and checkpoints, in place of the state folder.
     """
     allow_python_worlds(python_worlds)
-    rooms = rooms_of(config, overrides, port, into)
+    rates = RateChoices(measured, None if fresh else state_path(state, port))
+    rooms = rooms_of(config, overrides, port, into, rates)
     host = _host(host)
     lines = LogLines(log)
     say = lines.say
+    for text in rates.lines():
+        say(text)
     encrypted = not insecure and (seal or not is_loopback(host))
     _check_flags(seal, insecure, encrypted, public, metrics, seconds)
     if encrypted:
@@ -139,7 +143,18 @@ def serve(
             from cogrip.cli.session.serve_cluster import ClusterJob, ClusterServer  # with OpenSSL
 
             hosts = ClusterJob(
-                rooms, head, host, port, public, state_folder, authenticator, encrypted, runs, record, report
+                rooms,
+                head,
+                host,
+                port,
+                public,
+                state_folder,
+                authenticator,
+                encrypted,
+                runs,
+                record,
+                report,
+                rates.found,
             )
             return _serve_by_front(ClusterServer(hosts, stop, lines, stack), hosts, stop, lines, stack, shown, seconds)
         if count > 1:
@@ -147,8 +162,9 @@ def serve(
 
             run_folder = into or live_run_folder(runs, "rooms", say)
             job = FrontJob(
-                rooms, count, host, port, state_folder, authenticator, encrypted, fresh, run_folder, record, report
-            )
+                rooms, count, host, port, state_folder, authenticator, encrypted, fresh, run_folder, record, report,
+                rates.found,
+            )  # fmt: skip
             return _serve_by_front(FrontServer(job, stop, lines, stack), job, stop, lines, stack, shown, seconds)
         server = LiveServer(rooms, host, port, stop, say, lambda core: channel_of(core, key_folder), seconds=seconds)
         if authenticator is not None:
@@ -156,15 +172,8 @@ def serve(
         with Problem.of(ServeError), BadInput.of(HostError):
             bound = server.listen()
         run_folder = into or live_run_folder(runs, names[0] if len(names) == 1 else "rooms", say)
-        folders: dict[str, Path] = {}
-        if run_folder is not None:
-            server.record_at = run_folder / SERVER_RECORDING if record else None
-            folders = {name: run_folder if len(names) == 1 else run_folder / name for name in names}
-            try:
-                for settings in rooms:
-                    write_settings(folders[settings.name], settings)
-            except OSError as error:  # the session continues; the recorder reports by itself
-                say(f"warning: {run_folder}: {error.strerror}; no settings are left there")
+        server.record_at = run_folder / SERVER_RECORDING if run_folder and record else None
+        folders = _write_settings(rooms, run_folder, rates, say)
         try:
             feed = None if metrics is None else open_metrics(metrics, say)
             housekeeping = Housekeeping(
@@ -192,6 +201,22 @@ def serve(
             say(stop.reason)
             losses = {**server.drops(), **server.losses(), **housekeeping.counts()}
             return _conclude(server, folders, losses, lines, alone=into is None, report=report)
+
+
+def _write_settings(
+    rooms: Sequence[Settings], run_folder: Path | None, rates: RateChoices, say: Say
+) -> dict[str, Path]:
+    """Leave each room's settings in its own folder of a run. Returns the folders by room."""
+    if run_folder is None:
+        return {}
+    folders = {room.name: run_folder if len(rooms) == 1 else run_folder / room.name for room in rooms}
+    try:
+        for room in rooms:
+            write_settings(folders[room.name], room)
+            write_choice(folders[room.name], rates.found.get(room.name))
+    except OSError as error:  # the session continues; the recorder reports by itself
+        say(f"warning: {run_folder}: {error.strerror}; no settings are left there")
+    return folders
 
 
 class _Shown(NamedTuple):

@@ -17,6 +17,7 @@ from cogrip.cli.session.server_state import front_channel_of, public_place
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.network_rate import RateChoice
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server.io.authenticator import TokenAuthenticator
@@ -47,6 +48,7 @@ class ClusterJob(NamedTuple):
     runs: Path
     record: bool
     report: bool
+    rates: dict[str, RateChoice]  # by room, of those that asked for "auto"
 
 
 def head_of(cluster: str) -> str:
@@ -122,6 +124,6 @@ class ClusterServer:
         return msgspec.json.encode(
             RoomJob(
                 (room,), str(self._folder.shared), str(job.runs.absolute()), job.record, job.report, self._lines.form, True,
-                self.bound[0] if loopback else wildcard, job.encrypted,
+                job.rates, self.bound[0] if loopback else wildcard, job.encrypted,
             )
         )  # fmt: skip

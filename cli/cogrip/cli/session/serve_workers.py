@@ -17,6 +17,7 @@ from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.channel import Address
 from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.network_rate import RateChoice
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server.io.authenticator import TokenAuthenticator
@@ -45,6 +46,7 @@ class FrontJob(NamedTuple):
     runs: Path | None
     record: bool
     report: bool
+    rates: dict[str, RateChoice]  # by room, of those that asked for "auto"
 
 
 class FrontServer:
@@ -76,7 +78,7 @@ class FrontServer:
         job, say = self._job, self._lines.say
         for_workers = Job(
             tuple(job.rooms), str(job.folder.path) if job.folder else "", str(job.runs or ""), job.record, job.report,
-            self._lines.form, metrics is not None,
+            self._lines.form, metrics is not None, job.rates,
         )  # fmt: skip
         try:
             self._job_file = memory_file(msgspec.json.encode(for_workers))

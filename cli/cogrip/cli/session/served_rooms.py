@@ -10,6 +10,7 @@ from typing import Literal
 import msgspec
 
 from cogrip.cli.session.before_run import scene_warnings, together
+from cogrip.cli.session.network_rate import RateChoices
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.terminal.problem import BadInput, within
 from cogrip.devices.device import DeviceError
@@ -36,14 +37,16 @@ def worker_count(wanted: Workers, rooms: int) -> int:
     return count
 
 
-def rooms_of(config: Sequence[Path], overrides: Sequence[str], port: int, into: Path | None) -> list[Settings]:
+def rooms_of(
+    config: Sequence[Path], overrides: Sequence[str], port: int, into: Path | None, rates: RateChoices
+) -> list[Settings]:
     """Return the settings of each room. Raises BadInput."""
     if not config:
         raise BadInput(
             "serve: name at least one settings file, or one that comes with cogrip (`cogrip configs`), such as demo"
         )
     within("--port", port, 0, 65535)
-    rooms = [load(path, overrides) for path in config]
+    rooms = [load(path, overrides, rate=rates) for path in config]
     for path, room in zip(config, rooms, strict=True):
         if kept := room.link.kept_back:
             raise BadInput(

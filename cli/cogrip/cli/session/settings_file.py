@@ -4,7 +4,7 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import try_for
 from cogrip.devices.registry import is_real
+from cogrip.protocol.network_rate import asks_auto
 from cogrip.protocol.object_kinds import KINDS, PYTHON, split_python
 from cogrip.protocol.settings import Settings, rates_of, resolve, seat_axes, seat_settings
 from cogrip.protocol.settings_table import SettingsError, parse_override
@@ -35,12 +36,14 @@ Overrides = Sequence[str] | Mapping[str, Any]
 """`--set` as typed, or values by dotted key."""
 
 
-def load(path: Path, overrides: Overrides = (), *, world: bool = True) -> Settings:
+def load(
+    path: Path, overrides: Overrides = (), *, world: bool = True, rate: Callable[[Settings], int] | None = None
+) -> Settings:
     """Return the settings of a file, or of a bare name such as `demo` those that come with cogrip (docs/commands.md).
 
     A file of exactly that name comes first; a folder does not count. world: try the world as well, which may run another
-    author's program; only who steps it does that. Raises BadInput, which names the file, for any error
-    in it.
+    author's program; only who steps it does that. rate: of the network, where they ask for "auto". Raises BadInput, which names
+    the file, for any error in it.
     """
     text = ""
     try:
@@ -67,6 +70,8 @@ def load(path: Path, overrides: Overrides = (), *, world: bool = True) -> Settin
     settings = _resolved(table, overrides, f"{path}: ")
     if world:
         _try_world(settings, f"{path}: ")
+    if rate is not None and asks_auto(table, given := _overrides(overrides)):
+        settings = _resolved(table, {**given, "rates.network_hz": rate(settings)}, f"{path}: ")
     return settings
 
 

@@ -16,9 +16,11 @@ import msgspec
 
 from cogrip.cli.runs.run_folder import leave_files
 from cogrip.cli.session.log_lines import LogLines
+from cogrip.cli.session.network_rate import write_choice
 from cogrip.cli.terminal.output import make_console
 from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.network_rate import RateChoice
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server.io.housekeeping import Housekeeping
@@ -47,6 +49,7 @@ class Job(msgspec.Struct, frozen=True):
     report: bool
     log: Literal["text", "json"]
     metrics: bool
+    rates: dict[str, RateChoice]  # by room, of those that asked for "auto"
 
 
 def main(arguments: list[str]) -> int:
@@ -112,6 +115,7 @@ def conclude(server: LiveServer, job: Job, losses: dict[str, int], lines: LogLin
             folder = Path(job.runs) / room.name
             try:
                 write_settings(folder, room.settings)
+                write_choice(folder, job.rates.get(room.name))
             except OSError as error:
                 lines.say(f"warning: {folder}: {error.strerror}; no settings are left there")
             leave_files(folder, summary, console, shown=False, report=job.report)

@@ -5,6 +5,7 @@ counts there.
 """
 
 from dataclasses import dataclass
+from math import dist
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape, ShapeKind
 from cogrip.server.worlds.scene_file import Scene
 
+_CENTRED_M = 1e-9
 _MOST_M = 1e3  # bounds of a shape (`SPEC.md` section 3.15)
 _G = mujoco.mjtGeom
 _SPHERE = int(_G.mjGEOM_SPHERE)
@@ -95,13 +97,37 @@ def _why_driven(scene: Scene, seat: int, balls: NDArray[np.intp]) -> str:
     pairs = np.isin(np.concatenate((model.pair_geom1, model.pair_geom2)), balls).any()
     kinds = model.geom_type[balls]
     reasons = [
-        (tool.turns or int(model.body_dofnum[tree].sum()) != tool.dofs, "it turns, or has joints of its own"),
+        (
+            (tool.turns and not tool.driven) or int(model.body_dofnum[tree].sum()) != tool.dofs,
+            "it turns, or has joints of its own",
+        ),
+        (
+            tool.driven and not _is_one_ball(scene, seat, balls),
+            "its hand turns it, and it is not one ball about its own place",
+        ),
         (not len(balls) or np.any(kinds != _SPHERE) or len(balls) >= MOST_LOCAL, "it does not touch with balls alone"),
         (np.any(model.jnt_stiffness[joints]) or np.any(model.jnt_limited[joints]), "its joints have springs or limits"),
         (pairs or _tied(model, tree), "it is tied to other bodies, or has contact pairs of its own"),
         (model.ntendon or model.nu or model.nflex, "the scene has tendons, actuators or flexible bodies"),
     ]
     return next((text for found, text in reasons if found), "")
+
+
+def unfit_tool(user: str, why: str) -> str:
+    """Return why a person cannot have a tool, with the cure."""
+    return (
+        f'coupling.kind = "local": no client renders contact with the tool of user {user!r}: {why}; set tool = "ball" or '
+        'orientation = "fixed", or coupling.kind = "wave"'
+    )
+
+
+def _is_one_ball(scene: Scene, seat: int, balls: NDArray[np.intp]) -> bool:
+    """Return whether a tool touches the same however it is turned, and turning does not move it: contact makes no torque."""
+    data, body = mujoco.MjData(scene.model), scene.tools[seat].body
+    mujoco.mj_kinematics(scene.model, data)
+    mujoco.mj_comPos(scene.model, data)
+    middles = (*data.geom_xpos[balls], data.subtree_com[body])
+    return len(balls) == 1 and all(dist(middle, data.xpos[body]) <= _CENTRED_M for middle in middles)
 
 
 def _tied(model: mujoco.MjModel, tree: NDArray[np.intp]) -> bool:

@@ -18,9 +18,10 @@ from cogrip.protocol.drawing import Shape
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import REMOTE_SPEED_MPS, SeatSettings
 from cogrip.server.worlds.clearance import Clearance
-from cogrip.server.worlds.local_geometry import local_geometry, tree_of
+from cogrip.server.worlds.local_geometry import local_geometry, tree_of, unfit_tool
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_file import Scene
+from cogrip.server.worlds.scene_text import SceneError
 from cogrip.server.worlds.world import Array, Row, check_saved, pressed_n
 
 RELEASE_S = 0.25
@@ -32,11 +33,16 @@ MOST_OUTS = 8
 
 
 class LocalScene(SceneWorld):
-    """See `SceneWorld`. `geometry` is that of each seat; a tool that has none is engaged from joining to leaving."""
+    """See `SceneWorld`. `geometry` is that of each seat; a tool that has none is engaged from joining to leaving.
+
+    Raises SceneError for one that its hand turns: the hand would feel the line alone, whatever it asks for.
+    """
 
     def __init__(self, seats: Sequence[SeatSettings], scene: Scene, substeps: int) -> None:
         self.geometry = [local_geometry(scene, seat) for seat in range(len(seats))]
         for seat, geometry in enumerate(self.geometry):
+            if geometry.why and scene.tools[seat].driven:
+                raise SceneError(unfit_tool(seats[seat].user, geometry.why))
             if not geometry.why:
                 scene.model.body_gravcomp[tree_of(scene, seat)] = 1.0  # else lifting it when clear would make energy
         self._began, self._goal = np.zeros((2, len(seats), PLACES))  # engagements, proxies; in the hand's own frame
@@ -45,6 +51,7 @@ class LocalScene(SceneWorld):
         self._clearances = [None if each.why else Clearance(scene, each, self.frame_s) for each in self.geometry]
         self._most_m = REMOTE_SPEED_MPS * self.frame_s  # that a tool goes in a frame
         self._release = round(RELEASE_S / self.frame_s)
+        self._of_places = np.arange(self.axes) < PLACES
         self._pressed = np.zeros((len(seats), self.axes))  # force on fixed shapes, by each client's report [N]
 
     def local_shapes(self, user: int) -> Sequence[Shape]:
@@ -52,13 +59,14 @@ class LocalScene(SceneWorld):
 
     def report(self, user: int, hand_m: Row, proxy_m: Row) -> None:
         self._goal[user] = proxy_m
-        self._pressed[user] = pressed_n(float(self.target_stiffness[user, 0]), hand_m, proxy_m)
+        stiffness_npm = float(self.target_stiffness[user, 0])
+        self._pressed[user, :PLACES] = pressed_n(stiffness_npm, hand_m[:PLACES], proxy_m)
 
     def engaged_at(self, user: int) -> Row:
         return tuple(self._began[user].tolist()) if self.holding[user] and not self.kinematic[user] else ()
 
     def join(self, user: int, position_m: Array) -> None:
-        self._goal[user] = position_m
+        self._goal[user] = position_m[:PLACES]
         self.kinematic[user] = True  # touches nothing yet
         super().join(user, position_m)
         if self._gap(user, 0.0) < CLOSE_M:
@@ -78,7 +86,7 @@ class LocalScene(SceneWorld):
                 self._quiet[user] = 0 if near else self._quiet[user] + 1
         if moved:
             self._refresh()
-        clear = (self.holding & self.kinematic)[:, None]
+        clear = (self.holding & self.kinematic)[:, None] & self._of_places
         back = super().step(np.where(clear, 0.0, inputs))
         back = np.where(clear, 0.0, back)
         for user in np.flatnonzero(self._quiet >= self._release).tolist():
@@ -139,10 +147,10 @@ class LocalScene(SceneWorld):
         self._touch(user, False)
 
     def _let_go(self, user: int) -> None:
-        """Let a tool be clear again: its motion is lost."""
+        """Let a tool be clear again: its motion is lost, but for its turning."""
         tool = self.scene.tools[user]
         self.kinematic[user], self._quiet[user] = True, 0
-        self.data.qvel[tool.dof : tool.dof + tool.dofs] = 0.0
+        self.data.qvel[tool.dof : tool.dof + PLACES] = 0.0
         self._touch(user, False)
         self._refresh()
 

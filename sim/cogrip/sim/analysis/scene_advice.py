@@ -11,7 +11,7 @@ from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.line_tuning import filter_lag_s
 from cogrip.protocol.setting_types import GRIP_AXES
 from cogrip.protocol.settings import SeatSettings, Settings, seat_axes, seat_settings
-from cogrip.server.worlds.local_geometry import local_geometry
+from cogrip.server.worlds.local_geometry import local_geometry, unfit_tool
 from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, held_by, load_scene
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_surfaces import MOST_MESHES
@@ -55,6 +55,9 @@ def _drawn(scene: Scene) -> Iterator[Finding]:
 def _local(scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
     """Yield which contact is rendered at the hand, and which the server's is felt through the line (theory 8.7)."""
     geometry = local_geometry(scene, seat.seat)
+    if geometry.why and scene.tools[seat.seat].driven:
+        yield Finding("local", unfit_tool(seat.user, geometry.why), "warning", refused=True)
+        return
     if geometry.why:
         text = f"{seat.user}: all contact is the server's, and the line holds the tool all the time: {geometry.why}"
         yield Finding("local", text, "warning")

@@ -1,0 +1,162 @@
+"""Time of a room's frame, by a clock of the test: what is timed, how long it takes, and the rate that is chosen by it."""
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from cogrip.cli.session.network_rate import RateChoices, stated
+from cogrip.cli.session.settings_file import load
+from cogrip.cli.session.shipped_settings import shipped
+from cogrip.protocol.network_rate import OUTSIDE_S, PERSON_S, RATES_HZ, SERVER_SHARE, RateChoice
+from cogrip.protocol.settings import Settings, best_network_hz, for_remote_clients, resolve
+from cogrip.server import frame_cost as module
+from cogrip.server.checkpoint import encode
+from cogrip.server.frame_cost import PAUSE_NS, SPENT_NS, WARM, frame_cost
+from cogrip.server.io.state_folder import make_folder, write_private
+from cogrip.server.room import Room
+
+
+class VirtualClock:
+    """A clock that goes on by `step_ns` whenever it is read, and to where it is waited for."""
+
+    def __init__(self, step_ns: int) -> None:
+        self.now_ns, self._step_ns = 0, step_ns
+
+    def read(self) -> int:
+        self.now_ns += self._step_ns
+        return self.now_ns
+
+    def wait(self, until_ns: int) -> None:
+        self.now_ns = max(self.now_ns, until_ns)
+
+
+def room(kind: str, **tables: object) -> Settings:
+    things: dict[str, dict[str, object]] = {
+        "cube": {"kind": "cube", "axes": 3}, "wall": {"kind": "wall"}, "faces": {"kind": "faces"},
+        "scene": {"kind": "scene", "axes": 3, "file": str(shipped("lift").parent / "scenes" / "lift.xml")},
+        "poses": {"kind": "scene", "axes": 6, "file": str(shipped("lift").parent / "scenes" / "lift.xml")},
+    }  # fmt: skip
+    users = [{"name": name, "side": side, "tool": "ball" if kind in ("scene", "poses") else ""}
+             for name, side in (("anna", "left"), ("ben", "right"))]  # fmt: skip
+    return resolve({"object": things[kind], "users": users, **tables})
+
+
+@pytest.fixture
+def rooms(monkeypatch: pytest.MonkeyPatch) -> list[Room]:
+    """Rooms that are timed from now on."""
+    made: list[Room] = []
+
+    class Kept(Room):
+        def __init__(self, settings: Settings) -> None:
+            super().__init__(settings)
+            made.append(self)
+
+    monkeypatch.setattr(module, "Room", Kept)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("kind", "coupling"),
+    [
+        ("cube", "wave"), ("cube", "coupling"), ("cube", "tdpa"), ("wall", "local"), ("faces", "local"), ("scene", "wave"),
+        ("scene", "local"), ("scene", "coupling"), ("poses", "wave"), ("poses", "local"),
+    ],
+)  # fmt: skip
+def test_the_rooms_own_frame_is_timed_with_everybody_holding_on(kind: str, coupling: str, rooms: list[Room]) -> None:
+    clock = VirtualClock(2_000_000)
+    cost = frame_cost(room(kind, coupling={"kind": coupling}), clock.read, clock.wait)
+    (timed,) = rooms
+    assert cost.frame_s == pytest.approx(2e-3)
+    assert timed.steps == cost.frames + WARM
+    assert all(seat.on_object for seat in timed.seats)
+    assert all(seat.port is not None and seat.port.count().applied >= cost.frames // 2 for seat in timed.seats)
+    assert not timed.diverged
+    assert timed.world.holding.all()
+
+
+@pytest.mark.parametrize("step_ns", [1_000, 1_000_000, 60_000_000])
+def test_it_takes_a_bounded_time_whatever_a_frame_takes(step_ns: int) -> None:
+    clock = VirtualClock(step_ns)
+    cost = frame_cost(room("cube"), clock.read, clock.wait)
+    assert cost.frames >= 1
+    assert clock.now_ns <= SPENT_NS + 4 * step_ns + 2 * PAUSE_NS
+    assert clock.now_ns <= 300_000_000 or step_ns > 10_000_000
+
+
+def test_one_slow_frame_does_not_count() -> None:
+    clock = VirtualClock(100_000)
+    reads = 0
+
+    def read() -> int:
+        nonlocal reads
+        reads += 1
+        clock.now_ns += 50_000_000 if reads == 20 else 0
+        return clock.read()
+
+    assert frame_cost(room("cube"), read, clock.wait).frame_s == pytest.approx(1e-4)
+
+
+def choose(frame_us: float) -> Callable[[Settings], RateChoice]:
+    """Return the choice on a machine where a frame takes this long."""
+
+    def found(settings: Settings) -> RateChoice:
+        clock = VirtualClock(round(1e3 * frame_us))
+        cost = frame_cost(settings, clock.read, clock.wait)
+        frame_s = cost.frame_s + OUTSIDE_S * len(settings.users)
+        return RateChoice(best_network_hz(settings, frame_s), "measured", frame_s, cost.frames)
+
+    return found
+
+
+def test_a_slower_machine_gets_a_lower_rate() -> None:
+    settings, rates = room("cube"), []
+    for hz in RATES_HZ[::-1]:
+        borne_us = 1e6 * (SERVER_SHARE / hz - 2.0 * OUTSIDE_S)
+        rates.append(choose(borne_us - 1.0)(settings).network_hz)
+        assert choose(borne_us + 1.0)(settings).network_hz == max(RATES_HZ[0], hz // 2)
+    assert rates == list(RATES_HZ[::-1])
+
+
+def test_what_is_chosen_at_the_start_is_in_the_settings_and_said_in_a_line(tmp_path: Path) -> None:
+    file = tmp_path / "room.toml"
+    file.write_text('name = "box"\n[rates]\nnetwork_hz = "auto"\n[[users]]\nname = "anna"\n')
+    slow, fast = RateChoices(choose(2500.0)), RateChoices(choose(50.0))
+    assert load(file, rate=slow).rates.network_hz == 128
+    assert load(file, rate=fast).rates.network_hz == 1024
+    (line,) = slow.lines()
+    assert line == (
+        f"room box: rates.network_hz = 128: a frame takes the server 2600 µs (measured in {slow.found['box'].frames} frames), "
+        "of 0.4 s a second that a room may take"
+    )
+    assert load(file, ["rates.network_hz=256"], rate=slow).rates.network_hz == 256, "a number is left alone"
+    lab = RateChoices(stated)
+    assert load(file, rate=lab).rates == load(file).rates
+    assert lab.found["box"] == RateChoice(1024, "stated", PERSON_S)
+    assert tomllib.loads(file.read_text())["rates"]["network_hz"] == "auto"
+
+
+@pytest.mark.parametrize("encrypted", [False, True])
+def test_a_server_that_was_killed_goes_on_at_its_rate(tmp_path: Path, encrypted: bool) -> None:
+    """However long a frame takes now: its checkpoint, and the seats that wait for their people, are of that rate."""
+    file = tmp_path / "room.toml"
+    file.write_text('name = "box"\n[rates]\nnetwork_hz = "auto"\n[[users]]\nname = "anna"\n')
+    before = load(file, rate=RateChoices(choose(1000.0)))
+    assert before.rates.network_hz == 256
+    folder = make_folder(tmp_path / "state")
+    killed = Room(for_remote_clients(before) if encrypted else before)
+    write_private(folder.checkpoint("box"), encode(killed.checkpoint()))
+    again = RateChoices(choose(50.0), folder.path)
+    settings = load(file, rate=again)
+    assert settings.rates.network_hz == 256
+    assert again.found["box"].by == "kept"
+    Room(for_remote_clients(settings) if encrypted else settings).restore(killed.checkpoint(), 0)
+    other = RateChoices(choose(50.0), folder.path)
+    assert load(file, ["object.mass_kg=0.7"], rate=other).rates.network_hz == 1024, "of other settings: none that fits"
+
+
+def test_nothing_is_chosen_where_a_number_is_given() -> None:
+    rates = RateChoices(choose(50.0))
+    load(Path("demo"), rate=rates)
+    assert rates.found == {}
