@@ -155,7 +155,7 @@ class RecordedView:
         name = self._names[seat]
         joined_s = next((event.time_s for event in events if event.kind == "joined" and event.who == name), 0.0)
         begin_s = joined_s + self._start_s
-        offset = self._geoms.offsets_m[3 * seat : 3 * seat + 3]
+        offset = self._told_offset(seat, begin_s + _JOINING_S)
         if len(offset) == 3:  # of a scene: the tool itself
             return vector([-(each or 0.0) for each in offset])
         if self._server is not None:
@@ -168,6 +168,14 @@ class RecordedView:
                     )
                     return x, y, z
         return held_m
+
+    def _told_offset(self, seat: int, to_s: float) -> Row:
+        """Return a seat's offset as it was recorded last before a time; () where none is."""
+        geoms = self._geoms
+        if self._server is not None and geoms.shapes:
+            for _, message in self._server.messages(self._bodies[0], to_s=to_s):
+                geoms = _geoms(message.payload)
+        return geoms.offsets_m[3 * seat : 3 * seat + 3]
 
     def _events(self) -> Iterator[SceneEvent]:
         found: list[SceneEvent] = []
