@@ -25,7 +25,7 @@ def cross_densities(values: Array, rate_hz: float, segment: int) -> tuple[Array,
         sided[-1] = 1.0
     scale = sided / (rate_hz * (window * window).sum() * pieces.shape[1])
     densities: NDArray[np.complex128] = scale * np.einsum("xsf,ysf->xyf", lines.conj(), lines)
-    frequency_hz: Array = np.arange(len(sided)) * (rate_hz / segment)
+    frequency_hz = np.asarray(np.arange(len(sided)) * (rate_hz / segment), dtype=np.float64)
     return frequency_hz, densities
 
 
