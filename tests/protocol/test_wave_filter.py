@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from cogrip.protocol.line.wave_filter import WaveFilter
 
 waves = st.floats(-30.0, 30.0)
-lags = st.floats(0.0, 600.0)
+lags = st.one_of(st.just(0.0), st.floats(1e-9, 600.0))  # ticks: none, or a lag that can be divided by
 ticks = st.integers(1, 16)
 
 

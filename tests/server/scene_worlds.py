@@ -2,11 +2,9 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from math import sqrt
 from pathlib import Path
 
-import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
@@ -57,33 +55,6 @@ def hold(world: SceneWorld) -> SceneWorld:
 def port_j(u: Array, v: Array) -> float:
     """Return what one frame brought in at all ports."""
     return 0.5 * T * float((u * u - v * v).sum())
-
-
-@lru_cache(maxsize=1)
-def spare(model: mujoco.MjModel) -> mujoco.MjData:
-    """Return memory for a copy of a state: to ask for it takes longer than a step."""
-    return mujoco.MjData(model)
-
-
-def springs_j(world: SceneWorld) -> float:
-    """Return what the springs of contacts, equalities and limits hold, which is none of the world's own energy.
-
-    MuJoCo's integrator solves f = D0 (-a - B v+ - K I (r + h v+)) and gives D = D0 (1 + h B + h^2 K I); the spring is D0 K I.
-    D is known after a step only, which is done with a copy.
-    """
-    if not world.data.nefc:
-        return 0.0
-    model, data = world.scene.model, spare(world.scene.model)
-    mujoco.mj_copyData(data, model, world.data)
-    h = float(model.opt.timestep)
-    data.efc_margin[:] = 0.0
-    mujoco.mj_step2(model, data)
-    stiffness, damping = data.efc_KBIP[:, 0] * data.efc_KBIP[:, 2], data.efc_KBIP[:, 1]
-    spring = data.efc_D * stiffness / (1.0 + h * damping + h * h * stiffness)
-    stretched = np.where(
-        data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY, data.efc_pos, np.minimum(data.efc_pos, 0.0)
-    )
-    return 0.5 * float((spring * stretched**2).sum())
 
 
 def adversary(world: SceneWorld, seed: int) -> Callable[[Array], Array]:

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from cogrip.server.worlds.equality_rows import EqualityRows
+from cogrip.server.worlds.scene_springs import springs_j
 
-from tests.server.scene_worlds import WORST_J, adversary, hold, port_j, springs_j, world_of_settings
+from tests.server.scene_worlds import WORST_J, adversary, hold, port_j, world_of_settings
 
 STEP_S = 1 / 512
 BODIES = """<mujoco><option gravity="0 0 0" timestep="{step}" jacobian="{jacobian}"/><worldbody>

@@ -8,11 +8,12 @@ import pytest
 
 from cogrip.server.worlds.clearance import NEAR_M
 from cogrip.server.worlds.local_scene import CLOSE_M, OUT_M, RELEASE_S, LocalScene
+from cogrip.server.worlds.scene_springs import springs_j
 from cogrip.server.worlds.world import WorldError
 
 from tests.extent import every, long
 from tests.server.local_worlds import join_all, local_world, report, wanderers
-from tests.server.scene_worlds import SHIPPED, Array, T, port_j, springs_j
+from tests.server.scene_worlds import SHIPPED, Array, T, port_j
 
 SOME = every(2, SHIPPED[1:])  # the lift; the pile, which takes longest, with --all
 SLIDES = "".join(f"<joint type='slide' axis='{axis}'/>" for axis in ("1 0 0", "0 1 0", "0 0 1"))

@@ -12,10 +12,11 @@ from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.seat_limits import BURST_S, SeatLimits, WaveLimiter
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_file import held_by, make_scene
+from cogrip.server.worlds.scene_springs import springs_j
 from cogrip.server.worlds.scene_text import SceneError
 
 from tests.extent import every, long
-from tests.server.scene_worlds import SCENES, T, port_j
+from tests.server.scene_worlds import SCENES, T, port_j, world_of_settings
 
 Array = NDArray[np.float64]
 B_R = 0.02
@@ -124,10 +125,64 @@ def test_a_tool_whose_orientation_is_not_driven_turns_by_itself(orientation: str
     assert (left < 0.1) == (orientation == "damped")
 
 
-def test_joining_takes_the_tool_as_the_hand_is_turned() -> None:
+@pytest.mark.parametrize("turn", [(0.3, -0.4, 1.0), (0.0, 0.0, 3.0)])
+def test_a_tool_keeps_its_turn_when_it_is_taken(turn: tuple[float, float, float]) -> None:
+    """The proxy begins as the hand is turned, the tool stays as it was, and both then turn by the same rotations."""
     world = poses(PILE, "tool")
-    world.join(0, np.array([0.01, 0.0, 0.02, 0.3, -0.4, 1.0]))
-    assert world.proxy(0) == pytest.approx([0.01, 0.0, 0.02, 0.3, -0.4, 1.0], abs=1e-12)
+    world.join(0, np.zeros(6))
+    for _ in range(40):
+        world.step(np.array([[0.0, 0.0, 0.0, 0.1, 0.05, 0.0]]))
+    world.leave(0)
+    before = world.data.body("tool").xquat.copy()
+    assert 2.0 * np.arccos(before[0]) > 0.3
+    world.join(0, np.array([0.01, 0.0, 0.02, *turn]))
+    assert np.array_equal(world.data.body("tool").xquat, before)
+    assert world.proxy(0) == pytest.approx([0.01, 0.0, 0.02, *turn], abs=1e-12)
+    for _ in range(60):
+        world.step(np.array([[0.0, 0.0, 0.0, 0.02, 0.0, 0.1]]))
+    after = Rotation.from_quat(world.data.body("tool").xquat, scalar_first=True)
+    tool = after * Rotation.from_quat(before, scalar_first=True).inv()
+    hand = Rotation.from_rotvec(world.proxy(0)[3:]) * Rotation.from_rotvec(turn).inv()
+    assert tool.magnitude() > 0.3
+    assert (tool * hand.inv()).magnitude() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["wheel", "peg", "valve", "table"])
+def test_people_join_with_any_pose_and_come_back_without_energy(name: str) -> None:
+    """Tools that welds hold stay where they are and go on as they do: no change of hands brings energy."""
+    for seed in range(4):
+        world, random = world_of_settings(name), np.random.default_rng(seed)
+        seats, axes = len(world.holding), world.axes
+        start, given, v = world.energy_j, 0.0, np.zeros((seats, axes))
+        for frame in range(240):
+            if frame % 20 == 0:
+                user = int(random.integers(seats))
+                before, places = world.energy_j, world.data.qpos.copy()
+                if world.holding[user]:
+                    world.leave(user)
+                else:
+                    pose = np.concatenate((random.uniform(-0.1, 0.1, 3), random.uniform(-1.8, 1.8, axes - 3)))
+                    world.join(user, pose)
+                    assert world.proxy(user) == pytest.approx(pose, abs=1e-9)
+                assert world.energy_j - before <= 1e-9
+                assert np.array_equal(world.data.qpos, places)
+                v[user] = 0.0
+            u = np.where(world.holding[:, None], random.normal(0.0, 0.2, v.shape) - 0.5 * v, 0.0)
+            v = world.step(u)
+            given += port_j(u, v)
+            assert world.energy_j - start <= given + 1e-9
+        assert world.limiter.limited == 0
+
+
+def test_a_room_whose_object_is_put_back_has_its_handles_at_it() -> None:
+    world = world_of_settings("peg")
+    world.join(0, np.array([0.0, 0.0, 0.05, 1.0, 0.0, 0.0]))
+    for _ in range(60):
+        world.step(np.array([[0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [0.0] * 6]))
+    assert abs(world.position[2]) > 0.02
+    world.leave(0)
+    world.position = np.zeros(6)
+    assert springs_j(world) == pytest.approx(springs_j(world_of_settings("peg")), abs=1e-9)
 
 
 def test_the_object_of_a_room_of_poses_has_a_rotation_vector() -> None:

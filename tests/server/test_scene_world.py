@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from cogrip.server.worlds.energy_limiter import START_J
 from cogrip.server.worlds.scene import SceneWorld
+from cogrip.server.worlds.scene_springs import springs_j
 from cogrip.server.worlds.world import WorldError
 
 from tests.extent import every, long
@@ -28,7 +29,6 @@ from tests.server.scene_worlds import (
     course,
     hold,
     port_j,
-    springs_j,
     world_of,
     world_of_settings,
 )
@@ -303,7 +303,7 @@ def test_hands_start_where_they_are_in_their_own_frames() -> None:
     world.step(np.zeros((2, 3)))
     assert world.proxy(0) == pytest.approx([0.01, -0.02, 0.03], abs=1e-15)
     assert world.orientation == pytest.approx([1, 0, 0, 0], abs=1e-6)
-    assert world.poses.shape == (world.scene.model.nbody, 7)
+    assert world.poses_of_bodies().shape == (3, 7)
     assert world.stiffness_of(0) is None
 
 

@@ -8,15 +8,25 @@ import pytest
 
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.schemes import make_world
-from cogrip.server.worlds import conformance
-from cogrip.server.worlds.conformance import CHECKS, Subject, UnfitError, keeps_time, makes_no_energy
+from cogrip.server.worlds import conformance, scene_grips
+from cogrip.server.worlds.conformance import (
+    CHECKS,
+    Subject,
+    UnfitError,
+    keeps_time,
+    makes_no_energy,
+    proxies_follow_their_waves,
+)
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.lagged import PaperWorld
+from cogrip.server.worlds.scene_springs import uncounted_j
 from cogrip.server.worlds.tool_world import ToolWorld
+from cogrip.server.worlds.turning_ports import TurningPorts
 
 from tests.extent import every, long
 from tests.server import broken_worlds as broken
 from tests.server.broken_worlds import seats
+from tests.server.scene_worlds import world_of_settings
 
 
 @pytest.fixture(autouse=True)
@@ -73,6 +83,38 @@ def test_the_papers_step_makes_energy() -> None:
     given = settings_of("cube", 1, 2, server_step="paper", stiffness_npm=3000.0)
     with pytest.raises(UnfitError, match="more than came in"):
         makes_no_energy(Subject(lambda: PaperWorld(given)))
+
+
+def subject_of_scene(name: str) -> Subject:
+    return Subject(lambda: world_of_settings(name), uncounted=uncounted_j)
+
+
+@pytest.mark.parametrize("name", ["valve", long("wheel"), long("table"), long("lift"), long("pinch"), long("pile")])
+def test_scenes_keep_every_promise(name: str) -> None:
+    assert found(subject_of_scene(name)) == {}
+
+
+@pytest.mark.long
+def test_a_peg_that_swings_in_its_rack_gains_a_little() -> None:
+    """At most a thousandth of what it holds (docs/worlds.md)."""
+    problems = found(subject_of_scene("peg"))
+    assert set(problems) <= {"makes_no_energy"}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(conformance, "MOST_MADE_J", 1e-4)
+        makes_no_energy(subject_of_scene("peg"))
+
+
+def test_a_scene_that_puts_its_handles_to_the_hands_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scene_grips, "is_tied", lambda *_: False)
+    with pytest.raises(UnfitError, match="more than came in"):
+        makes_no_energy(subject_of_scene("valve"))
+
+
+def test_a_scene_that_forgets_how_a_tool_was_taken_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its tools would be turned all the way to their hands."""
+    monkeypatch.setattr(TurningPorts, "take", lambda ports, _, user, turn: ports.begin(user))
+    with pytest.raises(UnfitError, match="turned as their hands"):
+        proxies_follow_their_waves(subject_of_scene("valve"))
 
 
 MADE, SAME, STATE = "makes_no_energy", "gives_the_same_again", "restores_bit_for_bit"

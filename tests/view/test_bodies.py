@@ -332,3 +332,21 @@ def test_a_floor_is_drawn_below_what_is_seen_wherever_its_middle_is(open_page: O
             assert is_red(page.pixel(picture, (x, y, -0.05)))
         red, _, blue = page.pixel(picture, (0.04, -0.03, -0.04))
         assert blue > 2 * red, "no wider than it is"
+
+
+def test_a_tool_that_is_taken_elsewhere_is_drawn_where_it_is(tmp_path: Path) -> None:
+    """Ben turns the wheel before Anna takes her handle: her own frame is then another one, in recording and view."""
+    hand = "crank&radius_m=0.08&phase_rad=0&speed_radps={}&start_s={}&ramp_s=0.2"
+    hands = [f"users.{number}.hand={hand.format(*each)}" for number, each in enumerate(((0.5, 5.0), (3.0, 0.1)))]
+    settings = load(Path("wheel"), ["seconds=1.6", "task.together=false", *hands])
+    run_laboratory(settings, tmp_path, begins=(1024, 0))
+    server = open_run(tmp_path).server
+    assert server is not None
+    assert len(list(server.records("geoms"))) == 2
+    assert verify(server.recording).exact
+    view = open_view(tmp_path)
+    last = view.frames(view.scene.chunks - 1)[-1]
+    for body, person, drawn in zip((1, 2), view.scene.people, last.people, strict=True):
+        shown = np.array(drawn.proxy_m) + person.anchor_m
+        assert shown == pytest.approx(last.bodies[body][:3], abs=1e-9)
+    assert abs(last.bodies[1][1]) > 0.01

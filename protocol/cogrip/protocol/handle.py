@@ -7,9 +7,7 @@ import msgspec
 
 MOST_BUTTONS = 32  # of one handle
 MOST_EDGES = 16  # that a client has sent and not seen acknowledged
-MOST_AT_ONCE = (
-    2  # messages of edges between two frames: with the frames', three quarters of what a server lets a peer send
-)
+MOST_AT_ONCE = 2  # messages of edges between two frames: with the frames' own, 3/4 of what a server lets a peer send
 MOST_AGE = 65535  # ticks: an older edge says so much
 Buttons = Annotated[int, msgspec.Meta(ge=0, le=2**MOST_BUTTONS - 1)]
 EdgeCount = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]

@@ -73,7 +73,7 @@ class RecordedServer(CoreRecorder, ServerCore):
         self.topics = server_topics([room.name for room in self.rooms], scenes)
         self._step_topic = {room.name: len(KINDS) + number for number, room in enumerate(self.rooms)}
         self._scene_topic = {room: self.topics.index(scene_topics(room)[0]) for room in scenes}
-        self._drawn: set[str] = set()  # rooms whose shapes are recorded
+        self._drawn: dict[str, tuple[float, ...]] = {}  # offsets with which a room's shapes were recorded last
         for room in self.rooms:
             self.count_ticks(room, room.ticks)
 
@@ -149,12 +149,13 @@ class RecordedServer(CoreRecorder, ServerCore):
 
     def _put_bodies(self, room: Room) -> None:
         topic, world = self._scene_topic[room.name], room.world
-        if room.name not in self._drawn:
-            self._drawn.add(room.name)
-            offsets = np.pad(
-                world.offset[:, :PLACES], ((0, 0), (0, max(0, PLACES - world.axes)))
-            )  # three numbers a seat
-            self.put(topic, Geoms(tuple(world.geoms()), tuple(offsets.ravel().tolist())))
+        offset = world.offset[:, :PLACES]
+        offsets = tuple(
+            np.pad(offset, ((0, 0), (0, PLACES - offset.shape[1]))).ravel().tolist()
+        )  # three numbers a seat
+        if self._drawn.get(room.name) != offsets:
+            self._drawn[room.name] = offsets
+            self.put(topic, Geoms(tuple(world.geoms()), offsets))
         self.put(topic + 1, Poses(room.steps, tuple(world.poses_of_bodies().ravel().tolist())))
 
     def _put_idle(self) -> None:

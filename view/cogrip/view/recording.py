@@ -103,6 +103,7 @@ class RecordedView:
         )
         self.began_ns = round(self._start_s * 1e9) + shift
         self._every = -(-self._rate_hz // MOST_HZ)
+        self._offsets: list[tuple[float, Row]] = []  # of seats' own frames from the object's, each from a time on
         self._geoms, self._first_poses = self._find_bodies()
         self.scene = self._make_scene(self._settings or Settings(), next(iter(self._clients.values()), None))
         self.frames = lru_cache(maxsize=3)(self._frames)
@@ -116,10 +117,11 @@ class RecordedView:
     def _find_bodies(self) -> tuple[Geoms, tuple[Pose, ...]]:
         """Return the shapes of a scene, and the first poses of its bodies; none where there are no bodies."""
         if self._server is not None and self._bodies:
-            geoms = next((_geoms(message.payload) for _, message in self._server.messages(self._bodies[0])), None)
+            told = [(time_s, _geoms(message.payload)) for time_s, message in self._server.messages(self._bodies[0])]
             first = next((_poses(message.payload) for _, message in self._server.messages(self._bodies[1])), None)
-            if geoms is not None and first is not None:
-                return geoms, _of_bodies(first)
+            if told and first is not None:
+                self._offsets = [(time_s, geoms.offsets_m) for time_s, geoms in told]
+                return told[0][1], _of_bodies(first)
         return Geoms((), ()), ()
 
     def _make_scene(self, settings: Settings, client: FileIndex | None) -> Scene:
@@ -168,6 +170,15 @@ class RecordedView:
                     )
                     return x, y, z
         return held_m
+
+    def _shift(self, seat: int, time_s: float) -> Vector:
+        """Return by how much a person's own frame is elsewhere than at the anchor: a tied tool is taken anew where it is."""
+        at = bisect_right(self._offsets, time_s, key=lambda told: told[0]) - 1
+        if at < 1:
+            return 0.0, 0.0, 0.0
+        rows = [_vector(self._offsets[told][1][3 * seat : 3 * seat + 3]) for told in (0, at)]
+        x, y, z = (was - now for was, now in zip(*rows, strict=True))
+        return x, y, z
 
     def _events(self) -> Iterator[SceneEvent]:
         found: list[SceneEvent] = []
@@ -280,14 +291,14 @@ class RecordedView:
         pushes = sum(each * each for each in force_n) >= LEAST_DRAWN_N**2
         active = any(margin_j is not None and margin_j < least_margin(key, tank_j) for key, margin_j in margins_j)
         known = tick is not None and tick.position_m is not None
-        handle = tick or step
+        handle, shift = tick or step, self._shift(seat, time_s)
         assert handle is not None
         return PersonFrame(
             seat, self._state(seat, tick, time_s),
             (frames.PUSHES if pushes else 0) | (frames.NOT_PASSIVE if active else 0) | (frames.HAND_KNOWN if known else 0),
             (step.lost if step else 0) + (tick.lost if tick else 0),
-            _vector(tick.position_m) if tick and tick.position_m is not None else UNKNOWN,
-            _vector(step.proxy_m) if step else UNKNOWN,
+            _moved(_vector(tick.position_m), shift) if tick and tick.position_m is not None else UNKNOWN,
+            _moved(_vector(step.proxy_m), shift) if step else UNKNOWN,
             force_n,
             _vector(tick.object_m) if tick else UNKNOWN,
             rtt_ms=_number(tick.rtt_ms if tick else None),
@@ -329,6 +340,11 @@ def _settings_beside(folder: Path) -> Settings | None:
         return msgspec.json.decode((folder / SETTINGS).read_bytes(), type=Settings)
     except (OSError, msgspec.MsgspecError):
         return None
+
+
+def _moved(place_m: Vector, by_m: Vector) -> Vector:
+    x, y, z = (place + by for place, by in zip(place_m, by_m, strict=True))
+    return x, y, z
 
 
 def _ticks(index: FileIndex, from_s: float, to_s: float) -> _Ticks:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -102,4 +103,9 @@ def _case(settings: Settings) -> tuple[str, Subject]:
         make()
     people, axes = len(seats), settings.object.axes
     name = f"{people} {'seat' if people == 1 else 'seats'}, {axes} {'axis' if axes == 1 else 'axes'}"
-    return name, Subject(make, call_limit, (time.perf_counter_ns, time.thread_time_ns), settings.object.kind == "scene")
+    subject = Subject(make, call_limit, (time.perf_counter_ns, time.thread_time_ns))
+    if settings.object.kind == "scene":
+        from cogrip.server.worlds.scene_springs import uncounted_j  # MuJoCo is loaded where there is a scene
+
+        subject = replace(subject, uncounted=uncounted_j)
+    return name, subject

@@ -129,7 +129,7 @@ class Step(Record, frozen=True, gc=False):
 
 
 class Geoms(Record, frozen=True, gc=False):
-    """Shapes that a room's scene is drawn of: once, before its first poses."""
+    """Shapes that a room's scene is drawn of: before its first poses, and where an offset has changed."""
 
     shapes: tuple[Shape, ...]
     offsets_m: Row  # of each seat's own frame from the object's, three a seat

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape, ShapeKind
 from cogrip.server.worlds.scene_file import Scene
+from cogrip.server.worlds.scene_grips import held_by_equality
 
 _CENTRED_M = 1e-9
 _MOST_M = 1e3  # bounds of a shape (`SPEC.md` section 3.15)
@@ -107,7 +108,7 @@ def _why_driven(scene: Scene, seat: int, balls: NDArray[np.intp]) -> str:
         ),
         (not len(balls) or np.any(kinds != _SPHERE) or len(balls) >= MOST_LOCAL, "it does not touch with balls alone"),
         (np.any(model.jnt_stiffness[joints]) or np.any(model.jnt_limited[joints]), "its joints have springs or limits"),
-        (pairs or _tied(model, tree), "it is tied to other bodies, or has contact pairs of its own"),
+        (pairs or held_by_equality(model, tree), "it is tied to other bodies, or has contact pairs of its own"),
         (model.ntendon or model.nu or model.nflex, "the scene has tendons, actuators or flexible bodies"),
     ]
     return next((text for found, text in reasons if found), "")
@@ -128,16 +129,6 @@ def _is_one_ball(scene: Scene, seat: int, balls: NDArray[np.intp]) -> bool:
     mujoco.mj_comPos(scene.model, data)
     middles = (*data.geom_xpos[balls], data.subtree_com[body])
     return len(balls) == 1 and all(dist(middle, data.xpos[body]) <= _CENTRED_M for middle in middles)
-
-
-def _tied(model: mujoco.MjModel, tree: NDArray[np.intp]) -> bool:
-    """Return whether an equality holds one of these bodies."""
-    bodies: list[int] = []
-    for kind, *ends in zip(model.eq_objtype, model.eq_obj1id, model.eq_obj2id, strict=True):
-        of = {int(mujoco.mjtObj.mjOBJ_SITE): model.site_bodyid, int(mujoco.mjtObj.mjOBJ_JOINT): model.jnt_bodyid}
-        places = of.get(int(kind), np.arange(model.nbody))
-        bodies += [int(places[end]) for end in ends if 0 <= end < len(places)]
-    return bool(np.isin(bodies, tree).any())
 
 
 def _touching(model: mujoco.MjModel, ones: NDArray[np.intp], others: NDArray[np.intp]) -> NDArray[np.bool_]:

@@ -83,13 +83,16 @@ class OrientationDrift:
 class DriftCorrection:
     """Correction of all tools in a world whose orientation is driven. Rows are of six axes, shape (n, 6), in the world's frame.
 
-    driven: numbers of the seats that turn their tools; drift: of each of these tools, by number of its seat
+    driven     numbers of the seats that turn their tools
+    drift      of each of these tools, by number of its seat
+    brought_j  energy that corrections have brought in so far, which a ledger has paid: a measure on which no step depends
     """
 
     def __init__(self, driven: Iterable[int], frame_s: float) -> None:
         self.driven = list(driven)
         self.drift = {user: OrientationDrift(frame_s) for user in self.driven}
         self._half_frame_s = 0.5 * frame_s
+        self.brought_j = 0.0
 
     def begin(self, user: int) -> None:
         """Begin with a tool that has just been taken, where the hand has it, or that has been let go."""
@@ -110,7 +113,10 @@ class DriftCorrection:
         for user, drift in self.drift.items():
             out[user, PLACES:] += np.array(drift.correction_radps) * np.sqrt(0.5 * impedance[user, PLACES:])
         cost_j = self._half_frame_s * float(np.add.reduce(out * out - u * u, axis=None))
-        return u if cost_j > max(0.0, level_j) else out
+        if cost_j > max(0.0, level_j):
+            return u
+        self.brought_j += cost_j
+        return out
 
     def watch(self, turned: Sequence[Quaternion], rates: Array, added: Array, impedance: Array) -> None:
         """Enter a step: how each driven tool is turned in its hand's frame, rates, and the waves that were not the hands'."""

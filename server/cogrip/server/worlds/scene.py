@@ -51,8 +51,10 @@ class SceneWorld(World):
     """`position` and `velocity` are those of the scene's object, its start being 0; `orientation` is its quaternion.
 
     A tool starts where the file has it, for a hand in the middle of its own frame. One that nobody holds touches nothing,
-    weighs nothing and stays; one that is taken inside a body touches nothing until it has left it (`solid`). One that is
-    `kinematic` is put where it is to be, touches nothing and is not driven: none here (`local_scene`).
+    weighs nothing and stays, and is put where the hand is that takes it; one that is `tied` goes on as a body of the scene, and
+    is taken where it is, as to move it would stretch what ties it. Both are taken as they are turned. One that is taken inside
+    a body touches nothing until it has left it (`solid`). One that is `kinematic` is put where it is to be, touches nothing and
+    is not driven: none here (`local_scene`).
     """
 
     port_damped = True  # a tool that is held has the damper of its wave port
@@ -77,9 +79,10 @@ class SceneWorld(World):
         self._driven_axes = np.ones((len(seats), self.axes), dtype=bool)
         self._driven_axes[:, PLACES:] = [[tool.driven or tool.opening >= 0] for tool in scene.tools]
         self._grips = [grip_of(model, tool) for tool in scene.tools]
-        start = np.array([model.body_pos[tool.body] for tool in scene.tools])
-        self.offset[:, :PLACES] = self.object.start - start  # from the object's frame to each hand's own
         self._zero = model.qpos0[self._places]  # coordinates of a hand at 0
+        start = np.array([model.body_pos[tool.body] for tool in scene.tools])
+        self._from_object = self.object.start - start  # to a hand's own frame, as long as _zero is as it is now
+        self.offset[:, :PLACES] = self._from_object
         self._state = np.zeros(mujoco.mj_stateSize(model, _STATE))
         for user in range(len(seats)):
             self._park(user)
@@ -105,6 +108,8 @@ class SceneWorld(World):
     @position.setter
     def position(self, value: Array) -> None:
         if self.object.there and not np.array_equal(value, self.position):
+            if any(grip.tied for grip in self._grips):  # the whole scene goes back to its start, with what ties them
+                self.data.qpos[:], self.data.qvel[:] = self.scene.model.qpos0, 0.0
             self.object.put(value)
             self._refresh()
 
@@ -126,11 +131,6 @@ class SceneWorld(World):
     def orientation(self) -> Array:
         """Quaternion w, x, y, z of the object."""
         return self.object.orientation
-
-    @property
-    def poses(self) -> Array:
-        """Place [m] and quaternion of every body in the world, shape (bodies, 7)."""
-        return np.concatenate((self.data.xpos, self.data.xquat), axis=1)
 
     def geoms(self) -> Sequence[Shape]:
         return self._shapes
@@ -164,19 +164,24 @@ class SceneWorld(World):
     # Taking hold and letting go
 
     def join(self, user: int, position_m: Array) -> None:
-        data, grip, tool = self.data, self._grips[user], self.scene.tools[user]
-        data.qpos[self._places[user]] = self._zero[user] + position_m[:PLACES]
-        self.turning.place(data, user, position_m[PLACES:].tolist())
+        data, grip, places = self.data, self._grips[user], self._places[user]
+        if grip.tied:
+            self._begin_at(user, data.qpos[places] - position_m[:PLACES])
+        else:
+            data.qpos[places] = self._zero[user] + position_m[:PLACES]
+        self.turning.take(data, user, position_m[PLACES:].tolist())
         self.openings.place(data, user, float(position_m[-1]))
         self.openings.rest(data, user)
-        dofs = slice(tool.dof, tool.dof + tool.dofs)
-        data.qvel[dofs] = 0.0
         self._damp(user)
-        self.scene.model.body_gravcomp[tool.body] = grip.gravcomp
+        self.scene.model.body_gravcomp[self.scene.tools[user].body] = grip.gravcomp
         self.holding[user] = True
         self._touch(user, False)
         self._refresh()
         self._make_solid()
+
+    def _begin_at(self, user: int, zero: Array) -> None:
+        self._zero[user] = zero
+        self.offset[user, :PLACES] = self._from_object[user] + self.scene.model.qpos0[self._places[user]] - zero
 
     def _damp(self, user: int) -> None:
         """Give a held tool the damper of its port."""
@@ -214,11 +219,12 @@ class SceneWorld(World):
         self.force[user] = 0.0
         self.turning.begin(user)
         self.data.qfrc_applied[dofs] = 0.0
-        self.data.qvel[dofs] = 0.0
         model.dof_damping[dofs] = self._grips[user].damping
         self.openings.damp(user, 0.0)
         self.openings.rest(self.data, user)
-        model.body_gravcomp[tool.body] = 1.0
+        if not self._grips[user].tied:
+            self.data.qvel[dofs] = 0.0
+            model.body_gravcomp[tool.body] = 1.0
         self._touch(user, False)
 
     def _touch(self, user: int, solid: bool) -> None:
@@ -365,21 +371,25 @@ class SceneWorld(World):
         limiter = self.limiter
         seats = np.concatenate((self.holding, self.solid, self.port_work, self._work_error)).tolist()
         ledger = limiter.level_j, limiter.paid_j, float(limiter.limited), self.balance_error_j
-        return (*self.turning.save(), *self._warm.save(), *self._state.tolist(), *seats, *ledger)
+        zero = self._zero.ravel().tolist()
+        return (*self.turning.save(), *self._warm.save(), *self._state.tolist(), *seats, *zero, *ledger)
 
     def restore(self, saved: Row) -> None:
         seats, physics = len(self.holding), self._state.size
         turned = self.turning.saved_numbers
         first = turned + self._warm.numbers
-        check_saved(saved, first + physics + 4 * seats + 4)
+        check_saved(saved, first + physics + 7 * seats + 4)
         state = np.array(saved[first:])
-        holding, solid, work, work_error = state[physics:-4].reshape(4, seats)
+        holding, solid, work, work_error = state[physics : physics + 4 * seats].reshape(4, seats)
+        zeros = state[physics + 4 * seats : -4].reshape(seats, PLACES)
         for user in range(seats):
             self._park(user)
             if holding[user]:
                 self.join(user, np.zeros(self.axes))
         for user in np.flatnonzero(holding).tolist():  # after all have joined, which may change those before
             self._touch(user, bool(solid[user]))
+        for user, zero in enumerate(zeros):
+            self._begin_at(user, zero)
         mujoco.mj_setState(self.scene.model, self.data, state[:physics], _STATE)
         self.turning.restore(saved[:turned])
         self._warm.restore(saved[turned:first])

@@ -1,5 +1,8 @@
 """Ports of a scene's tools whose orientation is driven: their last three axes, in the world's frame (theory 8.5).
 
+A tool stays as it is turned when somebody takes it, however the hand is turned: D = R_tool^-1 R_hand is kept for that hold, and
+R_tool D is compared with the hand. Both turning by the same rotation leaves D as it is.
+
 Rows are those of `World.step`, shape (n, 6), of which the last three columns of driven tools are meant.
 """
 
@@ -22,6 +25,7 @@ class TurningPorts(DriftCorrection):
         self._model, self._tools = scene.model, scene.tools
         self.dofs = np.array([range(scene.tools[user].dof + 3, scene.tools[user].dof + 6) for user in self.driven])
         self._bodies = [scene.tools[user].body for user in self.driven]
+        self._held = dict.fromkeys(self.driven, UNTURNED)  # D
 
     def damping(self, user: int, impedance_nms: Array) -> Array:
         """Return the damper of b_r, shape (1,), that a held tool turns against, shape (3,), or (0,) where it does not turn."""
@@ -30,17 +34,20 @@ class TurningPorts(DriftCorrection):
             return np.zeros(0)
         return np.repeat(impedance_nms if tool.orientation in ("driven", "damped") else 0.0, 3)
 
-    def place(self, data: mujoco.MjData, user: int, rotation_rad: Sequence[float]) -> None:
-        """Turn a driven tool as its hand is turned."""
+    def take(self, data: mujoco.MjData, user: int, rotation_rad: Sequence[float]) -> None:
+        """Let a hand that is turned so take hold of a driven tool as that is turned."""
         if user in self.drift:
-            at = self._quaternion(user)
-            data.qpos[at] = product(exp(rotation_rad), self._model.qpos0[at].tolist())
+            self._held[user] = product(inverse(self._tool(data, user)), exp(rotation_rad))
             self.begin(user)
 
     def turned(self, data: mujoco.MjData, user: int) -> Quaternion:
-        """Return by how much a tool is turned from its start."""
+        """Return how the proxy of a hand is turned: R_tool D; R_tool, the turn from its start, of a tool that is not driven."""
         if not self._tools[user].turns:
             return UNTURNED
+        turned = self._tool(data, user)
+        return product(turned, self._held[user]) if user in self._held else turned
+
+    def _tool(self, data: mujoco.MjData, user: int) -> Quaternion:
         at = self._quaternion(user)
         return product(data.qpos[at].tolist(), inverse(self._model.qpos0[at].tolist()))
 
@@ -64,3 +71,17 @@ class TurningPorts(DriftCorrection):
         out = rows.copy()
         out[self.driven, PLACES:] = (matrices * rows[self.driven, PLACES:][:, None, :]).sum(axis=2)
         return out
+
+    @property
+    def saved_numbers(self) -> int:
+        return super().saved_numbers + 4 * len(self.driven)
+
+    def save(self) -> tuple[float, ...]:
+        return (*super().save(), *[number for held in self._held.values() for number in held])
+
+    def restore(self, saved: Sequence[float]) -> None:
+        drifts = super().saved_numbers
+        super().restore(saved[:drifts])
+        for place, user in enumerate(self.driven):
+            w, x, y, z = saved[drifts + 4 * place : drifts + 4 * place + 4]
+            self._held[user] = w, x, y, z

@@ -13,7 +13,7 @@ from cogrip.protocol.effects import Effect
 from cogrip.protocol.line.energy_sums import add_compensated
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rotations import between, exp
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.setting_types import PLACES, POSE_AXES
 from cogrip.protocol.settings import REMOTE_FORCE_N, SeatSettings
 from cogrip.protocol.waves import server_gain
 
@@ -40,7 +40,7 @@ def displacement(before: Array, after: Array) -> Array:
     Of orientations that is the rotation vector from one to the other, in the world's frame: T times the mean rate.
     """
     moved: Array = after - before
-    if moved.shape[1] > PLACES:
+    if moved.shape[1] == POSE_AXES:
         turns = zip(before[:, PLACES:].tolist(), after[:, PLACES:].tolist(), strict=True)
         moved[:, PLACES:] = [between(exp(was), exp(now)) for was, now in turns]
     return moved

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from cogrip.sim.runs.plots.spectra import correlation_near, cross_densities
 from cogrip.sim.runs.plots.style import (
     AXIS_NAMES,
     FAINT,
@@ -68,20 +69,16 @@ def movement(run: Run) -> Movement:
 
 def correlation(first: Array, second: Array, rate_hz: float) -> tuple[float, float, float]:
     """Return (Pearson's r, largest r within a second's lag, that lag [s]; positive: `second` moves later)."""
-    from scipy import signal  # type: ignore[import-untyped]
-
     first, second = (first - first.mean()) / first.std(), (second - second.mean()) / second.std()
     size = len(first)
     reach = min(size - 1, round(_FURTHEST_LAG_S * rate_hz))
-    near = signal.correlate(second, first, method="fft")[size - 1 - reach : size + reach] / size
+    near = correlation_near(first, second, reach) / size
     best = int(np.argmax(near))
     return float(near[reach]), float(near[best]), (best - reach) / rate_hz
 
 
 def coherence(run: Run) -> Figure:
     """Draw the coherence of each pair by frequency, and below how much each hand moves there (Welch's method)."""
-    from scipy import signal
-
     moved = movement(run)
     rate_hz, values = moved.rate_hz, moved.values
     segment = int(min(_SEGMENT_S * rate_hz, values.shape[1] // _LEAST_SEGMENTS))
@@ -89,11 +86,11 @@ def coherence(run: Run) -> Figure:
     shared, power = sheet.panels[:, 0]
     legend: list[tuple[str, Style]] = []
     pairs = list(combinations(range(len(values)), 2))
-    frequency, densities = signal.welch(values, rate_hz, nperseg=segment)
+    frequency, densities = cross_densities(values, rate_hz, segment)
     shown = (frequency > 0.0) & (frequency <= _HIGHEST_HZ)
     for index, (first, second) in enumerate(pairs[:_MOST_PAIRS]):
         with np.errstate(invalid="ignore"):  # not a number where neither hand has any power
-            _, level = signal.coherence(values[first], values[second], rate_hz, nperseg=segment)
+            level = abs(densities[first, second]) ** 2 / (densities[first, first] * densities[second, second]).real
         style: Style = {"color": INK if index < _HALF else FAINT, "ls": LINES[index % _HALF], "lw": 1.8}
         shared.plot(frequency[shown], level[shown], **style)
         r, best, lag_s = correlation(values[first], values[second], rate_hz)
@@ -107,9 +104,9 @@ def coherence(run: Run) -> Figure:
     independent = values.shape[1] // segment
     shared.axhline(1.0 - 0.05 ** (1.0 / (independent - 1)), color=FAINT, lw=1.2, ls=(0, (6, 3)))
     legend.append(("one in twenty by chance", {"color": FAINT, "ls": (0, (6, 3))}))
-    for number, density in zip(moved.numbers, densities, strict=True):
+    for place, number in enumerate(moved.numbers):
         power.set_yscale("log")
-        draw(power, frequency[shown], density[shown] * 1e6, **person_style(number), lw=1.5)
+        draw(power, frequency[shown], densities[place, place, shown].real * 1e6, **person_style(number), lw=1.5)
         legend.append((label(run.names[number]), {**person_style(number), "lw": 2.0}))
     shared.set_ylim(0.0, 1.03)
     shared.set_xlim(0.0, _HIGHEST_HZ)

@@ -1,0 +1,46 @@
+"""Energy in the springs of a scene's contacts and equalities, which is none of its bodies' own (theory 8.2).
+
+A spring of D0 K I at a stretch r holds D0 K I r^2 / 2. MuJoCo's integrator solves
+
+    f = D0 (-a - B v+ - K I (r + h v+))        D = D0 (1 + h B + h^2 K I)
+
+and gives D, after a step only: it is done with a copy, so that to ask costs a step and changes nothing.
+"""
+
+from functools import lru_cache
+
+import mujoco  # type: ignore[import-untyped]
+import numpy as np
+
+from cogrip.server.worlds.scene import SceneWorld
+from cogrip.server.worlds.world import World
+
+
+@lru_cache(maxsize=1)
+def _spare(model: mujoco.MjModel) -> mujoco.MjData:
+    """Return memory for a copy of a state: to ask for it takes longer than a step."""
+    return mujoco.MjData(model)
+
+
+def uncounted_j(world: World) -> float:
+    """Return what a world holds beside its own energy, less what came in beside the waves of its hands [J].
+
+    Of a scene: springs, and what turned its tools back to their hands, which the limiter's ledger paid (theory 8.5).
+    """
+    return springs_j(world) - world.turning.brought_j if isinstance(world, SceneWorld) else 0.0
+
+
+def springs_j(world: SceneWorld) -> float:
+    """Return what the springs of contacts, equalities and limits hold [J]."""
+    if not world.data.nefc:
+        return 0.0
+    model, data = world.scene.model, _spare(world.scene.model)
+    mujoco.mj_copyData(data, model, world.data)
+    h = float(model.opt.timestep)
+    data.efc_margin[:] = 0.0
+    mujoco.mj_step2(model, data)
+    stiffness, damping = data.efc_KBIP[:, 0] * data.efc_KBIP[:, 2], data.efc_KBIP[:, 1]
+    spring = data.efc_D * stiffness / (1.0 + h * damping + h * h * stiffness)
+    both_ways = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+    stretched = np.where(both_ways, data.efc_pos, np.minimum(data.efc_pos, 0.0))
+    return 0.5 * float((spring * stretched**2).sum())
