@@ -55,21 +55,8 @@ LONGEST_SEAT = seat_settings(resolve(LONGEST), 255)
 LARGEST_EFFECT = Effect("vibration", ROW, ROW, ROW, (ROW,) * MOST_POINTS, *[0.1] * 8)
 LARGEST: dict[str, messages.AnyMessage] = {
     "hello": Hello(
-        messages.MAGIC,
-        2**53,
-        WORDS,
-        BIG,
-        *[WORDS] * 4,
-        6,
-        1.1,
-        0.1,
-        0.1,
-        "observer",
-        SECRET,
-        SECRET,
-        0.1,
-        0.1,
-    ),  # fmt: skip
+        messages.MAGIC, 2**53, WORDS, BIG, *[WORDS] * 4, 6, 1.1, 0.1, 0.1, "observer", *[SECRET] * 2, 0.1, 0.1
+    ),
     "welcome": messages.Welcome(2**53, BIG, BIG, SECRET, WORDS, LONGEST_SEAT, SECRET, "observer"),
     "refuse": messages.Refuse(2**53, BIG, WORDS, "r" * TEXT_BYTES),
     "waves": messages.Waves(

@@ -54,13 +54,12 @@ def live(folder: Path) -> None:
         "--config",
         str(config),
         "--seconds",
-        "0.85",
+        "0.75",
         "--runs",
         str(runs),
     ]
-    subprocess.run(
-        command, check=False, stdout=subprocess.DEVNULL
-    )  # one second is too short to move the cube: exit code 1
+    # One second is too short to move the cube: exit code 1
+    subprocess.run(command, check=False, stdout=subprocess.DEVNULL)
     (made,) = runs.iterdir()
     made.rename(folder)
 
