@@ -8,11 +8,12 @@ from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.local_port import LocalPort
 from cogrip.server.seat_limits import SeatLimits
 from cogrip.server.worlds.local_scene import LocalScene
+from cogrip.server.worlds.scene_springs import springs_j
 from cogrip.server.worlds.scene_text import SceneError
 
 from tests.extent import long
 from tests.server.local_worlds import join_all, local_world, report, wanderers
-from tests.server.scene_worlds import WORST_J, Array, T, port_j, springs_j
+from tests.server.scene_worlds import WORST_J, Array, T, port_j
 
 BALLS = ("ball", "ball")
 
