@@ -12,10 +12,11 @@ import msgspec
 import pytest
 
 from cogrip.protocol.join_link import parse_link
+from cogrip.server.checkpoint import decode
 from cogrip.sim.runs.replay.verify import verify
 
 from tests.free_ports import free_port
-from tests.live.held_arms import DEMO, Spoken, fairly
+from tests.live.held_arms import DEMO, Spoken, fairly, until
 from tests.live.test_unauthenticated_peers import MOST_STEP_N, PULL, Relay, before_silence, largest_step_n, recording_of
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="several workers need Linux, which steers datagrams")
@@ -82,6 +83,8 @@ def test_after_a_worker_is_killed_its_people_resume_and_nobody_else_notices(star
     ben = join(rooms.where("cellar"), "--name", "ben")
     for person in (anna, ben):
         person.hear(r"(anna|ben) holds cube in room")
+    kept = rooms.state / "checkpoint-cellar.json"
+    until(lambda: kept.exists() and any(seat.ticket for seat in decode(kept.read_bytes()).seats), "ben's seat is kept")
     os.kill(rooms.worker(2), signal.SIGKILL)
     rooms.process.hear(
         "cellar: restored: the object is at .* seats are kept for ben"

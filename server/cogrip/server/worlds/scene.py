@@ -164,16 +164,17 @@ class SceneWorld(World):
     # Taking hold and letting go
 
     def join(self, user: int, position_m: Array) -> None:
-        data, grip, places = self.data, self._grips[user], self._places[user]
+        data, grip, places, tool = self.data, self._grips[user], self._places[user], self.scene.tools[user]
         if grip.tied:
             self._begin_at(user, data.qpos[places] - position_m[:PLACES])
         else:
             data.qpos[places] = self._zero[user] + position_m[:PLACES]
+            data.qvel[tool.dof : tool.dof + tool.dofs] = 0.0  # its fingers may have moved it while nobody held it
         self.turning.take(data, user, position_m[PLACES:].tolist())
         self.openings.place(data, user, float(position_m[-1]))
         self.openings.rest(data, user)
         self._damp(user)
-        self.scene.model.body_gravcomp[self.scene.tools[user].body] = grip.gravcomp
+        self.scene.model.body_gravcomp[tool.body] = grip.gravcomp
         self.holding[user] = True
         self._touch(user, False)
         self._refresh()
