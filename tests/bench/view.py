@@ -47,6 +47,10 @@ PLAYOUT_FRAMES = 1
 CHANGES = ("link.delay_ms=0", f"playout.frames={PLAYOUT_FRAMES}")
 MOST_RATIO, MOST_GROWTH_MB, LEAST_HZ, MOST_P50_MS, MOST_DRAWN_MS = 1.1, 5.0, 30.0, 25.0, 50.0
 PEOPLE = 5  # whom the browser draws
+PICTURES = 3  # sessions in which it does
+STALLS = (
+    4  # sessions that are measured anew, as the machine took the processor away from one for a whole watchdog's time
+)
 TABS, WATCHING = 50, 2
 JUMP_M, REST_S = 0.01, 0.6
 REPEAT_S = 0.05  # as often a page says that its pointer holds
@@ -91,11 +95,15 @@ def bench_view(*, blocks: int = 8, seconds: float = 60.0, jumps: int = 60) -> in
         judge(f"page's memory, a tab stopped for {seconds:g} s", grown_mb, MOST_GROWTH_MB, "MB", most=True)
         judge(f"{TABS} tabs: frames a second, least", min(rates), LEAST_HZ, "Hz", most=False)
         rows.append((f"{TABS} tabs: frames a second, median", f"{statistics.median(rates):.2f} Hz", "", ""))
-        pictures, late_ms = _pictures(base / "pictures", short_s, console)
-        if pictures:
-            judge(f"{PEOPLE} people in a browser: pictures a second, least", min(pictures), LEAST_HZ, "Hz", most=False)
-            judge("  state to picture, p95", float(np.percentile(late_ms, 95)), MOST_DRAWN_MS, "ms", most=True)
-            rows.append((f"  p50, of {len(late_ms)} pictures", f"{np.percentile(late_ms, 50):.2f} ms", "", ""))
+        drawn = [_pictures(base / f"pictures {number}", short_s, console) for number in range(PICTURES)]
+        if all(pictures for pictures, _ in drawn):
+            least = min(min(pictures) for pictures, _ in drawn)
+            p50_ms, p95_ms = np.median([np.percentile(late_ms, (50, 95)) for _, late_ms in drawn], axis=0)
+            judge(f"{PEOPLE} people in a browser: pictures a second, least", least, LEAST_HZ, "Hz", most=False)
+            judge(
+                f"  state to picture, p95, median of {PICTURES} sessions", float(p95_ms), MOST_DRAWN_MS, "ms", most=True
+            )
+            rows.append((f"  p50, of {sum(len(late_ms) for _, late_ms in drawn)} pictures", f"{p50_ms:.2f} ms", "", ""))
         delays_ms = _pointer(settings, base / "pointer", jumps)
         p50, p95 = np.percentile(delays_ms, (50, 95))
         judge("pointer to wave applied, less playout, p50", float(p50), MOST_P50_MS, "ms", most=True)
@@ -113,27 +121,16 @@ def _lateness(
     The uncertainty is that of other sessions drawn from these: what disturbs this machine lasts for whole sessions.
     """
     late_us: dict[bool, list[np.ndarray]] = {True: [], False: []}
-    user = settings.users[0].name
+    stalls = 0
     for number in range(max(4, blocks)):
         watched = number % 4 in (0, 3)
-        folder = base / f"{number}"
-        with _served(settings, folder) as place:
-            client = start_cogrip(
-                "join", place, "--config", str(folder / SETTINGS), "--name", user, "--into", str(folder),
-                "--seconds", str(seconds),
-            )  # fmt: skip
-            if watched:
-                with _viewed(place) as (_, url), _reading(url, WATCHING):
-                    printed, well = output_at_end(client, seconds + END_S)
-            else:
-                printed, well = output_at_end(client, seconds + END_S)
-            if not well:
-                raise Problem(f"the client failed:\n{printed}")
-        ticks = End(open_recording(folder / client_recording(user))).records("tick")
-        late_us[watched].append(np.array([max(0, tick.late_us) for _, tick in ticks]))
-        console.print(
-            f"{'two tabs' if watched else 'no tab  '}: p99 lateness {np.percentile(late_us[watched][-1], 99):.0f} µs"
-        )
+        while (late := _late_us(settings, base / f"{number}-{stalls}", watched, seconds)) is None:
+            stalls += 1
+            console.print("this machine stood still for longer than a read of a device may take: measured anew")
+            if stalls > STALLS:
+                raise Problem("this machine stands still too often for a measurement")
+        late_us[watched].append(late)
+        console.print(f"{'two tabs' if watched else 'no tab  '}: p99 lateness {np.percentile(late, 99):.0f} µs")
     chance = np.random.default_rng(1)
 
     def ratio(draw: Callable[[list[np.ndarray]], list[np.ndarray]]) -> float:
@@ -142,6 +139,27 @@ def _lateness(
 
     drawn = [ratio(lambda of: [of[each] for each in chance.integers(len(of), size=len(of))]) for _ in range(DRAWS)]
     return ratio(lambda of: of), math.exp(float(np.std(np.log(drawn))))
+
+
+def _late_us(settings: Settings, folder: Path, watched: bool, seconds: float) -> np.ndarray | None:
+    """Return the lateness of each tick of a client's session [us]; None where a stall of the machine ended it."""
+    user = settings.users[0].name
+    with _served(settings, folder) as place:
+        client = start_cogrip(
+            "join", place, "--config", str(folder / SETTINGS), "--name", user, "--into", str(folder),
+            "--seconds", str(seconds),
+        )  # fmt: skip
+        if watched:
+            with _viewed(place) as (_, url), _reading(url, WATCHING):
+                printed, well = output_at_end(client, seconds + END_S)
+        else:
+            printed, well = output_at_end(client, seconds + END_S)
+    if not well and "its read took" in printed:
+        return None
+    if not well:
+        raise Problem(f"the client failed:\n{printed}")
+    ticks = End(open_recording(folder / client_recording(user))).records("tick")
+    return np.array([max(0, tick.late_us) for _, tick in ticks])
 
 
 def _tabs(settings: Settings, folder: Path, stopped_s: float, seconds: float) -> tuple[float, list[float]]:
