@@ -30,12 +30,14 @@ def summaries(folder: Path) -> dict[str, dict]:
     return {user["name"]: user for users in found for user in users if user["ticks"]["run"]}
 
 
-@pytest.mark.parametrize("kicked", [True, long(False)])
-def test_two_arms_take_the_seats_of_their_person_and_leave_together(run, serve, tmp_path, kicked):
+@pytest.mark.parametrize(("kicked", "encryption"), [(True, "--seal"), long(False, "--insecure")])
+def test_two_arms_take_the_seats_of_their_person_and_leave_together(run, serve, tmp_path, kicked, encryption):
     state = tmp_path / "state"
-    server, port = serve(DEMO, *SEATS, "--state", state)
+    server, port = serve(DEMO, *SEATS, encryption, "--state", state)
+    link = re.search(r"join demo as player: .*'(cogrip:\S+)'", server.said)
+    place = link[1] if link else f"127.0.0.1:{port}"
     time = () if kicked else ("--seconds", "1")
-    person = run("join", f"127.0.0.1:{port}", "--name", "anna", *ARMS, *time, "--runs", tmp_path / "a", "--no-report")
+    person = run("join", place, "--name", "anna", *ARMS, *time, "--runs", tmp_path / "a", "--no-report")
     if kicked:
         for name in ("anna.1", "anna.2"):
             until(lambda name=name: force_n(tmp_path / "a", name) > 0.01, f"{name} pushes")
