@@ -19,7 +19,7 @@ from cogrip.sim.runs.replay.verify import Verdict, verify
 
 from tests.extent import long
 from tests.free_ports import free_port
-from tests.live.held_arms import WITHOUT_PLOTS, until
+from tests.live.held_arms import WITHOUT_PLOTS, Spoken, until
 from tests.sim.session_measures import allowed
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -63,6 +63,11 @@ def accounted(link: dict) -> bool:
     )
 
 
+def priority(process: Spoken) -> int:
+    """Return a process's real-time priority, 0 for none."""
+    return os.sched_getparam(process.popen.pid).sched_priority if hasattr(os, "sched_getparam") else 0
+
+
 def test_two_people_hold_one_cube(run, serve, tmp_path):
     server, port = serve(DEMO)
     people = [
@@ -71,7 +76,11 @@ def test_two_people_hold_one_cube(run, serve, tmp_path):
         )
         for name in ("anna", "ben")
     ]
+    for person in people:
+        person.hear("holds cube in room")
+    priorities = [priority(process) for process in (server, *people)]
     assert [person.end() for person in people] == [0, 0], [person.said for person in people]
+    assert priorities[0] < min(priorities[1:]) or not any(priorities), "0 where a system grants none"
     server.signal(signal.SIGTERM)
     assert server.end() == 0, server.said
     whole = summary_in(tmp_path / "server")

@@ -16,7 +16,7 @@ from typing import Protocol
 from cogrip.protocol.channel import Address, Channel
 from cogrip.protocol.io.pacing import SPIN_NS, Pacer
 from cogrip.protocol.io.platform import time
-from cogrip.protocol.io.realtime import engage, release
+from cogrip.protocol.io.realtime import SERVER_PRIORITY, engage, release
 from cogrip.protocol.io.receive_buffer import OVERRUN
 from cogrip.protocol.io.recorder import Recorder, open_recorder
 from cogrip.protocol.io.stop import Stop
@@ -124,7 +124,7 @@ class LiveServer:
     def run(self) -> None:
         """Serve until stopped, end all sessions, and close the socket."""
         self.recorder = self._record()
-        measures = engage()
+        measures = engage(priority=SERVER_PRIORITY)
         self._start_ns = time.monotonic_ns()
         pacers = self.pacers
         for room in self.core.rooms:

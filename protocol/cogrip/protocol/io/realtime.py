@@ -18,6 +18,8 @@ from cogrip.protocol.io.platform import system
 
 PRIORITY = 40
 """SCHED_FIFO priority: above ordinary work, below the kernel's interrupt threads (50 on PREEMPT_RT)."""
+SERVER_PRIORITY = PRIORITY - 1
+"""Priority of a server beside clients: the shorter the period, the higher the priority (rate-monotonic scheduling)."""
 
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30  # linux/prctl.h
 _MCL_CURRENT, _MCL_FUTURE = 1, 2  # sys/mman.h
