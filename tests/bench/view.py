@@ -60,7 +60,7 @@ DRAWS = 200  # of sessions, for the uncertainty of a ratio
 Row = tuple[str, str, str, str]
 
 
-def bench_view(*, blocks: int = 8, seconds: float = 60.0, jumps: int = 60) -> int:
+def bench_view(*, blocks: int = 24, seconds: float = 60.0, jumps: int = 60) -> int:
     """Measure a 1024 Hz client beside tabs, a tab that is stopped, 50 tabs, and pointer to server.
 
     Parameters
