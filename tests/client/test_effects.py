@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from cogrip.client.effects.active import Texture, Vibration
@@ -67,8 +67,11 @@ def test_spring_is_the_gradient_of_its_potential_and_no_stiffer_than_it_says(
     # what one sampled tick makes at most: K d^2 / 2 (theory 7.8)
     assert there.stored_j <= here.stored_j + force @ step + 0.5 * law.stiffness_npm * step @ step + 1e-12
     assert here.stored_j >= 0.0
-    near = np.array(at) + 1e-7 * step
-    slope = law.felt(near.tolist(), still).stored_j - here.stored_j
+    near = law.felt((np.array(at) + 1e-7 * step).tolist(), still)
+    assume(
+        np.abs(np.subtract(near.spring_n or still, force)).max() < 1e-3
+    )  # midway between two sides there is no gradient
+    slope = near.stored_j - here.stored_j
     assert slope == pytest.approx(1e-7 * float(force @ step), abs=1e-10)
 
 
@@ -269,6 +272,16 @@ PASSIVE_ONES = st.one_of(
     steps=st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(0.0, 1.0)), min_size=1, max_size=40),
     tank_mj=st.floats(0.01, 20.0),
     latency=st.integers(0, 3),
+)
+@example(
+    [Effect("vibration", direction=along, amplitude_n=1.0, frequency_hz=76.0)], [], [(0.0, 1.0), (0.0, 0.0)], 0.5, 1
+)
+@example(
+    [Effect("vibration", direction=along, amplitude_n=1.0, frequency_hz=1.0)],
+    [Effect("zone", size_m=(0.004, 0.0, 0.0), stiffness_npm=160.0)],
+    [(0.0, 0.0), (0.0, 1.0), (0.0, 0.0), (0.0, 1.0), (-1.0, 0.0)],
+    0.0625,
+    2,
 )
 def test_tank_is_never_overdrawn(
     effects: list[Effect], more: list[Effect], steps: list[tuple[float, float]], tank_mj: float, latency: int

@@ -80,7 +80,7 @@ class EffectForce:
         self._step_share = tick_s / RAMP_S
         self._rows: DelayLine[tuple[Row, Row, Row]] = DelayLine()  # in all, active, damper: as asked
         self._held: tuple[Row, Row, Row] = _NO_ROWS
-        self._reserved: deque[float] = deque()
+        self._reserved: deque[float] = deque(maxlen=1)  # for active forces that have yet to act, this tick's the last
         self._law: Sequence[float] = ()  # of all at the hand, of the last tick that had one
         self.tank = EnergyTank()
         self.asked_n: Row | None = None
@@ -100,7 +100,7 @@ class EffectForce:
         self._slope_nps = min(record.slew_nps, MOST_SLOPE_NPS)
         self._free_j = free_j
         self._rows.set_ticks(record.latency_ticks, _NO_ROWS)
-        self._reserved = deque(self._reserved, maxlen=record.latency_ticks)
+        self._reserved = deque(self._reserved, maxlen=record.latency_ticks + 1)
         if self.tank.capacity_j:
             self.tank.set_capacity(min(self.tank.capacity_j, free_j))
 
@@ -180,7 +180,7 @@ class EffectForce:
         self._held, self.asked_n, self.reduced = _NO_ROWS, None, False
         if not self._entries:
             self.stored_j = 0.0
-            self._reserve(0.0)
+            self._reserved.append(0.0)
             return None
         self._leave_out()
         for entry in self._entries.values():
@@ -261,22 +261,22 @@ class EffectForce:
             if entry.share:
                 most_j += entry.share * law.most_n * per_tool * self._step_m
                 felt.append((entry, law))
-        spare_j = self.tank.level_j - sum(self._reserved)
+        if len(self._reserved) == self._reserved.maxlen:
+            self._reserved.popleft()  # has acted
+        spare_j = self._spare_j()
         if most_j > spare_j:
-            part = max(0.0, spare_j) / most_j
+            part = spare_j / most_j
             for entry, _ in felt:
                 entry.share *= part
             most_j *= part
-        self._reserve(most_j)
+        self._reserved.append(most_j)
         for entry, law in felt:
             for axis, force in enumerate(law.force(position_m, tick - entry.begun)):
                 total[axis] += (entry.share / gain) * force
         return total
 
-    def _reserve(self, energy_j: float) -> None:
-        self._now_j = energy_j
-        if self._reserved.maxlen:
-            self._reserved.append(energy_j)
+    def _spare_j(self) -> float:
+        return max(0.0, self.tank.level_j - sum(self._reserved))
 
     def _passive(
         self, position_m: Row, velocity_mps: Row, gain: float, carried: tuple[float, float], weight: float
@@ -318,8 +318,7 @@ class EffectForce:
             step = min(self._step_share, MOST_STEP_N / size) if size else self._step_share
             share = _towards(before, goal, step)
             if share > before and potential_j:
-                spare_j = self.tank.level_j - self._now_j - sum(self._reserved)
-                share = min(share, before + max(0.0, spare_j) / potential_j)
+                share = min(share, before + self._spare_j() / potential_j)
         entry.share = share = min(share, gain)
         if share > before:
             self.tank.pay((share - before) * potential_j)
