@@ -206,3 +206,14 @@ def test_a_session_tells_effects_and_accounts_for_them(library: Any, name: str) 
     assert answers
     assert set(answers[-1].numbers) == {1, 2}
     assert "unexpected" not in session.people[0].counts
+
+
+def test_a_zone_is_felt_in_a_session_as_stiff_as_told(library: Any) -> None:
+    """The hand is pulled 40 mm into it, and rests where the spring of its own and the zone hold each other."""
+    session = VirtualSession(library, "anna", effects=[{**EFFECTS["zone"], "damping_nspm": 5.0}])
+    session.run(1.0)
+    depth_m = session.people[0].status.position_m[0] - 0.02
+    assert depth_m > 0.009
+    assert session.people[0].force_n[0] == pytest.approx(600.0 * depth_m, rel=0.02)
+    session.leave()
+    assert last_account(session).device.at_limit == 0.0
