@@ -1288,6 +1288,8 @@ typedef struct account {
     char state[41], reason[COGRIP_TEXT_BYTES];
     double peak_step_n, depth_frames, least_frames, most_frames;
     double at_limit, controlled, port_leak_j, port_margin_j, port_reserve_j, down_reserve_j, peak_torque_nm, line[6];
+    int has_effects;
+    double least_tank_j, drawn_j;
 } account;
 
 static void put_ints(writer *to, const int64_t *values, int count) {
@@ -1343,7 +1345,500 @@ static void put_account(writer *to, const account *from) {
     put_known(to, from->down_reserve_j);
     put_real(to, from->peak_torque_nm);
     put_row(to, from->line, 6);
-    put_nil(to); /* it renders no effects */
+    if (from->has_effects) {
+        put_array(to, 2);
+        put_real(to, from->least_tank_j);
+        put_real(to, from->drawn_j);
+    } else {
+        put_nil(to);
+    }
+}
+
+/* ---- Haptic effects [3.18, 7d; docs/theory.md 7.8] -------------------------------------------- */
+
+enum { MOST_EFFECTS = 16, MOST_POINTS = 8, MOST_ENTRIES = 2 * MOST_EFFECTS, MOST_KNOWN = 8 * MOST_EFFECTS };
+enum { VISCOUS, VIBRATION, TEXTURE, MAGNET, PATH, ZONE, EFFECT_KINDS };
+enum { STIFFNESS_NPM, DAMPING_NSPM, AMPLITUDE_N, FREQUENCY_HZ, PERIOD_M, RADIUS_M, MOST_PULL_N, SECONDS, EFFECT_NUMBERS };
+enum { KEY_KIND = EFFECT_NUMBERS, KEY_PLACE, KEY_SIZE, KEY_DIRECTION, KEY_POINTS, EFFECT_KEYS };
+
+#define PI 3.14159265358979323846
+#define MOST_PLACE_M 1e3
+#define LEAST_LENGTH_M 1e-4      /* of radius_m, period_m and a path's step */
+#define LEAST_FREQUENCY_HZ 1e-3
+#define LEAST_DIRECTION 1e-6
+#define EFFECT_RAMP_S 0.02       /* in which an effect comes and goes where it is not at rest */
+#define MOST_EFFECT_STEP_N 0.5   /* by which a spring that comes may change the force in a tick */
+#define STEEPEST 0.28621670111997312 /* of r (1 - r^2)^2, at r^2 = 1/5 */
+
+typedef struct effect {
+    int kind, points;
+    double place_m[3], size_m[3], direction[3], point_m[MOST_POINTS][3], number[EFFECT_NUMBERS];
+} effect;
+
+typedef struct told_effects {
+    int64_t session, version, numbers[MOST_EFFECTS], number;
+    int count, has_effect;
+    double tank_mj;
+    effect effect;
+} told_effects;
+
+static const char *const effect_kinds[] = {"viscous", "vibration", "texture", "magnet", "path", "zone"};
+static const char *const effect_keys[] =
+    {"stiffness_npm", "damping_nspm", "amplitude_n", "frequency_hz", "period_m", "radius_m", "force_n", "seconds", "kind",
+        "place_m", "size_m", "direction", "points_m"};
+static const double effect_bounds[] = {1e5, 1e3, 40.0, 256.0, 1.0, 1.0, 40.0, 1e6};
+
+static void get_effect(reader *from, effect *into) {
+    const uint64_t keys = get_length(from, 1, 1, UINT32_MAX);
+    memset(into, 0, sizeof *into);
+    into->kind = -1;
+    for (uint64_t place = 0; place < keys && !from->bad; place++) {
+        const int key = get_choice(from, effect_keys, EFFECT_KEYS);
+        if (from->bad) return;
+        switch (key) {
+        case KEY_KIND: into->kind = get_choice(from, effect_kinds, EFFECT_KINDS); break;
+        case KEY_PLACE: get_row(from, into->place_m, 3, 3, MOST_PLACE_M); break;
+        case KEY_DIRECTION: get_row(from, into->direction, 3, 3, MOST_PLACE_M); break;
+        case KEY_SIZE:
+            get_row(from, into->size_m, 3, 3, MOST_PLACE_M);
+            for (int axis = 0; axis < 3; axis++)
+                if (into->size_m[axis] < 0.0) from->bad = 1;
+            break;
+        case KEY_POINTS:
+            into->points = (int)get_length(from, 0, 0, MOST_POINTS);
+            for (int point = 0; point < into->points; point++) get_row(from, into->point_m[point], 3, 3, MOST_PLACE_M);
+            break;
+        default: into->number[key] = get_real(from, 0.0, effect_bounds[key]);
+        }
+    }
+    if (into->kind < 0) from->bad = 1;
+}
+
+static void get_effects(reader *from, uint64_t length, told_effects *into) {
+    memset(into, 0, sizeof *into);
+    if (length < 5 || length > 7) from->bad = 1;
+    into->session = get_int(from, 1, INT64_MAX);
+    into->version = get_int(from, 0, MOST_INT);
+    into->count = (int)get_length(from, 0, 0, MOST_EFFECTS);
+    for (int place = 0; place < into->count; place++) into->numbers[place] = get_int(from, 0, MOST_INT);
+    into->tank_mj = get_real(from, 0.0, 1e3);
+    if (length > 5) into->number = get_int(from, 0, MOST_INT);
+    if (length > 6 && !get_nil(from)) {
+        into->has_effect = 1;
+        get_effect(from, &into->effect);
+    }
+}
+
+/* 1 where the effect can be rendered in so many axes. */
+static int effect_fits(const effect *given, int axes) {
+    static const int needs[EFFECT_KINDS][2] = {{DAMPING_NSPM, DAMPING_NSPM}, {AMPLITUDE_N, FREQUENCY_HZ},
+        {AMPLITUDE_N, PERIOD_M}, {STIFFNESS_NPM, RADIUS_M}, {STIFFNESS_NPM, STIFFNESS_NPM}, {STIFFNESS_NPM, STIFFNESS_NPM}};
+    const double *number = given->number;
+    const int directed = size_of(given->direction, axes) >= LEAST_DIRECTION,
+        turned = given->direction[0] != 0.0 || given->direction[1] != 0.0 || given->direction[2] != 0.0;
+    if (number[needs[given->kind][0]] == 0.0 || number[needs[given->kind][1]] == 0.0) return 0;
+    if (given->kind == PATH) {
+        if (given->points < 2 || axes == 1) return 0;
+        for (int point = 1; point < given->points; point++) {
+            double step[AXES] = {0.0};
+            for (int axis = 0; axis < axes; axis++) step[axis] = given->point_m[point][axis] - given->point_m[point - 1][axis];
+            if (size_of(step, axes) < LEAST_LENGTH_M) return 0;
+        }
+    }
+    if ((given->kind == VIBRATION || given->kind == TEXTURE || (given->kind == ZONE && turned)) && !directed) return 0;
+    if (given->kind == ZONE && !turned && size_of(given->size_m, axes) == 0.0) return 0;
+    if (number[PERIOD_M] != 0.0 && number[PERIOD_M] < LEAST_LENGTH_M) return 0;
+    if (number[RADIUS_M] != 0.0 && number[RADIUS_M] < LEAST_LENGTH_M) return 0;
+    return number[FREQUENCY_HZ] == 0.0 || number[FREQUENCY_HZ] >= LEAST_FREQUENCY_HZ;
+}
+
+/* An effect in force. share: w, 0 to 1, the ramp of safety in it; stiffness_npm: K as it is rendered. */
+typedef struct effect_entry {
+    effect law;
+    int64_t number, begun;
+    double left_ticks, share, stored_j, unit[AXES], stiffness_npm, most_n, slope_nps, turn;
+    int ended, plane, present;
+    /* of a passive one, at the hand: */
+    int springs, damps;
+    double potential_j, spring_n[AXES], damper_n[AXES];
+} effect_entry;
+
+/* All effects of the seat. Forces are of all of them, before ramp and limits: `asked` for this tick, `held` by the last one
+ * that had any, whose force fades where there is none now. */
+typedef struct effects {
+    int axes, count, told, asked, held, reduced, known_count, known_next;
+    int64_t version, known[MOST_KNOWN];
+    double tick_s, base_nspm, most_nspm, most_npm, step_m, slope_nps, free_j;
+    double capacity_j, level_j, least_level_j, drawn_j, overdrawn_j, damped_j, most_damped_j; /* the tank */
+    double now_j, stored_j, work_j; /* now_j: what active forces may draw in this tick */
+    double asked_n[AXES], active_n[AXES], damper_n[AXES], law_n[AXES]; /* law_n: with the coupling's */
+    effect_entry entry[MOST_ENTRIES];
+} effects;
+
+static void tank_set(effects *all, double level_j) {
+    all->level_j = level_j;
+    all->least_level_j = least(all->least_level_j, level_j);
+}
+
+static void tank_fill(effects *all, double energy_j) { all->level_j = least(all->capacity_j, all->level_j + energy_j); }
+
+static void tank_hold(effects *all, double capacity_j) {
+    if (all->capacity_j == 0.0) all->level_j = all->least_level_j = capacity_j;
+    all->capacity_j = capacity_j;
+    tank_set(all, least(all->level_j, capacity_j));
+}
+
+/* Enter the hand's work against active forces, below 0 where they gave it energy. */
+static void tank_worked(effects *all, double work_j) {
+    if (work_j >= 0.0) {
+        tank_fill(all, work_j);
+        return;
+    }
+    all->drawn_j -= work_j;
+    all->overdrawn_j += most(0.0, -(all->level_j + work_j));
+    tank_set(all, most(0.0, all->level_j + work_j));
+}
+
+/* Enter the hand's work against dampers: it fills the tank once they have taken more than ever before. */
+static void tank_damped(effects *all, double work_j) {
+    all->damped_j += work_j;
+    if (all->damped_j <= all->most_damped_j) return;
+    tank_fill(all, all->damped_j - all->most_damped_j);
+    all->most_damped_j = all->damped_j;
+}
+
+/* carried_nspm, lag_s: of the device; base_nspm: what the coupling has of that; free_j: what the tank may hold. */
+static void effects_fit(effects *all, int axes, double tick_s, double carried_nspm, double lag_s, double base_nspm,
+    double speed_mps, double slew_nps, double free_j) {
+    all->axes = axes;
+    all->tick_s = tick_s;
+    all->base_nspm = base_nspm;
+    all->most_nspm = carried_nspm;
+    all->most_npm = carried_nspm / lag_s;
+    all->step_m = speed_mps * tick_s;
+    all->slope_nps = least(slew_nps, MOST_SLOPE_NPS);
+    all->free_j = free_j;
+}
+
+static int effects_know(const effects *all, int64_t number) {
+    for (int place = 0; place < all->known_count; place++)
+        if (all->known[place] == number) return 1;
+    return 0;
+}
+
+static int effects_name(const told_effects *told, int64_t number) {
+    for (int place = 0; place < told->count; place++)
+        if (told->numbers[place] == number) return 1;
+    return 0;
+}
+
+static void entry_begin(const effects *all, effect_entry *into, const told_effects *told, int64_t tick) {
+    const double *number = told->effect.number, size = size_of(told->effect.direction, all->axes);
+    memset(into, 0, sizeof *into);
+    into->law = told->effect;
+    into->number = told->number;
+    into->begun = tick;
+    into->left_ticks = number[SECONDS] != 0.0 ? rint(number[SECONDS] / all->tick_s) : HUGE_VAL;
+    into->plane = into->law.kind == ZONE && size != 0.0;
+    for (int axis = 0; axis < all->axes && size != 0.0; axis++) into->unit[axis] = told->effect.direction[axis] / size;
+    into->most_n = number[AMPLITUDE_N];
+    into->stiffness_npm = number[STIFFNESS_NPM];
+    if (into->law.kind == VIBRATION) { /* held over ticks a sine is A sinc(f T): it is divided by that */
+        into->turn = number[FREQUENCY_HZ] * all->tick_s;
+        const double half = PI * least(into->turn, 0.5);
+        into->most_n *= half / sin(half);
+        into->slope_nps = 2.0 * PI * number[FREQUENCY_HZ] * number[AMPLITUDE_N];
+    }
+    if (into->law.kind == TEXTURE) into->stiffness_npm = 2.0 * PI * number[AMPLITUDE_N] / number[PERIOD_M];
+    if (into->law.kind == MAGNET && number[MOST_PULL_N] != 0.0)
+        into->stiffness_npm = least(into->stiffness_npm, number[MOST_PULL_N] / (STEEPEST * number[RADIUS_M]));
+}
+
+/* Take in what the server tells. Returns the count to raise, -1 for none. */
+static int effects_tell(effects *all, const told_effects *told, int64_t tick) {
+    if (told->version < all->version) return COGRIP_LATE_EFFECTS;
+    all->version = told->version;
+    tank_hold(all, least(told->tank_mj * 1e-3, all->free_j));
+    for (int place = 0; place < all->count; place++)
+        if (!effects_name(told, all->entry[place].number)) all->entry[place].ended = 1;
+    if (!told->has_effect || effects_know(all, told->number) || !effects_name(told, told->number)) return -1;
+    all->known[all->known_next] = told->number;
+    all->known_next = (all->known_next + 1) % MOST_KNOWN;
+    all->known_count = all->known_count < MOST_KNOWN ? all->known_count + 1 : MOST_KNOWN;
+    if (!effect_fits(&told->effect, all->axes) || all->count >= MOST_ENTRIES) return COGRIP_UNFIT_EFFECT;
+    int place = 0;
+    while (place < all->count && all->entry[place].number != told->number) place++;
+    all->count += place == all->count;
+    entry_begin(all, &all->entry[place], told, tick);
+    all->told = 1;
+    return -1;
+}
+
+/* End all effects: another server tells its own. */
+static void effects_forget(effects *all) {
+    all->version = 0;
+    all->known_count = all->known_next = 0;
+    for (int place = 0; place < all->count; place++) {
+        all->entry[place].ended = 1;
+        all->entry[place].number = -place - 1;
+    }
+}
+
+static void effects_leave_out(effects *all) {
+    int kept = 0;
+    for (int place = 0; place < all->count; place++) {
+        if (all->entry[place].ended && all->entry[place].share == 0.0) continue;
+        if (kept != place) all->entry[kept] = all->entry[place];
+        kept++;
+    }
+    all->count = kept;
+}
+
+/* Render nothing from now on, and let each effect come again: what springs held is lost. */
+static void effects_begin_anew(effects *all) {
+    all->asked = 0;
+    all->stored_j = 0.0;
+    for (int place = 0; place < all->count; place++) all->entry[place].share = all->entry[place].stored_j = 0.0;
+    effects_leave_out(all);
+}
+
+static double dot(const double *one, const double *other, int axes) {
+    double total = 0.0;
+    for (int axis = 0; axis < axes; axis++) total += one[axis] * other[axis];
+    return total;
+}
+
+/* The part of a wish that a force is, along it. */
+static double part_of(const double *force, const double *wish, int axes) {
+    const double square = dot(wish, wish, axes);
+    return square != 0.0 ? dot(force, wish, axes) / square : 0.0;
+}
+
+/* Enter a displacement of the hand, over which `held_n` acted. */
+static void effects_enter(effects *all, const double *held_n, const double *start_m, const double *end_m) {
+    double moved[AXES] = {0.0};
+    if (!all->held) return;
+    /* where coupling and effects cancel out the law is next to 0 */
+    const double scale = least(1.0, most(0.0, part_of(held_n, all->law_n, all->axes)));
+    for (int axis = 0; axis < all->axes; axis++) moved[axis] = end_m[axis] - start_m[axis];
+    tank_worked(all, scale * dot(all->active_n, moved, all->axes));
+    tank_damped(all, scale * dot(all->damper_n, moved, all->axes));
+    all->work_j += scale * dot(all->asked_n, moved, all->axes);
+}
+
+static double towards(double value, double goal, double step) {
+    return goal > value ? least(goal, value + step) : most(goal, value - step);
+}
+
+static int effect_inside(const effects *all, const effect *given, const double *position_m) {
+    for (int axis = 0; axis < all->axes; axis++)
+        if (given->size_m[axis] != 0.0 && fabs(position_m[axis] - given->place_m[axis]) > given->size_m[axis]) return 0;
+    return 1;
+}
+
+static double turn_of(double turns) { return sin(2.0 * PI * (turns - floor(turns))); }
+
+/* Add the force of vibrations and textures, within what the tank holds. gain: of the ramp in this tick. */
+static void effects_act(effects *all, int64_t tick, const double *position_m, double gain) {
+    const double step = all->tick_s / EFFECT_RAMP_S;
+    double slope_nps = 0.0, texture_npm = 0.0, most_j = 0.0, part = 1.0;
+    for (int place = 0; place < all->count; place++) {
+        effect_entry *one = &all->entry[place];
+        one->present = !one->ended && effect_inside(all, &one->law, position_m);
+        if (!one->present) continue;
+        if (one->law.kind == VIBRATION) slope_nps += one->slope_nps;
+        if (one->law.kind == TEXTURE) texture_npm += one->stiffness_npm;
+    }
+    for (int place = 0; place < all->count; place++) {
+        effect_entry *one = &all->entry[place];
+        if (one->law.kind != VIBRATION && one->law.kind != TEXTURE) continue;
+        double goal = one->present ? gain : 0.0;
+        if (one->law.kind == VIBRATION && slope_nps > all->slope_nps) goal *= all->slope_nps / slope_nps;
+        if (one->law.kind == TEXTURE && texture_npm > all->most_npm) goal *= all->most_npm / texture_npm;
+        all->reduced = all->reduced || (goal > 0.0 && goal < gain);
+        if (one->share == 0.0 && one->slope_nps != 0.0 && tick - one->begun <= 1) one->share = goal; /* it begins at 0 */
+        one->share = least(towards(one->share, goal, step), gain);
+        most_j += one->share * one->most_n * all->step_m;
+    }
+    if (most_j > all->level_j) part = most(0.0, all->level_j) / most_j;
+    all->now_j = part * most_j;
+    for (int place = 0; place < all->count; place++) {
+        effect_entry *one = &all->entry[place];
+        if (one->law.kind != VIBRATION && one->law.kind != TEXTURE) continue;
+        one->share *= part;
+        if (one->share == 0.0) continue;
+        double turns = one->turn * (double)(tick - one->begun), away[AXES] = {0.0};
+        if (one->law.kind == TEXTURE) {
+            for (int axis = 0; axis < all->axes; axis++) away[axis] = position_m[axis] - one->law.place_m[axis];
+            turns = dot(one->unit, away, all->axes) / one->law.number[PERIOD_M];
+        }
+        const double value = one->share / gain * (one->most_n * turn_of(turns));
+        for (int axis = 0; axis < all->axes; axis++) all->active_n[axis] += value * one->unit[axis];
+    }
+}
+
+static void feel_magnet(effect_entry *one, int axes, const double *away, const double *velocity_mps) {
+    const double square = one->law.number[RADIUS_M] * one->law.number[RADIUS_M];
+    const double left = 1.0 - dot(away, away, axes) / square, outside_j = one->stiffness_npm * square / 6.0;
+    one->potential_j = outside_j;
+    if (left <= 0.0) return;
+    one->springs = 1;
+    one->damps = one->law.number[DAMPING_NSPM] * left * left != 0.0;
+    one->potential_j = outside_j * (1.0 - left * left * left);
+    for (int axis = 0; axis < axes; axis++) {
+        one->spring_n[axis] = one->stiffness_npm * left * left * away[axis];
+        one->damper_n[axis] = one->law.number[DAMPING_NSPM] * left * left * velocity_mps[axis];
+    }
+}
+
+/* Pull to the nearest point of the path; its damper is of the motion across. */
+static void feel_path(effect_entry *one, int axes, const double *position_m, const double *velocity_mps) {
+    const double stiffness = one->stiffness_npm, damping = one->law.number[DAMPING_NSPM];
+    double best = HUGE_VAL, slide[AXES] = {0.0}, offset[AXES] = {0.0};
+    for (int point = 1; point < one->law.points; point++) {
+        const double *begin = one->law.point_m[point - 1];
+        double along[AXES] = {0.0}, away[AXES] = {0.0};
+        for (int axis = 0; axis < axes; axis++) {
+            along[axis] = one->law.point_m[point][axis] - begin[axis];
+            away[axis] = position_m[axis] - begin[axis];
+        }
+        const double square = dot(along, along, axes), share = least(1.0, most(0.0, dot(away, along, axes) / square));
+        for (int axis = 0; axis < axes; axis++) away[axis] -= share * along[axis];
+        if (dot(away, away, axes) >= best) continue;
+        best = dot(away, away, axes);
+        const double speed = dot(along, velocity_mps, axes) / square;
+        for (int axis = 0; axis < axes; axis++) {
+            offset[axis] = away[axis];
+            slide[axis] = speed * along[axis];
+        }
+    }
+    const double distance = sqrt(best), far = one->law.number[MOST_PULL_N] != 0.0
+        ? one->law.number[MOST_PULL_N] / stiffness : HUGE_VAL;
+    one->springs = 1;
+    one->damps = damping != 0.0;
+    one->potential_j = distance > far ? stiffness * far * (distance - 0.5 * far) : 0.5 * stiffness * best;
+    for (int axis = 0; axis < axes; axis++) {
+        one->spring_n[axis] = (distance > far ? stiffness * far / distance : stiffness) * offset[axis];
+        one->damper_n[axis] = damping * (velocity_mps[axis] - slide[axis]);
+    }
+}
+
+/* Wall around a box, or behind a plane: F = -n max(0, K d - B n v). It only pushes. */
+static void feel_zone(effect_entry *one, int axes, const double *away, const double *velocity_mps) {
+    double depth = HUGE_VAL, out[AXES] = {0.0};
+    int nearest = 0;
+    if (one->plane) {
+        depth = -dot(one->unit, away, axes);
+        memcpy(out, one->unit, sizeof out);
+    } else {
+        for (int axis = 0; axis < axes; axis++) {
+            const double half = one->law.size_m[axis], left = half - fabs(away[axis]);
+            if (half == 0.0 || left >= depth) continue;
+            depth = left;
+            nearest = axis;
+        }
+        out[nearest] = away[nearest] >= 0.0 ? 1.0 : -1.0;
+    }
+    if (depth <= 0.0) return;
+    const double pushed = one->stiffness_npm * depth;
+    const double total = most(0.0, pushed - one->law.number[DAMPING_NSPM] * dot(out, velocity_mps, axes));
+    one->springs = 1;
+    one->damps = total != pushed;
+    one->potential_j = 0.5 * pushed * depth;
+    for (int axis = 0; axis < axes; axis++) {
+        one->spring_n[axis] = -pushed * out[axis];
+        one->damper_n[axis] = (pushed - total) * out[axis];
+    }
+}
+
+/* What a passive effect does here: its spring, U and damper. */
+static void effect_feel(const effects *all, effect_entry *one, const double *position_m, const double *velocity_mps) {
+    double away[AXES] = {0.0};
+    one->springs = one->damps = 0;
+    one->potential_j = 0.0;
+    memset(one->spring_n, 0, sizeof one->spring_n);
+    memset(one->damper_n, 0, sizeof one->damper_n);
+    for (int axis = 0; axis < all->axes; axis++) away[axis] = position_m[axis] - one->law.place_m[axis];
+    switch (one->law.kind) {
+    case MAGNET: feel_magnet(one, all->axes, away, velocity_mps); break;
+    case PATH: feel_path(one, all->axes, position_m, velocity_mps); break;
+    case ZONE: feel_zone(one, all->axes, away, velocity_mps); break;
+    default:
+        one->damps = effect_inside(all, &one->law, position_m);
+        for (int axis = 0; axis < all->axes && one->damps; axis++)
+            one->damper_n[axis] = one->law.number[DAMPING_NSPM] * velocity_mps[axis];
+    }
+}
+
+/* Let w of a spring go towards its goal, as far as the tank pays for it: w' U - w U. */
+static void effect_pay(effects *all, effect_entry *one, double goal, double gain) {
+    const double before = one->share, step = all->tick_s / EFFECT_RAMP_S, potential_j = one->potential_j;
+    double share;
+    if (potential_j == 0.0 && !one->springs) {
+        share = goal > before ? goal : towards(before, goal, step);
+    } else {
+        const double size = size_of(one->spring_n, all->axes);
+        share = towards(before, goal, size > 0.0 ? least(step, MOST_EFFECT_STEP_N / size) : step);
+        if (share > before && potential_j != 0.0)
+            share = least(share, before + most(0.0, all->level_j - all->now_j) / potential_j);
+    }
+    one->share = share = least(share, gain);
+    if (share > before) tank_set(all, most(0.0, all->level_j - (share - before) * potential_j));
+    else if (share < before) tank_fill(all, (before - share) * potential_j);
+    one->stored_j = share * potential_j;
+}
+
+static int is_passive(const effect_entry *one) { return one->law.kind != VIBRATION && one->law.kind != TEXTURE; }
+
+/* Add the forces of springs and dampers; what springs cost is paid. Springs stay within what the device carries, dampers
+ * within what the coupling leaves of that. */
+static void effects_resist(
+    effects *all, const double *position_m, const double *velocity_mps, double gain, double *spring_n) {
+    double stiffness = 0.0, damping = 0.0;
+    for (int place = 0; place < all->count; place++) {
+        effect_entry *one = &all->entry[place];
+        if (!is_passive(one)) continue;
+        effect_feel(all, one, position_m, velocity_mps);
+        stiffness += one->springs ? one->stiffness_npm : 0.0;
+        damping += one->damps ? one->law.number[DAMPING_NSPM] : 0.0;
+    }
+    const double most_k = stiffness > 0.0 ? least(1.0, all->most_npm / stiffness) : 1.0;
+    const double most_b = damping > 0.0 ? least(1.0, most(0.0, all->most_nspm - all->base_nspm) / damping) : 1.0;
+    all->reduced = all->reduced || most_k < 1.0 || most_b < 1.0;
+    all->stored_j = 0.0;
+    for (int place = 0; place < all->count; place++) {
+        effect_entry *one = &all->entry[place];
+        if (!is_passive(one)) continue;
+        effect_pay(all, one, one->ended ? 0.0 : gain * most_k, gain);
+        all->stored_j += one->stored_j;
+        if (one->share == 0.0 || gain == 0.0) continue;
+        for (int axis = 0; axis < all->axes; axis++) {
+            spring_n[axis] += one->share / gain * one->spring_n[axis];
+            all->damper_n[axis] += one->share / gain * most_b * one->damper_n[axis];
+        }
+    }
+}
+
+/* Find the force of all effects until the next tick, before the ramp of this gain. */
+static void effects_step(
+    effects *all, int64_t tick, const double *position_m, const double *velocity_mps, double gain) {
+    double spring_n[AXES] = {0.0};
+    all->asked = all->held = all->count > 0;
+    all->reduced = 0;
+    all->now_j = 0.0;
+    memset(all->active_n, 0, sizeof all->active_n);
+    memset(all->damper_n, 0, sizeof all->damper_n);
+    if (!all->asked) {
+        all->stored_j = 0.0;
+        return;
+    }
+    effects_leave_out(all);
+    for (int place = 0; place < all->count; place++)
+        if ((double)(tick - all->entry[place].begun) >= all->entry[place].left_ticks) all->entry[place].ended = 1;
+    effects_act(all, tick, position_m, gain);
+    effects_resist(all, position_m, velocity_mps, gain, spring_n);
+    for (int axis = 0; axis < all->axes; axis++)
+        all->asked_n[axis] = all->active_n[axis] + spring_n[axis] + all->damper_n[axis];
 }
 
 /* ---- The client ------------------------------------------------------------------------------ */
@@ -1427,6 +1922,8 @@ struct cogrip_client {
     double deflection_m[AXES], cut_n[AXES], ratio; /* series impedance */
     int deflected, cut;
 
+    effects effects;
+
     /* Safety */
     cogrip_safety safety;
     char why[COGRIP_TEXT_BYTES];
@@ -1450,7 +1947,7 @@ static const char *const count_names[COGRIP_COUNTS] = {
     "malformed", "unexpected", "other session", "other nonce", "unfit", "before the first tick", "implausible stamp",
     "wave beyond what the device can bring about", "force clipped", "slew limited", "absent sample", "fault",
     "button edges left out", "outbox full", "too large", "not sealed", "socket errors", "handshake begun again", "resumed",
-    "line begun anew"};
+    "line begun anew", "late effects", "unfit effect"};
 
 static const char *const safety_names[] = {"idle", "live", "degraded", "fault"};
 
@@ -1545,6 +2042,24 @@ static void write_hand(cogrip_client *client, message *into) {
     put_text(&to, limits[0], 4);
     put_array(&to, 0);
     put_bool(&to, 0);
+    close_message(into, &to);
+}
+
+/* Answer which of these effects have come, those that were refused included [3.18]. */
+static void write_effects(const cogrip_client *client, message *into, const told_effects *told) {
+    writer to = open_message(into);
+    int known = 0;
+    for (int place = 0; place < told->count; place++) known += effects_know(&client->effects, told->numbers[place]);
+    put_array(&to, 7);
+    put_int(&to, TAG_EFFECTS);
+    put_int(&to, told->session);
+    put_int(&to, told->version);
+    put_array(&to, known);
+    for (int place = 0; place < told->count; place++)
+        if (effects_know(&client->effects, told->numbers[place])) put_int(&to, told->numbers[place]);
+    put_real(&to, told->tank_mj);
+    put_int(&to, told->number);
+    put_nil(&to);
     close_message(into, &to);
 }
 
@@ -1679,13 +2194,18 @@ static int slew(const cogrip_client *client, double *wanted, double bound) {
     return 1;
 }
 
+/* The gain of the next `limit`. */
+static double coming_gain(const cogrip_client *client, int wished) {
+    if (client->safety == COGRIP_LIVE && wished) return least(1.0, client->gain + client->tick_s / RAMP_IN_S);
+    return most(0.0, client->gain - client->tick_s / (client->safety == COGRIP_FAULT ? FAULT_OUT_S : RAMP_OUT_S));
+}
+
 /* Turn the law's wish, NULL for none, into the force for the motors. Returns 1 where a limit held it. */
 static int limit(cogrip_client *client, const double *wish, int gap, double *out) {
     const cogrip_config *config = &client->config;
     const double fall = client->safety == COGRIP_FAULT ? client->tick_s / FAULT_OUT_S : client->tick_s / RAMP_OUT_S;
     int limited = 0;
-    if (client->safety == COGRIP_LIVE && wish) client->gain = least(1.0, client->gain + client->tick_s / RAMP_IN_S);
-    else client->gain = most(0.0, client->gain - fall);
+    client->gain = coming_gain(client, wish != NULL);
     if (wish) {
         const double size = size_of(wish, client->axes);
         const double scale = size > config->peak_force_n ? config->peak_force_n / size : 1.0;
@@ -1743,7 +2263,7 @@ static void port_end_frame(cogrip_client *client, int64_t ticks) {
     client->travel_m += path_m;
     client->own_j += own_j;
     client->balance_j += own_j;
-    const double excess_j = client->balance_j - client->reserve_j;
+    const double excess_j = client->balance_j - client->effects.stored_j - client->reserve_j;
     if (excess_j > 0.0) {
         client->cut_j += excess_j;
         client->balance_j -= excess_j;
@@ -2021,6 +2541,9 @@ static void make_account(const cogrip_client *client, account *into) {
     into->port_margin_j = client->least_j + client->reserve_j;
     into->port_reserve_j = known(client->later_j + client->reserve_j);
     memcpy(into->line, line_values, sizeof line_values);
+    into->has_effects = client->effects.told;
+    into->least_tank_j = client->effects.least_level_j - client->effects.overdrawn_j;
+    into->drawn_j = client->effects.drawn_j;
 }
 
 static void send_leave(cogrip_client *client, const char *reason) {
@@ -2070,6 +2593,11 @@ static const char *unsupported(const cogrip_client *client, const welcome *given
     return NULL;
 }
 
+/* Memory of the velocity's estimator in this loop. */
+static double estimator_memory(const cogrip_client *client) {
+    return client->tick_s >= MEMORY_TICK_S ? MEMORY : 1.0 - (1.0 - MEMORY) * sqrt(client->tick_s / MEMORY_TICK_S);
+}
+
 static void begin_seat(cogrip_client *client) {
     const settings *seat = &client->seat.seat;
     const cogrip_config *config = &client->config;
@@ -2086,6 +2614,10 @@ static void begin_seat(cogrip_client *client) {
     client->faded_j = client->free_j + FADE_TICKS * tick_j;
     client->reserve_j = client->faded_j + most(tick_j, falling_j);
     client->safety = COGRIP_LIVE;
+    const double memory = estimator_memory(client), lag_s = (1.0 + memory) / (1.0 - memory) * client->tick_s;
+    const double carried_nspm = least(config->carried_nspm, config->apparent_mass_kg / lag_s);
+    effects_fit(&client->effects, client->axes, client->tick_s, carried_nspm, lag_s, client->b, config->speed_mps,
+        config->slew_nps, UNPAID * client->free_j);
     line_init(client, HUGE_VAL);
 }
 
@@ -2101,6 +2633,7 @@ static void renew_line(cogrip_client *client) {
     client->closed_given_j += now->given.value - (now->made_now_j - now->used_now_j);
     client->closed_port_j += port_j(now);
     if (now->reserve_j > -HUGE_VAL) client->down_reserve_j = least(client->down_reserve_j, now->reserve_j);
+    effects_forget(&client->effects);
     line_init(client, most(0.0, left)); /* all lines together lend one credit [5.4] */
     memset(&client->clock, 0, sizeof client->clock);
     client->handle.first = client->handle.count = 0;
@@ -2188,6 +2721,12 @@ static void take_farewell(cogrip_client *client, const farewell *given) {
     memcpy(outbox_push(client), &client->leaving, sizeof client->leaving);
 }
 
+static void take_effects(cogrip_client *client, const told_effects *told) {
+    const int dropped = effects_tell(&client->effects, told, client->tick);
+    if (dropped >= 0) client->counts[dropped]++;
+    write_effects(client, outbox_push(client), told);
+}
+
 /* True for a message of this session; then it was heard of. */
 static int of_session(cogrip_client *client, int64_t session, int64_t now_ns) {
     if (!client->seat.session || client->state == COGRIP_CLOSED) {
@@ -2215,6 +2754,7 @@ typedef struct decoded {
         redirect redirect;
         waves waves;
         farewell farewell;
+        told_effects effects;
         struct {
             int64_t session;
             stamp sent;
@@ -2236,6 +2776,7 @@ static void decode(const void *data, size_t bytes, decoded *into) {
     case TAG_REDIRECT: get_redirect(&from, length, &into->as.redirect); break;
     case TAG_WAVES: get_waves(&from, length, &into->as.waves); break;
     case TAG_FAREWELL: get_farewell(&from, length, &into->as.farewell); break;
+    case TAG_EFFECTS: get_effects(&from, length, &into->as.effects); break;
     case TAG_HEARTBEAT:
         if (length != 3) from.bad = 1;
         into->as.heartbeat.session = get_int(&from, 1, INT64_MAX);
@@ -2279,6 +2820,9 @@ void cogrip_receive(cogrip_client *client, const void *data, size_t bytes, int64
         if (found.as.hand.number > client->hand_changes + 1) break;
         if (found.as.hand.number > client->hand_changes) client->hand_changes = found.as.hand.number;
         write_hand(client, outbox_push(client));
+        break;
+    case TAG_EFFECTS:
+        if (of_session(client, found.as.effects.session, now_ns)) take_effects(client, &found.as.effects);
         break;
     case TAG_FAREWELL:
         if (of_session(client, found.as.farewell.session, now_ns)) take_farewell(client, &found.as.farewell);
@@ -2378,8 +2922,7 @@ static int hand_moved(cogrip_client *client, int64_t elapsed, const double *posi
         return 0;
     }
     const double tick_s = client->tick_s * (double)most_int(1, elapsed);
-    const double memory = client->tick_s >= MEMORY_TICK_S ? MEMORY
-        : 1.0 - (1.0 - MEMORY) * sqrt(client->tick_s / MEMORY_TICK_S);
+    const double memory = estimator_memory(client);
     for (int axis = 0; axis < axes; axis++) { /* a critically damped alpha-beta filter (docs/velocity.md) */
         if (!client->estimating) {
             client->estimate_m[axis] = place[axis];
@@ -2411,6 +2954,7 @@ static int enter_ticks(cogrip_client *client, int64_t elapsed, int moved) {
         mean[axis] = step * rate;
     }
     add(&client->work, work);
+    if (moved && elapsed) effects_enter(&client->effects, client->force_n, client->start_m, client->position_m);
     if (client->stopped < 0) memcpy(client->mean_mps, mean, sizeof mean);
     /* a hand that goes on as it did */
     else hold = most(0.0, 1.0 - (double)(client->tick - client->stopped) * client->tick_s / RELEASE_S);
@@ -2432,7 +2976,8 @@ static int enter_ticks(cogrip_client *client, int64_t elapsed, int moved) {
         client->frame_end = tick + length;
     }
     port_enter(client, client->closed_given_j + now->given.value - (now->made_now_j - now->used_now_j));
-    client->least_leak_j = least(client->least_leak_j, client->work.value - (client->closed_port_j + port_j(now)));
+    client->least_leak_j = least(client->least_leak_j,
+        client->work.value - client->effects.work_j - (client->closed_port_j + port_j(now)));
     return ended;
 }
 
@@ -2501,8 +3046,15 @@ void cogrip_act(cogrip_client *client, double *force_n, int64_t now_ns) {
         const double used = -client->balance_j / client->free_j, damping = least(client->config.carried_nspm, client->b);
         const double paying = used > UNPAID ? PAYING * damping * least(1.0, (used - UNPAID) / (1.0 - UNPAID)) : 0.0;
         law(client, wanted);
+        effects_step(&client->effects, client->tick, client->position_m, client->velocity_mps, coming_gain(client, 1));
+        for (int axis = 0; axis < axes; axis++) {
+            if (client->effects.asked) wanted[axis] += client->effects.asked_n[axis];
+            client->effects.law_n[axis] = wanted[axis];
+        }
         for (int axis = 0; axis < axes; axis++) wish[axis] = wanted[axis] += paying * client->velocity_mps[axis];
         shortened = port_limit(client, wanted);
+    } else {
+        effects_begin_anew(&client->effects);
     }
     const int limited = limit(client, wished ? wanted : NULL, client->line.down.gap, out);
     client->ramped = client->gain != 1.0;
@@ -2510,9 +3062,12 @@ void cogrip_act(cogrip_client *client, double *force_n, int64_t now_ns) {
     if (client->safety == COGRIP_LIVE) {
         client->forced_ticks++;
         client->limited_ticks += limited;
-        client->controlled_ticks += shortened || client->ratio != 1.0 || client->deflected;
+        client->controlled_ticks += shortened || client->ratio != 1.0 || client->deflected || client->effects.reduced;
         for (int axis = 0; axis < axes && !client->ramped; axis++) { /* the line does not see what limits took */
             client->cut_n[axis] = wish[axis] - client->law_n[axis];
+            if (client->effects.asked) /* nor is the effects' part of that its own */
+                client->cut_n[axis] =
+                    (1.0 - part_of(client->law_n, wish, axes)) * (wish[axis] - client->effects.asked_n[axis]);
             client->cut = client->cut || client->cut_n[axis] != 0.0;
         }
     }

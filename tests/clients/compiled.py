@@ -135,6 +135,11 @@ def load(path: Path) -> Any:
         "probe_port_limit": (c_double, [c_double, c_double]),
         "probe_end_frame": (c_double, [c_double, c_int, c_int, c_double, doubles]),
         "probe_credit_of": (c_double, [c_void_p]),
+        "probe_effects": (None, [c_int, doubles]),
+        "probe_effects_tell": (c_int, [c_char_p, c_size_t, c_int64]),
+        "probe_effects_know": (c_int, [c_int64]),
+        "probe_effects_tick": (None, [c_int64, doubles, doubles, doubles, doubles, c_double, doubles, doubles]),
+        "probe_effects_forget": (None, []),
     }
     for name, (result, arguments) in declared.items():
         function = getattr(library, name)

@@ -87,7 +87,7 @@ int main(int count, char **arguments) {
     cogrip_client *client = NULL;
     cogrip_config config = {0};
     double force_n[COGRIP_AXES] = {0.0}, before_n[COGRIP_AXES];
-    unsigned long long malformed = 0, applied = 0;
+    unsigned long long malformed = 0, applied = 0, late = 0;
     int64_t now_ns = 0, tick = 0;
     config.nonce = 40, config.axes = 3, config.rate_hz = 4096.0, config.peak_force_n = 8.0, config.speed_mps = 2.0;
     for (long done = 0; done < wanted; done++) {
@@ -97,6 +97,7 @@ int main(int count, char **arguments) {
                 cogrip_get_status(client, &status);
                 malformed += cogrip_count(client, COGRIP_MALFORMED);
                 applied += (unsigned long long)status.down.received;
+                late += cogrip_count(client, COGRIP_LATE_EFFECTS);
             }
             client = cogrip_init(memory, COGRIP_CLIENT_BYTES, &config, NULL, 0);
             if (!client) return 2;
@@ -146,7 +147,7 @@ int main(int count, char **arguments) {
             cogrip_parse_target((const char *)whole, &target, NULL, 0);
         }
     }
-    printf("%ld mutated, %llu malformed, %llu frames taken\n", wanted, malformed, applied);
+    printf("%ld mutated, %llu malformed, %llu frames taken, %llu effects late\n", wanted, malformed, applied, late);
     free(memory);
     return 0;
 }

@@ -56,6 +56,18 @@ void probe_fields(char *into, size_t size) {
             (long long)found.as.farewell.session, found.as.farewell.reason, found.as.farewell.up_margin_j,
                 found.as.farewell.line_margin_j);
         break;
+    case TAG_EFFECTS: {
+        const told_effects *told = &found.as.effects;
+        const effect *given = &told->effect;
+        snprintf(into, size,
+            "{\"session\": %lld, \"version\": %lld, \"tank_mj\": %.17g, \"number\": %lld, \"count\": %d, \"kind\": \"%s\", "
+            "\"place_m\": [%.17g, %.17g, %.17g], \"direction\": [%.17g, %.17g, %.17g], \"stiffness_npm\": %.17g, "
+            "\"damping_nspm\": %.17g}",
+            (long long)told->session, (long long)told->version, told->tank_mj, (long long)told->number, told->count,
+            effect_kinds[given->kind], given->place_m[0], given->place_m[1], given->place_m[2], given->direction[0],
+            given->direction[1], given->direction[2], given->number[STIFFNESS_NPM], given->number[DAMPING_NSPM]);
+        break;
+    }
     case TAG_HEARTBEAT:
         snprintf(into, size, "{\"session\": %lld, \"sent_ns\": %lld, \"echo_ns\": %lld, \"held_ns\": %lld}",
             (long long)found.as.heartbeat.session, (long long)found.as.heartbeat.sent.sent_ns,
@@ -194,3 +206,42 @@ double probe_port_limit(double force, double balance_j) {
     port_limit(&client, &force);
     return force;
 }
+
+/* ---- Effects ---- */
+
+static effects rendered;
+
+/* numbers: tick [s], impedance that the device carries, its lag [s], the coupling's part, speed, slope, most of the tank. */
+void probe_effects(int axes, const double *numbers) {
+    memset(&rendered, 0, sizeof rendered);
+    effects_fit(&rendered, axes, numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6]);
+}
+
+/* Take in a message. Returns the count that it raises, -1 for none, -2 where it is malformed. */
+int probe_effects_tell(const void *data, size_t bytes, int64_t tick) {
+    return probe_decode(data, bytes) == TAG_EFFECTS ? effects_tell(&rendered, &found.as.effects, tick) : -2;
+}
+
+int probe_effects_know(int64_t number) { return effects_know(&rendered, number); }
+
+/* One tick: the hand's way, start and end, against `held_n`; then the law of the coupling, to which the effects' is added.
+ * gain below 0: there is no law; then out[0] is the law, out[3] on: level, least, drawn, overdrawn, work, stored, reduced. */
+void probe_effects_tick(int64_t tick, const double *held_n, const double *start_m, const double *end_m,
+    const double *velocity_mps, double gain, const double *coupling_n, double *out) {
+    effects_enter(&rendered, held_n, start_m, end_m);
+    memset(out, 0, sizeof *out * AXES);
+    if (gain < 0.0) {
+        effects_begin_anew(&rendered);
+    } else {
+        effects_step(&rendered, tick, end_m, velocity_mps, gain);
+        for (int axis = 0; axis < rendered.axes; axis++) {
+            out[axis] = rendered.asked ? rendered.asked_n[axis] : 0.0;
+            rendered.law_n[axis] = coupling_n[axis] + out[axis];
+        }
+    }
+    const double state[] = {rendered.level_j, rendered.least_level_j, rendered.drawn_j, rendered.overdrawn_j,
+        rendered.work_j, rendered.stored_j, rendered.reduced};
+    memcpy(out + AXES, state, sizeof state);
+}
+
+void probe_effects_forget(void) { effects_forget(&rendered); }

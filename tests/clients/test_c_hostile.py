@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+import tomllib
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Stamp, Waves, decode
 
-from tests.clients.compiled import CHECKED, build, needs_compiler
+from tests.clients.compiled import CHECKED, SOURCES, build, needs_compiler
 from tests.clients.test_c_sessions import PEAK_N, SLEW_N
 from tests.clients.virtual_session import HZ, VirtualSession
 from tests.extent import long
@@ -25,8 +26,11 @@ ALLOCATES = re.compile(r"alloc|^free$|strdup|^[sp]brk$|mmap|asprintf|^open|fopen
 
 @pytest.fixture(scope="module")
 def corpus(library: Any, built: Path) -> Path:
-    """Return a file of what a server says in a session: its welcome, then waves of two seconds, farewell and vectors."""
-    session = VirtualSession(library, "anna", object={"axes": 2})
+    """Return a file of what a server says in a session: welcome, waves and effects of two seconds, farewell, vectors."""
+    settings = tomllib.loads((SOURCES.parents[1] / "configs" / "effects.toml").read_text(encoding="utf-8"))
+    effects = [{**each, "start_s": 0.1 * number, "every_s": 0.0} for number, each in enumerate(settings["effects"])]
+    assert {each["kind"] for each in effects} == {"viscous", "vibration", "texture", "magnet", "path", "zone"}
+    session = VirtualSession(library, "anna", object={"axes": 3}, effects=effects)
     client = session.people[0]
     told: list[bytes] = []
     receive = client.receive
@@ -55,12 +59,13 @@ def test_mutated_datagrams_misuse_no_memory_and_break_no_limit(built: Path, corp
         check=False,
     )
     assert done.returncode == 0, done.stderr[-3000:]
-    found = re.fullmatch(r"(\d+) mutated, (\d+) malformed, (\d+) frames taken\n", done.stdout)
+    found = re.fullmatch(r"(\d+) mutated, (\d+) malformed, (\d+) frames taken, (\d+) effects late\n", done.stdout)
     assert found
-    mutated, malformed, frames = map(int, found.groups())
+    mutated, malformed, frames, late = map(int, found.groups())
     assert mutated == count
     assert 0.2 < malformed / mutated < 0.95  # many are read: the mutants get past the decoder
     assert frames > count / 100
+    assert late > 0  # so effects were taken in
 
 
 def test_the_core_calls_nothing_that_allocates(library: Any) -> None:

@@ -25,6 +25,7 @@ READ = (
     "waves",
     "heartbeat",
     "farewell",
+    "effects",
 )  # what a player is sent, by the beginning of its vector's name
 TAGS = {name: msgpack.unpackb(datagram)[0] for name, (datagram, _) in VECTORS.items()}
 VALUES = {"f": "0123456789abcdef" * 4, "t": "AAECAwQFBgcICQoLDA0ODw"}
