@@ -11,7 +11,7 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -40,7 +40,7 @@ RESUMED = "the server answers again"
 
 
 class Result(msgspec.Struct, frozen=True):
-    """What one loss of a host did. late_us: worst p99 of the rooms that stayed, before and after."""
+    """Result of one loss of a host. late_us: worst p99 of the rooms that stayed, before and after."""
 
     what: str
     moved: int
@@ -92,7 +92,7 @@ def bench_cluster(
         started.append(Spoken(*map(str, arguments)))
         return started[-1]
 
-    cluster = Cluster(initialize_head=True, head_node_args=NODE)
+    cluster: Any = Cluster(initialize_head=True, head_node_args=NODE)
     try:
         with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base:
             nodes = [cluster.add_node(**NODE) for _ in range(hosts - 1)]
@@ -101,8 +101,13 @@ def bench_cluster(
             people = {name: fronts.join(number % 2, name) for number, name in enumerate(names)}
             doomed = descendants(nodes[0].all_processes["raylet"][0].process.pid)
             head = cluster.head_node.node_id[:12]
+
+            def kill() -> None:
+                for each in doomed:
+                    os.kill(each, signal.SIGKILL)
+
             losses = [
-                _lose("kill -9", lambda: [os.kill(each, signal.SIGKILL) for each in doomed], people, quiet),
+                _lose("kill -9", kill, people, quiet),
                 _lose("drain", lambda: fronts.ask(1, "drain", head), people, quiet),
             ]
             for person in people.values():
