@@ -73,7 +73,7 @@ class RecordedServer(CoreRecorder, ServerCore):
         self.topics = server_topics([room.name for room in self.rooms], scenes)
         self._step_topic = {room.name: len(KINDS) + number for number, room in enumerate(self.rooms)}
         self._scene_topic = {room: self.topics.index(scene_topics(room)[0]) for room in scenes}
-        self._drawn: dict[str, tuple[float, ...]] = {}  # offsets with which a room's shapes were recorded last
+        self._drawn: dict[str, bytes] = {}  # offsets with which a room's shapes were recorded last
         for room in self.rooms:
             self.count_ticks(room, room.ticks)
 
@@ -149,13 +149,12 @@ class RecordedServer(CoreRecorder, ServerCore):
 
     def _put_bodies(self, room: Room) -> None:
         topic, world = self._scene_topic[room.name], room.world
-        offset = world.offset[:, :PLACES]
-        offsets = tuple(
-            np.pad(offset, ((0, 0), (0, PLACES - offset.shape[1]))).ravel().tolist()
-        )  # three numbers a seat
-        if self._drawn.get(room.name) != offsets:
-            self._drawn[room.name] = offsets
-            self.put(topic, Geoms(tuple(world.geoms()), offsets))
+        offset = world.offset[:, :PLACES].tobytes()
+        if self._drawn.get(room.name) != offset:
+            self._drawn[room.name] = offset
+            places = np.zeros((len(world.offset), PLACES))
+            places[:, : min(PLACES, world.axes)] = world.offset[:, :PLACES]
+            self.put(topic, Geoms(tuple(world.geoms()), tuple(places.ravel().tolist())))
         self.put(topic + 1, Poses(room.steps, tuple(world.poses_of_bodies().ravel().tolist())))
 
     def _put_idle(self) -> None:

@@ -1,6 +1,7 @@
 """`cogrip lab`: a whole session in virtual time."""
 
 from pathlib import Path
+from time import perf_counter
 
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -49,7 +50,9 @@ def lab(
         TimeRemainingColumn(), console=console, transient=True,
     ) as progress:  # fmt: skip
         task = progress.add_task(settings.name, total=settings.seconds)
+        began_s = perf_counter()
         outcome = run_laboratory(settings, folder, lambda done, _: progress.update(task, completed=done), stop)
+        took_s = perf_counter() - began_s
     summary = outcome.summary
     if json:
         write_text(summary_text(summary), json)
@@ -62,6 +65,8 @@ def lab(
         with console.status("writing the report"):
             report = write_report(folder)
         make_console().print(terminal_summary(summary))
+        done_s = float(summary["seconds"])
+        console.print(f"{done_s:g} s in {took_s:.1f} s: {done_s / took_s:.1f} times real time", highlight=False)
         make_console().print(f"report: {report}")
     if outcome.diverged:
         console.print(f"diverged: {outcome.diverged}", highlight=False)

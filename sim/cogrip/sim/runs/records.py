@@ -28,6 +28,8 @@ from cogrip.server.recorder import start_of as server_start
 from cogrip.sim.runs.columns import Array, Layout, layout_of
 from cogrip.sim.runs.folder import CLOCKS
 
+_PART_ROWS = 4096  # at least: an array of a chunk's few dozen rows costs more to make than they do
+
 
 @cache
 def decoder(kind: str) -> Callable[[bytes], Any]:
@@ -100,10 +102,14 @@ class End:
             yield from map(Timed, times, records)
 
     def parts(self, kind: str, *names: str, numbered: bool = False) -> Iterator[dict[str, Array]]:
-        """`columns` of one topic, a chunk of the file at a time. numbered: seats stand under their number."""
+        """`columns` of one topic, `_PART_ROWS` rows or a chunk more at a time. numbered: seats stand under their number."""
         layout: Layout | None = None
-        for times, records in self.chunks(kind):
+        chunks = self.chunks(kind)
+        for times, records in chunks:
             layout = layout or layout_of(records[0], self.recording.header.start, numbered=numbered)
+            while len(times) < _PART_ROWS and (following := next(chunks, None)):
+                times += following[0]
+                records += following[1]
             yield layout.arrays(times, records, names)
 
     def columns(self, kind: str, *names: str) -> dict[str, Array]:
