@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from cogrip.protocol.settings import resolve, seat_settings
@@ -34,6 +34,7 @@ RICH = 1e9  # J: nothing is held back
     st.floats(-50.0, 50.0), st.just(0.0) | st.floats(1e-3, 1e5), st.floats(-5.0, 5.0), st.floats(0.0, 100.0),
     st.floats(0.0, 1.0), st.booleans(), st.floats(-5.0, 5.0),
 )  # fmt: skip
+@example(9.005098284061052e-159, 1.0, 1.0, 0.0, 0.0, False, 0.0)  # whose square has lost its digits
 def test_a_proxy_solves_its_equations_and_takes_no_more_than_it_may(
     rest: float, gain: float, asked: float, power: float, give: float, one_sided: bool, velocity: float
 ) -> None:

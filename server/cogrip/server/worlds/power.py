@@ -58,7 +58,8 @@ class Led(NamedTuple):
             return free, asked - self.give * free, -gain / yielding
         sign = 1.0 if free > 0.0 else -1.0
         toward = sign * at_rest
-        root = sqrt(at_rest * at_rest + 4.0 * yielding * gain * self.power)
+        # never less than |r|, though squares of less than 1e-154 lose their digits
+        root = max(abs(at_rest), sqrt(at_rest * at_rest + 4.0 * yielding * gain * self.power))
         if toward > 0.0:
             size = 0.5 * (toward + root) / yielding
         else:  # the same number, without cancellation
