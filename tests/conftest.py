@@ -1,7 +1,8 @@
 """Extent of a test run, signals as an interactive shell leaves them, and helpers of which a failed assert explains itself.
 
-`--quick`: units, in one process each. No flag: everything but what is marked `long`. `--all`: everything, with the full number
-of Hypothesis examples. The modules are namespace packages: a helper beside the tests is imported by its whole name.
+`--quick`: units, in one process each. No flag: everything but what is marked `long`, and a few cases of what is marked
+`sample`. `--all`: everything, with the full number of Hypothesis examples. The modules are namespace packages: a helper
+beside the tests is imported by its whole name.
 """
 
 import faulthandler
@@ -11,6 +12,7 @@ import os
 import signal
 import threading
 import time
+from collections import defaultdict
 from contextlib import suppress
 from pathlib import Path
 
@@ -114,7 +116,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Deselect what this extent leaves out, and give each law its number of examples."""
     chosen = extent(config)
     named = any("::" in argument for argument in config.args)  # a test that is asked for by name always runs
-    deselected = [item for item in items if item.get_closest_marker("long")] if chosen != "all" else []
+    deselected = (
+        [item for item in items if item.get_closest_marker("long")] + _beyond_samples(items) if chosen != "all" else []
+    )
     if deselected and not named:
         config.hook.pytest_deselected(items=deselected)
         left_out = set(deselected)
@@ -122,6 +126,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if chosen != "all":
         for item in items:
             _limit_examples(item, SHARE[chosen])
+
+
+def _beyond_samples(items: list[pytest.Item]) -> list[pytest.Item]:
+    """Return the cases that `sample` leaves out: of each test, all but `count`, evenly spread and the first among them."""
+    cases: dict[str, list[pytest.Item]] = defaultdict(list)
+    for item in items:
+        if item.get_closest_marker("sample") and not item.get_closest_marker("long"):
+            cases[item.nodeid.partition("[")[0]].append(item)
+    left_out = []
+    for each in cases.values():
+        (count,) = each[0].get_closest_marker("sample").args  # type: ignore[union-attr]
+        kept = {len(each) * number // count for number in range(count)}
+        left_out += [item for place, item in enumerate(each) if place not in kept]
+    return left_out
 
 
 def pytest_collection_finish() -> None:

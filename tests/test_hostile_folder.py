@@ -79,6 +79,7 @@ def test_a_server_with_its_metrics_and_its_recording(folder: Path, tmp_path: Pat
     assert len(list((tmp_path / "runs").glob("*/server.mcap"))) == 1
 
 
+@pytest.mark.long
 def test_clients_that_a_command_starts_and_their_recordings(folder: Path, tmp_path: Path) -> None:
     config = tmp_path / "alone.toml"
     config.write_text('seconds = 0.5\n[[users]]\nname = "anna"\n')
@@ -86,6 +87,7 @@ def test_clients_that_a_command_starts_and_their_recordings(folder: Path, tmp_pa
     assert len(list((tmp_path / "runs").glob("*/*.mcap"))) == 2
 
 
+@pytest.mark.long
 def test_workers_of_a_sweep(folder: Path, tmp_path: Path) -> None:
     said = ran_in(
         folder, "sweep", shipped("demo"), "--vary", "seed=1:2:2", "--set", "seconds=0.2", "--measure", "passive",
@@ -94,6 +96,7 @@ def test_workers_of_a_sweep(folder: Path, tmp_path: Path) -> None:
     assert json.loads(said)["computed"] == 2
 
 
+@pytest.mark.long
 def test_workers_of_a_replay_of_several(folder: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     run.mkdir()

@@ -9,6 +9,7 @@ from cogrip.cli.terminal.flag_errors import words_of
 from cogrip.cli.terminal.problem import Problem
 
 BENCHES = {  # each is the function bench_NAME of tests.bench.NAME
+    "client": "Measure what a live client's tick takes at 1024 and 8192 Hz, encrypted and recorded, and how many ticks run.",
     "cluster": "Kill a host of a Ray cluster and drain another: time until all are back, steps of force, the other rooms.",
     "concealment": "Compare every packet loss concealment under the same hands, loss, jitter and outages, with a clean link.",
     "cost": "Measure what a person costs the server: back to back, at its pace, then socket, encryption and recording.",

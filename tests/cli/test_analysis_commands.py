@@ -56,6 +56,7 @@ def test_limit_is_the_contract_to_the_letter(cogrip: Cogrip) -> None:
     assert found == {"largest_stable_stiffness_npm": None, "searched_to_npm": 1e7}
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("no_workers")
 def test_advice_and_limit_and_sweep_name_one_stiffness(cogrip: Cogrip, tmp_path: Path) -> None:
     """All three tell the same K up to which a session is stable, and that it is of the estimated velocity."""
@@ -196,6 +197,7 @@ def test_advice_in_words_and_in_numbers(cogrip: Cogrip) -> None:
     assert found["users"][0]["impedance_bound"] == "lag"
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_advice_the_other_way_round(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
     """`advise` says the same of the settings that it names, and a session in virtual time feels it."""
@@ -214,6 +216,7 @@ def test_advice_the_other_way_round(cogrip: Cogrip, monkeypatch: pytest.MonkeyPa
     assert "--set coupling.impedance_nspm=25.6" in out
 
 
+@pytest.mark.long
 def test_serve_warns_in_the_words_of_advise(cogrip: Cogrip, tmp_path: Path) -> None:
     outside = ["--set", "coupling.impedance_nspm=60"]
     warnings = cogrip.answer("advise", DEMO, "--no-laboratory", *outside)["warnings"]

@@ -83,6 +83,7 @@ def test_an_implausible_hand_is_refused_whatever_is_allowed(cogrip: Cogrip) -> N
     cogrip.refuses("the hand means to move by 30 m", "join", "127.0.0.1:1", *device)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("no_pictures")
 def test_what_if_goes_by_the_recorded_devices_and_says_its_verdict(cogrip: Cogrip) -> None:
     assert cogrip("lab", DEMO, "--set", "seconds=0.5", "--runs", "runs")[0] == 0

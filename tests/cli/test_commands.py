@@ -23,6 +23,7 @@ def test_every_shipped_config_runs(config, seconds, cogrip):
         assert link["sent"] == link["applied"] + link["late"] + link["lost"]
 
 
+@pytest.mark.long
 def test_one_seed_one_summary(cogrip):
     seeds = ((), (), ("--set", "seed=8"))
     one, same, other = (cogrip.answer("lab", CONFIGS / "wan.toml", "--set", "seconds=0.75", *more) for more in seeds)

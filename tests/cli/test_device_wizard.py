@@ -61,6 +61,7 @@ def test_a_wrong_sign_is_named_and_ends_with_1(answering) -> None:
     assert f"not written; use it as --device '{address}'" in out
 
 
+@pytest.mark.long
 def test_signs_that_are_right_and_axes_that_nobody_moves(answering) -> None:
     code, out, _ = answering(ON, ON, ON, ON, "s", arguments=(f"{REACH}&direction=0.6,0,0",))
     assert "x: grows toward you, as it should" in out

@@ -74,6 +74,7 @@ def _own_addresses() -> list[str]:
         return [probe.getsockname()[0]]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("listen", "to"), [("0.0.0.0", "192.0.2.1"), long("127.0.0.2", "0.0.0.0"), long("0.0.0.0", "[::1]")]
 )
@@ -91,6 +92,7 @@ def test_it_says_what_it_does_and_that_it_does_nothing(cogrip: Cogrip) -> None:
     assert "no network" not in out
 
 
+@pytest.mark.sample(1)
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a disk that is full, as Linux has one")
 @pytest.mark.parametrize("full", [False, True])
 def test_it_goes_on_when_nobody_reads_what_it_says(full: bool) -> None:

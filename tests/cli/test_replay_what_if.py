@@ -53,6 +53,7 @@ def test_how_the_hands_take_part(run: Path, cogrip: Cogrip, hands: str, device: 
     assert ben["hand"] == ("recording:run#user=ben" if hands == "impedance" else "hold")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("no_pictures")
 def test_beside_a_live_run_stands_what_the_laboratory_changes_by_itself(run: Path, cogrip: Cogrip) -> None:
     said = cogrip.out("replay", LIVE, "--what-if", "--set", "link.delay_ms=5", "--runs", "other")

@@ -63,6 +63,7 @@ def test_a_key_that_cannot_be_used_is_not_tried_again(tmp_path: Path, used: Path
     assert unit["Service"]["RestartPreventExitStatus"] == "2"
 
 
+@pytest.mark.sample(1)
 @posix
 @pytest.mark.parametrize(
     ("coupling", "words"),

@@ -124,6 +124,7 @@ def test_simulated_and_live_trials_do_not_share_a_folder(cogrip: Cogrip) -> None
     cogrip.refuses("holds live trials, and these are simulated", "study", FILE)
 
 
+@pytest.mark.long
 def test_study_that_was_killed_goes_on(cogrip: Cogrip) -> None:
     """kill -9 in the midst of sessions: whole lines stay, the trial that was running is begun again, no other."""
     write(STUDY, **{'["P01", "P02"]': json.dumps([f"P{number:02}" for number in range(1, 41)])})

@@ -43,6 +43,7 @@ def test_a_task_without_a_goal_is_refused() -> None:
         load(Path("mine.toml"))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("within_m", "result"), [(0.001, "reached after 1."), (1e-9, "not reached")])
 def test_a_session_tells_whether_its_task_was_reached(within_m: float, result: str, cogrip: Cogrip) -> None:
     """A task that is not reached is no failure of the session."""

@@ -277,6 +277,7 @@ def test_a_kicked_client_says_why_in_its_account() -> None:
 # In a session ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("device", ["sim:ideal", "sim:phantom"])
 def test_ledger_of_a_whole_session(device: str) -> None:
     """Work from the trace of forces and positions, port energy from the waves, the rest is the leak."""

@@ -176,6 +176,7 @@ def test_acute_groove_holds_the_proxy_and_no_move_loads_the_spring(half_angle: f
     assert len(proxy.normals) == 2
 
 
+@pytest.mark.long
 def test_hundreds_of_planes_hold_the_proxy_where_it_is_allowed() -> None:
     """As many shapes about a tool as there may be: the proxy stays outside of them all, and reaches the nearest place."""
     random = np.random.default_rng(1)

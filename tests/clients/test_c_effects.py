@@ -96,6 +96,7 @@ class Pair:
         return list(out[: self.axes])
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("seed", range(9))
 def test_effects_are_rendered_as_the_reference_renders_them(library: Any, seed: int) -> None:
     """Effects come, end and are withdrawn; hand, ramp and coupling go on at random; now and then there is no law."""

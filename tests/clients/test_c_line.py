@@ -101,6 +101,7 @@ def test_the_playout_delay_adapts_as_the_vector_says(library: Any) -> None:
         )
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("seed", every(4, range(24)))
 @pytest.mark.parametrize("concealment", CONCEALMENTS)
 def test_no_network_gets_more_out_than_went_in_and_every_frame_has_one_fate(

@@ -39,6 +39,7 @@ NETWORKS: list[tuple[str | int, dict[str, Any]]] = [
 ]  # fmt: skip
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("frames", "network"), every(2, NETWORKS))
 @pytest.mark.parametrize(("axes", "tank_mj"), every(2, [(1, 0.0), (1, 1.0), (3, 1.0), (3, 0.0)]))
 def test_no_line_and_no_motor_gives_out_more_than_came_in(
@@ -74,6 +75,7 @@ def test_no_line_and_no_motor_gives_out_more_than_came_in(
     assert session.sends_what_the_reference_would()
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("change", [
     {"coupling": {"encoder": "velocity"}}, {"coupling": {"decimator": "lowpass"}}, {"coupling": {"wave_filter_hz": 5.0}},
     {"rates": {"network_hz": 64}}, {"playout": {"redundancy": 1}},

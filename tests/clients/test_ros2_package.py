@@ -104,6 +104,7 @@ def test_a_session_is_published_under_crtk_names(ros: Ros) -> None:
     assert seen["anna/measured_cp"].header.frame_id == "cogrip"
 
 
+@pytest.mark.long
 def test_an_arm_holds_the_object_of_a_live_session(ros: Ros, tmp_path: Path) -> None:
     """The stand-in is an arm of 0.3 kg in a hand that pulls to and fro; each servo_cf makes its next measured_cp."""
     arm = {"x": 0.0, "v": 0.0, "ticks": 0.0}

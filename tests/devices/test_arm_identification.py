@@ -75,6 +75,7 @@ def test_the_bounds_hold_for_any_mechanism(b: float, c: float, mass_kg: float) -
     assert found.friction_n <= c
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["vintage", long("woodenhaptics"), long("2diy"), long("pantograph")])
 @pytest.mark.usefixtures("quick")
 def test_nothing_is_found_where_there_is_nothing(name: str) -> None:
@@ -117,6 +118,7 @@ def test_the_force_stays_within_its_bound_and_ends_at_zero() -> None:
     assert largest[-1] < 0.2 * force_n, "it fades out"
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize(
     ("keys", "hand", "said"),
     [
@@ -137,6 +139,7 @@ def test_refusals_let_go(keys: str, hand: str, said: str) -> None:
     assert device.capability.own_friction_n == 0.0
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick")
 def test_missed_ticks_cost_nothing_and_too_many_end_it() -> None:
     """The force was held meanwhile. The device's time goes by the ticks, so that it is as late as the loop."""

@@ -52,6 +52,7 @@ def reached(kinematics, reach_m: float) -> tuple[list[tuple[float, ...]], np.nda
     return [angles for angles, _ in found], np.array([lengths_m for _, lengths_m in found])
 
 
+@pytest.mark.sample(2)
 @every_model
 def test_stated_continuous_force_is_what_the_limits_give_at_the_worst_place(name) -> None:
     model = MODELS[name]

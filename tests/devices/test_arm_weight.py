@@ -85,6 +85,7 @@ def test_a_limit_below_what_it_weighs_holds_it_in_part_and_says_so() -> None:
     assert weak.write((0.0, 0.0, -1.0))[2] == pytest.approx(0.0, abs=0.01)
 
 
+@pytest.mark.long
 @given(force=st.tuples(*[st.floats(-5.0, 5.0)] * 3), limit_ma=st.sampled_from((500, 1000, 2000)))
 @hypothesis_settings(max_examples=40, deadline=None)
 def test_the_force_that_acts_is_the_one_that_is_told_whatever_the_weight_takes(force, limit_ma: int) -> None:
@@ -104,6 +105,7 @@ def test_the_force_that_acts_is_the_one_that_is_told_whatever_the_weight_takes(f
     assert sum(a * f for a, f in zip(acting, force, strict=True)) >= (1.0 - 1e-9) * hypot(*acting) * hypot(*force)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("gravity", "booked_well"), [("maker", True), long("off", False)])
 def test_the_work_on_the_hand_is_what_the_ledger_books(gravity: str, booked_well: bool) -> None:
     """A hand that is led away by 40 mm and back: the booked force does all the work while the weight is held, to 0.2 mJ.

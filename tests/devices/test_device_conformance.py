@@ -77,6 +77,7 @@ def test_it_keeps_every_promise(address: str, axes: int) -> None:
     assert broken(subject(address, axes)) == {}
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["run", "run at another speed", "table"])
 def test_a_replayed_person_keeps_them(kind: str, run: Path, table: Path) -> None:
     address = {

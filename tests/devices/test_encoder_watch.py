@@ -174,6 +174,7 @@ def shaken(name: str, acceleration_mps2: float, amplitude_m: float, centre, dire
     return counts(name, positions)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("acceleration_mps2", "name"), every(5, product((5.0, 20.0, 50.0, 100.0, 150.0, 200.0), NAMES))
 )

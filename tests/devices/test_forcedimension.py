@@ -163,6 +163,7 @@ exec(sys.argv[3])
 """
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("end", ["pass", "raise KeyboardInterrupt"])
 def test_process_that_ends_without_closing(sdk, end) -> None:
     path = next(sdk.folder.rglob("libdrd.so.*"))

@@ -69,6 +69,7 @@ def served(name: str) -> Iterator[tuple[str, HaplyFirmware, list[tuple[float, ..
             os.close(descriptor)
 
 
+@pytest.mark.sample(1)
 @every_model
 def test_the_maker_s_host_finds_the_tip_and_pushes_the_hand_with_the_force_it_asks_for(name: str) -> None:
     """In Haply's plane X goes to the left, Y toward the user: x = Y - Y0, y = X0 - X."""

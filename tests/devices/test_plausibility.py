@@ -69,6 +69,7 @@ def test_the_bound_is_the_integral_of_the_speed_gained(rate_hz: int, time_s: flo
     assert off_course_m(time_s, 1.5 * tick_s, HAND_MPS2) == pytest.approx(gained.mean() * time_s, rel=1e-6)
 
 
+@pytest.mark.sample(4)
 @every_record
 @pytest.mark.parametrize("hand", every(3, HANDS))
 def test_recorded_hands_are_believed(record, hand: str) -> None:

@@ -127,6 +127,7 @@ def test_with_fewer_axes_it_is_a_device_of_places(axes: int) -> None:
     assert len(device.read(0).position_m) == axes
 
 
+@pytest.mark.long
 def test_many_turns_stay_unit() -> None:
     device = make("sim:freeflyer?hand=crank&speed_radps=15&ramp_s=0.5", axes=6)
     device.open(RATE_HZ)

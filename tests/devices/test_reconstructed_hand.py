@@ -257,6 +257,7 @@ def test_axes_give_way_by_themselves(tmp_path: Path) -> None:
     assert positions(other)[-2] == pytest.approx([0.0, -3.0 / K_NPM, 0.0], abs=1e-6)
 
 
+@pytest.mark.long
 def test_another_world_is_felt_in_the_laboratory(demo: tuple[str, RunRecords], tmp_path: Path) -> None:
     """Ten times the mass: the hands move otherwise, by far more than they deviate in the same world."""
     device, run = demo

@@ -127,6 +127,7 @@ def test_push_is_a_pure_force_from_its_start_on() -> None:
     assert device.position_m[0] == pytest.approx(0.5 * 2 / 0.1 * 0.1**2, rel=1e-9)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", RECORDINGS)
 def test_real_recordings_load_and_play(name: str) -> None:
     keys, axes = RECORDINGS[name]

@@ -36,6 +36,7 @@ def commands() -> list[list[str]]:
     return [line.split()[1:] for text in listings("") for line in text.splitlines() if line.startswith("cogrip ")]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("here")
 def test_its_world_is_checked_and_run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     check, lab, serve = commands()

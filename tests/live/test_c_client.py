@@ -44,6 +44,7 @@ def example(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return program
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("encrypted", "kind"),
     [(True, "checked"), (False, "counting"), long(False, "checked"), long(True, "counting")],

@@ -117,6 +117,7 @@ def test_the_prompt_of_calibrate(start, number, code):
     assert "Traceback" not in asked.said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("code", [FASTER_SWINGS, long("")], ids=["two frequencies", "all"])
 @fairly
 def test_calibrate_identifies_damping_and_friction_of_a_free_arm(start, code):

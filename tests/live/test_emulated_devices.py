@@ -19,6 +19,7 @@ from tests.live.test_live_sessions import FEW_FRAMES, FEW_TICKS
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
 
 
+@pytest.mark.long
 @fairly
 def test_a_silent_arm_is_without_force_until_its_person_re_arms_it(start, session):
     annas, bens = start.arm("anna-arm", "reach&amplitude_m=0.02"), start.arm("ben-arm", "hold")
@@ -50,6 +51,7 @@ def test_a_silent_arm_is_without_force_until_its_person_re_arms_it(start, sessio
     assert annas.force_n() == bens.force_n() == 0.0
 
 
+@pytest.mark.long
 @fairly
 def test_an_arm_that_was_unplugged_wants_its_calibration_before_it_is_re_armed(start, session):
     annas, bens = start.arm("anna-arm", "hold"), start.arm("ben-arm", "reach&amplitude_m=0.02")
@@ -164,6 +166,7 @@ def test_a_signal_ends_with_no_force(start, session, number):
     assert arm.force_n() == 0.0
 
 
+@pytest.mark.long
 @fairly
 def test_an_error_in_the_loop_ends_with_no_force(start, session):
     """One that nobody thought of, while the arm pushes."""

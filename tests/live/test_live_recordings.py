@@ -20,6 +20,7 @@ CROWD = (
 )
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "config",
     every(16, [path for path in sorted(CONFIGS.glob("*.toml")) if path.stem != CROWD]),

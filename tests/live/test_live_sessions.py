@@ -284,6 +284,7 @@ def test_a_port_in_use_and_a_server_that_is_not_there(run, serve, tmp_path):
     assert "no server answered" in lonely.said
 
 
+@pytest.mark.long
 def test_several_rooms_in_one_daemon(run, tmp_path):
     server = run(
         "serve", DEMO, CONFIGS / "three-users.toml", "--port", "0", "--seconds", "600", *leaving(tmp_path / "server")
@@ -329,6 +330,7 @@ def child_of(demo, log):
     raise AssertionError(f"no child writes {log}")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="children are found in /proc")
 @pytest.mark.parametrize(
     ("log", "number", "code", "told"),
@@ -364,6 +366,7 @@ def test_ctrl_c_in_the_demo_still_leaves_a_report(run, tmp_path):
         assert user["force_n"] == [0.0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [long(signal.SIGINT), signal.SIGTERM])
 def test_a_signal_in_the_laboratory_keeps_what_was_run(run, tmp_path, number):
     lab = run("lab", DEMO, "--set", "seconds=100000", "--runs", tmp_path, code=WITHOUT_PLOTS)
@@ -379,6 +382,7 @@ def test_a_signal_in_the_laboratory_keeps_what_was_run(run, tmp_path, number):
         assert recording.complete
 
 
+@pytest.mark.long
 def test_simulated_hands_wait_until_every_seat_is_held(run, serve, tmp_path):
     lift = CONFIGS / "lift.toml"
     server, port = serve(lift)

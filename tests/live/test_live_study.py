@@ -86,6 +86,7 @@ def test_trial_begins_with_a_button_of_the_device(start: Callable[..., Spoken], 
     assert "clutched" not in states[began:]
 
 
+@pytest.mark.long
 def test_live_trial_survives_a_kill_and_ends_by_key(
     start: Callable[..., Spoken], stack: ExitStack, tmp_path: Path
 ) -> None:

@@ -123,6 +123,7 @@ def echoes(terminal: Terminal) -> bool:
     return bool(terminal.modes[3] & termios.ECHO)
 
 
+@pytest.mark.long
 def test_a_job_in_the_background_leaves_the_terminal_to_the_shell(shell, tmp_path):
     shell.type(f"{command(tmp_path, '--seconds', '1.5')} &\n")
     shell.see("listening on")
@@ -138,6 +139,7 @@ def test_a_job_in_the_background_leaves_the_terminal_to_the_shell(shell, tmp_pat
     assert shell.modes == shell.before
 
 
+@pytest.mark.long
 def test_a_job_from_the_background_draws_once_it_is_fetched(shell, tmp_path):
     shell.type(f"{command(tmp_path)} &\n")
     shell.see("listening on")

@@ -28,6 +28,7 @@ hand = "waypoints&times_s=0.3,0.8&x_m=0,0.1&rz_rad=0,0.2"
 """
 
 
+@pytest.mark.long
 def test_a_server_that_chose_its_rate_is_joined_with_the_file_that_asks_for_auto(run, serve, tmp_path: Path) -> None:
     config = tmp_path / "box.toml"
     config.write_text(FILE)

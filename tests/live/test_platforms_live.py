@@ -31,6 +31,7 @@ def on_windows(*arguments: str, cwd: Path) -> tuple[int, str]:
     return done.returncode, done.stdout
 
 
+@pytest.mark.long
 def test_a_client_joins_an_ordinary_server_and_records(serve: Callable[..., tuple], tmp_path: Path) -> None:
     _, port = serve(ROOT / "configs" / "demo.toml")
     code, said = on_windows(

@@ -129,6 +129,7 @@ class End:
             assert all(damage.to_ns is None for damage in recording.damage), "nothing but the end is cut off"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", every(5, (2, 0, 1, 3, 4)))
 def test_whatever_is_killed_its_recording_and_those_of_the_others_play_again_exactly(run, serve, tmp_path, seed):
     """A server and four people; four of the five, or their writers, are killed one after the other."""

@@ -131,6 +131,7 @@ def test_clients_beyond_the_bound_get_nothing(relay, bound):
     assert "of peers beyond --flows 1" in process.said
 
 
+@pytest.mark.long
 def test_an_idle_flow_ends_and_its_client_may_come_again(relay, bound):
     server, client = bound(), bound()
     process, place, end = relay(f"127.0.0.1:{server.getsockname()[1]}", "--idle-s", "1")
@@ -200,6 +201,7 @@ def test_two_people_hold_one_cube_over_an_impaired_network(run, relay, tmp_path,
     assert "relaying from" in process.said
 
 
+@pytest.mark.long
 def test_every_edge_of_a_button_comes_to_the_world_once_through_thirty_percent_loss(run, relay, tmp_path):
     """Two people press at their own times; what the world was given stands in the server's recording."""
     server = run(

@@ -80,6 +80,7 @@ def config(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_a_recorded_hand_moves_again_as_it_moved_with_a_new_partner(
     run: Callable[..., Any], serve: Callable[..., Any], config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -30,6 +30,7 @@ def summaries(folder: Path) -> dict[str, dict]:
     return {user["name"]: user for users in found for user in users if user["ticks"]["run"]}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kicked", "encryption"), [(True, "--seal"), long(False, "--insecure")])
 def test_two_arms_take_the_seats_of_their_person_and_leave_together(run, serve, tmp_path, kicked, encryption):
     state = tmp_path / "state"
@@ -57,6 +58,7 @@ def test_two_arms_take_the_seats_of_their_person_and_leave_together(run, serve, 
     assert {arm["force_n"][0] for arm in summaries(tmp_path / "a").values()} == {0.0}
 
 
+@pytest.mark.long
 def test_where_only_one_seat_is_free_nothing_is_held(run, serve, tmp_path):
     server, port = serve(DEMO)
     place = f"127.0.0.1:{port}"

@@ -152,6 +152,7 @@ def before_silence(end: End) -> int:
     return next(tick.tick for _, tick in end.records("tick") if tick.state != "live") - SILENT_TICKS
 
 
+@pytest.mark.long
 @fairly
 def test_whoever_does_not_belong_is_refused_with_the_reason_on_both_sides(start, encrypted, unencrypted, join):
     once, _ = encrypted.new_link(once=True, role="player", user="anna")

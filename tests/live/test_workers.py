@@ -75,6 +75,7 @@ def leave(*people: Spoken) -> None:
         assert person.end() == 0, person.said
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("encryption", ["--insecure", "--seal"])
 @fairly
 def test_after_a_worker_is_killed_its_people_resume_and_nobody_else_notices(start, tmp_path, join, encryption):
@@ -161,6 +162,7 @@ def test_whoever_names_no_room_gets_a_free_seat_and_a_one_time_link_is_good_once
     leave(*(person for person, words in found.items() if words == "holds cube in room"))
 
 
+@pytest.mark.long
 @fairly
 def test_another_port_of_a_person_leads_to_the_same_worker(start, tmp_path, join):
     rooms = Rooms(start, tmp_path, "--seal")
@@ -182,6 +184,7 @@ def test_another_port_of_a_person_leads_to_the_same_worker(start, tmp_path, join
         relay.close()
 
 
+@pytest.mark.long
 @fairly
 def test_the_rooms_of_a_front_that_is_killed_are_found_by_the_next_server(start, tmp_path, join):
     rooms = Rooms(start, tmp_path, "--seal")

@@ -125,6 +125,7 @@ def rough_wave(random: Random, kind: str, number: int, largest: float) -> float:
 WORST = (92, 135, 155, 249, 1212, 1522, 1746, 2126)  # of 2200 seeds, before bounds were rounded against the line
 
 
+@pytest.mark.sample(8)
 @pytest.mark.parametrize("seed", [*WORST, *range(24)])
 def test_no_network_makes_an_energy_reserve_of_rounding(seed: int) -> None:
     """In exact numbers as well: jitter, any depth, late loops, an end that writes_off, a tank beside small waves."""

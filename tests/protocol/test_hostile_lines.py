@@ -95,6 +95,7 @@ def test_no_pop_in_a_gap_costs_more_than_another() -> None:
     assert worst < HONEST_LINES
 
 
+@pytest.mark.long
 def test_totals_are_used_as_when_all_were_gone_over() -> None:
     """The newest totals up to the frame that is due, found in one look, are those that a search of all would find."""
     for seed in range(40):

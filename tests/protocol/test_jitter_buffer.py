@@ -242,6 +242,7 @@ def test_a_shorter_path_is_followed_once_nothing_has_needed_the_longer_one_for_a
     assert scene.receiver.lost == 0
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("ppm", [100, -100])
 def test_a_drifting_clock_is_followed(ppm: int) -> None:
     """Ten times as much as crystals drift: 61 ticks in 60 s."""
@@ -253,6 +254,7 @@ def test_a_drifting_clock_is_followed(ppm: int) -> None:
     assert scene.receiver.playout_account().most_frames <= 2
 
 
+@pytest.mark.long
 def test_outages_are_lost_and_leave_the_depth_alone() -> None:
     scene = Scene()
     random = Random(1)
@@ -283,6 +285,7 @@ def test_the_depth_follows_the_jitter_up_and_down() -> None:
     assert scene.depth(5.0) >= calm + 2.0 * M
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("late", [0.0, long(0.01), 0.05])
 def test_the_late_rate_is_the_one_that_is_set(late: float) -> None:
     scene = Scene(late=late)

@@ -239,6 +239,7 @@ def test_compensation_is_slow() -> None:
     assert min(compensated) >= 0.0
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("sender_period", "drift"), [(9.95, 20), (10.05, -20)], ids=["sender fast", "sender slow"])
 def test_a_drifting_clock_is_followed_without_energy(sender_period: float, drift: int) -> None:
     """Half a percent of drift is 20 frames in 4000: the playout moves as many frames, and stays near D."""
@@ -382,6 +383,7 @@ def test_metadata_come_with_the_frame_they_belong_to() -> None:
     assert metadata == [None, (0.0, 0.0, 0), (1.0, 2.0, 1), (2.0, 4.0, 2), None, (4.0, 8.0, 4)]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("loss", [0.0, 0.1])
 def test_a_line_takes_no_more_memory_as_it_grows_old(loss: float) -> None:
     """Totals that were settled are needed no more; of frames whose totals have not come HISTORY are kept."""

@@ -295,6 +295,7 @@ def test_flipped_bytes_in_a_larger_file(path, flips):
     check_damage(path, LARGE, LARGE_CONTENT, LARGE_PLACES, flips)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("bits", every(4, [0x01, 0x02, 0x04, 0x08, 0x10, 0x20, 0x40, 0x80, 0xFF]))
 def test_every_byte_of_one_chunk_and_its_index_flipped_costs_at_most_that_chunk(path, bits):
     """Its length, its checksum, the length of its index: reading goes on at the next chunk."""

@@ -61,6 +61,7 @@ def test_the_time_of_any_output_is_compared(end: RecordedEnd, data, later_ns: in
     assert found.topic == end.topics[topic]
 
 
+@pytest.mark.sample(1)
 @either
 @pytest.mark.parametrize(("kind", "field"), [("event", "text"), ("account", "account")])
 def test_events_and_accounts_are_compared(end: RecordedEnd, kind: str, field: str) -> None:
@@ -106,6 +107,7 @@ def test_any_bytes_give_a_verdict_or_a_refusal_in_words(end: RecordedEnd, data, 
     judged_or_refused(end, data.draw(st.integers(0, len(end.noted) - 1)), payload)
 
 
+@pytest.mark.sample(3)
 @either
 @pytest.mark.parametrize("payload", every(2, STRANGE))
 def test_what_is_no_message_gives_a_verdict_or_a_refusal_in_words(end: RecordedEnd, payload: bytes) -> None:

@@ -165,6 +165,7 @@ def attacks() -> dict[str, Callable[[int, Array], Array]]:
     }
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize(("world", "attack"), every(5, product(WORLDS, attacks())))
 def test_no_more_comes_out_than_came_in_and_was_held_at_first(world: type[ToolWorld], attack: str) -> None:
     """Also where people come and go, and where the object is put back."""
@@ -232,6 +233,7 @@ def of_poses() -> GuardedWorld:
     return room
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", every(2, range(8)))
 def test_what_turns_tools_to_hands_that_lie_is_paid_by_the_ledger(seed: int) -> None:
     room, came = of_poses(), 0.0

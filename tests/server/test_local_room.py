@@ -120,6 +120,7 @@ def test_a_clear_tool_is_where_its_client_says_and_its_line_brings_nothing() -> 
     assert room.seats[0].line_margin_j > -1e-12
 
 
+@pytest.mark.long
 def test_near_the_box_it_is_told_where_the_line_takes_hold_and_far_from_it_no_more() -> None:
     session = Session(room_of())
     for frame in range(200):

@@ -52,6 +52,7 @@ def depth_m(world: LocalScene, user: int) -> float:
 # Clear -------------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("scene", SHIPPED)
 def test_a_clear_tool_is_where_its_proxy_is_and_nothing_feels_it(scene: str) -> None:
     """The course of all bodies is bit for bit that of a scene that nobody holds."""
@@ -269,6 +270,7 @@ def holds_no_more(scene: str, seeds: int, frames: int) -> None:
     assert len(seen) == 4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("frames", [300, long(600)])
 @pytest.mark.parametrize("scene", SOME)
 def test_no_energy_comes_of_proxies_and_changes(scene: str, frames: int) -> None:
@@ -321,6 +323,7 @@ def course(world: LocalScene, seed: int, frames: int) -> list[object]:
     return [*seen, world.save()]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scene", SOME)
 def test_it_goes_on_bit_for_bit_where_it_was_saved(scene: str) -> None:
     states = set()

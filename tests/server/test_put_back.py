@@ -53,6 +53,7 @@ class Line:
         self.frame += 1
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("kind", "values"), [("paper", (0.1, 0.0)), ("coupling", (0.01, 0.0)), ("passive", (1.0, 1.0))]
 )

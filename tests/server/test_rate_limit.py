@@ -132,6 +132,7 @@ GIVE_UP_S = 10.0
 MOST_SHUT_OUT = 0.03  # one in 260 has the bucket of an attacker's address
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("had_seat", [long(False), True])
 def test_hundreds_of_addresses_with_cookies_shut_hardly_anybody_out(had_seat: bool) -> None:
     """They ask as often as one address may, all the time; each newcomer dials as a client does, and comes once."""

@@ -73,6 +73,7 @@ def test_a_wave_that_turns_is_in_the_worlds_frame() -> None:
     assert np.allclose(turns, turns[0], atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("delay", [0, long(1), 3])
 def test_a_free_tool_weighs_its_inertia_and_that_of_the_line(delay: int) -> None:
     """A hand whose angular velocity grows steadily feels I + b_r (2 d + 1) T/2 (theory 8.4, with b_r for b)."""
@@ -147,6 +148,7 @@ def test_a_tool_keeps_its_turn_when_it_is_taken(turn: tuple[float, float, float]
     assert (tool * hand.inv()).magnitude() < 1e-9
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["wheel", "peg", "valve", "table"])
 def test_people_join_with_any_pose_and_come_back_without_energy(name: str) -> None:
     """Tools that welds hold stay where they are and go on as they do: no change of hands brings energy."""

@@ -81,6 +81,7 @@ def test_a_free_tool_loses_what_its_equation_says(seed: int, substeps: int, b: f
     assert world.limiter.limited == 0
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("scene", SHIPPED)
 def test_a_port_balances_at_every_frame_and_the_limiter_is_blind(scene: str) -> None:
     world = hold(world_of(scene))
@@ -187,6 +188,7 @@ def test_contact_that_creates_energy_is_bounded_by_the_limiter() -> None:
     assert world.limiter.paid_j > 0.0
 
 
+@pytest.mark.long
 def test_boxes_that_touch_by_their_faces_create_energy_and_by_balls_in_their_corners_none() -> None:
     """Where two boxes meet, points of contact come and go, each with a spring that is pressed already."""
     text = (SCENES / "pile.xml").read_text().replace("0 -.01 .14", "0 .005 .14")  # the topmost box about to fall
@@ -203,6 +205,7 @@ def test_boxes_that_touch_by_their_faces_create_energy_and_by_balls_in_their_cor
 # Feel ----------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("delay", "expected_npm"), [(0, 4477.0), long(1, 1629.0), (3, 717.0)])
 def test_stiffness_that_a_hand_feels_at_the_wall(delay: int, expected_npm: float) -> None:
     world = hold(world_of("wall", ["ball"]))
@@ -224,6 +227,7 @@ def test_stiffness_that_a_hand_feels_at_the_wall(delay: int, expected_npm: float
     assert (loads[1] - loads[0]) / 0.0005 == pytest.approx(1.0 / (1.0 / contact_npm + line), rel=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("delay", "expected_kg"), [(0, 0.128), long(1, 0.285), (3, 0.600)])
 def test_apparent_mass_of_a_free_tool(delay: int, expected_kg: float) -> None:
     """Force over acceleration where the hand is accelerated evenly."""

@@ -242,6 +242,7 @@ def test_no_sequence_of_aims_makes_energy(kind: str, count: int, axes: int, seed
     assert min(ledger) >= -1e-12 * (1.0 + scale)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["cube", "many", "wall"])
 def test_energy_is_made_where_the_ledger_is_not_asked(kind: str) -> None:
     """That the law above can fail: the same sequence with a ledger that is always full."""

@@ -54,6 +54,7 @@ def settings_of(kind: str, axes: int, users: int, **coupling: Any) -> list[Any]:
     return [seat_settings(settings, number) for number in range(users)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("world", "axes"),
     [
@@ -65,6 +66,7 @@ def test_a_sound_world_keeps_every_promise(world: type[ToolWorld], axes: int) ->
     assert found(Subject(lambda: world(seats(3, axes)))) == {}
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("kind", "compensate"), every(2, [("cube", True), ("cube", False), ("faces", True), ("wall", False)])
 )
@@ -89,6 +91,7 @@ def subject_of_scene(name: str) -> Subject:
     return Subject(lambda: world_of_settings(name), uncounted=uncounted_j)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["valve", long("wheel"), long("table"), long("lift"), long("pinch"), long("pile")])
 def test_scenes_keep_every_promise(name: str) -> None:
     assert found(subject_of_scene(name)) == {}
@@ -104,6 +107,7 @@ def test_a_peg_that_swings_in_its_rack_gains_a_little() -> None:
         makes_no_energy(subject_of_scene("peg"))
 
 
+@pytest.mark.long
 def test_a_scene_that_puts_its_handles_to_the_hands_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scene_grips, "is_tied", lambda *_: False)
     with pytest.raises(UnfitError, match="more than came in"):
@@ -171,6 +175,7 @@ def clocks(step_us: Callable[[int], int]) -> tuple[Callable[[], int], Callable[[
     return lambda: next(wall), lambda: next(processor)
 
 
+@pytest.mark.long
 def test_the_cost_of_a_step_is_judged_against_the_frame() -> None:
     frame_us = round(1e6 / 128)
 

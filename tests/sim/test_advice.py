@@ -148,6 +148,7 @@ def test_a_seat_alone_hears_the_same_words_as_its_room() -> None:
     assert seat.warnings[0] == room.warnings[0]
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("scheme", "overrides", "key"),
     [
@@ -169,6 +170,7 @@ def test_the_change_that_helps_most_is_one_that_was_tried(scheme: Any, overrides
     assert [finding for finding in after.findings if finding.refused] == []
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("b", "key"), [(20.0, "coupling.impedance_nspm"), (25.6, "playout.frames")])
 def test_slack_against_jitter_is_given_up_last(b: float, key: str) -> None:
     """The largest b that the device carries, 25.6 N s/m, gives as much felt stiffness."""

@@ -68,6 +68,7 @@ def waits(told: Told) -> list[int]:
     return late
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["wave", long("coupling"), "tdpa"])
 def test_an_edge_comes_to_the_world_within_one_frame_and_the_delay(kind: str) -> None:
     """Edges at every phase of a frame. The world takes what has come at its next step: 20 ms are 20.48 ticks, a frame is 8."""
@@ -83,6 +84,7 @@ def test_an_edge_comes_to_the_world_within_one_frame_and_the_delay(kind: str) ->
     assert max(late) <= 0.020 * 1024 + M
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("loss", [0.1, 0.3])
 @pytest.mark.parametrize("kind", ["wave", long("coupling"), "tdpa"])
 def test_loss_delays_an_edge_by_frames_and_loses_none(kind: str, loss: float) -> None:
@@ -101,6 +103,7 @@ def test_loss_delays_an_edge_by_frames_and_loses_none(kind: str, loss: float) ->
     assert late.max() <= 0.020 * 1024 + M * (1.0 + log(1e-4) / log(loss))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["wave", long("local"), long("coupling"), "tdpa"])
 def test_no_edge_is_lost_or_comes_twice_at_thirty_percent_loss(kind: str) -> None:
     settings = pressing(

@@ -25,6 +25,7 @@ def trials(setup: Setup) -> dict[str, Trial]:
     return {name: trial_of(setup, name) for name in ROWS}
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("setup", [MOMENT, HALF_A_MINUTE])
 @pytest.mark.parametrize("name", ROWS)
 def test_no_way_through_gaps_makes_energy(name: str, setup: Setup) -> None:
@@ -49,6 +50,7 @@ def test_the_best_is_lowest_in_every_row_and_the_others_fail_where_they_should(s
     assert max(drifts_mm(zero, rows[CLEAN])) > 10.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("setup", [LEAKING, HALF_A_MINUTE])
 def test_the_device_end_gives_less(setup: Setup) -> None:
     elastic, zero = (trial_of(setup, name).least_leak_j for name in ("elastic", "zero"))

@@ -83,6 +83,7 @@ def assert_calm(one: Felt) -> None:
     assert np.abs(one.forces).max() > 0.1, "a force is felt"
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("impedance", "axes"), every(3, product((50.0, 100.0), (1, 3))))
 def test_an_impedance_far_beyond_what_the_device_carries_is_calm(impedance: float, axes: int) -> None:
     """Without the port, at 1 axis: +-8.5 N, 140 changes of sign a second, steps of 16 and 17 N."""
@@ -96,6 +97,7 @@ STAND_INS = sorted({address for addresses in stand_ins().values() for address in
 DEVICES = [address for address in STAND_INS if not address.startswith(("replay", "web"))]  # nobody moves these
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("device", "impedance"), every(21, product(DEVICES, (50.0, 100.0))))
 def test_ten_times_the_stiffness_and_any_impedance_is_calm_on_every_device(device: str, impedance: float) -> None:
     stiffness = 10.0 * min(2000.0, make(device).capability.stiffness_npm)
@@ -206,6 +208,7 @@ def replace_seconds(path: Path) -> Settings:
     return resolve({**tomllib.loads(path.read_text()), "seconds": 4.0})
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", [long(name) if name in SELDOM else name for name in GOOD])
 def test_within_what_devices_carry_the_port_is_idle(name: str) -> None:
     """The port changes no force by a bit: nothing controlled, nothing deflected, the reserve hardly touched."""
@@ -267,6 +270,7 @@ def test_a_hand_that_overpowers_the_motors_gives_the_line_no_more_than_it_gave()
     assert people[0].core.safety.counts["force clipped"] > 0
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("kind", "force_n"), every(5, product(("cube", "wall"), (1.0, 1.5, 2.0))))
 def test_a_hand_that_pushes_from_the_start_is_not_thrown_back(kind: str, force_n: float) -> None:
     """The line takes what the hand gives while its force is ramped in, and 50 mJ; before, 2 N loaded it with 2.8 J."""
@@ -278,6 +282,7 @@ def test_a_hand_that_pushes_from_the_start_is_not_thrown_back(kind: str, force_n
         assert abs(one.core.position_m[0]) < 0.03
 
 
+@pytest.mark.long
 def test_whoever_leaves_a_push_alone_is_followed_by_no_energy() -> None:
     """The partner leaves while the other pushes 1.6 N: the hand runs off, the device gives nothing that did not come in."""
     laboratory = Laboratory(room(3.0, users=({"hand": "push&force_n=1.6"}, {"hand": "hold"})))

@@ -129,6 +129,7 @@ def turns(cases: list[tuple[str, str]]) -> list[Any]:
 SLIPS = [(wire, f"slip {joint}") for wire in WIRES for joint in "bc" if (wire, joint) != ("emulated:2diy", "c")]
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize(("wire", "verb"), turns([*faults(), *SLIPS]))
 def test_the_force_ends_and_the_other_goes_on(wire: str, verb: str) -> None:
     """A `jump` is a slip of encoder a; a 2diy has no encoder c."""
@@ -184,6 +185,7 @@ def test_an_encoder_that_jumps_in_a_silence_is_found(wire: str, silence_s: float
     assert passive(laboratory)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("wire", "verb"), every(15, faults(*TOLERATED)))
 def test_re_arming_works_once_the_cause_is_gone(wire: str, verb: str) -> None:
     laboratory = session(wire, BEGIN_S + 0.6 + REARMED_S, HANDS, pose="stored")

@@ -38,6 +38,7 @@ def core_of(laboratory: Laboratory) -> ClientCore:
     return laboratory.people[0].core
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("network", every(3, PROFILES))
 def test_zone_feels_as_stiff_as_asked_on_every_network(network: str) -> None:
     hand = "waypoints&times_s=0,0.8,1.2,1.8&x_m=0,-0.06,-0.06,-0.02"
@@ -146,6 +147,7 @@ def test_effects_fade_with_the_link_and_with_the_seat() -> None:
     assert np.abs(np.diff(felt)).max() < 1.0
 
 
+@pytest.mark.long
 def test_effects_begin_anew_with_a_new_server() -> None:
     laboratory = session(4.0, {**ZONE, "place_m": (-0.005, 0.0, 0.0)}, link={"delay_ms": 5.0})
     for _ in range(128):
@@ -162,6 +164,7 @@ def test_effects_begin_anew_with_a_new_server() -> None:
     assert effects.tank.overdrawn_j == 0.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("frame", [{"position_scale": 2.0}, {"force_scale": 2.0}, {"rotation": "-x -y z"}])
 def test_effects_are_of_the_tool(frame: dict[str, Any]) -> None:
     """A position scale g moves the tool g times as far, a force scale s makes it s times as stiff at the hand."""

@@ -48,6 +48,7 @@ def test_zone_is_as_stiff_beside_a_handle_that_is_carried() -> None:
     assert laboratory.people[0].core.port.account().margin_j >= 0.0  # type: ignore[operator]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("profile", ["wifi", long("lan"), long("satellite")])
 def test_all_effects_with_scales_that_change_are_passive_and_play_again(profile: str, tmp_path: Path) -> None:
     table = tomllib.loads(shipped("effects").read_text(encoding="utf-8"))

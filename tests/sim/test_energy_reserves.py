@@ -155,6 +155,7 @@ def frames(laboratory: Laboratory, count: int) -> None:
         laboratory.frame(watch)
 
 
+@pytest.mark.long
 def test_whoever_takes_a_seat_anew_has_a_first_second_anew() -> None:
     laboratory = Laboratory(session(seconds=60.0, rates=SLOW))
     frames(laboratory, 150)

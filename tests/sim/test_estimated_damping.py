@@ -330,6 +330,7 @@ def test_the_largest_stiffness_with_old_samples(b: float, monkeypatch: pytest.Mo
     assert largest(1) == pytest.approx(old, rel=0.005)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("paired", [True, False])
 def test_sessions_of_the_cores_decay_with_the_wave_of_then_and_grow_with_that_of_now(
     paired: bool, monkeypatch: pytest.MonkeyPatch
@@ -382,6 +383,7 @@ def test_a_session_is_stable_with_the_largest_impedance_and_not_far_above(
     assert not all(stable(4.0 * largest, *case) for case in cases)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("mass_kg", "latency"), [long(0.05, 0), long(0.1, 0), (0.1, 1)])
 def test_the_model_with_old_samples_ends_where_sessions_of_the_cores_end(mass_kg: float, latency: int) -> None:
     """Two devices loosely held, without counts and friction, rest up to the b of the model, within 8 %."""
@@ -437,6 +439,7 @@ SHARES = {
 """L -> memory -> b T / m at which some session of free devices of 75 g ends: the table of docs/velocity.md."""
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("memory", "latency"), every(9, product(SHARES[0], SHARES)))
 def test_how_far_sessions_go(memory: float, latency: int) -> None:
     """Cube and wall, one and four frames in each direction, K = 500 N/m: all stable 2 % below the limit, one not 2 % above."""

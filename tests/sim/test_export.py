@@ -423,6 +423,7 @@ def test_a_hostile_recording_stays_in_its_folder(tmp_path: Path) -> None:
     assert len(list((inside / "out").iterdir())) == len(tables) == 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("to", ["csv", long("parquet")])
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path, to: Format, monkeypatch: pytest.MonkeyPatch) -> None:
     if to == "parquet":

@@ -63,6 +63,7 @@ def probed(settings: Settings) -> list[tuple[float, float, dict[str, float]]]:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", every(6, range(1, 7)))
 @pytest.mark.parametrize("profile", ["wifi", long("wan"), "lte", long("satellite")])
 def test_what_is_predicted_is_felt_while_the_credit_pays(profile: str, seed: int) -> None:
@@ -73,6 +74,7 @@ def test_what_is_predicted_is_felt_while_the_credit_pays(profile: str, seed: int
         assert not paid or felt_npm == pytest.approx(predicted_npm, rel=PREDICTED)
 
 
+@pytest.mark.long
 def test_without_a_credit_the_hand_feels_the_gaps() -> None:
     """The same network and seed: the test above can fail."""
     people = probed(lossy("wan", 1, tank_mj=0.0))

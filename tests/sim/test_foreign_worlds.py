@@ -83,6 +83,7 @@ def test_there_are_four_examples() -> None:
         assert len(path.read_text().splitlines()) <= 100
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", every(3, NAMES))
 def test_an_example_keeps_every_promise(name: str) -> None:
     settings = load(EXAMPLES / f"{name}.toml")
@@ -90,6 +91,7 @@ def test_an_example_keeps_every_promise(name: str) -> None:
         check(Subject(lambda: world_in(Room(settings)).inner))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", every(2, NAMES))
 def test_an_example_is_held_and_replayed(name: str, tmp_path: Path) -> None:
     settings = load(EXAMPLES / f"{name}.toml", ["seconds=1.5"])
@@ -109,6 +111,7 @@ def test_an_example_is_held_and_replayed(name: str, tmp_path: Path) -> None:
         assert not verify(open_recording(path)).difference
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("device", "delay_ms"), [("sim:phantom6", 10.0), long("sim:freeflyer", 0.0), long("sim:freeflyer", 40.0)]
 )

@@ -41,6 +41,7 @@ def ended(laboratory: Laboratory) -> None:
         assert seat.line_margin_j >= -2.0 * CREDIT_J
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("delay_ms", "ticks"), [(0.0, 0), (0.1, 1), (7.8125, 8), (20.0, 21)])
 def test_a_frame_meets_the_step_and_its_answer_is_played_at_once(delay_ms: float, ticks: int) -> None:
     laboratory = Laboratory(session({"delay_ms": delay_ms}))
@@ -73,6 +74,7 @@ def test_on_any_constant_link_the_loop_is_the_one_that_is_expected(up_ms: float,
     ended(laboratory)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("network", "seed"), every(42, product(NETWORKS, range(1, 21))))
 def test_it_stays_passive_on_every_network(network: str, seed: int) -> None:
     laboratory = Laboratory(session({"profile": network}, 3.0, seed, (2, 3, 5)[seed % 3]))
@@ -81,6 +83,7 @@ def test_it_stays_passive_on_every_network(network: str, seed: int) -> None:
     ended(laboratory)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("network", every(2, ["wifi", "lte"]))
 def test_the_phase_shifts_rarely(network: str) -> None:
     laboratory = Laboratory(session({"profile": network}, 14.0))

@@ -62,6 +62,7 @@ def least(laboratory: Laboratory) -> float:
     return min(least_margin(summary) + 1e-12, *ends)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("b_nspm", "link", "encoders", "within"),
     [
@@ -99,6 +100,7 @@ def test_a_spring_between_the_fingers_is_in_series_with_the_line(
     assert least(held) >= 0.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("network", "seed", "squeeze_m", "within"),
     [
@@ -143,6 +145,7 @@ def test_what_both_lines_owe_is_all_by_which_a_lossy_network_softens_the_fingers
         assert squeezed_m == pytest.approx(bare_m, rel=within)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("network", every(2, PROFILES))
 def test_a_gripper_is_passive_on_every_network(scene: dict[str, Any], network: str) -> None:
     held = session(scene, link={"profile": network}, seconds=3.0)
@@ -207,6 +210,7 @@ MORE = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", every(2, MORE))
 def test_scales_limits_and_clutch_keep_the_energy_of_a_gripper(scene: dict[str, Any], name: str) -> None:
     held = session(scene, {**PINCH, "hand": "tremor&tremor_m=0.001", **MORE[name]}, link={"delay_ms": 10.0})
@@ -222,6 +226,7 @@ def test_the_clutch_holds_the_opening(scene: dict[str, Any]) -> None:
     assert held.room.world.proxy(0)[3] == pytest.approx(REST_M, abs=1e-4)
 
 
+@pytest.mark.long
 def test_an_impedance_that_is_chosen_takes_the_grippers_along(scene: dict[str, Any]) -> None:
     held = session(
         scene, coupling={"impedance_nspm": "auto", "grip_impedance_nspm": 5.0}, link={"profile": "wifi"}, seconds=4.0

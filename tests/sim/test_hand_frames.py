@@ -40,6 +40,7 @@ def frame_of(laboratory: Laboratory, number: int = 0) -> HandFrame:
     return frame
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("scale", "force"), [(1.0, 1.0), long(2.0, 1.0), long(0.5, 0.5), long(3.0, 1.8), (0.5, 0.25), (10.0, 1.0)]
 )
@@ -100,6 +101,7 @@ def test_clutches_of_50_mm_displace_nothing(times: int) -> None:
     assert account.device.margin_j >= 0.0
 
 
+@pytest.mark.long
 def test_a_clutch_in_contact_lets_the_hand_go_without_a_step_of_force() -> None:
     """The force ramps out and in as safety has it: no step is above the slope that gaps are softened to."""
     press = "1@1.0+0.5,1@2.0+0.5,1@3.0+0.2"
@@ -125,6 +127,7 @@ def test_a_clutch_in_contact_lets_the_hand_go_without_a_step_of_force() -> None:
     assert account.device.margin_j >= 0.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("profile", ["lan", *map(long, ("wifi", "wan", "lte", "satellite"))])
 @pytest.mark.parametrize("kind", [long("cube"), "wall"])
 def test_two_people_of_different_scales_are_passive_and_replay_exactly(tmp_path: Path, profile: str, kind: str) -> None:

@@ -25,6 +25,7 @@ def test_the_sample_has_every_network() -> None:
     assert {job.network for job in JOBS} == set(NETWORKS)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "job", every(4, JOBS), ids=lambda job: f"{job.network}-{job.people}-{job.stiffness_npm:g}-{job.seed}"
 )
@@ -34,6 +35,7 @@ def test_ours_is_passive_and_holds_on_every_network(job: Job) -> None:
     assert result.measures["balance_mj"] < 1e-6
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("network", ["lan", long("satellite")])
 @pytest.mark.parametrize(("scheme", "K"), [("coupling", 2000.0), ("paper", 5000.0), ("wave", 1e5)])
 def test_a_loose_cube_goes_as_its_eigenvalues_say(network: str, scheme: str, K: float) -> None:

@@ -49,6 +49,7 @@ def undisturbed() -> Course:
     return run(session(BEGIN_S + 2.0 * AFTER_S), lambda tick: None)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("verb", ["unplug", *map(long, ("silence", "garbage", "short")), "slow", long("model"), "jump"])
 def test_the_force_ends_within_50_ms_and_the_other_goes_on(verb: str) -> None:
     laboratory = session(BEGIN_S + AFTER_S)
@@ -63,6 +64,7 @@ def test_the_force_ends_within_50_ms_and_the_other_goes_on(verb: str) -> None:
     assert passive(laboratory)
 
 
+@pytest.mark.long
 def test_a_killed_service_is_told_by_name_and_re_armed_when_it_is_back() -> None:
     laboratory = session(BEGIN_S + 0.6 + REARMED_S)
     anna = laboratory.people[0]
@@ -89,6 +91,7 @@ def test_a_killed_service_is_told_by_name_and_re_armed_when_it_is_back() -> None
     assert passive(laboratory)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("verb", ["stale", "merge"])
 def test_what_the_driver_copes_with_is_counted_and_the_session_goes_on(verb: str) -> None:
     laboratory = session(BEGIN_S + AFTER_S)

@@ -71,6 +71,7 @@ def test_on_a_link_without_chance_the_laboratory_feels_what_is_calculated() -> N
     assert (found.passive, found.stable, found.session.level) == ("good", "good", "ok")
 
 
+@pytest.mark.long
 def test_jitter_and_loss_are_in_the_felt_stiffness(wifi: tuple[Settings, Check]) -> None:
     settings, found = wifi
     [first, *_] = advise(settings).users
@@ -86,6 +87,7 @@ def test_jitter_and_loss_are_in_the_felt_stiffness(wifi: tuple[Settings, Check])
     assert "calculated without the link's jitter and loss" in advise(fixed).findings[3].text
 
 
+@pytest.mark.long
 def test_a_change_that_only_the_model_likes_is_not_given(
     wifi: tuple[Settings, Check], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -110,6 +112,7 @@ def test_a_change_that_only_the_model_likes_is_not_given(
     assert given.before.missed == found.missed({"anna": 500.0, "ben": 500.0})
 
 
+@pytest.mark.long
 def test_what_is_given_on_wifi_is_borne_out(wifi: tuple[Settings, Check]) -> None:
     settings, found = wifi
     asked = {"anna": 500.0, "ben": 500.0}
@@ -169,6 +172,7 @@ def test_nobody_with_a_load_has_nothing_to_miss(wifi: tuple[Settings, Check]) ->
     assert replace(found, felt_npm={"anna": (400.0, 200.0)}).missed({"anna": 500.0}) == pytest.approx(0.4)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("overrides", "people"),
     [
@@ -213,6 +217,7 @@ def test_no_b_that_is_stable_is_none() -> None:
     assert looked == list(range(len(SHARES)))
 
 
+@pytest.mark.long
 def test_a_stiffest_that_sessions_do_not_bear_out_comes_down(monkeypatch: pytest.MonkeyPatch) -> None:
     settings = settings_of({"link.delay_ms": 20.0})
     first = stiffest_of(settings)

@@ -82,6 +82,7 @@ def stiff(step: str) -> Table:
     )
 
 
+@pytest.mark.long
 def test_a_hundred_times_the_papers_stiffness_at_four_frames_follows_and_settles() -> None:
     summary = stiff("passive")
     assert summary["passive"]
@@ -165,6 +166,7 @@ def clean(kind: str) -> Table:
     return bad_link(kind, 1)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["cube", "faces"])
 def test_a_clean_link_loses_nothing(kind: str) -> None:
     summary = clean(kind)
@@ -174,6 +176,7 @@ def test_a_clean_link_loses_nothing(kind: str) -> None:
     assert sum(count["lost"] + count["late"] + count["duplicate"] for count in counts(summary)) == 0
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", every(20, range(1, 21)))
 @pytest.mark.parametrize("kind", ["cube", "faces"])
 def test_the_worst_link(kind: str, seed: int) -> None:
@@ -327,6 +330,7 @@ def panda(folder: Path) -> tuple[str, float]:
     return f"csv:{path}&time=t_s&x=x_m&y=y_m&z=z_m", float(min(time[-1], 6.0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("which", [long("touch"), "panda"])
 def test_a_cube_follows_a_real_hand_in_space(which: str, tmp_path: Path) -> None:
     hand, seconds = touch() if which == "touch" else panda(tmp_path)

@@ -46,6 +46,7 @@ def lost_runs(profile: Profile, count: int, seed: str = "runs") -> tuple[float, 
     return sum(lost) / count, sum(runs) / max(1, len(runs))
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("loss", "burst", "expected_run"),
     [

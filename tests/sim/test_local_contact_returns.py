@@ -41,6 +41,7 @@ def take_and_return(laboratory: Laboratory, how: str) -> None:
             laboratory.restart(laboratory.restart_from)  # type: ignore[attr-defined]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("how", ["rearmed", "resumed"])
 @pytest.mark.parametrize("kind", [long("wall"), "faces", "scene"])
 def test_a_hand_deep_inside_is_not_thrown_out(kind: str, how: str) -> None:
@@ -75,6 +76,7 @@ def test_a_hand_deep_inside_is_not_thrown_out(kind: str, how: str) -> None:
     assert account.device.leak_j < 1e-3
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("how", ["rearmed", "resumed"])
 def test_and_feels_all_of_the_wall_once_it_has_been_outside(how: str) -> None:
     """The surface follows the hand out, and is where it belongs for one that comes in again."""
@@ -96,6 +98,7 @@ def test_and_feels_all_of_the_wall_once_it_has_been_outside(how: str) -> None:
     assert core.force_n[0] > 2.0
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["wall", "scene"])
 def test_a_surface_that_has_yielded_is_not_felt_as_intended(kind: str) -> None:
     """The hand rests as deep as there is no force, and says how soft that is."""

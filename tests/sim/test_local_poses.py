@@ -47,6 +47,7 @@ def at_wall(
     return resolve({"seconds": 3.2, "object": thing, "coupling": coupling, "link": link, "users": users, **more})
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("stiffness_npm", [200.0, long(1000.0), 3000.0])
 @pytest.mark.parametrize("network", every(3, PROFILES))
 def test_wall_feels_as_stiff_as_asked_on_every_network(network: str, stiffness_npm: float) -> None:
@@ -66,6 +67,7 @@ def test_wall_feels_as_stiff_as_asked_on_every_network(network: str, stiffness_n
     assert passive(of_laboratory(laboratory), settings.playout.tank_mj * 1e-3).tone == "good"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("network", every(4, PROFILES))
 def test_first_force_is_there_within_two_ticks_of_the_touch(network: str) -> None:
     laboratory, touched, felt = Laboratory(at_wall(network)), [], []
@@ -81,6 +83,7 @@ def test_first_force_is_there_within_two_ticks_of_the_touch(network: str) -> Non
     assert 0 <= felt[0] - touched[0] <= 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("network", every(4, PROFILES))
 def test_free_motion_feels_the_device_alone_and_turning_its_line(network: str) -> None:
     """No force at the places, so no mass; and the tool is where the hand is."""
@@ -104,6 +107,7 @@ def test_free_motion_feels_the_device_alone_and_turning_its_line(network: str) -
     assert world.proxy(0)[:3] == pytest.approx(pose[:3], abs=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("network", ["lan", long("wifi"), "wan", long("lte")])
 def test_a_clear_tool_is_turned_as_its_hand(network: str) -> None:
     laboratory = Laboratory(at_wall(network, hand=SWING, seconds=5.0))
@@ -113,6 +117,7 @@ def test_a_clear_tool_is_turned_as_its_hand(network: str) -> None:
     assert hypot(*between(exp(laboratory.room.world.proxy(0)[3:].tolist()), exp(turned))) < 0.01
 
 
+@pytest.mark.long
 def test_wall_that_jumps_into_the_hand_changes_the_force_little_and_gives_nothing(tmp_path: Path) -> None:
     """Another server goes on with the room, whose wall stands 20 mm nearer: inside of it is the hand that pressed on it."""
     file = tmp_path / "wall.xml"
@@ -151,6 +156,7 @@ def test_wall_that_jumps_into_the_hand_changes_the_force_little_and_gives_nothin
     assert core.position_m[0] - (WALL_M - 0.02) == pytest.approx(core.force_n[0] / 1000.0, rel=1e-3), "of the new wall"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", ["rearmed", "resumed"])
 def test_a_hand_deep_inside_is_not_thrown_out(how: str) -> None:
     """It sinks into the wall while there is no force."""
@@ -219,6 +225,7 @@ def test_lines_that_take_hold_of_tools_are_passive(network: str, seed: int) -> N
     assert max(high_m) > 0.015
 
 
+@pytest.mark.long
 def test_a_session_of_clear_and_engaged_tools_replays_bit_by_bit(tmp_path: Path) -> None:
     run_laboratory(replace(lifting("wan"), seconds=4.0), tmp_path)
     told = set()
@@ -232,6 +239,7 @@ def test_a_session_of_clear_and_engaged_tools_replays_bit_by_bit(tmp_path: Path)
     assert told >= {12, 15, 18, Geom}, "of clear and engaged tools down, of hand and proxy up"
 
 
+@pytest.mark.long
 def test_hands_of_three_and_of_six_axes_share_a_room() -> None:
     """A device without an orientation has a pad that does not turn; both are rendered at their hands."""
     thing = {"kind": "scene", "axes": 6, "file": str(shipped_scene("wall.xml"))}

@@ -33,6 +33,7 @@ def at_wall(network: str, stiffness_npm: float = 1000.0, loss: float = 0.05, **u
     )
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("stiffness_npm", [200.0, long(1000.0), 2000.0])
 @pytest.mark.parametrize("network", every(3, PROFILES))
 def test_wall_feels_as_stiff_as_asked_on_every_network(network: str, stiffness_npm: float) -> None:
@@ -136,6 +137,7 @@ def test_faces_are_passive_over_many_sessions(network: str) -> None:
         check_margins(pushed(network, seed, (2, 3, 5)[seed % 3]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("network", every(4, PROFILES))
 def test_people_push_an_object_to_and_fro_and_it_comes_to_rest(network: str) -> None:
     laboratory = Laboratory(pushed(network, 1, 2))
@@ -159,6 +161,7 @@ def of_scene(name: str, network: str, seconds: float, loss: float = 0.0, **user:
     )  # fmt: skip
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("network", every(4, PROFILES))
 def test_fixed_shapes_of_a_scene_feel_as_stiff_as_asked(network: str) -> None:
     laboratory = Laboratory(of_scene("wall", network, 3.5, 0.05))
@@ -187,6 +190,7 @@ def test_hand_that_moves_freely_in_a_scene_feels_nothing_of_the_line() -> None:
 
 
 # With seed 1 the lift on wan ends 4.8 mm off its place, of 3, under waves 3.3 mm: five of the first six seeds do it.
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "network", "seed"),
     [

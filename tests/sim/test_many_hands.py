@@ -115,6 +115,7 @@ def hands(count: int, kind: str, dimensions: int) -> list[dict[str, Any]]:
     return users
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("count", "kind", "dimensions", "K"),
     [

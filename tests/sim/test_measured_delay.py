@@ -33,6 +33,7 @@ def with_clock(core: ClientCore, clock: Callable[[int], int]) -> None:
 # Clocks ------------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("ahead_s", "ppm", "up_frames", "down_ticks"),
     [
@@ -209,6 +210,7 @@ def test_the_stiffness_is_felt_as_asked_before_and_after_the_delay_changes(
         assert user["predicted_stiffness_npm"] == pytest.approx(K_NPM, rel=0.01)
 
 
+@pytest.mark.long
 def test_without_compensation_the_spring_is_the_one_that_was_asked_for_and_the_prediction_follows_the_loop() -> None:
     session = Felt("wall", 1, [(0.0, 20.0), (3.5, 40.0)], 11.3, coupling={"compensate": False})
     [user] = session.summary["users"]
@@ -225,6 +227,7 @@ def test_without_compensation_the_spring_is_the_one_that_was_asked_for_and_the_p
     assert session.laboratory.room.seats[0].adapter is None
 
 
+@pytest.mark.long
 def test_a_delay_that_puts_the_stiffness_out_of_reach_is_said_and_the_hand_feels_what_the_line_allows() -> None:
     session = Felt("wall", 1, [(0.0, 20.0), (3.5, 60.0)], 15.3, stroke_s=1.2, device_hz=1024)
     [user] = session.summary["users"]
@@ -240,6 +243,7 @@ def test_a_delay_that_puts_the_stiffness_out_of_reach_is_said_and_the_hand_feels
     assert least_margin(session.summary) >= -1e-12
 
 
+@pytest.mark.long
 def test_a_playout_that_finds_its_own_depth_is_part_of_what_is_measured() -> None:
     session = Felt("wall", 1, [(0.0, 15.0), (3.5, 30.0)], 11.3, playout={"frames": "auto"})
     [user] = session.summary["users"]

@@ -62,6 +62,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_a_seed_changes_the_numbers(whole: Path) -> None:
     with (whole / TABLE).open() as file:
         rows = list(csv.DictReader(file))
@@ -143,6 +144,7 @@ def test_a_recorded_hand_that_has_changed_makes_another_comparison(tmp_path: Pat
         folder(["own"])
 
 
+@pytest.mark.long
 def test_a_stop_keeps_what_is_finished_and_other_workers_go_on_to_the_same_numbers(whole: Path, tmp_path: Path) -> None:
     stop = Stop()
     folder = ExperimentFolder(tmp_path, asked := small())

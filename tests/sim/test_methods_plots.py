@@ -56,6 +56,7 @@ def trace(most_n: float, people: int, seconds: float = 4.0) -> dict[str, Any]:
     return {"seconds": seconds, "force_n": [[0.0, most_n, -most_n, 0.0]] * people}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("people", "named"), [(2, 2), long(COLOURS, COLOURS), (COLOURS + 2, COLOURS)])
 def test_everybody_is_named_or_said_to_be_left_out(people: int, named: int) -> None:
     asked = made_up(people)

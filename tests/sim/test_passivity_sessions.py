@@ -50,6 +50,7 @@ def test_it_holds_where_virtual_coupling_does_not(frames: int, stiffness: float)
     assert max(abs(user["energy"]["device_leak_j"]) for user in ours["users"]) < 1e-12
 
 
+@pytest.mark.long
 def test_without_delay_it_is_a_virtual_coupling_and_follows_the_hand() -> None:
     ours, theirs = of_laboratory(session(3.0)), of_laboratory(session(3.0, coupling__kind="coupling"))
     assert ours["passive"]
@@ -98,6 +99,7 @@ def test_what_passivity_does_not_promise_is_seen() -> None:
     assert 0 < near.room.world.controlled < far.room.world.controlled
 
 
+@pytest.mark.long
 def test_hands_at_rest_find_their_proxies_again() -> None:
     """Drift compensation brings them together after a second of the worst network conditions."""
     users = [{"name": name, "hand": "reach&amplitude_m=0.03&stroke_s=1.0&rest_s=3"} for name in "ab"]
@@ -126,6 +128,7 @@ def test_a_person_who_returns_begins_without_deficit() -> None:
     assert not laboratory.diverged
 
 
+@pytest.mark.long
 def test_a_lost_address_and_a_new_server_are_survived() -> None:
     laboratory = Laboratory(resolve({"coupling": {"kind": "tdpa"}, "users": TWO, "seconds": 10.0}))
     run_frames(laboratory, 60)

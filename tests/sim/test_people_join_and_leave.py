@@ -172,6 +172,7 @@ def test_who_loses_the_address_is_back_within_two_seconds_on_the_same_line(seed:
     assert count.sent == count.applied + count.late + count.lost
 
 
+@pytest.mark.long
 def test_an_address_that_is_lost_again_and_again() -> None:
     laboratory = Laboratory(world("cube", 1, pulling(1)))
     felt = Felt(laboratory)
@@ -189,6 +190,7 @@ def test_an_address_that_is_lost_again_and_again() -> None:
 # Another server -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", every(8, range(8)))
 @pytest.mark.parametrize("concealment", ["zero", "elastic"])
 def test_a_server_that_is_killed_jolts_nobody_and_lets_go_at_once(seed: int, concealment: str) -> None:
@@ -236,6 +238,7 @@ def test_a_server_that_is_started_anew_is_found_and_its_object_stands_where_it_w
     assert felt.peak_n > 1.0
 
 
+@pytest.mark.long
 def test_a_server_that_stays_away_is_given_up_without_force() -> None:
     laboratory = Laboratory(world("cube", 1, pulling(1)[:1]))
     felt = Felt(laboratory)

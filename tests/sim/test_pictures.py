@@ -121,6 +121,7 @@ def tints(figure: Figure) -> dict[str, tuple[str, str]]:
     }
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("people", CROWDS)
 def test_every_plot_of_a_run_could_stand_in_a_paper(drawn_of: dict[int, dict[str, Figure]], people: int) -> None:
     drawn = drawn_of[people]
@@ -184,6 +185,7 @@ def test_people_are_told_apart_in_grey_print() -> None:
     assert len({marker for _, marker in looks[:6]}) == 6
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     "make",
     [

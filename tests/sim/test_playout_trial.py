@@ -35,6 +35,7 @@ def runs_of(link: LinkProfile) -> tuple[Arrivals, ...]:
     return tuple(arrivals(link, f"{seed}", 60.0, 128) for seed in (1, 2, 3))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "direction"), every(6, product(PROFILES, ("up", "down"))))
 def test_auto_is_as_good_as_the_best_fixed_depth_with_hindsight(name: str, direction: str) -> None:
     """Three runs of a minute; `dev.py bench playout` does twenty. The constant part of the link's delay counts for nothing."""
@@ -50,6 +51,7 @@ def test_auto_is_as_good_as_the_best_fixed_depth_with_hindsight(name: str, direc
     assert not beaten(delays, delay, late, BOUND)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hz", [32, 512])
 def test_other_frame_rates_cost_as_little(hz: int) -> None:
     runs = [arrivals(link_of("satellite", "down"), f"{seed}", 12.0, hz) for seed in (1, 2)]
@@ -61,6 +63,7 @@ def test_other_frame_rates_cost_as_little(hz: int) -> None:
     assert not beaten(delays, delay, late, BOUND)
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize(
     "link",
     [
@@ -102,6 +105,7 @@ def test_beaten_is_by_more_than_the_factor_in_both() -> None:
     assert (ratio(0.0, 0.0), ratio(1.0, 0.0), ratio(3.0, 2.0)) == (1.0, float("inf"), 1.5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [long("wifi"), "satellite"])
 def test_a_session_stays_passive_and_comes_to_the_depth_that_is_expected(name: str) -> None:
     table = {

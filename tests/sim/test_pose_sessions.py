@@ -119,12 +119,14 @@ def tumbled(tmp_path_factory: pytest.TempPathFactory) -> Turned:
     return Turned(of_scene(folder, BOX.format("0.3"), person, link=link, seconds=2.0 + 0.7 * TURNS))
 
 
+@pytest.mark.long
 def test_a_tool_that_tumbles_stays_with_its_hand(tumbled: Turned) -> None:
     assert tumbled.drift.max() <= 1.0
     assert tumbled.apart[-1, 0] <= 0.1, "at rest"
     assert tumbled.passive()
 
 
+@pytest.mark.long
 def test_so_does_one_in_a_world_of_another_author(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The drift is taken back there as well; a hand that took hold turned goes on from there."""
     monkeypatch.setenv(ALLOWED, str(tmp_path))
@@ -146,6 +148,7 @@ def test_without_the_correction_it_drifts(monkeypatch: pytest.MonkeyPatch, tumbl
     assert drifted.passive()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("orientation", ["free", long("damped"), long("fixed")])
 def test_a_hand_that_does_not_turn_holds_a_tool_in_a_room_of_poses(orientation: str, tmp_path: Path) -> None:
     """Both press on a box from the side; the pads of a free tool turn as they like, those of a fixed one not at all."""

@@ -39,6 +39,7 @@ def test_report_and_plots_are_left_in_the_folder(folder: Path) -> None:
     assert page_of(folder) == text, "the same run gives the same report"
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     "more",
     [

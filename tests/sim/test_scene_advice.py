@@ -41,6 +41,7 @@ def test_advice_says_what_a_hand_will_feel_and_which_contact_is_set() -> None:
     assert said == pytest.approx(1.0 / (contact_mpn + line_mpn), rel=0.02)  # the client's end adds parts of a frame
 
 
+@pytest.mark.long
 def test_advice_says_what_a_gripper_will_feel_and_the_fingers_feel_it() -> None:
     """Theory 8.8 by hand: b_g = 10 N s/m, a loop of 9 frames. A held block of 12 mm is in series, 1 % softer."""
     settings = load(Path("pinch"))

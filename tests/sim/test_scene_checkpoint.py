@@ -57,6 +57,7 @@ def test_task_contact_forces_and_slip_go_on_from_where_they_were(lifted: tuple[R
     assert scene(after).progress() == told.progress() == checkpoint.progress
 
 
+@pytest.mark.long
 def test_a_task_is_reached_over_the_end_of_a_server() -> None:
     """The box is lifted before, and falls back to its place after it, as everybody is let go. No time of the task is lost."""
     settings = load(LIFT, ["seconds=6", "task.place_m=[0.0, 0.0, 0.0]", "task.within_m=0.01"])

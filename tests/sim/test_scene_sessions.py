@@ -99,6 +99,7 @@ def test_a_scene_that_fails_ends_the_session_by_name(kind: str) -> None:
     assert np.isfinite(laboratory.room.world.motion()).all()
 
 
+@pytest.mark.long
 def test_a_session_of_clear_and_engaged_tools_replays_bit_by_bit(tmp_path: Path) -> None:
     """Two people lift a box on an impaired network; both ends of each line, and what both were told."""
     changes = ["seconds=4", "coupling.kind=local", "link.profile=wan", "playout.frames=auto"]

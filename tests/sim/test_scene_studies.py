@@ -58,6 +58,7 @@ def test_the_curves_are_the_recorded_ones(folder: Path, blank: None) -> None:
     assert 0.0 < slip.lines[0].get_ydata()[-1] < 0.1
 
 
+@pytest.mark.long
 def test_without_a_scene_there_is_no_word_on_them(tmp_path: Path, blank: None) -> None:
     run_laboratory(load(Path("lan"), ["seconds=0.5"]), tmp_path)
     assert not {"Bodies", "Contact forces and slip"} & {picture.heading for picture in draw_plots(load_run(tmp_path))}
@@ -141,6 +142,7 @@ def test_other_methods_lift_with_a_softer_spring(method: str) -> None:
     assert found["slip_mm"] < 2.0
 
 
+@pytest.mark.long
 def test_a_sweep_of_a_scene_reads_lift_and_slip() -> None:
     settings = load(LIFT, BRIEF)
     asked = prepare_sweep(settings, [parse_axis("link.delay_ms=0,20")], defaults(settings))
@@ -165,6 +167,7 @@ def recorded_hands() -> list[str]:
     ]
 
 
+@pytest.mark.long
 def test_two_recorded_hands_lift_the_box() -> None:
     """Neither was made for it: until 8 s the first shoves the box about and slides down its side."""
     summary = run_laboratory(load(LIFT, ["seconds=10.7", *recorded_hands()])).summary

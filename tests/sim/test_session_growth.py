@@ -53,6 +53,7 @@ def long_enough(rate: float) -> int:
     return int(min(12 * 128, max(3 * 128, 2.0 / abs(rate))))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("scheme", "frames"), every(5, product(("paper", "coupling"), (0, 1, 2, 4))))
 def test_a_session_grows_beyond_its_limit_and_decays_before(scheme: str, frames: int) -> None:
     limit = largest_stable(LiftedModel(linear_session(settings_at(scheme, frames, 1.0), estimated=False))).stiffness_npm
@@ -65,6 +66,7 @@ def test_a_session_grows_beyond_its_limit_and_decays_before(scheme: str, frames:
         assert measured == pytest.approx(rate, rel=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stiffness", every(3, [1e2, 1e4, 1e6]))
 def test_the_passive_scheme_decays_as_predicted(stiffness: float) -> None:
     settings = settings_at("passive", 4, stiffness)

@@ -51,6 +51,7 @@ CASES = [
 ]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("condition", "scheme", "frames", "frequency_hz"),
     every(18, [(*case, hz) for hz in (5.0, 1.0, 18.0) for case in CASES]),
@@ -63,6 +64,7 @@ def test_the_model_renders_what_a_session_does(condition: str, scheme: str, fram
     assert abs(measured.impedance - model) < 1e-3 * abs(model)  # asked: 3 %
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("scheme", "decimator", "frames"), every(7, product(("passive", "paper"), ("boxcar", "lowpass"), (0, 1, 3)))
 )
@@ -79,6 +81,7 @@ def test_the_model_feels_as_stiff_as_a_session(scheme: str, decimator: str, fram
     assert static_stiffness(settings, 0, settle_s=4.0) == pytest.approx(felt, rel=0.005)
 
 
+@pytest.mark.long
 def test_twice_the_swing_is_the_same_impedance() -> None:
     settings = base("passive", 1, "cube", "ab")
     small, large = (measure(settings, 0, 3.0, amplitude_m=size, settle_s=1.5, periods=2) for size in (1e-4, 2e-4))

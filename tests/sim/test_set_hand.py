@@ -147,6 +147,7 @@ def test_a_change_holds_within_a_round_trip_and_a_frame(delay_ms: float) -> None
     assert laboratory.room.seats[0].hand.holds.position_scale == 2.0
 
 
+@pytest.mark.long
 def test_no_change_is_lost_where_datagrams_are() -> None:
     """Also where one is told before the one before it was answered."""
     table = session(hand=CALM) | {"link": {"loss": 0.3, "delay_ms": 20.0}, "seconds": 12.0}
@@ -174,6 +175,7 @@ def test_no_change_is_lost_where_datagrams_are() -> None:
     assert set(held) >= set(seen[1:])
 
 
+@pytest.mark.long
 def test_twenty_clutches_by_order_displace_nothing() -> None:
     """The hand goes 50 mm back and forth, held by order on its way forth."""
     stroke_s = 0.4
@@ -294,6 +296,7 @@ def test_a_client_that_reports_without_end_fills_no_log_and_loosens_no_limit() -
     assert limits[-1] == limits[64]
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("limit", ["auto", "box -0.05 0.05 -0.05 0.05 -0.05 0.05", "sphere 0 0 0 0.05"])
 @pytest.mark.parametrize("kind", ["wave", "coupling", "tdpa", "local"])
 def test_a_hand_is_pushed_back_softly_beyond_the_limit(limit: str, kind: str) -> None:
@@ -317,6 +320,7 @@ def test_a_hand_is_pushed_back_softly_beyond_the_limit(limit: str, kind: str) ->
     assert farthest[0] > -begins_m - 0.01
 
 
+@pytest.mark.long
 def test_a_carried_handle_weighs_nothing_and_a_closed_path_does_no_work() -> None:
     """sim:phantom with a handle of 100 g: a hand of 30 N/m sags by 33 mm without compensation."""
 
@@ -335,6 +339,7 @@ def test_a_carried_handle_weighs_nothing_and_a_closed_path_does_no_work() -> Non
     assert account.device.margin_j >= 0.0
 
 
+@pytest.mark.long
 def test_lifting_a_carried_handle_uses_up_no_reserve() -> None:
     """Up and down by 60 mm for 10 s: m g h = 59 mJ each time, against a free reserve of 37 mJ."""
     hand = "sine&amplitude_m=0.03&frequency_hz=0.5&direction=0,0,1"
@@ -346,6 +351,7 @@ def test_lifting_a_carried_handle_uses_up_no_reserve() -> None:
     assert account.device.controlled < 0.01
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("restart", [True, False])
 def test_a_hand_that_resumes_its_seat_keeps_the_bounds_of_its_scale(restart: bool) -> None:
     """The server is killed and begins anew from its checkpoint, or the client is silent until its seat is taken."""

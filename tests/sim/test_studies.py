@@ -30,6 +30,7 @@ def in_the_mean(table: StudyTable, name: str) -> dict[str, float]:
     return {key: interval(list(values.values()))[0] for key, values in by_condition(table.rows, BY_NAME[name]).items()}
 
 
+@pytest.mark.long
 def test_threshold_of_simulated_observers_is_estimated_within_a_tenth_without_sessions(tmp_path: Path) -> None:
     """The whole study, four observers of 60 N/m, 400 trials; what they feel is what was asked for."""
     study = shipped("stiffness")
@@ -42,6 +43,7 @@ def test_threshold_of_simulated_observers_is_estimated_within_a_tenth_without_se
     assert all(0.6 < each.correct < 0.85 for each in found.values()), "two right answers in a row half of the time"
 
 
+@pytest.mark.long
 def test_observers_answer_by_what_the_sessions_let_them_feel(tmp_path: Path) -> None:
     """Three trials with their sessions in virtual time: large differences are found, and felt as asked for within 3 %."""
     text = (SHIPPED / "stiffness.toml").read_text(encoding="utf-8")
@@ -66,6 +68,7 @@ def test_threshold_of_simulated_observers_is_estimated_within_a_tenth_by_what_th
     assert found.threshold == pytest.approx(study.simulated.threshold, rel=0.1)
 
 
+@pytest.mark.long
 def test_two_people_follow_fitts_law_with_the_slope_of_their_hands(tmp_path: Path) -> None:
     """Visual guidance of first order with a lag of LAG_S takes LAG_S ln 2 more for each bit."""
     study = shipped("fitts")

@@ -63,6 +63,7 @@ def run_track(rule: Staircase, threshold: float, seed: int) -> list[Answered]:
     return answered
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("method", "threshold"), every(8, [(m, t) for t in (20.0, 60.0, 250.0) for m in ("1-up-2-down", "pest", "quest")])
 )

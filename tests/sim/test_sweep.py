@@ -229,6 +229,7 @@ def test_a_foreign_folder_is_not_touched(tmp_path: Path, what: str) -> None:
     assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before
 
 
+@pytest.mark.long
 def test_dead_workers_cost_their_cases_a_second_run(tmp_path: Path) -> None:
     """Kill both workers at once, while cases are left that no worker has: their death is noticed however slow this is."""
     sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:8:8")

@@ -69,6 +69,7 @@ class TasksOfRay(ModuleType):
         self.cancelled += force
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("stop_at", [0, 4])
 def test_ray_is_given_few_tasks_at_a_time_and_each_case_once(
     stop_at: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -56,6 +56,7 @@ CASES = [
 ]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("network", "kind", "people", "seed"), every(40, CASES))
 def test_no_line_makes_energy_while_impedance_and_filter_jump(network: str, kind: str, people: int, seed: int) -> None:
     """By a factor of 2 each second, up and down, which no tuner does; the filter comes and goes with it."""
@@ -85,6 +86,7 @@ def switched(tmp_path: Path, before_ms: float, after_ms: float, seconds: float =
     return {**pulling("none", seconds=seconds), "link": {"trace": str(trace)}}
 
 
+@pytest.mark.long
 def test_a_line_that_changes_while_in_use_plays_again_bit_by_bit(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     summary = run_laboratory(resolve(switched(tmp_path, 2.0, 250.0, 5.0)), tmp_path / "run").summary
@@ -95,6 +97,7 @@ def test_a_line_that_changes_while_in_use_plays_again_bit_by_bit(tmp_path: Path)
         assert found.exact, found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("before_ms", "after_ms"), [(2.0, 250.0), long(250.0, 2.0)])
 def test_a_line_follows_a_delay_that_nobody_announced(tmp_path: Path, before_ms: float, after_ms: float) -> None:
     """Both ends end with what suits the delay; b changes by 1.3 % at most, and R frames or more lie between two changes."""
@@ -121,6 +124,7 @@ def test_a_line_follows_a_delay_that_nobody_announced(tmp_path: Path, before_ms:
         assert bool(user["line"]["wave_filter_hz"]) == bool(suits.filter_lag_s)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, long(2), long(3)])
 def test_hands_that_pull_over_a_satellite_are_calm_two_seconds_after_they_rest(seed: int) -> None:
     """The numbers that the tuning is for: the swing is 4 N with b = 20 and no filter."""

@@ -141,6 +141,7 @@ def test_without_a_filter_only_one_tick_a_frame_is_passive() -> None:
     assert margins[1] < allowed("up_margin_j") - 1e-6
 
 
+@pytest.mark.long
 def test_no_jolt_where_people_of_many_rates_come_and_go() -> None:
     table = world(
         128, [1024, 3072, 2048], seconds=1e3, object={"axes": 3}, link={"delay_ms": 10}, playout={"frames": 1}
@@ -178,6 +179,7 @@ def test_no_jolt_where_people_of_many_rates_come_and_go() -> None:
 # What is felt --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("device_hz", "network_hz", "frames"), [(1024, 32, 1), (4096, 1024, 8)])
 def test_the_line_is_as_soft_as_theory_says_at_every_rate(device_hz: int, network_hz: int, frames: int) -> None:
     """C_line of theory section 4 depends on T_n: formula, seat's prediction, and a hand at rest in a session."""
@@ -221,6 +223,7 @@ def test_the_linear_model_of_unlike_rates_is_that_of_their_session(scheme: str, 
 # What a run leaves ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_run_of_unlike_rates_replays(tmp_path: Path) -> None:
     """It replays bit by bit, and with the same hands again, which begin when they began."""
     table = world(64, [4096, 1024], seconds=0.5, link={"delay_ms": 10, "loss": 0.1, "jitter_ms": 5})

@@ -181,6 +181,7 @@ def test_a_session_at_rest_and_one_that_is_not(monkeypatch: pytest.MonkeyPatch) 
     assert not session.comes_to_rest(VINTAGE, makers["window 16"], 20.0)
 
 
+@pytest.mark.long
 def test_on_a_real_hand_the_client_is_near_the_best_of_its_kind() -> None:
     """Recorded on a Touch, seen by the vintage Phantom's encoders: less noise than faster ones, less delay than slower."""
     name = "touch_freehand_wpi_100hz.csv"

@@ -70,6 +70,7 @@ def is_exact(world: Settings, verdicts: dict[str, Verdict]) -> None:
         assert verdict.messages > verdict.ticks
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("config", "axes", "coupling"),
     every(17, product(FEW, (1, 3), COUPLINGS)),
@@ -81,6 +82,7 @@ def test_every_shipped_session_over_a_bad_link_is_exact(config: Path, axes: int,
     is_exact(world, verdicts_of(world, tmp_path))
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("config", every(4, CONFIGS), ids=lambda path: path.stem)
 def test_every_shipped_session_is_exact_for_longer(config: Path, tmp_path: Path) -> None:
     world = load(config, ("seconds=1.0",) if config in FEW else ("seconds=0.3", *BAD_LINK))

@@ -96,6 +96,7 @@ STREAMS = {
 }
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("stream", "kind", "link", "axes"), every(13, product(STREAMS, ("cube", "faces", "wall"), ({}, FAR), (1, 3)))
 )
@@ -111,6 +112,7 @@ def test_to_beat_on_a_wall_for_long_is_no_fault(period_s: float, link: dict[str,
     Session([WEB], [there_and_back(period_s)], 7.0, object={"kind": "wall"}, link=link).holds_its_bounds()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("link", [{}, FAR], ids=["near", "far"])
 @pytest.mark.parametrize("stop", [calm(1.0), there_and_back(0.5, 1.0)], ids=["calm", "in a jump"])
 def test_a_pointer_that_stops_feels_nothing_within_a_moment(stop: Pointer, link: dict[str, Any]) -> None:

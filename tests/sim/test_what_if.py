@@ -92,6 +92,7 @@ def joined_with(path: Path, device: str) -> None:
 # The same world ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("config", every(12, sorted(CONFIGS.glob("*.toml"))), ids=lambda path: path.stem)
 def test_the_same_hands_in_the_same_world_are_the_same_run_bit_for_bit(config: Path, tmp_path: Path) -> None:
     first = lab(load(config, ["seconds=1.2"]), tmp_path / "first")
@@ -100,6 +101,7 @@ def test_the_same_hands_in_the_same_world_are_the_same_run_bit_for_bit(config: P
     assert sum(len(messages) for messages in streams(first).values()) > 2000
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "changes",
     [
@@ -123,6 +125,7 @@ def positions(run: RunRecords, other: RunRecords) -> Iterator[tuple[np.ndarray[A
         )
 
 
+@pytest.mark.long
 def test_what_if_of_what_if(run: RunRecords, tmp_path: Path) -> None:
     """The other world is a recorded run like any other, and so can be had again."""
     other = lab(what_if(run, {"object.mass_kg": 1.0}, "impedance"), tmp_path / "other")
@@ -184,6 +187,7 @@ def test_positions_are_the_recorded_ones_whatever_the_world(
         assert np.array_equal(before["force_n"][:-1], after["force_n"][:-1]) == (not changes), name
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("hands", ["same", long("impedance"), "positions"])
 def test_a_live_session_can_be_asked_as_well(tmp_path: Path, hands: Hands) -> None:
     run = open_run(LIVE)
@@ -195,6 +199,7 @@ def test_a_live_session_can_be_asked_as_well(tmp_path: Path, hands: Hands) -> No
         assert np.ptp(after) == pytest.approx(np.ptp(before), rel=0.2)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("late_ns", [long(0), 3_000_000, long(125_000_000), 203_125_000])
 def test_people_begin_when_they_began(run: RunRecords, spoiled: Path, tmp_path: Path, late_ns: int) -> None:
     """People begin at the nearest frame and keep their seats until then; the result replays bit by bit."""

@@ -282,6 +282,7 @@ def test_a_recorded_scene_as_one_file(open_page: Open, lift_run: Path, tmp_path:
     assert not any(isnan(value) for each in wanted.bodies for value in each)
 
 
+@pytest.mark.long
 def test_a_recording_with_impossible_bodies_is_told_or_shown_without_them(lift_run: Path, tmp_path: Path) -> None:
     def spoil(wanted: str, payload: bytes, after: int = 0) -> Path:
         seen = 0
@@ -334,6 +335,7 @@ def test_a_floor_is_drawn_below_what_is_seen_wherever_its_middle_is(open_page: O
         assert blue > 2 * red, "no wider than it is"
 
 
+@pytest.mark.long
 def test_a_tool_that_is_taken_elsewhere_is_drawn_where_it_is(tmp_path: Path) -> None:
     """Ben turns the wheel before Anna takes her handle: her own frame is then another one, in recording and view."""
     hand = "crank&radius_m=0.08&phase_rad=0&speed_radps={}&start_s={}&ramp_s=0.2"

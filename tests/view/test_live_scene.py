@@ -79,6 +79,7 @@ class Watched:
 ZONE = {"kind": "zone", "place_m": (-0.02, 0.0, 0.0), "size_m": (0.01, 0.0, 0.0), "stiffness_npm": 500.0}
 
 
+@pytest.mark.long
 def test_haptic_effects_are_drawn_beside_the_object_while_they_last() -> None:
     path = {"kind": "path", "points_m": ((0.0, 0.0, 0.0), (0.03, 0.0, 0.0), (0.03, 0.04, 0.0)), "stiffness_npm": 100.0}
     watched = Watched(effects=[ZONE, path], object={"axes": 2})
@@ -102,6 +103,7 @@ class Ignored:
     def put(self, topic: int, time_ns: int, payload: bytes) -> None: ...
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("axes", [1, 3])
 def test_frames_show_what_the_server_had(axes: int) -> None:
     places: dict[int, list[float]] = {}
@@ -173,6 +175,7 @@ def test_loss_is_that_of_the_last_second() -> None:
     assert 0.1 < sum(shares) / len(shares) < 0.3
 
 
+@pytest.mark.long
 def test_an_older_servers_hands_are_shown_without_names() -> None:
     watched = Watched(old=True).run()
     assert watched.live is not None
@@ -183,6 +186,7 @@ def test_an_older_servers_hands_are_shown_without_names() -> None:
     assert {person.state for person in watched.frames[-1].people} == {"live"}
 
 
+@pytest.mark.long
 def test_of_many_people_each_is_told_in_turn() -> None:
     users = [{"name": f"u{number}"} for number in range(7)]
     watched = Watched(seconds=1.0, users=users).run()

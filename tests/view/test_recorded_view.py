@@ -56,6 +56,7 @@ def assert_same_bits(found: list[tuple[float, ...]], wanted: Any) -> None:
     assert np.array(found).tobytes() == np.ascontiguousarray(wanted).tobytes()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["laboratory", "live", "made here"])
 def test_every_frame_holds_the_numbers_of_the_recording_bit_for_bit(name: str, run: Path) -> None:
     folder = run if name == "made here" else RECORDINGS / name
@@ -89,6 +90,7 @@ def test_every_frame_holds_the_numbers_of_the_recording_bit_for_bit(name: str, r
         ).tolist()
 
 
+@pytest.mark.long
 def test_a_chunk_is_the_same_whatever_was_read_before(run: Path) -> None:
     forwards, backwards = open_view(run), open_view(run)
     whole = [forwards.chunk(number) for number in range(forwards.scene.chunks)]
@@ -220,6 +222,7 @@ def test_what_cannot_be_shown_is_told_in_one_line(run: Path, tmp_path: Path) -> 
         open_view(damaged)
 
 
+@pytest.mark.long
 def test_a_damaged_part_is_left_out_and_the_rest_is_shown(run: Path, tmp_path: Path) -> None:
     shutil.copytree(run, tmp_path / "run")
     path = tmp_path / "run" / "server.mcap"

@@ -1,0 +1,85 @@
+"""`dev.py bench client`: what a live client's tick takes, and how many of its ticks run."""
+
+import os
+import signal
+import statistics
+import tempfile
+from pathlib import Path
+
+from cogrip.cli.session.settings_file import load
+from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.terminal.output import make_console
+from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.tables import plain_table
+from cogrip.protocol.accounts import ClientAccount
+from cogrip.sim.runs.folder import SETTINGS, read_accounts, write_settings
+
+from tests.bench import machine
+from tests.bench.children import output_at_end, start_cogrip, wait_for_line
+from tests.bench.targets import reached
+
+MOST_WORK_US = {1024: 25.0, 8192: 20.0}
+LEAST_RUN = 0.99
+_END_LIMIT_S = 30.0
+_LINK = r"(cogrip://[^' ]+)'"
+
+
+def bench_client(*, seconds: float = 10.0, rounds: int = 3, people: int = 2) -> int:
+    """Live sessions over loopback, encrypted and recorded, 3 axes: at 1024 Hz and at 8192 Hz, in turns.
+
+    Exit code 0 if everything that is asked for is reached.
+
+    Parameters
+    ----------
+    seconds
+        How long each session is.
+    rounds
+        Sessions at each rate; medians count.
+    people
+        How many take part, 1 to 3.
+    """
+    if seconds < 2.0 or rounds < 1 or not 1 <= people <= 3:
+        raise BadInput("bench client needs sessions of at least 2 s, at least 1 round, and 1 to 3 people")
+    console = make_console(soft_wrap=True)
+    accounts: dict[int, list[ClientAccount]] = {rate_hz: [] for rate_hz in MOST_WORK_US}
+    with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base:
+        for number in range(rounds):
+            for rate_hz, found in accounts.items():
+                found += _session(Path(base) / f"{rate_hz}-{number}", rate_hz, people, seconds)
+    rows = []
+    well = True
+    for rate_hz, found in accounts.items():
+        work_us = statistics.median([each.ticks.work_us.p50 for each in found if each.ticks.work_us.p50 is not None])
+        tail_us = statistics.median([each.ticks.work_us.p99 for each in found if each.ticks.work_us.p99 is not None])
+        run = statistics.median([each.ticks.run / each.ticks.due for each in found])
+        asked = (work_us <= MOST_WORK_US[rate_hz], run >= LEAST_RUN)
+        well = well and all(asked)
+        rows += [
+            (f"{rate_hz} Hz: a tick, p50", f"{work_us:.0f} µs", f"at most {MOST_WORK_US[rate_hz]:g}", reached(asked[0])),
+            ("  p99", f"{tail_us:.0f} µs", "", ""),
+            ("  ticks that ran", f"{100 * run:.1f} %", f"at least {100 * LEAST_RUN:g}", reached(asked[1])),
+        ]  # fmt: skip
+    console.print(plain_table((f"{people} people", "measured", "asked", ""), rows))
+    console.print(f"load of this machine: {machine.load():.1f}; {os.cpu_count()} processors")
+    return 0 if well else 1
+
+
+def _session(folder: Path, rate_hz: int, people: int, seconds: float) -> list[ClientAccount]:
+    """Run an encrypted server and its clients as processes; return the clients' accounts. Raises Problem where one fails."""
+    settings = load(shipped("three-users"), {"rates.device_hz": rate_hz})
+    write_settings(folder, settings)
+    names = [user.name for user in settings.users[:people]]
+    common = ["--into", str(folder)]
+    serve = ["serve", str(folder / SETTINGS), "--port", "0", "--seal", "--state", str(folder / "state"), *common]
+    with start_cogrip(*serve, "--seconds", str(seconds + 60.0)) as server:
+        link = wait_for_line(server, _LINK)[1]
+        join = ["join", link, "--seconds", str(seconds), *common]
+        clients = [start_cogrip(*join, "--name", name) for name in names]
+        try:
+            ended = [output_at_end(client, seconds + _END_LIMIT_S) for client in clients]
+        finally:
+            server.send_signal(signal.SIGTERM)
+        ended.append(output_at_end(server, _END_LIMIT_S))
+    if failed := [printed for printed, well in ended if not well]:
+        raise Problem("a session failed:\n" + "\n".join(failed))
+    return [account for account in read_accounts(folder, names).values() if account is not None]
