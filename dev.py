@@ -4,7 +4,7 @@ usage: python3 dev.py COMMAND [ARGS...]
 
   setup      make .venv: every package from requirements.lock, checked by hash, and cogrip itself, editable
   demo       set up, then `cogrip demo ARGS`
-  test       set up, then `pytest ARGS`; without ARGS the suite on three processes, in about 5 minutes on two cores
+  test       set up, then `pytest ARGS`; without ARGS the suite on three processes, in about 4 minutes on two cores
              --quick: units only, in under a minute; --all: also the long tests and every example of each law, then the
              benchmarks of every impaired network and of half an hour of live sessions: about two hours
   bench      set up, then a benchmark: `python3 dev.py bench --help` lists them

@@ -176,6 +176,7 @@ print("lacks:", json.dumps(examine().lacks))
 """
 
 
+@pytest.mark.long
 @linux
 def test_commands_run_and_what_windows_cannot_is_refused_in_one_line(tmp_path: Path) -> None:
     said = on_windows("-c", COMMANDS, cwd=tmp_path)

@@ -100,6 +100,7 @@ def test_what_if_goes_by_the_recorded_devices_and_says_its_verdict(cogrip: Cogri
     assert "warning: NOT stable: spectral radius" in err
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("no_pictures", "no_probes", "no_workers")
 def test_methods_are_compared_where_they_are_unstable_but_not_beyond_their_devices(cogrip: Cogrip) -> None:
     compare = ["compare", DEMO, "--profiles", "own", "--seeds", 1, "--workers", 1, "--set", "seconds=2", "--out", "out"]

@@ -14,6 +14,7 @@ from tests.cli.spoiled_runs import FILES
 LIVE = Path(__file__).resolve().parents[1] / "recordings" / "live"
 
 
+@pytest.mark.long
 def test_another_world_leaves_a_run_and_a_comparison(run: Path, cogrip: Cogrip) -> None:
     said = cogrip.out("replay", run, "--what-if", "--set", "coupling.stiffness_npm=300", "--runs", "other")
     (folder,) = Path("other").iterdir()

@@ -91,6 +91,7 @@ def course(world: LocalScene, seed: int, frames: int) -> list[object]:
     return [*seen, world.save()]
 
 
+@pytest.mark.long
 def test_it_goes_on_bit_for_bit_where_it_was_saved() -> None:
     states = set()
     for frames in (10, 130, 200, 500):

@@ -194,6 +194,7 @@ def test_words_name_the_bound(device: str, b: float, bound: str) -> None:
     assert advice.users[0].impedance_bound == bound.split()[1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "overrides",
     [

@@ -179,6 +179,7 @@ def test_a_live_server_bounds_the_time_of_a_step() -> None:
     assert world_in(server.core.rooms[0]).limited is call_limit
 
 
+@pytest.mark.long
 def test_after_a_kill_the_next_server_goes_on_where_the_world_was() -> None:
     laboratory = Laboratory(load(EXAMPLES / "soft_line.toml", ["seconds=3"]))
     for _ in range(200):

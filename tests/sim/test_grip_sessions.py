@@ -239,6 +239,7 @@ def test_an_impedance_that_is_chosen_takes_the_grippers_along(scene: dict[str, A
     assert least(held) >= 0.0
 
 
+@pytest.mark.long
 def test_a_person_without_a_gripper_is_as_without_the_one_beside(scene: dict[str, Any], tmp_path: Path) -> None:
     """Their hand is away from all: force and waves of three axes, the same to the bit, whoever is in the next seat."""
     ben = {"name": "ben", "device": "sim:phantom", "hand": "reach&amplitude_m=-0.02", "side": "right"}

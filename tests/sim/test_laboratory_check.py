@@ -163,6 +163,7 @@ def test_words_of_what_was_felt(values: tuple[float | None, ...], expected: str)
     assert words(values) == expected
 
 
+@pytest.mark.long
 def test_nobody_with_a_load_has_nothing_to_miss(wifi: tuple[Settings, Check]) -> None:
     _, found = wifi
     alone = replace(found, felt_npm={})

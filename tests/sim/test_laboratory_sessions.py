@@ -101,6 +101,7 @@ def test_the_papers_step_diverges_there() -> None:
     assert summary["seconds"] < 4.5
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("stiffness", "frames", "diverges"),
     [long(3000.0, 0, False), (500.0, 1, False), long(4500.0, 0, True), (1500.0, 1, True)],

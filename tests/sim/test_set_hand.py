@@ -99,6 +99,7 @@ def test_changes_under_load_are_passive_as_well(profile: str, kind: str) -> None
     assert steps[0] <= 1000.0 / 1024 * (1.0 + 1e-9)
 
 
+@pytest.mark.long
 def test_a_session_with_changes_replays_bit_by_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run = Laboratory.run
 

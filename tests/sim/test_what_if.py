@@ -187,7 +187,7 @@ def test_positions_are_the_recorded_ones_whatever_the_world(
         assert np.array_equal(before["force_n"][:-1], after["force_n"][:-1]) == (not changes), name
 
 
-@pytest.mark.sample(1)
+@pytest.mark.long
 @pytest.mark.parametrize("hands", ["same", long("impedance"), "positions"])
 def test_a_live_session_can_be_asked_as_well(tmp_path: Path, hands: Hands) -> None:
     run = open_run(LIVE)
