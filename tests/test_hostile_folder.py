@@ -104,7 +104,7 @@ def test_workers_of_a_replay_of_several(folder: Path, tmp_path: Path) -> None:
     at_once = (
         "import os, cogrip.cli.runs.replay\ncogrip.cli.runs.replay.WORTH_WORKERS_BYTES, os.cpu_count = 0, lambda: 2\n"
     )
-    assert "bit by bit" in ran_in(folder, "replay", run, "--verify", code=at_once + SCRIPT)
+    assert "bit for bit" in ran_in(folder, "replay", run, "--verify", code=at_once + SCRIPT)
 
 
 @pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="needs Linux: pseudo-terminals and pidfd")

@@ -180,6 +180,6 @@ print("lacks:", json.dumps(examine().lacks))
 @linux
 def test_commands_run_and_what_windows_cannot_is_refused_in_one_line(tmp_path: Path) -> None:
     said = on_windows("-c", COMMANDS, cwd=tmp_path)
-    assert said.count("equal, bit by bit") == 3
+    assert said.count("equal, bit for bit") == 3
     assert "HIGH_PRIORITY_CLASS" in said.partition("lacks:")[2]
     assert (tmp_path / "page.html").stat().st_size > 100_000

@@ -69,4 +69,4 @@ def test_a_file_that_ends_within_its_header_cannot_be_recovered(run: Path, cogri
     cogrip.refuses("ends before it says what it is; nothing of it can be saved", "recover", run / ANNA)
     said, problems = cogrip.texts("replay", run, "--verify", code=1)
     assert "nothing of it can be saved" in said + problems
-    assert f"{BEN}: equal, bit by bit" in said
+    assert f"{BEN}: equal, bit for bit" in said

@@ -23,11 +23,11 @@ def test_a_run_that_plays_again(run: Path, cogrip: Cogrip) -> None:
     for file in FILES:
         what = "steps" if file == SERVER else "ticks"
         assert re.search(
-            rf"^{file}: equal, bit by bit: \d+ messages, {ticks(file)} {what}, 0\.4\d\d s$", said, re.MULTILINE
+            rf"^{file}: equal, bit for bit: \d+ messages, {ticks(file)} {what}, 0\.4\d\d s$", said, re.MULTILINE
         )
     assert len(said.splitlines()) == 3
     said = cogrip.out("replay", run / BEN, "--verify")
-    assert said.startswith(f"{BEN}: equal, bit by bit: ")
+    assert said.startswith(f"{BEN}: equal, bit for bit: ")
     assert len(said.splitlines()) == 1
 
 
@@ -46,7 +46,7 @@ def test_the_first_difference_is_named_with_time_field_and_both_values(run: Path
     there, here = (json.dumps(value) for value in values)
     assert f"{ANNA}: differs at 0.250000 s in /anna/tick force_n[0]: recorded {there}, replayed {here}" in said
     assert re.search(rf"^{ANNA}: equal until then: \d+ messages, 25\d ticks, 0\.\d+ s$", said, re.MULTILINE)
-    assert f"{BEN}: equal, bit by bit" in said, "the others are compared all the same"
+    assert f"{BEN}: equal, bit for bit" in said, "the others are compared all the same"
 
 
 def test_another_input_makes_another_run(run: Path, cogrip: Cogrip) -> None:
@@ -94,7 +94,7 @@ def test_the_answer_as_json(run: Path, cogrip: Cogrip) -> None:
 
 
 def test_json_into_a_file(run: Path, cogrip: Cogrip) -> None:
-    assert "equal, bit by bit" in cogrip.out("replay", run, "--verify", "--json", "answer.json")
+    assert "equal, bit for bit" in cogrip.out("replay", run, "--verify", "--json", "answer.json")
     assert json.loads(Path("answer.json").read_text())["exact"] is True
     problems = cogrip.err("replay", run, "--verify", "--json", "none/answer.json", code=1)
     assert "--json none/answer.json: cannot be written" in problems
@@ -109,7 +109,7 @@ def test_other_versions_are_said_before_not_after(run: Path, cogrip: Cogrip) -> 
     lines = said.splitlines()
     words = f"was recorded by other versions: numpy: 1.0.0 -> {here.numpy}; machine: riscv64 -> {here.machine}"
     assert lines[:2] == [f"note: {ANNA} {words}", f"note: {SERVER} {words}"]
-    assert all("equal, bit by bit" in line for line in lines[2:])
+    assert all("equal, bit for bit" in line for line in lines[2:])
     (anna,) = [each for each in cogrip.answer("replay", run, "--verify")["files"] if each["file"] == ANNA]
     assert anna["versions"] == [f"numpy: 1.0.0 -> {here.numpy}", f"machine: riscv64 -> {here.machine}"]
 
@@ -117,14 +117,16 @@ def test_other_versions_are_said_before_not_after(run: Path, cogrip: Cogrip) -> 
 def test_a_damaged_chunk_is_a_hole_with_its_times(run: Path, cogrip: Cogrip) -> None:
     damage(run / BEN)
     said = cogrip.out("replay", run, "--verify", code=1)
-    assert re.search(rf"^{BEN}: equal up to a hole, bit by bit: \d+ messages, \d+ ticks, 0\.\d+ s$", said, re.MULTILINE)
+    assert re.search(
+        rf"^{BEN}: equal up to a hole, bit for bit: \d+ messages, \d+ ticks, 0\.\d+ s$", said, re.MULTILINE
+    )
     hole = re.search(
         rf"^{BEN}: damaged chunk \(.*\), from (0\.\d+) s to (0\.\d+) s \(\d+ bytes at \d+\): nothing after can be compared$",
         said, re.MULTILINE,
     )  # fmt: skip
     assert hole, said
     assert 0.0 < float(hole[1]) < float(hole[2]) < 0.5
-    assert f"{ANNA}: equal, bit by bit" in said
+    assert f"{ANNA}: equal, bit for bit" in said
 
 
 def test_what_was_cut_is_recovered_when_it_is_opened_and_that_is_said(run: Path, cogrip: Cogrip) -> None:
@@ -137,7 +139,7 @@ def test_what_was_cut_is_recovered_when_it_is_opened_and_that_is_said(run: Path,
     found = re.search(note, problems, re.MULTILINE)
     assert found, problems
     assert int(found[1]) == sum(1 for _ in open_recording(recovered).messages())
-    assert "client-anna.recovered.mcap: equal, bit by bit" in said
+    assert "client-anna.recovered.mcap: equal, bit for bit" in said
     assert (run / ANNA).read_bytes() == before
     said, problems = cogrip.texts("replay", run, "--verify")
     assert problems == ""
@@ -162,7 +164,7 @@ def test_an_unreadable_part_is_named_and_the_run_is_not_exact(run: Path, cogrip:
     (run / BEN).write_bytes(b"something else")
     said = cogrip.out("replay", run, "--verify", code=1)
     assert f"note: {run / BEN} is not a recording" in said
-    assert f"{ANNA}: equal, bit by bit" in said
+    assert f"{ANNA}: equal, bit for bit" in said
     answer = cogrip.answer("replay", run, "--verify", code=1)
     assert answer["exact"] is False
     assert answer["unreadable"] == [str(run / BEN)]

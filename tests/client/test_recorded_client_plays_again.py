@@ -1,4 +1,4 @@
-"""A recorded client plays again bit by bit, whatever happened to it."""
+"""A recorded client plays again bit for bit, whatever happened to it."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Recordings of live processes play again bit by bit, for every settings file, on three axes or more, through a bad network."""
+"""Recordings of live processes play again bit for bit: every settings file, three axes or more, a bad network."""
 
 import signal
 import tomllib

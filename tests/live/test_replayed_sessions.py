@@ -105,7 +105,7 @@ def test_a_recorded_hand_moves_again_as_it_moved_with_a_new_partner(
     for name, folder in again.items():
         capsys.readouterr()
         assert main(["replay", str(folder), "--verify"]) == 0, (name, capsys.readouterr().out)
-        assert "equal, bit by bit" in capsys.readouterr().out
+        assert "equal, bit for bit" in capsys.readouterr().out
 
     merged = tmp_path / "merged"  # on one machine all clocks are one
     assert main(["merge", *map(str, again.values()), "--out", str(merged)]) == 0

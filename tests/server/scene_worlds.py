@@ -85,7 +85,7 @@ def adversary(world: SceneWorld, seed: int) -> Callable[[Array], Array]:
 
 
 def course(world: SceneWorld, seed: int, frames: int) -> str:
-    """Step through waves at random; return the last answer and the state, bit by bit."""
+    """Step through waves at random; return the last answer and the state, bit for bit."""
     random = np.random.default_rng(seed)
     bits = b""
     for _ in range(frames):

@@ -1,4 +1,4 @@
-"""A recorded server plays again bit by bit, whoever came and whatever they said."""
+"""A recorded server plays again bit for bit, whoever came and whatever they said."""
 
 import json
 from collections.abc import Sequence

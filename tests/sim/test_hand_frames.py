@@ -131,7 +131,7 @@ def test_a_clutch_in_contact_lets_the_hand_go_without_a_step_of_force() -> None:
 @pytest.mark.parametrize("profile", ["lan", *map(long, ("wifi", "wan", "lte", "satellite"))])
 @pytest.mark.parametrize("kind", [long("cube"), "wall"])
 def test_two_people_of_different_scales_are_passive_and_replay_exactly(tmp_path: Path, profile: str, kind: str) -> None:
-    """Lines keep their credit, devices their reserve, and every end plays again bit by bit."""
+    """Lines keep their credit, devices their reserve, and every end plays again bit for bit."""
     press = "2@1.0+0.4,2@2.1+0.3"
     settings = resolve({
         "seconds": 3.5, "object": {"kind": kind, "axes": 3}, "link": {"profile": profile},

@@ -1,4 +1,4 @@
-"""Sessions recorded by an earlier version play again bit by bit. Meant to change: `python3 dev.py rerecord`."""
+"""Sessions recorded by an earlier version play again bit for bit. Meant to change: `python3 dev.py rerecord`."""
 
 import json
 import platform

@@ -225,7 +225,7 @@ def test_the_linear_model_of_unlike_rates_is_that_of_their_session(scheme: str, 
 
 @pytest.mark.long
 def test_a_run_of_unlike_rates_replays(tmp_path: Path) -> None:
-    """It replays bit by bit, and with the same hands again, which begin when they began."""
+    """It replays bit for bit, and with the same hands again, which begin when they began."""
     table = world(64, [4096, 1024], seconds=0.5, link={"delay_ms": 10, "loss": 0.1, "jitter_ms": 5})
     ran = run_laboratory(resolve(table), tmp_path, begins=(0, 16 * 16)).summary
     rates, ticks = {}, {}

@@ -1,4 +1,4 @@
-"""Verification of whole runs: bit by bit for every shipped session over bad links, and nothing altered goes unnoticed."""
+"""Verification of whole runs: bit for bit for every shipped session over bad links, and nothing altered goes unnoticed."""
 
 import json
 import shutil
@@ -371,7 +371,7 @@ def test_a_recording_of_something_else_is_refused(anna: Recorded) -> None:
 
 def test_the_command_says_equal_or_where_not(folder: Path, anna: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", str(folder / "client-anna.mcap"), "--verify"]) == 0
-    assert "client-anna.mcap: equal, bit by bit" in capsys.readouterr().out
+    assert "client-anna.mcap: equal, bit for bit" in capsys.readouterr().out
     at = anna.of("tick")[100]
     tick = msgspec.json.decode(anna.messages[at].payload, type=Tick)
     anna.altered(at, encode(msgspec.structs.replace(tick, work_j=0.125)))

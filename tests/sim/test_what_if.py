@@ -202,7 +202,7 @@ def test_a_live_session_can_be_asked_as_well(tmp_path: Path, hands: Hands) -> No
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("late_ns", [long(0), 3_000_000, long(125_000_000), 203_125_000])
 def test_people_begin_when_they_began(run: RunRecords, spoiled: Path, tmp_path: Path, late_ns: int) -> None:
-    """People begin at the nearest frame and keep their seats until then; the result replays bit by bit."""
+    """People begin at the nearest frame and keep their seats until then; the result replays bit for bit."""
     rewrite(spoiled / "client-ben.mcap", late_ns=late_ns)
     other = what_if(open_run(spoiled), {}, "positions")
     assert other.begins == (0, round(late_ns * 128e-9) * 8)

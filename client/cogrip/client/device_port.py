@@ -170,7 +170,7 @@ class DevicePort:
 
     @property
     def paying_nspm(self) -> float:
-        """Damping that pays for what a late damper gives, bit by bit: none until a quarter of the free part is used up."""
+        """Damping that pays, a little at a time, for what a late damper gives: none until a quarter of the free is used."""
         used = -self.balance_j / self._free_j
         return 0.0 if used <= UNPAID else PAYING * self.carried_nspm * min(1.0, (used - UNPAID) / (1.0 - UNPAID))
 

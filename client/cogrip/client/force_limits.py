@@ -92,7 +92,7 @@ class ForceLimits:
         return [value * scale for value in force_n]
 
     def follow(self, wanted: tuple[float, ...], gap: bool, fall: float) -> tuple[float, ...]:
-        """Return the force that goes to the motors for a wish, and enter its heat. fall: of the peak, let through in a gap."""
+        """Return the force for the motors, limited in slope, and heat them. fall: of the peak a tick, allowed in a gap."""
         if gap or self._soft_left:
             wanted = self._soften(wanted, gap, fall)
         if dist(wanted, self.out) > self._slope_n:

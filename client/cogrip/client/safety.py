@@ -24,12 +24,12 @@ from cogrip.protocol.setting_types import PLACES
 RAMP_IN_S = 0.3
 RAMP_OUT_S = 0.1
 FAULT_OUT_S = 0.015
-STALL_S = 0.02  # time without samples, less FORGIVEN, after which the device has stalled
-FORGIVEN = 0.5  # of a tick without a sample, by each that comes
+STALL_S = 0.02  # of ticks without a sample, in a leaky counter: a device that reaches it has stalled
+FORGIVEN = 0.5  # ticks that each sample takes off that counter
 WATCHDOG_S = 0.1  # time without a tick after which the watchdog ends the force: the hand held an old one
 AT_LIMIT_S = 0.5  # time at its limit after which a force has diverged
 WARNED = "near thermal limit"  # counted before anything is limited
-WARM_S = 10.0  # for which warm motors may hold the force down, less the time in which they do not: then it is a fault
+WARM_S = 10.0  # of thermal derating, in a counter that falls while there is none: at more it is a fault
 
 State = Literal["idle", "calibrating", "armed", "live", "clutched", "degraded", "fault"]
 Transition = Literal["open", "calibrated", "go", "stale", "fresh", "clutch", "engage", "rearm", "fail", "stop"]

@@ -1,4 +1,6 @@
-"""Table of the coupling schemes, by the name in `coupling.kind`. A new scheme is one more row."""
+"""Table of the coupling schemes, by the name in `coupling.kind`. A new one also needs a row at the
+server, a message and more: docs/design.md, "How is a coupling scheme added?".
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass

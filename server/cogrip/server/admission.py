@@ -1,4 +1,6 @@
-"""Admission: the answer to a hello. Who knows tokens and the date (an authenticator) is the driver's, and so is chance."""
+"""Admission: the answer to a hello. The loop around the core passes in the authenticator, which knows tokens and the date, and
+the source of random numbers.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -47,9 +47,9 @@ def replay(
     runs: Runs = Path("runs"),
     json: Json = None,
 ) -> int:
-    """Replay a recorded session: bit by bit, or as what-if.
+    """Replay a recorded session: bit for bit, or as what-if.
 
-    --verify feeds the recorded inputs into the same cores and compares every output bit by bit; exit code 1 and the
+    --verify feeds the recorded inputs into the same cores and compares every output bit for bit; exit code 1 and the
     first difference if there is one. --what-if runs the same hands with other settings, in virtual time, and compares; exit
     code 0 only if that run was passive and stable, devices included.
 
@@ -124,7 +124,7 @@ def _words(file: str, verdict: Verdict) -> list[str]:
         lines.append(f"differs at {at_s:.6f} s in {where}: recorded {found.recorded}, replayed {found.replayed}")
         lines.append(f"equal until then: {played}")
     else:
-        lines.append(f"{'equal' if verdict.exact else 'equal up to a hole'}, bit by bit: {played}")
+        lines.append(f"{'equal' if verdict.exact else 'equal up to a hole'}, bit for bit: {played}")
     if isinstance(verdict.hole, Gap):
         lines.append(
             f"{verdict.hole.messages} messages are missing ({verdict.hole.reason}): nothing after can be compared"

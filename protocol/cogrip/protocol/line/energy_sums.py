@@ -56,7 +56,7 @@ class CompensatedSum:
 
 
 class WaveSums:
-    """Sums of rows and of their squares, axis by axis, shape (axes,). Both ends of a line add in the same order, bit by bit.
+    """Sums of rows and of their squares, axis by axis, shape (axes,). Both ends of a line add in the same order, bit for bit.
 
     total    [sqrt(W)]
     squares  [W]

@@ -1,1 +1,1 @@
-"""Recordings played again: `verify` (the same cores, bit by bit), `what_if` (the same hands in another world)."""
+"""Recordings played again: `verify` (the same cores, bit for bit), `what_if` (the same hands in another world)."""
