@@ -185,7 +185,8 @@ class RemoteRooms:
             ours, theirs = socket.socketpair()
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-m", MODULE, str(theirs.fileno())],
-                stdin=subprocess.DEVNULL, **system.own_session(theirs.fileno()),
+                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,  # Ray says much of each death
+                **system.own_session(theirs.fileno()),
             )  # fmt: skip
             theirs.close()
             self._word_s = time.monotonic()

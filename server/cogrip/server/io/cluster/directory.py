@@ -14,6 +14,7 @@ LOST_S = 1.5  # without a report, of a process that serves
 START_S = 30.0  # likewise, of one that is being started; it may have to wait for the one before
 SUSPECT_S = 15.0  # for which no room is placed on a host that lost one, if there is another
 RETRY_S = 2.0  # after a start that failed
+SETTLE_S = 8.0  # for which a directory that has just begun waits for hosts that it has not heard yet
 GAP_S = 0.5  # between two calls: longer ones are this process's own
 
 
@@ -180,10 +181,10 @@ class Directory:
         moving = f"its rooms move: {', '.join(rooms)}" if rooms else "it has no rooms"
         return f"no room is placed on {found[0].address} ({found[0].name[:8]}) any more; {moving}", True
 
-    def look(self, hosts: Sequence[Host], now_s: float) -> list[Start]:
-        """Return the processes that are to be started now, on these hosts."""
+    def look(self, hosts: Sequence[Host], now_s: float, all_heard: bool = True) -> list[Start]:
+        """Return the processes that are to be started now, on these hosts. all_heard: no other host has said nothing yet."""
         self._pass(now_s)
-        if now_s - self._born_s < LOST_S:  # rooms that are served already are heard of meanwhile
+        if now_s - self._born_s < (LOST_S if all_heard else SETTLE_S):  # rooms that are served are heard of meanwhile
             return []
         started = []
         for name, room in self._rooms.items():

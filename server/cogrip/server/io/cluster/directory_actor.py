@@ -88,7 +88,8 @@ class DirectoryActor:
 
         ready = self._ready()
         names = [host.name for host in ready]
-        for start in self._directory.look(ready, time.monotonic()):
+        all_heard = all(host.name in self._heard for host in self._living())
+        for start in self._directory.look(ready, time.monotonic(), all_heard):
             with suppress(ValueError):  # it has died: the room is missed
                 ray.get_actor(actor_of(start.host), NAMESPACE).serve.remote(tuple(start), names)
         now_s = time.monotonic()

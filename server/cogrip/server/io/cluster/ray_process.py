@@ -9,6 +9,7 @@ import os
 import socket
 import sys
 import threading
+import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -40,7 +41,7 @@ CALL_S = 3.0  # for an answer of the directory
 ORDER_S = 3.8  # for an answer of a room
 END_S = 15.0
 CALLERS = 8
-MOST_SILENT = 5  # calls of the directory, after which Ray is connected anew
+SILENT_S = 20.0  # without an answer of the directory: Ray is connected anew
 
 
 class RayFront(msgspec.Struct, frozen=True):
@@ -80,8 +81,9 @@ class RayProcess:
     def run(self) -> int:
         """Ask the directory again and again. Return the exit code."""
         threading.Thread(target=self._obey, daemon=True).start()
-        ray, directory, silent, next_line = self._ray, None, 0, None
-        while silent < MOST_SILENT:
+        ray, directory, next_line = self._ray, None, None
+        heard_s = time.monotonic()
+        while time.monotonic() - heard_s < SILENT_S:
             try:
                 directory = directory or self._directory()
                 with self._asking:
@@ -89,10 +91,10 @@ class RayProcess:
                         break
                     asked = directory.front.remote(self._front.place, dict(self._jobs), next_line)
                     told: Told = ray.get(asked, timeout=CALL_S)
-                next_line, silent = told.next_line, 0
+                next_line, heard_s = told.next_line, time.monotonic()
                 self._send(State(told))
             except (ray.exceptions.RayError, ValueError):  # it is being started again, or was ended
-                directory, silent = None, silent + 1
+                directory = None
                 self._send(Silent())
             self._closing.wait(EVERY_S)
         if self._closing.is_set():

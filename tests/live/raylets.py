@@ -1,0 +1,81 @@
+"""Raylets of a Ray cluster on this machine, and a real kill -9 of one with all that it has started."""
+
+import os
+import signal
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+NODE = {"num_cpus": 1, "object_store_memory": 100 * 1024 * 1024, "include_dashboard": False}
+START_S = (
+    180.0  # Ray itself waits 30 s for a raylet, and a raylet as long for its agent: few, where others compute here too
+)
+LOOK_S = 0.5
+
+
+@contextmanager
+def raylets(more: int, port: int = 0) -> Iterator[Any]:
+    """Start a cluster: a head at this port, and so many more raylets. Yields `ray.cluster_utils.Cluster`."""
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    os.environ["RAY_agent_register_timeout_ms"] = str(round(START_S * 1e3))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from ray._private import services
+        from ray.cluster_utils import Cluster
+    quick = services.get_node
+    services.get_node = _patient(quick)
+    cluster: Any = Cluster()
+    try:
+        cluster.add_node(**NODE, **({"gcs_server_port": port} if port else {}))
+        for _ in range(more):
+            cluster.add_node(**NODE)
+        yield cluster
+    finally:
+        services.get_node = quick
+        cluster.shutdown()
+
+
+def _patient(get_node: Callable[..., Any]) -> Callable[..., Any]:
+    def found(*arguments: Any, **keywords: Any) -> Any:
+        until_s = time.monotonic() + START_S
+        while True:
+            try:
+                return get_node(*arguments, **keywords)
+            except RuntimeError:
+                if time.monotonic() > until_s:
+                    raise
+                time.sleep(LOOK_S)
+
+    return found
+
+
+def descendants(pid: int) -> list[int]:
+    """Return a process and all that it, and they, have started."""
+    children: dict[int, list[int]] = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+            except OSError:
+                continue
+            children.setdefault(parent, []).append(int(entry.name))
+    found, todo = [], [pid]
+    while todo:
+        found.append(todo.pop())
+        todo += children.get(found[-1], [])
+    return found
+
+
+def raylet_of(node: Any) -> int:
+    """Return the process id of a node's raylet."""
+    return int(node.all_processes["raylet"][0].process.pid)
+
+
+def kill(pids: list[int]) -> None:
+    """End processes with -9."""
+    for pid in pids:
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
