@@ -19,8 +19,7 @@ LOOK_S = 0.5
 @contextmanager
 def raylets(more: int, port: int = 0) -> Iterator[Any]:
     """Start a cluster: a head at this port, and so many more raylets. Yields `ray.cluster_utils.Cluster`."""
-    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-    os.environ["RAY_agent_register_timeout_ms"] = str(round(START_S * 1e3))
+    os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_agent_register_timeout_ms": str(round(START_S * 1e3))}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         from ray._private import services

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from tests.live.held_arms import fairly, until
-from tests.live.raylets import NODE, descendants, kill, raylet_of, raylets
+from tests.live.raylets import descendants, kill, raylet_of, raylets
 from tests.live.test_cluster import Fronts, home_of, leave
 
 pytestmark = [

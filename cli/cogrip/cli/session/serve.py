@@ -143,7 +143,7 @@ def serve(
     with ExitStack() as stack:
         line = open_trigger(trigger, stack)
         state_folder = held_folder(state, port, encrypted, say, stack)
-        state_folder = shared_folder(state_folder, shared)
+        state_folder = shared_folder(state_folder, shared, encrypted)
         key_folder = state_folder if encrypted else None
         authenticator = authenticator_of(key_folder, say)
         shown = _Shown(public, links, view, insecure, metrics)
