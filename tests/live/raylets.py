@@ -19,7 +19,11 @@ LOOK_S = 0.5
 @contextmanager
 def raylets(more: int, port: int = 0) -> Iterator[Any]:
     """Start a cluster: a head at this port, and so many more raylets. Yields `ray.cluster_utils.Cluster`."""
-    os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_agent_register_timeout_ms": str(round(START_S * 1e3))}
+    os.environ |= {
+        "RAY_USAGE_STATS_ENABLED": "0",
+        "RAY_agent_register_timeout_ms": str(round(START_S * 1e3)),
+        "RAY_raylet_start_wait_time_s": str(round(START_S)),
+    }
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         from ray._private import services

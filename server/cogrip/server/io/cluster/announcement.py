@@ -14,8 +14,9 @@ from typing import Literal
 
 import msgspec
 
-from cogrip.server.io.state_folder import StateError, StateFolder, read_private, write_private
+from cogrip.server.io.state_folder import StateError, StateFolder, locked, read_private, write_private
 
+LOCK_S = 2.0
 State = Literal["served", "alone", "claimed", "ended"]
 
 
@@ -43,15 +44,16 @@ class AnnouncementFile:
         except (StateError, FileNotFoundError, msgspec.DecodeError, UnicodeDecodeError):
             return None
 
-    def write(self, number: int, place: str, state: State) -> None:
-        """Announce. Raises StateError."""
-        write_private(self.path, msgspec.json.encode(Announcement(self._room, number, place, state, os.getpid())))
+    def write(self, number: int, place: str, state: State) -> Announcement | None:
+        """Announce, or return what a later process has announced. Raises StateError."""
+        busy = f"{self.path}: another process has held it for {LOCK_S:g} s; look at its host"
+        with locked(self.path.with_suffix(".lock"), busy, LOCK_S):
+            found = self.read()
+            if found is not None and found.number > number:
+                return found
+            write_private(self.path, msgspec.json.encode(Announcement(self._room, number, place, state, os.getpid())))
+        return None
 
     def remove(self) -> None:
         """Announce nothing any more."""
         self.path.unlink(missing_ok=True)
-
-
-def claimed_by_another(found: Announcement | None, number: int) -> bool:
-    """Return whether a later process than this one has the room, or is to have it."""
-    return found is not None and found.number > number

@@ -5,7 +5,7 @@ import time
 from contextlib import suppress
 from typing import Literal
 
-from cogrip.server.io.cluster.announcement import Announcement, AnnouncementFile, State, claimed_by_another
+from cogrip.server.io.cluster.announcement import Announcement, AnnouncementFile, State
 from cogrip.server.io.state_folder import StateError, StateFolder
 
 LOOK_S = 0.1
@@ -30,7 +30,8 @@ class Guard:
         found = self._file.read()
         if found is None or found.state != "alone" or found.number >= self.number:
             return
-        self._write(self.number, found.place, "claimed")
+        with suppress(StateError):
+            self._file.write(self.number, found.place, "claimed")
         until_s = time.monotonic() + CLAIM_S
         while time.monotonic() < until_s:
             found = self._file.read()
@@ -56,7 +57,8 @@ class Guard:
     def ended(self) -> None:
         """Announce that this process has ended, and its checkpoint is there."""
         claimer = self._claimer
-        self._write(claimer.number if claimer else self.number, self._place, "ended")
+        with suppress(StateError):  # the next process waits for it for a moment
+            self._file.write(claimer.number if claimer else self.number, self._place, "ended")
 
     def close(self, remove: bool) -> None:
         """Look no more. remove: nobody resumes."""
@@ -71,17 +73,13 @@ class Guard:
         told: State | None = None
         while not self._closing and not self.claimed:
             state: State = "alone" if self._alone.is_set() else "served"
-            if state == "alone" or state != told:
+            found: Announcement | None = None
+            if state != told:
+                with suppress(StateError):  # it is tried again
+                    found, told = self._file.write(self.number, self._place, state), state
+            elif state == "alone":
                 found = self._file.read()
-                if found is not None and claimed_by_another(found, self.number):
-                    self._claimer = found
-                    self.claimed = "hand over" if found.state == "claimed" else "lost"
-                    return
-                if state != told:
-                    self._write(self.number, self._place, state)
-                    told = state
+            if found is not None and found.number > self.number:
+                self._claimer = found
+                self.claimed = "hand over" if found.state == "claimed" else "lost"
             time.sleep(LOOK_S)
-
-    def _write(self, number: int, place: str, state: State) -> None:
-        with suppress(StateError):  # it is written with the next change; fronts have the directory meanwhile
-            self._file.write(number, place, state)
