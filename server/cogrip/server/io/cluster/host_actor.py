@@ -8,7 +8,7 @@ actor to go on: where Ray dies and the host does not, its people stay, until ano
 import os
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from contextlib import suppress
 from typing import Any
 
@@ -24,7 +24,8 @@ from cogrip.server.io.control import Answer, AnyOrder
 
 NAMESPACE, DIRECTORY = "cogrip", "directory"
 EVERY_S = 0.25  # a report
-HEAR_S = 1.0  # for which an answer of the directory may take
+HEAR_S = 1.0  # between two looks whether the directory has answered
+GIVE_UP_S = 10.0  # after which it is asked anew
 SILENT_S = 3.0  # without one: the rooms are told
 KEPT_S = 1.0  # for an answer of another host about a checkpoint
 HAND_OVER_S = 10.0
@@ -150,15 +151,25 @@ class HostActor:
 
         raylet, heard_s, directed = os.getppid(), time.monotonic(), True
         directory: Any = None
+        asked_s = heard_s
+        told: list[Report] = []  # in a call that has no answer yet: no other one is made meanwhile
+        asked: Any = None
         while os.getppid() == raylet and not self._ending:  # without it the cluster takes this host for dead
             self._news.wait(EVERY_S)
             self._news.clear()
             try:
                 directory = directory or ray.get_actor(DIRECTORY, NAMESPACE)
-                self._report(ray, directory)
-                heard_s = time.monotonic()
+                if asked is None:
+                    told = [process.report for process in list(self._rooms.values())]
+                    asked_s, asked = time.monotonic(), self._report(directory, told)
+                if ray.wait([asked], timeout=HEAR_S)[0]:
+                    answer, asked = asked, None
+                    self._obey_directory(told, *ray.get(answer))
+                    heard_s = time.monotonic()
+                elif time.monotonic() - asked_s > GIVE_UP_S:
+                    directory = asked = None
             except (RayError, ValueError):
-                directory = None
+                directory = asked = None
             heard = time.monotonic() - heard_s < SILENT_S
             if heard != directed:
                 directed = heard
@@ -169,18 +180,23 @@ class HostActor:
             self._template.close()
         os._exit(0)  # no other thread of Ray's may keep the actor
 
-    def _report(self, ray: Any, directory: Any) -> None:
-        """Tell the directory, and do what it says. Raises RayError."""
-        processes = list(self._rooms.items())
+    def _report(self, directory: Any, told: Sequence[Report]) -> Any:
+        """Tell the directory. Returns the call."""
         first, lines = self._lines.since(self._lines_taken)
-        told = [process.report for _, process in processes]
-        asked = directory.report.remote(self._host, list(map(tuple, told)), first, lines)
-        forbidden, self._lines_taken, self._hosts = ray.get(asked, timeout=HEAR_S)
-        for (key, process), report in zip(processes, told, strict=True):
-            if (report.room, report.number) in forbidden:
+        return directory.report.remote(self._host, list(map(tuple, told)), first, lines)
+
+    def _obey_directory(
+        self, told: Sequence[Report], forbidden: Set[tuple[str, int]], lines_taken: int, hosts: tuple[str, ...]
+    ) -> None:
+        """Do what the directory answers to what it was told."""
+        self._lines_taken, self._hosts = lines_taken, hosts
+        ended = {(report.room, report.number) for report in told if report.ended}
+        for at, process in list(self._rooms.items()):  # threads begin others meanwhile
+            key = process.report.room, process.report.number
+            if key in forbidden:
                 process.kill()
-                if report.ended:
-                    del self._rooms[key]
+                if key in ended:
+                    self._rooms.pop(at)
 
     def _replicate(self) -> None:
         """Send new checkpoints to another host, again and again; no report waits for one that has died."""

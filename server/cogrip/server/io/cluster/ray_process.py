@@ -37,7 +37,8 @@ from cogrip.server.io.cluster.pipe import (
 from cogrip.server.io.control import Answer
 
 EVERY_S = 0.2
-CALL_S = 3.0  # for an answer of the directory
+CALL_S = 3.0  # for an answer of the directory to an order
+FRONT_S = 10.0  # for its answer to the front
 ORDER_S = 3.8  # for an answer of a room
 END_S = 15.0
 CALLERS = 8
@@ -90,7 +91,7 @@ class RayProcess:
                     if self._closing.is_set():
                         break
                     asked = directory.front.remote(self._front.place, dict(self._jobs), next_line)
-                    told: Told = ray.get(asked, timeout=CALL_S)
+                    told: Told = ray.get(asked, timeout=FRONT_S)
                 next_line, heard_s = told.next_line, time.monotonic()
                 self._send(State(told))
             except (ray.exceptions.RayError, ValueError):  # it is being started again, or was ended

@@ -1,8 +1,6 @@
 """Process of a room as the actor of its host sees it: messages both ways over a link, and what it said last."""
 
-import os
 import select
-import signal
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -11,6 +9,7 @@ from cogrip.server.events import ServerEvent
 from cogrip.server.io.cluster.directory import Report
 from cogrip.server.io.cluster.template import Template
 from cogrip.server.io.control import Answer, AnyOrder
+from cogrip.server.io.platform import end_at_once
 from cogrip.server.io.workers.link import (
     Answered,
     AnyToWorker,
@@ -99,8 +98,7 @@ class RoomProcess:
     def kill(self) -> None:
         """End it at once."""
         if not self.report.ended:  # its id may be another's later
-            with suppress(ProcessLookupError):
-                os.kill(self._pid, signal.SIGKILL)
+            end_at_once(self._pid)
 
     def _send(self, message: AnyToWorker) -> None:
         with self._lock:
