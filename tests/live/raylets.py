@@ -1,7 +1,14 @@
-"""Raylets of a Ray cluster on this machine, and a real kill -9 of one with all that it has started."""
+"""Raylets of a Ray cluster on this machine, and a real kill -9 of one with all that it has started.
 
+`python -m tests.live.raylets RAYLETS PORT` starts some until its standard input ends, and prints `Started` as one line: who
+has started a head here ends where that is killed.
+"""
+
+import json
 import os
 import signal
+import subprocess
+import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -14,6 +21,7 @@ START_S = (
     180.0  # Ray itself waits 30 s for a raylet, and a raylet as long for its agent: few, where others compute here too
 )
 LOOK_S = 0.5
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @contextmanager
@@ -55,6 +63,36 @@ def _patient(get_node: Callable[..., Any]) -> Callable[..., Any]:
     return found
 
 
+class Apart:
+    """Head and another raylet, of a process of their own. address: HOST:PORT; head: processes; raylet: the other's."""
+
+    def __init__(self, port: int = 0) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tests.live.raylets", str(port)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL, text=True, start_new_session=True, env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )  # fmt: skip
+        assert self._process.stdout is not None
+        line = next((each for each in self._process.stdout if each.startswith("{")), "{}")
+        self.address, self.head, self.raylet = json.loads(line).values()
+
+    def stop(self) -> None:
+        """End what is left of it."""
+        kill([*descendants(self._process.pid), self.raylet])
+        self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                stream.close()
+
+
+def main(port: int) -> None:
+    """Start a head and another raylet; wait for the end of the input."""
+    with raylets(1, port) as cluster:
+        (node,) = cluster.worker_nodes
+        head = [each.process.pid for kind in cluster.head_node.all_processes.values() for each in kind]
+        print(json.dumps({"address": cluster.address, "head": head, "raylet": raylet_of(node)}), flush=True)
+        sys.stdin.read()
+
+
 def descendants(pid: int) -> list[int]:
     """Return a process and all that it, and they, have started."""
     children: dict[int, list[int]] = {}
@@ -82,3 +120,7 @@ def kill(pids: list[int]) -> None:
     for pid in pids:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))
