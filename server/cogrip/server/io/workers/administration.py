@@ -188,12 +188,14 @@ def merged(order: object, answers: Sequence[Answer], rooms: int) -> Answer:
         return answers[0]
     good = [answer for answer in answers if answer.ok]
     match order:
-        case Who():
+        case Who() if good:
             people = tuple(
                 sorted((who for each in good for who in each.people), key=lambda who: (who.room, who.seat is None))
             )
             more = len(people) - MOST_LISTED
             words = f"{len(people)} in {rooms} rooms" if people else "nobody is here"
+            silent = {answer.text for answer in answers if not answer.ok}
+            words = "; ".join([words, *sorted(silent)])
             return Answer(True, f"{words}; {more} are not listed" if more > 0 else words, people[:MOST_LISTED])
         case Reload() if len(good) == len(answers):
             return Answer(True, f"tokens were read again in {len(good)} rooms")
