@@ -18,6 +18,7 @@ from functools import partial
 import msgspec
 
 from cogrip.protocol.io.cluster_address import ClusterError as ClusterError
+from cogrip.protocol.io.cluster_address import probe
 from cogrip.protocol.io.platform import system
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.cluster import pipe
@@ -42,7 +43,14 @@ from cogrip.server.snapshot import Snapshot, decode
 
 SILENT_S = 2.0  # without the directory: the front says so, and looks into the shared folder
 LOOK_S = 1.0  # between two looks there
-AGAIN_S = (1.0, 2.0, 4.0, 8.0)  # between two tries to connect; the last for all that follow
+PROBE_S = 1.0  # between two looks whether the head is there
+AGAIN_S = (
+    1.0,
+    2.0,
+    5.0,
+    10.0,
+    20.0,
+)  # between two tries to connect; the last for all that follow: each starts a process
 HANGS_S = 30.0  # without a word of the process: another one is started
 BEGIN_S = 60.0
 MODULE = "cogrip.server.io.cluster.ray_process"
@@ -201,6 +209,17 @@ class RemoteRooms:
                 return
             time.sleep(AGAIN_S[min(tries, len(AGAIN_S) - 1)])
             tries += 1
+            self._await_head()
+
+    def _await_head(self) -> None:
+        """Wait until somebody listens at the address of the head, where it is known: that costs nothing."""
+        while self.fronts and not self._closing:
+            self._word_s = time.monotonic()
+            try:
+                probe(self._front.address)
+                return
+            except ClusterError:
+                time.sleep(PROBE_S)
 
     def _take(self, end: socket.socket) -> bool:
         """Take in a message. Returns whether the directory has told something."""
