@@ -4,14 +4,14 @@ Several raylets run on this machine, with rooms, fronts and people as real proce
 share its processors.
 """
 
-import os
 import signal
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -27,7 +27,8 @@ from cogrip.sim.runs.records import End
 
 from tests.bench.targets import reached
 from tests.live.held_arms import Spoken
-from tests.live.test_cluster import NODE, Fronts, descendants
+from tests.live.raylets import descendants, kill, raylet_of, raylets
+from tests.live.test_cluster import Fronts, rooms_of
 from tests.live.test_unauthenticated_peers import MOST_STEP_N, recording_of
 
 BACK_S = 5.0  # within which everybody is asked to have resumed
@@ -59,6 +60,7 @@ def bench_cluster(
     hosts: int = 3,
     rooms: int = 4,
     quiet: Annotated[float, Parameter(name="--seconds")] = QUIET_S,
+    checkpoints: Literal["folder", "memory"] = "folder",
     json: Json = None,
 ) -> int:
     """Kill a host of a cluster with -9, then drain another one, while a person holds in each room.
@@ -73,6 +75,8 @@ def bench_cluster(
         How many, with a person each.
     quiet
         How long the rooms are measured before and after each loss [s].
+    checkpoints
+        Where those are: in the shared folder, or in the memory of two hosts.
     """
     within("--hosts", hosts, 2, 8)
     within("--rooms", rooms, 2, 16)
@@ -81,9 +85,8 @@ def bench_cluster(
         raise Problem("a cluster needs Linux")
     console = make_console(stderr=json == "-")
     console.width = max(console.width, WIDTH)
-    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     try:
-        from ray.cluster_utils import Cluster
+        import ray  # noqa: F401
     except ImportError:
         raise Problem("this needs the package ray: python3 dev.py setup") from None
     started: list[Spoken] = []
@@ -92,40 +95,46 @@ def bench_cluster(
         started.append(Spoken(*map(str, arguments)))
         return started[-1]
 
-    cluster: Any = Cluster(initialize_head=True, head_node_args=NODE)
-    try:
-        with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base:
-            nodes = [cluster.add_node(**NODE) for _ in range(hosts - 1)]
-            names = tuple(f"room{number}" for number in range(rooms))
-            fronts = Fronts(start, Path(base), cluster.address, names)
-            people = {name: fronts.join(number % 2, name) for number, name in enumerate(names)}
-            doomed = descendants(nodes[0].all_processes["raylet"][0].process.pid)
-            head = cluster.head_node.node_id[:12]
-
-            def kill() -> None:
-                for each in doomed:
-                    os.kill(each, signal.SIGKILL)
-
-            losses = [
-                _lose("kill -9", kill, people, quiet),
-                _lose("drain", lambda: fronts.ask(1, "drain", head), people, quiet),
-            ]
-            for person in people.values():
-                person.popen.send_signal(signal.SIGINT)
-            for person in people.values():
-                person.end()
-            results = [_result(loss, people, Path(base) / "rooms", quiet) for loss in losses]
-    except AssertionError as error:
-        raise Problem(f"the session did not come to its end: {error}") from None
-    finally:
-        for process in reversed(started):
-            process.stop()
-        cluster.shutdown()
+    with ExitStack() as stack:
+        stack.callback(_stop, started)
+        base = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="cogrip-bench-")))
+        cluster = stack.enter_context(raylets(hosts - 1))
+        try:
+            losses, people = _lose_hosts(cluster, start, base, rooms, quiet, checkpoints)
+            results = [_result(loss, people, base / "rooms", quiet) for loss in losses]
+        except AssertionError as error:
+            raise Problem(f"the session did not come to its end: {error}") from None
     console.print(_table(results))
     well = all(result.well for result in results)
     if json is not None:
         write_json({"losses": msgspec.to_builtins(results), "reached": well}, json)
     return 0 if well else 1
+
+
+def _stop(started: Sequence[Spoken]) -> None:
+    for process in reversed(started):
+        process.stop()
+
+
+def _lose_hosts(
+    cluster: Any, start: Callable[..., Spoken], base: Path, rooms: int, quiet_s: float, checkpoints: str
+) -> "tuple[list[Loss], dict[str, Spoken]]":
+    """Kill a host that has rooms, and drain another one; then everybody leaves."""
+    names = tuple(f"room{number}" for number in range(rooms))
+    fronts = Fronts(start, base, cluster.address, names, "--checkpoints", checkpoints)
+    people = {name: fronts.join(number % 2, name) for number, name in enumerate(names)}
+    doomed = max(cluster.worker_nodes, key=lambda node: len(rooms_of(node)))
+    losses = [_lose("kill -9", lambda: kill(descendants(raylet_of(doomed))), people, quiet_s)]
+    drained = max(
+        (node for node in cluster.list_all_nodes() if node is not doomed), key=lambda node: len(rooms_of(node))
+    )
+    losses.append(_lose("drain", lambda: fronts.ask(1, "drain", drained.node_id[:12]), people, quiet_s))
+    for person in people.values():
+        person.popen.send_signal(signal.SIGINT)
+    for person in people.values():
+        person.end()
+    fronts.end()
+    return losses, people
 
 
 class Loss(NamedTuple):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cogrip.server.io.cluster.directory import GAP_S, LOST_S, START_S, Directory, Host, Report, Start
+from cogrip.server.io.cluster.directory import GAP_S, LOST_S, RETRY_S, SETTLE_S, START_S, Directory, Host, Report, Start
 
 HOSTS = [Host("aaaa1111", "10.0.0.1", 4.0), Host("bbbb2222", "10.0.0.2", 4.0)]
 EVERY_S = 0.25
@@ -111,6 +111,34 @@ def test_a_start_that_fails_is_tried_again_elsewhere(cluster: Cluster) -> None:
     first, second = cluster.started
     assert (first.number, second.number) == (1, 2)
     assert first.host != second.host
+
+
+def test_a_process_that_ends_is_replaced_at_once_and_one_that_cannot_begin_after_a_while(cluster: Cluster) -> None:
+    cluster.directory.offer({"attic": b""})
+    cluster.pass_by(5.0)
+    (key, report), *_ = cluster.running.items()
+    del cluster.running[key]
+    assert not cluster.directory.report(report._replace(place="", ended=True), cluster.now_s)
+    assert cluster.where() == {}
+    cluster.pass_by(EVERY_S)
+    assert [start.number for start in cluster.started] == [1, 2]
+    assert cluster.started[1].host != cluster.started[0].host, "the other host is tried"
+    cluster.running.clear()
+    failed = Report("", "attic", 2, cluster.started[1].host, b"", ended=True)
+    cluster.directory.report(failed._replace(number=3, ended=False), cluster.now_s)  # 3 is being started
+    assert not cluster.directory.report(failed._replace(number=3), cluster.now_s)
+    cluster.pass_by(RETRY_S - EVERY_S)
+    assert len(cluster.started) == 2
+    cluster.pass_by(3 * EVERY_S)
+    assert cluster.started[-1].number == 4
+
+
+def test_a_directory_that_has_just_begun_waits_for_hosts_that_it_has_not_heard() -> None:
+    directory = Directory()
+    directory.offer({"attic": b""})
+    for step in range(round((SETTLE_S - EVERY_S) / EVERY_S)):
+        assert directory.look(HOSTS, step * EVERY_S, all_heard=False) == []
+    assert directory.look(HOSTS, SETTLE_S - EVERY_S, all_heard=True) != []
 
 
 def test_a_pause_of_the_directory_is_no_death_of_a_room(cluster: Cluster) -> None:

@@ -131,3 +131,6 @@ def test_answers_of_several_workers_become_one() -> None:
     assert merged(Kick("anna"), here, 4) == Answer(True, "anna was kicked")
     assert not merged(Kick("zoe"), here[:1] * 2, 4).ok
     assert not merged(Who(), [], 4).ok
+    silent = Answer(False, "room attic has not answered; try again")
+    assert merged(Who(), [silent, silent], 2) == silent, "nobody knows who is there"
+    assert merged(Who(), [both[0], silent], 2).text.endswith("rooms; room attic has not answered; try again")

@@ -31,7 +31,7 @@ from cogrip.server import inputs
 from cogrip.server.admission import AdmitAll, Authenticator, Outside
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.io.call_limit import call_limit
-from cogrip.server.io.udp_port import DatagramPort, UdpPort
+from cogrip.server.io.udp_port import DatagramPort, PortRange, UdpPort
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer
 from cogrip.server.room import Room
@@ -89,9 +89,9 @@ class LiveServer:
     _event_budget: Buckets = field(init=False, default_factory=lambda: Buckets(len(UNAUTHENTICATED_EVENTS), REPORTED))
     _withheld: Counter[str] = field(init=False, default_factory=Counter)
 
-    def listen(self) -> tuple[str, int]:
-        """Bind, and return (host, port). Raises ServeError."""
-        port = UdpPort(self.host, self.port)
+    def listen(self, ports: PortRange | None = None) -> tuple[str, int]:
+        """Bind, and return (host, port). ports: to take one of, in place of `port`. Raises ServeError."""
+        port = UdpPort(self.host, self.port, ports)
         self.serve_at(port)
         return port.place
 

@@ -1,6 +1,6 @@
 """`cogrip serve`: the shared object, for everyone who joins."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
@@ -66,6 +66,8 @@ def serve(
     workers: Workers = 1,
     cluster: str | None = None,
     shared: Path | None = None,
+    room_ports: str | None = None,
+    checkpoints: Literal["folder", "memory"] = "folder",
 ) -> int:
     """Serve until Ctrl-C or SIGTERM; then say goodbye to everyone and leave a run folder.
 
@@ -113,6 +115,10 @@ def serve(
         Serve the rooms on the hosts of a Ray cluster, this one being a front: ray, or ray://HOST:PORT of its head. Linux only.
     shared
         Folder that all hosts of the cluster reach, for key, tokens and checkpoints, in place of the state folder.
+    room_ports
+        UDP ports of the rooms of a cluster, FIRST-LAST, for a firewall; any if not given.
+    checkpoints
+        Where those of a cluster are: in the shared folder, or in the memory of two of its hosts.
     """
     allow_python_worlds(python_worlds)
     rates = RateChoices(measured, None if fresh else state_path(state, port))
@@ -130,32 +136,24 @@ def serve(
     count = worker_count(workers, len(rooms))
     if count > 1 and trigger is not None:
         raise BadInput("--trigger is for one process: leave --workers out, or serve its room by another server")
-    head = _head(cluster, shared, workers, trigger, view, fresh, into)
+    alone = {"--workers": workers != 1, "--trigger": trigger is not None, "--view": view, "--fresh": fresh}
+    shared_flags = {"--shared": shared, "--room-ports": room_ports, "--checkpoints": checkpoints != "folder"}
+    head = _head(cluster, {**alone, "--into": into is not None}, shared_flags)
     stop = Stop()
     with ExitStack() as stack:
         line = open_trigger(trigger, stack)
         state_folder = held_folder(state, port, encrypted, say, stack)
-        state_folder = shared_folder(state_folder, shared)
+        state_folder = shared_folder(state_folder, shared, encrypted)
         key_folder = state_folder if encrypted else None
         authenticator = authenticator_of(key_folder, say)
         shown = _Shown(public, links, view, insecure, metrics)
         if head is not None:
-            from cogrip.cli.session.serve_cluster import ClusterJob, ClusterServer  # with OpenSSL
+            from cogrip.cli.session.serve_cluster import ClusterJob, ClusterServer, ports_of  # with OpenSSL
 
             hosts = ClusterJob(
-                rooms,
-                head,
-                host,
-                port,
-                public,
-                state_folder,
-                authenticator,
-                encrypted,
-                runs,
-                record,
-                report,
-                rates.found,
-            )
+                rooms, head, host, port, public, state_folder, authenticator, encrypted, runs, record, report, rates.found,
+                ports_of(room_ports), checkpoints == "memory",
+            )  # fmt: skip
             return _serve_by_front(ClusterServer(hosts, stop, lines, stack), hosts, stop, lines, stack, shown, seconds)
         if count > 1:
             from cogrip.cli.session.serve_workers import FrontJob, FrontServer  # with OpenSSL
@@ -229,32 +227,20 @@ class _Shown(NamedTuple):
     metrics: int | None
 
 
-def _head(
-    cluster: str | None,
-    shared: Path | None,
-    workers: Workers,
-    trigger: str | None,
-    view: bool,
-    fresh: bool,
-    into: Path | None,
-) -> str | None:
-    """Return the address of the cluster's head, None without a cluster. Raises BadInput."""
+def _head(cluster: str | None, one_host: dict[str, bool], for_cluster: Mapping[str, object]) -> str | None:
+    """Return the address of the cluster's head, None without a cluster. Raises BadInput.
+
+    one_host, for_cluster: flags that are for a server on one host, or for a cluster, and whether they are given
+    """
     if cluster is None:
-        if shared is not None:
-            raise BadInput("--shared is for the hosts of a cluster: add --cluster ray, or name the folder with --state")
+        if wrong := [flag for flag, given in for_cluster.items() if given]:
+            raise BadInput(f"{wrong[0]} is for the hosts of a cluster: add --cluster ray, or leave it out")
         return None
     from cogrip.cli.session.serve_cluster import head_of
 
     if not system.LINUX:
         raise BadInput("--cluster needs Linux on every host; leave it out")
-    others = {
-        "--workers": workers != 1,
-        "--trigger": trigger is not None,
-        "--view": view,
-        "--fresh": fresh,
-        "--into": into,
-    }
-    if wrong := [flag for flag, given in others.items() if given]:
+    if wrong := [flag for flag, given in one_host.items() if given]:
         raise BadInput(f"{wrong[0]} is for a server on one host: leave it out, or leave --cluster out")
     return head_of(cluster)
 

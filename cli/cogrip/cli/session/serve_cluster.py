@@ -26,16 +26,22 @@ from cogrip.server.io.cluster.front import ClusterFront
 from cogrip.server.io.control import Control
 from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
 from cogrip.server.io.state_folder import StateError, StateFolder
-from cogrip.server.io.udp_port import HostError, ServeError, cannot_listen
+from cogrip.server.io.udp_port import HostError, PortRange, ServeError, cannot_listen
 from cogrip.server.io.workers.administration import Administration
 from cogrip.server.io.workers.steering import open_public
 
 COMMAND = ("cogrip.cli.session.cluster_room",)
+PORTS = re.compile(r"(\d{1,5})-(\d{1,5})\Z")
+MOST_PORT = 65535
 ADDRESS = re.compile(r"ray(?:://(?P<head>[^/]+:\d+))?\Z")
 
 
 class ClusterJob(NamedTuple):
-    """Parts and settings of a front of a cluster. address: of the head, "" for the cluster of this machine."""
+    """Parts and settings of a front of a cluster. address: of the head, "" for the cluster of this machine.
+
+    ports      range of the rooms' UDP ports, None for any
+    in_memory  checkpoints are in the memory of two hosts
+    """
 
     rooms: Sequence[Settings]
     address: str
@@ -49,6 +55,8 @@ class ClusterJob(NamedTuple):
     record: bool
     report: bool
     rates: dict[str, RateChoice]  # by room, of those that asked for "auto"
+    ports: PortRange | None
+    in_memory: bool
 
 
 def head_of(cluster: str) -> str:
@@ -56,6 +64,19 @@ def head_of(cluster: str) -> str:
     if (found := ADDRESS.match(cluster)) is None:
         raise BadInput(f"--cluster {cluster!r}: write ray, or ray://HOST:PORT as `ray start --head` prints them")
     return found["head"] or ""
+
+
+def ports_of(given: str | None) -> PortRange | None:
+    """Return the ports of `--room-ports`, None where it is not given. Raises BadInput."""
+    if given is None:
+        return None
+    found = PORTS.match(given)
+    ports = PortRange(int(found[1]), int(found[2])) if found else PortRange(0, 0)
+    if not 1 <= ports.first <= ports.last <= MOST_PORT:
+        raise BadInput(
+            f"--room-ports {given!r}: write FIRST-LAST, two UDP ports from 1 to {MOST_PORT}, such as 48000-48100"
+        )
+    return ports
 
 
 class ClusterServer:
@@ -78,7 +99,7 @@ class ClusterServer:
         job, say = self._job, self._lines.say
         loopback = is_loopback(job.host)
         try:
-            self._pool = RemoteRooms(job.address, COMMAND, loopback)
+            self._pool = RemoteRooms(job.address, COMMAND, loopback, self._folder)
             self._pool.begin(self._place(), {room.name: self._room_job(room, loopback) for room in job.rooms})
             channel = front_channel_of(lambda address: False, job.rooms, job.folder if job.encrypted else None)
             self._front = ClusterFront(self._public, job.rooms, self._pool, self._stop, say, channel, job.authenticator)
@@ -124,6 +145,6 @@ class ClusterServer:
         return msgspec.json.encode(
             RoomJob(
                 (room,), str(self._folder.shared), str(job.runs.absolute()), job.record, job.report, self._lines.form, True,
-                job.rates, self.bound[0] if loopback else wildcard, job.encrypted,
+                job.rates, self.bound[0] if loopback else wildcard, job.encrypted, job.ports, job.in_memory,
             )
         )  # fmt: skip

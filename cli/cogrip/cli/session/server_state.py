@@ -21,6 +21,7 @@ from cogrip.server.io.state_folder import (
     ServerRecord,
     StateError,
     StateFolder,
+    locked,
     make_folder,
     one_server,
     share,
@@ -35,6 +36,7 @@ from cogrip.server.unencrypted_channel import UnencryptedListener
 if TYPE_CHECKING:  # OpenSSL takes a while
     from cogrip.server.io.dtls_channel import DtlsListener
 
+KEY_LIMIT_S = 5.0
 MOST_LINKED = 100  # rooms with links of their own: of more, a link is for any
 WILDCARDS = ("0.0.0.0", "::", "")
 LOOPBACKS = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # by which a process of this machine reaches a wildcard
@@ -58,10 +60,17 @@ def held_folder(state: Path | None, port: int, encrypted: bool, say: Say, stack:
     return folder
 
 
-def shared_folder(folder: StateFolder | None, shared: Path | None) -> StateFolder | None:
+def shared_folder(folder: StateFolder | None, shared: Path | None, encrypted: bool) -> StateFolder | None:
     """Return the folder with key, tokens and checkpoints in `shared`, where that is given. Raises BadInput."""
     with BadInput.of(StateError):
-        return None if folder is None else share(folder, shared)
+        found = None if folder is None else share(folder, shared)
+        if found is not None and shared is not None and encrypted:
+            from cogrip.protocol.io.certificate import CertificateError, load  # OpenSSL takes a while
+
+            busy = f"{found.shared}: another front has been making its key for {KEY_LIMIT_S:g} s; end it, and try again"
+            with locked(found.tokens_lock, busy, KEY_LIMIT_S), BadInput.of(CertificateError):
+                load(found.shared)  # the key is made by one of several fronts that begin at once
+        return found
 
 
 def authenticator_of(folder: StateFolder | None, say: Say) -> TokenAuthenticator | None:

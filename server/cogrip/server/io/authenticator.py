@@ -8,6 +8,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Literal, NamedTuple
 
@@ -19,6 +20,7 @@ from cogrip.server.io.token_file import Stamp, TokenFile
 from cogrip.server.tokens import TokenBook, UnknownTokenError
 
 CLOSE_LIMIT_S = 10.0
+WATCH_S = 0.5  # between two looks at the file
 
 
 class TokenChange(NamedTuple):
@@ -41,11 +43,13 @@ class TokenAuthenticator:
     """`Authenticator` by the tokens of a file. Raises StateError where it cannot be read. Call `close` at the end.
 
     say: reports troubles and reloads, in the thread that calls
+    watch: read the file soon after another process has changed it; else at the next hello, or by `reload`
     """
 
     def __init__(
-        self, file: TokenFile, say: Callable[[ServerEvent], None], wall_s: Callable[[], float] = time.time
-    ) -> None:
+        self, file: TokenFile, say: Callable[[ServerEvent], None], wall_s: Callable[[], float] = time.time,
+        watch: bool = False,
+    ) -> None:  # fmt: skip
         self._file = file
         self._say = say
         self._wall_s = wall_s
@@ -56,6 +60,7 @@ class TokenAuthenticator:
         self._reported: dict[str, set[str]] = {}  # ids, by what has ended them
         self._trouble = ""
         self._writer = _Writer(file)
+        self._watch = _Watch(file) if watch else None
 
     def admit(self, hello: Hello) -> Grant | Denied:
         """See `Authenticator`. A file that cannot be read is reported once, and the last good book holds."""
@@ -74,6 +79,9 @@ class TokenAuthenticator:
     def revoked(self) -> set[str]:
         """Return the ids of tokens revoked since the last call; of all at the first, as restored seats may be of them."""
         self._report_failures()
+        if self._watch is not None and self._watch.changed:
+            self._watch.changed = False
+            self._read(forced=False)
         return self._news("revoked", {token.id for token in self._book.tokens if token.revoked is not None})
 
     def expired(self) -> set[str]:
@@ -98,6 +106,8 @@ class TokenAuthenticator:
     def close(self) -> None:
         """Wait until every change is in the file; report those that are not."""
         self._writer.close()
+        if self._watch is not None:
+            self._watch.closing.set()
         self._report_failures()
 
     def _read(self, *, forced: bool) -> bool:
@@ -162,6 +172,22 @@ class _Writer:
                 self._file.change(partial(_written, changes))
             except StateError as error:
                 self.failures.append(str(error))
+
+
+class _Watch:
+    """Thread that looks whether the file was changed: a disk elsewhere may take its time. changed: since it was last reset."""
+
+    def __init__(self, file: TokenFile) -> None:
+        self.changed = False
+        self.closing = threading.Event()
+        self._file, self._stamp = file, file.stamp()
+        threading.Thread(target=self._run, name="watch of tokens", daemon=True).start()
+
+    def _run(self) -> None:
+        while not self.closing.wait(WATCH_S):
+            with suppress(StateError):
+                stamp = self._file.stamp()
+                self.changed, self._stamp = self.changed or stamp != self._stamp, stamp
 
 
 def _written(changes: Sequence[TokenChange], book: TokenBook) -> tuple[TokenBook, None]:

@@ -73,6 +73,14 @@ class CheckpointWriter:
             self.failures += 1
             self._trouble = f"a server that is started again will not find the object where it is: {error}"
 
+    def read(self) -> bytes | None:
+        """Return what is there, None for nothing. Raises StateError."""
+        return read(self.path)
+
+    def remove(self) -> None:
+        """Remove what is there. Raises OSError."""
+        remove(self.path)
+
     def close(self) -> None:
         """Write what waits, and end the thread; a disk that hangs costs END_LIMIT_S at most."""
         self._closing = True

@@ -3,13 +3,13 @@
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Protocol
 
 from cogrip.protocol.tool_frame import ToolFrame
 from cogrip.server import inputs
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.events import ServerEvent
-from cogrip.server.io import checkpoint_file
 from cogrip.server.io.checkpoint_file import CheckpointWriter
 from cogrip.server.io.control import NO_CLUSTER, Control, Drain, Kick, Mark, Orders, Reload, Request, SetHand, Who
 from cogrip.server.io.hand_orders import HandOrders
@@ -42,6 +42,23 @@ class Tokens(Protocol):
     def close(self) -> None: ...
 
 
+class Checkpoints(Protocol):
+    """Checkpoints of one room; `CheckpointWriter` says what each function does."""
+
+    path: Path
+
+    @property
+    def failures(self) -> int: ...
+
+    def put(self, data: bytes) -> None: ...
+
+    def read(self) -> bytes | None: ...
+
+    def remove(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
 class Measures(Protocol):
     """Reader of snapshots, such as `MetricsFeed`."""
 
@@ -67,15 +84,16 @@ class Housekeeping:
         software: str = "",
         fresh: bool = False,
         orders: Orders | None = None,
+        checkpoints: Callable[[str, Callable[[str], None]], Checkpoints] | None = None,
     ) -> None:
         """fresh: begin with every object at its start, whatever checkpoints there are. Raises ControlError.
 
         orders: source of orders; that of the folder if not given
+        checkpoints: makes those of a room, given what reports a failure; files of the folder if not given
         """
         self._fresh = fresh
         self._server = server
         self._say = say
-        self._folder = folder
         self._authenticator = authenticator
         self._metrics = metrics
         self._trigger = trigger
@@ -83,9 +101,11 @@ class Housekeeping:
         self._notifier = ServiceNotifier()
         self._control = orders or (Control(folder) if folder else None)
         self._hand_orders = HandOrders(server.core, lambda request, text, ok: self._answer(request, text, ok))
-        self._writers: dict[str, CheckpointWriter] = {}
-        if folder:
-            rooms = [room.name for room in server.core.rooms]
+        self._writers: dict[str, Checkpoints] = {}
+        rooms = [room.name for room in server.core.rooms]
+        if checkpoints:
+            self._writers = {room: checkpoints(room, self._report_trouble) for room in rooms}
+        elif folder:
             self._writers = {room: CheckpointWriter(folder.checkpoint(room), self._report_trouble) for room in rooms}
         self._kept: list[tuple[int, str, ToolFrame]] = []  # sessions, ticket hashes and tools' frames of all seats
         self._reported_limits: set[tuple[int, str]] = set()
@@ -103,11 +123,11 @@ class Housekeeping:
         core = self._server.core
         for room, writer in self._writers.items():
             try:
-                data = checkpoint_file.read(writer.path)
+                data = writer.read()
                 if data is not None and self._fresh:
                     text = f"{room}: begins at its start (--fresh): a checkpoint is left aside"
                     self._say(ServerEvent("notice", text, room))
-                    checkpoint_file.remove(writer.path)
+                    writer.remove()
                 elif data is not None:
                     core.handle(inputs.Restore(decode(data)), time.monotonic_ns())
             except (CheckpointError, StateError, OSError) as error:
@@ -188,7 +208,7 @@ class Housekeeping:
             writer.close()
             if said_goodbye:
                 with suppress(OSError):
-                    checkpoint_file.remove(writer.path)
+                    writer.remove()
         if self._authenticator is not None:
             self._authenticator.close()
         if self._metrics is not None:
@@ -198,6 +218,12 @@ class Housekeeping:
     def write_checkpoints(self) -> None:
         """Write checkpoints of all rooms as they are now; `end` waits for them."""
         self._write_checkpoints(self._server.core.rooms)
+
+    def last_checkpoint(self) -> bytes:
+        """Write what waits, and no more. Return the checkpoint of the first room as it is now."""
+        for writer in self._writers.values():
+            writer.close()
+        return encode(self._server.core.rooms[0].checkpoint())
 
     def _write_checkpoints(self, rooms: Sequence[Room]) -> None:
         for room in rooms if self._writers else ():

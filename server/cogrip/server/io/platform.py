@@ -120,6 +120,20 @@ if sys.platform == "linux":
         """Let other sockets of this user have the same port. Raises OSError."""
         unbound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
 
+    def fork() -> int:
+        """Fork this process, whose children the system reaps, into a session of its own. Returns the child's id, 0 in it."""
+        signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+        if pid := os.fork():
+            return pid
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        os.setsid()
+        return 0
+
+    def end_at_once(pid: int) -> None:
+        """End a process of this user, if it is there."""
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+
     def message_pair() -> tuple[socket.socket, socket.socket]:
         """Return two connected local sockets of whole messages. Raises OSError."""
         return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -165,6 +179,14 @@ else:
         raise OSError(WITHOUT)
 
     def share_port(unbound: socket.socket) -> None:
+        """Raise OSError."""
+        raise OSError(WITHOUT)
+
+    def fork() -> int:
+        """Raise OSError."""
+        raise OSError(WITHOUT)
+
+    def end_at_once(pid: int) -> None:
         """Raise OSError."""
         raise OSError(WITHOUT)
 

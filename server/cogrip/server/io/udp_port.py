@@ -3,7 +3,7 @@
 import errno
 import socket
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from cogrip.protocol.channel import Address, place_text
 from cogrip.protocol.io.arrivals import Arrivals
@@ -34,15 +34,26 @@ class DatagramPort(Protocol):
         """Close all sockets."""
 
 
+class PortRange(NamedTuple):
+    """UDP ports of which a server takes one that is free. Both ends belong to it."""
+
+    first: int
+    last: int
+
+
 class UdpPort:
     """One bound UDP socket. place: its host and port. Raises ServeError."""
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, ports: PortRange | None = None) -> None:
+        """ports: to take one of, in place of `port`."""
         try:
             family = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             self._socket = made = socket.socket(family[0], socket.SOCK_DGRAM)
             enlarge(made)
-            made.bind(family[4])
+            if ports is None:
+                made.bind(family[4])
+            else:
+                _bind_one(made, host, family[4], ports)
         except OSError as error:
             raise cannot_listen(host, port, error) from None
         made.setblocking(False)
@@ -55,6 +66,22 @@ class UdpPort:
 
     def close(self) -> None:
         self._socket.close()
+
+
+def _bind_one(made: socket.socket, host: str, address: tuple[Any, ...], ports: PortRange) -> None:
+    """Bind to the first port of a range that is free. Raises OSError, ServeError."""
+    for port in range(ports.first, ports.last + 1):
+        try:
+            made.bind((address[0], port, *address[2:]))
+            return
+        except OSError as error:
+            if error.errno not in (errno.EADDRINUSE, errno.EACCES):
+                raise
+    made.close()
+    raise ServeError(
+        f"none of the UDP ports {ports.first}-{ports.last} is free at {host}, and each room needs one, for a moment two while "
+        "it moves: give more --room-ports, or more hosts"
+    )
 
 
 def cannot_listen(host: str, port: int, error: OSError) -> ServeError:

@@ -1,36 +1,63 @@
-"""Connection of a front to the Ray cluster: a thread asks the directory, further ones hand orders on; nobody waits for them."""
+"""Connection of a front to the cluster, by a process that speaks with Ray for it: nobody waits for either.
 
-import logging
-import os
+Where that process ends, as Ray's do when their cluster has gone, another one is started, again and again. Meanwhile the rooms
+are where they were told to be last, or where they announce themselves in the shared folder.
+"""
+
+import socket
+import subprocess
+import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import msgspec
 
 from cogrip.protocol.io.cluster_address import ClusterError as ClusterError
 from cogrip.protocol.io.cluster_address import probe
+from cogrip.protocol.io.platform import system
+from cogrip.server.events import ServerEvent
+from cogrip.server.io.cluster import pipe
+from cogrip.server.io.cluster.announcement import AnnouncementFile
 from cogrip.server.io.cluster.directory import Home
-from cogrip.server.io.cluster.directory_actor import DirectoryActor
-from cogrip.server.io.cluster.room_actor import DIRECTORY, NAMESPACE
+from cogrip.server.io.cluster.pipe import (
+    DrainHost,
+    Failed,
+    Leave,
+    Left,
+    OrderAnswer,
+    Ordered,
+    PipeEndedError,
+    Silent,
+    State,
+)
+from cogrip.server.io.cluster.ray_process import CALL_S, END_S, RayFront
 from cogrip.server.io.control import Answer
+from cogrip.server.io.state_folder import StateFolder
 from cogrip.server.io.workers.link import Answered, Obey, Void
 from cogrip.server.snapshot import Snapshot, decode
 
-EVERY_S = 0.2
-CALL_S = 3.0  # for an answer of the directory
-ORDER_S = 3.8  # for an answer of a room
-END_S = 15.0
-CALLERS = 8
+SILENT_S = 2.0  # without the directory: the front says so, and looks into the shared folder
+LOOK_S = 1.0  # between two looks there
+PROBE_S = 1.0  # between two looks whether the head is there
+AGAIN_S = (
+    1.0,
+    2.0,
+    5.0,
+    10.0,
+    20.0,
+)  # between two tries to connect; the last for all that follow: each starts a process
+HANGS_S = 30.0  # without a word of the process: another one is started
+BEGIN_S = 60.0
+MODULE = "cogrip.server.io.cluster.ray_process"
 
 
 class RemoteLink:
-    """Link to a room's actor, as `Administration` uses one."""
+    """Link to a room's process, as `Administration` uses one."""
 
     def __init__(self, order: Callable[[Obey], None]) -> None:
         self._order = order
@@ -56,49 +83,52 @@ class RemoteRooms:
 
     homes, fronts  where the rooms are; places of all fronts
     refused        rooms that the cluster has with other settings
+    lines          what rooms said, and what there is to say of the cluster itself
     """
 
     replaced = 0  # counted by the directory
 
-    def __init__(self, address: str, command: Sequence[str], loopback: bool) -> None:
-        """Connect. address: HOST:PORT of the head, "" for $RAY_ADDRESS, or the cluster of this machine. Raises ClusterError."""
-        try:
-            import ray
-        except ImportError:
-            raise ClusterError("--cluster needs the package ray: pip install 'cogrip[cluster]'") from None
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-        where = address or os.environ.get("RAY_ADDRESS", "") or "auto"
-        probe(where)
-        try:
-            ray.init(address=where, namespace=NAMESPACE, log_to_driver=False, logging_level=logging.ERROR)
-        except (ConnectionError, RuntimeError, ValueError) as error:
-            text = str(error).splitlines()[0]
-            raise ClusterError(f"no Ray cluster at {where}: {text}; start one: ray start --head") from None
-        logging.getLogger("ray._private.worker").setLevel(logging.CRITICAL)  # it quotes all logs of a host that died
-        self._ray: Any = ray
-        self._command, self._loopback = tuple(command), loopback
+    def __init__(self, address: str, command: Sequence[str], loopback: bool, folder: StateFolder) -> None:
+        """address: HOST:PORT of the head, "" for $RAY_ADDRESS, or the cluster of this machine."""
+        self._front = RayFront(address, tuple(command), loopback, "", {})
+        self._folder = folder
         self.homes: dict[str, Home] = {}
         self.fronts: tuple[str, ...] = ()
         self.refused: tuple[str, ...] = ()
         self.counts: dict[str, int] = {}
-        self.place = ""
-        self._jobs: Mapping[str, bytes] = {}
-        self._news: deque[Answered] = deque()
-        self._callers = ThreadPoolExecutor(CALLERS, "orders")
-        self._heard, self._closing = threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=self._run, name="directory", daemon=True)
+        self.lines: deque[ServerEvent] = deque()
+        self._silences = 0
+        self._answers: deque[Answered] = deque()
+        self._drained: deque[tuple[str, bool]] = deque()
+        self._news = threading.Condition()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._end: socket.socket | None = None
+        self._heard_s = self._word_s = self._looked_s = time.monotonic()
+        self._silent = self._closing = False
+        self._failed, self._code = "", 0
+        self._thread = threading.Thread(target=self._run, name="cluster", daemon=True)
 
     def begin(self, place: str, jobs: Mapping[str, bytes]) -> None:
         """Let the cluster serve rooms, by their names. Raises ClusterError."""
-        self.place, self._jobs = place, jobs
+        self._front = msgspec.structs.replace(self._front, place=place, jobs=dict(jobs))
         self._thread.start()
-        if not self._heard.wait(END_S):
-            raise ClusterError(f"the directory of the cluster did not answer within {END_S:g} s; see `ray status`")
-        if self.refused:
-            names = ", ".join(self.refused)
-            raise ClusterError(
-                f"the cluster has {names} with other settings or another front's flags; give the same, or rename the room"
-            )
+        with self._news:
+            heard = self._news.wait_for(lambda: self.fronts or self._failed, BEGIN_S)
+        try:
+            if self._failed:
+                raise ClusterError(self._failed)
+            if not heard:
+                raise ClusterError(
+                    f"the directory of the cluster did not answer within {BEGIN_S:g} s; see `ray status`"
+                )
+            if self.refused:
+                names = ", ".join(self.refused)
+                raise ClusterError(
+                    f"the cluster has {names} with other settings or another front's flags; give the same, or rename the room"
+                )
+        except ClusterError:
+            self.end("")
+            raise
 
     @property
     def workers(self) -> list[RemoteRoom]:
@@ -106,7 +136,7 @@ class RemoteRooms:
         return [
             RemoteRoom(
                 (room,),
-                RemoteLink(partial(self._order, home.actor)),
+                RemoteLink(partial(self._order, room, home.actor)),
                 decode(home.snapshot) if home.snapshot else None,
             )
             for room, home in self.homes.items()
@@ -121,76 +151,133 @@ class RemoteRooms:
 
     def answers(self) -> list[Answered]:
         """Return the answers that have come since the last call."""
-        found = [self._news.popleft() for _ in range(len(self._news))]
-        return found
+        return [self._answers.popleft() for _ in range(len(self._answers))]
 
     def drain(self, host: str) -> tuple[str, bool]:
         """Let the rooms of a host move. Returns what to tell, and whether it is done."""
-        try:
-            text, ok = self._ray.get(self._directory().drain.remote(host), timeout=CALL_S)
-        except self._ray.exceptions.RayError:
-            return "the directory of the cluster has not answered; try again", False
-        return str(text), bool(ok)
+        silent = "the directory of the cluster has not answered; try again", False
+        with self._news:
+            self._drained.clear()
+            if not self._send(DrainHost(host)):
+                return silent
+            self._news.wait_for(lambda: self._drained, CALL_S + 1.0)
+            return self._drained.popleft() if self._drained else silent
+
+    def poll(self, now_s: float) -> None:
+        """Note a silence of the directory, and its end; find the rooms without it meanwhile."""
+        silent = now_s - self._heard_s > SILENT_S
+        if silent != self._silent:
+            self._silent = silent
+            self.lines.append(ServerEvent("trouble", SILENCE) if silent else ServerEvent("notice", HEARD))
+        if silent and now_s - self._looked_s > LOOK_S:
+            self._looked_s = now_s
+            self.homes = found_homes(self._folder, self._front.jobs, self.homes)
+        if self._process is not None and now_s - self._word_s > HANGS_S:
+            self._word_s = now_s
+            self._process.kill()
 
     def end(self, reason: str) -> int:
         """Leave the cluster; the last front ends the rooms. Returns the worst exit code of those."""
-        self._closing.set()
-        self._thread.join(CALL_S)
-        ray, code = self._ray, 0
-        with suppress(ray.exceptions.RayError, ValueError):
-            left = ray.get(self._directory().leave.remote(self.place), timeout=CALL_S)
-            if left is not None:
-                ray.kill(self._directory())  # or it would begin them anew
-                homes, spares = left
-                code = max(self._each_ends([home.actor for home in homes.values()], reason), default=0)
-                self._each_ends(spares, reason)
-        self._callers.shutdown(wait=False, cancel_futures=True)
-        ray.shutdown()
-        return code
-
-    def _each_ends(self, names: Sequence[str], reason: str) -> list[int]:
-        """End actors. Returns the exit codes of those that could be asked."""
-        ray, codes = self._ray, []
-        for name in names:
-            with suppress(ValueError):
-                codes.append(ray.get_actor(name, NAMESPACE).end.remote(reason))
-        return list(ray.get(codes, timeout=END_S))
-
-    def _directory(self) -> Any:
-        """Return the directory, started if need be: by the head, which no cluster outlives."""
-        ray = self._ray
-        from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
-
-        heads = [each["NodeID"] for each in ray.nodes() if "node:__internal_head__" in each["Resources"]]
-        there = NodeAffinitySchedulingStrategy(node_id=heads[0], soft=False) if heads else "DEFAULT"
-        options: dict[str, Any] = {
-            "name": DIRECTORY, "namespace": NAMESPACE, "lifetime": "detached", "get_if_exists": True, "num_cpus": 0,
-            "max_restarts": -1, "scheduling_strategy": there,
-        }  # fmt: skip
-        return ray.remote(DirectoryActor).options(**options).remote(self._command, self._loopback)
+        self._closing = True
+        if self._send(Leave(reason)):
+            self._thread.join(CALL_S + END_S)
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+        return self._code
 
     def _run(self) -> None:
-        """Ask the directory again and again."""
-        ray, directory = self._ray, None
-        while not self._closing.is_set():
+        """Have a process that speaks with Ray, again and again."""
+        tries = 0
+        while not self._closing:
+            ours, theirs = socket.socketpair()
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", MODULE, str(theirs.fileno())],
+                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,  # Ray says much of each death
+                **system.own_session(theirs.fileno()),
+            )  # fmt: skip
+            theirs.close()
+            self._word_s = time.monotonic()
+            with ours, suppress(PipeEndedError):
+                pipe.put(ours, self._front)
+                self._end = ours
+                while True:
+                    tries = 0 if self._take(ours) else tries
+            self._end = None
+            self._process.wait()
+            if self._failed or self._closing:
+                return
+            time.sleep(AGAIN_S[min(tries, len(AGAIN_S) - 1)])
+            tries += 1
+            self._await_head()
+
+    def _await_head(self) -> None:
+        """Wait until somebody listens at the address of the head, where it is known: that costs nothing."""
+        while self.fronts and not self._closing:
+            self._word_s = time.monotonic()
             try:
-                directory = directory or self._directory()
-                told = ray.get(directory.front.remote(self.place, dict(self._jobs)), timeout=CALL_S)
-                self.refused, self.homes, self.fronts, self.counts = told
-                self._heard.set()
-            except (ray.exceptions.RayError, ValueError):  # it is being started again, or was ended
-                directory = None
-                self.counts = {**self.counts, "directory silent": self.counts.get("directory silent", 0) + 1}
-            self._closing.wait(EVERY_S)
+                probe(self._front.address)
+                return
+            except ClusterError:
+                time.sleep(PROBE_S)
 
-    def _order(self, name: str, order: Obey) -> None:
-        self._callers.submit(self._ask, name, order)
+    def _take(self, end: socket.socket) -> bool:
+        """Take in a message. Returns whether the directory has told something."""
+        message = pipe.from_ray(pipe.take(end))
+        self._word_s = time.monotonic()
+        with self._news:
+            match message:
+                case State() as given:
+                    told = given.told
+                    self.refused, self.fronts = told.refused, told.fronts
+                    if told.homes or not self._silent:  # a directory that has just begun knows of none yet
+                        self.homes = told.homes
+                    self.counts = {**told.counts, "directory silent": self._silences}
+                    self.lines.extend(told.lines)
+                    self._heard_s = self._word_s
+                case Silent():
+                    self._silences += 1
+                case Failed() as given if not self.fronts:
+                    self._failed = given.text
+                case OrderAnswer() as given:
+                    if given.number:
+                        self._answers.append(Answered(given.number, msgspec.json.decode(given.answer, type=Answer)))
+                    else:
+                        self._drained.append((given.answer.decode(), given.ok))
+                case Left() as given:
+                    self._code = given.code
+            self._news.notify_all()
+        return isinstance(message, State)
 
-    def _ask(self, name: str, order: Obey) -> None:
-        ray = self._ray
-        try:
-            asked = ray.get_actor(name, NAMESPACE).obey.remote(msgspec.json.encode(order.order))
-            answer = msgspec.json.decode(ray.get(asked, timeout=ORDER_S), type=Answer)
-        except (ray.exceptions.RayError, ValueError):
-            answer = Answer(False, "a room has not answered; try again")
-        self._news.append(Answered(order.number, answer))
+    def _send(self, message: pipe.ToRay) -> bool:
+        end = self._end
+        with suppress(PipeEndedError):
+            if end is not None:
+                pipe.put(end, message)
+                return True
+        return False
+
+    def _order(self, room: str, actor: str, order: Obey) -> None:
+        if not self._send(Ordered(order.number, actor, room, order.order)):
+            self._answers.append(Answered(order.number, Answer(False, f"room {room}: {ALONE}")))
+
+
+ALONE = "the cluster is silent: nobody can ask the room; try again once it answers"
+SILENCE = (
+    "the directory of the cluster is silent: rooms and their people go on, and new ones may join; until it answers no room "
+    "is moved, started again or administered"
+)
+HEARD = "the directory of the cluster answers again"
+
+
+def found_homes(folder: StateFolder, rooms: Iterable[str], known: Mapping[str, Home]) -> dict[str, Home]:
+    """Return where rooms announce themselves in the shared folder, where that is newer than what is known."""
+    homes = dict(known)
+    for room in rooms:
+        found = AnnouncementFile(folder, room).read()
+        if found is None or found.state not in ("served", "alone"):
+            continue
+        before = homes.get(room)
+        if before is None or found.number > before.number:
+            homes[room] = Home("", found.place, before.taken if before else (), b"", found.number)
+    return homes

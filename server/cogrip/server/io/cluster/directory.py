@@ -1,16 +1,20 @@
 """Directory of a cluster: which room is where, which host gets the next one. It asks no clock and starts nothing.
 
-A room's actors are numbered. One of them serves; the next is started where none does, or where the host of that one is to be
-drained. All that is known here comes with reports, twice a second and more: a directory that is started again learns it anew.
+A room's processes are numbered. One of them serves; the next is started where none does, or where the host of that one is to
+be drained. All that is known here comes with reports, some times a second: a directory that is started again learns it anew.
 """
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-LOST_S = 1.5  # without a report, of an actor that serves
+from cogrip.server.events import ServerEvent
+
+LOST_S = 1.5  # without a report, of a process that serves
 START_S = 30.0  # likewise, of one that is being started; it may have to wait for the one before
 SUSPECT_S = 15.0  # for which no room is placed on a host that lost one, if there is another
+RETRY_S = 2.0  # after a start that failed
+SETTLE_S = 8.0  # for which a directory that has just begun waits for hosts that it has not heard yet
 GAP_S = 0.5  # between two calls: longer ones are this process's own
 
 
@@ -23,7 +27,13 @@ class Host(NamedTuple):
 
 
 class Report(NamedTuple):
-    """State of a room as its actor tells it. place: HOST:PORT, "" before it serves; taken: seats; snapshot: encoded."""
+    """State of a room's process as the actor of its host tells it.
+
+    place     HOST:PORT, "" before it serves
+    taken     seats
+    snapshot  encoded
+    ended     the process has gone
+    """
 
     actor: str
     room: str
@@ -33,10 +43,11 @@ class Report(NamedTuple):
     place: str = ""
     taken: tuple[str, ...] = ()
     snapshot: bytes = b""
+    ended: bool = False
 
 
 class Start(NamedTuple):
-    """Actor to be started. after: name of the one that hands the room over, "" for none."""
+    """Process to be started. after: actor of the host that hands the room over, "" for none."""
 
     room: str
     number: int
@@ -46,17 +57,32 @@ class Start(NamedTuple):
 
 
 class Home(NamedTuple):
-    """Where a room is: what its newest report said."""
+    """Where a room is: what its newest report said. actor: that of its host; number: of the process."""
 
     actor: str
     place: str
     taken: tuple[str, ...]
     snapshot: bytes
+    number: int = 0
+
+
+class Told(NamedTuple):
+    """State of the cluster, for a front. refused: rooms that are here with other settings; next_line: to be asked for."""
+
+    refused: tuple[str, ...]
+    homes: dict[str, Home]
+    fronts: tuple[str, ...]
+    counts: dict[str, int]
+    lines: list[ServerEvent]
+    next_line: int
 
 
 @dataclass(slots=True)
 class _Room:
-    """number, since_s: of the newest actor, and when it was heard of; starting: it does not serve yet."""
+    """number, since_s: of the newest process, and when it was heard of; starting: it does not serve yet.
+
+    retry_s: no start before
+    """
 
     job: bytes
     number: int = 0
@@ -65,6 +91,7 @@ class _Room:
     starting: bool = False
     serving: Report | None = None
     heard_s: float = 0.0
+    retry_s: float = 0.0
 
 
 @dataclass(slots=True)
@@ -99,12 +126,15 @@ class Directory:
         return not self._fronts
 
     def report(self, told: Report, now_s: float) -> bool:
-        """Take in an actor's report. Returns whether it may go on."""
+        """Take in a report. Returns whether this process may go on."""
         self._pass(now_s)
         room = self._rooms.setdefault(told.room, _Room(told.job))
         serving = room.serving.number if room.serving else 0
         if told.number < (serving or room.number):
             return False  # another one has the room, or is to have it
+        if told.ended:
+            self._ended(room, told, now_s)
+            return False
         if told.number >= room.number:
             room.number, room.host, room.since_s = told.number, told.host, now_s
             room.starting = not told.place
@@ -113,15 +143,22 @@ class Directory:
             room.serving, room.heard_s = told, now_s
         return True
 
-    @property
-    def settled(self) -> bool:
-        """True while no room is being started."""
-        return all(room.serving and not room.starting for room in self._rooms.values())
+    def _ended(self, room: _Room, told: Report, now_s: float) -> None:
+        """Let the next one be started: at once for one that served, after a while for one that could not begin."""
+        if room.serving and room.serving.number == told.number:
+            self.lost += not room.starting  # else it has handed over
+            room.serving = None
+        if told.number == room.number:
+            self._suspect[told.host] = now_s
+            room.retry_s = now_s + RETRY_S if room.starting else 0.0
+            room.starting = False
 
     def homes(self) -> dict[str, Home]:
         """Return where the rooms are that are served."""
         return {
-            name: Home(room.serving.actor, room.serving.place, room.serving.taken, room.serving.snapshot)
+            name: Home(
+                room.serving.actor, room.serving.place, room.serving.taken, room.serving.snapshot, room.serving.number
+            )
             for name, room in self._rooms.items()
             if room.serving
         }
@@ -144,10 +181,10 @@ class Directory:
         moving = f"its rooms move: {', '.join(rooms)}" if rooms else "it has no rooms"
         return f"no room is placed on {found[0].address} ({found[0].name[:8]}) any more; {moving}", True
 
-    def look(self, hosts: Sequence[Host], now_s: float) -> list[Start]:
-        """Return the actors that are to be started now."""
+    def look(self, hosts: Sequence[Host], now_s: float, all_heard: bool = True) -> list[Start]:
+        """Return the processes that are to be started now, on these hosts. all_heard: no other host has said nothing yet."""
         self._pass(now_s)
-        if now_s - self._born_s < LOST_S:  # rooms that are served already are heard of meanwhile
+        if now_s - self._born_s < (LOST_S if all_heard else SETTLE_S):  # rooms that are served are heard of meanwhile
             return []
         started = []
         for name, room in self._rooms.items():
@@ -159,7 +196,7 @@ class Directory:
                 self._suspect[room.host] = now_s
                 room.starting = False
             drained = room.serving is not None and room.serving.host in self._drained
-            if room.starting or (room.serving and not drained):
+            if room.starting or (room.serving and not drained) or now_s < room.retry_s:
                 continue
             if host := self._host(hosts, now_s):
                 after = room.serving.actor if room.serving else ""

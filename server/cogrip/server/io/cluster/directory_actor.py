@@ -1,15 +1,17 @@
-"""Actor of the directory: the clock, the nodes of Ray, and the actors that it starts."""
+"""Actor of the directory: the clock, the nodes of Ray, and the actors of the hosts."""
 
-import secrets
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
-from cogrip.server.io.cluster.directory import LOST_S, START_S, Directory, Home, Host, Report
-from cogrip.server.io.cluster.room_actor import NAMESPACE, RoomActor
+from cogrip.server.events import ServerEvent
+from cogrip.server.io.cluster.directory import LOST_S, Directory, Host, Report, Told
+from cogrip.server.io.cluster.host_actor import AT_ONCE, NAMESPACE, HostActor, actor_of
+from cogrip.server.io.cluster.lines import GatheredLines
 
 HOSTS_S = 1.0  # between two looks at the nodes
+AGAIN_S = 10.0  # between two starts of a host's actor
 
 
 class DirectoryActor:
@@ -18,32 +20,37 @@ class DirectoryActor:
     def __init__(self, command: Sequence[str], loopback: bool) -> None:
         self._directory = Directory()
         self._command, self._loopback = tuple(command), loopback
-        self._hosts: list[Host] = []
-        self._hosts_s = float("-inf")
-        self._spares: dict[str, tuple[str, float]] = {}  # by host: name, and when it was heard of
-        self._started: set[str] = set()
+        self._nodes: list[Host] = []
+        self._nodes_s = float("-inf")
+        self._heard: dict[str, float] = {}  # hosts, and when their actors were heard of
+        self._started: dict[str, float] = {}
+        self._lines = GatheredLines()
 
-    def front(
-        self, place: str, jobs: Mapping[str, bytes]
-    ) -> tuple[tuple[str, ...], dict[str, Home], tuple[str, ...], dict[str, int]]:
-        """Return rooms that are here with other settings, where the rooms are, the fronts, and counts, to a front."""
+    def front(self, place: str, jobs: Mapping[str, bytes], next_line: int | None) -> Told:
+        """Take in a front and the rooms that it wants served. next_line: of the rooms' lines, None for those from now on."""
         refused = self._directory.offer(jobs)
         fronts = self._directory.keep_front(place, time.monotonic())
         self._look()
         counts = {"room moved": self._directory.moved, "room lost with its host": self._directory.lost}
-        return refused, self._directory.homes(), fronts, counts
+        lines = self._lines.all
+        if next_line is None or next_line > lines.end:  # of a directory before this one
+            next_line = lines.end if next_line is None else 0
+        first, news = lines.since(next_line)
+        return Told(refused, self._directory.homes(), fronts, counts, news, first + len(news))
 
-    def report(self, told: tuple[Any, ...]) -> bool:
-        """See `Directory`; a spare may go on where this directory has started it."""
-        report = Report(*told)
-        if report.room:
-            allowed = self._directory.report(report, time.monotonic())
-        else:
-            allowed = report.actor in self._started
-            if self._spares.get(report.host, ("", 0.0))[0] == report.actor:
-                self._spares[report.host] = report.actor, time.monotonic()
+    def report(
+        self, host: str, told: Sequence[tuple[Any, ...]], first: int, lines: Sequence[ServerEvent]
+    ) -> tuple[set[tuple[str, int]], int, tuple[str, ...]]:
+        """Take in a host. Returns the processes that are to end, the number of the line to tell next, and the hosts."""
+        now_s = time.monotonic()
+        self._heard[host] = now_s
+        forbidden = set()
+        for report in map(Report._make, told):
+            if not self._directory.report(report, now_s):
+                forbidden.add((report.room, report.number))
+        taken = self._lines.take(actor_of(host), first, lines)
         self._look()
-        return allowed
+        return forbidden, taken, tuple(each.name for each in self._ready())
 
     def drain(self, host: str) -> tuple[str, bool]:
         """See `Directory`."""
@@ -51,52 +58,55 @@ class DirectoryActor:
         self._look()
         return said
 
-    def leave(self, place: str) -> tuple[dict[str, Home], list[str]] | None:
-        """Forget a front. Returns the rooms and the spares that it has to end, as it was the last; else None."""
+    def leave(self, place: str) -> list[str] | None:
+        """Forget a front. Returns the actors that it has to end, as it was the last; else None."""
         if not self._directory.leave_front(place):
             return None
-        return self._directory.homes(), [spare for spare, _ in self._spares.values()]
+        return [actor_of(host) for host in self._started.keys() | self._heard.keys()]
 
     def _living(self) -> list[Host]:
         import ray
 
         now_s = time.monotonic()
-        if now_s - self._hosts_s > HOSTS_S:
-            self._hosts_s = now_s
-            self._hosts = [
+        if now_s - self._nodes_s > HOSTS_S:
+            self._nodes_s = now_s
+            self._nodes = [
                 Host(node["NodeID"], node["NodeManagerAddress"], node["Resources"].get("CPU", 1.0))
                 for node in ray.nodes()
                 if node["Alive"]
             ]
-        return self._hosts
+        return self._nodes
+
+    def _ready(self) -> list[Host]:
+        """Return the hosts whose actors were heard of just now."""
+        now_s = time.monotonic()
+        return [each for each in self._living() if now_s - self._heard.get(each.name, float("-inf")) < LOST_S]
 
     def _look(self) -> None:
-        """Start what is to be started: rooms, by the spares of their hosts, and a spare on each host."""
+        """Start what is to be started: rooms, and an actor on each host."""
         import ray
 
-        hosts, now_s = {host.name: host for host in self._living()}, time.monotonic()
-        for start in self._directory.look(list(hosts.values()), now_s):
-            spare, heard_s = self._spares.pop(start.host, ("", 0.0))
-            if not spare or now_s - heard_s > LOST_S:
-                spare = self._start(hosts[start.host])
-            with suppress(ValueError):  # it has died: another one is tried once it was not heard of
-                ray.get_actor(spare, NAMESPACE).serve.remote(start.room, start.job, start.number, start.after)
-        for name, host in hosts.items() if self._directory.settled else ():
-            if name not in self._spares or now_s - self._spares[name][1] > START_S:
-                self._spares[name] = self._start(host), now_s
+        ready = self._ready()
+        names = [host.name for host in ready]
+        all_heard = all(host.name in self._heard for host in self._living())
+        for start in self._directory.look(ready, time.monotonic(), all_heard):
+            with suppress(ValueError):  # it has died: the room is missed
+                ray.get_actor(actor_of(start.host), NAMESPACE).serve.remote(tuple(start), names)
+        now_s = time.monotonic()
+        for host in self._living():
+            if host.name not in names and now_s - self._started.get(host.name, float("-inf")) > AGAIN_S:
+                self._started[host.name] = now_s
+                self._start(host)
 
-    def _start(self, host: Host) -> str:
-        """Start an actor on a host. Returns its name."""
+    def _start(self, host: Host) -> None:
+        """Start the actor of a host, where it is not there."""
         import ray
         from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-        name = f"room {host.name[:8]} {secrets.token_hex(4)}"
         there = NodeAffinitySchedulingStrategy(node_id=host.name, soft=False)
         options: dict[str, Any] = {
-            "name": name, "namespace": NAMESPACE, "lifetime": "detached", "num_cpus": 0, "max_concurrency": 4,
-            "scheduling_strategy": there,
+            "name": actor_of(host.name), "namespace": NAMESPACE, "lifetime": "detached", "get_if_exists": True,
+            "num_cpus": 0, "max_concurrency": AT_ONCE, "scheduling_strategy": there,
         }  # fmt: skip
         address = "127.0.0.1" if self._loopback else host.address
-        ray.remote(RoomActor).options(**options).remote(self._command, name, host.name, address)
-        self._started.add(name)
-        return name
+        ray.remote(HostActor).options(**options).remote(self._command, host.name, address)

@@ -54,6 +54,9 @@ class ClusterFront(PublicPort):
         return dict(counts)
 
     def _poll(self, now_ns: int) -> None:
+        self.pool.poll(now_ns * 1e-9)
+        while self.pool.lines:
+            self._say(self.pool.lines.popleft())
         for answer in self.pool.answers():
             self.answered(answer)
         for room, home in self.pool.homes.items():

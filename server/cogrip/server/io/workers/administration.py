@@ -128,13 +128,14 @@ class Administration:
         order = request.order
         if isinstance(order, Reload):
             text, ok = self._reload()
-            self._control.answer(request, text, ok=ok)
-            return
+            if not (ok and self._authenticator and isinstance(self._front, ClusterFront) and self._front.pool.homes):
+                self._control.answer(request, text, ok=ok)
+                return  # else each room has to read them, and to end who came in by them
         if isinstance(order, Drain):
             text, ok = self._drain(order.host)
             self._control.answer(request, text, ok=ok)
             return
-        room = "" if isinstance(order, Status) else order.room
+        room = "" if isinstance(order, Status | Reload) else order.room
         if isinstance(order, SetHand) and not room:
             homes = sorted({each.room for each in self._front.seated.values() if each.user == order.user})
             if len(homes) > 1:
@@ -187,13 +188,17 @@ def merged(order: object, answers: Sequence[Answer], rooms: int) -> Answer:
         return answers[0]
     good = [answer for answer in answers if answer.ok]
     match order:
-        case Who():
+        case Who() if good:
             people = tuple(
                 sorted((who for each in good for who in each.people), key=lambda who: (who.room, who.seat is None))
             )
             more = len(people) - MOST_LISTED
             words = f"{len(people)} in {rooms} rooms" if people else "nobody is here"
+            silent = {answer.text for answer in answers if not answer.ok}
+            words = "; ".join([words, *sorted(silent)])
             return Answer(True, f"{words}; {more} are not listed" if more > 0 else words, people[:MOST_LISTED])
+        case Reload() if len(good) == len(answers):
+            return Answer(True, f"tokens were read again in {len(good)} rooms")
         case Mark() if good:
             return Answer(True, f"marked in {rooms} rooms: {order.text}")
         case Kick() | SetHand() if good:

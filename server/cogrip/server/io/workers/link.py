@@ -14,6 +14,7 @@ import msgspec
 
 from cogrip.protocol.io.dtls_session import SessionKeys
 from cogrip.server.admission import Denied, Grant
+from cogrip.server.events import ServerEvent
 from cogrip.server.io.control import Answer, AnyOrder
 from cogrip.server.io.platform import receive_with_descriptors, send_with_descriptors
 
@@ -79,10 +80,23 @@ class Void(ToWorker, frozen=True, tag="void"):
 
 
 class Serve(ToWorker, frozen=True, tag="serve"):
-    """Serve the room of this job. number: of the process, among those that had the room."""
+    """Prepare the room of this job. number: of the process, among those that had it; address: of this host."""
 
     job: bytes
     number: int
+    address: str
+
+
+class Begin(ToWorker, frozen=True, tag="begin"):
+    """Begin the room, from the newer one of this checkpoint and that of the folder. checkpoint: b"" for none."""
+
+    checkpoint: bytes
+
+
+class Directed(ToWorker, frozen=True, tag="directed"):
+    """Whether the directory is heard. While it is not, the room watches its announcement."""
+
+    heard: bool
 
 
 class HandOver(ToWorker, frozen=True, tag="hand over"):
@@ -100,9 +114,10 @@ class ToFront(msgspec.Struct, frozen=True, array_like=True, tag_field="kind"):
 
 
 class Ready(ToFront, frozen=True, tag="ready"):
-    """The rooms that were assigned are served. port: their own one, 0 for that of the front."""
+    """The rooms that were assigned are served. port, number: of a room of a cluster, which says it again once it has begun."""
 
     port: int = 0
+    number: int = 0
 
 
 class Say(ToFront, frozen=True, tag="say"):
@@ -157,8 +172,27 @@ class Measured(ToFront, frozen=True, tag="measured"):
     snapshot: bytes
 
 
-AnyToWorker = Assign | Ask | Path | Stray | Forget | Obey | Void | Serve | HandOver | End
-AnyToFront = Ready | Say | Asked | Astray | Released | Admitted | Revoke | Answered | Measured
+class Said(ToFront, frozen=True, tag="said"):
+    """Line that a room said."""
+
+    line: ServerEvent
+
+
+class Saved(ToFront, frozen=True, tag="saved"):
+    """Checkpoint of a room; b"" where nobody resumes. last: the process has ended with it, and another one goes on."""
+
+    checkpoint: bytes
+    last: bool = False
+
+
+class Ended(ToFront, frozen=True, tag="ended"):
+    """The process ends with this exit code."""
+
+    code: int
+
+
+AnyToWorker = Assign | Ask | Path | Stray | Forget | Obey | Void | Serve | Begin | Directed | HandOver | End
+AnyToFront = Ready | Say | Asked | Astray | Released | Admitted | Revoke | Answered | Measured | Said | Saved | Ended
 
 _encode = msgspec.msgpack.Encoder().encode
 _to_worker: Callable[[bytes], AnyToWorker] = msgspec.msgpack.Decoder(AnyToWorker).decode

@@ -1,0 +1,72 @@
+"""The head of a cluster is killed: seated people go on without Ray, and a head that is started anew takes their rooms over."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.live.held_arms import fairly, until
+from tests.live.raylets import Apart, kill
+from tests.live.test_cluster import Fronts, home_of, leave
+
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(sys.platform != "linux", reason="a cluster needs Linux"),
+    pytest.mark.filterwarnings("ignore::Warning"),  # what ray itself warns of
+]
+RECONNECT_S = 10  # for which raylets and drivers wait for their head; else Ray waits a minute
+
+
+@pytest.fixture
+def apart(monkeypatch):
+    """Return a function that starts a cluster at a port."""
+    pytest.importorskip("ray", reason="the extra `cluster` has no ray for this Python")
+    monkeypatch.setenv("RAY_gcs_rpc_server_reconnect_timeout_s", str(RECONNECT_S))
+    started = []
+
+    def begin(port: int = 0) -> Apart:
+        started.append(Apart(port))
+        return started[-1]
+
+    yield begin
+    for each in started:
+        each.stop()
+
+
+def ended(pid: int) -> bool:
+    """Return whether a process has ended, whether or not anybody has asked for its exit code."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except OSError:
+        return True
+
+
+@fairly
+def test_the_head_is_killed_and_started_again(start, tmp_path, apart):
+    first = apart()
+    fronts = Fronts(start, tmp_path, first.address)
+    people = {room: fronts.join(number, room) for number, room in enumerate(fronts.rooms)}
+    homes = {room: home_of(fronts, room) for room in fronts.rooms}
+    kill(first.head)
+    for process in fronts.processes:
+        process.hear("the directory of the cluster is silent: rooms and their people go on")
+    until(lambda: ended(first.raylet), "the other raylet ends without its head")
+    announced = [fronts.shared / f"room-{room}.json" for room in fronts.rooms]
+    until(lambda: all(b'"alone"' in path.read_bytes() for path in announced), "both rooms go on alone")
+    for person in people.values():
+        assert person.popen.poll() is None
+        assert "trying to resume" not in person.said, "nobody notices"
+    fronts.join(1, "attic", "--name", "ben")
+    asked = start("who", "--state", fronts.states[0])
+    assert asked.end() == 1
+    apart(int(first.address.rpartition(":")[2]))
+    for process in fronts.processes:
+        process.hear("the directory of the cluster answers again")
+    for room, person in people.items():
+        person.hear("resumed after")
+        person.hear("the server answers again: force ramps in")
+        until(lambda room=room: home_of(fronts, room) != homes[room], "the front knows it")
+    assert "3 in 2 rooms" in fronts.ask(0, "who")
+    leave(*people.values())
+    fronts.end()
+    assert not any(path.exists() for path in announced)
