@@ -75,3 +75,6 @@ cdef class LineReceiver:
     )
     cdef tuple _compensate(self, tuple frame, double part)
     cpdef write_off(self, row)
+    cpdef double energy_played_j(self)
+    cpdef long long next_number(self)
+    cpdef long long phase_to_spare(self)

@@ -92,9 +92,17 @@ class LineReceiver:
         """Energy of all waves played so far [J]."""
         return self._played_j.value
 
+    def energy_played_j(self) -> float:
+        """Return `played_j`."""
+        return self._played_j.value
+
     @property
     def acknowledged(self) -> int:
         """Number after the frame popped last; 0 before the first."""
+        return self.next_number()
+
+    def next_number(self) -> int:
+        """Return `acknowledged`."""
         return self._cursor if self._cursor > 0 else 0
 
     @property
@@ -353,6 +361,10 @@ class LineReceiver:
     @property
     def spare(self) -> int:
         """Ticks by which the sender may send its frames later, and all but `late` of them are in time; below 0: sooner."""
+        return self._jitter_buffer.spare()
+
+    def phase_to_spare(self) -> int:
+        """Return `spare`."""
         return self._jitter_buffer.spare()
 
     def playout_account(self) -> PlayoutAccount:
