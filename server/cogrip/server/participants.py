@@ -7,6 +7,7 @@ from cogrip.protocol.accounts import ClientAccount, SeatAccount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_reserve import EnergyReserve
+from cogrip.protocol.messages import Edges, Frame, Stamp
 from cogrip.protocol.session import SEAT
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.checkpoint import SeatCheckpoint
@@ -95,8 +96,23 @@ class Seat(Participant):
         self.credit_left = inf  # to the next line up, per axis [W]
         self.limited: dict[str, int] = {}  # limitations before the present port, by reason
 
+    def read_stamp(self, stamp: Stamp, now_ns: int) -> bool:
+        """Read the stamp of a message; False where it cannot be."""
+        rtt_ns = self.clock.read(stamp, now_ns)
+        if rtt_ns is not None:
+            self.rtt_ns = rtt_ns
+            return True
+        return not stamp.echo_ns
+
+    def receive(self, message: Frame | Edges, framed: bool, now_ns: int) -> bool:
+        """Take in a frame, or edges of buttons; False for what cannot be of this seat. framed: it is a frame of the scheme."""
+        port, handle = self.port, message.handle
+        if port is None or not (port.receive(message, now_ns) if framed else type(message) is Edges):
+            return False
+        return handle is None or port.handle.receive(handle, message.stamp.sent_ns)
+
     def void_ticket(self) -> None:
-        super().void_ticket()
+        self.ticket_hash = ""
         self.reserved_until_ns = None
 
     def checkpoint(self) -> SeatCheckpoint:

@@ -15,7 +15,7 @@ from cogrip.protocol.clock import Clock
 from cogrip.protocol.effects import Effect
 from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.messages import Heartbeat
+from cogrip.protocol.messages import Heartbeat, Mark
 from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.protocol.settings import Settings, seat_settings
@@ -53,7 +53,9 @@ class Room:
         self._scheme = SCHEMES[settings.coupling.kind]
         self.frame = self._scheme.frame
         self.world = make_room_world(settings, [seat.settings for seat in self.seats])
-        self._idle_row = (0.0,) * (self.world.axes * self.world.inputs_per_axis)
+        self._axes, self._places = self.world.axes, self.world.places
+        self._idle_row = (0.0,) * (self._axes * self.world.inputs_per_axis)
+        self._frame_ns = NS_PER_S // settings.rates.network_hz
         self.observer_slots = ObserverSlots(settings.admission.observers, settings.rates.network_hz)
         self.markers = Markers(settings.rates.network_hz)
         self.effects = RoomEffects(settings)
@@ -195,11 +197,29 @@ class Room:
     @property
     def deserted(self) -> bool:
         """Return whether there is neither a seat session nor an observer."""
-        return not self.observer_slots.observers and not any(seat.port for seat in self.seats)
+        return self.is_deserted()
+
+    def is_deserted(self) -> bool:
+        """Return `deserted`."""
+        for seat in self.seats:
+            if seat.port is not None:
+                return False
+        return not self.observer_slots.observers
+
+    def anybody_holds(self) -> bool:
+        """Return whether somebody holds the object."""
+        for seat in self.seats:
+            if seat.on_object:
+                return True
+        return False
 
     def silent(self, now_ns: int) -> list[Seat]:
         """Return the seats whose client has not been heard for LOST_NS."""
-        return [seat for seat in self.seats if seat.state == "seated" and now_ns - seat.last_received_ns > LOST_NS]
+        found = []
+        for seat in self.seats:
+            if now_ns - seat.last_received_ns > LOST_NS and seat.state == "seated":
+                found.append(seat)  # noqa: PERF401 - compiled, a loop whose variable has a type
+        return found
 
     def idle(self, steps: int) -> None:
         """Step a deserted room: the object is put down, where people can find it, and stays."""
@@ -213,13 +233,13 @@ class Room:
 
         Returns (address, datagram) for everybody.
         """
-        if self.deserted:
+        if self.is_deserted():
             self.idle(1)
             return []
-        world, seats = self.world, self.seats
+        world, seats, axes, places = self.world, self.seats, self._axes, self._places
         rows = self._pop(frames, now_ns)
-        before = world.motion()[: world.places]
-        if not any(seat.on_object for seat in seats):
+        before = world.motion()[:places]
+        if not self.anybody_holds():
             world.rest()  # an object that nobody holds is put down
         answers: Sequence[Sequence[float]] = ()
         failed = False
@@ -230,7 +250,7 @@ class Room:
             world.reset()
         self.steps += 1
         state = world.motion()
-        here = state[: world.places]
+        here = state[:places]
         if world.left_workspace and not self.diverged:
             self.diverged = f"the object left the workspace at {here} m"
         if failed or world.out_of_reach:
@@ -241,36 +261,48 @@ class Room:
         work = world.worked()
         self.effects.follow(self.steps)
         out = []
-        for number, seat in enumerate(seats):
+        for number in range(len(seats)):
+            seat = seats[number]
             port = seat.port
             if port is None:
                 continue
-            out += [(seat.address, messages.encode(told)) for told in seat.hand.due(seat.session, self.steps)]
+            if told := seat.hand.due(seat.session, self.steps):
+                out += [(seat.address, messages.encode(each)) for each in told]
             if seat.geometry is not None:
                 out += [(seat.address, messages.encode(geom)) for geom in seat.geometry.next(seat.session)]
             if not seat.on_object:  # its device is being opened: frames before its first one would only come late
                 out.append((seat.address, messages.encode(Heartbeat(seat.session, seat.clock.stamp(now_ns)))))
                 continue
-            out += self._tell_effects(seat)
+            if self._told_of(seat):
+                out += self._tell_effects(seat)
             answer = tuple(answers[number])
-            port.push(answer if port.axes == world.axes else answer[: port.axes])
+            port.push(answer if port.axes == axes else answer[: port.axes])
             port_in_j, left_j = port.port_in_j(), work[number] + port.absorbed_j
             seat.line_reserve.elapse(frames)
             if port_in_j is not None:
                 reserve_j = port_in_j - left_j + port.rounding_j
                 seat.line_reserve.update(reserve_j)
-                seat.line_margin_j = min(seat.line_margin_j, reserve_j)
-            seen = state if port.axes == world.axes else state[: port.axes] + state[world.axes : world.axes + port.axes]
-            stamp, engaged = seat.clock.stamp(now_ns), world.engaged_at(number)
-            message = port.message(seat.session, stamp, seen + engaged, -left_j)
+                if reserve_j < seat.line_margin_j:
+                    seat.line_margin_j = reserve_j
+            seen = state if port.axes == axes else state[: port.axes] + state[axes : axes + port.axes]
+            engaged = world.engaged_at(number)
+            message = port.message(
+                seat.session, seat.clock.stamp(now_ns), seen + engaged if engaged else seen, -left_j
+            )
             out.append((seat.address, messages.encode(message)))
         if self.observer_slots.observers:
             out += self.observer_slots.views(self.steps, world, seats, now_ns) + self._show_effects()
-        return out + self._marks()
+        if marks := self.markers.due(self.steps):
+            out += self._marks(marks)
+        return out
 
     def _effects_of(self, number: int) -> Sequence[Effect]:
         settled, own = self.effects.of(number), self.world.effects_of(number)
         return settled if not own else own if not settled else (*settled, *own)
+
+    def _told_of(self, seat: Seat) -> bool:
+        """Return whether there are effects that a person is told of, or was."""
+        return seat.effects is not None or bool(self._effects_of(seat.number))
 
     def _told_effects(self) -> ToldEffects:
         return ToldEffects(self.settings.rates.network_hz, self.world.axes, self.settings.effect_tank_mj)
@@ -303,19 +335,18 @@ class Room:
         message = told.next(seat.session, self.steps)
         return [] if message is None else [(seat.address, messages.encode(message))]
 
-    def _marks(self) -> list[tuple[Address, bytes]]:
-        """Return the markers that are told after this step, for everybody."""
-        if not (marks := self.markers.due(self.steps)):
-            return []
+    def _marks(self, marks: Sequence[Mark]) -> list[tuple[Address, bytes]]:
+        """Return these markers for everybody."""
         people = [*(seat for seat in self.seats if seat.port is not None), *self.observer_slots.observers.values()]
         return [(who.address, messages.encode(replace(mark, session=who.session))) for mark in marks for who in people]
 
     def _pop(self, frames: int, now_ns: int) -> list[Row]:
         """Return the row of each seat. A seat whose first frame is there takes hold of the object; springs get their aim."""
         world = self.world
-        next_step_ns = now_ns + NS_PER_S // self.settings.rates.network_hz
+        next_step_ns = now_ns + self._frame_ns
         rows = []
-        for number, seat in enumerate(self.seats):
+        for number in range(len(self.seats)):
+            seat = self.seats[number]
             port = seat.port
             if port is None:
                 rows.append(self._idle_row)
@@ -323,14 +354,14 @@ class Room:
             port.next_step_ns = next_step_ns
             missed = frames
             if not seat.on_object and port.origin is not None:
-                world.join(number, np.array(port.origin + self._idle_row[port.axes : world.axes]))
+                world.join(number, np.array(port.origin + self._idle_row[port.axes : self._axes]))
                 seat.on_object = True
                 missed = 1  # a line that has just begun has missed nothing
             if not seat.on_object:
                 rows.append(self._idle_row)
                 continue
             row = port.pop(missed)
-            rows.append(row if port.axes == world.axes else row + self._idle_row[port.axes :])
+            rows.append(row if port.axes == self._axes else row + self._idle_row[port.axes :])
             if port.proxy is not None and port.hand is not None:
                 world.report(number, port.hand, port.proxy)
             if port.impedance_nspm is not None:

@@ -20,12 +20,12 @@ from pathlib import Path
 from cogrip.protocol.channel import Address, place_text
 from cogrip.protocol.dtls_records import HANDSHAKE, RECORD_HEADER_BYTES, ClientRecords
 from cogrip.protocol.io.certificate import load
-from cogrip.protocol.io.dtls import Association, client_random, cookie_in, is_client_hello, server_context
+from cogrip.protocol.io.dtls import CLOSED, Association, client_random, cookie_in, is_client_hello, server_context
 from cogrip.protocol.io.dtls_session import SessionKeys, export_keys, newest_number
 from cogrip.protocol.messages import MAX_MESSAGE_BYTES
 from cogrip.protocol.session import nonce_of, refusal
 from cogrip.server.events import ServerEvent
-from cogrip.server.io.dtls_peer import Peer, is_of_handshake, is_of_session, trim
+from cogrip.server.io.dtls_peer import Peer, begin_session, is_of_handshake, is_of_session, trim
 from cogrip.server.rate_limit import Buckets, Budget, RateLimiter
 from cogrip.server.unencrypted_channel import looks_like_hello
 
@@ -93,10 +93,14 @@ class DtlsListener:
         if not 0 < len(message) <= MAX_MESSAGE_BYTES:
             self._drop("too large" if message else "empty")
             return False
+        if peer.session is not None:
+            self.outbox.append((address, peer.session.send(message)))
+            return True
         datagram = peer.association.send(message)
         if not datagram:
             self._end(address, peer)
             return False
+        peer.written = newest_number(datagram)
         self.outbox.append((address, datagram))
         return True
 
@@ -147,6 +151,15 @@ class DtlsListener:
             self.outbox.extend([(address, datagram) for datagram in peer.last_flight])
 
     def _decrypt(self, peer: Peer, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
+        session = peer.session
+        if session is not None:
+            received = self._bounded(session.receive(datagram), address, now_ns)
+            if not received:
+                self._drop("not of this seal")
+            if session.closed:
+                peer.association.failed = CLOSED
+                self._end(address, peer)
+            return received
         received = self._bounded(peer.association.feed(datagram), address, now_ns)
         if not received:
             self._drop("not of this seal")
@@ -155,8 +168,7 @@ class DtlsListener:
                 self._end(address, peer)
         else:
             peer.has_received = True
-            if not peer.seated:
-                peer.newest = max(peer.newest, newest_number(datagram))
+            peer.newest = max(peer.newest, newest_number(datagram))
         return received
 
     def _bounded(self, received: Sequence[bytes], address: Address, now_ns: int) -> Sequence[bytes]:
@@ -186,6 +198,7 @@ class DtlsListener:
             peer.had_seat = True
             self._rate_limiter.seated(address, now_ns)
             if seated:
+                begin_session(peer)
                 peer.requests, peer.most_requests = 0, MOST_LEFT
                 self._unseated.pop(address, None)
             else:
@@ -208,14 +221,16 @@ class DtlsListener:
         self._half.pop(address, None)
         self._unseated.pop(address, None)
         peer = self._open.pop(address, None)
-        if peer is not None:
+        if peer is not None and peer.session is not None:
+            self.outbox.append((address, peer.session.close()))
+        elif peer is not None:
             peer.association.close()
             self._take(peer, address)
 
     def hand_over(self, address: Address, last: bytes) -> SessionKeys | None:
         """Send a last message, and return the keys by which another process goes on; None where it cannot be sent."""
         peer = self._open.get(address)
-        if peer is None or not self.send(last, address):
+        if peer is None or peer.session is not None or not self.send(last, address):
             return None
         del self._open[address]
         self._unseated.pop(address, None)
@@ -232,6 +247,8 @@ class DtlsListener:
     def _take(self, peer: Peer, address: Address, *, last: bool = False) -> None:
         """Send what an association has to send. last: this is the end of a handshake."""
         datagrams = peer.association.pop_datagrams()
+        for datagram in datagrams:
+            peer.written = max(peer.written, newest_number(datagram))
         if last:
             peer.last_flight = datagrams
         self.outbox.extend([(address, datagram) for datagram in datagrams])
