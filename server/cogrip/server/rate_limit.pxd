@@ -4,7 +4,7 @@ cimport cython
 cdef class Buckets:
     cdef long long _each_ns
     cdef long long _all_ns
-    cdef long long[::1] _full_ns
+    cdef public long long[::1] _full_ns
 
     cpdef bint has(self, Py_ssize_t slot, long long now_ns) except -1
     @cython.locals(full_ns="long long")

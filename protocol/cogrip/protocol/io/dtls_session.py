@@ -6,7 +6,6 @@ number used twice would break the AEAD.
 """
 
 import hmac
-from collections.abc import Sequence
 
 import msgspec
 from cryptography.exceptions import InvalidTag
@@ -108,12 +107,12 @@ class DtlsSession:
         """Return the datagram that tells the other end that this association is over."""
         return self._record(ALERT, CLOSE_NOTIFY)
 
-    def receive(self, datagram: bytes) -> Sequence[bytes]:
+    def receive(self, datagram: bytes) -> list[bytes]:
         """Return the messages of a datagram. What is not authentic, or comes again, changes nothing."""
         if is_one_message(datagram):  # nearly all are
             plain = self._open(datagram)
-            return () if plain is None else (plain,)
-        messages: list[bytes] = []
+            return [] if plain is None else [plain]
+        messages = []
         for each in records(datagram):
             if each.epoch != 1 or each.type not in (DATA, ALERT):
                 continue
@@ -124,7 +123,7 @@ class DtlsSession:
                 messages.append(plain)
             else:  # every alert ends a session: none but close_notify is expected
                 self.closed = True
-        return messages or ()
+        return messages
 
     def _open(self, record: bytes) -> bytes | None:
         """Return what a record of epoch 1 holds; None where it is not authentic, or comes again."""

@@ -11,5 +11,5 @@ cdef class Recorder:
     cdef bint _reported
     cdef object _unsaved
 
-    cpdef put(self, Py_ssize_t topic, long long time_ns, bytes payload)
+    cpdef put(self, Py_ssize_t topic, unsigned long long time_ns, bytes payload)
     cdef _check_writer(self)

@@ -12,9 +12,9 @@ cdef class Ring:
     cdef long long _marked
     cdef public long long missed
 
-    cpdef put(self, Py_ssize_t topic, long long time_ns, bytes payload)
+    cpdef put(self, Py_ssize_t topic, unsigned long long time_ns, bytes payload)
     @cython.locals(
         size="long long", need="long long", put="long long", capacity="long long", at="long long", room="long long",
         whole="long long", start="long long",
     )
-    cdef bint _place(self, Py_ssize_t topic, long long time_ns, bytes payload) except -1
+    cdef bint _place(self, Py_ssize_t topic, unsigned long long time_ns, bytes payload) except -1

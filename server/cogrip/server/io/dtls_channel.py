@@ -159,7 +159,7 @@ class DtlsListener:
             if session.closed:
                 peer.association.failed = CLOSED
                 self._end(address, peer)
-            return received
+            return received or ()
         received = self._bounded(peer.association.feed(datagram), address, now_ns)
         if not received:
             self._drop("not of this seal")

@@ -71,7 +71,7 @@ class GripStep:
         inertia = 2.0 * mass / period
         weight = inertia + self._damping + self._beta_sum
         for user in range(users):
-            row = rows[user]
+            row = tuple(rows[user])
             for axis in range(axes):
                 waves[user * axes + axis] = row[axis]
         gained = lost = supplied = 0.0  # of object and springs [J / 2, W, W]
