@@ -30,6 +30,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
+sys.path.insert(0, str(ROOT))  # PYTHONSAFEPATH leaves it out
+import compiling  # noqa: E402
+
 VENV = ROOT / ".venv"
 LOCK = ROOT / "requirements.lock"
 PROJECT = ROOT / "pyproject.toml"
@@ -52,6 +55,9 @@ def setup(*args: str) -> int:
     packages = [sys.version, sys.base_prefix, str(VENV), _digest(LOCK)]
     wanted = {"packages": packages, "project": _digest(PROJECT)}
     found = json.loads(STAMP.read_text()) if STAMP.exists() else {}
+    if compiling.stale():
+        print("dev.py: sources have changed: what was compiled of them is removed", file=sys.stderr)
+        compiling.remove()
     if found == wanted:
         return 0
     _need_pip()
@@ -127,7 +133,7 @@ def compile_(*args: str) -> int:
     if args not in ((), ("--remove",)):
         raise SystemExit(f"dev.py: compile takes --remove or nothing, got {' '.join(args)!r}")
     setup()
-    return _become("python", str(ROOT / "protocol" / "compiling.py"), *args)
+    return _become("python", str(ROOT / "compiling.py"), *args)
 
 
 def rerecord(*args: str) -> int:

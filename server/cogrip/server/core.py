@@ -150,7 +150,7 @@ class ServerCore:
         stamp = message.stamp
         if not seat.read_stamp(stamp, now_ns):
             self._drop("implausible stamp")
-        if type(message) is not Heartbeat and not seat.receive(message, type(message) is room.frame, now_ns):
+        if not isinstance(message, Heartbeat) and not seat.receive(message, type(message) is room.frame, now_ns):
             self._drop("unfit")  # it keeps no seat: who can bring nothing in counts as silent
             return
         seat.last_received_ns = now_ns

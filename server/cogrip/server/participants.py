@@ -8,7 +8,7 @@ from cogrip.protocol.channel import Address
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.messages import Edges, Frame, Stamp
-from cogrip.protocol.session import SEAT
+from cogrip.protocol.session import LOST_NS, QUIET_NS, SEAT
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.checkpoint import SeatCheckpoint
 from cogrip.server.effects import ToldEffects
@@ -114,6 +114,17 @@ class Seat(Participant):
     def void_ticket(self) -> None:
         self.ticket_hash = ""
         self.reserved_until_ns = None
+
+    def is_free(self, now_ns: int) -> bool:
+        """Return whether a newcomer may have this seat."""
+        return self.state == "free" and (self.reserved_until_ns is None or now_ns >= self.reserved_until_ns)
+
+    def reserved_ns(self, now_ns: int) -> int:
+        """Return for how much longer the seat is reserved for somebody who fell silent; 0 where nobody did."""
+        if self.state == "free":
+            return max(0, (self.reserved_until_ns or 0) - now_ns)
+        silent_ns = now_ns - self.last_received_ns
+        return max(1, LOST_NS - silent_ns) if silent_ns >= QUIET_NS else 0
 
     def checkpoint(self) -> SeatCheckpoint:
         """Return the state that a next server goes on from."""

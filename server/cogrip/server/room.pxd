@@ -32,11 +32,12 @@ cdef class Room:
     cpdef bint is_deserted(self) except -1
     @cython.locals(seat=Seat)
     cpdef bint anybody_holds(self) except -1
-    @cython.locals(
-        seat=Seat, port=Port, number=Py_ssize_t, out=list, state=tuple, seen=tuple, answer=tuple, left_j=double,
-        reserve_j=double, failed=bint, axes=Py_ssize_t, turned=bint,
-    )
+    @cython.locals(seat=Seat, number=Py_ssize_t, out=list, state=tuple)
     cpdef list tick(self, long long now_ns, long long frames=*)
+    @cython.locals(places=Py_ssize_t, before=tuple, here=tuple, failed=bint)
+    cdef _advance(self, rows)
+    @cython.locals(port=Port, axes=Py_ssize_t, left_j=double, reserve_j=double, seen=tuple)
+    cdef _answer(self, Seat seat, tuple answer, double work_j, tuple state, long long frames, long long now_ns)
     @cython.locals(
         seat=Seat, port=Port, number=Py_ssize_t, rows=list, row=tuple, next_step_ns="long long", missed="long long",
     )

@@ -8,16 +8,16 @@ import numpy as np
 from msgspec.structs import replace
 
 from cogrip.protocol import messages
-from cogrip.protocol.accounts import LinkCount, RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.accounts import RoomAccount, SeatAccount, TickCount
 from cogrip.protocol.button_edges import EdgeReceiver, bits_of
 from cogrip.protocol.channel import Address
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.effects import Effect
 from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.messages import Heartbeat, Mark
+from cogrip.protocol.messages import Frame, Heartbeat, Mark
 from cogrip.protocol.rates import NS_PER_S
-from cogrip.protocol.session import LOST_NS, QUIET_NS
+from cogrip.protocol.session import LOST_NS
 from cogrip.protocol.settings import Settings, seat_settings
 from cogrip.protocol.settings_digest import digest
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint
@@ -29,9 +29,10 @@ from cogrip.server.participants import Seat
 from cogrip.server.port import Row
 from cogrip.server.schemes import SCHEMES, make_room_world
 from cogrip.server.seat_limits import BURST_S, Record, SeatLimits, limits_of
+from cogrip.server.seat_state import account_of, place_again, put_back
 from cogrip.server.stiffness_adaptation import StiffnessAdapter
 from cogrip.server.told_geometry import ToldGeometry
-from cogrip.server.worlds.world import WorldError, check_saved
+from cogrip.server.worlds.world import WorldError
 
 RESERVED_NS = 5_000_000_000  # a restored seat is reserved so long for its ticket's holder
 
@@ -153,16 +154,11 @@ class Room:
 
     def free(self, number: int, now_ns: int) -> bool:
         """Return whether a newcomer may have this seat."""
-        seat = self.seats[number]
-        return seat.state == "free" and (seat.reserved_until_ns is None or now_ns >= seat.reserved_until_ns)
+        return self.seats[number].is_free(now_ns)
 
     def reserved_ns(self, number: int, now_ns: int) -> int:
         """Return for how much longer a seat is reserved for somebody who fell silent; 0 where nobody did."""
-        seat = self.seats[number]
-        if seat.state == "free":
-            return max(0, (seat.reserved_until_ns or 0) - now_ns)
-        silent_ns = now_ns - seat.last_received_ns
-        return max(1, LOST_NS - silent_ns) if silent_ns >= QUIET_NS else 0
+        return self.seats[number].reserved_ns(now_ns)
 
     def checkpoint(self) -> RoomCheckpoint:
         """Return the state that a next server goes on from."""
@@ -177,17 +173,7 @@ class Room:
         """Begin where the server before ended, the object at rest. Raises CheckpointError, and nothing has changed."""
         if checkpoint.room != self.name or checkpoint.digest != self.digest:
             raise CheckpointError(f"it is of room {checkpoint.room!r} with other settings ({checkpoint.digest})")
-        users = [seat.name for seat in self.seats]
-        if [seat.user for seat in checkpoint.seats] != users or len(checkpoint.position_m) != self.world.axes:
-            raise CheckpointError("its seats or axes are not this room's")
-        try:
-            if checkpoint.progress:
-                check_saved(checkpoint.progress, len(self.world.progress()))
-            self.world.place(checkpoint.position_m, checkpoint.scene, checkpoint.coordinates)
-        except WorldError as error:
-            raise CheckpointError(str(error)) from None
-        if checkpoint.progress:
-            self.world.go_on(checkpoint.progress)
+        place_again(self.world, self.seats, checkpoint)
         self.travel_m, self.steps = checkpoint.travel_m, checkpoint.steps
         for seat, before in zip(self.seats, checkpoint.seats, strict=True):
             seat.restore(before)
@@ -208,7 +194,7 @@ class Room:
 
     def anybody_holds(self) -> bool:
         """Return whether somebody holds the object."""
-        for seat in self.seats:
+        for seat in self.seats:  # noqa: SIM110 - compiled, a loop whose variable has a type
             if seat.on_object:
                 return True
         return False
@@ -236,8 +222,35 @@ class Room:
         if self.is_deserted():
             self.idle(1)
             return []
-        world, seats, axes, places = self.world, self.seats, self._axes, self._places
-        rows = self._pop(frames, now_ns)
+        world = self.world
+        answers = self._advance(self._pop(frames, now_ns))
+        state, work = world.motion(), world.worked()
+        self.effects.follow(self.steps)
+        out: list[tuple[Address, bytes]] = []
+        for number in range(len(self.seats)):
+            seat = self.seats[number]
+            if seat.port is None:
+                continue
+            if told := seat.hand.due(seat.session, self.steps):
+                out += [(seat.address, messages.encode(each)) for each in told]
+            if seat.geometry is not None:
+                out += [(seat.address, messages.encode(geom)) for geom in seat.geometry.next(seat.session)]
+            if not seat.on_object:  # its device is being opened: frames before its first one would only come late
+                out.append((seat.address, messages.encode(Heartbeat(seat.session, seat.clock.stamp(now_ns)))))
+                continue
+            if self._told_of(seat):
+                out += self._tell_effects(seat)
+            message = self._answer(seat, tuple(answers[number]), work[number], state, frames, now_ns)
+            out.append((seat.address, messages.encode(message)))
+        if self.observer_slots.observers:
+            out += self.observer_slots.views(self.steps, world, self.seats, now_ns) + self._show_effects()
+        if marks := self.markers.due(self.steps):
+            out += self._marks(marks)
+        return out
+
+    def _advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
+        """Step the object; one that nobody can reach is put back. Returns the answer to each seat."""
+        world, places = self.world, self._places
         before = world.motion()[:places]
         if not self.anybody_holds():
             world.rest()  # an object that nobody holds is put down
@@ -249,52 +262,30 @@ class Room:
             failed, self.diverged = True, self.diverged or str(error)
             world.reset()
         self.steps += 1
-        state = world.motion()
-        here = state[:places]
+        here = world.motion()[:places]
         if world.left_workspace and not self.diverged:
             self.diverged = f"the object left the workspace at {here} m"
         if failed or world.out_of_reach:
-            answers = self._put_back()
-            state = world.motion()
-        else:
-            self.travel_m += dist(here, before)
-        work = world.worked()
-        self.effects.follow(self.steps)
-        out = []
-        for number in range(len(seats)):
-            seat = seats[number]
-            port = seat.port
-            if port is None:
-                continue
-            if told := seat.hand.due(seat.session, self.steps):
-                out += [(seat.address, messages.encode(each)) for each in told]
-            if seat.geometry is not None:
-                out += [(seat.address, messages.encode(geom)) for geom in seat.geometry.next(seat.session)]
-            if not seat.on_object:  # its device is being opened: frames before its first one would only come late
-                out.append((seat.address, messages.encode(Heartbeat(seat.session, seat.clock.stamp(now_ns)))))
-                continue
-            if self._told_of(seat):
-                out += self._tell_effects(seat)
-            answer = tuple(answers[number])
-            port.push(answer if port.axes == axes else answer[: port.axes])
-            port_in_j, left_j = port.port_in_j(), work[number] + port.absorbed_j
-            seat.line_reserve.elapse(frames)
-            if port_in_j is not None:
-                reserve_j = port_in_j - left_j + port.rounding_j
-                seat.line_reserve.update(reserve_j)
-                if reserve_j < seat.line_margin_j:
-                    seat.line_margin_j = reserve_j
-            seen = state if port.axes == axes else state[: port.axes] + state[axes : axes + port.axes]
-            engaged = world.engaged_at(number)
-            message = port.message(
-                seat.session, seat.clock.stamp(now_ns), seen + engaged if engaged else seen, -left_j
-            )
-            out.append((seat.address, messages.encode(message)))
-        if self.observer_slots.observers:
-            out += self.observer_slots.views(self.steps, world, seats, now_ns) + self._show_effects()
-        if marks := self.markers.due(self.steps):
-            out += self._marks(marks)
-        return out
+            return self._put_back()
+        self.travel_m += dist(here, before)
+        return answers
+
+    def _answer(self, seat: Seat, answer: Row, work_j: float, state: Row, frames: int, now_ns: int) -> Frame:
+        """Send the answer of the step by a seat's line, balance its ledger, and return the message."""
+        port, axes = seat.port, self._axes
+        assert port is not None
+        port.push(answer if port.axes == axes else answer[: port.axes])
+        port_in_j, left_j = port.port_in_j(), work_j + port.absorbed_j
+        seat.line_reserve.elapse(frames)
+        if port_in_j is not None:
+            reserve_j = port_in_j - left_j + port.rounding_j
+            seat.line_reserve.update(reserve_j)
+            if reserve_j < seat.line_margin_j:
+                seat.line_margin_j = reserve_j
+        seen = state if port.axes == axes else state[: port.axes] + state[axes : axes + port.axes]
+        if engaged := self.world.engaged_at(seat.number):
+            seen = seen + engaged
+        return port.message(seat.session, seat.clock.stamp(now_ns), seen, -left_j)
 
     def _effects_of(self, number: int) -> Sequence[Effect]:
         settled, own = self.effects.of(number), self.world.effects_of(number)
@@ -387,31 +378,12 @@ class Room:
 
         What springs and motion held is lost, so that no energy is made. Returns the answers to this step.
         """
-        world = self.world
         self.put_back += 1
-        answers: list[Row] = [()] * len(self.seats)
-        for number, seat in enumerate(self.seats):
-            if seat.on_object:
-                world.leave(number)
-        world.position = np.zeros(world.axes)
-        world.rest()
-        for number, seat in enumerate(self.seats):
-            if seat.on_object and seat.port is not None and seat.port.hand is not None:
-                world.join(number, np.array(seat.port.hand + self._idle_row[seat.port.axes : world.axes]))
-                answers[number] = seat.port.neutral
-        return answers
+        return put_back(self.world, self.seats, self._idle_row)
 
     def seat_account(self, number: int) -> SeatAccount:
         """Return the account of a seat session: the present one, else the last."""
-        seat = self.seats[number]
-        port = seat.port
-        if port is None:
-            return seat.last or SeatAccount((0.0,) * self.world.axes, None, None, LinkCount())
-        return SeatAccount(
-            self.world.proxy_of(number), port.up_margin_j, seat.line_margin_j, port.count(), port.playout_account(),
-            rendered_npm=self.world.stiffness_of(number) if seat.on_object else None,
-            up_reserve_j=port.up_reserve.reported_j, line_reserve_j=seat.line_reserve.reported_j,
-        )  # fmt: skip
+        return account_of(self.seats[number], self.world)
 
     def account(self) -> RoomAccount:
         """Return the account of the object and of the loop."""

@@ -191,7 +191,7 @@ class WavePort(Port):
 
 def within(most: float, numbers: Row) -> bool:
     """Return whether all are between -most and most."""
-    return all([-most <= each <= most for each in numbers])
+    return all(-most <= each <= most for each in numbers)
 
 
 def later_than(number: int, kept: dict[int, T]) -> dict[int, T]:

@@ -34,7 +34,7 @@ class Datagrams:
         while outbox:
             address, datagram = outbox.popleft()
             try:
-                send(datagram, address)  # type: ignore[arg-type]  # addresses are the socket's own
+                send(datagram, address)  # type: ignore[call-overload]  # addresses are the socket's own
             except OSError as error:
                 refused.append(str(error.strerror))
         return refused

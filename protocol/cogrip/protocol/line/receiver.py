@@ -56,9 +56,7 @@ class LineReceiver:
         """
         self._axes = axes
         self._zero = (0.0,) * axes
-        self._jitter_buffer = make_jitter_buffer(
-            delay_frames, frame_s, late, ticks, ticks if by_frames else 1
-        )
+        self._jitter_buffer = make_jitter_buffer(delay_frames, frame_s, late, ticks, ticks if by_frames else 1)
         self._ticks = ticks
         self._early = self._phase = 0  # of the newest frame: ticks before the next border, and its sender's phase
         self.hold = 1 if self._jitter_buffer.adapts else ticks

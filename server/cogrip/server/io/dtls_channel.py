@@ -25,9 +25,17 @@ from cogrip.protocol.io.dtls_session import SessionKeys, export_keys, newest_num
 from cogrip.protocol.messages import MAX_MESSAGE_BYTES
 from cogrip.protocol.session import nonce_of, refusal
 from cogrip.server.events import ServerEvent
-from cogrip.server.io.dtls_peer import Peer, begin_session, is_of_handshake, is_of_session, trim
+from cogrip.server.io.dtls_peer import (
+    COOKIE_BYTES,
+    Peer,
+    begin_session,
+    cookies_of,
+    is_of_handshake,
+    is_of_session,
+    trim,
+)
 from cogrip.server.rate_limit import Buckets, Budget, RateLimiter
-from cogrip.server.unencrypted_channel import looks_like_hello
+from cogrip.server.unencrypted_channel import ENCRYPTED_ONLY, looks_like_hello
 
 MOST_OPEN = 1024
 MOST_UNSEATED = 128  # associations without a seat: half open, or open
@@ -40,14 +48,9 @@ WAITS_NS = 5_000_000_000  # time for a handshake, then for a seat
 HELLO_WAITS_NS = 3_000_000_000  # time for the first message after a handshake
 SWEEP_EVERY_NS = 500_000_000
 TRIM_AFTER = 64  # handshakes of some 90 kB each, which malloc keeps
-COOKIE_NS = 30_000_000_000  # a cookie is valid for one or two of these periods
-COOKIE_BYTES = 16
 REPORTED = Budget(1, 10)  # events; others are only counted, so that nobody can fill a log
 MOST_EVENTS = 64  # that wait to be reported
 UNFINISHED = "records came where the end of the handshake must"
-ENCRYPTED_ONLY = (
-    "this server is encrypted (DTLS): join by a link that it prints at its start, or `cogrip token new` makes"
-)
 
 
 class DtlsListener:
@@ -128,10 +131,8 @@ class DtlsListener:
         if peer is None and half is None:
             self._drop("unauthenticated")
             return ()
-        reason = self._rate_limiter.peer(address, now_ns) or (
-            "no record" if len(datagram) < RECORD_HEADER_BYTES else ""
-        )
-        if reason:
+        short = "no record" if len(datagram) < RECORD_HEADER_BYTES else ""
+        if reason := self._rate_limiter.peer(address, now_ns) or short:
             self._drop(reason)
             return ()
         if half is not None and (peer is None or is_of_handshake(datagram)):
@@ -271,7 +272,7 @@ class DtlsListener:
         half, peer, nonce = self._half.get(address), self._open.get(address), client_random(datagram)
         cookie, fits = cookie_in(datagram), False
         if len(cookie) == COOKIE_BYTES:
-            self._cookies = self._cookies_of(address, now_ns)
+            self._cookies = cookies_of(self._secret, address, now_ns)
             fits = self._fits(cookie)
         if fits and half is not None and half.nonce == nonce:  # repeated: its handshake goes on
             self._drop("hello again")
@@ -286,7 +287,7 @@ class DtlsListener:
         if reason:
             self._drop(reason)
             return
-        self._cookies = self._cookies_of(address, now_ns)
+        self._cookies = cookies_of(self._secret, address, now_ns)
         records = ClientRecords(self._drop)
         passed = records.passed(datagram)
         if not passed:
@@ -395,15 +396,5 @@ class DtlsListener:
         if self._event_budget.take(0, now_ns):
             self.events.append(ServerEvent("refused", text, address=place_text(address), code=code))
 
-    def _cookies_of(self, address: Address, now_ns: int) -> tuple[bytes, bytes]:
-        """Return the cookies of this period and the one before."""
-        number, text = now_ns // COOKIE_NS, repr(address)
-        now, before = [
-            hmac.digest(self._secret, f"{each} {text}".encode(), "sha256")[:COOKIE_BYTES]
-            for each in (number, number - 1)
-        ]
-        return now, before
-
     def _fits(self, cookie: bytes) -> bool:
-        now, before = self._cookies
-        return hmac.compare_digest(cookie, now) or hmac.compare_digest(cookie, before)
+        return any(hmac.compare_digest(cookie, each) for each in self._cookies)

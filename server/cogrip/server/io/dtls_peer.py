@@ -1,6 +1,7 @@
 """Peer of the encrypted channel: its association, what its datagrams can be, and the memory that it leaves."""
 
 import ctypes
+import hmac
 from collections.abc import Sequence
 
 from cogrip.protocol.channel import Address
@@ -10,6 +11,9 @@ from cogrip.protocol.io.dtls_session import SUITES, DtlsSession, export_keys
 from cogrip.protocol.io.platform import system
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
 from cogrip.server.rate_limit import network_of
+
+COOKIE_NS = 30_000_000_000  # a cookie is valid for one or two of these periods
+COOKIE_BYTES = 16
 
 
 class Peer:
@@ -36,9 +40,20 @@ class Peer:
         self.most_requests = most_requests
         self.newest = -1  # number of a record of a message, until it was seated
         self.written = 0  # number of the record sent last, until then
-        self.session: DtlsSession | None = None  # since it was seated: OpenSSL has made the handshake, and is asked no more
+        self.session: DtlsSession | None = (
+            None  # since it was seated: OpenSSL has made the handshake, and is asked no more
+        )
         self.last_flight: Sequence[bytes] = ()
         self.repeats = 0  # of the last flight
+
+
+def cookies_of(secret: bytes, address: Address, now_ns: int) -> tuple[bytes, bytes]:
+    """Return the cookies of an address: of this period and of the one before."""
+    number, text = now_ns // COOKIE_NS, repr(address)
+    now, before = [
+        hmac.digest(secret, f"{each} {text}".encode(), "sha256")[:COOKIE_BYTES] for each in (number, number - 1)
+    ]
+    return now, before
 
 
 def begin_session(peer: Peer) -> None:

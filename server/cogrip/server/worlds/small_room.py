@@ -23,7 +23,9 @@ class StepState:
 
     def __get__(self, world: "SmallGripWorld", owner: type) -> Array:
         step = world.moving
-        shape = {"a": (step.axes,), "n": (step.users,), "na": (step.users, step.axes), "n1": (step.users, 1)}[self._shape]
+        shape = {"a": (step.axes,), "n": (step.users,), "na": (step.users, step.axes), "n1": (step.users, 1)}[
+            self._shape
+        ]
         array = np.array(getattr(step, self._name)[: int(np.prod(shape))]).reshape(shape)
         array.setflags(write=False)
         return array
@@ -44,9 +46,7 @@ class SmallGripWorld(GripWorld):
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         first = seats[0]
         axes = max(seat.object.axes for seat in seats)
-        self.moving = GripStep(
-            len(seats), axes, first.rates.frame_s, first.object.mass_kg, first.object.damping_nspm
-        )
+        self.moving = GripStep(len(seats), axes, first.rates.frame_s, first.object.mass_kg, first.object.damping_nspm)
         super().__init__(seats)
         self._follows: list[bool] = self.follows.tolist()
         self._advance = self.moving.advance
@@ -110,7 +110,9 @@ class SmallGripWorld(GripWorld):
             self._grow_now()
         if self._saving:
             paid = self._paid_j
-            self._paid_j = [min(each, MOST_SAVED_J) if follows else each for each, follows in zip(paid, self._follows, strict=True)]
+            self._paid_j = [
+                min(each, MOST_SAVED_J) if follows else each for each, follows in zip(paid, self._follows, strict=True)
+            ]
         return answers
 
     def _grow_now(self) -> None:

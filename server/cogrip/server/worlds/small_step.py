@@ -31,7 +31,11 @@ class GripStep:
         self.place, self.speed, self.external = list(NOTHING), list(NOTHING), list(NOTHING)
         self.stretch, self.force = list(NOTHING), list(NOTHING)
         self.K, self.B, self.b, self.c = list(NOTHING), list(NOTHING), list(NOTHING), list(NOTHING)
-        self._drive, self._gain, self._beta = list(NOTHING), list(NOTHING), list(NOTHING)  # of each person, see `settle`
+        self._drive, self._gain, self._beta = (
+            list(NOTHING),
+            list(NOTHING),
+            list(NOTHING),
+        )  # of each person, see `settle`
         self._beta_sum = 0.0
         self.work, self.excess, self.paid = list(NOTHING), list(NOTHING), list(NOTHING)
         self._waves, self._mids, self._taken = list(NOTHING), list(NOTHING), list(NOTHING)  # of a step
@@ -144,7 +148,7 @@ class GripStep:
 
     def within(self, most_m: float) -> bool:
         """Return whether the object is at most so far from the middle on each axis."""
-        for axis in range(self.axes):
+        for axis in range(self.axes):  # noqa: SIM110 - compiled, a loop in plain C
             if not abs(self.place[axis]) <= most_m:
                 return False
         return True
