@@ -9,6 +9,8 @@ usage: python3 dev.py COMMAND [ARGS...]
              benchmarks of every impaired network and of half an hour of live sessions: about two hours
   bench      set up, then a benchmark: `python3 dev.py bench --help` lists them
   lint       set up, then check format, style, types (as on Linux, Windows and macOS) and import contracts
+  compile    set up, then compile what a server does once a person and frame, beside its sources; `--remove` removes that.
+             Never needed: without, everything runs interpreted. Takes a C compiler and some minutes
   rerecord   set up, then record the sessions of tests/recordings anew: when behaviour is meant to change
   run        set up, then any command of the environment: `python3 dev.py run cogrip --help`
   lock       write requirements.lock again from pyproject.toml; `--upgrade` takes newer versions
@@ -28,6 +30,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
+sys.path.insert(0, str(ROOT))  # PYTHONSAFEPATH leaves it out
+import compiling  # noqa: E402
+
 VENV = ROOT / ".venv"
 LOCK = ROOT / "requirements.lock"
 PROJECT = ROOT / "pyproject.toml"
@@ -50,6 +55,9 @@ def setup(*args: str) -> int:
     packages = [sys.version, sys.base_prefix, str(VENV), _digest(LOCK)]
     wanted = {"packages": packages, "project": _digest(PROJECT)}
     found = json.loads(STAMP.read_text()) if STAMP.exists() else {}
+    if compiling.stale():
+        print("dev.py: sources have changed: what was compiled of them is removed", file=sys.stderr)
+        compiling.remove()
     if found == wanted:
         return 0
     _need_pip()
@@ -120,6 +128,14 @@ def lint(*args: str) -> int:
     return 1 if failed else 0
 
 
+def compile_(*args: str) -> int:
+    """Compile every module that has a `.pxd` beside it, and every `.pyx`, for this Python; or remove what was compiled."""
+    if args not in ((), ("--remove",)):
+        raise SystemExit(f"dev.py: compile takes --remove or nothing, got {' '.join(args)!r}")
+    setup()
+    return _become("python", str(ROOT / "compiling.py"), *args)
+
+
 def rerecord(*args: str) -> int:
     if args:
         raise SystemExit(f"dev.py: rerecord takes no arguments, got {' '.join(args)!r}")
@@ -156,6 +172,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "test": test,
     "bench": bench,
     "lint": lint,
+    "compile": compile_,
     "rerecord": rerecord,
     "run": run,
     "lock": lock,

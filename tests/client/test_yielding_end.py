@@ -93,14 +93,22 @@ def test_what_is_not_sent_in_a_gap_is_written_off_by_the_receiver() -> None:
         end.frame(None if number in (20, 21) or number >= 60 else wave, 0.1, sent=wave)
 
     receiver, written_off = end.coupling.down.receiver, []
-    write_off = receiver.write_off
 
-    def listen(row: Sequence[float]) -> None:
-        deficit = receiver.deficit[0]
-        write_off(row)
-        written_off.append(deficit - receiver.deficit[0])
+    class Listening:
+        """The receiver, and what is written off."""
 
-    receiver.write_off = listen  # type: ignore[method-assign]
+        def __getattr__(self, name: str) -> object:
+            return getattr(receiver, name)
+
+        def __setattr__(self, name: str, value: object) -> None:
+            setattr(receiver, name, value)
+
+        def write_off(self, row: Sequence[float]) -> None:
+            deficit = receiver.deficit[0]
+            receiver.write_off(row)
+            written_off.append(deficit - receiver.deficit[0])
+
+    end.coupling.down.receiver = Listening()  # type: ignore[assignment]
     before, sent, applied = sum(end.coupling.down.written_off) / M, 0.0, 0.0
     for _ in range(30):
         end.frame(None, 0.1, sent=wave)

@@ -87,7 +87,7 @@ def test_depth_changes_one_frame_at_a_time_and_nothing_is_played_twice(condition
     played: list[int] = []
     account = checked.receiver.playout_account()
     moves = 0
-    real = checked.receiver.pop
+    real = checked.pop
 
     def pop(frames: int = 1) -> tuple[float, ...]:
         nonlocal account, moves
@@ -104,7 +104,7 @@ def test_depth_changes_one_frame_at_a_time_and_nothing_is_played_twice(condition
         account, moves = now, moves + sum(moved)
         return wave
 
-    checked.receiver.pop = pop  # type: ignore[method-assign]
+    checked.pop = pop  # type: ignore[method-assign]
     drive(checked, conditions, noise(1, seed), frames=400, seed=seed)
     assert played == sorted(set(played))
     assert (account.least_frames <= account.depth_frames <= account.most_frames) or not played

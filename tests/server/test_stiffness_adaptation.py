@@ -253,7 +253,7 @@ def test_energy_is_made_where_the_ledger_is_not_asked(kind: str) -> None:
         world.join(0, np.zeros(1))
         for step in range(400):
             if isinstance(world, SmallGripWorld):
-                world._paid_j[0] = 1e6
+                world._paid_j = [1e6]
             else:
                 world._ledger[0] = 1e6
             if step % 20 == 0:

@@ -28,8 +28,8 @@ class Clock:
     """
 
     __slots__ = (
-        "_echoed_ns", "_high_ns", "_low_ns", "_peer_sent_ns", "_read_ns", "_received_ns", "contradictions", "forward_ns",
-        "fresh", "implausible", "return_ns",
+        "_any", "_echoed_ns", "_high_ns", "_low_ns", "_peer_sent_ns", "_read_ns", "_received_ns", "contradictions",
+        "forward_ns", "fresh", "implausible", "return_ns",
     )  # fmt: skip
 
     def __init__(self) -> None:
@@ -37,7 +37,8 @@ class Clock:
         self._received_ns = 0
         self._echoed_ns = 0  # the newest of our own readings that came back
         self._low_ns = self._high_ns = 0  # the bounds of theta
-        self._read_ns: int | None = None  # when they were read
+        self._any = False  # one was read
+        self._read_ns = 0  # when they were read
         self.forward_ns: int | None = None
         self.return_ns: int | None = None
         self.fresh = False
@@ -56,14 +57,16 @@ class Clock:
             self._peer_sent_ns, self._received_ns = sent_ns, now_ns
         if not echo_ns:
             return None
-        rtt_ns = now_ns - echo_ns - stamp.held_ns
-        if not 0 <= rtt_ns < MOST_RTT_NS:
+        held_ns = stamp.held_ns
+        rtt_ns = now_ns - echo_ns
+        if rtt_ns < held_ns or rtt_ns - held_ns >= MOST_RTT_NS:  # in an order in which 64 bits are enough
             self.implausible += 1
             return None
+        rtt_ns -= held_ns
         low_ns = sent_ns - now_ns  # T3 - T4
         high_ns = low_ns + rtt_ns  # T2 - T1, as T2 = T3 - held
         least_ns, most_ns = low_ns, high_ns
-        if self._read_ns is not None:
+        if self._any:
             way_ns = (now_ns - self._read_ns) // _DRIFT_PART + 1  # rounded up
             kept_ns = self._low_ns - way_ns  # compared by hand: calls of min and max cost half as much again
             if kept_ns > least_ns:
@@ -74,8 +77,8 @@ class Clock:
             if least_ns > most_ns:  # the kept bounds contradict the new ones
                 self.contradictions += 1
                 least_ns, most_ns = low_ns, high_ns
-        self._low_ns, self._high_ns, self._read_ns = least_ns, most_ns, now_ns
-        offset_ns = (least_ns + most_ns) >> 1
+        self._low_ns, self._high_ns, self._read_ns, self._any = least_ns, most_ns, now_ns, True
+        offset_ns = least_ns + ((most_ns - least_ns) >> 1)
         self.return_ns = offset_ns - low_ns
         if echo_ns > self._echoed_ns:
             self._echoed_ns = echo_ns
@@ -86,9 +89,9 @@ class Clock:
     @property
     def offset_ns(self) -> int | None:
         """The other end's clock less ours, None while nothing is known."""
-        return None if self._read_ns is None else (self._low_ns + self._high_ns) >> 1
+        return self._low_ns + ((self._high_ns - self._low_ns) >> 1) if self._any else None
 
     @property
     def uncertainty_ns(self) -> int | None:
         """Bound of the error of `offset_ns` if no clock drifts by more than DRIFT_PPM: half the least round trip."""
-        return None if self._read_ns is None else (self._high_ns - self._low_ns + 1) >> 1
+        return (self._high_ns - self._low_ns + 1) >> 1 if self._any else None

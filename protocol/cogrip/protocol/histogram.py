@@ -16,6 +16,7 @@ _SUB_BINS = 1 << _SUB_BITS  # bins an octave
 _KEPT_BITS = _SUB_BITS + 1  # the leading one and the bits that pick the bin
 _LARGEST_NS = (1 << 62) - 1  # 146 years
 _BINS = ((62 - _KEPT_BITS) << _SUB_BITS) + 2 * _SUB_BINS
+_NOTHING = (0,) * _BINS
 
 RELATIVE_ERROR = 1 / (2 * _SUB_BINS)
 
@@ -43,7 +44,7 @@ class DurationHistogram:
     __slots__ = ("_counts", "max_ns", "total_ns")
 
     def __init__(self) -> None:
-        self._counts = [0] * _BINS
+        self._counts = list(_NOTHING)
         self.max_ns = self.total_ns = 0
 
     def add(self, value_ns: int) -> None:
@@ -91,7 +92,7 @@ class DurationHistogram:
 
     def clear(self) -> None:
         """Remove all durations, for the next window of a running display."""
-        self._counts = [0] * _BINS
+        self._counts = list(_NOTHING)
         self.max_ns = self.total_ns = 0
 
     def bins(self) -> list[Bin]:

@@ -11,16 +11,13 @@ from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
-from cogrip.protocol.channel import Address, Channel
 from cogrip.protocol.io.pacing import SPIN_NS, Pacer
 from cogrip.protocol.io.platform import time
 from cogrip.protocol.io.realtime import SERVER_PRIORITY, engage, release
 from cogrip.protocol.io.receive_buffer import OVERRUN
 from cogrip.protocol.io.recorder import Recorder, open_recorder
 from cogrip.protocol.io.stop import Stop
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
 from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Nowhere
@@ -31,24 +28,16 @@ from cogrip.server import inputs
 from cogrip.server.admission import AdmitAll, Authenticator, Outside
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.io.call_limit import call_limit
-from cogrip.server.io.udp_port import DatagramPort, PortRange, UdpPort
+from cogrip.server.io.datagram_path import DatagramPath
+from cogrip.server.io.udp_port import DatagramPort, PortRange, ServerChannel, UdpPort
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer
 from cogrip.server.room import Room
 from cogrip.server.worlds.guarded import GuardedWorld
 
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
-MOST_AT_ONCE = 1024  # datagrams that are received before a tick: a flood beyond that is the kernel's to drop
 REPORTED = Budget(1, 40)  # of each of UNAUTHENTICATED_EVENTS
 IDLE_NS, IDLE_TURNS = 500_000_000, 32  # a deserted room is stepped so often, and the rooms in so many turns
-CLOCK_EVERY = 32  # datagrams between two readings of the clock
-
-
-class ServerChannel(Channel, Protocol):
-    """renewed: addresses with a new DTLS association, perhaps of somebody else; events: to be reported."""
-
-    renewed: deque[Address]
-    events: deque[ServerEvent]
 
 
 Chore = Callable[[int], None]
@@ -79,13 +68,10 @@ class LiveServer:
     channel: ServerChannel = field(init=False)
     pacers: dict[str, Pacer] = field(init=False, default_factory=dict)
     recorder: Recorder | None = field(init=False, default=None)
-    _received: int = field(init=False, default=0)
-    _sent: int = field(init=False, default=0)
     _port: DatagramPort = field(init=False)
     _start_ns: int = field(init=False, default=0)
     _overran: int = field(init=False, default=0)
-    _cut_short: int = field(init=False, default=0)
-    _drain_limit_ns: int = field(init=False, default=0)
+    _path: DatagramPath = field(init=False)
     _event_budget: Buckets = field(init=False, default_factory=lambda: Buckets(len(UNAUTHENTICATED_EVENTS), REPORTED))
     _withheld: Counter[str] = field(init=False, default_factory=Counter)
 
@@ -110,7 +96,8 @@ class LiveServer:
         except BaseException:  # there is no usable key
             self.close()
             raise
-        self._drain_limit_ns = min(500_000_000 // room.rates.network_hz for room in self.rooms)  # half a frame
+        half_frame_ns = min(500_000_000 // room.rates.network_hz for room in self.rooms)
+        self._path = DatagramPath(port, self.channel, self.core, half_frame_ns)
 
     def close(self) -> None:
         """Free the port where `run` is not called."""
@@ -165,14 +152,14 @@ class LiveServer:
     @property
     def datagrams(self) -> tuple[int, int]:
         """(Received, sent) at the socket so far."""
-        return self._received, self._sent
+        return self._path.received, self._path.sent
 
     def drops(self) -> dict[str, int]:
         """Return the drop counts by reason: of kernel, channel and core."""
         dropped = Counter(self.core.dropped)
         dropped.update(self.channel.dropped)
-        if self._cut_short:
-            dropped["left for the next tick"] = self._cut_short  # times that some were
+        if self._path.cut_short:
+            dropped["left for the next tick"] = self._path.cut_short  # times that some were
         with suppress(OSError):  # the socket is closed: the last count holds
             self._overran = self._port.overruns()
         if self._overran:
@@ -180,7 +167,7 @@ class LiveServer:
         return dict(dropped)
 
     def _loop(self, pacers: dict[str, Pacer]) -> None:
-        core, clock = self.core, time.monotonic_ns
+        core, clock, path = self.core, time.monotonic_ns, self._path
         last = dict.fromkeys(pacers, -1)
         work_us = dict.fromkeys(pacers, 0)
         end_ns = None if self.seconds is None else self._start_ns + round(self.seconds * 1e9)
@@ -200,7 +187,7 @@ class LiveServer:
             while (now_ns := clock()) < due_ns:
                 pass
             ticks = {room.name: pacers[room.name].take(now_ns) for room in awake}
-            self._drain(now_ns)
+            path.drain(now_ns)
             for room in awake:
                 pacer, tick = pacers[room.name], ticks[room.name]
                 if tick is None:
@@ -208,10 +195,10 @@ class LiveServer:
                 core.timing[room.name] = (pacer.late_ns // 1000, work_us[room.name], pacer.skipped)
                 core.tick(room, now_ns, tick - last[room.name])
                 last[room.name] = tick
-                self._send()
+                path.send()
                 work_us[room.name] = (clock() - now_ns) // 1000
                 pacer.done()
-            self._send()
+            path.send()
             if core.woken:
                 for room in [room for _, room in asleep if room in core.woken]:
                     last[room.name] += pacers[room.name].pass_by(now_ns)
@@ -224,7 +211,7 @@ class LiveServer:
                 asleep.append((now_ns, room))
             self._report()
             self.channel.poll(now_ns)
-            self._flush()
+            path.flush()
             for chore in self.chores:
                 chore(now_ns)
 
@@ -262,58 +249,16 @@ class LiveServer:
 
     def _farewell(self) -> None:
         self.core.handle(inputs.Stop(f"the server was {self.stop.reason}"), time.monotonic_ns())
-        self._send()
+        self._path.send()
         until_ns = time.monotonic_ns() + LINGER_NS
         while (now_ns := time.monotonic_ns()) < until_ns and self.core.awaits_accounts:
-            self._drain(now_ns)
-            self._send()
+            self._path.drain(now_ns)
+            self._path.send()
             time.sleep(0.002)
         for address in self.core.addresses:
             self.channel.close(address)
-        self._flush()
+        self._path.flush()
         self._report()
-
-    def _drain(self, now_ns: int) -> None:
-        receive, decrypt, handle = self._port.receive, self.channel.receive, self.core.receive
-        renewed = self.channel.renewed
-        for count in range(MOST_AT_ONCE):
-            if count % CLOCK_EVERY == CLOCK_EVERY - 1 and time.monotonic_ns() - now_ns > self._drain_limit_ns:
-                self._received += count
-                self._cut_short += 1
-                break
-            try:
-                datagram, address, arrived_ns = receive(MAX_DATAGRAM_BYTES + 1, now_ns)
-            except BlockingIOError:
-                self._received += count
-                break
-            except OSError as error:  # an earlier datagram of ours found no one: nothing of this one is lost
-                self.core.handle(inputs.SocketFailed(str(error.strerror)), now_ns)
-                continue
-            carried = decrypt(datagram, address, now_ns)
-            while renewed:
-                self.core.handle(inputs.UnbindAddress(renewed.popleft()), now_ns)  # type: ignore[arg-type]
-            for message in carried:
-                handle(message, address, arrived_ns)
-        else:
-            self._received += MOST_AT_ONCE
-        self._flush()
-
-    def _send(self) -> None:
-        outbox, encrypt = self.core.outbox, self.channel.send
-        while outbox:
-            address, message = outbox.popleft()
-            encrypt(message, address)
-        self._flush()
-
-    def _flush(self) -> None:
-        outbox, send = self.channel.outbox, self._port.send
-        self._sent += len(outbox)
-        while outbox:
-            address, datagram = outbox.popleft()
-            try:
-                send(datagram, address)
-            except OSError as error:
-                self.core.handle(inputs.SocketFailed(str(error.strerror)), time.monotonic_ns())
 
 
 def ticket_hash(ticket: str) -> str:

@@ -7,7 +7,8 @@ from cogrip.protocol.accounts import ClientAccount, SeatAccount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.session import SEAT
+from cogrip.protocol.messages import Edges, Frame, Stamp
+from cogrip.protocol.session import LOST_NS, QUIET_NS, SEAT
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.checkpoint import SeatCheckpoint
 from cogrip.server.effects import ToldEffects
@@ -95,9 +96,35 @@ class Seat(Participant):
         self.credit_left = inf  # to the next line up, per axis [W]
         self.limited: dict[str, int] = {}  # limitations before the present port, by reason
 
+    def read_stamp(self, stamp: Stamp, now_ns: int) -> bool:
+        """Read the stamp of a message; False where it cannot be."""
+        rtt_ns = self.clock.read(stamp, now_ns)
+        if rtt_ns is not None:
+            self.rtt_ns = rtt_ns
+            return True
+        return not stamp.echo_ns
+
+    def receive(self, message: Frame | Edges, framed: bool, now_ns: int) -> bool:
+        """Take in a frame, or edges of buttons; False for what cannot be of this seat. framed: it is a frame of the scheme."""
+        port, handle = self.port, message.handle
+        if port is None or not (port.receive(message, now_ns) if framed else type(message) is Edges):
+            return False
+        return handle is None or port.handle.receive(handle, message.stamp.sent_ns)
+
     def void_ticket(self) -> None:
-        super().void_ticket()
+        self.ticket_hash = ""
         self.reserved_until_ns = None
+
+    def is_free(self, now_ns: int) -> bool:
+        """Return whether a newcomer may have this seat."""
+        return self.state == "free" and (self.reserved_until_ns is None or now_ns >= self.reserved_until_ns)
+
+    def reserved_ns(self, now_ns: int) -> int:
+        """Return for how much longer the seat is reserved for somebody who fell silent; 0 where nobody did."""
+        if self.state == "free":
+            return max(0, (self.reserved_until_ns or 0) - now_ns)
+        silent_ns = now_ns - self.last_received_ns
+        return max(1, LOST_NS - silent_ns) if silent_ns >= QUIET_NS else 0
 
     def checkpoint(self) -> SeatCheckpoint:
         """Return the state that a next server goes on from."""

@@ -208,7 +208,7 @@ def _seat_step(room: Room, number: int) -> SeatStep:
     seat, world = room.seats[number], room.world
     port = seat.port
     if port is None:
-        nothing = (0.0,) * world.axes
+        nothing: tuple[float, ...] = (0.0,) * world.axes
         return SeatStep(seat.settings.user, False, nothing, nothing, None, None, None, None, 0)
     handle = port.handle
     return SeatStep(

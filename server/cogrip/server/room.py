@@ -8,16 +8,16 @@ import numpy as np
 from msgspec.structs import replace
 
 from cogrip.protocol import messages
-from cogrip.protocol.accounts import LinkCount, RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.accounts import RoomAccount, SeatAccount, TickCount
 from cogrip.protocol.button_edges import EdgeReceiver, bits_of
 from cogrip.protocol.channel import Address
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.effects import Effect
 from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.messages import Heartbeat
+from cogrip.protocol.messages import Frame, Heartbeat, Mark
 from cogrip.protocol.rates import NS_PER_S
-from cogrip.protocol.session import LOST_NS, QUIET_NS
+from cogrip.protocol.session import LOST_NS
 from cogrip.protocol.settings import Settings, seat_settings
 from cogrip.protocol.settings_digest import digest
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint
@@ -29,9 +29,10 @@ from cogrip.server.participants import Seat
 from cogrip.server.port import Row
 from cogrip.server.schemes import SCHEMES, make_room_world
 from cogrip.server.seat_limits import BURST_S, Record, SeatLimits, limits_of
+from cogrip.server.seat_state import account_of, place_again, put_back
 from cogrip.server.stiffness_adaptation import StiffnessAdapter
 from cogrip.server.told_geometry import ToldGeometry
-from cogrip.server.worlds.world import WorldError, check_saved
+from cogrip.server.worlds.world import WorldError
 
 RESERVED_NS = 5_000_000_000  # a restored seat is reserved so long for its ticket's holder
 
@@ -53,7 +54,9 @@ class Room:
         self._scheme = SCHEMES[settings.coupling.kind]
         self.frame = self._scheme.frame
         self.world = make_room_world(settings, [seat.settings for seat in self.seats])
-        self._idle_row = (0.0,) * (self.world.axes * self.world.inputs_per_axis)
+        self._axes, self._places = self.world.axes, self.world.places
+        self._idle_row = (0.0,) * (self._axes * self.world.inputs_per_axis)
+        self._frame_ns = NS_PER_S // settings.rates.network_hz
         self.observer_slots = ObserverSlots(settings.admission.observers, settings.rates.network_hz)
         self.markers = Markers(settings.rates.network_hz)
         self.effects = RoomEffects(settings)
@@ -151,16 +154,11 @@ class Room:
 
     def free(self, number: int, now_ns: int) -> bool:
         """Return whether a newcomer may have this seat."""
-        seat = self.seats[number]
-        return seat.state == "free" and (seat.reserved_until_ns is None or now_ns >= seat.reserved_until_ns)
+        return self.seats[number].is_free(now_ns)
 
     def reserved_ns(self, number: int, now_ns: int) -> int:
         """Return for how much longer a seat is reserved for somebody who fell silent; 0 where nobody did."""
-        seat = self.seats[number]
-        if seat.state == "free":
-            return max(0, (seat.reserved_until_ns or 0) - now_ns)
-        silent_ns = now_ns - seat.last_received_ns
-        return max(1, LOST_NS - silent_ns) if silent_ns >= QUIET_NS else 0
+        return self.seats[number].reserved_ns(now_ns)
 
     def checkpoint(self) -> RoomCheckpoint:
         """Return the state that a next server goes on from."""
@@ -175,17 +173,7 @@ class Room:
         """Begin where the server before ended, the object at rest. Raises CheckpointError, and nothing has changed."""
         if checkpoint.room != self.name or checkpoint.digest != self.digest:
             raise CheckpointError(f"it is of room {checkpoint.room!r} with other settings ({checkpoint.digest})")
-        users = [seat.name for seat in self.seats]
-        if [seat.user for seat in checkpoint.seats] != users or len(checkpoint.position_m) != self.world.axes:
-            raise CheckpointError("its seats or axes are not this room's")
-        try:
-            if checkpoint.progress:
-                check_saved(checkpoint.progress, len(self.world.progress()))
-            self.world.place(checkpoint.position_m, checkpoint.scene, checkpoint.coordinates)
-        except WorldError as error:
-            raise CheckpointError(str(error)) from None
-        if checkpoint.progress:
-            self.world.go_on(checkpoint.progress)
+        place_again(self.world, self.seats, checkpoint)
         self.travel_m, self.steps = checkpoint.travel_m, checkpoint.steps
         for seat, before in zip(self.seats, checkpoint.seats, strict=True):
             seat.restore(before)
@@ -195,11 +183,29 @@ class Room:
     @property
     def deserted(self) -> bool:
         """Return whether there is neither a seat session nor an observer."""
-        return not self.observer_slots.observers and not any(seat.port for seat in self.seats)
+        return self.is_deserted()
+
+    def is_deserted(self) -> bool:
+        """Return `deserted`."""
+        for seat in self.seats:
+            if seat.port is not None:
+                return False
+        return not self.observer_slots.observers
+
+    def anybody_holds(self) -> bool:
+        """Return whether somebody holds the object."""
+        for seat in self.seats:  # noqa: SIM110 - compiled, a loop whose variable has a type
+            if seat.on_object:
+                return True
+        return False
 
     def silent(self, now_ns: int) -> list[Seat]:
         """Return the seats whose client has not been heard for LOST_NS."""
-        return [seat for seat in self.seats if seat.state == "seated" and now_ns - seat.last_received_ns > LOST_NS]
+        found = []
+        for seat in self.seats:
+            if now_ns - seat.last_received_ns > LOST_NS and seat.state == "seated":
+                found.append(seat)  # noqa: PERF401 - compiled, a loop whose variable has a type
+        return found
 
     def idle(self, steps: int) -> None:
         """Step a deserted room: the object is put down, where people can find it, and stays."""
@@ -213,13 +219,40 @@ class Room:
 
         Returns (address, datagram) for everybody.
         """
-        if self.deserted:
+        if self.is_deserted():
             self.idle(1)
             return []
-        world, seats = self.world, self.seats
-        rows = self._pop(frames, now_ns)
-        before = world.motion()[: world.places]
-        if not any(seat.on_object for seat in seats):
+        world = self.world
+        answers = self._advance(self._pop(frames, now_ns))
+        state, work = world.motion(), world.worked()
+        self.effects.follow(self.steps)
+        out: list[tuple[Address, bytes]] = []
+        for number in range(len(self.seats)):
+            seat = self.seats[number]
+            if seat.port is None:
+                continue
+            if told := seat.hand.due(seat.session, self.steps):
+                out += [(seat.address, messages.encode(each)) for each in told]
+            if seat.geometry is not None:
+                out += [(seat.address, messages.encode(geom)) for geom in seat.geometry.next(seat.session)]
+            if not seat.on_object:  # its device is being opened: frames before its first one would only come late
+                out.append((seat.address, messages.encode(Heartbeat(seat.session, seat.clock.stamp(now_ns)))))
+                continue
+            if self._told_of(seat):
+                out += self._tell_effects(seat)
+            message = self._answer(seat, tuple(answers[number]), work[number], state, frames, now_ns)
+            out.append((seat.address, messages.encode(message)))
+        if self.observer_slots.observers:
+            out += self.observer_slots.views(self.steps, world, self.seats, now_ns) + self._show_effects()
+        if marks := self.markers.due(self.steps):
+            out += self._marks(marks)
+        return out
+
+    def _advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
+        """Step the object; one that nobody can reach is put back. Returns the answer to each seat."""
+        world, places = self.world, self._places
+        before = world.motion()[:places]
+        if not self.anybody_holds():
             world.rest()  # an object that nobody holds is put down
         answers: Sequence[Sequence[float]] = ()
         failed = False
@@ -229,48 +262,38 @@ class Room:
             failed, self.diverged = True, self.diverged or str(error)
             world.reset()
         self.steps += 1
-        state = world.motion()
-        here = state[: world.places]
+        here = world.motion()[:places]
         if world.left_workspace and not self.diverged:
             self.diverged = f"the object left the workspace at {here} m"
         if failed or world.out_of_reach:
-            answers = self._put_back()
-            state = world.motion()
-        else:
-            self.travel_m += dist(here, before)
-        work = world.worked()
-        self.effects.follow(self.steps)
-        out = []
-        for number, seat in enumerate(seats):
-            port = seat.port
-            if port is None:
-                continue
-            out += [(seat.address, messages.encode(told)) for told in seat.hand.due(seat.session, self.steps)]
-            if seat.geometry is not None:
-                out += [(seat.address, messages.encode(geom)) for geom in seat.geometry.next(seat.session)]
-            if not seat.on_object:  # its device is being opened: frames before its first one would only come late
-                out.append((seat.address, messages.encode(Heartbeat(seat.session, seat.clock.stamp(now_ns)))))
-                continue
-            out += self._tell_effects(seat)
-            answer = tuple(answers[number])
-            port.push(answer if port.axes == world.axes else answer[: port.axes])
-            port_in_j, left_j = port.port_in_j(), work[number] + port.absorbed_j
-            seat.line_reserve.elapse(frames)
-            if port_in_j is not None:
-                reserve_j = port_in_j - left_j + port.rounding_j
-                seat.line_reserve.update(reserve_j)
-                seat.line_margin_j = min(seat.line_margin_j, reserve_j)
-            seen = state if port.axes == world.axes else state[: port.axes] + state[world.axes : world.axes + port.axes]
-            stamp, engaged = seat.clock.stamp(now_ns), world.engaged_at(number)
-            message = port.message(seat.session, stamp, seen + engaged, -left_j)
-            out.append((seat.address, messages.encode(message)))
-        if self.observer_slots.observers:
-            out += self.observer_slots.views(self.steps, world, seats, now_ns) + self._show_effects()
-        return out + self._marks()
+            return self._put_back()
+        self.travel_m += dist(here, before)
+        return answers
+
+    def _answer(self, seat: Seat, answer: Row, work_j: float, state: Row, frames: int, now_ns: int) -> Frame:
+        """Send the answer of the step by a seat's line, balance its ledger, and return the message."""
+        port, axes = seat.port, self._axes
+        assert port is not None
+        port.push(answer if port.axes == axes else answer[: port.axes])
+        port_in_j, left_j = port.port_in_j(), work_j + port.absorbed_j
+        seat.line_reserve.elapse(frames)
+        if port_in_j is not None:
+            reserve_j = port_in_j - left_j + port.rounding_j
+            seat.line_reserve.update(reserve_j)
+            if reserve_j < seat.line_margin_j:
+                seat.line_margin_j = reserve_j
+        seen = state if port.axes == axes else state[: port.axes] + state[axes : axes + port.axes]
+        if engaged := self.world.engaged_at(seat.number):
+            seen = seen + engaged
+        return port.message(seat.session, seat.clock.stamp(now_ns), seen, -left_j)
 
     def _effects_of(self, number: int) -> Sequence[Effect]:
         settled, own = self.effects.of(number), self.world.effects_of(number)
         return settled if not own else own if not settled else (*settled, *own)
+
+    def _told_of(self, seat: Seat) -> bool:
+        """Return whether there are effects that a person is told of, or was."""
+        return seat.effects is not None or bool(self._effects_of(seat.number))
 
     def _told_effects(self) -> ToldEffects:
         return ToldEffects(self.settings.rates.network_hz, self.world.axes, self.settings.effect_tank_mj)
@@ -303,19 +326,18 @@ class Room:
         message = told.next(seat.session, self.steps)
         return [] if message is None else [(seat.address, messages.encode(message))]
 
-    def _marks(self) -> list[tuple[Address, bytes]]:
-        """Return the markers that are told after this step, for everybody."""
-        if not (marks := self.markers.due(self.steps)):
-            return []
+    def _marks(self, marks: Sequence[Mark]) -> list[tuple[Address, bytes]]:
+        """Return these markers for everybody."""
         people = [*(seat for seat in self.seats if seat.port is not None), *self.observer_slots.observers.values()]
         return [(who.address, messages.encode(replace(mark, session=who.session))) for mark in marks for who in people]
 
     def _pop(self, frames: int, now_ns: int) -> list[Row]:
         """Return the row of each seat. A seat whose first frame is there takes hold of the object; springs get their aim."""
         world = self.world
-        next_step_ns = now_ns + NS_PER_S // self.settings.rates.network_hz
+        next_step_ns = now_ns + self._frame_ns
         rows = []
-        for number, seat in enumerate(self.seats):
+        for number in range(len(self.seats)):
+            seat = self.seats[number]
             port = seat.port
             if port is None:
                 rows.append(self._idle_row)
@@ -323,14 +345,14 @@ class Room:
             port.next_step_ns = next_step_ns
             missed = frames
             if not seat.on_object and port.origin is not None:
-                world.join(number, np.array(port.origin + self._idle_row[port.axes : world.axes]))
+                world.join(number, np.array(port.origin + self._idle_row[port.axes : self._axes]))
                 seat.on_object = True
                 missed = 1  # a line that has just begun has missed nothing
             if not seat.on_object:
                 rows.append(self._idle_row)
                 continue
             row = port.pop(missed)
-            rows.append(row if port.axes == world.axes else row + self._idle_row[port.axes :])
+            rows.append(row if port.axes == self._axes else row + self._idle_row[port.axes :])
             if port.proxy is not None and port.hand is not None:
                 world.report(number, port.hand, port.proxy)
             if port.impedance_nspm is not None:
@@ -356,31 +378,12 @@ class Room:
 
         What springs and motion held is lost, so that no energy is made. Returns the answers to this step.
         """
-        world = self.world
         self.put_back += 1
-        answers: list[Row] = [()] * len(self.seats)
-        for number, seat in enumerate(self.seats):
-            if seat.on_object:
-                world.leave(number)
-        world.position = np.zeros(world.axes)
-        world.rest()
-        for number, seat in enumerate(self.seats):
-            if seat.on_object and seat.port is not None and seat.port.hand is not None:
-                world.join(number, np.array(seat.port.hand + self._idle_row[seat.port.axes : world.axes]))
-                answers[number] = seat.port.neutral
-        return answers
+        return put_back(self.world, self.seats, self._idle_row)
 
     def seat_account(self, number: int) -> SeatAccount:
         """Return the account of a seat session: the present one, else the last."""
-        seat = self.seats[number]
-        port = seat.port
-        if port is None:
-            return seat.last or SeatAccount((0.0,) * self.world.axes, None, None, LinkCount())
-        return SeatAccount(
-            self.world.proxy_of(number), port.up_margin_j, seat.line_margin_j, port.count(), port.playout_account(),
-            rendered_npm=self.world.stiffness_of(number) if seat.on_object else None,
-            up_reserve_j=port.up_reserve.reported_j, line_reserve_j=seat.line_reserve.reported_j,
-        )  # fmt: skip
+        return account_of(self.seats[number], self.world)
 
     def account(self) -> RoomAccount:
         """Return the account of the object and of the loop."""

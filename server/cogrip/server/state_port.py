@@ -42,6 +42,9 @@ class LatestStatePort(Port, Generic[M]):
             self.origin = self._origin(message)
         return True
 
+    def receiver(self) -> StateReceiver[M]:
+        return self._receiver
+
     def _pop(self, frames: int) -> M | None:
         """Return the newest message; `frames` as in `pop`."""
         self._states.step(frames)
@@ -59,10 +62,9 @@ class LatestStatePort(Port, Generic[M]):
 class StatePort(LatestStatePort[State]):
     """Port of virtual coupling: the newest device state in, the object's state out. No ledger is kept of one direction."""
 
-    up_margin_j = None
-
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
         super().__init__(seat, limits)
+        self.up_margin_j = None
         self._row: Row = (0.0,) * (2 * self.axes)
 
     def receive(self, message: State, now_ns: int) -> bool:

@@ -10,6 +10,10 @@ from cogrip.server.rate_limit import RateLimiter
 
 HELLO_BEGINS = b"\x01" + bytes([0xA0 + len(MAGIC)]) + MAGIC.encode()  # its tag, and the magic as MessagePack text
 
+ENCRYPTED_ONLY = (
+    "this server is encrypted (DTLS): join by a link that it prints at its start, or `cogrip token new` makes"
+)
+
 
 def looks_like_hello(datagram: bytes) -> bool:
     """Return whether a datagram is as long as a hello and begins as the hello of every protocol version does."""

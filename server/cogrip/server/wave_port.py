@@ -1,5 +1,7 @@
 """Port of the wave scheme: plays forward waves to the world within the seat's limits, sends the returning waves back."""
 
+from typing import TypeVar
+
 from cogrip.protocol.accounts import PlayoutAccount
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.line.receiver import LineReceiver
@@ -13,7 +15,10 @@ from cogrip.protocol.settings import SeatSettings
 from cogrip.server.port import Port, Row, Turned
 from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 
+T = TypeVar("T")
+
 MOST_KEPT = 512  # frames of which more than the wave is kept until they are popped
+FEW_KEPT = 16  # among which frames that were passed over are not looked for
 SLACK_NS = 2  # by which times that are due together may differ, each rounded
 MOST_M = 1e3  # from the middle of a person's own frame
 
@@ -29,7 +34,8 @@ class WavePort(Port):
             axes, playout.frames, frame_s, playout.tank_mj * 1e-3, playout.concealment,
             late=playout.late, ticks=seat.rates.ticks_per_frame, by_frames=True,
         )  # fmt: skip
-        self._rates = seat.rates
+        self._device_hz, self._ticks_per_frame = seat.rates.device_hz, seat.rates.ticks_per_frame
+        self._neutral = (0.0,) * axes
         self._sender = LineSender(axes, playout.redundancy)
         coupling = seat.coupling
         self._limiter = WaveLimiter(coupling.impedance_nspm, frame_s, limits, power_left, coupling.behind)
@@ -45,69 +51,73 @@ class WavePort(Port):
     def receive(self, message: Waves, now_ns: int) -> bool:
         axes = self.axes
         turning = axes == POSE_AXES
-        if len(message.state) != 2 * axes + PLACES * turning:
+        first, waves, state = message.first, message.waves, message.state
+        if len(state) != 2 * axes + PLACES * turning:
             return False
-        newest = message.first + len(message.waves) // axes - 1
+        newest = first + len(waves) // axes - 1
         if message.since > newest:
             return False
-        if self.origin is None and not all(-MOST_M <= place <= MOST_M for place in message.state):
+        if self.origin is None and not within(MOST_M, state):
             return False  # no hand is there
         metadata = (message.made_j, message.port_j, message.acknowledged)
         if not self._receiver.receive(
-            message.first, message.waves, message.total, message.squares, metadata, self._early(now_ns), message.phase
+            first, waves, message.total, message.squares, metadata, self._early(now_ns), message.phase
         ):
             return False
-        self.hand = message.state[axes : 2 * axes]
+        self.hand = state[axes : 2 * axes]
         if self.origin is None:
-            self.origin = message.state[:axes]
+            self.origin = state[:axes]
         if self._impedances is not None and message.impedance_nspm:
             self._impedances.add(message.since, bounded(message.impedance_nspm))
         if self._receiver.newest == newest and len(self._applied) < MOST_KEPT:
             self._applied[newest] = message.applied
             if turning:
-                self._poses[newest] = self.hand[PLACES:], message.state[2 * axes :]
+                self._poses[newest] = self.hand[PLACES:], state[2 * axes :]
         return True
+
+    def receiver(self) -> LineReceiver:
+        return self._receiver
 
     def set_limits(self, limits: SeatLimits) -> None:
         self._limiter.set_limits(limits)
 
     def _early(self, now_ns: int) -> int:
         """Return the whole ticks from now to the next step."""
-        if self.next_step_ns is None:
-            return 0
-        return max(0, (self.next_step_ns - now_ns + SLACK_NS) * self._rates.device_hz // NS_PER_S)
+        left_ns = self.next_step_ns - now_ns + SLACK_NS
+        return left_ns * self._device_hz // NS_PER_S if self.next_step_ns >= 0 and left_ns > 0 else 0
 
     @property
     def neutral(self) -> Row:
-        return (0.0,) * self.axes
+        return self._neutral
 
     def pop(self, frames: int) -> Row:
         receiver = self._receiver
         wave = receiver.pop(frames)
         self._port_j = self.turned = None
-        popped = receiver.acknowledged - 1
+        popped = receiver.next_number() - 1
         if self._impedances is not None:
             self._set_impedance(self._impedances.at(popped))
-        applied = self._applied.get(popped)
-        if self._applied:
-            self._applied = {number: ticks for number, ticks in self._applied.items() if number > popped}
+        applied = self._applied.pop(popped, None)
+        if len(self._applied) > FEW_KEPT:
+            self._applied = later_than(popped, self._applied)
         if self._poses:
-            self.turned = self._poses.get(popped)
-            self._poses = {number: pose for number, pose in self._poses.items() if number > popped}
+            self.turned = self._poses.pop(popped, None)
+            if len(self._poses) > FEW_KEPT:
+                self._poses = later_than(popped, self._poses)
         self.up_reserve.elapse(frames)
         if receiver.metadata is not None:
             sent_j, self._port_j, acknowledged = receiver.metadata
             self._sent_j = sent_j
-            margin = sent_j - receiver.played_j + self._rounding * sent_j
+            margin = sent_j - receiver.energy_played_j() + self._rounding * sent_j
             self.up_reserve.update(margin)
             if self.up_margin_j is None or margin < self.up_margin_j:
                 self.up_margin_j = margin
             if acknowledged:  # from a returning frame to the step that learns it was felt
-                self.behind = self._sender.next_number + frames - acknowledged
+                self.behind = behind = self._sender.next_number + frames - acknowledged
                 if self.loops is not None and applied is not None:
-                    self.loops.add((self.behind + 1) * self._rates.ticks_per_frame - applied)
+                    self.loops.add((behind + 1) * self._ticks_per_frame - applied)
         for _ in range(frames - 1):
-            self._sender.push((0.0,) * self.axes)  # the steps that were missed sent nothing
+            self._sender.push(self._neutral)  # the steps that were missed sent nothing
         return self._limiter.limit(wave)
 
     def _set_impedance(self, impedance_nspm: float) -> None:
@@ -165,27 +175,25 @@ class WavePort(Port):
 
     def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Waves:
         first, waves, total, squares = self._sender.contents()
-        acknowledged = self._receiver.acknowledged
+        receiver = self._receiver
         return Waves(
-            session,
-            first,
-            waves,
-            total,
-            squares,
-            self.made_j,
-            port_j,
-            acknowledged,
-            stamp,
-            object_state,
-            self._receiver.spare,
-            impedance_nspm=self.impedance_nspm or 0.0,
-            since=self._since,
-            edges=self.handle.taken,
-        )
+            session, first, waves, total, squares, self._made_j.value, port_j, receiver.next_number(), stamp, object_state,
+            receiver.phase_to_spare(), 0, self.impedance_nspm or 0.0, self._since, None, self.handle.taken,
+        )  # fmt: skip
 
     @property
-    def playout_frames(self) -> float:  # type: ignore[override]
+    def playout_frames(self) -> float:
         return self._receiver.playout_frames
 
     def playout_account(self) -> PlayoutAccount:
         return self._receiver.playout_account()
+
+
+def within(most: float, numbers: Row) -> bool:
+    """Return whether all are between -most and most."""
+    return all(-most <= each <= most for each in numbers)
+
+
+def later_than(number: int, kept: dict[int, T]) -> dict[int, T]:
+    """Return what is kept of frames after this one."""
+    return {each: value for each, value in kept.items() if each > number}

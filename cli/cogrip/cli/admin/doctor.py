@@ -11,6 +11,7 @@ from rich.table import Table
 from cogrip.cli.session.trigger_line import measured_trigger
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
+from cogrip.protocol.compiled import form
 from cogrip.protocol.io import punctuality
 from cogrip.protocol.io.punctuality import Machine, Punctuality
 from cogrip.protocol.io.realtime import PRIORITY
@@ -30,6 +31,7 @@ def _machine_table(machine: Machine) -> Table:
 
     loopback = machine.loopback_us
     table = Table(title="This machine", title_justify="left", show_header=False, box=None, padding=(0, 2))
+    table.add_row("cogrip runs", form())
     table.add_row("kernel", machine.kernel)
     table.add_row("preemption", shown(machine.preemption))
     table.add_row("processors", f"{machine.usable_cpus} usable of {machine.cpus}")

@@ -16,7 +16,7 @@ Comparison and numbers: docs/decisions/0003-gaps.md.
 
 from collections.abc import Callable, Sequence
 from math import copysign, sqrt
-from typing import Literal, Protocol
+from typing import Literal
 
 Concealed = Literal["zero", "repaid", "tank", "elastic"]
 Row = Sequence[float]
@@ -38,15 +38,16 @@ FULL_QUALITY = 0.99  # a quality above this is 1
 REST_FRACTION = 1.0 / 8.0  # of the wave: a hand whose sqrt(2b) velocity is this much moves
 
 
-class Concealment(Protocol):
-    """Strategy of one receiver.
+class Concealment:
+    """Strategy of one receiver; this one is a matched termination in a gap, without compensation (`zero`).
 
     quality     known fraction of the wave that is played now, 1 to 0
     least_gain  gain of sqrt(b) that an end keeps at quality 0
     """
 
-    quality: float
-    least_gain: float
+    def __init__(self, axes: int, frame_s: float) -> None:
+        self.quality = self.least_gain = 1.0
+        self._zero = [0.0] * axes
 
     def fill(self, last: Row, limit: Row, answer: Row, late: Row | None = None, silent: bool = True) -> Row:
         """Return x for a missing frame, |x| <= limit.
@@ -56,27 +57,14 @@ class Concealment(Protocol):
         late    newest wave of all, if it has come with this pop and too late
         silent  no frame newer than the missing one is known
         """
+        return self._zero
 
     def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
         """Return p for the wave `row`, with (row + p)^2 - row^2 <= reserve. gap: `row` stands for a missing frame."""
-
-
-class Zero:
-    """Matched termination in a gap, no compensation."""
-
-    quality = least_gain = 1.0
-
-    def __init__(self, axes: int, frame_s: float) -> None:
-        self._zero = [0.0] * axes
-
-    def fill(self, last: Row, limit: Row, answer: Row, late: Row | None = None, silent: bool = True) -> Row:
-        return self._zero
-
-    def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
         return self._zero
 
 
-class Compensated(Zero):
+class Compensated(Concealment):
     """Matched termination in a gap, slow compensation (theory 3.5)."""
 
     def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
@@ -91,19 +79,19 @@ class Tank(Compensated):
 
     def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
         out = []
-        wanted = super().compensate(row, deficit, reserve, last, gap)
+        wanted = Compensated.compensate(self, row, deficit, reserve, last, gap)
         for value, p, held, wave in zip(row, wanted, reserve, last, strict=True):
             reach = sqrt(value * value + max(0.0, held - RESERVE_FRAMES * wave * wave))
             out.append(max(-value - reach, min(reach - value, p)))
         return out
 
 
-class Elastic:
+class Elastic(Concealment):
     """Hold or slow fade, and cross-fade: the end yields in a gap to a hand that moves, and comes back without a jump."""
 
     def __init__(self, axes: int, frame_s: float) -> None:
+        super().__init__(axes, frame_s)
         frames = frame_s * BASE_HZ
-        self.quality = 1.0
         self.least_gain = LEAST_GAIN
         self._fade = ELASTIC_FADE**frames
         self._smoothing = 1.0 - (1.0 - SMOOTHING) ** frames
@@ -145,7 +133,8 @@ class Elastic:
         after_gap = self._was_gap and not gap
         self._was_gap = gap
         added: list[float] = []
-        for value, missing, held, before, played in zip(row, deficit, reserve, self._added, last, strict=True):
+        for axis in range(len(row)):
+            value, missing, held, before = row[axis], deficit[axis], reserve[axis], self._added[axis]
             target, square = 0.0, value * value
             if not gap:  # what the end writes off in a gap (`LineReceiver.write_off`) is not compensated before its end
                 reach = sqrt(square + 0.25 * smoothing * held)  # so that p can go back as slowly as it came
@@ -154,7 +143,7 @@ class Elastic:
                 if missing * value < 0.0:  # p takes energy out of this wave: as fast as possible
                     most = min(abs(value), dissipation * abs(missing))
                     target = copysign(max(most, abs(target)), missing)
-            p = played - value if after_gap else before
+            p = last[axis] - value if after_gap else before
             p += smoothing * (target - p)
             reach = sqrt(square + held)
             added.append(_within(p, -value - reach, reach - value))
@@ -178,4 +167,4 @@ def held_force(impedance_nspm: float, credit_j: float, frame_s: float, axes: int
 
 
 Maker = Callable[[int, float], Concealment]
-CONCEALMENTS: dict[str, Maker] = {"zero": Zero, "repaid": Compensated, "tank": Tank, "elastic": Elastic}
+CONCEALMENTS: dict[str, Maker] = {"zero": Concealment, "repaid": Compensated, "tank": Tank, "elastic": Elastic}

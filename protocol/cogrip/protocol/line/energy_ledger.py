@@ -8,9 +8,8 @@ All squares are in W per axis: an energy over T_n / 2. A frame's totals are the 
 from collections import deque
 from collections.abc import Sequence
 from math import sqrt
-from operator import sub
 
-from cogrip.protocol.line.energy_sums import BOUND_FRACTION, RESERVE_FRACTION, WaveSums
+from cogrip.protocol.line.energy_sums import BOUND_FRACTION, NOTHING, RESERVE_FRACTION, WaveSums
 from cogrip.protocol.line.sender import Frame
 
 HISTORY = 1024  # frames for which the receiver still knows what it had played
@@ -22,7 +21,6 @@ class WaveLedger:
 
     settled           number of the newest frame whose totals are in use
     settled_fillings  squares of the fillings before it [W]
-    lost_squares      squares lost before it, less these and what may be rounding [W]
     disturbed         something is lost, or may be: before that nothing is compensated
     credit            what each axis may play beyond what was sent, E_0 2 / (T_n axes) [W]; a next line may have less (`left`)
     """
@@ -42,20 +40,34 @@ class WaveLedger:
         self._nothing = zero, zero, zero  # before the first frame that is played
         self._totals: dict[int, tuple[Frame, Frame]] = {}  # totals of frames above the cursor, not usable yet
         self._usable: tuple[int, Frame, Frame] | None = None  # newest totals of a frame up to the cursor
-        self._lost: Sequence[float] = zero  # sum of the waves lost before frame `settled`, less fillings
-        self.lost_squares: Sequence[float] = zero
+        self._lost = list(NOTHING)  # sum of the waves lost before frame `settled`, less fillings
+        self._lost_squares = list(NOTHING)
         self.settled_fillings = zero
 
     @property
     def deficit(self) -> list[float]:
         """Sum of the waves sent less sum of those played, shape (axes,) [sqrt(W)], as far as that is known."""
-        return list(map(sub, self._lost, self._compensated.total))
+        return self.position_deficit()
 
-    def add_totals(self, first: int, cursor: int | None, total: Frame, squares: Frame) -> None:
-        """Keep the newest totals up to the cursor, and those of later frames until their frame is due."""
+    def position_deficit(self) -> list[float]:
+        """Return `deficit`."""
+        lost, compensated = self._lost, self._compensated.total
+        return [lost[axis] - compensated[axis] for axis in range(self._axes)]
+
+    @property
+    def lost_squares(self) -> list[float]:
+        """Squares lost before frame `settled`, less fillings and what may be rounding [W], shape (axes,)."""
+        lost = self._lost_squares
+        return [lost[axis] for axis in range(self._axes)]
+
+    def add_totals(self, first: int, cursor: int, total: Frame, squares: Frame) -> None:
+        """Keep the newest totals up to the cursor, and those of later frames until their frame is due.
+
+        cursor: below 0 before playing has begun
+        """
         if first <= self.settled:
             return
-        if cursor is None or first > cursor:
+        if first > cursor:
             self._totals[first] = (total, squares)
         elif self._usable is None or first >= self._usable[0]:
             self._usable = first, total, squares
@@ -73,16 +85,18 @@ class WaveLedger:
         played.add(frame)
         history, self._cursor = self._history, cursor
         history.append((played.total, played.squares, self._filled.squares))
-        for _ in range(
-            min(2, len(history) - (cursor - self.settled))
-        ):  # a few at a time: no frame costs more than another
-            history.popleft()
-        newest = self._totals.pop(cursor, None)
-        usable = self._usable if newest is None else (cursor, *newest)
-        if usable is not None:
+        for _ in range(2):  # a few at a time: no frame costs more than another
+            if len(history) > cursor - self.settled:
+                history.popleft()
+        newest = self._totals.pop(cursor, None) if self._totals else None
+        if newest is not None:
             self._usable = None
-            if self.settled < usable[0] and cursor - HISTORY < usable[0]:
-                self._settle(*usable)
+            self._settle(cursor, newest[0], newest[1])
+        elif self._usable is not None:
+            first, total, squares = self._usable
+            self._usable = None
+            if self.settled < first and cursor - HISTORY < first:
+                self._settle(first, total, squares)
 
     def _settle(self, number: int, total: Frame, squares: Frame) -> None:
         """Compare the totals of frame `number` with what was played up to it."""
@@ -90,12 +104,15 @@ class WaveLedger:
         known = ago < len(self._history)
         played, played_squares, self.settled_fillings = self._history[-1 - ago] if known else self._nothing
         self.settled = number
-        self._lost = list(map(sub, total, played))
-        lost = list(map(sub, squares, played_squares))
-        self.disturbed = self.disturbed or any(self._lost) or any(lost)
-        if self.disturbed:  # what may be rounding is no reserve; on a clean line both ends have added up alike
-            lost = [less - RESERVE_FRACTION * sent for less, sent in zip(lost, squares, strict=True)]
-        self.lost_squares = lost
+        if not self.disturbed and total == played and squares == played_squares:
+            return  # nothing has been lost: both ends have added up alike
+        self.disturbed = True
+        lost, lost_squares = self._lost, self._lost_squares
+        for axis in range(self._axes):
+            lost[axis] = total[axis] - played[axis]
+            sent = squares[axis]
+            less = sent - played_squares[axis]
+            lost_squares[axis] = less - RESERVE_FRACTION * sent  # what may be rounding is no reserve
 
     def add_filling(self, frame: Frame) -> None:
         """Enter a filling, before `add_played`."""
@@ -107,14 +124,13 @@ class WaveLedger:
 
     def allowances(self) -> list[float]:
         """Squares that may still be played on each axis beyond the frames themselves, credit included [W]."""
-        credit, rows = (
-            self.credit,
-            zip(self.lost_squares, self._filled.squares, self._compensated.squares, self.settled_fillings, strict=True),
-        )
-        return [
-            lost - spent + credit - (filled - settled) - BOUND_FRACTION * (credit + filled + abs(spent))
-            for lost, filled, spent, settled in rows
-        ]
+        credit, filled_squares, compensated_squares = self.credit, self._filled.squares, self._compensated.squares
+        out = []
+        for axis in range(self._axes):
+            filled, spent = filled_squares[axis], compensated_squares[axis]
+            left = self._lost_squares[axis] - spent + credit - (filled - self.settled_fillings[axis])
+            out.append(left - BOUND_FRACTION * (credit + filled + abs(spent)))
+        return out
 
     def limits(self) -> list[float]:
         """Largest filling on each axis [sqrt(W)]."""

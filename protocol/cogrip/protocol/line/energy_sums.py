@@ -10,7 +10,7 @@ docs/decisions/0013-energy-ledger.md.
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypeVar
 
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.setting_types import PLACES, POSE_AXES
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,6 +22,8 @@ Number = TypeVar("Number", float, "NDArray[np.float64]")
 UNIT = 2.0**-53  # u, unit roundoff: an operation is off by at most this fraction of its result
 RESERVE_FRACTION = 2.0**-48  # 32 u of the squares sent; 22 u are needed: no energy reserve consists of rounding
 BOUND_FRACTION = 2.0**-50  # 8 u of what a bound on a wave is computed from: a root, its square, four sums of that size
+
+NOTHING = (0.0,) * POSE_AXES
 
 
 def rounding_fraction(ticks_per_frame: int) -> float:
@@ -67,33 +69,38 @@ class WaveSums:
     def __init__(self, axes: int) -> None:
         self.total: Row = (0.0,) * axes
         self.squares: Row = (0.0,) * axes
-        self._errors = [0.0] * (2 * axes)  # of `total` and `squares`, axis by axis
+        self._errors = list(NOTHING + NOTHING)  # of `total` and `squares`, axis by axis
 
     def add(self, row: Sequence[float], added: Sequence[float] | None = None) -> None:
         """Add a row and its squares, or `added` in place of them. Inline like `CompensatedSum.add`."""
+        errors = self._errors
         if len(row) == PLACES:  # as below, without a loop
-            (x, y, z), (tx, ty, tz), (sx, sy, sz) = row, self.total, self.squares
-            ex, qx, ey, qy, ez, qz = self._errors
-            ux, uy, uz = x - ex, y - ey, z - ez
-            i, j, k = (x * x, y * y, z * z) if added is None else added
-            px, py, pz = i - qx, j - qy, k - qz
-            self.total = ax, ay, az = tx + ux, ty + uy, tz + uz
-            self.squares = bx, by, bz = sx + px, sy + py, sz + pz
-            self._errors = [
-                (ax - tx) - ux, (bx - sx) - px, (ay - ty) - uy, (by - sy) - py, (az - tz) - uz, (bz - sz) - pz,
-            ]  # fmt: skip
+            x, y, z = row
+            if added is None:
+                i, j, k = x * x, y * y, z * z
+            else:
+                i, j, k = added
+            tx, ty, tz = self.total
+            sx, sy, sz = self.squares
+            ux, uy, uz = x - errors[0], y - errors[2], z - errors[4]
+            px, py, pz = i - errors[1], j - errors[3], k - errors[5]
+            ax, ay, az = tx + ux, ty + uy, tz + uz
+            bx, by, bz = sx + px, sy + py, sz + pz
+            self.total = ax, ay, az
+            self.squares = bx, by, bz
+            errors[0], errors[2], errors[4] = (ax - tx) - ux, (ay - ty) - uy, (az - tz) - uz
+            errors[1], errors[3], errors[5] = (bx - sx) - px, (by - sy) - py, (bz - sz) - pz
             return
-        total, squares, errors = [], [], self._errors
-        place = 0
-        for wave, before, square_before in zip(row, self.total, self.squares, strict=True):
-            term = wave - errors[place]
+        total, squares = [], []
+        for axis in range(len(self.total)):
+            wave, before, square_before = row[axis], self.total[axis], self.squares[axis]
+            term = wave - errors[2 * axis]
             after = before + term
-            errors[place] = (after - before) - term
+            errors[2 * axis] = (after - before) - term
             total.append(after)
-            place += 1
-            term = (wave * wave if added is None else added[place >> 1]) - errors[place]
+            square = wave * wave if added is None else added[axis]
+            term = square - errors[2 * axis + 1]
             after = square_before + term
-            errors[place] = (after - square_before) - term
+            errors[2 * axis + 1] = (after - square_before) - term
             squares.append(after)
-            place += 1
         self.total, self.squares = tuple(total), tuple(squares)

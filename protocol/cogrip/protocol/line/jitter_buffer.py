@@ -28,38 +28,69 @@ TOLERANCE = (
 DEEPEST = 256  # frames
 
 
-class FixedJitterBuffer:
+class JitterBuffer:
+    """Base of both kinds.
+
+    adapts             the playout delay depends on arrivals
+    repeated, skipped  borders at which nothing new was played, or a frame was cut short or passed over
+    """
+
+    def __init__(self, adapts: bool) -> None:
+        self.adapts = adapts
+        self.repeated = self.skipped = 0
+
+    def begin(self, in_hand: int, early: int = 0, phase: int = 0) -> int:
+        """Return how many frames behind the newest one playing begins. in_hand: older frames that are there."""
+        raise NotImplementedError
+
+    def arrived(self, lead: int, early: int = 0, phase: int = 0) -> None:
+        """Enter a frame that is there for the first time.
+
+        lead   its number less that of the frame that is due next
+        early  steps from its arrival to the next border
+        phase  steps by which its sender has shifted its frames so far, later is positive
+        """
+
+    def spare(self) -> int:
+        """Return by how many steps the sender may send later; negative: should send sooner."""
+        return 0
+
+    def decide(self, lead: int, present: bool, fresh: bool) -> int:
+        """Return by how many steps o moves at this border.
+
+        lead     newest frame received less the one that is due
+        present  the frame that is due is there
+        fresh    a newer frame than any before has come since the last call
+        """
+        raise NotImplementedError
+
+    def delay(self) -> float:
+        """Return the playout delay now [frames]."""
+        raise NotImplementedError
+
+    def depths(self) -> tuple[float, float, float]:
+        """Return mean, least and largest playout delay at a border [frames]."""
+        raise NotImplementedError
+
+
+class FixedJitterBuffer(JitterBuffer):
     """D frames behind the newest one; follows drifting clocks by one frame a window (SPEC.md 5.5)."""
 
-    adapts = False
-
     def __init__(self, frames: int, steps: int) -> None:
+        super().__init__(False)
         self.frames = frames
         self.steps = steps
-        self.repeated = self.skipped = 0
         self._seen = 0  # leads in this window
         self._low = self._high = 0  # least and largest of them
         self._run = 0  # borders with newer frames, none of which came in time
 
     def begin(self, in_hand: int, early: int = 0, phase: int = 0) -> int:
-        """Return how many frames behind the newest one playing begins. in_hand: older frames that are there."""
         return self.frames
-
-    def arrived(self, lead: int, early: int = 0, phase: int = 0) -> None:
-        """Ignore an arrival: a fixed delay learns nothing of single frames."""
-
-    def spare(self) -> int:
-        """Return 0: senders to a fixed delay keep their phase."""
-        return 0
 
     def decide(self, lead: int, present: bool, fresh: bool) -> int:
         """Return by how many steps o moves: by a frame where a whole window came earlier, or later, than D.
 
         Where a run of more than LATE_RUN borders brought only late frames, wait at each until one is in time again.
-
-        lead     newest frame received less the one that is due
-        present  the frame that is due is there
-        fresh    a newer frame than any before has come since the last call
         """
         if not fresh:
             return 0
@@ -69,7 +100,10 @@ class FixedJitterBuffer:
             return self.steps
         if not self._seen:
             self._low = self._high = lead
-        self._low, self._high = min(lead, self._low), max(lead, self._high)
+        if lead < self._low:
+            self._low = lead
+        if lead > self._high:
+            self._high = lead
         self._seen += 1
         if self._seen < REALIGN_WINDOW:
             return 0
@@ -82,19 +116,20 @@ class FixedJitterBuffer:
             return self.steps
         return 0
 
+    def delay(self) -> float:
+        return self.frames
+
     def depths(self) -> tuple[float, int, int]:
         """Return mean, least and largest playout delay [frames]: D, whatever has drifted."""
         return float(self.frames), self.frames, self.frames
 
 
-class AdaptiveJitterBuffer:
+class AdaptiveJitterBuffer(JitterBuffer):
     """Follows the quantile of lateness: longer in gaps, where waiting costs no frame; shorter by a step at a time."""
-
-    adapts = True
 
     def __init__(self, late: float, frame_s: float, steps: int, quantum: int = 1) -> None:
         """late: rate of late frames; frame_s: period of a frame [s]; quantum: steps that o moves by, 1 or `steps`."""
-        self.repeated = self.skipped = 0
+        super().__init__(True)
         self._late, self._steps, self._quantum = late, steps, quantum
         self._waits_above = late * (TOLERANCE if quantum > 1 else 1.0)
         self._most_at_first = round(START_S / frame_s)
@@ -123,12 +158,6 @@ class AdaptiveJitterBuffer:
         return lead
 
     def arrived(self, lead: int, early: int = 0, phase: int = 0) -> None:
-        """Enter a frame that is there for the first time.
-
-        lead   its number less that of the frame that is due next
-        early  steps from its arrival to the next border
-        phase  steps by which its sender has shifted its frames so far, later is positive
-        """
         self._phase = phase
         furthest = DEEPEST * self._steps
         ahead = max(-furthest, min(furthest, lead * self._steps + early))
@@ -146,19 +175,17 @@ class AdaptiveJitterBuffer:
         elif x > self._most_now:
             self._most_now = x
 
-    @property
     def _target(self) -> int:
-        """Least o at which no more than the late rate is late; but once a path is shorter, what it needs now."""
+        """Return the least o at which no more than the late rate is late; but once a path is shorter, what it needs now."""
         ordered = self._sorted
         most = max(self._most_now, self._most_before)
         return min(ordered[-1 - int(self._late * len(ordered))], most) + self._phase
 
     def spare(self) -> int:
-        """Return by how many steps the sender may send later; negative: should send sooner."""
-        return self._offset - self._target if self._recent else 0
+        return self._offset - self._target() if self._recent else 0
 
     def decide(self, lead: int, present: bool, fresh: bool) -> int:
-        """Return by how many steps o moves at this border. Parameters as in `FixedJitterBuffer.decide`.
+        """Return by how many steps o moves at this border.
 
         Above 0: nothing is played for so long, and then the frame that is due. Below 0: the frame, or its filling, is played
         for less; where that is a whole frame, it is passed over.
@@ -170,7 +197,7 @@ class AdaptiveJitterBuffer:
             self.skipped += 1
             self._since_skip = 0
         self._offset += move
-        depth = self._depth
+        depth = self._depth()
         self._borders += 1
         self._depth_sum += depth
         if depth > self._deepest:
@@ -181,7 +208,7 @@ class AdaptiveJitterBuffer:
 
     def _move(self, lead: int, present: bool) -> int:
         self._since_skip += 1
-        excess, quantum = self._offset - self._target, self._quantum
+        excess, quantum = self._offset - self._target(), self._quantum
         if excess < 0 and not present:
             ordered = self._sorted
             late = len(ordered) - bisect_right(ordered, self._offset - self._phase)
@@ -195,24 +222,19 @@ class AdaptiveJitterBuffer:
             return 0
         return -self._steps if excess >= 2 * self._steps else -quantum
 
-    @property
     def _depth(self) -> int:
         return max(0, self._offset - self._sorted[0] - self._phase)
 
-    @property
-    def frames(self) -> float:
-        """Playout delay now [frames]."""
-        return self._depth / self._steps if self._recent else 0.0
+    def delay(self) -> float:
+        return self._depth() / self._steps if self._recent else 0.0
 
     def depths(self) -> tuple[float, float, float]:
-        """Return mean, least and largest playout delay at a border [frames]."""
         steps = self._steps
         mean = self._depth_sum / max(1, self._borders)
         return mean / steps, min(self._shallowest, self._deepest) / steps, self._deepest / steps
 
 
 Frames = int | Literal["auto"]
-JitterBuffer = FixedJitterBuffer | AdaptiveJitterBuffer
 
 
 def make_jitter_buffer(frames: Frames, frame_s: float, late: float, steps: int, quantum: int) -> JitterBuffer:

@@ -58,20 +58,21 @@ class LineReceiver:
         self._zero = (0.0,) * axes
         self._jitter_buffer = make_jitter_buffer(delay_frames, frame_s, late, ticks, ticks if by_frames else 1)
         self._ticks = ticks
-        self._arrival = 0, 0  # of the newest frame: ticks before the next border, and its sender's phase
+        self._early = self._phase = 0  # of the newest frame: ticks before the next border, and its sender's phase
         self.hold = 1 if self._jitter_buffer.adapts else ticks
         self._half_frame_s = 0.5 * frame_s
         self._concealment = CONCEALMENTS[concealment](axes, frame_s)
         self.ledger = WaveLedger(axes, credit_j / self._half_frame_s / axes)
         self.answer: Sequence[float] = self._zero
 
-        self._cursor: int | None = None  # number of the frame that `pop` plays next
+        self._begun = False  # something has been popped
+        self._cursor = 0  # number of the frame that `pop` plays next, once it has begun
         self.newest = -1
         self._waiting: dict[int, Frame] = {}
         self._missing: set[int] = set()  # their time came without them; they may still arrive late
         self._recent = array("q", [-1]) * 256  # newest frame of recent datagrams: a second one alike is a duplicate
         self._metadata: dict[int, FrameMetadata] = {}
-        self._anchor: int | None = None  # newest frame of the first datagram: reference of `_is_near` before playing
+        self._anchor = -1  # newest frame of the first datagram: reference of `_is_near` before playing
         self._late_wave: Frame | None = None  # the newest wave of all, come too late
         self._fresh = False  # a newer frame than any before has come since the last pop
         self._last = self._zero  # wave popped last
@@ -89,10 +90,18 @@ class LineReceiver:
         """Energy of all waves played so far [J]."""
         return self._played_j.value
 
+    def energy_played_j(self) -> float:
+        """Return `played_j`."""
+        return self._played_j.value
+
     @property
     def acknowledged(self) -> int:
         """Number after the frame popped last; 0 before the first."""
-        return max(0, self._cursor or 0)
+        return self.next_number()
+
+    def next_number(self) -> int:
+        """Return `acknowledged`."""
+        return self._cursor if self._cursor > 0 else 0
 
     @property
     def deficit(self) -> list[float]:
@@ -114,9 +123,9 @@ class LineReceiver:
         early: ticks that are left before the next pop; phase: see `AdaptiveJitterBuffer.arrived`.
         """
         axes = self._axes
-        count, rest = divmod(len(waves), axes)
+        count = len(waves) // axes
         newest = first + count - 1
-        fits = not rest and 0 < count <= MOST_FRAMES and len(total) == len(squares) == axes
+        fits = count * axes == len(waves) and 0 < count <= MOST_FRAMES and len(total) == len(squares) == axes
         if not fits or not self._is_near(newest):
             return False
         slot = newest & 255
@@ -124,15 +133,14 @@ class LineReceiver:
             self._duplicate += 1
             return True
         self._recent[slot] = newest
-        cursor = 0 if self._cursor is None else self._cursor
+        cursor = self._cursor
         if newest > self.newest:
-            self.newest, self._fresh, self._arrival = newest, True, (early, phase)
-            self._late_wave = waves[-axes:] if newest < cursor else None
+            self.newest, self._fresh, self._early, self._phase = newest, True, early, phase
+            self._late_wave = waves[(count - 1) * axes :] if newest < cursor else None
         waiting, missing = self._waiting, self._missing
-        adapts = self._jitter_buffer.adapts and self._cursor is not None
-        start = -axes
-        for number in range(first, newest + 1):
-            start += axes
+        adapts = self._jitter_buffer.adapts and self._begun
+        for place in range(count):
+            number, start = first + place, place * axes
             if number >= cursor:
                 if number in waiting:
                     continue
@@ -153,14 +161,14 @@ class LineReceiver:
                 self._jitter_buffer.arrived(number - cursor, early, phase)
         if newest >= cursor:
             self._metadata[newest] = metadata
-        self.ledger.add_totals(first, self._cursor, total, squares)
+        self.ledger.add_totals(first, self._cursor if self._begun else -1, total, squares)
         return True
 
     def _is_near(self, newest: int) -> bool:
         """Return whether a datagram that ends with this frame can be of this line: so all that is kept is bounded."""
-        if self._cursor is not None:
+        if self._begun:
             return newest <= self._cursor + HISTORY
-        if self._anchor is None:
+        if self._anchor < 0:
             if newest > FURTHEST_JUMP:
                 return False
             self._anchor = newest
@@ -168,7 +176,7 @@ class LineReceiver:
 
     def _begin(self) -> int:
         """Set the cursor by the newest frame; older ones that are not played are late, or lost if they have not come."""
-        cursor = self.newest - self._jitter_buffer.begin(self.newest - min(self._waiting), *self._arrival)
+        cursor = self.newest - self._jitter_buffer.begin(self.newest - min(self._waiting), self._early, self._phase)
         self._due_frames = max(0, cursor)
         for number in range(max(0, cursor - HISTORY), cursor):
             self._drop_or_miss(number)
@@ -185,10 +193,11 @@ class LineReceiver:
         self.metadata = self.overdue = None
         self.played = self._concealing = False
         number = self._cursor
-        if number is None:
+        if not self._begun:
             if self.newest < 0:
                 return self._zero
             number = self._begin()
+            self._begun = True
         else:
             for _ in range(frames - 1):
                 number = self._pass_over(number)
@@ -304,10 +313,11 @@ class LineReceiver:
     def _compensate(self, frame: Frame, part: float) -> Frame:
         ledger = self.ledger
         reserve = ledger.reserve()
-        proposed = self._concealment.compensate(frame, ledger.deficit, reserve, self._last, self.gap)
+        proposed = self._concealment.compensate(frame, ledger.position_deficit(), reserve, self._last, self.gap)
         out, compensated, spent = [], [], []
-        for value, p, held in zip(frame, proposed, reserve, strict=True):
-            played, before = value + p, value * value
+        for axis in range(self._axes):
+            value, held = frame[axis], reserve[axis]
+            played, before = value + proposed[axis], value * value
             reach = sqrt(before + held)  # (value + p)^2 - value^2 <= reserve
             if played >= reach:
                 played = reach
@@ -344,11 +354,15 @@ class LineReceiver:
     @property
     def playout_frames(self) -> float:
         """Playout delay now [frames]."""
-        return self._jitter_buffer.frames
+        return self._jitter_buffer.delay()
 
     @property
     def spare(self) -> int:
         """Ticks by which the sender may send its frames later, and all but `late` of them are in time; below 0: sooner."""
+        return self._jitter_buffer.spare()
+
+    def phase_to_spare(self) -> int:
+        """Return `spare`."""
         return self._jitter_buffer.spare()
 
     def playout_account(self) -> PlayoutAccount:

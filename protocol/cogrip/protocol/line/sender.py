@@ -1,6 +1,6 @@
 """The sending end of a line: numbers frames, repeats the newest R of them, sums all before (SPEC 5.2)."""
 
-from collections import deque
+from array import array
 
 from cogrip.protocol.line.energy_sums import WaveSums
 
@@ -14,11 +14,12 @@ class LineSender:
     redundancy  R, frames in a datagram, 1 to 32
     """
 
-    __slots__ = ("_before", "_capacity", "_values", "next_number")
+    __slots__ = ("_axes", "_before", "_capacity", "_values", "next_number")
 
     def __init__(self, axes: int, redundancy: int) -> None:
         self._capacity = redundancy * axes
-        self._values: deque[float] = deque()  # the newest frames, frame by frame, axis by axis
+        self._axes = axes
+        self._values = array("d")  # the newest frames, frame by frame, axis by axis: dense, and boxed only to be sent
         self._before = WaveSums(axes)  # of the frames that no datagram carries any more
         self.next_number = 0
 
@@ -28,10 +29,11 @@ class LineSender:
         values.extend(wave)
         self.next_number += 1
         if len(values) > self._capacity:
-            self._before.add([values.popleft() for _ in wave])
+            self._before.add(tuple(values[: self._axes]))
+            del values[: self._axes]
 
     def contents(self) -> tuple[int, Frame, Frame, Frame]:
         """Return number of the oldest frame, waves frame by frame, totals [sqrt(W)] and squares [W] of all frames before."""
         waves = tuple(self._values)
         before = self._before
-        return self.next_number - len(waves) // len(before.total), waves, before.total, before.squares
+        return self.next_number - len(waves) // self._axes, waves, before.total, before.squares

@@ -20,14 +20,22 @@ from pathlib import Path
 from cogrip.protocol.channel import Address, place_text
 from cogrip.protocol.dtls_records import HANDSHAKE, RECORD_HEADER_BYTES, ClientRecords
 from cogrip.protocol.io.certificate import load
-from cogrip.protocol.io.dtls import Association, client_random, cookie_in, is_client_hello, server_context
+from cogrip.protocol.io.dtls import CLOSED, Association, client_random, cookie_in, is_client_hello, server_context
 from cogrip.protocol.io.dtls_session import SessionKeys, export_keys, newest_number
 from cogrip.protocol.messages import MAX_MESSAGE_BYTES
 from cogrip.protocol.session import nonce_of, refusal
 from cogrip.server.events import ServerEvent
-from cogrip.server.io.dtls_peer import Peer, is_of_handshake, is_of_session, trim
+from cogrip.server.io.dtls_peer import (
+    COOKIE_BYTES,
+    Peer,
+    begin_session,
+    cookies_of,
+    is_of_handshake,
+    is_of_session,
+    trim,
+)
 from cogrip.server.rate_limit import Buckets, Budget, RateLimiter
-from cogrip.server.unencrypted_channel import looks_like_hello
+from cogrip.server.unencrypted_channel import ENCRYPTED_ONLY, looks_like_hello
 
 MOST_OPEN = 1024
 MOST_UNSEATED = 128  # associations without a seat: half open, or open
@@ -40,14 +48,9 @@ WAITS_NS = 5_000_000_000  # time for a handshake, then for a seat
 HELLO_WAITS_NS = 3_000_000_000  # time for the first message after a handshake
 SWEEP_EVERY_NS = 500_000_000
 TRIM_AFTER = 64  # handshakes of some 90 kB each, which malloc keeps
-COOKIE_NS = 30_000_000_000  # a cookie is valid for one or two of these periods
-COOKIE_BYTES = 16
 REPORTED = Budget(1, 10)  # events; others are only counted, so that nobody can fill a log
 MOST_EVENTS = 64  # that wait to be reported
 UNFINISHED = "records came where the end of the handshake must"
-ENCRYPTED_ONLY = (
-    "this server is encrypted (DTLS): join by a link that it prints at its start, or `cogrip token new` makes"
-)
 
 
 class DtlsListener:
@@ -93,10 +96,14 @@ class DtlsListener:
         if not 0 < len(message) <= MAX_MESSAGE_BYTES:
             self._drop("too large" if message else "empty")
             return False
+        if peer.session is not None:
+            self.outbox.append((address, peer.session.send(message)))
+            return True
         datagram = peer.association.send(message)
         if not datagram:
             self._end(address, peer)
             return False
+        peer.written = newest_number(datagram)
         self.outbox.append((address, datagram))
         return True
 
@@ -124,10 +131,8 @@ class DtlsListener:
         if peer is None and half is None:
             self._drop("unauthenticated")
             return ()
-        reason = self._rate_limiter.peer(address, now_ns) or (
-            "no record" if len(datagram) < RECORD_HEADER_BYTES else ""
-        )
-        if reason:
+        short = "no record" if len(datagram) < RECORD_HEADER_BYTES else ""
+        if reason := self._rate_limiter.peer(address, now_ns) or short:
             self._drop(reason)
             return ()
         if half is not None and (peer is None or is_of_handshake(datagram)):
@@ -147,6 +152,15 @@ class DtlsListener:
             self.outbox.extend([(address, datagram) for datagram in peer.last_flight])
 
     def _decrypt(self, peer: Peer, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
+        session = peer.session
+        if session is not None:
+            received = self._bounded(session.receive(datagram), address, now_ns)
+            if not received:
+                self._drop("not of this seal")
+            if session.closed:
+                peer.association.failed = CLOSED
+                self._end(address, peer)
+            return received or ()
         received = self._bounded(peer.association.feed(datagram), address, now_ns)
         if not received:
             self._drop("not of this seal")
@@ -155,8 +169,7 @@ class DtlsListener:
                 self._end(address, peer)
         else:
             peer.has_received = True
-            if not peer.seated:
-                peer.newest = max(peer.newest, newest_number(datagram))
+            peer.newest = max(peer.newest, newest_number(datagram))
         return received
 
     def _bounded(self, received: Sequence[bytes], address: Address, now_ns: int) -> Sequence[bytes]:
@@ -186,6 +199,7 @@ class DtlsListener:
             peer.had_seat = True
             self._rate_limiter.seated(address, now_ns)
             if seated:
+                begin_session(peer)
                 peer.requests, peer.most_requests = 0, MOST_LEFT
                 self._unseated.pop(address, None)
             else:
@@ -208,14 +222,16 @@ class DtlsListener:
         self._half.pop(address, None)
         self._unseated.pop(address, None)
         peer = self._open.pop(address, None)
-        if peer is not None:
+        if peer is not None and peer.session is not None:
+            self.outbox.append((address, peer.session.close()))
+        elif peer is not None:
             peer.association.close()
             self._take(peer, address)
 
     def hand_over(self, address: Address, last: bytes) -> SessionKeys | None:
         """Send a last message, and return the keys by which another process goes on; None where it cannot be sent."""
         peer = self._open.get(address)
-        if peer is None or not self.send(last, address):
+        if peer is None or peer.session is not None or not self.send(last, address):
             return None
         del self._open[address]
         self._unseated.pop(address, None)
@@ -232,6 +248,8 @@ class DtlsListener:
     def _take(self, peer: Peer, address: Address, *, last: bool = False) -> None:
         """Send what an association has to send. last: this is the end of a handshake."""
         datagrams = peer.association.pop_datagrams()
+        for datagram in datagrams:
+            peer.written = max(peer.written, newest_number(datagram))
         if last:
             peer.last_flight = datagrams
         self.outbox.extend([(address, datagram) for datagram in datagrams])
@@ -254,7 +272,7 @@ class DtlsListener:
         half, peer, nonce = self._half.get(address), self._open.get(address), client_random(datagram)
         cookie, fits = cookie_in(datagram), False
         if len(cookie) == COOKIE_BYTES:
-            self._cookies = self._cookies_of(address, now_ns)
+            self._cookies = cookies_of(self._secret, address, now_ns)
             fits = self._fits(cookie)
         if fits and half is not None and half.nonce == nonce:  # repeated: its handshake goes on
             self._drop("hello again")
@@ -269,7 +287,7 @@ class DtlsListener:
         if reason:
             self._drop(reason)
             return
-        self._cookies = self._cookies_of(address, now_ns)
+        self._cookies = cookies_of(self._secret, address, now_ns)
         records = ClientRecords(self._drop)
         passed = records.passed(datagram)
         if not passed:
@@ -378,15 +396,5 @@ class DtlsListener:
         if self._event_budget.take(0, now_ns):
             self.events.append(ServerEvent("refused", text, address=place_text(address), code=code))
 
-    def _cookies_of(self, address: Address, now_ns: int) -> tuple[bytes, bytes]:
-        """Return the cookies of this period and the one before."""
-        number, text = now_ns // COOKIE_NS, repr(address)
-        now, before = [
-            hmac.digest(self._secret, f"{each} {text}".encode(), "sha256")[:COOKIE_BYTES]
-            for each in (number, number - 1)
-        ]
-        return now, before
-
     def _fits(self, cookie: bytes) -> bool:
-        now, before = self._cookies
-        return hmac.compare_digest(cookie, now) or hmac.compare_digest(cookie, before)
+        return any(hmac.compare_digest(cookie, each) for each in self._cookies)

@@ -2,12 +2,13 @@
 
 import errno
 import socket
-from collections.abc import Callable
+from collections import deque
 from typing import Any, NamedTuple, Protocol
 
-from cogrip.protocol.channel import Address, place_text
-from cogrip.protocol.io.arrivals import Arrivals
+from cogrip.protocol.channel import Address, Channel, place_text
+from cogrip.protocol.io.datagrams import open_datagrams
 from cogrip.protocol.io.receive_buffer import enlarge, overrun
+from cogrip.server.events import ServerEvent
 
 
 class ServeError(Exception):
@@ -24,8 +25,8 @@ class DatagramPort(Protocol):
     def receive(self, most_bytes: int, now_ns: int) -> tuple[bytes, Address, int]:
         """Return a datagram, its sender, and when it came. Raises BlockingIOError where there is none, OSError."""
 
-    def send(self, datagram: bytes, address: Address) -> object:
-        """Send a datagram. Raises OSError."""
+    def send_all(self, outbox: deque[tuple[Address, bytes]]) -> list[str]:
+        """Send all (address, datagram) of a queue, and return for each that the system refused why it did."""
 
     def overruns(self) -> int:
         """Return the datagrams that the kernel dropped for want of room. Raises OSError once it is closed."""
@@ -39,6 +40,13 @@ class PortRange(NamedTuple):
 
     first: int
     last: int
+
+
+class ServerChannel(Channel, Protocol):
+    """renewed: addresses with a new DTLS association, perhaps of somebody else; events: to be reported."""
+
+    renewed: deque[Address]
+    events: deque[ServerEvent]
 
 
 class UdpPort:
@@ -58,8 +66,8 @@ class UdpPort:
             raise cannot_listen(host, port, error) from None
         made.setblocking(False)
         self.place: tuple[str, int] = made.getsockname()[:2]
-        self.receive = Arrivals(made).receive
-        self.send: Callable[[bytes, Any], object] = made.sendto
+        ends = open_datagrams(made)
+        self.receive, self.send_all = ends.receive, ends.send_all
 
     def overruns(self) -> int:
         return overrun(self._socket)

@@ -10,9 +10,8 @@ import numpy as np
 
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.waves import proxy_velocity, server_wave
+from cogrip.server.worlds.small_step import RAMP_S as RAMP_S
 from cogrip.server.worlds.world import MOST_SAVED_J, Array, World, dot
-
-RAMP_S = 0.3  # time in which a newcomer's stiffness grows, energy permitting
 
 
 class GripWorld(World):

@@ -1,215 +1,177 @@
-"""`GripWorld` for few people: the same step in plain floats, three times as fast as numpy.
+"""`GripWorld` for few people: the same step in plain floats (`small_step.py`), three times as fast as numpy.
 
 Equations and energy ledger are those of `grip.py` (theory sections 3.3 and 3.7), term by term. Sums are added in another order,
 so that the two agree but for the last bits; a room has one of the two from beginning to end, and in every replay.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.worlds.grip import RAMP_S, GripWorld
-from cogrip.server.worlds.world import MOST_SAVED_J, Array, Row
-
-MOST = 18  # people times axes, up to which this is faster: rooms of six in three axes
-
-Rows = list[list[float]]
+from cogrip.server.worlds.grip import GripWorld
+from cogrip.server.worlds.small_step import MOST as MOST
+from cogrip.server.worlds.small_step import GripStep
+from cogrip.server.worlds.world import MOST_SAVED_J, REACH_M, WORKSPACE_M, Array, Row
 
 
-class Port(NamedTuple):
-    """Constants of one user's step: G = K T / 2 + B, drive = G c, gain = 1 / (1 + G / b), beta = G gain."""
+class StepState:
+    """Attribute of a world that is an array of its step's state, read-only. shape: of a world's users and axes."""
 
-    K: float
-    B: float
-    b: float
-    c: float
-    drive: float
-    gain: float
-    beta: float
-
-
-class ListState:
-    """Attribute of a world that holds a list as a read-only array. column: shape (n, 1), and the ports change with it."""
-
-    def __init__(self, name: str, *, column: bool = False) -> None:
-        self._name = name
-        self._column = column
+    def __init__(self, name: str, shape: str) -> None:
+        self._name, self._shape = name, shape
 
     def __get__(self, world: "SmallGripWorld", owner: type) -> Array:
-        array = np.array(getattr(world, self._name))
+        step = world.moving
+        shape = {"a": (step.axes,), "n": (step.users,), "na": (step.users, step.axes), "n1": (step.users, 1)}[
+            self._shape
+        ]
+        array = np.array(getattr(step, self._name)[: int(np.prod(shape))]).reshape(shape)
         array.setflags(write=False)
-        return array[:, None] if self._column else array
+        return array
 
     def __set__(self, world: "SmallGripWorld", value: Array) -> None:
-        setattr(world, self._name, (value[:, 0] if self._column else value).tolist())
-        if self._column:
-            world.ports_changed()
+        state = np.zeros(MOST)
+        state[: np.size(value)] = np.ravel(value)
+        setattr(world.moving, self._name, state.tolist())
+        if self._shape == "n1":
+            world.moving.settled = False
 
 
 class SmallGripWorld(GripWorld):
-    """State in lists; the arrays of `GripWorld` are views of them, to be read or set as a whole."""
+    """State in `moving`; the arrays of `GripWorld` are views of it, to be read or set as a whole."""
 
     kept = ("_paid_j", "_excess_j")
-    _place: list[float]
-    _speed: list[float]
-    _external: list[float]
-    _work: list[float]
-    _force: Rows
-    _stretch: Rows
-    _K: list[float]
-    _B: list[float]
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
-        self._ports: list[Port] = []
+        first = seats[0]
+        axes = max(seat.object.axes for seat in seats)
+        self.moving = GripStep(len(seats), axes, first.rates.frame_s, first.object.mass_kg, first.object.damping_nspm)
         super().__init__(seats)
-        self._paid_j = [0.0] * len(seats)  # the ledger
-        self._excess_j = [0.0] * len(seats)  # of `_work` over the exact sum
         self._follows: list[bool] = self.follows.tolist()
+        self._advance = self.moving.advance
+        self._offsets: dict[int, list[float]] = {}  # of users, in plain floats
 
     @property
     def energy_j(self) -> float:
         return super().energy_j + sum(self._paid_j)
 
+    @property
+    def _paid_j(self) -> list[float]:
+        return self.moving.paid[: self.moving.users]
+
+    @_paid_j.setter
+    def _paid_j(self, paid: Sequence[float]) -> None:
+        self.moving.paid = [*paid, *(0.0,) * (MOST - len(paid))]
+
+    @property
+    def _excess_j(self) -> list[float]:
+        return self.moving.excess[: self.moving.users]
+
+    @_excess_j.setter
+    def _excess_j(self, excess: Sequence[float]) -> None:
+        self.moving.excess = [*excess, *(0.0,) * (MOST - len(excess))]
+
     def ports_changed(self) -> None:
         """Let the next step compute the ports' constants anew."""
-        self._ports = []
+        self.moving.settled = False
 
     def impedance_changed(self, user: int) -> None:
         super().impedance_changed(user)
         self.ports_changed()
 
-    def _update_ports(self) -> list[Port]:
-        """Return the constants of stiffness and damping, which have changed."""
-        impedances, wave_gains = self.impedance[:, 0].tolist(), self.wave_gain[:, 0].tolist()
-        for K, B, b, c in zip(self._K, self._B, impedances, wave_gains, strict=True):
-            G = K * (0.5 * self.frame_s) + B
-            gain = 1.0 / (1.0 + G / b)
-            self._ports.append(Port(K, B, b, c, G * c, gain, G * gain))
-        self._beta = sum([port.beta for port in self._ports])
-        return self._ports
+    def _settle(self) -> None:
+        """Compute the constants of stiffness, damping and impedance, which have changed."""
+        rest = (0.0,) * (MOST - self.moving.users)
+        self.moving.b, self.moving.c = [*self.impedance[:, 0].tolist(), *rest], [*self.wave_gain[:, 0].tolist(), *rest]
+        self.moving.settle()
 
     def join(self, user: int, position_m: Array) -> None:
-        self.offset[user] = position_m - self._place
-        self._stretch[user] = [0.0] * self.axes
-        self._K[user], self._B[user] = 0.0, float(self.target_damping[user, 0])
-        self._paid_j[user] = 0.0
+        self.offset[user] = position_m - self.position
+        self._offsets.clear()
+        self.moving.put(user, float(self.target_damping[user, 0]))
         self.holding[user] = True
         self._growing = True
-        self._ports = []
 
     def leave(self, user: int) -> None:
         self.holding[user] = False
-        self._stretch[user], self._force[user] = [0.0] * self.axes, [0.0] * self.axes
-        self._K[user] = self._B[user] = 0.0
-        self._ports = []
+        self.moving.take_away(user)
 
     def step(self, inputs: Array) -> Array:
-        return np.array(self.advance(inputs.tolist()))
+        return np.array(self.advance([tuple(row) for row in inputs.tolist()]))
 
     def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
-        period, ports = self.frame_s, self._ports or self._update_ports()
-        inertia = 2.0 * self.mass_kg / period
-        weight = inertia + self.object_damping + self._beta
-        stretch, speed, place = self._stretch, self._speed, self._place
-        mids = []
-        gained = lost = supplied = 0.0  # of object and springs [J / 2, W, W]
-        for axis, external in enumerate(self._external):
-            was = speed[axis]
-            pull = inertia * was + external
-            for u, e, port in zip(rows, stretch, ports, strict=True):
-                pull += (port.K * e[axis] + port.drive * u[axis]) * port.gain
-            mid = pull / weight
-            mids.append(mid)
-            speed[axis] = now = 2.0 * mid - was
-            place[axis] += period * mid
-            gained += self.mass_kg * (now * now - was * was)
-            lost += self.object_damping * mid * mid
-            supplied += external * mid
-        came = 0.0
-        answers = []
-        taken = []  # by each user's damper [W]
-        for number, (u, e, (K, B, b, c, drive, gain, beta)) in enumerate(zip(rows, stretch, ports, strict=True)):
-            force, answer = self._force[number], []
-            squares = relatives = springs = 0.0
-            for axis, mid in enumerate(mids):
-                wave, was = u[axis], e[axis]
-                force[axis] = f = (K * was + drive * wave) * gain - beta * mid
-                back = wave - c * f  # `server_wave` and `proxy_velocity` inline: a call costs 6 % of the step
-                answer.append(back)
-                relative = c * wave - f / b - mid
-                e[axis] = now = was + period * relative
-                squares += wave * wave - back * back
-                relatives += relative * relative
-                springs += now * now - was * was
-            work = (0.5 * period) * squares
-            came += work
-            before = self._work[number]  # `add_compensated` inline: calls cost 6 % of this step
-            work -= self._excess_j[number]
-            self._work[number] = total = before + work
-            self._excess_j[number] = (total - before) - work
-            gained += K * springs
-            lost += B * relatives
-            answers.append(answer)
-            taken.append(B * relatives)
-        self.balance_error_j = max(self.balance_error_j, abs(came + period * supplied - 0.5 * gained - period * lost))
+        if not self.moving.settled:
+            self._settle()
+        answers = self._advance(rows)
         if self._growing or self._saving:
-            self._save(taken)
+            self.moving.save()
         if self._growing:
             self._grow_now()
         if self._saving:
-            for user, follows in enumerate(self._follows):
-                if follows and self._paid_j[user] > MOST_SAVED_J:
-                    self._paid_j[user] = MOST_SAVED_J
+            paid = self._paid_j
+            self._paid_j = [
+                min(each, MOST_SAVED_J) if follows else each for each, follows in zip(paid, self._follows, strict=True)
+            ]
         return answers
 
-    def _save(self, taken_w: Sequence[float]) -> None:
-        for user, power in enumerate(taken_w):
-            self._paid_j[user] += self.frame_s * power
-
     def _grow_now(self) -> None:
-        """Move K towards its target, as `_grow` does."""
         self._growing = False
-        for user, (e, target) in enumerate(zip(self._stretch, self.target_stiffness[:, 0].tolist(), strict=True)):
-            if not self.holding[user]:
-                continue
-            square = sum([value * value for value in e])
-            step = min(target * (self.frame_s / RAMP_S), target - self._K[user])
-            if square > 0.0:
-                step = min(step, 2.0 * self._paid_j[user] / square)
-            self._paid_j[user] -= 0.5 * step * square
-            self._K[user] += step
-            self._growing = self._growing or self._K[user] != target
-        self._ports = []
+        for user, target in enumerate(self.target_stiffness[:, 0].tolist()):
+            if self.holding[user]:
+                self.moving.grow(user, target)
+                self._growing = self._growing or self.moving.K[user] != target
+
+    def restore(self, saved: Row) -> None:
+        super().restore(saved)
+        self._offsets.clear()
 
     def proxy(self, user: int) -> Array:
         return np.array(self.proxy_of(user))
 
     def proxy_of(self, user: int) -> Row:
-        offset = self.offset[user].tolist()
-        return tuple([x + e + away for x, e, away in zip(self._place, self._stretch[user], offset, strict=True)])
+        offset = self._offsets.get(user)
+        if offset is None:
+            offset = self._offsets[user] = self.offset[user].tolist()
+        return self.moving.proxy_of(user, offset)
 
     def stiffness_of(self, user: int) -> float:
-        return self._K[user]
+        return self.moving.K[user]
 
     def force_of(self, user: int) -> Row:
-        return tuple(self._force[user])
+        return self.moving.force_of(user)
 
     def motion(self) -> Row:
-        return (*self._place, *self._speed)
+        return self.moving.motion()
 
     def worked(self) -> Sequence[float]:
-        return self._work
+        return self.moving.worked()
+
+    @property
+    def left_workspace(self) -> bool:
+        return not self.moving.within(WORKSPACE_M)
+
+    @property
+    def out_of_reach(self) -> bool:
+        return not self.moving.within(REACH_M)
 
     def start_ledger(self, user: int) -> None:
-        self._work[user] = self._excess_j[user] = 0.0
+        self.moving.start_ledger(user)
 
-    position = ListState("_place")
-    velocity = ListState("_speed")
-    external_force = ListState("_external")
-    port_work = ListState("_work")
-    force = ListState("_force")
-    stretch = ListState("_stretch")
-    stiffness = ListState("_K", column=True)
-    damping = ListState("_B", column=True)
+    position = StepState("place", "a")
+    velocity = StepState("speed", "a")
+    external_force = StepState("external", "a")
+    port_work = StepState("work", "n")
+    force = StepState("force", "na")
+    stretch = StepState("stretch", "na")
+    stiffness = StepState("K", "n1")
+    damping = StepState("B", "n1")
+
+    @property
+    def balance_error_j(self) -> float:
+        """Largest error of the energy balance so far."""
+        return self.moving.error_j
+
+    @balance_error_j.setter
+    def balance_error_j(self, error_j: float) -> None:
+        self.moving.error_j = error_j

@@ -86,6 +86,17 @@ class WorkerPort:
         else:
             self.dropped["path has gone"] += 1
 
+    def send_all(self, outbox: deque[tuple[Address, bytes]]) -> list[str]:
+        """Send all (address, datagram) of a queue, and return for each that the system refused why it did."""
+        refused = []
+        while outbox:
+            address, datagram = outbox.popleft()
+            try:
+                self.send(datagram, address)
+            except OSError as error:
+                refused.append(str(error.strerror))
+        return refused
+
     def overruns(self) -> int:
         """Return the datagrams that the kernel dropped for want of room, of all paths so far."""
         return self._overran + sum(overrun(path.socket) for path in self.paths.values())

@@ -1,0 +1,51 @@
+"""Datagrams of one bound socket, one system call each; where it is compiled, many in a call (`datagram_batch.pyx`)."""
+
+import importlib
+import importlib.util
+import socket
+from collections import deque
+from typing import Any, Protocol
+
+from cogrip.protocol.channel import Address
+from cogrip.protocol.io.arrivals import Arrivals
+
+BATCH = "cogrip.protocol.io.datagram_batch"
+
+
+class DatagramEnds(Protocol):
+    """Both directions of a socket."""
+
+    def receive(self, most_bytes: int, now_ns: int) -> tuple[bytes, Any, int]:
+        """Return a datagram, its sender, and when it came. Raises BlockingIOError where there is none, OSError."""
+
+    def send_all(self, outbox: deque[tuple[Address, bytes]]) -> list[str]:
+        """Send all (address, datagram) of a queue, and return for each that the system refused why it did."""
+
+
+class Datagrams:
+    """`DatagramEnds` of any system."""
+
+    def __init__(self, own: socket.socket) -> None:
+        self.receive = Arrivals(own).receive
+        self._socket = own
+
+    def send_all(self, outbox: deque[tuple[Address, bytes]]) -> list[str]:
+        send, refused = self._socket.sendto, []
+        while outbox:
+            address, datagram = outbox.popleft()
+            try:
+                send(datagram, address)  # type: ignore[call-overload]  # addresses are the socket's own
+            except OSError as error:
+                refused.append(str(error.strerror))
+        return refused
+
+
+def open_datagrams(own: socket.socket) -> DatagramEnds:
+    """Return both directions of a bound socket, in batches where that is compiled and the system has stamps."""
+    if importlib.util.find_spec(BATCH) is not None:
+        try:
+            ends: DatagramEnds = importlib.import_module(BATCH).DatagramBatch(own)
+        except OSError:  # an emulated kernel without stamps
+            return Datagrams(own)
+        return ends
+    return Datagrams(own)

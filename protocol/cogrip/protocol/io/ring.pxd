@@ -1,0 +1,20 @@
+cimport cython
+
+
+cdef class Ring:
+    cdef public int fd
+    cdef object _map
+    cdef object _counters
+    cdef long long _capacity
+    cdef long long _put
+    cdef long long _taken
+    cdef public long long lost
+    cdef long long _marked
+    cdef public long long missed
+
+    cpdef put(self, Py_ssize_t topic, unsigned long long time_ns, bytes payload)
+    @cython.locals(
+        size="long long", need="long long", put="long long", capacity="long long", at="long long", room="long long",
+        whole="long long", start="long long",
+    )
+    cdef bint _place(self, Py_ssize_t topic, unsigned long long time_ns, bytes payload) except -1

@@ -1,0 +1,40 @@
+cimport cython
+
+
+cdef double _within(double value, double least, double most)
+
+
+cdef class Concealment:
+    cdef public double quality
+    cdef public double least_gain
+    cdef list _zero
+
+    cpdef fill(self, last, limit, answer, late=*, bint silent=*)
+    cpdef compensate(self, row, deficit, reserve, last, bint gap)
+
+
+cdef class Compensated(Concealment):
+    pass
+
+
+cdef class Tank(Compensated):
+    pass
+
+
+cdef class Elastic(Concealment):
+    cdef double _fade
+    cdef double _smoothing
+    cdef double _deficit_fraction
+    cdef double _dissipation_fraction
+    cdef public list _added
+    cdef double _part
+    cdef double _rest
+    cdef bint _was_gap
+
+    cdef double _resting(self, last, answer)
+    cdef _recover(self)
+    @cython.locals(
+        smoothing=double, fraction=double, dissipation=double, after_gap=bint, axis=Py_ssize_t, value=double,
+        missing=double, held=double, before=double, target=double, square=double, reach=double, most=double, p=double,
+    )
+    cpdef compensate(self, row, deficit, reserve, last, bint gap)

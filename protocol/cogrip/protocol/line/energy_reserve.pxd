@@ -1,0 +1,7 @@
+cdef class EnergyReserve:
+    cdef long long _left
+    cdef public object now_j
+    cdef public double least_j
+
+    cpdef elapse(self, long long frames=*)
+    cpdef update(self, double balance_j)

@@ -1,0 +1,16 @@
+cimport cython
+
+
+cdef class DatagramPath:
+    cdef object _port
+    cdef object _channel
+    cdef object _core
+    cdef long long _limit_ns
+    cdef public long long received
+    cdef public long long sent
+    cdef public long long cut_short
+
+    @cython.locals(count="long long", most_bytes=Py_ssize_t, datagram=bytes)
+    cpdef drain(self, long long now_ns)
+    cpdef send(self)
+    cpdef flush(self)

@@ -1,0 +1,64 @@
+"""Path of datagrams through a server: from its port through the channel to the core, and back."""
+
+from cogrip.protocol.io.platform import time
+from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
+from cogrip.server import inputs
+from cogrip.server.core import ServerCore
+from cogrip.server.io.udp_port import DatagramPort, ServerChannel
+
+MOST_AT_ONCE = 1024  # datagrams that are received before a tick: a flood beyond that is the kernel's to drop
+CLOCK_EVERY = 32  # datagrams between two readings of the clock
+
+
+class DatagramPath:
+    """Path of one port. limit_ns: for how long datagrams are received before a tick.
+
+    received, sent  datagrams so far, at the socket
+    cut_short       times that some datagrams were left for the next tick
+    """
+
+    def __init__(self, port: DatagramPort, channel: ServerChannel, core: ServerCore, limit_ns: int) -> None:
+        self._port, self._channel, self._core, self._limit_ns = port, channel, core, limit_ns
+        self.received = self.sent = self.cut_short = 0
+
+    def drain(self, now_ns: int) -> None:
+        """Take in what has come, and send what the channel answers by itself."""
+        receive, decrypt, handle = self._port.receive, self._channel.receive, self._core.receive
+        renewed, most_bytes = self._channel.renewed, MAX_DATAGRAM_BYTES + 1
+        for count in range(MOST_AT_ONCE):
+            if count % CLOCK_EVERY == CLOCK_EVERY - 1 and time.monotonic_ns() - now_ns > self._limit_ns:
+                self.received += count
+                self.cut_short += 1
+                break
+            try:
+                datagram, address, arrived_ns = receive(most_bytes, now_ns)
+            except BlockingIOError:
+                self.received += count
+                break
+            except OSError as error:  # an earlier datagram of ours found no one: nothing of this one is lost
+                self._core.handle(inputs.SocketFailed(str(error.strerror)), now_ns)
+                continue
+            carried = decrypt(datagram, address, now_ns)
+            while renewed:
+                self._core.handle(inputs.UnbindAddress(renewed.popleft()), now_ns)  # type: ignore[arg-type]
+            for message in carried:
+                handle(message, address, arrived_ns)
+        else:
+            self.received += MOST_AT_ONCE
+        self.flush()
+
+    def send(self) -> None:
+        """Send the core's messages."""
+        outbox, encrypt = self._core.outbox, self._channel.send
+        while outbox:
+            address, message = outbox.popleft()
+            encrypt(message, address)
+        self.flush()
+
+    def flush(self) -> None:
+        """Send the channel's datagrams."""
+        outbox = self._channel.outbox
+        if outbox:
+            self.sent += len(outbox)
+            for refused in self._port.send_all(outbox):
+                self._core.handle(inputs.SocketFailed(refused), time.monotonic_ns())

@@ -1,0 +1,47 @@
+cimport cython
+
+from cogrip.protocol.button_edges cimport EdgeReceiver
+from cogrip.server.participants cimport Seat
+from cogrip.server.port cimport Port
+
+
+cdef class Room:
+    cdef public object settings
+    cdef public object name
+    cdef public object digest
+    cdef public list seats
+    cdef public object _scheme
+    cdef public object frame
+    cdef public object world
+    cdef tuple _idle_row
+    cdef long long _frame_ns
+    cdef Py_ssize_t _axes
+    cdef Py_ssize_t _places
+    cdef public object observer_slots
+    cdef public object markers
+    cdef public object effects
+    cdef public object _shown_effects
+    cdef public list refused_effects
+    cdef public long long steps
+    cdef public object ticks
+    cdef public double travel_m
+    cdef public object diverged
+    cdef public long long put_back
+
+    @cython.locals(seat=Seat)
+    cpdef bint is_deserted(self) except -1
+    @cython.locals(seat=Seat)
+    cpdef bint anybody_holds(self) except -1
+    @cython.locals(seat=Seat, number=Py_ssize_t, out=list, state=tuple)
+    cpdef list tick(self, long long now_ns, long long frames=*)
+    @cython.locals(places=Py_ssize_t, before=tuple, here=tuple, failed=bint)
+    cdef _advance(self, rows)
+    @cython.locals(port=Port, axes=Py_ssize_t, left_j=double, reserve_j=double, seen=tuple)
+    cdef _answer(self, Seat seat, tuple answer, double work_j, tuple state, long long frames, long long now_ns)
+    @cython.locals(
+        seat=Seat, port=Port, number=Py_ssize_t, rows=list, row=tuple, next_step_ns="long long", missed="long long",
+    )
+    cdef list _pop(self, long long frames, long long now_ns)
+    cdef _give_handle(self, number, EdgeReceiver handle)
+    @cython.locals(seat=Seat)
+    cpdef list silent(self, long long now_ns)

@@ -1,0 +1,40 @@
+cimport cython
+
+from cogrip.protocol.line.energy_sums cimport CompensatedSum
+from cogrip.protocol.line.receiver cimport LineReceiver
+from cogrip.protocol.line.sender cimport LineSender
+from cogrip.server.port cimport Port
+from cogrip.server.seat_limits cimport WaveLimiter
+
+
+cdef class WavePort(Port):
+    cdef public double _half_frame_s
+    cdef public LineReceiver _receiver
+    cdef public LineSender _sender
+    cdef long long _device_hz
+    cdef long long _ticks_per_frame
+    cdef tuple _neutral
+    cdef WaveLimiter _limiter
+    cdef object _impedances
+    cdef long long _since
+    cdef object _port_j
+    cdef double _sent_j
+    cdef CompensatedSum _made_j
+    cdef dict _applied
+    cdef dict _poses
+
+    @cython.locals(axes=Py_ssize_t, turning=bint, newest="long long", first="long long", waves=tuple, state=tuple)
+    cpdef bint receive(self, message, long long now_ns) except -1
+    @cython.locals(left_ns="long long")
+    cdef long long _early(self, long long now_ns)
+    @cython.locals(
+        receiver=LineReceiver, popped="long long", sent_j=double, margin=double, acknowledged="long long",
+        behind="long long",
+    )
+    cpdef tuple pop(self, long long frames)
+    cdef _set_impedance(self, impedance_nspm)
+    @cython.locals(square=double, value=double)
+    cpdef push(self, tuple row)
+    cpdef port_in_j(self)
+    @cython.locals(receiver=LineReceiver)
+    cpdef message(self, session, stamp, tuple object_state, double port_j)

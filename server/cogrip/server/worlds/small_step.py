@@ -1,0 +1,178 @@
+"""One step of a cube that few people hold, in plain floats: state, ports and ledgers of `SmallGripWorld`.
+
+Rows of people and axes lie one behind the other in lists of MOST numbers, entry `user * axes + axis`: compiled, this class is
+one block of memory (docs/decisions/0028-typed-classes.md). Symbols and equations are those of `grip.py`.
+"""
+
+from collections.abc import Sequence
+
+Row = tuple[float, ...]
+
+MOST = 18  # people times axes
+NOTHING = (0.0,) * MOST
+RAMP_S = 0.3  # time in which a newcomer's stiffness grows, energy permitting
+
+
+class GripStep:
+    """State of the object and of each person's spring.
+
+    place, speed, external  of each axis [m, m/s, N]
+    stretch, force          of each person and axis [m, N]
+    K, B, b, c              of each person: stiffness, damping, wave impedance, wave gain
+    work, excess            of each person: energy out of the line so far, and how much that is above the exact sum [J]
+    paid                    of each person: energy that the spring may spend on growing stiffer [J]
+    settled                 `settle` has been called since K, B, b or c was changed
+    error_j                 largest error of the energy balance so far
+    """
+
+    def __init__(self, users: int, axes: int, frame_s: float, mass_kg: float, damping: float) -> None:
+        self.users, self.axes = users, axes
+        self._frame_s, self._mass_kg, self._damping = frame_s, mass_kg, damping
+        self.place, self.speed, self.external = list(NOTHING), list(NOTHING), list(NOTHING)
+        self.stretch, self.force = list(NOTHING), list(NOTHING)
+        self.K, self.B, self.b, self.c = list(NOTHING), list(NOTHING), list(NOTHING), list(NOTHING)
+        self._drive, self._gain, self._beta = (
+            list(NOTHING),
+            list(NOTHING),
+            list(NOTHING),
+        )  # of each person, see `settle`
+        self._beta_sum = 0.0
+        self.work, self.excess, self.paid = list(NOTHING), list(NOTHING), list(NOTHING)
+        self._waves, self._mids, self._taken = list(NOTHING), list(NOTHING), list(NOTHING)  # of a step
+        self.settled = False
+        self.error_j = 0.0
+
+    def settle(self) -> None:
+        """Compute the constants of all ports: G = K T / 2 + B, drive = G c, gain = 1 / (1 + G / b), beta = G gain."""
+        beta_sum = 0.0
+        for user in range(self.users):
+            G = self.K[user] * (0.5 * self._frame_s) + self.B[user]
+            gain = 1.0 / (1.0 + G / self.b[user])
+            self._drive[user], self._gain[user], self._beta[user] = G * self.c[user], gain, G * gain
+            beta_sum += G * gain
+        self._beta_sum = beta_sum
+        self.settled = True
+
+    def put(self, user: int, damping: float) -> None:
+        """Let a person take hold: an unstretched spring without stiffness."""
+        for at in range(user * self.axes, (user + 1) * self.axes):
+            self.stretch[at] = 0.0
+        self.K[user], self.B[user], self.paid[user] = 0.0, damping, 0.0
+        self.settled = False
+
+    def take_away(self, user: int) -> None:
+        """Let a person go."""
+        for at in range(user * self.axes, (user + 1) * self.axes):
+            self.stretch[at] = self.force[at] = 0.0
+        self.K[user] = self.B[user] = 0.0
+        self.settled = False
+
+    def advance(self, rows: Sequence[Row]) -> list[Row]:
+        """Advance by one frame; take a row of waves of each person, and return the rows that go back."""
+        users, axes, period, mass = self.users, self.axes, self._frame_s, self._mass_kg
+        K, B, b, c, drive, gains, betas = self.K, self.B, self.b, self.c, self._drive, self._gain, self._beta
+        place, speed, stretch, waves, mids = self.place, self.speed, self.stretch, self._waves, self._mids
+        inertia = 2.0 * mass / period
+        weight = inertia + self._damping + self._beta_sum
+        for user in range(users):
+            row = tuple(rows[user])
+            for axis in range(axes):
+                waves[user * axes + axis] = row[axis]
+        gained = lost = supplied = 0.0  # of object and springs [J / 2, W, W]
+        for axis in range(axes):
+            was, external = speed[axis], self.external[axis]
+            pull = inertia * was + external
+            at = axis
+            for user in range(users):
+                pull += (K[user] * stretch[at] + drive[user] * waves[at]) * gains[user]
+                at += axes
+            mid = pull / weight
+            mids[axis] = mid
+            speed[axis] = now = 2.0 * mid - was
+            place[axis] += period * mid
+            gained += mass * (now * now - was * was)
+            lost += self._damping * mid * mid
+            supplied += external * mid
+        came = 0.0
+        answers = []
+        for user in range(users):
+            squares = relatives = springs = 0.0
+            stiffness, impedance, factor = K[user], b[user], c[user]
+            answer = []
+            for axis in range(axes):
+                at, mid = user * axes + axis, mids[axis]
+                wave, was = waves[at], stretch[at]
+                f = (stiffness * was + drive[user] * wave) * gains[user] - betas[user] * mid
+                self.force[at] = f
+                back = wave - factor * f  # `server_wave` and `proxy_velocity` inline: a call costs 6 % of the step
+                answer.append(back)
+                relative = factor * wave - f / impedance - mid
+                now = was + period * relative
+                stretch[at] = now
+                squares += wave * wave - back * back
+                relatives += relative * relative
+                springs += now * now - was * was
+            work = (0.5 * period) * squares
+            came += work
+            before = self.work[user]  # `add_compensated` inline: calls cost 6 % of this step
+            work -= self.excess[user]
+            total = before + work
+            self.work[user] = total
+            self.excess[user] = (total - before) - work
+            gained += stiffness * springs
+            taken = B[user] * relatives
+            lost += taken
+            self._taken[user] = taken
+            answers.append(tuple(answer))
+        error = abs(came + period * supplied - 0.5 * gained - period * lost)
+        if error > self.error_j:
+            self.error_j = error
+        return answers
+
+    def save(self) -> None:
+        """Keep what each person's damper has taken in the step, to grow stiffer with."""
+        for user in range(self.users):
+            self.paid[user] += self._frame_s * self._taken[user]
+
+    def grow(self, user: int, target: float) -> None:
+        """Move a person's K towards its target, as `GripWorld._grow` does."""
+        square = 0.0
+        for at in range(user * self.axes, (user + 1) * self.axes):
+            square += self.stretch[at] * self.stretch[at]
+        step = min(target * (self._frame_s / RAMP_S), target - self.K[user])
+        if square > 0.0:
+            step = min(step, 2.0 * self.paid[user] / square)
+        self.paid[user] -= 0.5 * step * square
+        self.K[user] += step
+        self.settled = False
+
+    def within(self, most_m: float) -> bool:
+        """Return whether the object is at most so far from the middle on each axis."""
+        for axis in range(self.axes):  # noqa: SIM110 - compiled, a loop in plain C
+            if not abs(self.place[axis]) <= most_m:
+                return False
+        return True
+
+    def motion(self) -> Row:
+        """Return position [m], then velocity [m/s]."""
+        place, speed = self.place, self.speed
+        return tuple([place[axis] for axis in range(self.axes)] + [speed[axis] for axis in range(self.axes)])
+
+    def worked(self) -> list[float]:
+        """Return the energy that came out of each person's line so far [J]."""
+        work = self.work
+        return [work[user] for user in range(self.users)]
+
+    def start_ledger(self, user: int) -> None:
+        """Count a person's work from here."""
+        self.work[user] = self.excess[user] = 0.0
+
+    def force_of(self, user: int) -> Row:
+        """Return the force of a person's coupling [N]."""
+        force, first = self.force, user * self.axes
+        return tuple([force[first + axis] for axis in range(self.axes)])
+
+    def proxy_of(self, user: int, offset: Sequence[float]) -> Row:
+        """Return a person's proxy [m], in a frame that is `offset` from the object's."""
+        place, stretch, first = self.place, self.stretch, user * self.axes
+        return tuple([place[axis] + stretch[first + axis] + offset[axis] for axis in range(self.axes)])

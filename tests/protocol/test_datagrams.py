@@ -1,0 +1,102 @@
+"""Datagrams of a socket, one by one and in batches: both forms give the same."""
+
+import importlib
+import importlib.util
+import socket
+import time
+from collections import deque
+from collections.abc import Iterator
+
+import pytest
+
+from cogrip.protocol.channel import Address
+from cogrip.protocol.io.datagrams import BATCH, DatagramEnds, Datagrams, open_datagrams
+
+FORMS = ["one by one", "batches"]
+LIMIT_S = 10.0
+
+
+def ends_of(form: str, own: socket.socket) -> DatagramEnds:
+    if form == "one by one":
+        return Datagrams(own)
+    if importlib.util.find_spec(BATCH) is None:
+        pytest.skip("datagram_batch is not compiled (`python3 dev.py compile`)")
+    made: DatagramEnds = importlib.import_module(BATCH).DatagramBatch(own)
+    return made
+
+
+@pytest.fixture(params=[(socket.AF_INET, "127.0.0.1"), (socket.AF_INET6, "::1")], ids=["IPv4", "IPv6"])
+def sockets(request: pytest.FixtureRequest) -> Iterator[tuple[socket.socket, socket.socket]]:
+    family, host = request.param
+    with socket.socket(family, socket.SOCK_DGRAM) as own, socket.socket(family, socket.SOCK_DGRAM) as other:
+        try:
+            own.bind((host, 0))
+            other.bind((host, 0))
+        except OSError:
+            pytest.skip(f"no {host} here")
+        own.setblocking(False)
+        other.settimeout(LIMIT_S)
+        yield own, other
+
+
+def received(ends: DatagramEnds, count: int) -> list[tuple[bytes, Address, int]]:
+    found: list[tuple[bytes, Address, int]] = []
+    end = time.monotonic() + LIMIT_S
+    while len(found) < count and time.monotonic() < end:
+        try:
+            found.append(ends.receive(1233, time.monotonic_ns()))
+        except BlockingIOError:
+            continue
+    return found
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_datagrams_come_whole_and_in_order_with_their_sender(
+    form: str, sockets: tuple[socket.socket, socket.socket]
+) -> None:
+    own, other = sockets
+    ends = ends_of(form, own)
+    begun_ns = time.monotonic_ns()
+    sent = [bytes([number % 256]) * (number * 9) for number in range(130)]
+    for datagram in sent:
+        other.sendto(datagram, own.getsockname())
+    found = received(ends, len(sent))
+    assert [datagram for datagram, _, _ in found] == sent
+    assert {address for _, address, _ in found} == {other.getsockname()}
+    stamps = [arrived_ns for _, _, arrived_ns in found]
+    assert stamps == sorted(stamps)
+    assert begun_ns - 50_000_000 <= stamps[0] <= time.monotonic_ns()
+    with pytest.raises(BlockingIOError):
+        ends.receive(1233, time.monotonic_ns())
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_all_of_a_queue_is_sent(form: str, sockets: tuple[socket.socket, socket.socket]) -> None:
+    own, other = sockets
+    ends = ends_of(form, own)
+    other.sendto(b"known", own.getsockname())
+    ((_, address, _),) = received(ends, 1)
+    for place in (address, other.getsockname()):
+        outbox: deque[tuple[Address, bytes]] = deque((place, bytes([number])) for number in range(130))
+        assert ends.send_all(outbox) == []
+        assert not outbox
+        assert [other.recv(16) for _ in range(130)] == [bytes([number]) for number in range(130)]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_what_the_system_refuses_is_returned_and_the_rest_is_sent(
+    form: str, sockets: tuple[socket.socket, socket.socket]
+) -> None:
+    own, other = sockets
+    ends = ends_of(form, own)
+    other.sendto(b"known", own.getsockname())
+    ((_, address, _),) = received(ends, 1)
+    outbox: deque[tuple[Address, bytes]] = deque([(address, b"1"), (address, bytes(70_000)), (address, b"2")])
+    (refused,) = ends.send_all(outbox)
+    assert "long" in refused.lower()
+    assert [other.recv(16), other.recv(16)] == [b"1", b"2"]
+
+
+def test_a_bound_socket_gets_the_form_that_is_there(sockets: tuple[socket.socket, socket.socket]) -> None:
+    ends = open_datagrams(sockets[0])
+    assert isinstance(ends, Datagrams) is (importlib.util.find_spec(BATCH) is None)

@@ -1,0 +1,76 @@
+"""The compiled form (`dev.py compile`): it has the sources' classes, is removed where these change, and gives the same numbers."""
+
+import importlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import compiling
+import pytest
+
+from cogrip.protocol.compiled import LINE, form
+
+ROOT = Path(__file__).parent.parent
+LAWS = (
+    "tests/protocol/test_line.py", "tests/protocol/test_energy_sums.py", "tests/protocol/test_concealment.py",
+    "tests/protocol/test_jitter_buffer.py", "tests/protocol/test_clock.py", "tests/protocol/test_button_edges.py",
+    "tests/protocol/test_ring.py", "tests/protocol/test_histogram.py", "tests/server/test_small_room.py",
+    "tests/server/test_seat_limits.py", "tests/server/test_rate_limit.py", "tests/server/test_dtls_channel.py",
+    "tests/server/test_recorded_server_plays_again.py", "tests/sim/test_recorded_sessions.py",
+)  # fmt: skip
+
+
+def test_every_type_file_stands_beside_its_module() -> None:
+    found = compiling.sources()
+    assert all(source.exists() for _, source in found)
+    names = {name for name, _ in found}
+    assert {module.__name__ for module in LINE} <= names
+    for name in names - {f"cogrip.protocol.io.{each}" for each in compiling.LINUX_ONLY}:
+        assert importlib.import_module(name).__name__ == name
+
+
+def test_the_form_is_said() -> None:
+    assert form() in ("compiled", "interpreted", "partly compiled")
+    assert (form() == "interpreted") is all(str(module.__file__).endswith(".py") for module in LINE)
+
+
+def test_what_is_compiled_of_older_sources_is_stale(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(compiling, "STAMP", tmp_path / "stamp.json")
+    assert not compiling.stale()
+    compiling.STAMP.write_text(json.dumps(compiling.digest()))
+    assert not compiling.stale()
+    monkeypatch.setattr(compiling, "digest", lambda: "of other sources")
+    assert compiling.stale()
+
+
+def test_without_a_compiler_one_line_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(compiling, "has_compiler", lambda: False)
+    monkeypatch.setattr(compiling, "remove", lambda: None)
+    assert compiling.main([]) == 1
+    (line,) = capsys.readouterr().out.splitlines()
+    assert "no C compiler" in line
+    assert "runs without" in line
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not compiling.has_compiler(), reason="no C compiler")
+def test_recorded_sessions_and_laws_hold_in_the_compiled_form(tmp_path: Path) -> None:
+    """Bit by bit: a recorded session is played again by the compiled form, from a recording of the interpreted one."""
+    paths = []
+    if form() == "interpreted":
+        for part in compiling.PARTS:
+            shutil.copytree(ROOT / part / "cogrip", tmp_path / part / "cogrip", ignore=shutil.ignore_patterns("__pycache__"))
+            paths.append(str(tmp_path / part))
+        (tmp_path / "build").mkdir()
+        compiling.compile_all(tmp_path / "build", tmp_path)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+    subprocess.run(
+        [sys.executable, "-c", "from cogrip.protocol.compiled import form; assert form() == 'compiled'"],
+        env=environment, check=True,
+    )  # fmt: skip
+    subprocess.run([sys.executable, "-m", "pytest", *LAWS], cwd=ROOT, env=environment, check=True)
