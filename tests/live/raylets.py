@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Any
 
 NODE = {"num_cpus": 1, "object_store_memory": 100 * 1024 * 1024, "include_dashboard": False}
-START_S = (
-    180.0  # Ray itself waits 30 s for a raylet, and a raylet as long for its agent: few, where others compute here too
-)
+START_S = 45.0  # Ray itself waits 30 s for a raylet: little, where others compute here too
+TRIES = 4
 LOOK_S = 0.5
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -38,11 +37,16 @@ def raylets(more: int, port: int = 0) -> Iterator[Any]:
         from ray.cluster_utils import Cluster
     quick = services.get_node
     services.get_node = _patient(quick)
-    cluster: Any = Cluster()
+    cluster: Any = None
     try:
-        cluster.add_node(**NODE, **({"gcs_server_port": port} if port else {}))
-        for _ in range(more):
-            cluster.add_node(**NODE)
+        for _ in range(TRIES):
+            cluster = Cluster()
+            with suppress(Exception):  # Ray's own: a raylet ends where its agent takes 15 s to start
+                cluster.add_node(**NODE, **({"gcs_server_port": port} if port else {}))
+                for _ in range(more):
+                    cluster.add_node(**NODE)
+                break
+            cluster.shutdown()
         yield cluster
     finally:
         services.get_node = quick

@@ -37,7 +37,7 @@ class Leave(msgspec.Struct, frozen=True, array_like=True, tag="leave"):
 
 
 class State(msgspec.Struct, frozen=True, array_like=True, tag="state"):
-    """What the directory told."""
+    """Newest answer of the directory."""
 
     told: Told
 

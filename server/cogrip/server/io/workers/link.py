@@ -94,7 +94,7 @@ class Begin(ToWorker, frozen=True, tag="begin"):
 
 
 class Directed(ToWorker, frozen=True, tag="directed"):
-    """Whether the directory is heard. While it is not, the room watches its announcement."""
+    """Contact with the directory: while it is not heard, the room watches its announcement."""
 
     heard: bool
 
