@@ -1,4 +1,4 @@
-"""The compiled form (`dev.py compile`): it has the sources' classes, is removed where these change, and gives the same numbers."""
+"""The compiled form (`dev.py compile`): it is removed where its sources change, and gives the same numbers."""
 
 import importlib
 import json
@@ -64,7 +64,9 @@ def test_recorded_sessions_and_laws_hold_in_the_compiled_form(tmp_path: Path) ->
     paths = []
     if form() == "interpreted":
         for part in compiling.PARTS:
-            shutil.copytree(ROOT / part / "cogrip", tmp_path / part / "cogrip", ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(
+                ROOT / part / "cogrip", tmp_path / part / "cogrip", ignore=shutil.ignore_patterns("__pycache__")
+            )
             paths.append(str(tmp_path / part))
         (tmp_path / "build").mkdir()
         compiling.compile_all(tmp_path / "build", tmp_path)
