@@ -3,7 +3,7 @@
 A module `x.py` with an `x.pxd` is compiled as it is, its classes as structs; `x.pyx` is there only compiled. The results lie
 beside their sources and take the place of these when they are imported. They are no part of the project, and nothing needs
 them; `dev.py` removes what is of sources that were changed meanwhile. `-ffp-contract=off`: no product and sum are rounded
-together, so that every number is the interpreted one, bit by bit; `-fwrapv`: whole numbers wrap.
+together, so that every number is the interpreted one, bit for bit; `-fwrapv`: whole numbers wrap.
 """
 
 from __future__ import annotations  # as in dev.py
@@ -19,7 +19,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent
 PARTS = ("protocol", "server")
 SUFFIX = str(sysconfig.get_config_var("EXT_SUFFIX"))
-FLAGS = ["-O2", "-ffp-contract=off", "-fwrapv", "-fno-strict-aliasing", "-w"]
+FLAGS = ["-O2", "-ffp-contract=off", "-fwrapv", "-fno-strict-aliasing", "-w", "-g0"]
 STAMP = ROOT / ".venv" / "cogrip-compiled.json"  # digest of the sources of what is compiled
 LINUX_ONLY = ("datagram_batch",)
 DIRECTIVES = {

@@ -1,4 +1,4 @@
-"""Typed classes compiled: recorded sessions and lines give the bits of the interpreted form."""
+"""The compiled form (`dev.py compile`): it is removed where its sources change, and gives the same numbers."""
 
 import importlib
 import json
@@ -60,7 +60,7 @@ def test_without_a_compiler_one_line_says_so(
 @pytest.mark.long
 @pytest.mark.skipif(not compiling.has_compiler(), reason="no C compiler")
 def test_recorded_sessions_and_laws_hold_in_the_compiled_form(tmp_path: Path) -> None:
-    """Bit by bit: a recorded session is played again by the compiled form, from a recording of the interpreted one."""
+    """Bit for bit: a recorded session is played again by the compiled form, from a recording of the interpreted one."""
     paths = []
     if form() == "interpreted":
         for part in compiling.PARTS:

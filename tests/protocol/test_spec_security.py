@@ -12,7 +12,7 @@ from cogrip.protocol.join_link import JoinLink, LinkError, parse_link
 from cogrip.protocol.line import receiver
 from cogrip.protocol.recording import reader
 from cogrip.server import loop, rate_limit, room, seat_limits, tokens
-from cogrip.server.io import control, dtls_channel, metrics_process
+from cogrip.server.io import control, datagram_path, dtls_channel, dtls_peer, metrics_process
 from cogrip.server.rate_limit import LIMITS, Budget
 from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 from cogrip.server.worlds import world
@@ -42,8 +42,8 @@ def test_suites_are_those_of_the_page_and_of_the_wire() -> None:
 
 
 MODULES = (
-    control, dtls_channel, dtls_records, loop, messages, metrics_process, rate_limit, reader, receiver, room, seat_limits,
-    settings, tokens, world,
+    control, datagram_path, dtls_channel, dtls_peer, dtls_records, loop, messages, metrics_process, rate_limit, reader,
+    receiver, room, seat_limits, settings, tokens, world,
 )  # fmt: skip
 
 

@@ -51,7 +51,7 @@ from cogrip.protocol.settings import Coupling, Object, Playout, SeatSettings, re
 from cogrip.server import drawn_bodies, observers, rate_limit, room, seat_limits, unencrypted_channel
 from cogrip.server.admission import Denied, Grant, Outside
 from cogrip.server.core import ServerCore
-from cogrip.server.io import dtls_channel
+from cogrip.server.io import dtls_channel, dtls_peer
 from cogrip.server.io.dtls_channel import DtlsListener
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.tokens import TokenBook
@@ -429,7 +429,7 @@ PROTOCOL = (
     messages, session, clock, loop_meter, receiver, concealment, jitter_buffer, passivity_control, client_passivity, room,
     observers, drawn_bodies, seat_limits, settings_module, line_tuning, handle, setting_types, effects,
 )  # fmt: skip
-DTLS = (dtls_channel, dtls_client, rate_limit, path_migration, dtls_records)
+DTLS = (dtls_channel, dtls_peer, dtls_client, rate_limit, path_migration, dtls_records)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ from cogrip.protocol.io.dtls_client import NO_ANSWER_CURE, DtlsClient
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, MAX_MESSAGE_BYTES, Refuse
 from cogrip.protocol.session import make_hello
 from cogrip.server.io.dtls_channel import (
-    COOKIE_NS,
     HELLO_WAITS_NS,
     MOST_ASKED,
     MOST_LEFT,
@@ -26,6 +25,7 @@ from cogrip.server.io.dtls_channel import (
     WAITS_NS,
     DtlsListener,
 )
+from cogrip.server.io.dtls_peer import COOKIE_NS
 from cogrip.server.rate_limit import LIMITS, Budget, RateLimiter
 
 from tests.protocol.foreign_peers import foreign
