@@ -1,6 +1,7 @@
 """A front of a cluster without the cluster: it redirects to one server."""
 
 import threading
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 from cogrip.cli.session.server_state import front_channel_of
 from cogrip.cli.session.settings_file import load
 from cogrip.protocol.io.stop import Stop
+from cogrip.server.events import ServerEvent
 from cogrip.server.io.cluster.directory import Home
 from cogrip.server.io.cluster.front import ClusterFront
 from cogrip.server.io.state_folder import StateFolder
@@ -22,6 +24,10 @@ class OneHome:
         self.homes = {room: Home("", place, (), b"")}
         self.fronts: tuple[str, ...] = ()
         self.counts: dict[str, int] = {}
+        self.lines: deque[ServerEvent] = deque()
+
+    def poll(self, now_s: float) -> None:
+        pass
 
     def answers(self) -> list[Any]:
         return []
