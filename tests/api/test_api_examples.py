@@ -32,6 +32,7 @@ def test_every_example_is_run_here() -> None:
     assert {path.stem for path in EXAMPLES.iterdir() if path.is_file()} == set(SAID)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", sorted(SAID))
 def test_an_example_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (example,) = EXAMPLES.glob(f"{name}.*")

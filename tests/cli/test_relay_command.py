@@ -195,6 +195,7 @@ def test_a_server_refuses_what_no_welcome_carries(cogrip: Cogrip, key: str) -> N
     cogrip.refuses(words, "serve", "storm.toml", "--port", "0")
 
 
+@pytest.mark.long
 def test_at_a_terminal_the_status_goes_where_the_lines_go() -> None:
     pty = pytest.importorskip("pty")
     ours, theirs = pty.openpty()

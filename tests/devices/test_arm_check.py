@@ -153,6 +153,7 @@ def wrong(check: ArmCheck, moving_s: float) -> dict[str, Row]:
     return rows
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", NUMBERS.values())
 def test_a_well_arm_is_found_well(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     check, port = checked(monkeypatch, name, ON_A_THREAD if name == "polhem" else LOOSE)
@@ -194,6 +195,7 @@ def test_only_one_axis_at_a_time_and_no_more_than_was_said(monkeypatch: pytest.M
     assert seen == {(axis, sense) for axis in range(3) for sense in (True, False)}
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "axis"), every(2, product(("vintage", "woodenhaptics-serial"), range(3))))
 def test_a_motor_that_is_wired_the_other_way_round_is_found(
     monkeypatch: pytest.MonkeyPatch, name: str, axis: int

@@ -60,6 +60,7 @@ def test_stated_continuous_force_is_what_the_limits_give_at_the_worst_place(name
     assert 0.97 * worst <= model.record.continuous_force_n <= worst
 
 
+@pytest.mark.long
 def test_worst_place_gives_the_printed_newtons_an_ampere() -> None:
     assert worst_force_n(WOODEN) / 2.0 == pytest.approx(1.27, abs=0.005)
     assert worst_force_n(VINTAGE) / 1.0 == pytest.approx(0.90, abs=0.011)  # printed from a coarser grid

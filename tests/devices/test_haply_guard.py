@@ -323,6 +323,7 @@ def test_exception_in_the_driver(board: Board, drivers: list[Driver]) -> None:
     board.ends_at_rest()
 
 
+@pytest.mark.long
 def test_closed_device_has_no_torque_and_no_guard(board: Board, drivers: list[Driver]) -> None:
     driver = start(board, drivers, "close")
     assert driver.line() == "closed"
@@ -365,6 +366,7 @@ def test_guard_that_took_the_torque_off_goes_on_guarding(board: Board, drivers: 
     assert driver.guard_ended()
 
 
+@pytest.mark.long
 def test_driver_that_pushes_nothing_may_take_its_time(board: Board, drivers: list[Driver]) -> None:
     driver = start(board, drivers, "idle", PATIENT_NS)
     assert driver.line() == "idle"

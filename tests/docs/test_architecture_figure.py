@@ -5,6 +5,7 @@ import runpy
 from html import escape
 from pathlib import Path
 
+import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from tests.docs.pages import DOCS, page
@@ -12,6 +13,7 @@ from tests.docs.pages import DOCS, page
 SCRIPT = runpy.run_path(str(DOCS / "figures" / "architecture.py"))
 
 
+@pytest.mark.long
 def test_the_script_writes_the_same_bytes_twice(tmp_path: Path) -> None:
     folders = [tmp_path / "a", tmp_path / "b"]
     for folder in folders:

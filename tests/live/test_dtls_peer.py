@@ -83,6 +83,7 @@ def test_it_takes_a_seat_holds_and_comes_back_by_its_ticket(start, encrypted, tm
     assert not {"malformed", "seat timed out"} & dropped.keys(), dropped
 
 
+@pytest.mark.long
 @fairly
 @pytest.mark.parametrize("handshakes", [500, long(2000)])
 def test_handshakes_without_a_token_take_no_memory_and_no_seat(start, encrypted, tmp_path, handshakes):

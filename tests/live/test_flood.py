@@ -62,6 +62,7 @@ def overheard(port: int, fingerprint: str, token: str) -> list[bytes]:
     return heard
 
 
+@pytest.mark.long
 @fairly
 def test_nobody_loses_a_seat_in_a_flood_and_all_of_it_is_counted(start, tmp_path):
     server = start(

@@ -74,6 +74,7 @@ def test_a_pointer_moves_the_object_and_lets_it_go(run, serve, tmp_path) -> None
     assert "malformed" not in person.said
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("client", ["view_client.py", "view_client.js"])
 def test_an_example_client_leads_the_hand_and_prints_what_it_does(run, serve, tmp_path, client) -> None:
     """Its circle of 30 mm begins at the hand: after half a second the hand has gone sideways, and the cube with it."""

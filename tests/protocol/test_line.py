@@ -383,7 +383,7 @@ def test_metadata_come_with_the_frame_they_belong_to() -> None:
     assert metadata == [None, (0.0, 0.0, 0), (1.0, 2.0, 1), (2.0, 4.0, 2), None, (4.0, 8.0, 4)]
 
 
-@pytest.mark.sample(1)
+@pytest.mark.long
 @pytest.mark.parametrize("loss", [0.0, 0.1])
 def test_a_line_takes_no_more_memory_as_it_grows_old(loss: float) -> None:
     """Totals that were settled are needed no more; of frames whose totals have not come HISTORY are kept."""

@@ -168,6 +168,7 @@ def test_a_world_of_another_author_hears_of_it() -> None:
     assert world.inner._drive[0, 0] == pytest.approx(np.sqrt(14.0))  # type: ignore[attr-defined]
 
 
+@pytest.mark.long
 def test_a_client_that_lies_about_its_impedance_harms_its_own_line_alone() -> None:
     """Each frame says another b, and another beginning: the other person's ledgers and the object stay as they should."""
     users = [{"name": "mallory", "hand": "sine&amplitude_m=0.03"}, {"name": "ben", "hand": "sine&amplitude_m=0.02"}]

@@ -68,6 +68,7 @@ def test_rows_of_places_go_the_way_of_the_step(kind: str, jacobian: str) -> None
     assert way_error_m(model, data, at) <= max(0.05 * before, 1e-15)
 
 
+@pytest.mark.long
 def test_a_peg_that_spins_in_two_hands_gains_nothing_from_its_welds() -> None:
     """At 25 rad/s the handles leave their circles by 0.08 mm a step; against that the welds once did no work: 17.6 mJ."""
     world = hold(world_of_settings("peg"))

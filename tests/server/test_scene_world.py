@@ -349,6 +349,7 @@ def test_a_saved_world_goes_on_bit_for_bit(scene: str) -> None:
         world_of(scene, ["ball", "ball", "ball"]).restore(saved)
 
 
+@pytest.mark.long
 def test_two_processes_give_the_same_bits() -> None:
     program = "from tests.server.scene_worlds import *; print(course(hold(world_of('pile')), 7, 150))"
     command, root = [sys.executable, "-c", program], Path(__file__).parents[2]

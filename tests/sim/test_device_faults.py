@@ -129,7 +129,7 @@ def turns(cases: list[tuple[str, str]]) -> list[Any]:
 SLIPS = [(wire, f"slip {joint}") for wire in WIRES for joint in "bc" if (wire, joint) != ("emulated:2diy", "c")]
 
 
-@pytest.mark.sample(4)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("wire", "verb"), turns([*faults(), *SLIPS]))
 def test_the_force_ends_and_the_other_goes_on(wire: str, verb: str) -> None:
     """A `jump` is a slip of encoder a; a 2diy has no encoder c."""

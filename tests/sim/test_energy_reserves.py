@@ -126,6 +126,7 @@ def test_a_verdict_counts_the_credit_of_lines_alone(kind: str, lent_j: float) ->
     assert summary_values.lent_j(msgspec.to_builtins(settings)) == lent_j
 
 
+@pytest.mark.long
 def test_virtual_coupling_that_gives_out_microjoules_is_not_passive() -> None:
     laboratory = Laboratory(
         load(Path(__file__).parents[2] / "configs" / "compare.toml", ("coupling.kind=coupling", "seconds=4"))

@@ -61,6 +61,7 @@ def test_a_frame_meets_the_step_and_its_answer_is_played_at_once(delay_ms: float
 microseconds = st.integers(0, 60_000).map(lambda us: us * 1e-3)  # in ms
 
 
+@pytest.mark.long
 @given(microseconds, microseconds, st.sampled_from((512, 1024, 2048)))
 @settings(max_examples=8, deadline=None, phases=(Phase.explicit, Phase.generate))
 @example(1e-3, 7.813, 1024)

@@ -155,6 +155,7 @@ def test_a_gripper_is_passive_on_every_network(scene: dict[str, Any], network: s
     assert least(held) >= 0.0
 
 
+@pytest.mark.long
 @settings(max_examples=3, deadline=None)
 @given(
     st.sampled_from(sorted(PROFILES)), st.integers(0, 2**20), st.floats(2.0, 40.0), st.floats(5.0, 60.0),
@@ -272,6 +273,7 @@ def test_observers_are_told_the_opening_and_the_summary_the_largest_force(scene:
     assert len(user["position_m"]) == len(user["proxy_m"]) == len(user["force_n"]) == 4
 
 
+@pytest.mark.long
 def test_a_session_with_a_gripper_plays_again_bit_by_bit(scene: dict[str, Any], tmp_path: Path) -> None:
     users = (PINCH, {"name": "ben", "device": "sim:phantom", "side": "right"})
     table = {"object": scene, "users": users, "seconds": 0.6, "link": {"loss": 0.1, "jitter_ms": 5.0}}

@@ -40,7 +40,7 @@ def frame_of(laboratory: Laboratory, number: int = 0) -> HandFrame:
     return frame
 
 
-@pytest.mark.sample(1)
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("scale", "force"), [(1.0, 1.0), long(2.0, 1.0), long(0.5, 0.5), long(3.0, 1.8), (0.5, 0.25), (10.0, 1.0)]
 )

@@ -101,6 +101,7 @@ def test_what_the_driver_copes_with_is_counted_and_the_session_goes_on(verb: str
     assert passive(laboratory)
 
 
+@pytest.mark.long
 def test_a_service_that_hears_nothing_lets_go_by_itself() -> None:
     """No client reaches it then: the service's own idling ends the force. After how long, its pages do not say."""
     laboratory = session(BEGIN_S + 0.2 + 1e-9 * IDLE_NS)

@@ -176,6 +176,7 @@ def test_fixed_shapes_of_a_scene_feel_as_stiff_as_asked(network: str) -> None:
     assert account.device.margin_j >= 0.0
 
 
+@pytest.mark.long
 def test_hand_that_moves_freely_in_a_scene_feels_nothing_of_the_line() -> None:
     settings = of_scene("wall", "wan", 3.0, device="sim:phantom", hand="sine&amplitude_m=0.03&frequency_hz=1")
     laboratory, felt, places = Laboratory(settings), set(), []

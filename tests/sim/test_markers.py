@@ -128,6 +128,7 @@ class Silent(LinkEmulator):
     def send(self, payload: bytes, now_ns: int) -> None: ...
 
 
+@pytest.mark.long
 def test_a_marker_whose_answers_are_all_lost_is_taken_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing comes down for longer than it is told; the client resumes, and sends it until it is answered."""
     laboratory, said = session(9.0)

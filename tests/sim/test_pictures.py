@@ -121,7 +121,7 @@ def tints(figure: Figure) -> dict[str, tuple[str, str]]:
     }
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("people", CROWDS)
 def test_every_plot_of_a_run_could_stand_in_a_paper(drawn_of: dict[int, dict[str, Figure]], people: int) -> None:
     drawn = drawn_of[people]
@@ -139,6 +139,7 @@ def test_the_same_run_gives_the_same_picture(crowds: dict[int, Run], monkeypatch
     assert drawn == again
 
 
+@pytest.mark.long
 def test_a_bar_at_the_head_stands_while_a_button_is_down(tmp_path: Path) -> None:
     """Draw it of the client's record, and of the server's where the client's is not here."""
     users = [{"name": "a", "device": "sim:phantom?press=1@0.2+0.1,2@0.25+0.2"}, {"name": "b"}]
@@ -159,6 +160,7 @@ def test_a_bar_at_the_head_stands_while_a_button_is_down(tmp_path: Path) -> None
     assert not [each for panel in bare.axes for each in panel.collections if isinstance(each, PolyCollection)]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("people", CROWDS)
 def test_a_person_has_one_colour_and_one_marker_everywhere(
     crowds: dict[int, Run], drawn_of: dict[int, dict[str, Figure]], people: int

@@ -113,6 +113,7 @@ def test_markup_and_tex_in_names_are_only_text(folder: Path) -> None:
     assert name in printed(json.loads((folder / "summary.json").read_text()))
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("missing", "said", "plots"),
     [

@@ -71,6 +71,7 @@ def _chunks(body: bytes | bytearray) -> list[tuple[int, int]]:
     return found
 
 
+@pytest.mark.long
 def test_recording_with_a_damaged_chunk_gives_the_rest_and_names_the_gap(folder: Path) -> None:
     path = folder / client_recording("ben")
     whole = load_run(folder).clients["ben"].columns["time_s"]

@@ -45,6 +45,7 @@ def test_a_scene_has_plots_of_its_bodies_and_contacts(folder: Path, blank: None)
     assert drawn["Contact forces and slip"]
 
 
+@pytest.mark.long
 def test_the_curves_are_the_recorded_ones(folder: Path, blank: None) -> None:
     run = load_run(folder)
     *places, turned = scene_plots.bodies(run).axes
@@ -64,6 +65,7 @@ def test_without_a_scene_there_is_no_word_on_them(tmp_path: Path, blank: None) -
     assert not {"Bodies", "Contact forces and slip"} & {picture.heading for picture in draw_plots(load_run(tmp_path))}
 
 
+@pytest.mark.long
 def test_a_recording_of_an_earlier_version_says_what_is_missing(folder: Path, tmp_path: Path, blank: None) -> None:
     run = load_run(folder)
     bare = Run(tmp_path, run.summary, run.settings, run.names, run.clients, None, ())

@@ -36,6 +36,7 @@ def test_each_names_the_number_of_axes_that_it_takes_without_a_loop(name: str) -
     assert "== PLACES" in Path(str(import_module(name).__file__)).read_text()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("settings", "changes"),
     [("lift", ["seconds=1"]), long("demo", ["seconds=2", "object.axes=3", "link.loss=0.05"])],

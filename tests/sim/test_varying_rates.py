@@ -207,6 +207,7 @@ def test_no_passive_session_has_a_growing_mode_at_any_rate(network_hz: int) -> N
     assert verdict(model).stable
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("scheme", "user"), [long("wave", 0), ("wave", 1), long("coupling", 1)])
 def test_the_linear_model_of_unlike_rates_is_that_of_their_session(scheme: str, user: int) -> None:
     """The analysis goes by each person's own rate: the rendered impedance agrees to 1e-3."""

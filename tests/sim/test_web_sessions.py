@@ -107,6 +107,7 @@ def test_two_pointers_that_jump_stay_within_their_bounds(
     Session([WEB, OTHER], STREAMS[stream](), 1.5, **table).holds_its_bounds()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("period_s", "link"), every(6, product((0.125, 0.5, 2.0), ({}, FAR))))
 def test_to_beat_on_a_wall_for_long_is_no_fault(period_s: float, link: dict[str, Any]) -> None:
     Session([WEB], [there_and_back(period_s)], 7.0, object={"kind": "wall"}, link=link).holds_its_bounds()

@@ -101,7 +101,7 @@ def test_the_same_hands_in_the_same_world_are_the_same_run_bit_for_bit(config: P
     assert sum(len(messages) for messages in streams(first).values()) > 2000
 
 
-@pytest.mark.sample(1)
+@pytest.mark.long
 @pytest.mark.parametrize(
     "changes",
     [
@@ -199,7 +199,7 @@ def test_a_live_session_can_be_asked_as_well(tmp_path: Path, hands: Hands) -> No
         assert np.ptp(after) == pytest.approx(np.ptp(before), rel=0.2)
 
 
-@pytest.mark.sample(1)
+@pytest.mark.long
 @pytest.mark.parametrize("late_ns", [long(0), 3_000_000, long(125_000_000), 203_125_000])
 def test_people_begin_when_they_began(run: RunRecords, spoiled: Path, tmp_path: Path, late_ns: int) -> None:
     """People begin at the nearest frame and keep their seats until then; the result replays bit for bit."""

@@ -77,6 +77,7 @@ def lifting(seconds: float) -> dict[str, Any]:
     return tables
 
 
+@pytest.mark.long
 def test_a_live_scene_is_drawn_of_its_bodies() -> None:
     places: dict[int, Any] = {}
     watched = Watched(**lifting(3.0)).run(

@@ -129,6 +129,7 @@ def gated(tmp_path_factory) -> Iterator[Gated]:
     gated.server.stop()
 
 
+@pytest.mark.long
 def test_a_hand_by_its_token_moves_the_servers_object_and_a_revocation_ends_it(gated):
     token, ident = gated.new_token(role="player", user="ben")
 

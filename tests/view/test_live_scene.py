@@ -129,6 +129,7 @@ def test_frames_show_what_the_server_had(axes: int) -> None:
         assert len(world.offset[number]) == axes
 
 
+@pytest.mark.long
 def test_a_person_is_shown_the_object_as_it_was_a_delay_ago() -> None:
     watched = Watched(link={"delay_ms": 50.0}).run()
     by_number = {frame.number: frame.position_m for frame in watched.frames}

@@ -70,6 +70,7 @@ def assert_drawn_exactly(drawn: dict[str, Any], frame: Frame) -> None:
         assert markers["proxy"] == [value + offset for value, offset in zip(person.proxy_m, held, strict=True)]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("number", [0, 1, 599, 600, 1199, 1200, 1499])
 def test_pose_at_a_frames_time_is_the_recorded_one(shared: BrowserPage, number: int) -> None:
     seek(shared, FRAMES[number].time_s)

@@ -31,6 +31,7 @@ def test_readme_shows_them() -> None:
         assert f"](docs/pictures/{name})" in page("README.md")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("seconds", "shown_s", "other_s"),
     [(3.5, 3.1, 1.0), long(SCRIPT["BEGIN_S"] + SCRIPT["SECONDS"] + 1.0, SCRIPT["STILL_S"], SCRIPT["BEGIN_S"])],
