@@ -97,7 +97,9 @@ def bench_cluster(
 
     with ExitStack() as stack:
         stack.callback(_stop, started)
-        base = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="cogrip-bench-")))
+        base = Path(
+            stack.enter_context(tempfile.TemporaryDirectory(prefix="cogrip-bench-", ignore_cleanup_errors=True))
+        )
         cluster = stack.enter_context(raylets(hosts - 1))
         try:
             losses, people = _lose_hosts(cluster, start, base, rooms, quiet, checkpoints)
@@ -158,7 +160,8 @@ def _lose(what: str, act: Callable[[], object], people: Mapping[str, Spoken], qu
         time.sleep(LOOK_S)
     ended = [name for name, person in people.items() if person.popen.poll() is not None]
     if ended or not back_s:
-        raise Problem(f"{what}: " + (f"{', '.join(ended)} ended" if ended else "nobody had to move"))
+        words = [f"{name} ended: {people[name].said.strip().rpartition(chr(10))[2]}" for name in ended]
+        raise Problem(f"{what}: " + ("; ".join(words) or "nobody had to move"))
     return Loss(what, at_ns, back_s)
 
 
