@@ -31,7 +31,7 @@ def _machine_table(machine: Machine) -> Table:
 
     loopback = machine.loopback_us
     table = Table(title="This machine", title_justify="left", show_header=False, box=None, padding=(0, 2))
-    table.add_row("cogrip runs", form())
+    table.add_row("cogrip code", form())
     table.add_row("kernel", machine.kernel)
     table.add_row("preemption", shown(machine.preemption))
     table.add_row("processors", f"{machine.usable_cpus} usable of {machine.cpus}")
