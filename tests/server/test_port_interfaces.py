@@ -1,0 +1,38 @@
+"""Ports and jitter buffers have all that their bases only name: a compiled base cannot ask for it as an abstract class does."""
+
+import pytest
+
+from cogrip.protocol.compiled import form
+from cogrip.protocol.line.jitter_buffer import AdaptiveJitterBuffer, FixedJitterBuffer, JitterBuffer
+from cogrip.server.port import Port
+from cogrip.server.schemes import SCHEMES
+
+PORTS = sorted({scheme.make_port for scheme in SCHEMES.values()}, key=lambda port: port.__name__)
+
+
+def only_named(base: type) -> set[str]:
+    """Return the methods and properties of a class that raise NotImplementedError."""
+    functions = {name: getattr(each, "fget", each) for name, each in vars(base).items()}
+    written = {name: each.__code__ for name, each in functions.items() if hasattr(each, "__code__")}
+    return {name for name, code in written.items() if "NotImplementedError" in code.co_names}
+
+
+@pytest.mark.skipif(form() != "interpreted", reason="a compiled method does not tell what it calls")
+@pytest.mark.parametrize(
+    ("base", "made"),
+    [*((Port, port) for port in PORTS), (JitterBuffer, FixedJitterBuffer), (JitterBuffer, AdaptiveJitterBuffer)],
+)
+def test_nothing_is_left_to_the_base(base: type, made: type) -> None:
+    named = only_named(base)
+    assert named
+    assert {name for name in named if getattr(made, name) is getattr(base, name)} == set()
+
+
+@pytest.mark.skipif(form() != "interpreted", reason="a compiled method does not tell what it calls")
+def test_what_is_left_is_found() -> None:
+    class Lacking(FixedJitterBuffer):
+        decide = JitterBuffer.decide
+
+    assert {name for name in only_named(JitterBuffer) if getattr(Lacking, name) is getattr(JitterBuffer, name)} == {
+        "decide"
+    }
