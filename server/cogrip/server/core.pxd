@@ -1,0 +1,19 @@
+cimport cython
+
+from cogrip.server.participants cimport Seat
+from cogrip.server.room cimport Room
+
+
+cdef class ServerCore:
+    cdef public list rooms
+    cdef public object _table
+    cdef public object _out
+    cdef public object outbox
+    cdef public object events
+    cdef public object dropped
+    cdef public object _drop
+    cdef public object _joining
+    cdef dict _handlers
+
+    cdef _receive_from_seat(self, Room room, Seat seat, message, long long now_ns)
+    cdef _receive_frame(self, Room room, Seat seat, message, long long now_ns)

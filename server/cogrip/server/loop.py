@@ -20,7 +20,7 @@ from cogrip.protocol.io.recorder import Recorder, open_recorder
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.recording.header import Header, versions_here
-from cogrip.protocol.recording.sink import Nowhere
+from cogrip.protocol.recording.sink import Nowhere, pack
 from cogrip.protocol.session import SECONDS_OVER
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
@@ -139,7 +139,7 @@ class LiveServer:
             self.core.topics,
         )  # fmt: skip
         recorder = open_recorder(self.record_at, header, lambda text: self.say(ServerEvent("trouble", text)))
-        self.core.record(recorder or Nowhere())
+        self.core.record(recorder or Nowhere(), pack)
         return recorder
 
     def losses(self) -> dict[str, int]:

@@ -74,6 +74,8 @@ class Markers:
 
     def due(self, step: int) -> list[Mark]:
         """Return what is to be told after this step."""
+        if not self._told:
+            return []
         while self._told and step - self._told[0].step > self._steps:
             self._told.popleft()
         return [mark for mark in self._told if (step - mark.step) % self._every == 0 or step == mark.step + 1]

@@ -52,6 +52,8 @@ class ObserverSlots:
 
     def silent(self, now_ns: int) -> list[Observer]:
         """Return the observers that have not been heard for LOST_NS."""
+        if not self.observers:
+            return []
         return [each for each in self.observers.values() if now_ns - each.last_received_ns > LOST_NS]
 
     def views(self, step: int, world: World, seats: Sequence[Seat], now_ns: int) -> list[tuple[Address, bytes]]:

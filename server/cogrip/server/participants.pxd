@@ -2,6 +2,7 @@ cimport cython
 
 from cogrip.protocol.clock cimport Clock
 from cogrip.protocol.line.energy_reserve cimport EnergyReserve
+from cogrip.server.hand_changes cimport HandChanges
 from cogrip.server.port cimport Port
 
 
@@ -31,7 +32,7 @@ cdef class Seat(Participant):
     cdef public Port port
     cdef public object adapter
     cdef public object geometry
-    cdef public object hand
+    cdef public HandChanges hand
     cdef public object effects
     cdef public bint on_object
     cdef public double line_margin_j

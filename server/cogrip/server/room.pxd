@@ -1,6 +1,9 @@
 cimport cython
 
 from cogrip.protocol.button_edges cimport EdgeReceiver
+from cogrip.server.effects cimport RoomEffects
+from cogrip.server.markers cimport Markers
+from cogrip.server.observers cimport ObserverSlots
 from cogrip.server.participants cimport Seat
 from cogrip.server.port cimport Port
 
@@ -17,9 +20,9 @@ cdef class Room:
     cdef long long _frame_ns
     cdef Py_ssize_t _axes
     cdef Py_ssize_t _places
-    cdef public object observer_slots
-    cdef public object markers
-    cdef public object effects
+    cdef public ObserverSlots observer_slots
+    cdef public Markers markers
+    cdef public RoomEffects effects
     cdef public object _shown_effects
     cdef public list refused_effects
     cdef public long long steps
@@ -42,6 +45,8 @@ cdef class Room:
         seat=Seat, port=Port, number=Py_ssize_t, rows=list, row=tuple, next_step_ns="long long", missed="long long",
     )
     cdef list _pop(self, long long frames, long long now_ns)
+    cdef _effects_of(self, Py_ssize_t number)
+    cdef bint _told_of(self, Seat seat) except -1
     cdef _give_handle(self, number, EdgeReceiver handle)
     @cython.locals(seat=Seat)
     cpdef list silent(self, long long now_ns)

@@ -6,6 +6,7 @@ number used twice would break the AEAD.
 """
 
 import hmac
+from struct import Struct
 
 import msgspec
 from cryptography.exceptions import InvalidTag
@@ -15,7 +16,7 @@ from OpenSSL import SSL
 from cogrip.protocol.dtls_records import ALERT, DATA, RECORD_HEADER_BYTES, records
 
 VERSION = b"\xfe\xfd"
-EPOCH = b"\x00\x01"
+EPOCH = 1
 CLOSE_NOTIFY = b"\x01\x00"
 WINDOW = 64  # records behind the newest that may still come, once each
 SUITES = {  # OpenSSL's name: hash of its PRF, bytes of a key, of the implicit part of a nonce, of the part in the record
@@ -24,6 +25,13 @@ SUITES = {  # OpenSSL's name: hash of its PRF, bytes of a key, of the implicit p
     "ECDHE-ECDSA-CHACHA20-POLY1305": ("sha256", 32, 12, 0),
 }
 TAG_BYTES = 16
+_DATA_BEGIN, _ALERT_BEGIN = bytes([DATA]) + VERSION, bytes([ALERT]) + VERSION
+_PLACE = Struct(">Q")  # epoch and number
+_NUMBER_BITS = 48
+_MOST_BYTES = 2048  # of a record: no datagram is as long
+_SIZES = [size.to_bytes(2, "big") for size in range(_MOST_BYTES)]
+_WINDOW = WINDOW  # compiled, these two are C numbers
+_ALL_SEEN = (1 << WINDOW) - 1
 
 
 class SessionKeys(msgspec.Struct, frozen=True):
@@ -96,16 +104,16 @@ class DtlsSession:
         self._read, self._write = cipher(keys.read_key), cipher(keys.write_key)
         self._read_iv, self._write_iv = keys.read_iv, keys.write_iv
         self._written, self._newest = keys.written, keys.received
-        self._seen = (1 << WINDOW) - 1  # all before the hand-over; bit k: the newest less k
+        self._seen = _ALL_SEEN  # all before the hand-over; bit k: the newest less k
         self.closed = False
 
     def send(self, message: bytes) -> bytes:
         """Return the datagram that carries a message."""
-        return self._record(DATA, message)
+        return self._record(_DATA_BEGIN, message)
 
     def close(self) -> bytes:
         """Return the datagram that tells the other end that this association is over."""
-        return self._record(ALERT, CLOSE_NOTIFY)
+        return self._record(_ALERT_BEGIN, CLOSE_NOTIFY)
 
     def receive(self, datagram: bytes) -> list[bytes]:
         """Return the messages of a datagram. What is not authentic, or comes again, changes nothing."""
@@ -127,28 +135,30 @@ class DtlsSession:
 
     def _open(self, record: bytes) -> bytes | None:
         """Return what a record of epoch 1 holds; None where it is not authentic, or comes again."""
-        number, begin = int.from_bytes(record[5:11], "big"), RECORD_HEADER_BYTES + self._explicit
+        number = record[5]
+        for place in range(6, 11):
+            number = number << 8 | record[place]
+        begin = RECORD_HEADER_BYTES + self._explicit
         plain_bytes = len(record) - begin - TAG_BYTES
-        if plain_bytes < 0 or not self._new(number):
+        if not 0 <= plain_bytes < _MOST_BYTES or not self._new(number):
             return None
-        place = record[3:11]
-        nonce = self._nonce(self._read_iv, record[RECORD_HEADER_BYTES:begin] or place)
+        numbers = record[3:11]
+        nonce = self._nonce(self._read_iv, record[RECORD_HEADER_BYTES:begin] or numbers)
         try:
-            plain = self._read.decrypt(nonce, record[begin:], place + record[:3] + plain_bytes.to_bytes(2, "big"))
+            plain = self._read.decrypt(nonce, record[begin:], numbers + record[:3] + _SIZES[plain_bytes])
         except InvalidTag:
             return None
         self._note(number)
         return plain
 
-    def _record(self, kind: int, plain: bytes) -> bytes:
+    def _record(self, begin: bytes, plain: bytes) -> bytes:
+        """Return the record of a type and version, `begin`, that holds this."""
         self._written += 1
-        place = EPOCH + self._written.to_bytes(6, "big")
-        begin = bytes([kind]) + VERSION
-        sealed = self._write.encrypt(
-            self._nonce(self._write_iv, place), plain, place + begin + len(plain).to_bytes(2, "big")
-        )
-        body = place[: self._explicit] + sealed
-        return begin + place + len(body).to_bytes(2, "big") + body
+        numbers = _PLACE.pack(EPOCH << _NUMBER_BITS | self._written)
+        nonce = self._nonce(self._write_iv, numbers)
+        sealed = self._write.encrypt(nonce, plain, numbers + begin + _SIZES[len(plain)])
+        explicit = numbers[: self._explicit]
+        return begin + numbers + _SIZES[len(explicit) + len(sealed)] + explicit + sealed
 
     def _nonce(self, iv: bytes, place: bytes) -> bytes:
         """Return a record's nonce: RFC 5288 section 3 puts the number behind, RFC 7905 section 2 adds it."""
@@ -158,12 +168,12 @@ class DtlsSession:
 
     def _new(self, number: int) -> bool:
         behind = self._newest - number
-        return behind < 0 or (behind < WINDOW and not self._seen >> behind & 1)
+        return behind < 0 or (behind < _WINDOW and not self._seen >> behind & 1)
 
     def _note(self, number: int) -> None:
-        ahead = number - self._newest
+        ahead, bit = number - self._newest, 1
         if ahead > 0:
             self._newest = number
-            self._seen = ((self._seen << min(ahead, WINDOW)) | 1) & ((1 << WINDOW) - 1)
+            self._seen = (self._seen << ahead & _ALL_SEEN | bit) if ahead < _WINDOW else bit
         else:
-            self._seen |= 1 << -ahead
+            self._seen |= bit << -ahead  # `1 << -ahead` would have 32 bits in C

@@ -16,7 +16,7 @@ from cogrip.protocol.io.platform import system, time
 from cogrip.protocol.io.ring import Ring
 from cogrip.protocol.recording.header import header_of
 from cogrip.protocol.recording.records import Clock, Gap
-from cogrip.protocol.recording.sink import encode
+from cogrip.protocol.recording.sink import encode, text_of
 from cogrip.protocol.recording.writer import RecordingWriter
 
 TAKE_EVERY_S = 0.05
@@ -91,7 +91,7 @@ class Task:
             self._last_ns = time_ns
             if self.ring.missed > self._lost:
                 self._note_gap(self.ring.missed - self._lost)
-            self._try(self._writer.put, topic, time_ns, payload)
+            self._try(self._writer.put, topic, time_ns, text_of(payload))
             self._put += self._well
             if self._stream.held_bytes >= MOST_HELD_BYTES // 2:
                 self.flush()  # before the stream does it by itself: what is in the file is counted

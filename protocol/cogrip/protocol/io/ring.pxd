@@ -1,10 +1,14 @@
 cimport cython
 
+cdef long long _HEAD_BYTES, _TOPIC_BITS, _DATA
+cdef Py_ssize_t _PUT, _TAKEN, _LOST, _CLOSED, _SAID, _SAVED
+
 
 cdef class Ring:
     cdef public int fd
     cdef object _map
-    cdef object _counters
+    cdef unsigned long long[::1] _counters
+    cdef unsigned long long[::1] _words
     cdef long long _capacity
     cdef long long _put
     cdef long long _taken
@@ -15,6 +19,6 @@ cdef class Ring:
     cpdef put(self, Py_ssize_t topic, unsigned long long time_ns, bytes payload)
     @cython.locals(
         size="long long", need="long long", put="long long", capacity="long long", at="long long", room="long long",
-        whole="long long", start="long long",
+        whole="long long", start="long long", words="unsigned long long[::1]",
     )
     cdef bint _place(self, Py_ssize_t topic, unsigned long long time_ns, bytes payload) except -1

@@ -7,11 +7,12 @@
     32   u64  length of the reader's report
     40   u64  messages that the reader has saved
     48   its text
-    PAGE data: u32 length, u16 topic, u16 unused, u64 time, payload; padded to 8 bytes; never across the end
+    PAGE data: u64 length + 2^32 topic, u64 time, payload; padded to 8 bytes; never across the end
 
 A length of SKIP means: go on at the start. Topic LOST is the ring's own: so many messages (u64) did not fit here.
 Both counters only grow, and each has one writer; a message's bytes are there before its counter says so. Counters are
 items of a cast view, stored all eight bytes at once: `struct` zeroes before it packs, and the other side would see that.
+Words have the machine's own byte order.
 """
 
 import mmap
@@ -25,7 +26,9 @@ SKIP = 0xFFFF_FFFF
 LOST = 0xFFFF
 _U64 = Struct("Q")
 _COUNTERS = 6
-_HEAD = Struct("<IHHQ")
+_HEAD_BYTES = 16
+_TOPIC_BITS = 32  # by which the topic is shifted
+_DATA = PAGE + _HEAD_BYTES  # where the first payload begins
 _PUT, _TAKEN, _LOST, _CLOSED, _SAID, _SAVED = range(_COUNTERS)
 _TEXT = 8 * _COUNTERS
 
@@ -33,13 +36,14 @@ _TEXT = 8 * _COUNTERS
 class Ring:
     """Map the ring behind file descriptor `fd`; `make_ring` makes one."""
 
-    __slots__ = ("_capacity", "_counters", "_map", "_marked", "_put", "_taken", "fd", "lost", "missed")
+    __slots__ = ("_capacity", "_counters", "_map", "_marked", "_put", "_taken", "_words", "fd", "lost", "missed")
 
     def __init__(self, fd: int) -> None:
         self.fd = fd
         self._map = mmap.mmap(fd, 0)
         self._capacity = len(self._map) - PAGE
         self._counters = memoryview(self._map)[:_TEXT].cast("Q")
+        self._words = memoryview(self._map)[PAGE:].cast("Q")
         self._put = self._counters[_PUT]
         self._taken = self._counters[_TAKEN]
         self.lost = 0  # messages that did not fit
@@ -56,18 +60,19 @@ class Ring:
 
     def _place(self, topic: int, time_ns: int, payload: bytes) -> bool:
         size = len(payload)
-        need = (_HEAD.size + size + 7) & ~7
-        put, capacity = self._put, self._capacity
+        need = (_HEAD_BYTES + size + 7) & ~7
+        put, capacity, words = self._put, self._capacity, self._words
         at = put % capacity
         room = capacity - at
         whole = need if need <= room else need + room
         if put + whole - self._counters[_TAKEN] > capacity:
             return False
         if need > room:
-            _HEAD.pack_into(self._map, PAGE + at, SKIP, 0, 0, 0) if room >= _HEAD.size else None
+            words[at >> 3] = SKIP
             at = 0
-        _HEAD.pack_into(self._map, PAGE + at, size, topic, 0, time_ns)
-        start = PAGE + at + _HEAD.size
+        words[at >> 3] = topic << _TOPIC_BITS | size
+        words[(at >> 3) + 1] = time_ns
+        start = _DATA + at
         self._map[start : start + size] = payload
         self._put = put + whole
         self._counters[_PUT] = self._put
@@ -78,18 +83,18 @@ class Ring:
         until, capacity = self._counters[_PUT], self._capacity
         while self._taken < until:
             at = self._taken % capacity
-            room = capacity - at
-            size, topic, _, time_ns = _HEAD.unpack_from(self._map, PAGE + at) if room >= _HEAD.size else (SKIP, 0, 0, 0)
+            word = self._words[at >> 3]
+            size, topic = word & SKIP, word >> _TOPIC_BITS
             if size == SKIP:
-                self._taken += room
+                self._taken += capacity - at
                 continue
-            start = PAGE + at + _HEAD.size
+            start = _DATA + at
             payload = self._map[start : start + size]
             if topic == LOST:
                 self.missed += _U64.unpack(payload)[0]
             else:
-                yield topic, time_ns, payload
-            self._taken += (_HEAD.size + size + 7) & ~7
+                yield topic, self._words[(at >> 3) + 1], payload
+            self._taken += (_HEAD_BYTES + size + 7) & ~7
             self._counters[_TAKEN] = self._taken
 
     @property
@@ -127,7 +132,7 @@ class Ring:
         return self._map[_TEXT : _TEXT + self._counters[_SAID]].decode("utf-8", "replace")
 
     def close(self) -> None:
-        self._counters.release()
+        self._counters = self._words = None  # type: ignore[assignment]  # else the map could not be closed
         self._map.close()
         os.close(self.fd)
 

@@ -6,7 +6,7 @@ from cogrip.protocol.line.energy_sums cimport WaveSums
 cdef class LineSender:
     cdef Py_ssize_t _axes
     cdef Py_ssize_t _capacity
-    cdef object _values
+    cdef list _values
     cdef WaveSums _before
     cdef public long long next_number
 

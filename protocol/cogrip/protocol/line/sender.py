@@ -1,7 +1,5 @@
 """The sending end of a line: numbers frames, repeats the newest R of them, sums all before (SPEC 5.2)."""
 
-from array import array
-
 from cogrip.protocol.line.energy_sums import WaveSums
 
 Frame = tuple[float, ...]  # one wave of all axes, shape (axes,) [sqrt(W)]
@@ -19,7 +17,7 @@ class LineSender:
     def __init__(self, axes: int, redundancy: int) -> None:
         self._capacity = redundancy * axes
         self._axes = axes
-        self._values = array("d")  # the newest frames, frame by frame, axis by axis: dense, and boxed only to be sent
+        self._values: list[float] = []  # the newest frames, frame by frame, axis by axis
         self._before = WaveSums(axes)  # of the frames that no datagram carries any more
         self.next_number = 0
 

@@ -68,11 +68,12 @@ def begin_session(peer: Peer) -> None:
 
 def is_of_session(datagram: bytes) -> bool:
     """Return whether a datagram is one encrypted record of messages, by its header."""
+    size = len(datagram)
     return (
-        RECORD_HEADER_BYTES < len(datagram) <= MAX_DATAGRAM_BYTES
+        RECORD_HEADER_BYTES < size <= MAX_DATAGRAM_BYTES
         and datagram[0] == DATA
-        and bool(datagram[3] or datagram[4])
-        and len(datagram) == RECORD_HEADER_BYTES + int.from_bytes(datagram[11:13], "big")
+        and (datagram[3] != 0 or datagram[4] != 0)
+        and size == RECORD_HEADER_BYTES + 256 * datagram[11] + datagram[12]
     )
 
 

@@ -45,7 +45,7 @@ cdef class GripStep:
     cpdef save(self)
     @cython.locals(axis=Py_ssize_t)
     cpdef bint within(self, double most_m)
-    @cython.locals(axis=Py_ssize_t, place="double*", speed="double*")
+    @cython.locals(axis=Py_ssize_t, place="double*", speed="double*", found=list)
     cpdef tuple motion(self)
     @cython.locals(user=Py_ssize_t, work="double*")
     cpdef list worked(self)

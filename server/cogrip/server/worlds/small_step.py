@@ -155,8 +155,12 @@ class GripStep:
 
     def motion(self) -> Row:
         """Return position [m], then velocity [m/s]."""
-        place, speed = self.place, self.speed
-        return tuple([place[axis] for axis in range(self.axes)] + [speed[axis] for axis in range(self.axes)])
+        place, speed, found = self.place, self.speed, []
+        for axis in range(self.axes):
+            found.append(place[axis])  # noqa: PERF401 - compiled, loops in plain C, and one list
+        for axis in range(self.axes):
+            found.append(speed[axis])  # noqa: PERF401
+        return tuple(found)
 
     def worked(self) -> list[float]:
         """Return the energy that came out of each person's line so far [J]."""

@@ -1,0 +1,10 @@
+cdef class RoomEffects:
+    cdef double _frame_s
+    cdef object _sections
+    cdef list _users
+    cdef list _turns
+    cdef list _effects
+    cdef list _of
+
+    cpdef follow(self, long long step)
+    cpdef tuple of(self, Py_ssize_t user)

@@ -1,0 +1,13 @@
+cdef class HandChanges:
+    cdef public object holds
+    cdef public long long number
+    cdef public long long taken
+    cdef public object wanted
+    cdef public object _told
+    cdef long long _reported
+    cdef object _lines
+    cdef long long _hz
+    cdef long long _every
+
+    cpdef list due(self, session, long long step)
+    cpdef list untold(self, session)
