@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.server.io import checkpoint_file
-from cogrip.server.io.checkpoint_file import CheckpointWriter, read, remove
+from cogrip.server.io.checkpoint_file import CheckpointWriter, WriterThread, read, remove
 from cogrip.server.io.state_folder import StateError
 
 LIMIT_S = 30.0
@@ -24,8 +24,8 @@ from cogrip.server.io import checkpoint_file
 
 whole, done = checkpoint_file.write_private, threading.Semaphore(0)
 
-def noted(path, data):
-    whole(path, data)
+def noted(path, data, *, durable):
+    whole(path, data, durable=durable)
     print(int(data[64:].split()[0]), flush=True)
     done.release()
 
@@ -72,10 +72,10 @@ def test_the_newest_wins_and_every_version_has_a_fate(path, monkeypatch):
     held, begun = threading.Event(), threading.Event()
     whole = checkpoint_file.write_private
 
-    def slow(there: Path, data: bytes) -> None:
+    def slow(there: Path, data: bytes, *, durable: bool) -> None:
         begun.set()
         assert held.wait(LIMIT_S)
-        whole(there, data)
+        whole(there, data, durable=durable)
 
     monkeypatch.setattr(checkpoint_file, "write_private", slow)
     writer = CheckpointWriter(path)
@@ -152,3 +152,33 @@ def test_killed_at_any_moment_it_leaves_a_whole_version(path):
         assert last >= written[-1]
     beside = {each.name for each in path.parent.iterdir()} - {path.name}
     assert beside <= {f"{path.name}.new"}, "one at most, however often"
+
+
+def test_writers_share_a_thread_and_each_keeps_its_newest(tmp_path, monkeypatch):
+    """A disk that hangs in one of them holds up no loop, and costs no other writer what it was given last."""
+    tmp_path.chmod(0o700)
+    held, begun = threading.Event(), threading.Event()
+    whole = checkpoint_file.write_private
+
+    def slow(there: Path, data: bytes, *, durable: bool) -> None:
+        begun.set()
+        assert held.wait(LIMIT_S)
+        whole(there, data, durable=durable)
+
+    monkeypatch.setattr(checkpoint_file, "write_private", slow)
+    before, thread = threading.active_count(), WriterThread()
+    writers = [CheckpointWriter(tmp_path / f"{number}.json", thread=thread) for number in range(20)]
+    writers[0].put(b"0")
+    assert begun.wait(LIMIT_S)
+    for number in range(50):
+        for writer in writers:
+            writer.put(b"%d" % number)
+    assert threading.active_count() == before + 1
+    held.set()
+    for writer in writers:
+        writer.close()
+    assert [read(writer.path) for writer in writers] == [b"49"] * 20
+    assert [writer.overtaken for writer in writers] == [49] * 20
+    writers[3].put(b"again")  # a thread that was ended begins anew
+    writers[3].close()
+    assert read(writers[3].path) == b"again"

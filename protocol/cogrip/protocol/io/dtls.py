@@ -77,7 +77,7 @@ def _context() -> SSL.Context:
 class Association:
     """One DTLS association. A server's begins with `listen`, a client's with `connect`. Send what `pop_datagrams` returns.
 
-    connection  of OpenSSL, over memory
+    connection  of OpenSSL, over memory; none after `release`
     ready       messages can be sent
     failed      why the association cannot go on, "" while it can
     """
@@ -183,6 +183,10 @@ class Association:
                 self.connection.shutdown()
             self._drain()
         self.failed = self.failed or "closed"
+
+    def release(self) -> None:
+        """Free what OpenSSL keeps, 100 kB: something else goes on with the keys, and nothing is asked of it any more."""
+        del self.connection
 
     def peer_fingerprint(self) -> str:
         """Return the fingerprint of the other end's certificate, "" if it has shown none."""

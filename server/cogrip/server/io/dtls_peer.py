@@ -64,6 +64,7 @@ def begin_session(peer: Peer) -> None:
     association = peer.association
     if peer.session is None and association.connection.get_cipher_name() in SUITES:
         peer.session = DtlsSession(export_keys(association.connection, peer.written, peer.newest))
+        association.release()
 
 
 def is_of_session(datagram: bytes) -> bool:

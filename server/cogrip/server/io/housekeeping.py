@@ -10,7 +10,7 @@ from cogrip.protocol.tool_frame import ToolFrame
 from cogrip.server import inputs
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.events import ServerEvent
-from cogrip.server.io.checkpoint_file import CheckpointWriter
+from cogrip.server.io.checkpoint_file import CheckpointWriter, WriterThread
 from cogrip.server.io.control import NO_CLUSTER, Control, Drain, Kick, Mark, Orders, Reload, Request, SetHand, Who
 from cogrip.server.io.hand_orders import HandOrders
 from cogrip.server.io.service_notify import ServiceNotifier
@@ -106,7 +106,10 @@ class Housekeeping:
         if checkpoints:
             self._writers = {room: checkpoints(room, self._report_trouble) for room in rooms}
         elif folder:
-            self._writers = {room: CheckpointWriter(folder.checkpoint(room), self._report_trouble) for room in rooms}
+            thread = WriterThread()
+            self._writers = {
+                room: CheckpointWriter(folder.checkpoint(room), self._report_trouble, thread) for room in rooms
+            }
         self._kept: list[tuple[int, str, ToolFrame]] = []  # sessions, ticket hashes and tools' frames of all seats
         self._reported_limits: set[tuple[int, str]] = set()
         self._idle = {room.name for room in server.core.rooms}  # rooms that are deserted since their checkpoint

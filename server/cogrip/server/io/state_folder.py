@@ -142,9 +142,10 @@ def read_private(path: Path) -> bytes:
         raise StateError(f"{path}: cannot be read: {error.strerror}; run this as the server's user") from None
 
 
-def write_private(path: Path, content: bytes) -> None:
+def write_private(path: Path, content: bytes, *, durable: bool = True) -> None:
     """Replace a file as a whole: whatever ends this, the old one or the new one is there. One writer at a time (`locked`).
 
+    durable: wait until the folder's entry is on the disk, too; else a loss of power may leave a whole one of some seconds before.
     Raises StateError.
     """
     new = path.with_name(f"{path.name}.new")
@@ -156,6 +157,8 @@ def write_private(path: Path, content: bytes) -> None:
             stream.flush()
             os.fsync(file)
         new.replace(path)
+        if not durable:
+            return
         folder = os.open(path.parent, os.O_RDONLY)
         try:
             os.fsync(folder)
