@@ -11,30 +11,41 @@ cdef class WaveLedger:
     cdef WaveSums _played
     cdef WaveSums _filled
     cdef WaveSums _compensated
-    cdef object _history
+    cdef Py_ssize_t _rows
+    cdef Py_ssize_t _row
+    cdef double[::1] _history
+    cdef double[::1] _nothing
+    cdef long long _entered
     cdef long long _cursor
-    cdef tuple _nothing
     cdef dict _totals
     cdef tuple _usable
     cdef double[6] _lost
     cdef double[6] _lost_squares
-    cdef public tuple settled_fillings
+    cdef double[6] _settled_fillings
 
-    @cython.locals(axis=Py_ssize_t, lost="double*", compensated=tuple)
+    @cython.locals(axis=Py_ssize_t, lost="double*", compensated="double*")
     cpdef list position_deficit(self)
     cpdef add_totals(self, long long first, long long cursor, tuple total, tuple squares)
-    @cython.locals(cursor="long long", first="long long", total=tuple, squares=tuple, newest=tuple)
+    @cython.locals(
+        cursor="long long", first="long long", total=tuple, squares=tuple, newest=tuple, history="double[::1]",
+        played="double*", filled="double*", at=Py_ssize_t, axes=Py_ssize_t, axis=Py_ssize_t,
+    )
     cpdef add_played(self, long long number, tuple frame)
     @cython.locals(
-        ago="long long", played=tuple, played_squares=tuple, axis=Py_ssize_t, lost="double*", lost_squares="double*",
-        sent=double, less=double, fraction=double,
+        before="double[::1]", longer="double[::1]", rows=Py_ssize_t, row=Py_ssize_t, split=Py_ssize_t, first=Py_ssize_t,
+        end=Py_ssize_t, at=Py_ssize_t, to=Py_ssize_t, size=Py_ssize_t,
+    )
+    cdef _grow(self)
+    @cython.locals(
+        history="double[::1]", at=Py_ssize_t, axes=Py_ssize_t, axis=Py_ssize_t, lost="double*", lost_squares="double*",
+        sent=double, less=double,
     )
     cdef _settle(self, long long number, tuple total, tuple squares)
     cpdef add_filling(self, tuple frame)
     cpdef add_compensation(self, row, squares)
     @cython.locals(
-        credit=double, filled_squares=tuple, compensated_squares=tuple, fillings=tuple, axis=Py_ssize_t, filled=double,
-        spent=double, left=double, settled=double, fraction=double,
+        credit=double, filled_sums="double*", compensated_sums="double*", axis=Py_ssize_t, filled=double, spent=double,
+        left=double,
     )
     cpdef list allowances(self)
     cpdef list limits(self)

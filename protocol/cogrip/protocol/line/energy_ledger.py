@@ -5,7 +5,7 @@ Invariant, per axis and at every pop, c the number of the next frame: sum(played
 All squares are in W per axis: an energy over T_n / 2. A frame's totals are the sums over all frames before it, by the sender.
 """
 
-from collections import deque
+from array import array
 from collections.abc import Sequence
 from math import sqrt
 
@@ -13,6 +13,7 @@ from cogrip.protocol.line.energy_sums import BOUND_FRACTION, NOTHING, RESERVE_FR
 from cogrip.protocol.line.sender import Frame
 
 HISTORY = 1024  # frames for which the receiver still knows what it had played
+FIRST_ROWS = 32  # of the history, which grows to HISTORY where totals are long in coming
 KEPT = 0.5  # of the credit, for the next gap: compensation does not spend it
 
 
@@ -20,7 +21,6 @@ class WaveLedger:
     """Ledger of one direction. Rows have shape (axes,).
 
     settled           number of the newest frame whose totals are in use
-    settled_fillings  squares of the fillings before it [W]
     disturbed         something is lost, or may be: before that nothing is compensated
     credit            what each axis may play beyond what was sent, E_0 2 / (T_n axes) [W]; a next line may have less (`left`)
     """
@@ -30,19 +30,20 @@ class WaveLedger:
         self.credit = credit_w
         self.settled = 0
         self.disturbed = False
-        zero = (0.0,) * axes
         self._played = WaveSums(axes)  # frames that were due, as sent or as filled, without compensation
         self._filled = WaveSums(axes)  # fillings among them
         self._compensated = WaveSums(axes)  # compensation; its squares are what it added to the squares played
-        # before frame n, for the last n: sums of `_played`, squares, squares of `_filled`; before `settled` none is needed
-        self._history: deque[tuple[Frame, Frame, Frame]] = deque(maxlen=HISTORY)
+        # before frame n, at n modulo its rows: sums of `_played`, squares, squares of `_filled`; before `settled` none is needed
+        self._rows, self._row = FIRST_ROWS, 3 * axes
+        self._history = array("d", bytes(8 * self._rows * self._row))
+        self._nothing = array("d", bytes(8 * self._row))  # before the first frame that is played
+        self._entered = 0  # rows so far
         self._cursor = 0  # n of the last one
-        self._nothing = zero, zero, zero  # before the first frame that is played
         self._totals: dict[int, tuple[Frame, Frame]] = {}  # totals of frames above the cursor, not usable yet
         self._usable: tuple[int, Frame, Frame] | None = None  # newest totals of a frame up to the cursor
         self._lost = list(NOTHING)  # sum of the waves lost before frame `settled`, less fillings
         self._lost_squares = list(NOTHING)
-        self.settled_fillings = zero
+        self._settled_fillings = list(NOTHING)  # squares of the fillings before it [W]
 
     @property
     def deficit(self) -> list[float]:
@@ -51,7 +52,7 @@ class WaveLedger:
 
     def position_deficit(self) -> list[float]:
         """Return `deficit`."""
-        lost, compensated = self._lost, self._compensated.total
+        lost, compensated = self._lost, self._compensated.sums
         return [lost[axis] - compensated[axis] for axis in range(self._axes)]
 
     @property
@@ -81,13 +82,18 @@ class WaveLedger:
 
     def add_played(self, number: int, frame: Frame) -> None:
         """Enter what stands for frame `number`, without compensation, and settle."""
-        played, cursor = self._played, number + 1
-        played.add(frame)
-        history, self._cursor = self._history, cursor
-        history.append((played.total, played.squares, self._filled.squares))
-        for _ in range(2):  # a few at a time: no frame costs more than another
-            if len(history) > cursor - self.settled:
-                history.popleft()
+        cursor = number + 1
+        self._played.add(frame)
+        self._cursor = cursor
+        self._entered += 1
+        if cursor - self.settled >= self._rows and self._rows < HISTORY:
+            self._grow()
+        history, played, filled = self._history, self._played.sums, self._filled.sums
+        at, axes = cursor % self._rows * self._row, self._axes
+        for axis in range(axes):
+            history[at + axis] = played[axis]
+            history[at + axes + axis] = played[6 + axis]
+            history[at + 2 * axes + axis] = filled[6 + axis]
         newest = self._totals.pop(cursor, None) if self._totals else None
         if newest is not None:
             self._usable = None
@@ -98,21 +104,39 @@ class WaveLedger:
             if self.settled < first and cursor - HISTORY < first:
                 self._settle(first, total, squares)
 
+    def _grow(self) -> None:
+        """Give the history twice the rows."""
+        before, rows, row, split = self._history, self._rows, self._row, self._cursor // self._rows * self._rows
+        self._history = longer = array("d", bytes(16 * rows * row))
+        self._rows = 2 * rows
+        for first, end in ((self._cursor - rows, split), (split, self._cursor)):  # each lies in one piece, before and now
+            at, to, size = first % rows * row, first % (2 * rows) * row, (end - first) * row
+            longer[to : to + size] = before[at : at + size]
+
     def _settle(self, number: int, total: Frame, squares: Frame) -> None:
-        """Compare the totals of frame `number` with what was played up to it."""
-        ago = self._cursor - number
-        known = ago < len(self._history)
-        played, played_squares, self.settled_fillings = self._history[-1 - ago] if known else self._nothing
+        """Compare the totals of frame `number` with what was played up to it: nothing, if that was before the first frame."""
+        history, at, axes = self._history, number % self._rows * self._row, self._axes
+        if self._cursor - number >= self._entered:
+            history, at = self._nothing, 0
         self.settled = number
-        if not self.disturbed and total == played and squares == played_squares:
-            return  # nothing has been lost: both ends have added up alike
-        self.disturbed = True
+        for axis in range(axes):
+            if total[axis] != history[at + axis] or squares[axis] != history[at + axes + axis]:
+                self.disturbed = True  # else nothing has been lost: both ends have added up alike
+            self._settled_fillings[axis] = history[at + 2 * axes + axis]
+        if not self.disturbed:
+            return
         lost, lost_squares = self._lost, self._lost_squares
-        for axis in range(self._axes):
-            lost[axis] = total[axis] - played[axis]
+        for axis in range(axes):
+            lost[axis] = total[axis] - history[at + axis]
             sent = squares[axis]
-            less = sent - played_squares[axis]
+            less = sent - history[at + axes + axis]
             lost_squares[axis] = less - RESERVE_FRACTION * sent  # what may be rounding is no reserve
+
+    @property
+    def settled_fillings(self) -> list[float]:
+        """Squares of the fillings before frame `settled` [W], shape (axes,)."""
+        fillings = self._settled_fillings
+        return [fillings[axis] for axis in range(self._axes)]
 
     def add_filling(self, frame: Frame) -> None:
         """Enter a filling, before `add_played`."""
@@ -124,11 +148,11 @@ class WaveLedger:
 
     def allowances(self) -> list[float]:
         """Squares that may still be played on each axis beyond the frames themselves, credit included [W]."""
-        credit, filled_squares, compensated_squares = self.credit, self._filled.squares, self._compensated.squares
+        credit, filled_sums, compensated_sums = self.credit, self._filled.sums, self._compensated.sums
         out = []
         for axis in range(self._axes):
-            filled, spent = filled_squares[axis], compensated_squares[axis]
-            left = self._lost_squares[axis] - spent + credit - (filled - self.settled_fillings[axis])
+            filled, spent = filled_sums[6 + axis], compensated_sums[6 + axis]
+            left = self._lost_squares[axis] - spent + credit - (filled - self._settled_fillings[axis])
             out.append(left - BOUND_FRACTION * (credit + filled + abs(spent)))
         return out
 

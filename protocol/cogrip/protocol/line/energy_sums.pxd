@@ -12,14 +12,18 @@ cdef class CompensatedSum:
 
 
 cdef class WaveSums:
-    cdef public tuple total
-    cdef public tuple squares
+    cdef Py_ssize_t _axes
+    cdef public double[12] sums
     cdef double[12] _errors
 
+    @cython.locals(axis=Py_ssize_t, sums="double*")
+    cpdef tuple totals(self)
+    @cython.locals(axis=Py_ssize_t, sums="double*")
+    cpdef tuple square_sums(self)
     @cython.locals(
-        errors="double*", x=double, y=double, z=double, i=double, j=double, k=double, tx=double, ty=double, tz=double,
-        sx=double, sy=double, sz=double, ux=double, uy=double, uz=double, px=double, py=double, pz=double,
+        sums="double*", errors="double*", x=double, y=double, z=double, i=double, j=double, k=double, tx=double, ty=double,
+        tz=double, sx=double, sy=double, sz=double, ux=double, uy=double, uz=double, px=double, py=double, pz=double,
         ax=double, ay=double, az=double, bx=double, by=double, bz=double,
-        axis=Py_ssize_t, wave=double, before=double, square_before=double, term=double, after=double, square=double,
+        axis=Py_ssize_t, wave=double, before=double, term=double, after=double, square=double,
     )
     cpdef add(self, row, added=*)

@@ -60,47 +60,60 @@ class CompensatedSum:
 class WaveSums:
     """Sums of rows and of their squares, axis by axis, shape (axes,). Both ends of a line add in the same order, bit for bit.
 
-    total    [sqrt(W)]
-    squares  [W]
+    sums  of each axis [sqrt(W)], then from POSE_AXES on of the squares [W]: numbers side by side, as they are used every frame
     """
 
-    __slots__ = ("_errors", "squares", "total")
+    __slots__ = ("_axes", "_errors", "sums")
 
     def __init__(self, axes: int) -> None:
-        self.total: Row = (0.0,) * axes
-        self.squares: Row = (0.0,) * axes
-        self._errors = list(NOTHING + NOTHING)  # of `total` and `squares`, axis by axis
+        self._axes = axes
+        self.sums = list(NOTHING + NOTHING)
+        self._errors = list(NOTHING + NOTHING)  # of `sums` over the true ones
+
+    @property
+    def total(self) -> Row:
+        """Sum of the rows [sqrt(W)]."""
+        return self.totals()
+
+    def totals(self) -> Row:
+        """Return `total`."""
+        sums = self.sums
+        return tuple([sums[axis] for axis in range(self._axes)])
+
+    @property
+    def squares(self) -> Row:
+        """Sum of the squares [W]."""
+        return self.square_sums()
+
+    def square_sums(self) -> Row:
+        """Return `squares`."""
+        sums = self.sums
+        return tuple([sums[6 + axis] for axis in range(self._axes)])
 
     def add(self, row: Sequence[float], added: Sequence[float] | None = None) -> None:
         """Add a row and its squares, or `added` in place of them. Inline like `CompensatedSum.add`."""
-        errors = self._errors
+        sums, errors = self.sums, self._errors
         if len(row) == PLACES:  # as below, without a loop
             x, y, z = row
             if added is None:
                 i, j, k = x * x, y * y, z * z
             else:
                 i, j, k = added
-            tx, ty, tz = self.total
-            sx, sy, sz = self.squares
-            ux, uy, uz = x - errors[0], y - errors[2], z - errors[4]
-            px, py, pz = i - errors[1], j - errors[3], k - errors[5]
+            tx, ty, tz, sx, sy, sz = sums[0], sums[1], sums[2], sums[6], sums[7], sums[8]
+            ux, uy, uz = x - errors[0], y - errors[1], z - errors[2]
+            px, py, pz = i - errors[6], j - errors[7], k - errors[8]
             ax, ay, az = tx + ux, ty + uy, tz + uz
             bx, by, bz = sx + px, sy + py, sz + pz
-            self.total = ax, ay, az
-            self.squares = bx, by, bz
-            errors[0], errors[2], errors[4] = (ax - tx) - ux, (ay - ty) - uy, (az - tz) - uz
-            errors[1], errors[3], errors[5] = (bx - sx) - px, (by - sy) - py, (bz - sz) - pz
+            sums[0], sums[1], sums[2], sums[6], sums[7], sums[8] = ax, ay, az, bx, by, bz
+            errors[0], errors[1], errors[2] = (ax - tx) - ux, (ay - ty) - uy, (az - tz) - uz
+            errors[6], errors[7], errors[8] = (bx - sx) - px, (by - sy) - py, (bz - sz) - pz
             return
-        total, squares = [], []
-        for axis in range(len(self.total)):
-            wave, before, square_before = row[axis], self.total[axis], self.squares[axis]
-            term = wave - errors[2 * axis]
-            after = before + term
-            errors[2 * axis] = (after - before) - term
-            total.append(after)
-            square = wave * wave if added is None else added[axis]
-            term = square - errors[2 * axis + 1]
-            after = square_before + term
-            errors[2 * axis + 1] = (after - square_before) - term
-            squares.append(after)
-        self.total, self.squares = tuple(total), tuple(squares)
+        for axis in range(self._axes):
+            wave, before = row[axis], sums[axis]
+            term = wave - errors[axis]
+            sums[axis] = after = before + term
+            errors[axis] = (after - before) - term
+            square, before = wave * wave if added is None else added[axis], sums[6 + axis]
+            term = square - errors[6 + axis]
+            sums[6 + axis] = after = before + term
+            errors[6 + axis] = (after - before) - term
