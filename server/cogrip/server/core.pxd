@@ -1,5 +1,6 @@
 cimport cython
 
+from cogrip.server.observers cimport ObserverSlots
 from cogrip.server.participants cimport Seat
 from cogrip.server.room cimport Room
 
@@ -15,5 +16,7 @@ cdef class ServerCore:
     cdef public object _joining
     cdef dict _handlers
 
+    @cython.locals(seat=Seat, observers=ObserverSlots)
+    cpdef tick(self, Room room, long long now_ns, long long frames=*)
     cdef _receive_from_seat(self, Room room, Seat seat, message, long long now_ns)
     cdef _receive_frame(self, Room room, Seat seat, message, long long now_ns)

@@ -178,9 +178,10 @@ class ServerCore:
             room.leave_seat(seat.number, "silence")
             self._drop("seat timed out")
             self._out.report("lost", room, seat, "has been silent for too long and lost the seat")
-        for observer in room.observer_slots.silent(now_ns):
+        observers = room.observer_slots
+        for observer in observers.silent(now_ns) if observers.observers else ():
             self._table.unbind(observer)
-            room.observer_slots.leave(observer.number)
+            observers.leave(observer.number)
             self._out.report("lost", room, observer, "has been silent for too long")
         self.outbox.extend(room.tick(now_ns, frames))
         for text in room.world.take_events():

@@ -15,9 +15,9 @@ from cogrip.protocol.button_edges import edge_words
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.derived import derived_topics
-from cogrip.protocol.recording.records import Answer, Datagram, Event, Geoms, Ledger, Poses, SeatStep, Step
+from cogrip.protocol.recording.records import Answer, Datagram, Event, Geoms, Ledger, Poses, Record, SeatStep, Step
 from cogrip.protocol.recording.secrets import without_secrets
-from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, topics
+from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, Sink, encode, topics
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import Settings
 from cogrip.server.admission import Authenticator, Denied, Grant, Outside
@@ -62,7 +62,8 @@ class RecordedServer(CoreRecorder, ServerCore):
     def __init__(self, rooms: Sequence[Settings], software: str, outside: Outside) -> None:
         CoreRecorder.__init__(self)
         self._hash_ticket = outside.hash_ticket
-        outputs = Outputs(ObservedQueue(self._put_sent), ObservedQueue(self._put_event))
+        self._sent = ObservedQueue(self._put_sent)
+        outputs = Outputs(self._sent, ObservedQueue(self._put_event))
         ServerCore.__init__(self, rooms, software, self._recorded(outside), outputs)
         digests = {room.name: digest for room in self.rooms if (digest := room.world.coordinates()[0])}
         self.start = start_text(rooms, software, digests)
@@ -76,6 +77,10 @@ class RecordedServer(CoreRecorder, ServerCore):
         self._drawn: dict[str, bytes] = {}  # offsets with which a room's shapes were recorded last
         for room in self.rooms:
             self.count_ticks(room, room.ticks)
+
+    def record(self, sink: Sink, encode: Callable[[Record], bytes] = encode) -> None:
+        super().record(sink, encode)
+        self._sent.observe = self._put_sent if self.keeps else None
 
     def _recorded(self, outside: Outside) -> Outside:
         """Return the same, with every answer recorded."""
@@ -163,8 +168,7 @@ class RecordedServer(CoreRecorder, ServerCore):
         self._idle_steps.clear()
 
     def _put_sent(self, entry: tuple[Address, bytes]) -> None:
-        if self.keeps:
-            self.put(DATAGRAM_OUT, Datagram(without_secrets(entry[1], self._hash_ticket), self._text(entry[0])))
+        self.put(DATAGRAM_OUT, Datagram(without_secrets(entry[1], self._hash_ticket), self._text(entry[0])))
 
     def _put_event(self, event: ServerEvent) -> None:
         self.put(EVENT, Event(event.text))

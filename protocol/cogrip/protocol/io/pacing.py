@@ -47,11 +47,13 @@ class Pacer:
 
     def due_ns(self, tick: int) -> int:
         """Return the due time of a tick, in ns of the clock."""
-        return self.t0_ns + tick * 1_000_000_000 // self.rate_hz
+        seconds, rest = divmod(tick, self.rate_hz)  # so that no product needs more than 64 bits, for 292 years
+        return self.t0_ns + seconds * 1_000_000_000 + rest * 1_000_000_000 // self.rate_hz
 
     def tick_at(self, now_ns: int) -> int:
         """Return the newest tick due at now_ns: the largest k with due_ns(k) <= now_ns; negative before t0."""
-        return ((now_ns - self.t0_ns + 1) * self.rate_hz - 1) // 1_000_000_000
+        seconds, rest_ns = divmod(now_ns - self.t0_ns, 1_000_000_000)
+        return seconds * self.rate_hz + ((rest_ns + 1) * self.rate_hz - 1) // 1_000_000_000
 
     @property
     def due(self) -> int:

@@ -85,17 +85,21 @@ class CoreRecorder:
 
 
 class ObservedQueue(deque[T]):
-    """A queue that calls `observe` with each entry, in order, before it is appended."""
+    """A queue that calls `observe`, if there is one, with each entry, in order, before it is appended."""
 
     def __init__(self, observe: Callable[[T], None]) -> None:
         super().__init__()
-        self._observe = observe
+        self.observe: Callable[[T], None] | None = observe
 
     def append(self, entry: T) -> None:
-        self._observe(entry)
+        if self.observe is not None:
+            self.observe(entry)
         super().append(entry)
 
     def extend(self, entries: Iterable[T]) -> None:
+        if self.observe is None:
+            super().extend(entries)
+            return
         for entry in entries:
             self.append(entry)
 
