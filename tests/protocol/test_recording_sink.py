@@ -6,7 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.recording.records import (
-    Answer, Datagram, Event, Geoms, Input, Ledger, Poses, Record, SeatStep, Step,
+    Answer,
+    Datagram,
+    Event,
+    Geoms,
+    Input,
+    Ledger,
+    Poses,
+    Record,
+    SeatStep,
+    Step,
 )  # fmt: skip
 from cogrip.protocol.recording.sink import CoreRecorder, Held, Nowhere, encode, pack, text_of
 

@@ -33,7 +33,7 @@ class WaveLedger:
         self._played = WaveSums(axes)  # frames that were due, as sent or as filled, without compensation
         self._filled = WaveSums(axes)  # fillings among them
         self._compensated = WaveSums(axes)  # compensation; its squares are what it added to the squares played
-        # before frame n, at n modulo its rows: sums of `_played`, squares, squares of `_filled`; before `settled` none is needed
+        # before frame n, at n modulo its rows: sums of `_played`, squares, squares of `_filled`; none before `settled` is used
         self._rows, self._row = FIRST_ROWS, 3 * axes
         self._history = array("d", bytes(8 * self._rows * self._row))
         self._nothing = array("d", bytes(8 * self._row))  # before the first frame that is played
@@ -109,7 +109,10 @@ class WaveLedger:
         before, rows, row, split = self._history, self._rows, self._row, self._cursor // self._rows * self._rows
         self._history = longer = array("d", bytes(16 * rows * row))
         self._rows = 2 * rows
-        for first, end in ((self._cursor - rows, split), (split, self._cursor)):  # each lies in one piece, before and now
+        for first, end in (
+            (self._cursor - rows, split),
+            (split, self._cursor),
+        ):  # each lies in one piece, before and now
             at, to, size = first % rows * row, first % (2 * rows) * row, (end - first) * row
             longer[to : to + size] = before[at : at + size]
 

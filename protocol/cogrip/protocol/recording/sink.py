@@ -19,7 +19,7 @@ _unpack = msgspec.msgpack.Decoder().decode
 
 
 def text_of(payload: bytes) -> bytes:
-    """Return the JSON text of a record that is JSON text or MessagePack, the same to the byte as `encode` makes of the record."""
+    """Return the JSON text of a record that is JSON text or MessagePack: to the byte what `encode` makes of the record."""
     return payload if payload[:1] == b"{" else encode(_unpack(payload))
 
 

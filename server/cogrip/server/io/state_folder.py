@@ -145,7 +145,7 @@ def read_private(path: Path) -> bytes:
 def write_private(path: Path, content: bytes, *, durable: bool = True) -> None:
     """Replace a file as a whole: whatever ends this, the old one or the new one is there. One writer at a time (`locked`).
 
-    durable: wait until the folder's entry is on the disk, too; else a loss of power may leave a whole one of some seconds before.
+    durable: wait until the folder's entry is on the disk, too; else a loss of power may leave one of some seconds before.
     Raises StateError.
     """
     new = path.with_name(f"{path.name}.new")
