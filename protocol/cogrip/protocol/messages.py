@@ -5,7 +5,9 @@ nothing but it. Only the accounts of the last two messages hold free numbers: a 
 no force is computed from them.
 """
 
-from collections.abc import Sequence
+import importlib
+import importlib.util
+from collections.abc import Callable, Sequence
 from struct import Struct
 from typing import Annotated, Literal
 
@@ -383,12 +385,27 @@ AnyMessage = (
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
 encode = _encoder.encode
+DECODER = "cogrip.protocol.struct_decoder"
+
+
+def _waves_decoder() -> Callable[[bytes], "Waves | None"]:
+    """Return the decoder of nearly all messages where it is compiled; what it does not decode msgspec does."""
+    if importlib.util.find_spec(DECODER) is None:
+        return lambda datagram: None
+    decoder: Callable[[bytes], Waves | None] = importlib.import_module(DECODER).StructDecoder(Waves).decode
+    return decoder
+
+
+_decode_waves = _waves_decoder()
 
 
 def decode(datagram: bytes) -> AnyMessage:
     """Return the message in a datagram. Raises MalformedError, and nothing else, for anything that is not one."""
     if len(datagram) > MAX_MESSAGE_BYTES:
         raise MalformedError(f"{len(datagram)} bytes, more than {MAX_MESSAGE_BYTES}")
+    waves = _decode_waves(datagram)
+    if waves is not None:
+        return waves
     try:
         message: AnyMessage = _decoder.decode(datagram)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
