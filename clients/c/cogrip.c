@@ -1946,7 +1946,7 @@ typedef char cogrip_client_fits[sizeof(struct cogrip_client) <= COGRIP_CLIENT_BY
 static const char *const count_names[COGRIP_COUNTS] = {
     "malformed", "unexpected", "other session", "other nonce", "unfit", "before the first tick", "implausible stamp",
     "wave beyond what the device can bring about", "force clipped", "slew limited", "absent sample", "fault",
-    "button edges left out", "outbox full", "too large", "not sealed", "socket errors", "handshake begun again", "resumed",
+    "button edges left out", "outbox full", "too large", "not encrypted", "socket errors", "handshake begun again", "resumed",
     "line begun anew", "late effects", "unfit effect"};
 
 static const char *const safety_names[] = {"idle", "live", "degraded", "fault"};
