@@ -127,7 +127,7 @@ def test_clients_beyond_the_bound_get_nothing(relay, bound):
     one.sendto(b"3", place)
     assert server.recv(99) == b"3"
     summary = end()
-    assert (summary["strangers"], summary["flows_begun"]) == (1, 1)
+    assert (summary["beyond_limit"], summary["flows_begun"]) == (1, 1)
     assert "of peers beyond --flows 1" in process.said
 
 

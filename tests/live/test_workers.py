@@ -193,8 +193,9 @@ def test_the_rooms_of_a_front_that_is_killed_are_found_by_the_next_server(start,
     rooms.process.popen.kill()
     rooms.process.read_to_the_end()  # the workers have its standard output, and end by themselves
     again = start(
-        "serve", *(tmp_path / f"{name}.toml" for name in ("attic", "cellar", "hall")), "--workers", "2", "--port", rooms.port,
-        "--state", rooms.state, "--seconds", "600", "--no-report", "--set", "link.delay_ms=0", "--runs", rooms.runs, "--encrypted",
+        "serve", *(tmp_path / f"{name}.toml" for name in ("attic", "cellar", "hall")), "--workers", "2", "--encrypted",
+        "--port", rooms.port, "--state", rooms.state, "--seconds", "600", "--no-report", "--set", "link.delay_ms=0",
+        "--runs", rooms.runs,
     )  # fmt: skip
     again.hear("cellar: restored")
     ben.hear(r"resumed after ([\d.]+) s")

@@ -150,7 +150,7 @@ class Coupling(ABC, Generic[M]):
         return None
 
     @property
-    def owed_frames(self) -> float:
+    def deficit_frames(self) -> float:
         """Position deficit of the line down, in frames of the wave that plays now."""
         return 0.0
 

@@ -102,7 +102,7 @@ class LocalScene(LocalCoupling):
                 self.up.withhold(behind, anew=True)
                 self._share = 0.0
             elif engaged is None and self.engaged_m is not None:
-                self.up.withhold((0.0,) * PLACES, anew=True)  # a tool that is clear is owed nothing
+                self.up.withhold((0.0,) * PLACES, anew=True)  # a tool that is clear has no deficit
                 self._leaving = True
             self.engaged_m = engaged
         return True
@@ -145,7 +145,7 @@ class LocalScene(LocalCoupling):
             return
         written_off, self.down.written_off = self.down.written_off, [0.0] * PLACES
         self._enter_line(velocity_mps)
-        # the line owes nothing of what its gain at the beginning leaves: it is this end that shows it later
+        # what the gain at the beginning leaves is no deficit of the line: it is this end that shows it later
         self.up.withhold([each / self.frame_ticks for each in self.down.written_off])
         self.down.written_off = written_off
 

@@ -237,8 +237,8 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     def predicted_stiffness(self, loop_frames: float, late_frames: float = 0.0) -> float | None:
         """Return K_hand [N/m] of theory section 4 for a measured loop; None without waves or without a spring, and in scenes.
 
-        late_frames: age of the device's samples, and what the line owes of its wave [frames]: both make the line softer, and no
-        server knows of them.
+        late_frames: age of the device's samples, and the line's position deficit [frames of its wave]: both make the line
+        softer, and no server knows of them.
         """
         if self.coupling.kind == "local" and kind_of(self.object.kind).fixed:
             return self.force_scale * self.coupling.stiffness_npm
@@ -394,7 +394,7 @@ def _check_fit(settings: Settings) -> None:
     for place, effect in enumerate(settings.effects):
         if why := unfit_effect(effect, settings.object.axes):
             raise SettingsError(f"effects.{place}: {why}")
-        if strangers := set(effect.users) - {user.name for user in settings.users}:
-            raise SettingsError(f"effects.{place}.users: there is no user {min(strangers)!r}; name one of [[users]]")
+        if unknown := set(effect.users) - {user.name for user in settings.users}:
+            raise SettingsError(f"effects.{place}.users: there is no user {min(unknown)!r}; name one of [[users]]")
     for seat in range(len(settings.users)):
         seat_settings(settings, seat)

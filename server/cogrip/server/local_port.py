@@ -2,7 +2,7 @@
 
 In a scene the line takes hold of a tool only now and then, each time where the proxy was then (`worlds.local_scene`). Waves
 that were made before the client knew of it would move the tool by a way that it has gone already: they are absorbed, as are
-those that come while it is clear, and what the line owes of them is written off. They are told by the clock reading that they
+those that come while it is clear, and their position deficit is written off. They are told by the clock reading that they
 echo.
 """
 

@@ -53,7 +53,7 @@ class Markers:
         return mark
 
     def _leave_out(self) -> None:
-        """Tell the oldest marker no more of whoever set most: some people do not keep others from being heard."""
+        """Tell the oldest marker no more of whoever set most: some people do not keep out the markers of others."""
         counts = Counter(mark.seat for mark in self._told)
         del counts[None]
         most = counts.most_common(1)[0][0] if counts else None

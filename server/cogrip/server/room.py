@@ -200,7 +200,7 @@ class Room:
         return False
 
     def silent(self, now_ns: int) -> list[Seat]:
-        """Return the seats whose client has not been heard for LOST_NS."""
+        """Return the seats whose client has sent nothing for LOST_NS."""
         found = []
         for seat in self.seats:
             if now_ns - seat.last_received_ns > LOST_NS and seat.state == "seated":
