@@ -6,8 +6,8 @@ Symbols: x hand, p proxy [m], e = (x - p) / |x - p|, K, B of [coupling], F_line 
 
 The line's port moves with the proxy. It carries something only while the server says that the tool is engaged: then a body
 that moves is near. Before, the server puts the tool where the proxy is, and the hand feels nothing of the line. It begins with
-a gain s that grows in GROW_S, so that its damper comes smoothly; what it does not show meanwhile, and the way that the hand has
-gone since, is sent later, as far as the hand's work pays for it. Where the proxy comes off geometry, P returns to 1 in GROW_S
+a gain s that grows in GROW_S, so that its damper comes smoothly; what it does not show meanwhile, and how far the hand has gone
+since, is sent later, as far as the hand's work pays for it. Where the proxy comes off geometry, P returns to 1 in GROW_S
 as well: a line that presses the hand onto it would else throw it back at once, and the contact would chatter.
 """
 

@@ -374,7 +374,7 @@ class Room:
             self.world.handle(number, handle.orientation, handle.grip_m)
 
     def _put_back(self) -> list[Row]:
-        """Lay the object to rest in the middle, where everybody takes hold of it anew with the hand where it is.
+        """Put the object at rest in the middle, where everybody takes hold of it anew with the hand where it is.
 
         What springs and motion held is lost, so that no energy is made. Returns the answers to this step.
         """

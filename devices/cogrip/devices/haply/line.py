@@ -1,4 +1,4 @@
-"""A Haply board's port, which sees to it that the board is set up when the driver meets it.
+"""A Haply board's port, which makes sure that the board is set up when the driver opens it.
 
 The setup starts the counters at zero, so it stands for the pose: as long as the board answers to the id it was set up with,
 the counters go on. A board that lost its power, or that another program set up, knows another id or none, and answers with one

@@ -55,7 +55,7 @@ class ServiceSocket(ServedFirmware):
         if self._host is not None and self._host.fileno() in ready:
             messages = self._messages(self._host)
         if self._listener is not None and self._listener.fileno() in ready:
-            with suppress(OSError):  # whoever knocked has gone
+            with suppress(OSError):  # whoever connected has gone
                 self._meet(self._listener.accept()[0])
         return messages
 
