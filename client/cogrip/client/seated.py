@@ -39,24 +39,8 @@ class SeatedClient(SeatHand):
     """One person's seat. capability: of the device, its first axes; `tick` is -1 before the first one."""
 
     __slots__ = (
-        "_acted",
-        "_frame_begin",
-        "_frame_end",
-        "_frame_start_m",
-        "_origin_m",
-        "_origin_pose",
-        "_parting_mps",
-        "_rate_hz",
-        "_still",
-        "_stopped",
-        "_ticks_per_frame",
-        "_wave_end",
-        "deficit_frames",
-        "felt",
-        "peaks",
-        "port",
-        "session_id",
-        "tick",
+        "_acted", "_frame_begin", "_frame_end", "_frame_start_m", "_origin_m", "_origin_pose", "_parting_mps", "_rate_hz",
+        "_still", "_stopped", "_ticks_per_frame", "_wave_end", "deficit_frames", "felt", "peaks", "port", "session_id", "tick",
     )  # fmt: skip
 
     def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability, make_port: MakePort) -> None:
