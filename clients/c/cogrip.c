@@ -809,52 +809,52 @@ typedef struct ledger {
     totals usable;      /* newest ones up to the cursor */
 } ledger;
 
-static void ledger_settle(ledger *books, const totals *sent) {
+static void ledger_settle(ledger *energy, const totals *sent) {
     const int place = (int)(sent->first % HISTORY);
-    books->settled = sent->first;
-    for (int axis = 0; axis < books->axes; axis++) {
-        books->settled_fillings[axis] = books->history[place].filled[axis];
-        books->lost[axis] = sent->total[axis] - books->history[place].played[axis];
-        books->lost_squares[axis] = sent->squares[axis] - books->history[place].squares[axis];
-        if (books->lost[axis] != 0.0 || books->lost_squares[axis] != 0.0) books->disturbed = 1;
+    energy->settled = sent->first;
+    for (int axis = 0; axis < energy->axes; axis++) {
+        energy->settled_fillings[axis] = energy->history[place].filled[axis];
+        energy->lost[axis] = sent->total[axis] - energy->history[place].played[axis];
+        energy->lost_squares[axis] = sent->squares[axis] - energy->history[place].squares[axis];
+        if (energy->lost[axis] != 0.0 || energy->lost_squares[axis] != 0.0) energy->disturbed = 1;
     }
-    for (int axis = 0; axis < books->axes && books->disturbed; axis++)
-        books->lost_squares[axis] -= RESERVE_FRACTION * sent->squares[axis]; /* rounding is no reserve */
+    for (int axis = 0; axis < energy->axes && energy->disturbed; axis++)
+        energy->lost_squares[axis] -= RESERVE_FRACTION * sent->squares[axis]; /* rounding is no reserve */
 }
 
 /* Enter what stands for frame `number`, without compensation, and settle. */
-static void ledger_add_played(ledger *books, int64_t number, const double *frame, const totals *newest) {
+static void ledger_add_played(ledger *energy, int64_t number, const double *frame, const totals *newest) {
     const int64_t cursor = number + 1;
     const int place = (int)(cursor % HISTORY);
-    for (int axis = 0; axis < books->axes; axis++) {
-        add(&books->played[axis], frame[axis]);
-        add(&books->played_squares[axis], frame[axis] * frame[axis]);
-        books->history[place].played[axis] = books->played[axis].value;
-        books->history[place].squares[axis] = books->played_squares[axis].value;
-        books->history[place].filled[axis] = books->filled[axis].value;
+    for (int axis = 0; axis < energy->axes; axis++) {
+        add(&energy->played[axis], frame[axis]);
+        add(&energy->played_squares[axis], frame[axis] * frame[axis]);
+        energy->history[place].played[axis] = energy->played[axis].value;
+        energy->history[place].squares[axis] = energy->played_squares[axis].value;
+        energy->history[place].filled[axis] = energy->filled[axis].value;
     }
-    const totals *found = newest ? newest : &books->usable;
-    if (found->first > books->settled && found->first > cursor - HISTORY) ledger_settle(books, found);
-    books->usable.first = -1;
+    const totals *found = newest ? newest : &energy->usable;
+    if (found->first > energy->settled && found->first > cursor - HISTORY) ledger_settle(energy, found);
+    energy->usable.first = -1;
 }
 
-static void ledger_compensate(ledger *books, int axis, double wave, double squares) {
-    add(&books->compensated[axis], wave);
-    add(&books->spent[axis], squares);
+static void ledger_compensate(ledger *energy, int axis, double wave, double squares) {
+    add(&energy->compensated[axis], wave);
+    add(&energy->spent[axis], squares);
 }
 
-static double ledger_deficit(const ledger *books, int axis) { return books->lost[axis] - books->compensated[axis].value; }
+static double ledger_deficit(const ledger *energy, int axis) { return energy->lost[axis] - energy->compensated[axis].value; }
 
 /* Squares that may still be played beyond the frames themselves, credit included [W]. */
-static double ledger_allowance(const ledger *books, int axis) {
-    const double filled = books->filled[axis].value, spent = books->spent[axis].value;
-    const double rounding = BOUND_FRACTION * (books->credit + filled + fabs(spent));
-    return books->lost_squares[axis] - spent + books->credit - (filled - books->settled_fillings[axis]) - rounding;
+static double ledger_allowance(const ledger *energy, int axis) {
+    const double filled = energy->filled[axis].value, spent = energy->spent[axis].value;
+    const double rounding = BOUND_FRACTION * (energy->credit + filled + fabs(spent));
+    return energy->lost_squares[axis] - spent + energy->credit - (filled - energy->settled_fillings[axis]) - rounding;
 }
 
 /* Squares that compensation may spend: half of the credit is kept for gaps. */
-static double ledger_reserve(const ledger *books, int axis) {
-    return most(0.0, ledger_allowance(books, axis) - 0.5 * books->credit);
+static double ledger_reserve(const ledger *energy, int axis) {
+    return most(0.0, ledger_allowance(energy, axis) - 0.5 * energy->credit);
 }
 
 /* ---- The jitter buffer, fixed [5.5] and adaptive [5.6]. Time is counted in device ticks ------ */
@@ -1002,20 +1002,20 @@ typedef struct receiver {
     int64_t due_frames, received, applied, late, duplicate, concealed, gap_length, longest_gap;
     sum played_j;
     jitter_buffer buffer;
-    ledger books;
+    ledger energy;
     int64_t recent[RECENT], missing[HISTORY]; /* -1: none */
     slot slots[SLOTS];
 } receiver;
 
 static void receiver_init(receiver *line, const settings *seat, int axes) {
     memset(line, 0, sizeof *line);
-    line->axes = line->books.axes = axes;
+    line->axes = line->energy.axes = axes;
     line->ticks = seat->device_hz / seat->network_hz;
     line->concealment = seat->concealment;
     line->hold = seat->automatic ? 1 : line->ticks;
     line->half_frame_s = 0.5 / seat->network_hz;
-    line->books.credit = seat->tank_mj * 1e-3 / line->half_frame_s / axes;
-    line->books.usable.first = -1;
+    line->energy.credit = seat->tank_mj * 1e-3 / line->half_frame_s / axes;
+    line->energy.usable.first = -1;
     line->newest = -1;
     buffer_init(&line->buffer, seat, line->ticks);
     for (int place = 0; place < RECENT; place++) line->recent[place] = -1;
@@ -1046,11 +1046,11 @@ static int receiver_is_near(receiver *line, int64_t newest) {
 }
 
 static void receiver_add_totals(receiver *line, const waves *from) {
-    ledger *books = &line->books;
-    if (from->first <= books->settled) return;
+    ledger *energy = &line->energy;
+    if (from->first <= energy->settled) return;
     totals *into;
     if (!line->begun || from->first > line->cursor) into = &receiver_slot(line, from->first)->before;
-    else if (from->first >= books->usable.first) into = &books->usable;
+    else if (from->first >= energy->usable.first) into = &energy->usable;
     else return;
     into->first = from->first;
     memcpy(into->total, from->total, sizeof into->total);
@@ -1120,7 +1120,7 @@ static void receiver_begin(receiver *line) {
     /* Totals of frames up to the cursor: the newest are in use. Nothing is older than the anchor's reach. */
     for (int64_t number = most_int(0, line->anchor - HISTORY - MOST_FRAMES); number <= cursor; number++) {
         const slot *found = receiver_slot(line, number);
-        if (found->before.first == number && number > line->books.settled) line->books.usable = found->before;
+        if (found->before.first == number && number > line->energy.settled) line->energy.usable = found->before;
     }
     for (int64_t number = most_int(0, cursor - HISTORY); number < cursor; number++) receiver_drop(line, number);
     line->begun = 1;
@@ -1135,12 +1135,12 @@ static void receiver_advance(receiver *line, int64_t number, const double *frame
     if (*missing == number - HISTORY) *missing = -1;
     line->due_frames++;
     const slot *next = receiver_slot(line, number + 1);
-    ledger_add_played(&line->books, number, frame, next->before.first == number + 1 ? &next->before : NULL);
+    ledger_add_played(&line->energy, number, frame, next->before.first == number + 1 ? &next->before : NULL);
 }
 
 static void receiver_fill(const receiver *line, double *frame) {
     for (int axis = 0; axis < line->axes; axis++) {
-        const double bound = sqrt(most(0.0, ledger_allowance(&line->books, axis)));
+        const double bound = sqrt(most(0.0, ledger_allowance(&line->energy, axis)));
         frame[axis] = line->concealment >= CONCEAL_TANK ? within(FADE * line->last[axis], bound) : 0.0;
     }
 }
@@ -1148,7 +1148,7 @@ static void receiver_fill(const receiver *line, double *frame) {
 /* Enter that this part of a frame is not played; below 0: that it is played as well. */
 static void receiver_owe(receiver *line, const double *frame, double part) {
     for (int axis = 0; axis < line->axes; axis++)
-        ledger_compensate(&line->books, axis, -part * frame[axis], -part * frame[axis] * frame[axis]);
+        ledger_compensate(&line->energy, axis, -part * frame[axis], -part * frame[axis] * frame[axis]);
 }
 
 /* Add this frame's compensation, and count its energy. part: of a frame, for which it is played. */
@@ -1156,8 +1156,8 @@ static void receiver_play(receiver *line, double *frame, double part) {
     double square = 0.0;
     for (int axis = 0; axis < line->axes; axis++) {
         const double value = frame[axis], last = line->last[axis];
-        if (line->books.disturbed && line->concealment != CONCEAL_ZERO) {
-            const double deficit = ledger_deficit(&line->books, axis), reserve = ledger_reserve(&line->books, axis);
+        if (line->energy.disturbed && line->concealment != CONCEAL_ZERO) {
+            const double deficit = ledger_deficit(&line->energy, axis), reserve = ledger_reserve(&line->energy, axis);
             double p = within(COMPENSATION_FRACTION * deficit, COMPENSATION_LIMIT);
             if (line->concealment >= CONCEAL_TANK) {
                 const double reach = sqrt(value * value + most(0.0, reserve - RESERVE_FRAMES * last * last));
@@ -1165,7 +1165,7 @@ static void receiver_play(receiver *line, double *frame, double part) {
             }
             const double played = within(value + p, sqrt(value * value + reserve));
             const double before = value * value, after = played * played;
-            ledger_compensate(&line->books, axis, part * (played - value),
+            ledger_compensate(&line->energy, axis, part * (played - value),
                 part * (after - before) + BOUND_FRACTION * (after + before));
             frame[axis] = played;
         }
@@ -1188,7 +1188,7 @@ static void receiver_pop(receiver *line, double *wave) {
     int64_t move = buffer_decide(&line->buffer, line->newest - number, present, line->fresh);
     line->fresh = 0;
     if (move > 0) { /* wait: no frame stands for what is played */
-        line->gap = line->books.disturbed = 1;
+        line->gap = line->energy.disturbed = 1;
         line->hold = move;
         receiver_fill(line, wave);
         receiver_owe(line, wave, -(double)move / line->ticks);
@@ -1214,11 +1214,11 @@ static void receiver_pop(receiver *line, double *wave) {
             line->gap_length = 0;
         } else {
             line->missing[number % HISTORY] = number;
-            line->gap = line->books.disturbed = 1;
+            line->gap = line->energy.disturbed = 1;
             line->concealed++;
             line->longest_gap = most_int(line->longest_gap, ++line->gap_length);
             receiver_fill(line, wave);
-            for (int axis = 0; axis < line->axes; axis++) add(&line->books.filled[axis], wave[axis] * wave[axis]);
+            for (int axis = 0; axis < line->axes; axis++) add(&line->energy.filled[axis], wave[axis] * wave[axis]);
         }
         line->told = found->told;
         line->made_j = found->made_j;
@@ -1227,7 +1227,7 @@ static void receiver_pop(receiver *line, double *wave) {
     }
     receiver_advance(line, number, wave);
     if (move) {
-        line->books.disturbed = 1;
+        line->energy.disturbed = 1;
         receiver_owe(line, wave, 1.0 - part);
     }
     receiver_play(line, wave, part);
@@ -1946,7 +1946,7 @@ typedef char cogrip_client_fits[sizeof(struct cogrip_client) <= COGRIP_CLIENT_BY
 static const char *const count_names[COGRIP_COUNTS] = {
     "malformed", "unexpected", "other session", "other nonce", "unfit", "before the first tick", "implausible stamp",
     "wave beyond what the device can bring about", "force clipped", "slew limited", "absent sample", "fault",
-    "button edges left out", "outbox full", "too large", "not sealed", "socket errors", "handshake begun again", "resumed",
+    "button edges left out", "outbox full", "too large", "not encrypted", "socket errors", "handshake begun again", "resumed",
     "line begun anew", "late effects", "unfit effect"};
 
 static const char *const safety_names[] = {"idle", "live", "degraded", "fault"};
@@ -2063,13 +2063,13 @@ static void write_effects(const cogrip_client *client, message *into, const told
     close_message(into, &to);
 }
 
-static void write_leave(message *into, int64_t session, const char *reason, const account *books) {
+static void write_leave(message *into, int64_t session, const char *reason, const account *report) {
     writer to = open_message(into);
     put_array(&to, 4);
     put_int(&to, TAG_LEAVE);
     put_int(&to, session);
     put_text(&to, reason, LEAVE_TEXT_BYTES);
-    if (books) put_account(&to, books);
+    if (report) put_account(&to, report);
     else put_nil(&to);
     close_message(into, &to);
 }
@@ -2292,7 +2292,7 @@ static void line_init(cogrip_client *client, double most_credit) {
     now->up.axes = client->axes;
     now->up.redundancy = seat->redundancy;
     receiver_init(&now->down, seat, client->axes);
-    now->down.books.credit = least(now->down.books.credit, most_credit);
+    now->down.energy.credit = least(now->down.energy.credit, most_credit);
     now->up_filter.lag_ticks = now->down_filter.lag_ticks =
         seat->wave_filter_hz > 0.0 ? 1.0 / (2.0 * 3.14159265358979323846 * seat->wave_filter_hz * client->tick_s) : 0.0;
     now->shifted = -1;
@@ -2547,9 +2547,9 @@ static void make_account(const cogrip_client *client, account *into) {
 }
 
 static void send_leave(cogrip_client *client, const char *reason) {
-    account books;
-    make_account(client, &books);
-    write_leave(&client->leaving, client->seat.session, reason, client->tick < 0 ? NULL : &books);
+    account report;
+    make_account(client, &report);
+    write_leave(&client->leaving, client->seat.session, reason, client->tick < 0 ? NULL : &report);
 }
 
 /* A text from the network as a person may see it. */
@@ -2626,7 +2626,7 @@ static void renew_line(cogrip_client *client) {
     line *now = &client->line;
     cogrip_link_count count;
     double left = HUGE_VAL;
-    for (int axis = 0; axis < client->axes; axis++) left = least(left, ledger_allowance(&now->down.books, axis));
+    for (int axis = 0; axis < client->axes; axis++) left = least(left, ledger_allowance(&now->down.energy, axis));
     receiver_count(&now->down, &count);
     count.pending = 0;
     add_counts(&client->closed_down, &count);
@@ -2727,7 +2727,7 @@ static void take_effects(cogrip_client *client, const told_effects *told) {
     write_effects(client, outbox_push(client), told);
 }
 
-/* True for a message of this session; then it was heard of. */
+/* True for a message of this session; then its time is noted. */
 static int of_session(cogrip_client *client, int64_t session, int64_t now_ns) {
     if (!client->seat.session || client->state == COGRIP_CLOSED) {
         client->counts[COGRIP_UNEXPECTED]++;
@@ -3422,7 +3422,7 @@ typedef struct path {
 #ifndef COGRIP_NO_DTLS
     SSL *ssl;
     const unsigned char *pending; /* the datagram that OpenSSL reads next */
-    int pending_bytes, wrote, failed, attempts, stranger; /* stranger: another certificate than the link's */
+    int pending_bytes, wrote, failed, attempts, mismatch; /* mismatch: another certificate than the link's */
     int64_t begun_ns, answered_ns;
     const char *fingerprint;
 #endif
@@ -3511,7 +3511,7 @@ static int verify(int ok, X509_STORE_CTX *store) {
     (void)ok;
     const int fits = X509_STORE_CTX_get_error_depth(store) == 0
         && certificate_fits(X509_STORE_CTX_get_current_cert(store), way->fingerprint);
-    way->stranger = way->stranger || !fits;
+    way->mismatch = way->mismatch || !fits;
     return fits;
 }
 
@@ -3538,7 +3538,7 @@ static void shake(path *way) {
     if (result == 1) {
         X509 *certificate = SSL_get_peer_certificate(way->ssl);
         way->ready = certificate_fits(certificate, way->fingerprint); /* once more: whom it was with */
-        way->stranger = way->stranger || !way->ready;
+        way->mismatch = way->mismatch || !way->ready;
         X509_free(certificate);
     } else if (SSL_get_error(way->ssl, result) != SSL_ERROR_WANT_READ) {
         way->failed = 1;
@@ -3569,7 +3569,7 @@ static void dtls_begin(cogrip_driver *driver, path *way, int64_t now_ns) {
 static const char *dtls_poll(cogrip_driver *driver, path *way, int64_t now_ns) {
     static const int64_t patience_ns[] = {500 * MS, 700 * MS, 900 * MS};
     if (way->ready) return NULL;
-    if (way->stranger)
+    if (way->mismatch)
         return "the server's certificate is not the one of the link: this is another server, or it was set up anew; "
                "ask for a new link";
     if (!way->attempts) {

@@ -82,7 +82,7 @@ def _session(folder: Path, rate_hz: int, people: int, seconds: float) -> tuple[l
     write_settings(folder, settings)
     names = [user.name for user in settings.users[:people]]
     common = ["--into", str(folder)]
-    serve = ["serve", str(folder / SETTINGS), "--port", "0", "--seal", "--state", str(folder / "state"), *common]
+    serve = ["serve", str(folder / SETTINGS), "--port", "0", "--encrypted", "--state", str(folder / "state"), *common]
     with start_cogrip(*serve, "--seconds", str(seconds + 60.0)) as server:
         link = wait_for_line(server, _LINK)[1]
         join = ["join", link, "--seconds", str(seconds), *common]

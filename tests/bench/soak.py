@@ -37,7 +37,7 @@ MOST_GROWTH_KB_PER_H = 4096.0  # of any process, over the second half
 BAD_EVENTS = ("lost", "kicked", "refused", "trouble")
 HARMLESS = (
     "cookie sent",
-    "not of this seal",
+    "not authentic",
     "handshake after its end",
     "said goodbye",
 )  # of the drops: every handshake, every leaving makes some

@@ -127,7 +127,7 @@ def measure(workers: int, flooded: bool, people: int, per_room: int, seconds: fl
             configs[-1].write_text(ROOM.format(name=room_name(number), people=people, users=users), "utf-8")
         server = start_cogrip(
             "serve", *map(str, configs), "--port", "0", "--state", str(Path(base) / "state"), "--workers", str(workers),
-            "--no-report", "--no-record", "--runs", str(Path(base) / "runs"), *(() if insecure else ("--seal",)),
+            "--no-report", "--no-record", "--runs", str(Path(base) / "runs"), *(() if insecure else ("--encrypted",)),
         )  # fmt: skip
         try:
             wait_for_line(server, r"listening on ")

@@ -120,12 +120,12 @@ def test_region_leaves_picture_numbers_and_record(cogrip: Cogrip, tmp_path: Path
     assert (tmp_path / "region.svg").read_text().startswith("<?xml")
     with (tmp_path / "region.csv").open() as file:
         rows = list(csv.DictReader(file))
-    boundary = [row for row in rows if row["kind"] == "outline"]
+    boundary = [row for row in rows if row["kind"] == "boundary"]
     assert all(float(row["radius_inside"]) < 1.0 < float(row["radius_outside"]) for row in boundary)
     assert sum(row["kind"] == "cell" for row in rows) == 2 * 64
     record = json.loads((tmp_path / "region.json").read_text())
-    assert [each["delay_frames"] for each in record["outlines"]] == [0, 2]
-    assert all(each["verified"] for each in record["outlines"])
+    assert [each["delay_frames"] for each in record["boundaries"]] == [0, 2]
+    assert all(each["verified"] for each in record["boundaries"])
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert cogrip(*command, "--grid", "8")[0] == 0  # the same query may be repeated
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before

@@ -37,7 +37,7 @@ def used(tmp_path_factory: pytest.TempPathFactory) -> Path:
     state = tmp_path_factory.mktemp("used") / "state"
     room = state.with_name("room.toml")
     room.write_text(ROOM)
-    words = ["--port", "0", "--seconds", "0.05", "--no-record", "--no-report", "--seal", "--state", str(state)]
+    words = ["--port", "0", "--seconds", "0.05", "--no-record", "--no-report", "--encrypted", "--state", str(state)]
     assert main(["serve", str(room), *words]) == 0
     return state
 
@@ -57,7 +57,7 @@ def test_a_key_that_cannot_be_used_is_not_tried_again(tmp_path: Path, used: Path
         folder.certificate.unlink()
     else:
         folder.tokens.write_bytes(b"{}")
-    assert str(state) in serve.err("--seal", "--state", state).replace("\n", "")
+    assert str(state) in serve.err("--encrypted", "--state", state).replace("\n", "")
     unit = configparser.ConfigParser(strict=False, interpolation=None, delimiters=("=",))
     unit.read_string(UNIT.read_text().replace("\\\n", " "))
     assert unit["Service"]["RestartPreventExitStatus"] == "2"
@@ -80,10 +80,17 @@ def test_a_room_that_is_not_passive_is_warned_of_where_others_can_join(
     warning = f"warning: room lab is not passive ({words}): it can make energy"
     assert warning in serve.out("--host", "0.0.0.0", "--insecure")
     if "paper" in coupling:
-        assert warning in serve.out("--seal", "--state", tmp_path / "state")
+        assert warning in serve.out("--encrypted", "--state", tmp_path / "state")
         assert warning not in serve.out("--insecure")  # on this machine alone
 
 
 @posix
 def test_nothing_is_said_of_a_passive_room(tmp_path: Path, serve: Cogrip) -> None:
-    assert "is not passive" not in serve.out("--seal", "--state", tmp_path / "state")
+    assert "is not passive" not in serve.out("--encrypted", "--state", tmp_path / "state")
+
+
+@posix
+@pytest.mark.parametrize("flag", ["--encrypted", "--seal"])  # the earlier name
+def test_loopback_is_encrypted_on_request(tmp_path: Path, serve: Cogrip, flag: str) -> None:
+    assert ", encrypted; rooms: lab" in serve.out(flag, "--state", tmp_path / "state")
+    assert "--encrypted and --insecure exclude each other" in serve.err(flag, "--insecure")

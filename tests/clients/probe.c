@@ -97,26 +97,26 @@ size_t probe_leave(int64_t session, int with_account, void *into) {
         {{10.5, 12.0, 12.5, 13.0}, {4.0, 5.5, 6.0, 6.5}, {6.5, 7.0, 7.25, 7.5}, {0.5, 1.0, 1.5, 2.0}};
     static const double line_values[] = {5.5, 5.5, 20.0, 0.5, 0.0, 0.5};
     static const cogrip_link_count down = {640, 636, 630, 4, 6, 1, 2};
-    account books;
+    account report;
     message out;
-    memset(&books, 0, sizeof books);
-    books.axes = 1;
-    books.position_m[0] = 0.015625, books.force_n[0] = 1.25, books.peak_force_n = 2.5, books.travel_m = 0.25;
-    books.felt_npm = NAN, books.predicted_npm = 630.5, books.down_margin_j = 0.0, books.leak_j = -0.0009765625;
-    books.down = down;
-    memcpy(books.rtt_ms, row[0], sizeof row[0]);
-    memcpy(books.up_ms, row[1], sizeof row[1]);
-    memcpy(books.down_ms, row[2], sizeof row[2]);
-    memcpy(books.late_us, row[3], sizeof row[3]);
-    for (int place = 0; place < 4; place++) books.work_us[place] = NAN;
-    books.offset_ms = -1536.0, books.uncertainty_ms = 5.0, books.ticks_due = 5120, books.ticks_run = 5119;
-    books.repeated = 3, books.skipped = 2, books.concealed = 10, books.longest_gap = 5;
-    copy_text(books.state, sizeof books.state, "live");
-    books.peak_step_n = 0.625, books.depth_frames = 2.5, books.least_frames = 1.0, books.most_frames = 4.0;
-    books.oscillates = 1, books.at_limit = 0.0625, books.controlled = 0.03125, books.port_leak_j = 0.00048828125;
-    books.port_margin_j = 0.0009765625, books.let_go = 2, books.port_reserve_j = 0.25, books.down_reserve_j = 0.0078125;
-    memcpy(books.line, line_values, sizeof line_values);
-    write_leave(&out, session, "done", with_account ? &books : NULL);
+    memset(&report, 0, sizeof report);
+    report.axes = 1;
+    report.position_m[0] = 0.015625, report.force_n[0] = 1.25, report.peak_force_n = 2.5, report.travel_m = 0.25;
+    report.felt_npm = NAN, report.predicted_npm = 630.5, report.down_margin_j = 0.0, report.leak_j = -0.0009765625;
+    report.down = down;
+    memcpy(report.rtt_ms, row[0], sizeof row[0]);
+    memcpy(report.up_ms, row[1], sizeof row[1]);
+    memcpy(report.down_ms, row[2], sizeof row[2]);
+    memcpy(report.late_us, row[3], sizeof row[3]);
+    for (int place = 0; place < 4; place++) report.work_us[place] = NAN;
+    report.offset_ms = -1536.0, report.uncertainty_ms = 5.0, report.ticks_due = 5120, report.ticks_run = 5119;
+    report.repeated = 3, report.skipped = 2, report.concealed = 10, report.longest_gap = 5;
+    copy_text(report.state, sizeof report.state, "live");
+    report.peak_step_n = 0.625, report.depth_frames = 2.5, report.least_frames = 1.0, report.most_frames = 4.0;
+    report.oscillates = 1, report.at_limit = 0.0625, report.controlled = 0.03125, report.port_leak_j = 0.00048828125;
+    report.port_margin_j = 0.0009765625, report.let_go = 2, report.port_reserve_j = 0.25, report.down_reserve_j = 0.0078125;
+    memcpy(report.line, line_values, sizeof line_values);
+    write_leave(&out, session, "done", with_account ? &report : NULL);
     return given(&out, into);
 }
 
@@ -175,9 +175,9 @@ void probe_state(int64_t *into) {
 }
 
 /* Credit of a client's line down [W]. */
-double probe_credit_of(const cogrip_client *client) { return client->line.down.books.credit; }
+double probe_credit_of(const cogrip_client *client) { return client->line.down.energy.credit; }
 
-double probe_credit(void) { return line_receiver.books.credit; }
+double probe_credit(void) { return line_receiver.energy.credit; }
 
 /* Energy [J] of the frame that ends after `ticks` ticks of the wave u, of which the port has `spare_j` to spare;
  * *withheld: the sum of what waits. */

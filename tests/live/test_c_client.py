@@ -25,7 +25,7 @@ COUNTING = ("counting.c", "-Wl,--wrap=cogrip_tick")
 
 
 def sealed(folder: Path) -> tuple[str, ...]:
-    return "--seal", "--state", str(folder / "state")
+    return "--encrypted", "--state", str(folder / "state")
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,7 @@ def test_a_seat_is_resumed_by_a_new_path(run, tmp_path: Path, example, encrypted
     """The server stands still for a while; or it is killed, and another one goes on from its checkpoint."""
     port, state = (
         free_port(),
-        ("--seal", "--state", tmp_path / "state") if encrypted else ("--state", tmp_path / "state"),
+        ("--encrypted", "--state", tmp_path / "state") if encrypted else ("--state", tmp_path / "state"),
     )
     command = (
         "serve",

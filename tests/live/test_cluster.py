@@ -57,7 +57,7 @@ class Fronts:
         self.processes = []
         for state in self.states:
             self.processes.append(start(
-                "serve", *configs, "--cluster", f"ray://{address}", "--seal", "--port", free_port(), "--state", state,
+                "serve", *configs, "--cluster", f"ray://{address}", "--encrypted", "--port", free_port(), "--state", state,
                 "--shared", self.shared, "--seconds", "900", "--no-report", "--set", "link.delay_ms=0", "--runs",
                 base / "rooms", *flags,
             ))  # fmt: skip

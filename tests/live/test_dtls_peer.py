@@ -30,7 +30,7 @@ MOST_GROWTH_MB = 40.0
 @pytest.fixture
 def encrypted(start, tmp_path) -> tuple[Spoken, JoinLink]:
     server = start(
-        "serve", DEMO, "--seal", "--port", "0", "--state", tmp_path / "state", "--seconds", "600", "--no-report",
+        "serve", DEMO, "--encrypted", "--port", "0", "--state", tmp_path / "state", "--seconds", "600", "--no-report",
         "--set", "link.delay_ms=0", "--runs", tmp_path / "server",
     )  # fmt: skip
     server.hear("listening on")

@@ -30,7 +30,7 @@ HOST = "127.0.0.1"
 FLOOD_S = 1.5
 MOST_GROWTH_BYTES = 8 * 2**20  # of the server, while some 30,000 datagrams of strangers come
 OURS = 16  # first contacts of those who belong here
-ANSWERED = {"refused: sealed", "cookie sent"}  # of what was dropped
+ANSWERED = {"refused: not encrypted", "cookie sent"}  # of what was dropped
 
 
 def resident_bytes(process: Spoken) -> int:
@@ -44,7 +44,7 @@ def lost_by_the_machine(port: int) -> int:
 
 
 def overheard(port: int, fingerprint: str, token: str) -> list[bytes]:
-    """Sealed datagrams of somebody who held the cube for a moment, and left."""
+    """Encrypted datagrams of somebody who held the cube for a moment, and left."""
 
     hello = make_hello(
         software="test", nonce=1, room="demo", name="anna", digest="", device="sim:light", axes=1, rate_hz=1024.0,
@@ -66,7 +66,7 @@ def overheard(port: int, fingerprint: str, token: str) -> list[bytes]:
 @fairly
 def test_nobody_loses_a_seat_in_a_flood_and_all_of_it_is_counted(start, tmp_path):
     server = start(
-        "serve", DEMO, "--seal", "--port", "0", "--state", tmp_path / "state", "--seconds", "600", "--no-report",
+        "serve", DEMO, "--encrypted", "--port", "0", "--state", tmp_path / "state", "--seconds", "600", "--no-report",
         "--set", "link.delay_ms=0", "--runs", tmp_path / "server",
     )  # fmt: skip
     server.hear("listening on")

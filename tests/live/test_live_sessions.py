@@ -352,7 +352,7 @@ def test_the_demo_tells_how_a_process_ended(run, tmp_path, log, number, code, to
     assert "joined from" not in demo.said, "no line of a log in place of a reason"
     assert "trying to resume" not in demo.said
     assert "did not really move" not in demo.said
-    assert "was never heard" not in demo.said
+    assert "never sent anything" not in demo.said
 
 
 def test_ctrl_c_in_the_demo_still_leaves_a_report(run, tmp_path):

@@ -127,7 +127,7 @@ def test_clients_beyond_the_bound_get_nothing(relay, bound):
     one.sendto(b"3", place)
     assert server.recv(99) == b"3"
     summary = end()
-    assert (summary["strangers"], summary["flows_begun"]) == (1, 1)
+    assert (summary["beyond_limit"], summary["flows_begun"]) == (1, 1)
     assert "of peers beyond --flows 1" in process.said
 
 
@@ -165,7 +165,7 @@ def test_it_speaks_version_6(relay, bound):
 @pytest.mark.parametrize("encrypted", [long(False), True])
 def test_two_people_hold_one_cube_over_an_impaired_network(run, relay, tmp_path, encrypted):
     """Encrypted or not: the relay reads nothing of what it carries."""
-    seal = ("--seal", "--state", tmp_path / "state") if encrypted else ()
+    seal = ("--encrypted", "--state", tmp_path / "state") if encrypted else ()
     server = run(
         "serve", DEMO, "--port", "0", "--seconds", "600", "--no-report", "--runs", tmp_path / "server", "--set",
         "link.delay_ms=0", "--set", "playout.frames=4", *seal,

@@ -32,7 +32,7 @@ def test_a_live_session_over_a_network_is_passive_and_plays_again(
 ):
     config, settings, devices = METHODS[method]
     sets = [part for each in ("link.delay_ms=0", "playout.frames=auto", *settings) for part in ("--set", each)]
-    server, port = serve(config, "--seal", "--state", str(tmp_path / "state"), *sets)
+    server, port = serve(config, "--encrypted", "--state", str(tmp_path / "state"), *sets)
     _, place, end = relay(f"127.0.0.1:{port}", "--profile", network, "--seed", "3")
     link = msgspec.structs.replace(parse_link(re.search(r"as player: .*'(cogrip:\S+)'", server.said)[1]), port=place[1])
     people = [

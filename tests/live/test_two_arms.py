@@ -31,7 +31,7 @@ def summaries(folder: Path) -> dict[str, dict]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("kicked", "encryption"), [(True, "--seal"), long(False, "--insecure")])
+@pytest.mark.parametrize(("kicked", "encryption"), [(True, "--encrypted"), long(False, "--insecure")])
 def test_two_arms_take_the_seats_of_their_person_and_leave_together(run, serve, tmp_path, kicked, encryption):
     state = tmp_path / "state"
     server, port = serve(DEMO, *SEATS, encryption, "--state", state)

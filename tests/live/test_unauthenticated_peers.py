@@ -103,7 +103,7 @@ class Server:
 
 @pytest.fixture(scope="module")
 def encrypted(tmp_path_factory) -> Iterator[Server]:
-    server = Server(tmp_path_factory.mktemp("encrypted"), "--seal")
+    server = Server(tmp_path_factory.mktemp("encrypted"), "--encrypted")
     yield server
     server.process.stop()
 

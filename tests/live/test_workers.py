@@ -76,7 +76,7 @@ def leave(*people: Spoken) -> None:
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("encryption", ["--insecure", "--seal"])
+@pytest.mark.parametrize("encryption", ["--insecure", "--encrypted"])
 @fairly
 def test_after_a_worker_is_killed_its_people_resume_and_nobody_else_notices(start, tmp_path, join, encryption):
     rooms = Rooms(start, tmp_path, encryption)
@@ -117,7 +117,7 @@ def test_after_a_worker_is_killed_its_people_resume_and_nobody_else_notices(star
 
 @fairly
 def test_an_administrator_reaches_people_in_every_worker(start, tmp_path, join):
-    rooms = Rooms(start, tmp_path, "--seal")
+    rooms = Rooms(start, tmp_path, "--encrypted")
     assert "nobody is here" in rooms.ask("who")
     anna, ben = join(rooms.where("attic"), "--name", "anna"), join(rooms.where("cellar"), "--name", "ben")
     other = join(rooms.where("cellar"), "--name", "anna")
@@ -150,7 +150,7 @@ def test_an_administrator_reaches_people_in_every_worker(start, tmp_path, join):
 
 @fairly
 def test_whoever_names_no_room_gets_a_free_seat_and_a_one_time_link_is_good_once(start, tmp_path, join):
-    rooms = Rooms(start, tmp_path, "--seal", "--no-links")
+    rooms = Rooms(start, tmp_path, "--encrypted", "--no-links")
     made = rooms.ask("token", "new", "--once", "--note", "any room")
     once = re.search(r"cogrip://\S+?(?=['\s]|$)", made)
     assert once, made
@@ -165,7 +165,7 @@ def test_whoever_names_no_room_gets_a_free_seat_and_a_one_time_link_is_good_once
 @pytest.mark.long
 @fairly
 def test_another_port_of_a_person_leads_to_the_same_worker(start, tmp_path, join):
-    rooms = Rooms(start, tmp_path, "--seal")
+    rooms = Rooms(start, tmp_path, "--encrypted")
     relay = Relay(rooms.port)
     try:
         ben = join(
@@ -187,14 +187,15 @@ def test_another_port_of_a_person_leads_to_the_same_worker(start, tmp_path, join
 @pytest.mark.long
 @fairly
 def test_the_rooms_of_a_front_that_is_killed_are_found_by_the_next_server(start, tmp_path, join):
-    rooms = Rooms(start, tmp_path, "--seal")
+    rooms = Rooms(start, tmp_path, "--encrypted")
     ben = join(rooms.where("cellar"), "--name", "ben")
     ben.hear("ben holds cube in room")
     rooms.process.popen.kill()
     rooms.process.read_to_the_end()  # the workers have its standard output, and end by themselves
     again = start(
-        "serve", *(tmp_path / f"{name}.toml" for name in ("attic", "cellar", "hall")), "--workers", "2", "--port", rooms.port,
-        "--state", rooms.state, "--seconds", "600", "--no-report", "--set", "link.delay_ms=0", "--runs", rooms.runs, "--seal",
+        "serve", *(tmp_path / f"{name}.toml" for name in ("attic", "cellar", "hall")), "--workers", "2", "--encrypted",
+        "--port", rooms.port, "--state", rooms.state, "--seconds", "600", "--no-report", "--set", "link.delay_ms=0",
+        "--runs", rooms.runs,
     )  # fmt: skip
     again.hear("cellar: restored")
     ben.hear(r"resumed after ([\d.]+) s")

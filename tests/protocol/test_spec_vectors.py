@@ -458,7 +458,7 @@ def test_nobody_is_answered_but_as_the_page_says(tmp_path: Path) -> None:
     for datagram in others:
         assert encrypted.receive(datagram, unknown, 0) == ()
     assert not encrypted.outbox
-    assert encrypted.dropped == {"refused: sealed": 1, "unauthenticated": len(others)}
+    assert encrypted.dropped == {"refused: not encrypted": 1, "unauthenticated": len(others)}
     call = DtlsClient(encrypted.fingerprint)
     call.poll(0)
     (_, first) = call.outbox.popleft()
@@ -467,6 +467,6 @@ def test_nobody_is_answered_but_as_the_page_says(tmp_path: Path) -> None:
     assert (unencrypted.dropped, list(unencrypted.outbox)) == ({"unauthenticated": 1}, [])
     for datagram, _ in VECTORS.values():
         assert call.receive(datagram, PEER, 0) == ()
-    assert call.dropped == {"not sealed": len(VECTORS)}
+    assert call.dropped == {"not encrypted": len(VECTORS)}
     assert not call.failed
     assert not call.outbox

@@ -133,12 +133,12 @@ def test_a_process_that_ends_is_replaced_at_once_and_one_that_cannot_begin_after
     assert cluster.started[-1].number == 4
 
 
-def test_a_directory_that_has_just_begun_waits_for_hosts_that_it_has_not_heard() -> None:
+def test_a_directory_that_has_just_begun_waits_for_hosts_that_have_not_reported() -> None:
     directory = Directory()
     directory.offer({"attic": b""})
     for step in range(round((SETTLE_S - EVERY_S) / EVERY_S)):
-        assert directory.look(HOSTS, step * EVERY_S, all_heard=False) == []
-    assert directory.look(HOSTS, SETTLE_S - EVERY_S, all_heard=True) != []
+        assert directory.look(HOSTS, step * EVERY_S, all_reported=False) == []
+    assert directory.look(HOSTS, SETTLE_S - EVERY_S, all_reported=True) != []
 
 
 def test_a_pause_of_the_directory_is_no_death_of_a_room(cluster: Cluster) -> None:

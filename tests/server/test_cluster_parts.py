@@ -80,7 +80,7 @@ def test_a_room_that_nobody_directs_is_claimed_and_handed_over(folder: StateFold
     before.serve("10.0.0.1:1")
     file = AnnouncementFile(folder, "attic")
     wait(lambda: file.read() is not None)
-    before.direct(heard=False)
+    before.note_directory(answers=False)
     wait(lambda: (found := file.read()) is not None and found.state == "alone")
     after = Guard(folder, "attic", 1)
     assert after.number == 2, "a directory that has just begun counts from 1"
@@ -99,7 +99,7 @@ def test_a_room_that_nobody_directs_is_claimed_and_handed_over(folder: StateFold
 def test_a_process_that_is_cut_off_ends_once_another_serves(folder: StateFolder) -> None:
     before = Guard(folder, "attic", 1)
     before.serve("10.0.0.1:1")
-    before.direct(heard=False)
+    before.note_directory(answers=False)
     AnnouncementFile(folder, "attic").write(2, "10.0.0.2:2", "served")
     wait(lambda: before.claimed == "lost")
     before.close(remove=False)

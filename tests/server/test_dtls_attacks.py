@@ -68,7 +68,7 @@ def test_it_joins_with_every_suite(wire: Wire, suite: Suite) -> None:
     assert not peer.dropped
     peer.close()
     wire.rest()
-    ended = {"not of this seal": 1, "seal ended: the other end closed the DTLS association": 1}
+    ended = {"not authentic": 1, "association ended: the other end closed the DTLS association": 1}
     assert wire.listener.dropped == {"cookie sent": 1, **ended}
 
 

@@ -40,7 +40,7 @@ def test_a_handshake_then_messages_both_ways(wire: Wire) -> None:
     call = wire.call()
     assert not call.ready(PEER)
     assert not call.send(b"too early", PEER)
-    assert call.dropped == {"not sealed yet": 1}
+    assert call.dropped == {"no association yet": 1}
     wire.until(lambda: call.ready(PEER))
     assert [to_server for to_server, *_ in wire.log] == [True, False, True, False, True, False]  # three round trips
     assert wire.listener.counts() == {"open": 1, "half open": 0}
@@ -125,7 +125,7 @@ def test_another_certificate_is_refused_and_both_sides_say_why(wire: Wire) -> No
     assert not call.send(b"secret", PEER)
     assert wire.listener.dropped[f"handshake failed: {NOT_TRUSTED}"] == 1
     (event,) = wire.listener.events
-    assert (event.event, event.code, event.address) == ("refused", "seal", "10.0.0.1:4001")
+    assert (event.event, event.code, event.address) == ("refused", "handshake", "10.0.0.1:4001")
     assert "another fingerprint" in event.text
     assert wire.listener.counts() == {"open": 0, "half open": 0}
 
@@ -161,11 +161,11 @@ def test_an_unencrypted_hello_is_refused_with_the_cure(wire: Wire) -> None:
     assert isinstance(refuse, Refuse)
     assert (address, refuse.code, refuse.nonce) == (ANNA, "sealed", 77)
     assert len(answer) <= len(hello)
-    assert wire.listener.dropped == {"refused: sealed": 1}
+    assert wire.listener.dropped == {"refused: not encrypted": 1}
     assert [event.code for event in wire.listener.events] == ["sealed"]
     assert wire.inject(hello[:-1], ANNA) == ()
     assert len(wire.listener.outbox) == 1
-    assert wire.listener.dropped == {"refused: sealed": 1, "unauthenticated": 1}
+    assert wire.listener.dropped == {"refused: not encrypted": 1, "unauthenticated": 1}
 
 
 def test_an_unencrypted_refusal_is_a_hint_and_no_more(wire: Wire) -> None:
@@ -173,7 +173,7 @@ def test_an_unencrypted_refusal_is_a_hint_and_no_more(wire: Wire) -> None:
     call.poll(0)
     refuse = messages.encode(Refuse(2, 0, "full", "go away"))
     assert call.receive(refuse, PEER, 0) == ()
-    assert call.dropped == {"not sealed": 1}
+    assert call.dropped == {"not encrypted": 1}
     assert not call.failed
     call.outbox.clear()
     wire.listener.poll(wire.now_ns)
@@ -359,11 +359,11 @@ def test_closing_tells_the_other_end(wire: Wire) -> None:
     ben.close(PEER)
     wire.rest()
     assert anna.failed == "the other end closed the DTLS association"
-    assert wire.listener.dropped["seal ended: the other end closed the DTLS association"] == 1
+    assert wire.listener.dropped["association ended: the other end closed the DTLS association"] == 1
     assert wire.listener.counts() == {"open": 0, "half open": 0}
     assert not wire.listener.send(b"x", ANNA)
     assert not wire.listener.ready(ANNA)
-    assert wire.listener.dropped["no seal"] == 1
+    assert wire.listener.dropped["no association"] == 1
     wire.listener.close(ANNA)  # nobody there: nothing happens
 
 
@@ -376,7 +376,7 @@ def test_budgets_hold_for_encrypted_and_unencrypted_hellos(folder: Path) -> None
     for number in range(4):
         wire.inject(datagram, ("10.0.0.7", number))
         wire.inject(messages.padded(HELLO), ("10.0.0.8", number))
-    answered = {"cookie sent": 3, "refused: sealed": 3}  # the first of each address is of those who are new
+    answered = {"cookie sent": 3, "refused: not encrypted": 3}  # the first of each address is of those who are new
     assert len(wire.listener.outbox) == 5
     assert sum(wire.listener.dropped[each] for each in answered) == 5
     assert wire.listener.dropped["contact budget"] == 3
@@ -386,7 +386,7 @@ def test_whoever_knocks_often_is_counted_and_does_not_fill_the_journal(wire: Wir
     for number in range(50):
         wire.inject(messages.padded(HELLO), ("10.0.0.7", number))
     assert len(wire.listener.events) == REPORTED.burst
-    assert wire.listener.dropped == {"refused: sealed": 50}
+    assert wire.listener.dropped == {"refused: not encrypted": 50}
     wire.now_ns += 1_000_000_000
     wire.inject(messages.padded(HELLO), ("10.0.0.7", 99))
     assert len(wire.listener.events) == REPORTED.burst + 1

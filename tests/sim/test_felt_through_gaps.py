@@ -45,7 +45,7 @@ def probed(settings: Settings) -> list[tuple[float, float, dict[str, float]]]:
             coupling = person.core.coupling
             if now.seconds > now.settings.seconds - LAST_S and (loop := coupling.loop_frames()) is not None:
                 seat = now.room.seats[number].settings
-                npm = seat.predicted_stiffness(loop, max(0.0, coupling.owed_frames))
+                npm = seat.predicted_stiffness(loop, max(0.0, coupling.deficit_frames))
                 assert npm is not None
                 compliances[number].append(1.0 / npm)
 

@@ -292,7 +292,7 @@ def test_what_clients_of_others_say_against_themselves_is_judged_by_the_credit()
     assert "gave out 1.1 mJ too much" in passive(summary).sentence
 
 
-@pytest.mark.parametrize(("received", "words"), [(1000, "reported no account"), (0, "was never heard")])
-def test_a_client_without_an_account_was_heard_if_frames_of_it_were(received: int, words: str) -> None:
+@pytest.mark.parametrize(("received", "words"), [(1000, "reported no account"), (0, "never sent anything")])
+def test_a_client_without_an_account_has_sent_something_if_frames_of_it_came(received: int, words: str) -> None:
     summary = summary_of(UserRecord("ben", None, replace(SEAT, up=LinkCount(received=received))))
     assert ("warn", f"The client of ben {words}: what it alone knows is missing.") in verdict(summary)

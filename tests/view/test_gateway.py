@@ -36,7 +36,7 @@ class Gated:
     def __init__(self, folder: Path) -> None:
         self.state = folder / "state"
         self.server = Spoken(
-            "serve", str(DEMO), "--port", "0", "--seal", "--state", str(self.state), "--set", "link.delay_ms=0",
+            "serve", str(DEMO), "--port", "0", "--encrypted", "--state", str(self.state), "--set", "link.delay_ms=0",
             "--set", "admission.seats_per_token=1", "--seconds", "900", "--no-report", "--runs", str(folder),
         )  # fmt: skip
         self.server.hear("listening on")

@@ -150,7 +150,7 @@ class Coupling(ABC, Generic[M]):
         return None
 
     @property
-    def owed_frames(self) -> float:
+    def deficit_frames(self) -> float:
         """Position deficit of the line down, in frames of the wave that plays now."""
         return 0.0
 
@@ -195,7 +195,7 @@ class Coupling(ABC, Generic[M]):
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
         """Enter a tick that has passed, with the displacement it shows / T_c and the velocity sample it began with.
 
-        hold: how firmly a hand that takes its leave still holds, from 1 down to 0.
+        hold: how firmly a hand that is leaving still holds, from 1 down to 0.
         """
 
     def elapse_held(self) -> None:

@@ -102,7 +102,7 @@ class ForceLimits:
         return wanted
 
     def soften(self) -> None:
-        """Soften the way to a law that is another from now on, as after a gap."""
+        """Limit the slope until the force meets a law that is another from now on, as after a gap."""
         self._soft_left = self._soft_ticks
 
     def enter(self) -> None:

@@ -6,8 +6,8 @@ Symbols: x hand, p proxy [m], e = (x - p) / |x - p|, K, B of [coupling], F_line 
 
 The line's port moves with the proxy. It carries something only while the server says that the tool is engaged: then a body
 that moves is near. Before, the server puts the tool where the proxy is, and the hand feels nothing of the line. It begins with
-a gain s that grows in GROW_S, so that its damper comes smoothly; what it does not show meanwhile, and the way that the hand has
-gone since, is sent later, as far as the hand's work pays for it. Where the proxy comes off geometry, P returns to 1 in GROW_S
+a gain s that grows in GROW_S, so that its damper comes smoothly; what it does not show meanwhile, and how far the hand has gone
+since, is sent later, as far as the hand's work pays for it. Where the proxy comes off geometry, P returns to 1 in GROW_S
 as well: a line that presses the hand onto it would else throw it back at once, and the contact would chatter.
 """
 
@@ -102,7 +102,7 @@ class LocalScene(LocalCoupling):
                 self.up.withhold(behind, anew=True)
                 self._share = 0.0
             elif engaged is None and self.engaged_m is not None:
-                self.up.withhold((0.0,) * PLACES, anew=True)  # a tool that is clear is owed nothing
+                self.up.withhold((0.0,) * PLACES, anew=True)  # a tool that is clear has no deficit
                 self._leaving = True
             self.engaged_m = engaged
         return True
@@ -145,7 +145,7 @@ class LocalScene(LocalCoupling):
             return
         written_off, self.down.written_off = self.down.written_off, [0.0] * PLACES
         self._enter_line(velocity_mps)
-        # the line owes nothing of what its gain at the beginning leaves: it is this end that shows it later
+        # what the gain at the beginning leaves is no deficit of the line: it is this end that shows it later
         self.up.withhold([each / self.frame_ticks for each in self.down.written_off])
         self.down.written_off = written_off
 

@@ -17,7 +17,7 @@ GONE_NS = 1_000_000_000  # without a message about somebody, of whom there are 1
 class ObserverCore:
     """`view` is the newest one, None before the first; `age_ns` says how old it is.
 
-    people   seat -> newest message about who has it; those heard last before GONE_NS are left out. An older server sends none
+    people   seat -> newest message about who has it; those without one for GONE_NS are left out. An older server sends none
     marked   markers that came, for its owner to empty
     scene    shapes and poses of a scene's bodies
     effects  haptic effects of the room by number, places in the object's frame

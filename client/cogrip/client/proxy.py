@@ -48,21 +48,21 @@ class Proxy:
     def follow(self, hand_m: Vector) -> Vector:
         """Move the proxy towards the hand. Return where it is."""
         x, y, z = self.place_m or hand_m
-        path, way = self._path_m, dist((x, y, z), hand_m)
-        if path + way < self._soonest_m:  # as mostly: nothing is near
-            self._path_m, self.place_m, self.normals = path + way, hand_m, FREE
+        path, move = self._path_m, dist((x, y, z), hand_m)
+        if path + move < self._soonest_m:  # as mostly: nothing is near
+            self._path_m, self.place_m, self.normals = path + move, hand_m, FREE
             return hand_m
         ahead = (hand_m[0] - x, hand_m[1] - y, hand_m[2] - z)
         due = self._due_m
         planes: list[Plane] = []
         for number, (gap_of, cx, cy, cz, radius) in enumerate(self._pairs):
-            if path + way < due[number]:
+            if path + move < due[number]:
                 continue
             gap, normal = gap_of(x + cx, y + cy, z + cz, radius)
             if gap >= 0.0:
                 self._solid[number] = True
             due[number] = path + abs(gap)
-            if self._solid[number] and gap <= way:
+            if self._solid[number] and gap <= move:
                 _add(planes, normal, gap)
         self._soonest_m = min(due, default=inf)
         step, self.normals = _nearest(ahead, planes) if planes else (ahead, FREE)

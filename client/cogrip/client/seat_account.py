@@ -40,7 +40,7 @@ def _predicted_npm(seat: SeatedClient) -> float | None:
     """Return the stiffness that the hand is to feel over the loop as measured [N/m]; None where there is no model."""
     if (loop := seat.coupling.loop_frames()) is None:
         return None
-    more = seat.late_frames + sum(seat.owed) / max(1, len(seat.owed))
+    more = seat.late_frames + sum(seat.deficit_frames) / max(1, len(seat.deficit_frames))
     now = replace(seat.coupling.seat_now(), tool=seat.settings.tool)
     return now.predicted_stiffness(loop, more)
 

@@ -40,7 +40,7 @@ class SeatedClient(SeatHand):
 
     __slots__ = (
         "_acted", "_frame_begin", "_frame_end", "_frame_start_m", "_origin_m", "_origin_pose", "_parting_mps", "_rate_hz",
-        "_still", "_stopped", "_ticks_per_frame", "_wave_end", "felt", "owed", "peaks", "port", "session_id", "tick",
+        "_still", "_stopped", "_ticks_per_frame", "_wave_end", "deficit_frames", "felt", "peaks", "port", "session_id", "tick",
     )  # fmt: skip
 
     def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability, make_port: MakePort) -> None:
@@ -59,7 +59,7 @@ class SeatedClient(SeatHand):
         self._ticks_per_frame = rates.ticks_per_frame
         self._frame_begin = 0  # tick at which the frame under way began, and that at which it ends
         self._frame_end = rates.ticks_per_frame
-        self.owed: deque[float] = deque(maxlen=max(2, round(REST_S / rates.frame_s)))  # frames, of the last live ones
+        self.deficit_frames: deque[float] = deque(maxlen=max(2, round(REST_S / rates.frame_s)))  # of the last live ones
         self._wave_end = 0  # tick at which what is played now is to be followed by the next wave
         self._rate_hz = float(rates.device_hz)
         self._origin_m: Row | None = None
@@ -288,7 +288,7 @@ class SeatedClient(SeatHand):
         self.port.end_frame(start_m, position_m, ticks / self._rate_hz, stored_j)
         if self.safety.state != "live":  # the force is released
             return
-        self.owed.append(max(0.0, self.coupling.owed_frames))
+        self.deficit_frames.append(max(0.0, self.coupling.deficit_frames))
         if self.felt is not None:
             side = self.settings.side_sign
             force_n = self.force_n if effects is None else effects.rest_of(self.force_n)

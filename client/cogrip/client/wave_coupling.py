@@ -105,8 +105,8 @@ class WaveCoupling(Coupling[Waves]):
         up, down, ratio = self.up, self.down, found.impedance_nspm / self._b
         lag_ticks = found.filter_lag_s / self._tick_s
         if not up.filter.lag_ticks == down.filter.lag_ticks == lag_ticks or ratio != 1.0:
-            up.withhold([owed / self.frame_ticks for owed in up.filter.retune(lag_ticks, ratio)])
-            down.receiver.write_off([-owed / self.frame_ticks for owed in down.filter.retune(lag_ticks, ratio)])
+            up.withhold([left / self.frame_ticks for left in up.filter.retune(lag_ticks, ratio)])
+            down.receiver.write_off([-left / self.frame_ticks for left in down.filter.retune(lag_ticks, ratio)])
         begins = not up.sender.next_number
         least, most = (inf, -inf) if begins else self._filters_hz
         self._filters_hz = min(least, self._filter_hz), max(most, self._filter_hz)
@@ -312,7 +312,7 @@ class WaveCoupling(Coupling[Waves]):
         ledger.credit = min(ledger.credit, left)
 
     @property
-    def owed_frames(self) -> float:
+    def deficit_frames(self) -> float:
         square = sum([v * v for v in self.returning])
         return sum([d * v for d, v in zip(self.deficit, self.returning, strict=True)]) / square if square else 0.0
 

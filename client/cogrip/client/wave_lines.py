@@ -90,7 +90,7 @@ class ForwardLine:
         """Return the ticks of the next frame: M, or as many more or fewer as shift the phase by what is spare.
 
         acknowledged: frames that the server had played when it said so. All at once at first; then by one tick, when the server
-        has heard of the last shift and has said so for a while (QUIET, PRESSING).
+        has received the last shift and has said so for a while (QUIET, PRESSING).
         """
         self._shift, spare = 0, self.spare
         if spare > 0:

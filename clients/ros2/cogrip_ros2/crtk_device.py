@@ -32,7 +32,7 @@ class CrtkDevice:
         self._node = node
         self._pose: tuple[float, float, float] | None = None  # newest, None once it was read
         self._twist: tuple[float, float, float] | None = None
-        self._rate_hz = self._heard = self._begun = 0
+        self._rate_hz = self._pose_tick = self._begun = 0
         self._publisher = node.create_publisher(WrenchStamped, f"{prefix}servo_cf", 1)
         node.create_subscription(PoseStamped, f"{prefix}measured_cp", self._on_pose, 1)
         if record.gives_velocity:
@@ -50,22 +50,22 @@ class CrtkDevice:
         if self._rate_hz:
             raise DeviceError("crtk: is open already; close it first")
         check_rate(rate_hz, self.capability, "crtk")
-        self._rate_hz, self._heard, self._pose = rate_hz, -1, None
+        self._rate_hz, self._pose_tick, self._pose = rate_hz, -1, None
 
     def read(self, tick: int) -> Sample | None:
         if not self._rate_hz:
             raise DeviceError("crtk: read while it is closed; call open(rate_hz) first")
-        if self._heard < 0:
-            self._heard = tick  # the arm has LOST_S from the first tick on
+        if self._pose_tick < 0:
+            self._pose_tick = tick  # the arm has LOST_S from the first tick on
         pose, self._pose = self._pose, None
         axes, twist = self.capability.axes, self._twist
         if pose is None or (self.capability.gives_velocity and twist is None):
-            if tick - self._heard > LOST_S * self._rate_hz:
+            if tick - self._pose_tick > LOST_S * self._rate_hz:
                 raise DeviceError(
                     f"crtk: no measured_cp for {LOST_S:g} s; see that the arm's node runs, and its namespace"
                 )
             return None
-        self._heard = tick
+        self._pose_tick = tick
         return Sample(pose[:axes], twist[:axes] if self.capability.gives_velocity and twist else None, 1)
 
     def write(self, force_n: Sequence[float]) -> None:

@@ -90,7 +90,7 @@ class Spring:
         self._record = record
         self._begun: tuple[int, tuple[float, ...]] | None = None
         self._passed: list[tuple[int, tuple[float, ...]]] = []
-        self._heard = 0
+        self._sample_tick = 0
         self._away: tuple[float, ...] = ()
         self._whole = False
         self._work = self._square = self._most_m = self._most_n = 0.0
@@ -100,10 +100,10 @@ class Spring:
         none = (0.0,) * self._record.axes
         self._whole = False
         if sample is None:
-            if self._begun and tick - self._heard > SILENT_S * RATE_HZ:
+            if self._begun and tick - self._sample_tick > SILENT_S * RATE_HZ:
                 self.ended = self.ended or "no samples"
             return self._load(tick)
-        self._heard = tick
+        self._sample_tick = tick
         at = sample.position_m[: len(AXES)]
         self._begun = self._begun or (tick, at)
         self._judge(tick, at)

@@ -80,7 +80,7 @@ class LineTuning(msgspec.Struct, frozen=True, array_like=True):
 
 
 def of_seat(
-    asked: CouplingSection, playout: PlayoutDelay, ways: Iterable[Direction], rates: Rates, grips: bool
+    asked: CouplingSection, playout: PlayoutDelay, directions: Iterable[Direction], rates: Rates, grips: bool
 ) -> tuple[Coupling, LineTuning]:
     """Return coupling and tuning of a seat: in place of "auto" stands what suits the delay that settings say.
 
@@ -93,7 +93,7 @@ def of_seat(
     prefer, b, corner = [values.pop(name) for name in ("prefer", "impedance_nspm", "wave_filter_hz")]
     auto = b == "auto", corner == "auto"
     if any(auto):
-        found = tuning(round_trip_s(playout, ways, rates) + rates.frame_s, prefer)
+        found = tuning(round_trip_s(playout, directions, rates) + rates.frame_s, prefer)
         b = found.impedance_nspm if auto[0] else b
         corner = corner_hz(found.filter_lag_s) if auto[1] else corner
     live = (
@@ -115,9 +115,9 @@ def unfit_line(coupling: Coupling, line: LineTuning) -> str:
     return ""
 
 
-def round_trip_s(playout: PlayoutDelay, ways: Iterable[Direction], rates: Rates) -> float:
+def round_trip_s(playout: PlayoutDelay, directions: Iterable[Direction], rates: Rates) -> float:
     """Return the delay of both lines together [s], playout included, as far as settings say it."""
-    return sum(line_delay(playout, way, rates).frames for way in ways) * rates.frame_s
+    return sum(line_delay(playout, direction, rates).frames for direction in directions) * rates.frame_s
 
 
 def line_compliance(coupling: Coupling, line: LineTuning, rates: Rates, round_trip_s: float) -> float:

@@ -52,7 +52,7 @@ class RateChoice(msgspec.Struct, frozen=True):
         )
 
 
-class Way(Direction, Protocol):
+class LinkDirection(Direction, Protocol):
     """Settings of one direction of a link."""
 
     @property
@@ -80,10 +80,12 @@ def stated_frame_s(settings: "Settings") -> float:
     return PERSON_S * len(settings.users) + WORLD_S * (not kind_of(settings.object.kind).spring)
 
 
-def best_rate(device_hz: Sequence[int], axes: int, frame_s: float, playout: PlayoutDelay, ways: Sequence[Way]) -> int:
+def best_rate(
+    device_hz: Sequence[int], axes: int, frame_s: float, playout: PlayoutDelay, link: Sequence[LinkDirection]
+) -> int:
     """Return the network rate [Hz]; the lowest where none is borne, which the settings' own checks then judge.
 
-    device_hz: each person's; frame_s: of the server's time for a frame of everybody; ways: each direction of the link.
+    device_hz: each person's; frame_s: of the server's time for a frame of everybody; link: its directions.
     """
     datagram_bytes = HEAD_BYTES + REAL_BYTES * axes * (playout.redundancy + 4)
 
@@ -91,11 +93,11 @@ def best_rate(device_hz: Sequence[int], axes: int, frame_s: float, playout: Play
         return (
             not any(misfit(each, hz) for each in device_hz)
             and frame_s * hz <= SERVER_SHARE
-            and all(8e-3 * datagram_bytes * hz <= LINK_SHARE * way.rate_kbps for way in ways if way.rate_kbps)
+            and all(8e-3 * datagram_bytes * hz <= LINK_SHARE * each.rate_kbps for each in link if each.rate_kbps)
         )
 
     def loop_s(hz: int) -> float:
         rates = Rates(min(device_hz), hz)
-        return sum(line_delay(playout, way, rates).ticks for way in ways) * rates.tick_s + rates.frame_s
+        return sum(line_delay(playout, each, rates).ticks for each in link) * rates.tick_s + rates.frame_s
 
     return min((hz for hz in RATES_HZ if borne(hz)), key=loop_s, default=RATES_HZ[0])

@@ -237,8 +237,8 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     def predicted_stiffness(self, loop_frames: float, late_frames: float = 0.0) -> float | None:
         """Return K_hand [N/m] of theory section 4 for a measured loop; None without waves or without a spring, and in scenes.
 
-        late_frames: age of the device's samples, and what the line owes of its wave [frames]: both make the line softer, and no
-        server knows of them.
+        late_frames: age of the device's samples, and the line's position deficit [frames of its wave]: both make the line
+        softer, and no server knows of them.
         """
         if self.coupling.kind == "local" and kind_of(self.object.kind).fixed:
             return self.force_scale * self.coupling.stiffness_npm
@@ -277,10 +277,10 @@ def best_network_hz(settings: Settings, frame_s: float | None = None) -> int:
     """Return what "auto" is where a frame takes the server this time [s]; None: what is stated."""
     device_hz = [user.device_hz or settings.rates.device_hz for user in settings.users]
     took_s = stated_frame_s(settings) if frame_s is None else frame_s
-    return best_rate(device_hz, settings.object.axes, took_s, settings.playout, ways_of(settings))
+    return best_rate(device_hz, settings.object.axes, took_s, settings.playout, link_directions(settings))
 
 
-def ways_of(settings: Settings) -> tuple[LinkProfile, LinkProfile]:
+def link_directions(settings: Settings) -> tuple[LinkProfile, LinkProfile]:
     """Return both directions of the link, up and down."""
     return settings.link.direction("up"), settings.link.direction("down")
 
@@ -306,7 +306,7 @@ def coupling_of(settings: Settings, user: User) -> Coupling:
 def tuned_coupling(settings: Settings, user: User) -> tuple[Coupling, LineTuning]:
     """Return the coupling of this user's seat, and the tuning of its line."""
     return of_seat(
-        coupling_asked(settings, user), settings.playout, ways_of(settings), rates_of(settings, user), user.grips
+        coupling_asked(settings, user), settings.playout, link_directions(settings), rates_of(settings, user), user.grips
     )
 
 
@@ -343,7 +343,7 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
     """Return what user number `seat` and the server share. Raises SettingsError where compensation is out of reach."""
     user = settings.users[seat]
     coupling, line = tuned_coupling(settings, user)
-    rates, (up, down) = rates_of(settings, user), ways_of(settings)
+    rates, (up, down) = rates_of(settings, user), link_directions(settings)
     if why := unfit_line(coupling, line):
         raise SettingsError(f"users.{seat} ({user.name}): {why}")
     rendered = coupling.stiffness_npm
@@ -394,7 +394,7 @@ def _check_fit(settings: Settings) -> None:
     for place, effect in enumerate(settings.effects):
         if why := unfit_effect(effect, settings.object.axes):
             raise SettingsError(f"effects.{place}: {why}")
-        if strangers := set(effect.users) - {user.name for user in settings.users}:
-            raise SettingsError(f"effects.{place}.users: there is no user {min(strangers)!r}; name one of [[users]]")
+        if unknown := set(effect.users) - {user.name for user in settings.users}:
+            raise SettingsError(f"effects.{place}.users: there is no user {min(unknown)!r}; name one of [[users]]")
     for seat in range(len(settings.users)):
         seat_settings(settings, seat)

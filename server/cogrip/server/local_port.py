@@ -1,8 +1,8 @@
 """Port of the scheme with local models: a wave port whose client also reports its proxy.
 
 In a scene the line takes hold of a tool only now and then, each time where the proxy was then (`worlds.local_scene`). Waves
-that were made before the client knew of it would move the tool by a way that it has gone already: they are absorbed, as are
-those that come while it is clear, and what the line owes of them is written off. They are told by the clock reading that they
+that were made before the client knew of it would move the tool again by what it has moved already: they are absorbed, as are
+those that come while it is clear, and their position deficit is written off. They are known by the clock reading that they
 echo.
 """
 
@@ -82,5 +82,5 @@ class LocalPort(WavePort):
 
 
 def toward(start: Row, end: Row, part: float) -> Row:
-    """Return the place at this part of a straight way."""
+    """Return the place at this part of a straight path."""
     return tuple([a + part * (b - a) for a, b in zip(start, end, strict=True)])

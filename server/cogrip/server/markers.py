@@ -53,7 +53,7 @@ class Markers:
         return mark
 
     def _leave_out(self) -> None:
-        """Tell the oldest marker no more of whoever set most: some people do not keep others from being heard."""
+        """Stop repeating the oldest marker of whoever set most: nobody can keep out the markers of others."""
         counts = Counter(mark.seat for mark in self._told)
         del counts[None]
         most = counts.most_common(1)[0][0] if counts else None
@@ -64,9 +64,9 @@ class Markers:
         return self._taken.get(seat, {}).get(theirs)
 
     def begin(self, seat: SeatNumber) -> None:
-        """Begin with another client in a seat, which counts its own from 1: it takes none of before for its own.
+        """Begin with another client in a seat, which numbers its markers from 1: earlier ones are not taken for its own.
 
-        Nor for its sign to begin that everybody held on, before it came.
+        Nor does an earlier marker that everybody holds on make it begin.
         """
         self._taken.pop(seat, None)
         told = [mark for mark in self._told if mark.seat is not None or mark.text != EVERYBODY]

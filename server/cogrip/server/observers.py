@@ -51,7 +51,7 @@ class ObserverSlots:
         del self.observers[number]
 
     def silent(self, now_ns: int) -> list[Observer]:
-        """Return the observers that have not been heard for LOST_NS."""
+        """Return the observers that have sent nothing for LOST_NS."""
         if not self.observers:
             return []
         return [each for each in self.observers.values() if now_ns - each.last_received_ns > LOST_NS]

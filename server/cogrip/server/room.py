@@ -200,7 +200,7 @@ class Room:
         return False
 
     def silent(self, now_ns: int) -> list[Seat]:
-        """Return the seats whose client has not been heard for LOST_NS."""
+        """Return the seats whose client has sent nothing for LOST_NS."""
         found = []
         for seat in self.seats:
             if now_ns - seat.last_received_ns > LOST_NS and seat.state == "seated":
@@ -374,7 +374,7 @@ class Room:
             self.world.handle(number, handle.orientation, handle.grip_m)
 
     def _put_back(self) -> list[Row]:
-        """Lay the object to rest in the middle, where everybody takes hold of it anew with the hand where it is.
+        """Put the object at rest in the middle, where everybody takes hold of it anew with the hand where it is.
 
         What springs and motion held is lost, so that no energy is made. Returns the answers to this step.
         """

@@ -39,7 +39,7 @@ def place_again(world: World, seats: Sequence[Seat], checkpoint: RoomCheckpoint)
 
 
 def put_back(world: World, seats: Sequence[Seat], idle_row: Row) -> list[Row]:
-    """Lay the object to rest in the middle, where everybody takes hold of it anew; return the answers to this step."""
+    """Put the object at rest in the middle, where everybody takes hold of it anew; return the answers to this step."""
     answers: list[Row] = [()] * len(seats)
     for number, seat in enumerate(seats):
         if seat.on_object:

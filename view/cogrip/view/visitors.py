@@ -20,7 +20,7 @@ class VisitorLimits(NamedTuple):
 
 
 class Visitors:
-    """Books of who is connected. A question answers "", or the name under which the visitor is refused."""
+    """Counts of connections and tabs by address. Methods that admit return "", or the name under which they refuse."""
 
     def __init__(self, limits: VisitorLimits, secret: int) -> None:
         """secret: random; whoever knows it can aim at the budget of another address."""

@@ -147,7 +147,7 @@ def _encrypted_server(folder: StateFolder) -> ServerRecord:
     if not server.fingerprint:
         raise BadInput(
             f"{folder.path}: the server is unencrypted, and asks nobody for a token; serve on another address than "
-            "loopback, or with --seal"
+            "loopback, or with --encrypted"
         )
     return server
 

@@ -35,7 +35,7 @@ from cogrip.server.io.udp_port import PortRange, ServeError
 from cogrip.server.io.workers.link import (
     AnyToWorker,
     Begin,
-    Directed,
+    DirectoryContact,
     End,
     Ended,
     HandOver,
@@ -51,7 +51,7 @@ from cogrip.server.io.workers.orders import LinkMeasures, LinkOrders
 from cogrip.server.loop import LiveServer
 from cogrip.sim.runs.folder import SERVER_RECORDING
 
-DESERTED_S = 10.0  # after which a process that hears nobody ends: whoever was there may be resuming
+DESERTED_S = 10.0  # after which a process that nobody answers ends: whoever was there may be resuming
 
 
 class RoomJob(Job, frozen=True):
@@ -174,8 +174,8 @@ class RoomServer:
                     return given.checkpoint
                 case End() | HandOver():
                     raise HandedOverError
-                case Directed() as given:
-                    self._guard.direct(given.heard)
+                case DirectoryContact() as given:
+                    self._guard.note_directory(given.answers)
 
     def _open(self, say: Callable[[str], None], checkpoint: bytes) -> RoomCheckpoints:
         path, in_memory = self._folder.checkpoint(self._room.name), self._job.in_memory
@@ -189,7 +189,7 @@ class RoomServer:
                 self._follow()
             except LinkEndedError:
                 self._lost_link = True
-                self._guard.direct(False)
+                self._guard.note_directory(False)
         if self._checkpoints is not None:
             self._checkpoints.in_memory = self._job.in_memory and not self._guard.alone
         if self._guard.claimed:
@@ -208,8 +208,8 @@ class RoomServer:
                 match self._link.take_at_worker()[0]:
                     case Obey() as given:
                         self._orders.add(given.number, given.order)
-                    case Directed() as given:
-                        self._guard.direct(given.heard)
+                    case DirectoryContact() as given:
+                        self._guard.note_directory(given.answers)
                     case HandOver():
                         self._link.send(Saved(self._housekeeping.last_checkpoint(), last=True))
                         raise HandedOverError

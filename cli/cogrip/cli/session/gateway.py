@@ -99,7 +99,7 @@ def gateway(
     target = target_of(typed(link, more), room, insecure=False, name="", digest="")
     if not target.fingerprint:
         raise BadInput(
-            "gateway: a join link is needed (cogrip://...): people are let in by its tokens; `cogrip serve --seal`"
+            "gateway: a join link is needed (cogrip://...): people are let in by its tokens; `cogrip serve --encrypted`"
         )
     loopback = is_loopback(host)
     names = _names(public, host)

@@ -236,7 +236,7 @@ def _summary(live: LiveRelay) -> dict[str, Any]:
     return {
         "listen": place_text(live.bound), "to": place_text(live.far), "seconds": live.elapsed_s, "stopped": live.stop.reason,
         "flows": flows, "totals": {direction: core.totals(direction) for direction in DIRECTIONS}, "late_us": late_us,
-        "flows_begun": core.begun, "flows_expired": core.expired, "strangers": core.beyond_limit, "trouble": live.counts,
+        "flows_begun": core.begun, "flows_expired": core.expired, "beyond_limit": core.beyond_limit, "trouble": live.counts,
     }  # fmt: skip
 
 

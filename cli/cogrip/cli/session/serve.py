@@ -45,7 +45,7 @@ def serve(
     *config: Path,
     host: str = "127.0.0.1",
     port: int = DEFAULT_PORT,
-    seal: bool = False,
+    encrypted: Annotated[bool, Parameter(name=["--encrypted", "--seal"])] = False,
     insecure: bool = False,
     state: Path | None = None,
     fresh: Annotated[bool, Parameter(negative="")] = False,
@@ -83,8 +83,8 @@ def serve(
         Address to listen on.
     port
         UDP port; 0 takes a free one.
-    seal
-        Encrypt on loopback as well.
+    encrypted
+        Encrypt on loopback as well. `--seal` is its earlier name.
     insecure
         Do not encrypt, whatever the address: anyone who can reach it may join, and may forge what moves a motor.
     state
@@ -128,8 +128,10 @@ def serve(
     say = lines.say
     for text in rates.lines():
         say(text)
-    encrypted = not insecure and (seal or not is_loopback(host))
-    _check_flags(seal, insecure, encrypted, public, metrics, seconds)
+    if encrypted and insecure:
+        raise BadInput("--encrypted and --insecure exclude each other; leave one out")
+    encrypted = encrypted or not (insecure or is_loopback(host))
+    _check_flags(encrypted, public, metrics, seconds)
     if encrypted:
         rooms = [for_remote_clients(room) for room in rooms]
     names = [room.name for room in rooms]
@@ -294,15 +296,11 @@ def _draw(
     screen.draw(*drawing(ServeView(str(recorded), seats, str(state.path) if state else "")))
 
 
-def _check_flags(
-    seal: bool, insecure: bool, encrypted: bool, public: str | None, metrics: int | None, seconds: float | None
-) -> None:
-    """Raise BadInput for flags that exclude each other, have no effect, or are out of bounds."""
-    if seal and insecure:
-        raise BadInput("--seal and --insecure exclude each other; leave one out")
+def _check_flags(encrypted: bool, public: str | None, metrics: int | None, seconds: float | None) -> None:
+    """Raise BadInput for flags that have no effect, or are out of bounds."""
     if public is not None and not encrypted:
         raise BadInput(
-            "--public is for the links of an encrypted server: add --host ADDRESS or --seal, or leave it out"
+            "--public is for the links of an encrypted server: add --host ADDRESS or --encrypted, or leave it out"
         )
     if metrics is not None:
         within("--metrics", metrics, 0, 65535)

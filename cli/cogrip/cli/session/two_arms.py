@@ -57,7 +57,7 @@ class Arm:
         """Return the reason that the child gave for its end, "" for none."""
         return reason_in(self._said)
 
-    def hear(self, line: str) -> None:
+    def follow(self, line: str) -> None:
         """Follow what the child says of its state."""
         self._said.append(line)
         if not self.seated and (found := _SEATED.match(line)):
@@ -124,7 +124,7 @@ class _TwoArms:
         self._target, self._devices, self._flags = target, devices, flags
         self._stop, self._console = stop, console
         self._arms: list[Arm] = []
-        self._heard: queue.SimpleQueue[tuple[Arm, str | None]] = queue.SimpleQueue()
+        self._lines: queue.SimpleQueue[tuple[Arm, str | None]] = queue.SimpleQueue()
 
     def run(self, name: str, clutched: bool, view: bool, seconds: float | None) -> int:
         """Take both seats, hold until one ends, and return the exit code."""
@@ -188,13 +188,13 @@ class _TwoArms:
         assert arm.child.stdout is not None
         with arm.child.stdout as lines:
             for line in lines:
-                self._heard.put((arm, line.decode("utf-8", "replace").rstrip()))
-        self._heard.put((arm, None))
+                self._lines.put((arm, line.decode("utf-8", "replace").rstrip()))
+        self._lines.put((arm, None))
 
     def _look(self) -> None:
         """Follow and show what was said, for a moment; let one arm go while the other is in a fault."""
         try:
-            arm, line = self._heard.get(timeout=LOOK_EVERY_S)
+            arm, line = self._lines.get(timeout=LOOK_EVERY_S)
         except queue.Empty:
             return
         if line is None:
@@ -202,7 +202,7 @@ class _TwoArms:
             arm.ended = True
             return
         was_faulty = arm.faulty
-        arm.hear(line)
+        arm.follow(line)
         if arm.faulty != was_faulty:
             for other in self._arms:
                 if other is not arm:

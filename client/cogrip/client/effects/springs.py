@@ -76,7 +76,7 @@ class GuidingPath(PassiveLaw):
 
 
 class ForbiddenZone(PassiveLaw):
-    """Wall around a box, or behind a plane: F = -n max(0, K d - B n v), U = K d^2 / 2, n the way out. It only pushes."""
+    """Wall around a box, or behind a plane: F = -n max(0, K d - B n v), U = K d^2 / 2, n the outward normal. It only pushes."""
 
     def __init__(self, effect: Effect, places: int) -> None:
         self.stiffness_npm, self.damping_nspm = effect.stiffness_npm, effect.damping_nspm
@@ -94,7 +94,7 @@ class ForbiddenZone(PassiveLaw):
         return Felt([-pushed * n for n in out], 0.5 * pushed * depth, damper)
 
     def _depth(self, position_m: Row) -> tuple[float, list[float]]:
-        """Return the depth, and the way out: of a box to its nearest side."""
+        """Return the depth, and the outward normal: of a box that of its nearest side."""
         if self._normal:
             away = [x - middle for x, middle in zip(position_m, self._place, strict=False)]
             return -sum([n * each for n, each in zip(self._normal, away, strict=True)]), self._normal

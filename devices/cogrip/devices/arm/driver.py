@@ -300,7 +300,7 @@ class ArmDevice(Driver):
     def _currents(self, force_n: Sequence[float]) -> tuple[Sequence[float], float]:
         """Currents, and the share of the force that they give. What holds the arm's weight is no part of that share.
 
-        None at all where there may be no force: the pose is not known, or the arm was not heard of lately.
+        None at all where there may be no force: the pose is not known, or the arm has not answered lately.
         """
         assert self._pose is not None
         silent = self._tick - self._received_at > self._silent_ticks

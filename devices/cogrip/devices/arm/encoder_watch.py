@@ -1,4 +1,4 @@
-"""Encoders that lie: a count that jumps, or one that stands still while the arm moves. Either way the pose is lost.
+"""Encoder faults: a count that jumps, or one that stands still while the arm moves. Either way the pose is lost.
 
 A hand and the motors together accelerate the tip by a few hundred m/s^2 at most, so from one reading to the next it can only go
 so far off its course; but it may stop, or be stopped. Where the joints say that it went further, one of them has jumped. The

@@ -21,7 +21,7 @@ class Planned:
 
 
 class EmulatedDevice:
-    """See `Device`. The firmware's time is that of the ticks; `firmware` is there for whoever wants to lay hands on it."""
+    """See `Device`. The firmware's time is that of the ticks; `firmware` takes a person's verbs."""
 
     def __init__(
         self, driver: Device, firmware: Firmware, planned: Sequence[Planned] = (), store: Notebook | None = None

@@ -5,7 +5,7 @@ split       a reply comes in two parts, a millisecond apart   merge        a rep
 short       a reply is cut off                                slow         replies come 30 ms late
 stale       an old reply stands before the next               model        the device says that it is another one
 jump        encoder a slips by 400 counts                     stuck        encoder b gives no pulses
-unplug      the port is gone, and so is the power             deaf         requests are not heard, so nothing is answered
+unplug      the port is gone, and so is the power             deaf         requests are not received, so nothing is answered
 """
 
 from itertools import takewhile

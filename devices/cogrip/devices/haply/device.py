@@ -5,7 +5,7 @@ from cogrip.devices.arm.exchange import Exchange, Port
 from cogrip.devices.arm.model import Pose
 from cogrip.devices.arm.pose import Calibration, Store
 from cogrip.devices.haply.frames import HaplyCodec
-from cogrip.devices.haply.line import CALIBRATED_ID, IDS, SESSION_ID, Greeting, HaplyLine, id_of
+from cogrip.devices.haply.line import CALIBRATED_ID, IDS, SESSION_ID, HaplyLine, SessionStart, id_of
 from cogrip.devices.haply.models import HaplyModel
 
 
@@ -20,17 +20,17 @@ class HaplyDevice(ArmDevice):
         self._number = number
         self._calibrating = False
 
-    def _plan(self) -> Greeting:
+    def _plan(self) -> SessionStart:
         if self._calibrating:
-            return Greeting(self._draw(CALIBRATED_ID), set_up=True)
+            return SessionStart(self._draw(CALIBRATED_ID), set_up=True)
         if self._pose_kind == "stored":
             kept = self._store.find(self._where)
             known_id = id_of(kept.stamp) if kept is not None else None
         else:  # pose=home was confirmed once, and the arm may be anywhere now
             known_id = self._line.known_id if self._pose_kind == "home" else 0
         if known_id:
-            return Greeting(known_id, set_up=False)
-        return Greeting(self._draw(SESSION_ID), set_up=True)
+            return SessionStart(known_id, set_up=False)
+        return SessionStart(self._draw(SESSION_ID), set_up=True)
 
     def _draw(self, first: int) -> int:
         self._number += 1

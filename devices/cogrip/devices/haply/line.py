@@ -1,4 +1,4 @@
-"""A Haply board's port, which sees to it that the board is set up when the driver meets it.
+"""A Haply board's port, which makes sure that the board is set up when the driver opens it.
 
 The setup starts the counters at zero, so it stands for the pose: as long as the board answers to the id it was set up with,
 the counters go on. A board that lost its power, or that another program set up, knows another id or none, and answers with one
@@ -23,7 +23,7 @@ _MARK = " id "
 
 
 @dataclass(frozen=True, slots=True)
-class Greeting:
+class SessionStart:
     """The first exchange on an open port: the board is set up anew, its counters at zero, or must know this id."""
 
     device_id: int
@@ -33,7 +33,7 @@ class Greeting:
 class HaplyLine:
     """See `Port`. plan: asked at every `open`. known_id: that the last setup which was answered was made with, 0 for none."""
 
-    def __init__(self, port: Port, codec: HaplyCodec, plan: Callable[[], Greeting]) -> None:
+    def __init__(self, port: Port, codec: HaplyCodec, plan: Callable[[], SessionStart]) -> None:
         self.name = port.name
         self.known_id = 0
         self._port = port
@@ -46,23 +46,23 @@ class HaplyLine:
 
     def open(self) -> None:
         """Raises DeviceError where the board does not answer, or not to an id it should know: its motors are off then."""
-        greeting = self._plan()
-        self._codec.device_id = greeting.device_id
+        start = self._plan()
+        self._codec.device_id = start.device_id
         self._port.open()
         try:
-            self._greet(greeting)
+            self._begin(start)
         except DeviceError:
             self._port.close()
             raise
 
-    def _greet(self, greeting: Greeting) -> None:
-        if greeting.set_up:
+    def _begin(self, start: SessionStart) -> None:
+        if start.set_up:
             self._set_up()
             if not self._answers():
                 raise DeviceError(
                     f"{self.name}: no reply after its setup; is this the right port, and is the board powered?"
                 )
-            self.known_id = greeting.device_id
+            self.known_id = start.device_id
         elif not self._answers():
             self._codec.device_id = LAST_RESORT_ID
             self._set_up()

@@ -82,7 +82,7 @@ class InverseDevice(Driver):
         return Sample(place, None, age, int(buttons), orientation)
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
-        """A force above the limit keeps its direction. None is asked for where the device was not heard of lately."""
+        """A force above the limit keeps its direction. None is asked for where the device has not answered lately."""
         self._need_open("write")
         size = hypot(*force_n)
         wrong = len(force_n) != self._axes or not isfinite(size)

@@ -48,7 +48,7 @@ class PseudoTerminal(ServedFirmware):
     def sources(self) -> Sequence[int]:
         return [self._master] if self.plugged else []
 
-    def heard(self, ready: Sequence[int]) -> Sequence[bytes]:
+    def received(self, ready: Sequence[int]) -> Sequence[bytes]:
         if self._master in ready:
             with suppress(OSError):  # nobody has it open
                 return [os.read(self._master, 4096)]

@@ -102,7 +102,7 @@ class ReportSocket(ServedFirmware):
     def sources(self) -> Sequence[int]:
         return [end.fileno() for end in (self._listener, self._host) if end is not None]
 
-    def heard(self, ready: Sequence[int]) -> Sequence[bytes]:
+    def received(self, ready: Sequence[int]) -> Sequence[bytes]:
         reports: list[bytes] = []
         while self._host is not None:
             try:

@@ -51,7 +51,7 @@ class ServedFirmware(ABC):
         """Descriptors on which something may come."""
 
     @abstractmethod
-    def heard(self, ready: Sequence[int]) -> Sequence[bytes]:
+    def received(self, ready: Sequence[int]) -> Sequence[bytes]:
         """Return what has come on those that are ready: bytes, or one report each."""
 
     @abstractmethod
@@ -69,7 +69,7 @@ class ServedFirmware(ABC):
                 ready = select.select(sources, [], [], wait_s)[0]
                 now_ns = time.monotonic_ns() - begun_ns
                 firmware.advance(now_ns)
-                for data in self.heard(ready):
+                for data in self.received(ready):
                     firmware.receive(data, now_ns)
                 self.tell(firmware.due(now_ns))
                 if verbs is not None and verbs in ready and not self._listen(verbs):

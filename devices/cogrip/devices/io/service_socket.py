@@ -50,12 +50,12 @@ class ServiceSocket(ServedFirmware):
     def sources(self) -> Sequence[int]:
         return [end.fileno() for end in (self._listener, self._host) if end is not None]
 
-    def heard(self, ready: Sequence[int]) -> Sequence[bytes]:
+    def received(self, ready: Sequence[int]) -> Sequence[bytes]:
         messages: list[bytes] = []
         if self._host is not None and self._host.fileno() in ready:
             messages = self._messages(self._host)
         if self._listener is not None and self._listener.fileno() in ready:
-            with suppress(OSError):  # whoever knocked has gone
+            with suppress(OSError):  # whoever connected has gone
                 self._meet(self._listener.accept()[0])
         return messages
 

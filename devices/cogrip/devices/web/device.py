@@ -58,14 +58,14 @@ class WebDevice(SimulatedDevice):
         super().__init__(record, plant, self.pointer)
         self._link = link
         self._taken = self._pressed = 0
-        self._heard = 0  # tick of the newest pointer message
+        self._newest_tick = 0  # of pointer messages
         self._every = self._rate_hz = 1
 
     def open(self, rate_hz: int) -> None:
         """See `Device.open`."""
         super().open(rate_hz)
         self._every = max(1, rate_hz // TOLD_HZ)
-        self._rate_hz, self._pressed, self._heard = rate_hz, 0, 0
+        self._rate_hz, self._pressed, self._newest_tick = rate_hz, 0, 0
 
     def read(self, tick: int) -> Sample:
         """See `Device.read`. Takes the pointer's messages first."""
@@ -77,7 +77,7 @@ class WebDevice(SimulatedDevice):
         if link.closed and self.pointer.holds:
             self.pointer.let_go()
             self._counts["page gone: let go"] += 1
-        if self._pressed and (link.closed or tick - self._heard > SILENCE_S * self._rate_hz):
+        if self._pressed and (link.closed or tick - self._newest_tick > SILENCE_S * self._rate_hz):
             self._pressed = 0  # a page that is gone holds nothing down
         sample = replace_fields(super().read(tick), buttons=self._pressed)
         if tick % self._every == 0:
@@ -104,5 +104,5 @@ class WebDevice(SimulatedDevice):
         if self.pointer.holds and pointed.number <= self._taken:  # another tab counts from 1, once this one has let go
             self._counts["late pointer message"] += 1
             return
-        self._taken, self._pressed, self._heard = pointed.number, pointed.buttons, tick
+        self._taken, self._pressed, self._newest_tick = pointed.number, pointed.buttons, tick
         self.pointer.point(tick, pointed.target_m, holds=pointed.holds)

@@ -65,7 +65,7 @@ class PointerHand:
         self._held = False
         self._tension = 0.0  # of the spring: 1 holding, 0 slack
         self._grip = 0.0  # of the damper: 1 holding, 0 moving with the device
-        self._heard = 0  # tick of the newest pointer message
+        self._newest_tick = 0  # of pointer messages
         self._moved = -1  # tick whose step the set-point has made
         self._tank_j = 0.0
 
@@ -79,7 +79,7 @@ class PointerHand:
         self._rate_hz = rate_hz
         home = home_m or (0.0,) * len(self._plant.position_m)
         self.set_point_m, self._target, self._speed_mps = list(home), home, [0.0] * len(home)
-        self._held, self._tension, self._grip, self._heard, self._moved = False, 0.0, 0.0, 0, -1
+        self._held, self._tension, self._grip, self._newest_tick, self._moved = False, 0.0, 0.0, 0, -1
         self._tank_j, self.entered_j = self._power_w * BURST_S, 0.0
         return home
 
@@ -89,7 +89,7 @@ class PointerHand:
             if not self._held:
                 self._take_hold()
             self._target = target_m[: len(self.set_point_m)]
-        self._held, self._heard = holds, tick
+        self._held, self._newest_tick = holds, tick
 
     def let_go(self) -> None:
         """Let go at once: there is nobody at the pointer any more."""
@@ -126,7 +126,7 @@ class PointerHand:
 
     def _step(self, tick: int) -> None:
         """Let go after a silence; fill the tank; move grip and set-point by one tick."""
-        if self._held and tick - self._heard > SILENCE_S * self._rate_hz:
+        if self._held and tick - self._newest_tick > SILENCE_S * self._rate_hz:
             self._held = False
         self._tank_j = min(self._tank_j + self._power_w / self._rate_hz, self._power_w * BURST_S)
         change = 1.0 / (RELEASE_S * self._rate_hz)

@@ -49,7 +49,7 @@ class DtlsClient:
 
     def send(self, message: bytes, address: Address = PEER) -> bool:
         if not self._ready or self.failed or self._association is None:
-            self._drop("not sealed yet" if not self.failed else "seal failed")
+            self._drop("no association yet" if not self.failed else "association failed")
             return False
         if not 0 < len(message) <= messages.MAX_MESSAGE_BYTES:
             self._drop("too large" if message else "empty")
@@ -57,7 +57,7 @@ class DtlsClient:
         datagram = self._association.send(message)
         if not datagram:
             self._handle_failure()
-            self._drop("seal failed")
+            self._drop("association failed")
             return False
         self.outbox.append((PEER, datagram))
         return True
@@ -65,7 +65,7 @@ class DtlsClient:
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
         association = self._association
         if self.failed or association is None:
-            self._drop("seal failed" if self.failed else "unexpected")
+            self._drop("association failed" if self.failed else "unexpected")
             return ()
         if not datagram or len(datagram) > messages.MAX_DATAGRAM_BYTES:
             self._drop("too large" if datagram else "empty")
@@ -76,7 +76,7 @@ class DtlsClient:
         received = association.feed(datagram)
         if self._ready:
             if not received:
-                self._drop("not of this seal")
+                self._drop("not authentic")
                 if association.failed:
                     self._handle_failure()
                 self._send_pending(association)
@@ -136,7 +136,7 @@ class DtlsClient:
 
     def _receive_unencrypted(self, datagram: bytes) -> None:
         """Drop an unencrypted datagram, which anyone can have sent; a refusal is kept as a hint for people."""
-        self._drop("not sealed")
+        self._drop("not encrypted")
         if self._ready:
             return
         try:

@@ -1,7 +1,7 @@
 """The receiving end of a line: keeps what arrives, counts the fate of every frame, pops one wave a frame (SPEC.md 5 and 6).
 
 A client may play a frame, or a filling, for fewer ticks than M, so that its jitter buffer moves by ticks: of a fraction f of a
-frame all sums take f, and what is left out is owed.
+frame all sums take f, and what is left out enters the position deficit.
 
 Every frame that is known to have been sent, and whose time has come, is applied (played in time), late (arrived after its
 time) or lost (never arrived): sent = applied + late + lost. No frame is played twice. `WaveLedger` bounds what is played
@@ -208,7 +208,7 @@ class LineReceiver:
         if self.gap:
             self._cursor, self.hold = number, move
             filling = self._fill(late, self.newest < number)
-            self.ledger.disturbed = True  # `filling` is owed, and the end has yielded: both are to be mended
+            self.ledger.disturbed = True  # `filling` is in the deficit, and the end has yielded: both are to be mended
             self._owe(filling, -move / ticks)  # no frame stands for it
             return self._play(filling, move / ticks)
         if move == -ticks:
@@ -253,7 +253,7 @@ class LineReceiver:
         return self._last
 
     def scale(self, wave: Frame, gain: float, wanted: float, ticks: int) -> Frame:
-        """Return a wave that plays for `ticks` ticks times `gain`, at most 1; what `wanted` times it has more is owed."""
+        """Return a wave that plays for `ticks` ticks times `gain`, at most 1; what `wanted` times it has more is deficit."""
         part = ticks / self._ticks
         less = part * (1.0 - gain * gain)
         self.ledger.disturbed = True

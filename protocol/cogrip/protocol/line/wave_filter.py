@@ -43,13 +43,13 @@ class WaveFilter:
         self._content = [held + ticks * (x - y) for held, x, y in zip(self._content, *self._newest, strict=True)]
 
     def retune(self, lag_ticks: float, ratio: float) -> list[float]:
-        """Set S, on a line whose impedance becomes `ratio` times what it was; return what the outputs owe [sqrt(W) ticks].
+        """Set S, on a line whose impedance becomes `ratio` times what it was; return what they leave out [sqrt(W) ticks].
 
         C^2 / S never grows (theory 7.3): a longer filter keeps C, a shorter one sqrt(S'/S) of it. A wave w means the force
         sqrt(2b) w at rest, so C is made smaller where b grows; the displacement that it means asks for sqrt(ratio) C.
         """
         kept = min(1.0, 1.0 / sqrt(ratio)) * (min(1.0, sqrt(lag_ticks / self.lag_ticks)) if self.lag_ticks else 0.0)
-        owed = [(sqrt(ratio) - kept) * held for held in self._content]
+        left = [(sqrt(ratio) - kept) * held for held in self._content]
         self._content = [kept * held for held in self._content]
         self.lag_ticks = lag_ticks
-        return owed
+        return left

@@ -91,7 +91,7 @@ class DtlsListener:
     def send(self, message: bytes, address: Address) -> bool:
         peer = self._open.get(address)
         if peer is None:
-            self._drop("no seal")
+            self._drop("no association")
             return False
         if not 0 < len(message) <= MAX_MESSAGE_BYTES:
             self._drop("too large" if message else "empty")
@@ -156,14 +156,14 @@ class DtlsListener:
         if session is not None:
             received = self._bounded(session.receive(datagram), address, now_ns)
             if not received:
-                self._drop("not of this seal")
+                self._drop("not authentic")
             if session.closed:
                 peer.association.failed = CLOSED
                 self._end(address, peer)
             return received or ()
         received = self._bounded(peer.association.feed(datagram), address, now_ns)
         if not received:
-            self._drop("not of this seal")
+            self._drop("not authentic")
             self._take(peer, address)
             if peer.association.failed:
                 self._end(address, peer)
@@ -260,7 +260,7 @@ class DtlsListener:
             self._drop("unauthenticated")
             return ()
         reason = self._rate_limiter.contact(address, now_ns)
-        self._drop(reason or "refused: sealed")
+        self._drop(reason or "refused: not encrypted")
         if not reason:
             answer = refusal(nonce_of(datagram), "sealed", ENCRYPTED_ONLY)
             self.outbox.append((address, answer))
@@ -372,12 +372,12 @@ class DtlsListener:
     def _fail(self, peer: Peer, address: Address, now_ns: int) -> None:
         reason = peer.association.failed
         self._drop(f"handshake failed: {reason}")
-        self._report(f"refused {place_text(address)}: {reason}", address, "seal", now_ns)
+        self._report(f"refused {place_text(address)}: {reason}", address, "handshake", now_ns)
 
     def _end(self, address: Address, peer: Peer) -> None:
         del self._open[address]
         self._unseated.pop(address, None)
-        self._drop(f"seal ended: {peer.association.failed}")
+        self._drop(f"association ended: {peer.association.failed}")
 
     def _sweep(self, now_ns: int) -> None:
         """Close associations without a seat whose time is over."""

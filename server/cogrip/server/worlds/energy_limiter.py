@@ -6,7 +6,7 @@ Per frame of T seconds; u, v waves in and back [sqrt(W)], E energy of the world 
     if L' < 0:  pay = min(-L', R),  every v is multiplied by sqrt(1 - pay/R),  L' grows by pay
     L = min(L', most_j)
 
-A wave that is not 0 leaves only with L >= 0: in debt every v is 0. The level never counts more than what came in less what
+A wave that is not 0 leaves only with L >= 0: below 0 every v is 0. The level never counts more than what came in less what
 is stored, so at each such moment sum of in >= E - E(0) - start_j: no more comes out than the world held at first and `start_j`.
 Whoever changes the world by hand (a body put back, a tool put in) takes the energy after that change as E_before.
 """

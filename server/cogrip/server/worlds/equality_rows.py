@@ -1,4 +1,4 @@
-"""Rows of welds and connections, so that their springs do work over the way that a step really goes (theory 8.2).
+"""Rows of welds and connections, so that their springs do work over the path that a step really takes (theory 8.2).
 
 p = x_1 - x_2, from one anchor to the other; J its Jacobian at the step's start, v+ the velocity after the step, h the step:
 

@@ -25,7 +25,7 @@ from cogrip.server.worlds.scene_text import SceneError
 from cogrip.server.worlds.world import Array, Row, check_saved, pressed_n
 
 RELEASE_S = 0.25
-MOST_WAYS = 8  # in which a tool goes to its proxy in a frame, each as far as it is clear
+MOST_ADVANCES = 8  # in which a tool goes to its proxy in a frame, each as far as it is clear
 CLOSE_M = 2e-4  # gap below which a tool is engaged; it goes on its way until half of it is left
 OUT_M = 1e-6  # that a tool is put outside of what is fixed
 MOST_OUT_M = 1e-3  # by which it is put there: what is deeper in touches nothing until it has left (`solid`)
@@ -95,7 +95,7 @@ class LocalScene(SceneWorld):
         return back
 
     def _follow(self, user: int, moved: bool) -> bool:
-        """Put a clear tool where its proxy is, or as far on the way as it stays clear. Near something it is engaged there.
+        """Put a clear tool where its proxy is, or as far towards it as it stays clear. Near something it is engaged there.
 
         moved: data lack what clear tools have moved, but for the places of their balls. Returns whether they do now.
         """
@@ -103,7 +103,7 @@ class LocalScene(SceneWorld):
         goal, start = self._zero[user] + self._goal[user], data.qpos[self._places[user]]
         length = dist(goal.tolist(), start.tolist())
         left, gone, gap = min(length, self._most_m), 0.0, inf
-        for _ in range(MOST_WAYS):
+        for _ in range(MOST_ADVANCES):
             gap = self._gap(user, left)
             part = min(gap - 0.5 * CLOSE_M, left)
             if gap < CLOSE_M or part <= 0.0:

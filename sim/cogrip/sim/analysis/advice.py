@@ -329,9 +329,9 @@ def feel_level(felt_npm: float, asked_npm: float) -> Level:
 
 
 def _felt_text(user: UserAdvice, seat: SeatSettings, limit: Limit) -> str:
-    ways = (seat.up, seat.down) if seat.coupling.kind != "local" else ()
-    jitter = seat.playout.frames != "auto" and any(way.jitter_ms for way in ways)  # "auto": in the playout delay
-    left_out = [name for name, there in (("jitter", jitter), ("loss", any(way.loss for way in ways))) if there]
+    link = (seat.up, seat.down) if seat.coupling.kind != "local" else ()
+    jitter = seat.playout.frames != "auto" and any(each.jitter_ms for each in link)  # "auto": in the playout delay
+    left_out = [name for name, there in (("jitter", jitter), ("loss", any(each.loss for each in link))) if there]
     where = f" at rest, calculated without the link's {' and '.join(left_out)}" if left_out else " at rest"
     text = f"{user.name}: {plain(user.asked_npm)} N/m will feel like {plain(user.felt_npm)} N/m{where}"
     if seat.coupling.compensate or seat.line.live:

@@ -8,18 +8,18 @@ Each block is expanded over the frame's M ticks, then they are joined, for each 
     -> up_i (wave filter, delay) -> server step -> down_i
 
 Order inside a frame, as in theory section 6: clients run their M ticks on the wave that has come back, and send; the
-server steps with what has reached it; its answer is seen in the next frame, so the way down holds one frame more than
-its delay. Virtual coupling exchanges states as of the frame's start instead, so there is no such frame. No way round
+server steps with what has reached it; its answer is seen in the next frame, so the downlink holds one frame more than
+its delay. Virtual coupling exchanges states as of the frame's start instead, so there is no such frame. No loop
 is without delay: with G all users' chains and S the server, D_G = 0 and P eq. 36 is
 
     A = [ A_G + B_G D_S C_G    B_G C_S ]
         [ B_S C_G              A_S     ]
 
-States: for each user the frames on the way down, the client's (position x, velocity y, velocity estimator, what is kept
-where samples are old, filter), the frames on the way up; then the server's (stretches e, object x_o and v_o, forces of the
+States: for each user the frames in the downlink, the client's (position x, velocity y, velocity estimator, what is kept
+where samples are old, filter), the frames in the uplink; then the server's (stretches e, object x_o and v_o, forces of the
 step before for `paper`).
 
-Only the delay of both ways together counts. What it has beyond whole frames splits the frame that is sent: its first ticks
+Only the sum of both delays counts. What it has beyond whole frames splits the frame that is sent: its first ticks
 still have the wave before (`wave_frame`).
 """
 
@@ -121,8 +121,8 @@ class LiftedModel:
             frames = person.up_frames + person.down_frames + self.kind.server_delay
             client = self._clients_always[number] if self._clients_always else self.client(number, stiffness_npm)
             mine = slice(number * width, (number + 1) * width)
-            way = z**-frames * person.filtered(z) ** 2
-            loop[..., mine, :] = (client.response(z) * way[..., None, None]) @ server[..., mine, :]
+            path = z**-frames * person.filtered(z) ** 2
+            loop[..., mine, :] = (client.response(z) * path[..., None, None]) @ server[..., mine, :]
         determinant: Complex = np.linalg.det(np.eye(width * N) - loop)
         return determinant
 

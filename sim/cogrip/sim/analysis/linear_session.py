@@ -83,17 +83,17 @@ class Person:
 
     @property
     def down_frames(self) -> int:
-        """Whole frames on the way down."""
+        """Whole frames in the downlink."""
         return self.down.ticks // self.rates.ticks_per_frame
 
     @property
     def up_frames(self) -> int:
-        """Whole frames on the way up, with what is left of the way down: together they are the whole frames of both."""
+        """Whole frames in the uplink, with the rest of the downlink: together they are the whole frames of both."""
         return (self.up.ticks + self.down.ticks) // self.rates.ticks_per_frame - self.down_frames
 
     @property
     def split_ticks(self) -> int:
-        """Ticks of both ways beyond whole frames: a frame that is sent has so many from before the newest wave."""
+        """Ticks of both directions beyond whole frames: a frame that is sent has so many from before the newest wave."""
         return (self.up.ticks + self.down.ticks) % self.rates.ticks_per_frame
 
 
@@ -233,8 +233,8 @@ def line_delays(seat: SeatSettings, delay_frames: float | None = None) -> tuple[
     if delay_frames is not None:
         if not 0.0 <= delay_frames <= MOST_FRAMES:
             raise ModelError(f"delay of {delay_frames:g} frames each way is out of 0 to {MOST_FRAMES}")
-        way = one_way(delay_frames * seat.rates.frame_s * 1e3, 0, seat.rates)
-        return way, way
+        delay = one_way(delay_frames * seat.rates.frame_s * 1e3, 0, seat.rates)
+        return delay, delay
     if seat.coupling.kind == "wave":
         return line_delay(seat.playout, seat.up, seat.rates), line_delay(seat.playout, seat.down, seat.rates)
     return one_way(seat.up.delay_ms, 0, seat.rates), one_way(seat.down.delay_ms, 0, seat.rates)

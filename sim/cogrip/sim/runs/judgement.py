@@ -21,7 +21,7 @@ class Judgement:
 
 
 def occupied(users: list[Row]) -> Iterator[Row]:
-    """Yield every seat session that somebody was heard in: a seat that nobody took has nothing to tell."""
+    """Yield every seat session from which something came: a seat that nobody took has nothing to tell."""
     for row in users:
         yield from earlier(row)
         empty = row.get("state") is None and not dig(row, "link", "received")

@@ -39,7 +39,7 @@ class Alignment:
 
 
 @dataclass(frozen=True, slots=True)
-class _Heard:
+class _Traffic:
     """A recording's datagrams by their bytes, and UTC - clock."""
 
     sent: dict[int, int]
@@ -69,8 +69,8 @@ def merge(folders: Sequence[Path], out: Path) -> list[Alignment]:
             raise RecordingError(
                 f"there are several files {file.name}; rename all but one, so that none is written over another"
             )
-    here = _heard(servers[0])
-    alignments = [_align(each, _heard(each), here) for each in recordings if each is not servers[0]]
+    here = _traffic(servers[0])
+    alignments = [_align(each, _traffic(each), here) for each in recordings if each is not servers[0]]
     out.mkdir(parents=True)
     for file in files:
         shutil.copy2(file, out / file.name)
@@ -88,7 +88,7 @@ def merge(folders: Sequence[Path], out: Path) -> list[Alignment]:
     return alignments
 
 
-def _heard(recording: Recording) -> _Heard:
+def _traffic(recording: Recording) -> _Traffic:
     kinds = [kind_of(topic) for topic in recording.topics]
     sent: dict[int, int] = {}
     received: dict[int, int] = {}
@@ -102,10 +102,10 @@ def _heard(recording: Recording) -> _Heard:
         elif kind == "clock":
             anchor = _clock(message.payload)
             anchors.append(anchor.utc_ns - anchor.monotonic_ns)
-    return _Heard(sent, received, median_low(anchors) if anchors else None)
+    return _Traffic(sent, received, median_low(anchors) if anchors else None)
 
 
-def _align(recording: Recording, client: _Heard, server: _Heard) -> Alignment:
+def _align(recording: Recording, client: _Traffic, server: _Traffic) -> Alignment:
     up = [server.received[key] - at for key, at in client.sent.items() if key in server.received]
     down = [at - server.sent[key] for key, at in client.received.items() if key in server.sent]
     if not up or not down:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:  # a client leaves a summary too, and has neither
 
 
 class UserRecord(msgspec.Struct, frozen=True):
-    """One user's two ends; None where an end was never heard. asked_npm: K of the settings; local: `local_contact`."""
+    """One user's two ends; None where nothing came from an end. asked_npm: K of the settings; local: `local_contact`."""
 
     name: str
     client: ClientAccount | None
@@ -57,7 +57,7 @@ def summarise(
     playout_frames: int | str | None = None,
     claims: bool = False,
 ) -> dict[str, Any]:
-    """The summary of a run. What an end that was not heard alone knew is null. playout_frames: as the settings have it.
+    """The summary of a run. What only an end knew from which nothing came is null. playout_frames: as the settings have it.
 
     claims: the clients are others', so that what they alone say decides neither `passive` nor `diverged`; it stands in
     `claimed` of each user, null elsewhere.

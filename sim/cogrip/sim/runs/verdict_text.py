@@ -72,7 +72,7 @@ def _states(summary: Summary) -> Iterator[tuple[Tone, str]]:
     for user in people(summary):
         state, reason = user.get("state"), user.get("reason")
         if state is None:
-            silent = "reported no account" if dig(user, "link", "up", "received") else "was never heard"
+            silent = "reported no account" if dig(user, "link", "up", "received") else "never sent anything"
             yield "warn", f"The client of {name_of(user)} {silent}: what it alone knows is missing."
         elif state in ("fault", "degraded") and not summary.get("diverged"):
             said = ", its client says" if user.get("claimed") else ""

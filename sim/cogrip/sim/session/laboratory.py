@@ -78,7 +78,7 @@ class Person:
         """The address from which the server receives this person's datagrams."""
         return self.migration.path
 
-    def dial(self, now_ns: int, refused: bool) -> None:
+    def migrate(self, now_ns: int, refused: bool) -> None:
         """Change the address where the live client would migrate to another path."""
         resuming = self.core.session.state == "resuming"
         if self.migration.due(now_ns, resuming, True, refused):
@@ -272,7 +272,7 @@ class Laboratory:
             if tick >= 0 and not person.gone:
                 person.supervised.write(core.act(now_ns))
             if core.session.state == "resuming" or person.migration.newer is not None:
-                person.dial(now_ns, not self.alive)
+                person.migrate(now_ns, not self.alive)
             if person.going and core.released:
                 self._say_goodbye(person, tick)
 

@@ -328,7 +328,7 @@ LOG.addFilter(_is_defect)
 
 
 class _Connection(ServerConnection):
-    """Connection that is in the visitors' books from its first byte, and whose request is counted where it is none."""
+    """Connection that counts against the visitors' limits from its first byte; a malformed request is counted by name."""
 
     def __init__(self, page: PageServer, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)

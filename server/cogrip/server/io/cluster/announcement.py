@@ -1,11 +1,11 @@
 """Announcement of a room in the shared folder: where it is, for fronts and for its next process where Ray is silent.
 
-    served   a process serves the room, and hears the directory
-    alone    it serves and hears nobody: it looks here whether another one claims the room
+    served   a process serves the room, and the directory answers it
+    alone    it serves and nobody answers it: it looks here whether another one claims the room
     claimed  the next process has begun; the one that is alone writes its last checkpoint, and ends
     ended    it has; the next one goes on
 
-A process that hears the directory is asked to hand over by Ray, and never looks here.
+A process that the directory answers is asked to hand over by Ray, and never looks here.
 """
 
 import os

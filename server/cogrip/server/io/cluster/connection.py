@@ -103,7 +103,7 @@ class RemoteRooms:
         self._news = threading.Condition()
         self._process: subprocess.Popen[bytes] | None = None
         self._end: socket.socket | None = None
-        self._heard_s = self._word_s = self._looked_s = time.monotonic()
+        self._answered_s = self._word_s = self._looked_s = time.monotonic()
         self._silent = self._closing = False
         self._failed, self._code = "", 0
         self._thread = threading.Thread(target=self._run, name="cluster", daemon=True)
@@ -113,11 +113,11 @@ class RemoteRooms:
         self._front = msgspec.structs.replace(self._front, place=place, jobs=dict(jobs))
         self._thread.start()
         with self._news:
-            heard = self._news.wait_for(lambda: self.fronts or self._failed, BEGIN_S)
+            answered = self._news.wait_for(lambda: self.fronts or self._failed, BEGIN_S)
         try:
             if self._failed:
                 raise ClusterError(self._failed)
-            if not heard:
+            if not answered:
                 raise ClusterError(
                     f"the directory of the cluster did not answer within {BEGIN_S:g} s; see `ray status`"
                 )
@@ -165,10 +165,10 @@ class RemoteRooms:
 
     def poll(self, now_s: float) -> None:
         """Note a silence of the directory, and its end; find the rooms without it meanwhile."""
-        silent = now_s - self._heard_s > SILENT_S
+        silent = now_s - self._answered_s > SILENT_S
         if silent != self._silent:
             self._silent = silent
-            self.lines.append(ServerEvent("trouble", SILENCE) if silent else ServerEvent("notice", HEARD))
+            self.lines.append(ServerEvent("trouble", SILENCE) if silent else ServerEvent("notice", ANSWERS))
         if silent and now_s - self._looked_s > LOOK_S:
             self._looked_s = now_s
             self.homes = found_homes(self._folder, self._front.jobs, self.homes)
@@ -234,7 +234,7 @@ class RemoteRooms:
                         self.homes = told.homes
                     self.counts = {**told.counts, "directory silent": self._silences}
                     self.lines.extend(told.lines)
-                    self._heard_s = self._word_s
+                    self._answered_s = self._word_s
                 case Silent():
                     self._silences += 1
                 case Failed() as given if not self.fronts:
@@ -267,7 +267,7 @@ SILENCE = (
     "the directory of the cluster is silent: rooms and their people go on, and new ones may join; until it answers no room "
     "is moved, started again or administered"
 )
-HEARD = "the directory of the cluster answers again"
+ANSWERS = "the directory of the cluster answers again"
 
 
 def found_homes(folder: StateFolder, rooms: Iterable[str], known: Mapping[str, Home]) -> dict[str, Home]:

@@ -14,7 +14,7 @@ LOST_S = 1.5  # without a report, of a process that serves
 START_S = 30.0  # likewise, of one that is being started; it may have to wait for the one before
 SUSPECT_S = 15.0  # for which no room is placed on a host that lost one, if there is another
 RETRY_S = 2.0  # after a start that failed
-SETTLE_S = 8.0  # for which a directory that has just begun waits for hosts that it has not heard yet
+SETTLE_S = 8.0  # for which a directory that has just begun waits for hosts that have not reported yet
 GAP_S = 0.5  # between two calls: longer ones are this process's own
 
 
@@ -79,7 +79,7 @@ class Told(NamedTuple):
 
 @dataclass(slots=True)
 class _Room:
-    """number, since_s: of the newest process, and when it was heard of; starting: it does not serve yet.
+    """number, since_s: of the newest process, and when it was reported last; starting: it does not serve yet.
 
     retry_s: no start before
     """
@@ -90,7 +90,7 @@ class _Room:
     since_s: float = 0.0
     starting: bool = False
     serving: Report | None = None
-    heard_s: float = 0.0
+    reported_s: float = 0.0
     retry_s: float = 0.0
 
 
@@ -117,7 +117,7 @@ class Directory:
         """Note that a front is there. Returns the places of all."""
         self._pass(now_s)
         self._fronts[place] = now_s
-        self._fronts = {front: heard_s for front, heard_s in self._fronts.items() if now_s - heard_s < LOST_S}
+        self._fronts = {front: reported_s for front, reported_s in self._fronts.items() if now_s - reported_s < LOST_S}
         return tuple(self._fronts)
 
     def leave_front(self, place: str) -> bool:
@@ -140,7 +140,7 @@ class Directory:
             room.starting = not told.place
         if told.place:
             self.moved += bool(serving) and told.number > serving
-            room.serving, room.heard_s = told, now_s
+            room.serving, room.reported_s = told, now_s
         return True
 
     def _ended(self, room: _Room, told: Report, now_s: float) -> None:
@@ -181,14 +181,14 @@ class Directory:
         moving = f"its rooms move: {', '.join(rooms)}" if rooms else "it has no rooms"
         return f"no room is placed on {found[0].address} ({found[0].name[:8]}) any more; {moving}", True
 
-    def look(self, hosts: Sequence[Host], now_s: float, all_heard: bool = True) -> list[Start]:
-        """Return the processes that are to be started now, on these hosts. all_heard: no other host has said nothing yet."""
+    def look(self, hosts: Sequence[Host], now_s: float, all_reported: bool = True) -> list[Start]:
+        """Return the processes that are to be started now, on these hosts. all_reported: no other host has said nothing yet."""
         self._pass(now_s)
-        if now_s - self._born_s < (LOST_S if all_heard else SETTLE_S):  # rooms that are served are heard of meanwhile
+        if now_s - self._born_s < (LOST_S if all_reported else SETTLE_S):  # rooms are reported meanwhile
             return []
         started = []
         for name, room in self._rooms.items():
-            if room.serving and not room.starting and now_s - room.heard_s > LOST_S:
+            if room.serving and not room.starting and now_s - room.reported_s > LOST_S:
                 self.lost += 1
                 self._suspect[room.serving.host] = now_s
                 room.serving = None
@@ -216,13 +216,13 @@ class Directory:
         return sum(1 + (len(room.serving.taken) if room.serving else 0) for room in there)
 
     def _pass(self, now_s: float) -> None:
-        """Let time pass. While nobody called nobody was heard: that is this process's own pause, and none of a room."""
+        """Let time pass. Between calls nobody can report: a long gap is this process's own pause, and none of a room."""
         if self._called_s is None:
             self._called_s = self._born_s = now_s
         gap_s, self._called_s = now_s - self._called_s, now_s
         if gap_s > GAP_S:
             for room in self._rooms.values():
-                room.heard_s += gap_s
+                room.reported_s += gap_s
                 room.since_s += gap_s
 
 

@@ -22,7 +22,7 @@ class DirectoryActor:
         self._command, self._loopback = tuple(command), loopback
         self._nodes: list[Host] = []
         self._nodes_s = float("-inf")
-        self._heard: dict[str, float] = {}  # hosts, and when their actors were heard of
+        self._reported_s: dict[str, float] = {}  # hosts, and when their actors reported last
         self._started: dict[str, float] = {}
         self._lines = GatheredLines()
 
@@ -43,7 +43,7 @@ class DirectoryActor:
     ) -> tuple[set[tuple[str, int]], int, tuple[str, ...]]:
         """Take in a host. Returns the processes that are to end, the number of the line to tell next, and the hosts."""
         now_s = time.monotonic()
-        self._heard[host] = now_s
+        self._reported_s[host] = now_s
         forbidden = set()
         for report in map(Report._make, told):
             if not self._directory.report(report, now_s):
@@ -62,7 +62,7 @@ class DirectoryActor:
         """Forget a front. Returns the actors that it has to end, as it was the last; else None."""
         if not self._directory.leave_front(place):
             return None
-        return [actor_of(host) for host in self._started.keys() | self._heard.keys()]
+        return [actor_of(host) for host in self._started.keys() | self._reported_s.keys()]
 
     def _living(self) -> list[Host]:
         import ray
@@ -78,9 +78,9 @@ class DirectoryActor:
         return self._nodes
 
     def _ready(self) -> list[Host]:
-        """Return the hosts whose actors were heard of just now."""
+        """Return the hosts whose actors have reported just now."""
         now_s = time.monotonic()
-        return [each for each in self._living() if now_s - self._heard.get(each.name, float("-inf")) < LOST_S]
+        return [each for each in self._living() if now_s - self._reported_s.get(each.name, float("-inf")) < LOST_S]
 
     def _look(self) -> None:
         """Start what is to be started: rooms, and an actor on each host."""
@@ -88,8 +88,8 @@ class DirectoryActor:
 
         ready = self._ready()
         names = [host.name for host in ready]
-        all_heard = all(host.name in self._heard for host in self._living())
-        for start in self._directory.look(ready, time.monotonic(), all_heard):
+        all_reported = all(host.name in self._reported_s for host in self._living())
+        for start in self._directory.look(ready, time.monotonic(), all_reported):
             with suppress(ValueError):  # it has died: the room is missed
                 ray.get_actor(actor_of(start.host), NAMESPACE).serve.remote(tuple(start), names)
         now_s = time.monotonic()

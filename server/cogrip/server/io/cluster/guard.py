@@ -26,7 +26,7 @@ class Guard:
         self._thread: threading.Thread | None = None
 
     def claim(self) -> None:
-        """Claim the room, where a process has it that hears nobody; return once that has ended, or has had the time to."""
+        """Claim the room from a process that nobody answers; return once that has ended, or has had the time to."""
         found = self._file.read()
         if found is None or found.state != "alone" or found.number >= self.number:
             return
@@ -45,13 +45,13 @@ class Guard:
         self._thread = threading.Thread(target=self._run, name="announcement", daemon=True)
         self._thread.start()
 
-    def direct(self, heard: bool) -> None:
-        """Note whether the directory is heard."""
-        (self._alone.clear if heard else self._alone.set)()
+    def note_directory(self, answers: bool) -> None:
+        """Note whether the directory answers."""
+        (self._alone.clear if answers else self._alone.set)()
 
     @property
     def alone(self) -> bool:
-        """Return whether nobody is heard."""
+        """Return whether nobody answers."""
         return self._alone.is_set()
 
     def ended(self) -> None:

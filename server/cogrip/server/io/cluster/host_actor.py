@@ -149,9 +149,9 @@ class HostActor:
         import ray
         from ray.exceptions import RayError
 
-        raylet, heard_s, directed = os.getppid(), time.monotonic(), True
+        raylet, answered_s, noted = os.getppid(), time.monotonic(), True
         directory: Any = None
-        asked_s = heard_s
+        asked_s = answered_s
         told: list[Report] = []  # in a call that has no answer yet: no other one is made meanwhile
         asked: Any = None
         while os.getppid() == raylet and not self._ending:  # without it the cluster takes this host for dead
@@ -165,16 +165,16 @@ class HostActor:
                 if ray.wait([asked], timeout=HEAR_S)[0]:
                     answer, asked = asked, None
                     self._obey_directory(told, *ray.get(answer))
-                    heard_s = time.monotonic()
+                    answered_s = time.monotonic()
                 elif time.monotonic() - asked_s > GIVE_UP_S:
                     directory = asked = None
             except (RayError, ValueError):
                 directory = asked = None
-            heard = time.monotonic() - heard_s < SILENT_S
-            if heard != directed:
-                directed = heard
+            answers = time.monotonic() - answered_s < SILENT_S
+            if answers != noted:
+                noted = answers
                 for process in list(self._rooms.values()):
-                    process.direct(heard)
+                    process.note_directory(answers)
         if self._ending:
             time.sleep(LINGER_S)
             self._template.close()

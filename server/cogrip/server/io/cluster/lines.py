@@ -27,7 +27,7 @@ class Lines:
 
 
 class GatheredLines:
-    """Lines of several sources as one. A source that repeats what it was not told to be taken is heard once."""
+    """Lines of several sources as one. Each line counts once, also where a source repeats it, not knowing that it was taken."""
 
     def __init__(self) -> None:
         self.all = Lines()

@@ -83,8 +83,8 @@ class RayProcess:
         """Ask the directory again and again. Return the exit code."""
         threading.Thread(target=self._obey, daemon=True).start()
         ray, directory, next_line = self._ray, None, None
-        heard_s = time.monotonic()
-        while time.monotonic() - heard_s < SILENT_S:
+        answered_s = time.monotonic()
+        while time.monotonic() - answered_s < SILENT_S:
             try:
                 directory = directory or self._directory()
                 with self._asking:
@@ -92,7 +92,7 @@ class RayProcess:
                         break
                     asked = directory.front.remote(self._front.place, dict(self._jobs), next_line)
                     told: Told = ray.get(asked, timeout=FRONT_S)
-                next_line, heard_s = told.next_line, time.monotonic()
+                next_line, answered_s = told.next_line, time.monotonic()
                 self._send(State(told))
             except (ray.exceptions.RayError, ValueError):  # it is being started again, or was ended
                 directory = None

@@ -1,6 +1,6 @@
 """Checkpoints of a room of a cluster: in the shared folder, or in the memory of two hosts, by the link to their actor.
 
-A process that hears nobody writes into the folder, whatever the settings say: nobody else takes what it has.
+A process that nobody answers writes into the folder, whatever the settings say: nobody else takes what it has.
 """
 
 from collections.abc import Callable

@@ -14,7 +14,7 @@ from cogrip.server.io.workers.link import (
     Answered,
     AnyToWorker,
     Begin,
-    Directed,
+    DirectoryContact,
     End,
     Ended,
     HandOver,
@@ -66,9 +66,9 @@ class RoomProcess:
         """Let the room begin; from now on its place is told."""
         self._send(Begin(checkpoint))
 
-    def direct(self, heard: bool) -> None:
-        """Tell whether the directory is heard."""
-        self._send(Directed(heard))
+    def note_directory(self, answers: bool) -> None:
+        """Tell whether the directory answers."""
+        self._send(DirectoryContact(answers))
 
     def obey(self, order: AnyOrder) -> Answer:
         """Return the answer to an order."""

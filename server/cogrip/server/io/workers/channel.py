@@ -52,7 +52,7 @@ class WorkerChannel:
             self._link.send(Astray(path.address, datagram))
             return ()
         elif not (messages := path.session.receive(datagram)):
-            self._counts["not of this seal"] += 1
+            self._counts["not authentic"] += 1
             if path.session.closed:
                 self._release(path)
         return [each for each in messages if not self._is_for_front(path, each)]

@@ -93,10 +93,10 @@ class Begin(ToWorker, frozen=True, tag="begin"):
     checkpoint: bytes
 
 
-class Directed(ToWorker, frozen=True, tag="directed"):
-    """Contact with the directory: while it is not heard, the room watches its announcement."""
+class DirectoryContact(ToWorker, frozen=True, tag="directory contact"):
+    """Contact with the directory: while it does not answer, the room watches its announcement."""
 
-    heard: bool
+    answers: bool
 
 
 class HandOver(ToWorker, frozen=True, tag="hand over"):
@@ -191,7 +191,7 @@ class Ended(ToFront, frozen=True, tag="ended"):
     code: int
 
 
-AnyToWorker = Assign | Ask | Path | Stray | Forget | Obey | Void | Serve | Begin | Directed | HandOver | End
+AnyToWorker = Assign | Ask | Path | Stray | Forget | Obey | Void | Serve | Begin | DirectoryContact | HandOver | End
 AnyToFront = Ready | Say | Asked | Astray | Released | Admitted | Revoke | Answered | Measured | Said | Saved | Ended
 
 _encode = msgspec.msgpack.Encoder().encode

@@ -120,7 +120,7 @@ def region_rows(regions: Sequence[Region], box_npm: tuple[float, float]) -> list
         boundary = region.boundary
         columns = (boundary.points_npm, boundary.open, boundary.inside, boundary.outside)
         for (k1, k2), open_, inside, outside in zip(*(column.tolist() for column in columns), strict=True):
-            kind, beyond = ("frame", "") if open_ else ("outline", outside)
+            kind, beyond = ("frame", "") if open_ else ("boundary", outside)
             rows.append([region.delay_frames, kind, k1, k2, inside, beyond])
         if region.grid is not None:
             k1s, k2s = grid_axes(box_npm, len(region.grid))
@@ -147,7 +147,7 @@ def region_record(
             "to_npm": list(box_npm),
             "grid": 0 if regions[0].grid is None else len(regions[0].grid),
         },
-        "outlines": [
+        "boundaries": [
             {
                 "delay_frames": region.delay_frames,
                 "verified": region.boundary.verified,
