@@ -225,7 +225,7 @@ class Paths:
 
     def _adopt(self, path: NetworkPath) -> None:
         """Use a path from now on, and ask its server first in the next silence."""
-        self._close(*self._migration.adopt(path))
+        self._close(*self._migration.adopt(path, self._migration.newest.ready))
         self.failed, self._redirects, self._hello = "", 0, b""
         if path.server not in self._known:
             self._known[:0] = [path.server]
