@@ -187,7 +187,7 @@ class LiveServer:
             while (now_ns := clock()) < due_ns:
                 pass
             ticks = {room.name: pacers[room.name].take(now_ns) for room in awake}
-            path.drain(now_ns)
+            path.drain(now_ns, now_ns - due_ns)
             for room in awake:
                 pacer, tick = pacers[room.name], ticks[room.name]
                 if tick is None:
