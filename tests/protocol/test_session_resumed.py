@@ -78,6 +78,20 @@ def test_another_address_takes_the_seat_along() -> None:
     assert core.dropped == {"not seated": 1}, "the address that was left"
 
 
+def test_a_hello_that_was_overtaken_takes_no_seat_back() -> None:
+    """Of several sockets, or processes, that stood still, the one with the older hello may come last."""
+    client, core = quiet()
+    [asked] = client.outbox
+    exchange(client, core, 5 + QUIET_NS + HELLO_EVERY_NS, "another address")
+    core.receive(asked, "anna's", 5 + QUIET_NS)
+    seat = core.rooms[0].seats[0]
+    assert (seat.address, seat.last_received_ns) == ("another address", 5 + QUIET_NS + HELLO_EVERY_NS)
+    assert core.dropped == {"old hello": 1}
+    assert not core.outbox
+    core.receive(asked, "anna's", 5 + QUIET_NS + HELLO_EVERY_NS)
+    assert seat.address == "anna's"
+
+
 def test_a_server_that_was_started_anew_gives_another_session() -> None:
     client, core = quiet()
     again = server(tickets=True, first_session=777)

@@ -65,11 +65,12 @@ class Seated(NamedTuple):
 
 
 class Waiting(NamedTuple):
-    """A hello that waits for the answer to another one with the same token. by: worker by whose path it came."""
+    """A hello that waits for the answer to another one with the same token. by: worker by whose path it came, if one."""
 
     message: bytes
     token: str
     by: Worker | None
+    arrived_ns: int
     since_ns: int
 
 
@@ -163,18 +164,21 @@ class Front(PublicPort):
             self._ask(message, address, now_ns)
         self._channel.renewed.clear()  # nobody here has a seat
 
-    def _ask(self, message: bytes, address: PeerAddress, now_ns: int, by: Worker | None = None) -> None:
-        """Hand a message over to the worker that answers it. by: the one by whose path it came."""
+    def _ask(
+        self, message: bytes, address: PeerAddress, now_ns: int, by: Worker | None = None, arrived_ns: int | None = None
+    ) -> None:
+        """Hand a message over to the worker that answers it. by: the one by whose path it came; arrived_ns: before now."""
+        came_ns = now_ns if arrived_ns is None else arrived_ns
         try:
             hello = messages.decode(message)
         except MalformedError:  # also a hello of another version, which every worker can refuse
             worker = next((each for each in self.pool.workers if each.state == "ready"), None)
             if worker is not None:
-                worker.link.send(Ask(address, message, None))
+                worker.link.send(Ask(address, message, None, came_ns))
             return
         if not isinstance(hello, Hello):
             if asked := self._asking.get(address):
-                asked[0].link.send(Ask(address, message, None))
+                asked[0].link.send(Ask(address, message, None, came_ns))
             else:
                 self.dropped["not seated"] += 1
             return
@@ -196,11 +200,11 @@ class Front(PublicPort):
         elif by not in (None, worker):
             self._refuse(hello, Denied("room", f"room {room!r} is reached by a new connection; join anew"), address)
         elif token and any(other != address and each[1] == token for other, each in self._asking.items()):
-            self._waiting[address] = Waiting(message, token, by, now_ns)  # the token may be good for one time
+            self._waiting[address] = Waiting(message, token, by, came_ns, now_ns)  # the token may be good for one time
         else:
             self._waiting.pop(address, None)
             self._asking[address] = worker, token, now_ns
-            worker.link.send(Ask(address, message, verdict))
+            worker.link.send(Ask(address, message, verdict, came_ns))
 
     def _ask_next(self, token: str, now_ns: int) -> None:
         """Ask about the hello that waits for this token, if none is asked about: many people may come by one link at once."""
@@ -208,7 +212,7 @@ class Front(PublicPort):
             if any(each[1] == token for each in self._asking.values()):
                 return
             waiting = self._waiting.pop(address)
-            self._ask(waiting.message, address, now_ns, waiting.by)
+            self._ask(waiting.message, address, now_ns, waiting.by, waiting.arrived_ns)
 
     def _too_many(self, token: str, room: str, address: Address) -> Denied | None:
         """Return a refusal where the token holds as many seats in other workers as it may in all."""
@@ -247,7 +251,7 @@ class Front(PublicPort):
                 if asked and asked[1]:
                     self._ask_next(asked[1], now_ns)
             case Asked():
-                self._ask(given.message, given.address, now_ns, worker)
+                self._ask(given.message, given.address, now_ns, worker, given.arrived_ns)
             case Astray():
                 self._take(given.datagram, given.address, now_ns)
             case Released():
