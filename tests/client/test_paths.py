@@ -159,6 +159,17 @@ def test_a_server_that_was_stopped_answers_the_hello_by_the_old_path_first(paths
     assert len(paths.paths) == 1
 
 
+def test_a_handshake_is_reported_once_and_what_needs_none_is_not(far: Far, make: Make, paths: Paths) -> None:
+    assert [paths.poll(now_ns, resuming=True) for now_ns in range(3)] == [False] * 3
+    slow = make(SlowChannel)
+    assert not slow.poll(0, resuming=True)
+    heard = [far.hear() for _ in range(2)]
+    for _, address in heard:
+        far.say(b"open", address)
+    wait_until_ready(slow)
+    assert [slow.poll(now_ns, resuming=True) for now_ns in range(3)] == [True, False, False]
+
+
 def test_a_path_that_carried_no_hello_is_closed_by_a_welcome_by_the_old_one(far: Far, make: Make) -> None:
     paths = make(SlowChannel)
     paths.poll(0, resuming=False)

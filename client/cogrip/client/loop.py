@@ -214,7 +214,8 @@ class LiveClient:
             self._drain(clock())  # what came since the tick began was sent by a server that had it so long
             core.timing = (pacer.late_ns // 1000, work_us, pacer.skipped)
             supervised.write(core.act(now_ns))
-            self.paths.poll(now_ns, session.state == "resuming")
+            if self.paths.poll(now_ns, session.state == "resuming"):
+                core.handle(inputs.Reached(), now_ns)
             if session.state != session_state:
                 if text := session_change(session, session_state, session.state):
                     self.say(text)
