@@ -10,7 +10,14 @@ from pathlib import Path
 import pytest
 
 from tests.live.held_arms import Spoken, fairly, until
-from tests.live.test_unauthenticated_peers import MOST_STEP_N, PULL, Server, before_silence, largest_step_n, recording_of
+from tests.live.test_unauthenticated_peers import (
+    MOST_STEP_N,
+    PULL,
+    Server,
+    before_silence,
+    largest_step_n,
+    recording_of,
+)
 from tests.live.test_workers import Rooms, leave
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="several workers need Linux")
@@ -27,7 +34,9 @@ def one_process(start: Callable[..., Spoken], base: Path, encryption: str) -> tu
     return made.process, [made.process.popen.pid], (where,)
 
 
-def with_workers(start: Callable[..., Spoken], base: Path, encryption: str) -> tuple[Spoken, list[int], tuple[str, ...]]:
+def with_workers(
+    start: Callable[..., Spoken], base: Path, encryption: str
+) -> tuple[Spoken, list[int], tuple[str, ...]]:
     """Start a server of several workers, and return the same."""
     made = Rooms(start, base, encryption)
     return made.process, [made.process.popen.pid, made.worker(1), made.worker(2)], made.where("cellar")

@@ -40,7 +40,7 @@ STALE_NS = 100_000_000  # without a new frame: the hand's force goes to zero, th
 LOST_NS = 2_000_000_000  # without a datagram: the other end is gone
 QUIET_NS = 500_000_000  # without a datagram: the client tries to resume
 RESUME_GIVE_UP_NS = 10_000_000_000  # without a datagram, and without a handshake: the client gives up
-RESUME_MOST_NS = 30_000_000_000  # without a datagram, while handshakes are made: a server starts, and its rooms come last
+RESUME_MOST_NS = 30_000_000_000  # without a datagram, while handshakes are made: its rooms are not there yet
 LEAVE_EVERY_NS = 100_000_000
 LEAVE_GIVE_UP_NS = 600_000_000
 

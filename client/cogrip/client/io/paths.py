@@ -82,7 +82,7 @@ def session_change(session: ClientSession, before: str, after: str) -> str:
 
 
 class NetworkPath:
-    """One socket and its channel. `refused`: nobody listens at its other end; `met`: a handshake was made, or none is needed."""
+    """One socket and its channel. refused: nobody listens at its other end; met: a handshake was made, or none is needed."""
 
     def __init__(self, server: Server, channel: Channel) -> None:
         self.server = server
