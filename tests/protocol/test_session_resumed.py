@@ -107,7 +107,7 @@ def test_another_address_takes_the_seat_along() -> None:
 
 
 def test_a_hello_that_was_overtaken_takes_no_seat_back() -> None:
-    """Of several sockets, or processes, that stood still, the one with the older hello may come last."""
+    """Sockets and processes that stood still may bring the older hello last."""
     client, core = quiet()
     [asked] = client.outbox
     exchange(client, core, 5 + QUIET_NS + HELLO_EVERY_NS, "another address")

@@ -428,34 +428,6 @@ def test_a_seat_session_begins_with_an_empty_energy_ledger(desk: Guarded) -> Non
     assert list(here.world.worked()) == [0.0, 1.0], "and nobody else's are touched"
 
 
-@pytest.mark.parametrize("away_s", [0.5, 2.5, 9.0])
-def test_people_have_time_to_answer_a_server_that_was_away(away_s: float) -> None:
-    """It heard nobody meanwhile, and they have heard nothing: whoever is there resumes at its first answer."""
-    desk = Guarded(room(people=("anna", "ben")))
-    anna = desk.welcome("anna", name="anna", nonce=1)
-    watcher = desk.welcome("watcher", token="o", role="observer", nonce=2)
-    seat, slots = desk.core.rooms[0].seats[0], desk.core.rooms[0].observer_slots
-    desk.now_ns += round(away_s * 1e9)
-    desk.core.tick(desk.core.rooms[0], desk.now_ns, round(away_s * 128))
-    assert (seat.state, seat.session, len(slots.observers)) == ("seated", anna.session, 1)
-    desk.now_ns += LOST_NS
-    desk.core.tick(desk.core.rooms[0], desk.now_ns)
-    assert seat.state == "seated"
-    desk.now_ns += 1
-    desk.core.receive(messages.encode(Heartbeat(watcher.session, Stamp(1))), "watcher", desk.now_ns)
-    desk.core.tick(desk.core.rooms[0], desk.now_ns)
-    assert (seat.state, len(slots.observers)) == ("free", 1), "and not more than whoever falls silent"
-    assert desk.core.dropped == {"seat timed out": 1}
-
-
-def test_a_server_that_is_late_by_less_gives_no_more_time() -> None:
-    desk = Guarded(room())
-    desk.welcome("anna", name="anna", nonce=1)
-    desk.now_ns += LOST_NS + 1
-    desk.core.tick(desk.core.rooms[0], desk.now_ns, round(QUIET_NS * 1e-9 * 128) - 1)
-    assert desk.core.rooms[0].seats[0].state == "free"
-
-
 def test_a_client_whose_waves_do_not_fit_counts_as_silent() -> None:
     """Waves that do not fit keep no seat; heartbeats do: a device may take long to open."""
     desk = Guarded(room(people=("anna", "ben", "carl")))

@@ -1,4 +1,4 @@
-"""Datagrams that waited while the server's process stood still: all of them are taken in before its next step."""
+"""Server whose process stood still: it takes in all that waited, and gives people time to answer, before it ends a seat."""
 
 from collections import deque
 from types import SimpleNamespace
@@ -6,13 +6,16 @@ from types import SimpleNamespace
 import pytest
 
 from cogrip.protocol.channel import Address
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Welcome, decode, padded
+from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Heartbeat, Stamp, Welcome, decode, encode, padded
+from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.server.io import datagram_path
 from cogrip.server.io.datagram_path import AWAY_NS, MOST_AT_ONCE, DatagramPath
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.unencrypted_channel import UnencryptedListener
 
 from tests.protocol.two_ends import MS, hello, seated, waves
+from tests.server.test_resumption import Guarded
+from tests.server.test_server_core import room
 
 AWAY_S = 5
 HALF_FRAME_NS = 4 * MS
@@ -79,3 +82,31 @@ def test_a_flood_is_cut_short_unless_the_loop_was_away(late_ns: int, taken: int)
     path = DatagramPath(port, UnencryptedListener(RateLimiter(bytes(16)), core.listens_to), core, HALF_FRAME_NS)
     path.drain(0, late_ns)
     assert (path.received, len(port.buffer)) == (taken, 3000 - taken)
+
+
+@pytest.mark.parametrize("away_s", [0.5, 2.5, 9.0])
+def test_people_have_time_to_answer_a_server_that_was_away(away_s: float) -> None:
+    """It heard nobody meanwhile, and they have heard nothing: whoever is there resumes at its first answer."""
+    desk = Guarded(room(people=("anna", "ben")))
+    anna = desk.welcome("anna", name="anna", nonce=1)
+    watcher = desk.welcome("watcher", token="o", role="observer", nonce=2)
+    seat, slots = desk.core.rooms[0].seats[0], desk.core.rooms[0].observer_slots
+    desk.now_ns += round(away_s * 1e9)
+    desk.core.tick(desk.core.rooms[0], desk.now_ns, round(away_s * 128))
+    assert (seat.state, seat.session, len(slots.observers)) == ("seated", anna.session, 1)
+    desk.now_ns += LOST_NS
+    desk.core.tick(desk.core.rooms[0], desk.now_ns)
+    assert seat.state == "seated"
+    desk.now_ns += 1
+    desk.core.receive(encode(Heartbeat(watcher.session, Stamp(1))), "watcher", desk.now_ns)
+    desk.core.tick(desk.core.rooms[0], desk.now_ns)
+    assert (seat.state, len(slots.observers)) == ("free", 1), "and not more than whoever falls silent"
+    assert desk.core.dropped == {"seat timed out": 1}
+
+
+def test_a_server_that_is_late_by_less_gives_no_more_time() -> None:
+    desk = Guarded(room())
+    desk.welcome("anna", name="anna", nonce=1)
+    desk.now_ns += LOST_NS + 1
+    desk.core.tick(desk.core.rooms[0], desk.now_ns, round(QUIET_NS * 1e-9 * 128) - 1)
+    assert desk.core.rooms[0].seats[0].state == "free"
