@@ -52,11 +52,25 @@ def test_hellos_go_by_the_newest_path_and_the_rest_by_the_one_in_use(migration: 
     assert migration.attempts == 2
 
 
-@pytest.mark.parametrize(("by", "closed"), [("old", ["new"]), ("new", ["old"])])
-def test_a_welcome_decides_which_path_is_used(migration: PathMigration[str], by: str, closed: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("by", "asked", "closed"), [("old", False, ["new"]), ("new", False, ["old"]), ("new", True, ["old"])]
+)
+def test_a_welcome_decides_which_path_is_used(
+    migration: PathMigration[str], by: str, asked: bool, closed: list[str]
+) -> None:
     migration.tried("new", 0)
-    assert migration.adopt(by) == closed
+    assert migration.adopt(by, asked) == closed
     assert (migration.paths, migration.path, migration.newest) == ((by,), by, by)
+
+
+def test_a_hello_by_the_newer_path_may_be_answered_after_the_one_by_the_old_path(migration: PathMigration[str]) -> None:
+    migration.due(0, True, False, False)
+    migration.tried("new", 0)
+    assert migration.adopt("old") == []
+    assert (migration.paths, migration.path) == (("old", "new"), "old")
+    assert migration.spare(SPARE_NS, False) is None, "the server comes to the next hello"
+    assert migration.adopt("new") == ["old"], "and has bound the seat to that path"
+    assert (migration.paths, migration.path) == (("new",), "new")
 
 
 def test_a_path_that_could_not_be_opened_counts_as_an_attempt(migration: PathMigration[str]) -> None:

@@ -144,14 +144,42 @@ def test_hellos_go_by_a_new_path_until_a_welcome_has_come_by_it(paths: Paths, fa
     assert paths.attempts == 1
 
 
-def test_a_welcome_by_the_old_path_closes_the_new_one(paths: Paths, far: Far) -> None:
+def test_a_server_that_was_stopped_answers_the_hello_by_the_old_path_first(paths: Paths, far: Far) -> None:
+    paths.send(b"hello", hello=True)  # at the tick at which its silence is noticed, before there is another path
+    paths.poll(0, resuming=True)
+    paths.send(b"hello again", hello=True)
+    received = dict(far.hear() for _ in range(2))
+    for hello in (b"hello", b"hello again"):  # the seat is bound to where the last one came from
+        far.say(b"welcome", received[hello])
+    found: list[bytes] = []
+    while len(found) < 2:
+        found += arrived(paths, answers=lambda message: message == b"welcome")
     paths.send(b"waves")
+    assert far.hear() == (b"waves", received[b"hello again"])
+    assert len(paths.paths) == 1
+
+
+def test_a_handshake_is_reported_once_and_what_needs_none_is_not(far: Far, make: Make, paths: Paths) -> None:
+    assert [paths.poll(now_ns, resuming=True) for now_ns in range(3)] == [False] * 3
+    slow = make(SlowChannel)
+    assert not slow.poll(0, resuming=True)
+    heard = [far.hear() for _ in range(2)]
+    for _, address in heard:
+        far.say(b"open", address)
+    wait_until_ready(slow)
+    assert [slow.poll(now_ns, resuming=True) for now_ns in range(3)] == [True, False, False]
+
+
+def test_a_path_that_carried_no_hello_is_closed_by_a_welcome_by_the_old_one(far: Far, make: Make) -> None:
+    paths = make(SlowChannel)
+    paths.poll(0, resuming=False)
     _, old = far.hear()
+    far.say(b"open", old)
+    wait_until_ready(paths)
     paths.poll(0, resuming=True)
     far.say(b"welcome", old)
-    assert arrived(paths, answers=lambda message: True) == [b"welcome"]
-    paths.send(b"hello", hello=True)
-    assert far.hear() == (b"hello", old)
+    assert arrived(paths, answers=lambda message: message == b"welcome") == [b"welcome"]
+    assert len(paths.paths) == 1
 
 
 def test_a_hello_waits_until_its_path_is_ready_and_is_no_drop(far: Far, make: Make) -> None:

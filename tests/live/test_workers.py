@@ -18,6 +18,7 @@ from cogrip.sim.runs.replay.verify import verify
 from tests.free_ports import free_port
 from tests.live.held_arms import DEMO, Spoken, fairly, until
 from tests.live.test_unauthenticated_peers import MOST_STEP_N, PULL, Relay, before_silence, largest_step_n, recording_of
+from tests.stalls import MACHINE_STALLED
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="several workers need Linux, which steers datagrams")
 
@@ -198,6 +199,8 @@ def test_the_rooms_of_a_front_that_is_killed_are_found_by_the_next_server(start,
         "--runs", rooms.runs,
     )  # fmt: skip
     again.hear("cellar: restored")
+    if "no server for" in ben.said:
+        pytest.skip(f"{MACHINE_STALLED}: a server did not start within the 10 s for which a client waits")
     ben.hear(r"resumed after ([\d.]+) s")
     again.hear("cellar: ben resumed from")
     leave(ben)

@@ -5,7 +5,14 @@ import pytest
 
 from cogrip.protocol import messages, session
 from cogrip.protocol.messages import HELLO_BYTES, Leave, Stamp, View, Waves, Welcome
-from cogrip.protocol.session import HELLO_EVERY_NS, LOST_NS, QUIET_NS, RESUME_GIVE_UP_NS, ClientSession
+from cogrip.protocol.session import (
+    HELLO_EVERY_NS,
+    LOST_NS,
+    QUIET_NS,
+    RESUME_GIVE_UP_NS,
+    RESUME_MOST_NS,
+    ClientSession,
+)
 from cogrip.server.core import ServerCore
 from cogrip.server.inputs import Kick, Restore
 
@@ -60,6 +67,27 @@ def test_a_client_gives_up_after_ten_seconds() -> None:
     assert (client.state, client.failed) == ("closed", "no server for 10 s")
 
 
+def test_a_client_waits_longer_for_a_server_that_makes_handshakes() -> None:
+    client, _ = quiet()
+    for at_ns in (9000 * MS, 18000 * MS, 27000 * MS):
+        client.poll(at_ns)
+        assert client.state == "resuming"
+        client.reached(at_ns)
+    client.poll(5 + RESUME_MOST_NS - 1)
+    assert client.state == "resuming"
+    client.poll(5 + RESUME_MOST_NS)
+    assert (client.state, client.failed) == ("closed", "no server for 30 s")
+
+
+def test_a_client_gives_up_ten_seconds_after_the_last_handshake() -> None:
+    client, _ = quiet()
+    client.reached(5 + 3000 * MS)
+    client.poll(5 + 3000 * MS + RESUME_GIVE_UP_NS - 1)
+    assert client.state == "resuming"
+    client.poll(5 + 3000 * MS + RESUME_GIVE_UP_NS)
+    assert (client.state, client.failed) == ("closed", "no server for 13 s")
+
+
 def test_the_old_path_may_come_back_by_itself() -> None:
     client, _ = quiet()
     message = client.receive(waves(100), 5 + 800 * MS)
@@ -76,6 +104,20 @@ def test_another_address_takes_the_seat_along() -> None:
     assert (seat.state, seat.session, seat.address) == ("seated", 100, "another address")
     core.receive(waves(100), "anna's", 6 + QUIET_NS)
     assert core.dropped == {"not seated": 1}, "the address that was left"
+
+
+def test_a_hello_that_was_overtaken_takes_no_seat_back() -> None:
+    """Sockets and processes that stood still may bring the older hello last."""
+    client, core = quiet()
+    [asked] = client.outbox
+    exchange(client, core, 5 + QUIET_NS + HELLO_EVERY_NS, "another address")
+    core.receive(asked, "anna's", 5 + QUIET_NS)
+    seat = core.rooms[0].seats[0]
+    assert (seat.address, seat.last_received_ns) == ("another address", 5 + QUIET_NS + HELLO_EVERY_NS)
+    assert core.dropped == {"old hello": 1}
+    assert not core.outbox
+    core.receive(asked, "anna's", 5 + QUIET_NS + HELLO_EVERY_NS)
+    assert seat.address == "anna's"
 
 
 def test_a_server_that_was_started_anew_gives_another_session() -> None:

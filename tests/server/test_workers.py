@@ -99,7 +99,7 @@ def test_a_port_that_another_program_has_is_not_shared() -> None:
 def test_a_link_carries_messages_and_descriptors_and_counts_what_it_cannot() -> None:
     front, worker = (Link(end) for end in message_pair())
     read, write = socket.socketpair()
-    ask = Ask((HOST, 5), b"hello", Grant("player", "0b9ee21b"))
+    ask = Ask((HOST, 5), b"hello", Grant("player", "0b9ee21b"), 17)
     assert front.send(ask)
     assert front.send(Path((HOST, 5), None), [write.fileno()])
     assert worker.take_at_worker() == (ask, [])

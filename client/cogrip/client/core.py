@@ -241,6 +241,7 @@ def _seatless() -> ValueError:
 HANDLERS: Mapping[type[ClientInput], Callable[[ClientCore, Any], ClientAccount | None]] = {
     inputs.Connect: lambda core, given: core.session.connect(core.now_ns),
     inputs.Poll: lambda core, given: core.session.poll(core.now_ns),
+    inputs.Reached: lambda core, given: core.session.reached(core.now_ns),
     inputs.KeepSeat: lambda core, given: core.session.heartbeat(core.now_ns),
     inputs.DeviceOpened: lambda core, given: core._seat.equip(given.capability),
     inputs.DeviceFailed: lambda core, given: core._fail(given.reason),

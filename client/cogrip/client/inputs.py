@@ -29,6 +29,10 @@ class Poll(Input, frozen=True, gc=False):
     """Run the session's timers. Where no ticks are run, at least every 100 ms."""
 
 
+class Reached(Input, frozen=True, gc=False):
+    """The server has made a handshake while it is silent: it is there, if not its room yet."""
+
+
 class KeepSeat(Input, frozen=True, gc=False):
     """Send a sign of life before the first tick."""
 
@@ -89,7 +93,7 @@ class Leave(Input, frozen=True, gc=False):
     reason: str
 
 
-SessionInput = Connect | Poll | Leave
+SessionInput = Connect | Poll | Reached | Leave
 ClientInput = (
     SessionInput
     | KeepSeat

@@ -214,7 +214,7 @@ class LiveClient:
             self._drain(clock())  # what came since the tick began was sent by a server that had it so long
             core.timing = (pacer.late_ns // 1000, work_us, pacer.skipped)
             supervised.write(core.act(now_ns))
-            self.paths.poll(now_ns, session.state == "resuming")
+            self._poll_paths(now_ns)
             if session.state != session_state:
                 if text := session_change(session, session_state, session.state):
                     self.say(text)
@@ -293,6 +293,10 @@ class LiveClient:
             "held off: the tool stands still" if kept else "clutched as before" if held else "engaged: force ramps in"
         )
 
+    def _poll_paths(self, now_ns: int) -> None:
+        if self.paths.poll(now_ns, self._core.session.state == "resuming"):
+            self._core.handle(inputs.Reached(), now_ns)
+
     def _tell_changes(self) -> None:
         """Tell the person what the administrator has set."""
         if (seat := self._core.seated) is not None and seat.changes.reported != self._told:
@@ -328,9 +332,8 @@ class LiveClient:
     def _server_silent(self, now_ns: int) -> str:
         """Return why an end that is no failure by itself is one: the server does not learn of it; "" where it does."""
         session = self._core.session
-        if session.state != "resuming":
-            return ""
-        return f"the server was silent for the last {(now_ns - session.last_received_ns) / 1e9:.1f} s"
+        silent_s = (now_ns - session.last_received_ns) / 1e9
+        return f"the server was silent for the last {silent_s:.1f} s" if session.state == "resuming" else ""
 
     def _report_safety(self, before: State, after: State) -> None:
         reason = self._core.safety.reason

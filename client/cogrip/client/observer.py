@@ -2,7 +2,7 @@
 
 from collections import deque
 
-from cogrip.client.inputs import Connect, Leave, Poll, SessionInput
+from cogrip.client.inputs import Connect, Leave, Poll, Reached, SessionInput
 from cogrip.client.markers import Markers
 from cogrip.client.observed_scene import ObservedScene
 from cogrip.protocol.effects import Effect
@@ -53,6 +53,8 @@ class ObserverCore:
             case Poll():
                 session.poll(now_ns)
                 session.heartbeat(now_ns)
+            case Reached():
+                session.reached(now_ns)
             case Leave():
                 session.leave(given.reason, None, now_ns)
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from select import select
 
-from cogrip.client.inputs import Leave, Poll
+from cogrip.client.inputs import Leave, Poll, Reached
 from cogrip.client.io.paths import POLL_S, Paths, session_change
 from cogrip.client.observer import ObserverCore
 from cogrip.protocol.io.platform import time
@@ -58,4 +58,5 @@ class LiveObserver:
             message = core.outbox.popleft()
             paths.send(message, message == session.hello)
         paths.drain(now_ns, core.receive, session.is_welcome, session.redirect)
-        paths.poll(now_ns, session.state == "resuming")
+        if paths.poll(now_ns, session.state == "resuming"):
+            core.handle(Reached(), now_ns)

@@ -3,8 +3,9 @@
 seated          one path
 resuming        another path is opened at once, and again: after AGAIN_NS while nothing answers, after REFUSED_NS where nobody
                 listens; hellos go by the newest path, and the one before stays in use
-a welcome       by whichever path: that one is used from now on, the others are closed
-session resumed by the old path: the newer one stays open for SPARE_NS, since a welcome may still come by it
+a welcome       by the newer path: that one is used from now on, the old one is closed
+session resumed by the old path, with a welcome or without: the newer one stays open for SPARE_NS, since the server may bind
+                the seat to it as soon as it comes to the hello that went there, and its welcome comes there
 """
 
 from typing import Generic, TypeVar
@@ -68,9 +69,11 @@ class PathMigration(Generic[P]):
         before, self.newer = self.newer, path
         return before
 
-    def adopt(self, path: P) -> list[P]:
-        """Use the path by which a welcome came. Returns the paths to be closed."""
-        others = [each for each in self.paths if each is not path]
+    def adopt(self, path: P, asked: bool = True) -> list[P]:
+        """Use the path by which a welcome came. Returns the paths to be closed. asked: the newest can have carried a hello."""
+        if path == self.path and asked:
+            return []
+        others = [each for each in self.paths if each != path]
         self.path, self.newer = path, None
         return others
 

@@ -39,7 +39,8 @@ HEARTBEAT_EVERY_NS = 250_000_000
 STALE_NS = 100_000_000  # without a new frame: the hand's force goes to zero, the seat is kept
 LOST_NS = 2_000_000_000  # without a datagram: the other end is gone
 QUIET_NS = 500_000_000  # without a datagram: the client tries to resume
-RESUME_GIVE_UP_NS = 10_000_000_000  # without a datagram: the client gives up
+RESUME_GIVE_UP_NS = 10_000_000_000  # without a datagram, and without a handshake: the client gives up
+RESUME_MOST_NS = 30_000_000_000  # without a datagram, while handshakes are made: its rooms are not there yet
 LEAVE_EVERY_NS = 100_000_000
 LEAVE_GIVE_UP_NS = 600_000_000
 
@@ -112,7 +113,7 @@ class ClientSession:
         self.clock = Clock()
         self.welcome: Welcome | None = None
         self.farewell: Farewell | None = None
-        self.last_received_ns = self.fresh_ns = 0
+        self.last_received_ns = self.fresh_ns = self._reached_ns = 0
         self._begun = False  # a frame of this session has been taken in
         self.silence_ns = 0
         self.resumed = self.renewed = 0
@@ -265,6 +266,10 @@ class ClientSession:
             elif self._leave:
                 self._repeat(self._leave, LEAVE_EVERY_NS, now_ns)
 
+    def reached(self, now_ns: int) -> None:
+        """Note a handshake with the server: it is there, if not its room yet."""
+        self._reached_ns = now_ns
+
     def _check_silence(self, silent_ns: int, now_ns: int) -> None:
         assert self.welcome is not None
         if not self.welcome.ticket:
@@ -274,8 +279,9 @@ class ClientSession:
         if silent_ns >= QUIET_NS and self._step("quiet"):
             self._next_ns = now_ns
         if self.state == "resuming":
-            if silent_ns >= RESUME_GIVE_UP_NS and self._step("silence"):
-                self.failed = f"no server for {RESUME_GIVE_UP_NS / 1e9:g} s"
+            alone_ns = min(silent_ns, now_ns - self._reached_ns)
+            if (alone_ns >= RESUME_GIVE_UP_NS or silent_ns >= RESUME_MOST_NS) and self._step("silence"):
+                self.failed = f"no server for {silent_ns / 1e9:.0f} s"
             else:
                 self._repeat(self.hello, HELLO_EVERY_NS, now_ns)
 

@@ -1,6 +1,5 @@
 cimport cython
 
-from cogrip.server.observers cimport ObserverSlots
 from cogrip.server.participants cimport Seat
 from cogrip.server.room cimport Room
 
@@ -15,8 +14,11 @@ cdef class ServerCore:
     cdef public object _drop
     cdef public object _joining
     cdef dict _handlers
+    cdef long long _back_ns
 
-    @cython.locals(seat=Seat, observers=ObserverSlots)
+    @cython.locals(seat=Seat)
     cpdef tick(self, Room room, long long now_ns, long long frames=*)
+    @cython.locals(seat=Seat)
+    cdef _let_silent_go(self, Room room, long long now_ns)
     cdef _receive_from_seat(self, Room room, Seat seat, message, long long now_ns)
     cdef _receive_frame(self, Room room, Seat seat, message, long long now_ns)

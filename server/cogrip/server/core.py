@@ -10,7 +10,8 @@ from cogrip.protocol.accounts import SeatAccount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.hand_settings import unfit
 from cogrip.protocol.messages import Edges, Effects, Farewell, Frame, Heartbeat, Hello, Leave, Mark, SetHand
-from cogrip.protocol.session import foreign_version, nonce_of, version_mismatch
+from cogrip.protocol.rates import NS_PER_S
+from cogrip.protocol.session import LOST_NS, QUIET_NS, foreign_version, nonce_of, version_mismatch
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import clipped, shown
 from cogrip.server import inputs
@@ -41,6 +42,7 @@ class ServerCore:
         self.outbox, self.events, self.dropped = out.outbox, out.events, out.dropped
         self._drop = out.drop
         self._joining = Joining(table, out, software, outside)
+        self._back_ns = -LOST_NS - 1  # the loop was away until then, and heard nobody
         self._handlers: dict[type[inputs.ServerInput], Callable[[Any, int], int | None]] = {
             inputs.Stop: self._stop,
             inputs.SocketFailed: lambda given, _: out.drop(f"socket: {given.reason}"),
@@ -173,16 +175,10 @@ class ServerCore:
 
     def tick(self, room: Room, now_ns: int, frames: int = 1) -> None:
         """Step one room; its messages go to the outbox. `frames` > 1 if the loop missed frames - 1 steps."""
-        for seat in room.silent(now_ns):
-            self._table.unbind(seat)
-            room.leave_seat(seat.number, "silence")
-            self._drop("seat timed out")
-            self._out.report("lost", room, seat, "has been silent for too long and lost the seat")
-        observers = room.observer_slots
-        for observer in observers.silent(now_ns) if observers.observers else ():
-            self._table.unbind(observer)
-            observers.leave(observer.number)
-            self._out.report("lost", room, observer, "has been silent for too long")
+        if frames > 1 and frames * NS_PER_S >= QUIET_NS * room.settings.rates.network_hz:
+            self._back_ns = now_ns
+        if now_ns - self._back_ns > LOST_NS:
+            self._let_silent_go(room, now_ns)
         self.outbox.extend(room.tick(now_ns, frames))
         for text in room.world.take_events():
             self._report_mark(room, room.markers.add(text, room.steps))
@@ -203,6 +199,18 @@ class ServerCore:
             if adapter.withheld:
                 self._drop("stiffness word", adapter.withheld)
                 adapter.withheld = 0
+
+    def _let_silent_go(self, room: Room, now_ns: int) -> None:
+        """End the sessions of those who have been silent for too long."""
+        for seat in room.silent(now_ns):
+            self._table.unbind(seat)
+            room.leave_seat(seat.number, "silence")
+            self._drop("seat timed out")
+            self._out.report("lost", room, seat, "has been silent for too long and lost the seat")
+        for observer in room.observer_slots.silent(now_ns):
+            self._table.unbind(observer)
+            room.observer_slots.leave(observer.number)
+            self._out.report("lost", room, observer, "has been silent for too long")
 
     def _end_room(self, room: Room) -> None:
         """Say goodbye to everybody who holds an object that is not stepped any more: no force is left."""

@@ -81,6 +81,9 @@ class Joining:
         if place is None:
             return False
         room, who = place
+        if who.address is not None and now_ns < who.asked_ns:
+            self._out.drop("old hello")  # it was overtaken by one that came later, from where the person is now
+            return True
         if not self._within_budget(who, now_ns):
             return True
         if isinstance(who, Observer):
@@ -98,7 +101,7 @@ class Joining:
             return True
         else:
             room.take_seat(who.number, self._outside.new_session(), hello.nonce, now_ns, record_of(hello), who.hand)
-        who.nonce, who.ticket = hello.nonce, hello.ticket
+        who.nonce, who.ticket, who.asked_ns = hello.nonce, hello.ticket, now_ns
         self._table.bind(room, who, address)
         self._out.report("resumed", room, who, f"resumed from {place_text(address)}", address)
         self._welcome(room, who)

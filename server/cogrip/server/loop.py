@@ -188,7 +188,7 @@ class LiveServer:
             while (now_ns := clock()) < due_ns:
                 pass
             ticks = {room.name: pacers[room.name].take(now_ns) for room in awake}
-            path.drain(now_ns)
+            path.drain(now_ns, now_ns - due_ns)
             sent_ns = now_ns
             for room in awake:
                 pacer, tick = pacers[room.name], ticks[room.name]

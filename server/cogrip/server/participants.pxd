@@ -14,6 +14,7 @@ cdef class Participant:
     cdef public object address
     cdef public long long last_received_ns
     cdef public long long since_ns
+    cdef public long long asked_ns
     cdef public Clock clock
     cdef public object ticket
     cdef public object ticket_hash

@@ -29,6 +29,7 @@ class Participant:
     ticket       session ticket, to repeat the welcome; neither recorded nor saved
     ticket_hash  hash of the ticket that resumes this session, "" none
     token        public id of the token that admitted the session
+    asked_ns     when the hello came by which the address is bound
     """
 
     def __init__(self, number: int, name: str) -> None:
@@ -36,7 +37,7 @@ class Participant:
         self.name = name
         self.session = self.nonce = 0
         self.address: Address = None
-        self.last_received_ns = self.since_ns = 0
+        self.last_received_ns = self.since_ns = self.asked_ns = 0
         self.clock = Clock()
         self.ticket = self.ticket_hash = self.token = ""
         self.hellos = Buckets(1, HELLOS)

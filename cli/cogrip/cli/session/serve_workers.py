@@ -83,6 +83,8 @@ class FrontServer:
         try:
             self._job_file = memory_file(msgspec.json.encode(for_workers))
             stack.callback(os.close, self._job_file)
+            if job.authenticator is not None:  # before anybody resumes a restored seat
+                self._pool.void(job.authenticator.revoked(), job.authenticator.expired())
             self._pool.begin()
             stack.callback(self._kill)
             open_channel: Callable[[Callable[[Address], bool]], FrontChannel] = lambda asks: front_channel_of(  # noqa: E731
@@ -94,12 +96,16 @@ class FrontServer:
         except (MetricsError, StateError) as error:
             raise Problem(str(error)) from None
         except OSError as error:
-            raise Problem(f"serve: a worker cannot be started: {error.strerror}; give fewer --workers") from None
+            raise _not_started(error) from None
         self.administration = Administration(
             self.front, say, VERSION, control=control, authenticator=job.authenticator, metrics=feed,
             reload=self._stop.take_reload,
         )  # fmt: skip
-        if not self.front.await_ready(START_LIMIT_S) and not self._stop.reason:
+        try:
+            ready = self.front.await_ready(START_LIMIT_S)
+        except OSError as error:
+            raise _not_started(error) from None
+        if not ready and not self._stop.reason:
             self.administration.end()
             raise Problem(f"serve: the workers did not begin within {START_LIMIT_S:g} s; see what they said above")
         return feed
@@ -124,3 +130,7 @@ class FrontServer:
             if worker.process.poll() is None:
                 worker.process.kill()
                 worker.process.wait()
+
+
+def _not_started(error: OSError) -> Problem:
+    return Problem(f"serve: a worker cannot be started: {error.strerror}; give fewer --workers")

@@ -14,10 +14,7 @@ from typing import Literal
 
 import msgspec
 
-from cogrip.cli.runs.run_folder import leave_files
 from cogrip.cli.session.log_lines import LogLines
-from cogrip.cli.session.network_rate import write_choice
-from cogrip.cli.terminal.output import make_console
 from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.network_rate import RateChoice
@@ -35,8 +32,6 @@ from cogrip.server.loop import LiveServer
 from cogrip.server.rate_limit import RateLimiter, limits_for
 from cogrip.server.room import Room
 from cogrip.sim.runs.folder import SERVER_RECORDING, write_settings
-from cogrip.sim.runs.summary import of_room
-from cogrip.sim.runs.verdict import came, succeeded
 
 
 class Job(msgspec.Struct, frozen=True):
@@ -104,6 +99,12 @@ def _serve(link: Link, job: Job, number: int) -> int:
 
 def conclude(server: LiveServer, job: Job, losses: dict[str, int], lines: LogLines) -> int:
     """Leave a summary for each room that somebody was in. Return the exit code."""
+    from cogrip.cli.runs.run_folder import leave_files  # people who lost their server wait for a worker's start
+    from cogrip.cli.session.network_rate import write_choice
+    from cogrip.cli.terminal.output import make_console
+    from cogrip.sim.runs.summary import of_room
+    from cogrip.sim.runs.verdict import came, succeeded
+
     if lines.lost:
         losses["log line"] = lines.lost
     well = True

@@ -82,7 +82,7 @@ def session_change(session: ClientSession, before: str, after: str) -> str:
 
 
 class NetworkPath:
-    """One socket and its channel. `refused`: nobody listens at its other end."""
+    """One socket and its channel. refused: nobody listens at its other end; met: a handshake was made, or none is needed."""
 
     def __init__(self, server: Server, channel: Channel) -> None:
         self.server = server
@@ -90,6 +90,7 @@ class NetworkPath:
         self.socket.setblocking(False)
         self.channel = channel
         self.refused = False
+        self.met = self.ready
 
     @property
     def ready(self) -> bool:
@@ -225,7 +226,7 @@ class Paths:
 
     def _adopt(self, path: NetworkPath) -> None:
         """Use a path from now on, and ask its server first in the next silence."""
-        self._close(*self._migration.adopt(path))
+        self._close(*self._migration.adopt(path, self._migration.newest.ready))
         self.failed, self._redirects, self._hello = "", 0, b""
         if path.server not in self._known:
             self._known[:0] = [path.server]
@@ -247,8 +248,8 @@ class Paths:
             another = self._open_path(place)
             self._close(migration.tried(another, now_ns))
 
-    def poll(self, now_ns: int, resuming: bool) -> None:
-        """Go on with handshakes; try another path where one is due."""
+    def poll(self, now_ns: int, resuming: bool) -> bool:
+        """Go on with handshakes; try another path where one is due. Returns whether the server has just made a handshake."""
         migration = self._migration
         self._asked = self._asked if resuming else 0
         for path in migration.paths:
@@ -257,6 +258,7 @@ class Paths:
                 self._flush(path)
         newest = migration.newest
         ready = newest.ready
+        just_met, newest.met = ready and not newest.met, newest.met or ready
         if migration.due(now_ns, resuming, ready, newest.refused):
             self.failed = newest.channel.failed or self.failed
             server = self._known[self._asked % len(self._known)]
@@ -271,6 +273,7 @@ class Paths:
             self.send(message, hello=True)
         if migration.newer is not None:
             self._close(migration.spare(now_ns, resuming))
+        return just_met
 
     def close(self) -> None:
         """Tell the other end, where it can be reached, and close all paths."""

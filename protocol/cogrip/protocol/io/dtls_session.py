@@ -7,13 +7,16 @@ number used twice would break the AEAD.
 
 import hmac
 from struct import Struct
+from typing import TYPE_CHECKING
 
 import msgspec
 from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM, ChaCha20Poly1305
-from OpenSSL import SSL
 
 from cogrip.protocol.dtls_records import ALERT, DATA, RECORD_HEADER_BYTES, records
+
+if TYPE_CHECKING:  # a worker has no handshake to make, and is there sooner without
+    from OpenSSL import SSL
 
 VERSION = b"\xfe\xfd"
 EPOCH = 1
@@ -52,7 +55,7 @@ class SessionKeys(msgspec.Struct, frozen=True):
         return f"SessionKeys(suite={self.suite!r})"
 
 
-def export_keys(connection: SSL.Connection, written: int, received: int) -> SessionKeys:
+def export_keys(connection: "SSL.Connection", written: int, received: int) -> SessionKeys:
     """Return the keys of a server's end of an open association. written, received: see `SessionKeys`. Raises ValueError."""
     suite = connection.get_cipher_name() or ""
     digest, key_bytes, iv_bytes, _ = SUITES[suite]

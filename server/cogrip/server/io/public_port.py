@@ -54,15 +54,19 @@ class PublicPort:
         while not self._stop.reason:
             if end_ns is not None and time.monotonic_ns() >= end_ns:
                 self._stop.reason = f"stopped ({SECONDS_OVER})"
-            self._wait(POLL_EVERY_NS * 1e-9)
-            now_ns = time.monotonic_ns()
-            if now_ns >= self._poll_ns:
-                self._poll_ns = now_ns + POLL_EVERY_NS
-                self._channel.poll(now_ns)
-                self._poll(now_ns)
-                for chore in self.chores:
-                    chore(now_ns)
-                self._flush()
+            self._turn()
+
+    def _turn(self) -> None:
+        """Wait for what comes next, at most until a look at channel and chores is due."""
+        self._wait(POLL_EVERY_NS * 1e-9)
+        now_ns = time.monotonic_ns()
+        if now_ns >= self._poll_ns:
+            self._poll_ns = now_ns + POLL_EVERY_NS
+            self._channel.poll(now_ns)
+            self._poll(now_ns)
+            for chore in self.chores:
+                chore(now_ns)
+            self._flush()
 
     def _poll(self, now_ns: int) -> None:
         """Forget what has become old."""

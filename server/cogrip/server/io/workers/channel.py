@@ -96,7 +96,9 @@ class WorkerChannel:
 
     def _is_for_front(self, path: OpenPath, message: bytes) -> bool:
         """Ask the front about a hello: it alone knows the tokens."""
-        return looks_like_hello(message) and self._link.send(Asked(path.address, message))
+        if not looks_like_hello(message):
+            return False
+        return self._link.send(Asked(path.address, message, self._port.arrived_ns))
 
     def _release(self, path: OpenPath) -> None:
         self._port.drop(path.address)

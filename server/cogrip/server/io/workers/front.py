@@ -64,6 +64,16 @@ class Seated(NamedTuple):
     token: str
 
 
+class Waiting(NamedTuple):
+    """A hello that waits for the answer to another one with the same token. by: worker by whose path it came, if one."""
+
+    message: bytes
+    token: str
+    by: Worker | None
+    arrived_ns: int
+    since_ns: int
+
+
 class Front(PublicPort):
     """Front of some rooms. open_channel: returns the channel, given what says whether an address has a path or has asked.
 
@@ -77,6 +87,7 @@ class Front(PublicPort):
         authenticator: "Authenticator | None" = None,
     ) -> None:  # fmt: skip
         self._asking: dict[Address, tuple[Worker, str, int]] = {}  # worker, token and when, of hellos without an answer
+        self._waiting: dict[PeerAddress, Waiting] = {}  # newest of each address, in their order
         channel = open_channel(lambda address: address in self._asking)
         super().__init__(public, rooms, stop, say, channel, authenticator)
         self.pool = pool
@@ -85,7 +96,7 @@ class Front(PublicPort):
         self.revoke: Callable[[str], None] = lambda token: None
         self._deaths: deque[int] = deque(maxlen=MOST_DEATHS)
         for worker in pool.workers:
-            self._selector.register(worker.link.socket, selectors.EVENT_READ, worker)
+            self._watch(worker)
 
     def drops(self) -> dict[str, int]:
         """Return the drop counts by reason: of kernel, channel, links and front."""
@@ -97,17 +108,23 @@ class Front(PublicPort):
         return dict(counts)
 
     def await_ready(self, limit_s: float) -> bool:
-        """Return whether all workers serve their rooms within this time. People wait in the socket's buffer meanwhile."""
-        self._selector.unregister(self._public)
+        """Return whether all workers serve their rooms within this time; then start the spare. Raises OSError.
+
+        Whoever comes meanwhile makes the handshake, and has a seat once that room is there, without waiting for the others.
+        """
         until_s = time.monotonic() + limit_s
-        while time.monotonic() < until_s and not self._stop.reason:
-            if all(worker.state == "ready" for worker in self.pool.workers if worker.rooms):
-                break
-            if self.pool.replaced:
+        while not self._all_ready():
+            if self._stop.reason or self.pool.replaced or time.monotonic() >= until_s:
                 return False
-            self._wait(0.05)
-        self._selector.register(self._public, selectors.EVENT_READ)
+            self._turn()
+        self._watch(self.pool.add())
+        return True
+
+    def _all_ready(self) -> bool:
         return all(worker.state == "ready" for worker in self.pool.workers if worker.rooms)
+
+    def _watch(self, worker: Worker) -> None:
+        self._selector.register(worker.link.socket, selectors.EVENT_READ, worker)
 
     def run(self, seconds: float | None = None) -> None:
         """Serve until stopped, at most for `seconds`."""
@@ -117,6 +134,11 @@ class Front(PublicPort):
 
     def _poll(self, now_ns: int) -> None:
         self._asking = {at: each for at, each in self._asking.items() if now_ns - each[2] < ASKED_NS}
+        for at in [at for at, each in self._waiting.items() if now_ns - each.since_ns >= ASKED_NS]:
+            del self._waiting[at]
+            self.dropped["token is asked about"] += 1  # whoever is there says hello again
+        for token in {each.token for each in self._waiting.values()}:
+            self._ask_next(token, now_ns)
 
     def _wait(self, limit_s: float) -> None:
         """Take in what has come, of workers first."""
@@ -142,18 +164,21 @@ class Front(PublicPort):
             self._ask(message, address, now_ns)
         self._channel.renewed.clear()  # nobody here has a seat
 
-    def _ask(self, message: bytes, address: PeerAddress, now_ns: int, by: Worker | None = None) -> None:
-        """Hand a message over to the worker that answers it. by: the one by whose path it came."""
+    def _ask(
+        self, message: bytes, address: PeerAddress, now_ns: int, by: Worker | None = None, arrived_ns: int | None = None
+    ) -> None:
+        """Hand a message over to the worker that answers it. by: the one by whose path it came; arrived_ns: before now."""
+        came_ns = now_ns if arrived_ns is None else arrived_ns
         try:
             hello = messages.decode(message)
         except MalformedError:  # also a hello of another version, which every worker can refuse
             worker = next((each for each in self.pool.workers if each.state == "ready"), None)
             if worker is not None:
-                worker.link.send(Ask(address, message, None))
+                worker.link.send(Ask(address, message, None, came_ns))
             return
         if not isinstance(hello, Hello):
             if asked := self._asking.get(address):
-                asked[0].link.send(Ask(address, message, None))
+                asked[0].link.send(Ask(address, message, None, came_ns))
             else:
                 self.dropped["not seated"] += 1
             return
@@ -175,10 +200,19 @@ class Front(PublicPort):
         elif by not in (None, worker):
             self._refuse(hello, Denied("room", f"room {room!r} is reached by a new connection; join anew"), address)
         elif token and any(other != address and each[1] == token for other, each in self._asking.items()):
-            self.dropped["token is asked about"] += 1  # it may be good for one time; the hello comes again
+            self._waiting[address] = Waiting(message, token, by, came_ns, now_ns)  # the token may be good for one time
         else:
+            self._waiting.pop(address, None)
             self._asking[address] = worker, token, now_ns
-            worker.link.send(Ask(address, message, verdict))
+            worker.link.send(Ask(address, message, verdict, came_ns))
+
+    def _ask_next(self, token: str, now_ns: int) -> None:
+        """Ask about the hello that waits for this token, if none is asked about: many people may come by one link at once."""
+        for address in [at for at, each in self._waiting.items() if each.token == token]:
+            if any(each[1] == token for each in self._asking.values()):
+                return
+            waiting = self._waiting.pop(address)
+            self._ask(waiting.message, address, now_ns, waiting.by, waiting.arrived_ns)
 
     def _too_many(self, token: str, room: str, address: Address) -> Denied | None:
         """Return a refusal where the token holds as many seats in other workers as it may in all."""
@@ -212,9 +246,12 @@ class Front(PublicPort):
                 text = f"worker {worker.number} (process {worker.process.pid}) serves {named(worker.rooms)}"
                 self._say(ServerEvent("notice", text))
             case Say():
+                asked = self._asking.get(given.address)
                 self._answer(worker, given)
+                if asked and asked[1]:
+                    self._ask_next(asked[1], now_ns)
             case Asked():
-                self._ask(given.message, given.address, now_ns, worker)
+                self._ask(given.message, given.address, now_ns, worker, given.arrived_ns)
             case Astray():
                 self._take(given.datagram, given.address, now_ns)
             case Released():
@@ -268,9 +305,10 @@ class Front(PublicPort):
         before = set(self.pool.workers)
         rooms = self.pool.replace(worker)
         for added in set(self.pool.workers) - before:
-            self._selector.register(added.link.socket, selectors.EVENT_READ, added)
+            self._watch(added)
         self.seated = {at: each for at, each in self.seated.items() if each.worker is not worker}
         self._asking = {at: each for at, each in self._asking.items() if each[0] is not worker}
+        self._waiting = {at: each for at, each in self._waiting.items() if each.by is not worker}
         if rooms:
             text = f"worker {worker.number} has ended; another one goes on with {named(rooms)}"
             self._say(ServerEvent("trouble", text))

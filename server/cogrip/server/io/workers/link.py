@@ -38,11 +38,15 @@ class Assign(ToWorker, frozen=True, tag="assign"):
 
 
 class Ask(ToWorker, frozen=True, tag="ask"):
-    """A message of a peer that has no path here, or a hello of any; verdict: of the authenticator on a hello."""
+    """A message of a peer that has no path here, or a hello of any.
+
+    verdict: of the authenticator on a hello; arrived_ns: when it came, on the clock of both processes
+    """
 
     address: PeerAddress
     message: bytes
     verdict: Grant | Denied | None
+    arrived_ns: int
 
 
 class Path(ToWorker, frozen=True, tag="path"):
@@ -132,6 +136,7 @@ class Asked(ToFront, frozen=True, tag="asked"):
 
     address: PeerAddress
     message: bytes
+    arrived_ns: int
 
 
 class Astray(ToFront, frozen=True, tag="astray"):

@@ -45,12 +45,14 @@ class WorkerPort:
 
     paths       by the peer's address
     from_front  what `receive` returned last is a message, which the front has decrypted
+    arrived_ns  when it came
     renewed     addresses whose path is over, as somebody has made a new association from there
     """
 
     def __init__(self, link: Link, stop: Stop, verdicts: FrontVerdicts, orders: LinkOrders) -> None:
         self.paths: dict[Address, OpenPath] = {}
         self.from_front = False
+        self.arrived_ns = 0
         self.renewed: deque[Address] = deque()
         self.dropped: Counter[str] = Counter()
         self._link, self._stop, self._verdicts, self._orders = link, stop, verdicts, orders
@@ -69,13 +71,13 @@ class WorkerPort:
             ready = self._waiting.pop()
             with suppress(BlockingIOError):
                 if ready == self._front:
-                    datagram, address = self._take_of_front(now_ns)
+                    datagram, address, self.arrived_ns = self._take_of_front(now_ns)
                     self._waiting.append(ready)  # there may be more, and it comes first
-                    return datagram, address, now_ns
+                    return datagram, address, self.arrived_ns
                 if path := self._by_descriptor.get(ready):
-                    datagram, sender, arrived_ns = path.arrivals.receive(most_bytes, now_ns)
+                    datagram, sender, self.arrived_ns = path.arrivals.receive(most_bytes, now_ns)
                     if tuple(sender[:2]) == path.address[:2]:
-                        return datagram, path.address, arrived_ns
+                        return datagram, path.address, self.arrived_ns
                     self.dropped["of another peer"] += 1  # it came before the path was connected
         raise BlockingIOError
 
@@ -107,16 +109,19 @@ class WorkerPort:
             self.drop(address)
         self._readable.close()
 
-    def _take_of_front(self, now_ns: int) -> tuple[bytes, Address]:
-        """Return the next datagram or message of the front; do what else it says. Raises BlockingIOError, LinkEndedError."""
+    def _take_of_front(self, now_ns: int) -> tuple[bytes, Address, int]:
+        """Return the next datagram or message of the front, and when it came; do what else it says.
+
+        Raises BlockingIOError, LinkEndedError.
+        """
         while True:
             given, descriptors = self._link.take_at_worker()
             if isinstance(given, Ask):
                 self._verdicts.newest = given.verdict
                 self.from_front = True
-                return given.message, given.address
+                return given.message, given.address, min(given.arrived_ns, now_ns)
             if isinstance(given, Stray):
-                return given.datagram, given.address
+                return given.datagram, given.address, now_ns
             self._follow(given, descriptors, now_ns)
 
     def _follow(self, given: AnyToWorker, descriptors: Sequence[int], now_ns: int) -> None:

@@ -1,4 +1,8 @@
-"""Worker processes as the front sees them: one for each group of rooms, and a spare that waits to replace one that dies."""
+"""Worker processes as the front sees them: one for each group of rooms, and a spare that waits to replace one that dies.
+
+The spare is started once all rooms are served: people who lost their server wait for these, and starting a process takes a
+second of a processor.
+"""
 
 import subprocess
 from collections.abc import Callable, Sequence
@@ -29,7 +33,7 @@ class Worker:
 
 
 class WorkerPool:
-    """Workers of the rooms in `groups`, and one spare: a start takes longer than anyone should wait.
+    """Workers of the rooms in `groups`, and one spare, which `add` starts: a start takes longer than anyone should wait.
 
     workers  those that are alive, the spare among them
     replaced count of workers that died
@@ -46,8 +50,8 @@ class WorkerPool:
         self._fresh = fresh
 
     def begin(self) -> None:
-        """Start all workers and the spare. Raises OSError."""
-        for _ in (*self._groups, ()):
+        """Start all workers. Raises OSError."""
+        for _ in self._groups:
             self.add()
         for worker, rooms in zip(self.workers, self._groups, strict=False):
             self.assign(worker, rooms, self._fresh)

@@ -1,0 +1,184 @@
+"""The front of several workers: who comes while they start, and many people who come by one link."""
+
+import socket
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+
+from cogrip.protocol.channel import Address, UnencryptedChannel
+from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.messages import Hello, padded
+from cogrip.protocol.session import refusal
+from cogrip.server.admission import Grant
+from cogrip.server.events import ServerEvent
+from cogrip.server.io.platform import message_pair
+from cogrip.server.io.workers.front import ASKED_NS, Front
+from cogrip.server.io.workers.link import Ask, Link, Ready, Say
+from cogrip.server.io.workers.pool import Worker, WorkerPool
+from cogrip.server.io.workers.steering import open_public
+
+from tests.protocol.two_ends import SETTINGS, hello
+
+HOST = "127.0.0.1"
+LIMIT_S = 60.0
+ROOMS = [msgspec.structs.replace(SETTINGS, name=name) for name in ("attic", "cellar")]
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="several workers need Linux")
+
+
+class Heard(UnencryptedChannel):
+    """A channel that lets everything through. heard: called after each datagram that has come."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.renewed: deque[Address] = deque()
+        self.events: deque[ServerEvent] = deque()
+        self.heard: Callable[[], None] = lambda: None
+
+    def receive(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
+        self.heard()
+        return (datagram,)
+
+
+class OneToken:
+    """Admits everybody as the holder of one token."""
+
+    def admit(self, given: Hello) -> Grant:
+        return Grant(given.role, "0b9ee21b")
+
+    def admitted(self, grant: Grant) -> None: ...
+
+
+class Fronted:
+    """A front of two rooms whose workers are the test itself: `ends` are their ends of the links, by number."""
+
+    def __init__(self) -> None:
+        self.public = open_public(HOST, 0)
+        self.person = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.ends: dict[int, Link] = {}
+        self.stop, self.channel = Stop(), Heard()
+        self.pool = WorkerPool([("attic",), ("cellar",)], lambda number, end: None, fresh=False)  # type: ignore[arg-type, return-value]
+        self.pool.add = self._add  # type: ignore[method-assign]
+        self.pool.begin()
+        self.front = Front(
+            self.public, ROOMS, self.pool, self.stop, lambda event: None, lambda asks: self.channel, OneToken()
+        )  # type: ignore[arg-type]
+
+    def _add(self) -> Worker:
+        ours, theirs = message_pair()
+        number = len(self.ends) + 1
+        self.ends[number] = Link(theirs)
+        self.pool.workers.append(Worker(number, SimpleNamespace(pid=number), Link(ours)))  # type: ignore[arg-type]
+        return self.pool.workers[-1]
+
+    def ask(self, room: str, name: str = "anna") -> bytes:
+        """Return a hello for a room."""
+        return padded(msgspec.structs.replace(hello(name), room=room))
+
+    def asked(self, number: int) -> list[tuple[str | int, ...]]:
+        """Return the addresses about which a worker was asked since the last call, in their order."""
+        found = []
+        try:
+            while True:
+                given, _ = self.ends[number].take_at_worker()
+                if isinstance(given, Ask):
+                    found.append(given.address)
+        except BlockingIOError:
+            return found
+
+    def close(self) -> None:
+        for each in (self.public, self.person, *self.ends.values(), *(worker.link for worker in self.pool.workers)):
+            each.close()
+
+
+@pytest.fixture
+def fronted() -> Iterator[Fronted]:
+    made = Fronted()
+    yield made
+    made.close()
+
+
+def test_a_room_is_served_while_another_worker_still_starts_and_the_spare_comes_last(fronted: Fronted) -> None:
+    fronted.person.bind((HOST, 0))
+    fronted.ends[1].send(Ready())
+    early: list[tuple[str | int, ...]] = []
+
+    def heard() -> None:
+        assert len(fronted.ends) == 2, "no spare yet: it would take the others' processor"
+        if fronted.pool.home("attic") is None:
+            return  # its worker has not been heard yet
+        fronted.channel.heard = second
+
+    def second() -> None:
+        early.extend(fronted.asked(1))
+        fronted.ends[2].send(Ready())
+        fronted.channel.heard = lambda: None
+
+    fronted.channel.heard = heard
+    for _ in range(3):
+        fronted.person.sendto(fronted.ask("attic"), fronted.public.getsockname())
+    assert fronted.front.await_ready(LIMIT_S)
+    assert early == [fronted.person.getsockname()]
+    assert len(fronted.ends) == 3
+    assert fronted.pool.workers[-1].state == "spare"
+
+
+def test_a_room_that_is_not_there_yet_is_asked_for_again(fronted: Fronted) -> None:
+    fronted.front._take(fronted.ask("cellar"), (HOST, 1), 0)
+    assert fronted.front.dropped == {"room not there yet": 1}
+    assert fronted.asked(2) == []
+
+
+def test_a_start_that_is_stopped_ends_at_once(fronted: Fronted) -> None:
+    fronted.stop.reason = "stopped"
+    assert not fronted.front.await_ready(LIMIT_S)
+
+
+@pytest.fixture
+def ready(fronted: Fronted) -> Fronted:
+    for end in fronted.ends.values():
+        end.send(Ready())
+    assert fronted.front.await_ready(LIMIT_S)
+    return fronted
+
+
+def answer(ready: Fronted, number: int, address: tuple[str | int, ...]) -> None:
+    """Let a worker refuse somebody: no matter what it answers."""
+    ready.ends[number].send(Say(address, refusal(7, "taken", "the seat is taken")))
+    ready.front._take_of(ready.pool.workers[number - 1])
+
+
+def test_people_who_come_by_one_link_at_once_wait_for_no_second_hello(ready: Fronted) -> None:
+    """After a server stood still all its people notice it in the same moment, and repeat their hellos in step."""
+    people = [(HOST, 1 + number) for number in range(40)]
+    for number, address in enumerate(people):
+        ready.front._take(ready.ask(("attic", "cellar")[number % 2]), address, time.monotonic_ns())
+    for number, address in enumerate(people):
+        worker = 1 + number % 2
+        assert ready.asked(worker) == [address], "one at a time: the token may be good for one seat"
+        answer(ready, worker, address)
+    assert ready.front.dropped == {}
+    assert len(ready.channel.outbox) + ready.front.sent == 40
+
+
+def test_who_waits_for_a_token_is_asked_about_once_by_the_newest_hello(ready: Fronted) -> None:
+    now_ns = time.monotonic_ns()
+    for room, address in (("attic", (HOST, 1)), ("attic", (HOST, 2)), ("cellar", (HOST, 2))):
+        ready.front._take(ready.ask(room), address, now_ns)
+    assert ready.asked(1) == [(HOST, 1)]
+    answer(ready, 1, (HOST, 1))
+    assert (ready.asked(1), ready.asked(2)) == ([], [(HOST, 2)])
+
+
+def test_an_answer_that_never_comes_holds_nobody_up_for_ever(ready: Fronted) -> None:
+    for address, at_ns in (((HOST, 1), 0), ((HOST, 2), 1), ((HOST, 3), ASKED_NS)):
+        ready.front._take(ready.ask("attic"), address, at_ns)
+    assert ready.asked(1) == [(HOST, 1)]
+    ready.front._poll(ASKED_NS + 1)
+    assert ready.asked(1) == [(HOST, 3)]
+    assert ready.front.dropped == {"token is asked about": 1}, "the second is gone, or says hello again"
