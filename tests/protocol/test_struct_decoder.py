@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.handle import Handle
-from cogrip.protocol.messages import DECODER, Hello, Stamp, Waves, encode
+from cogrip.protocol.messages import Hello, Stamp, Waves, encode
+from cogrip.protocol.struct_decoding import DECODER
 
 if importlib.util.find_spec(DECODER) is None:
     pytest.skip("struct_decoder is not compiled (`python3 dev.py compile`)", allow_module_level=True)

@@ -5,9 +5,7 @@ nothing but it. Only the accounts of the last two messages hold free numbers: a 
 no force is computed from them.
 """
 
-import importlib
-import importlib.util
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from struct import Struct
 from typing import Annotated, Literal
 
@@ -25,6 +23,7 @@ from cogrip.protocol.hello_padding import padded as padded
 from cogrip.protocol.hello_padding import with_whole_device
 from cogrip.protocol.setting_types import MOST_WAVES, PLACES, POSE_AXES, SeatNumber
 from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.struct_decoding import decoder_of
 from cogrip.protocol.texts import MARK_BYTES as MARK_BYTES
 from cogrip.protocol.texts import TEXT_BYTES
 from cogrip.protocol.tool_frame import Scale
@@ -385,18 +384,7 @@ AnyMessage = (
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
 encode = _encoder.encode
-DECODER = "cogrip.protocol.struct_decoder"
-
-
-def _waves_decoder() -> Callable[[bytes], "Waves | None"]:
-    """Return the decoder of nearly all messages where it is compiled; what it does not decode msgspec does."""
-    if importlib.util.find_spec(DECODER) is None:
-        return lambda datagram: None
-    decoder: Callable[[bytes], Waves | None] = importlib.import_module(DECODER).StructDecoder(Waves).decode
-    return decoder
-
-
-_decode_waves = _waves_decoder()
+_decode_waves = decoder_of(Waves)  # nearly all messages
 
 
 def decode(datagram: bytes) -> AnyMessage:

@@ -306,7 +306,11 @@ def coupling_of(settings: Settings, user: User) -> Coupling:
 def tuned_coupling(settings: Settings, user: User) -> tuple[Coupling, LineTuning]:
     """Return the coupling of this user's seat, and the tuning of its line."""
     return of_seat(
-        coupling_asked(settings, user), settings.playout, link_directions(settings), rates_of(settings, user), user.grips
+        coupling_asked(settings, user),
+        settings.playout,
+        link_directions(settings),
+        rates_of(settings, user),
+        user.grips,
     )
 
 
