@@ -381,9 +381,8 @@ Observed = Person | Bodies | Geom | Mark | Effects  # what observers are sent be
 AnyMessage = (
     Hello | Welcome | Refuse | Frame | Edges | Heartbeat | Leave | Farewell | View | Observed | SetHand | Redirect
 )
-_encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
-encode = _encoder.encode
+encode = msgspec.msgpack.Encoder().encode
 _decode_waves = decoder_of(Waves)  # nearly all messages
 
 
@@ -391,8 +390,7 @@ def decode(datagram: bytes) -> AnyMessage:
     """Return the message in a datagram. Raises MalformedError, and nothing else, for anything that is not one."""
     if len(datagram) > MAX_MESSAGE_BYTES:
         raise MalformedError(f"{len(datagram)} bytes, more than {MAX_MESSAGE_BYTES}")
-    waves = _decode_waves(datagram)
-    if waves is not None:
+    if (waves := _decode_waves(datagram)) is not None:
         return waves
     try:
         message: AnyMessage = _decoder.decode(datagram)
