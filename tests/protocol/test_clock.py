@@ -238,3 +238,12 @@ def test_an_overtaken_stamp_does_not_set_the_echo_back() -> None:
     clock.read(Stamp(200), 10)
     clock.read(Stamp(100), 11)
     assert clock.stamp(15) == Stamp(15, 200, 5)
+
+
+def test_a_clock_at_the_end_of_its_range_contradicts_nothing() -> None:
+    """In 64 bits its offset has no room for the drift that is allowed for."""
+    clock, now_ns = Clock(), 1_000 * MS
+    clock.read(Stamp(2**63 - 1, 1, 0), now_ns)
+    assert clock.read(Stamp(2**63 - 1, now_ns, 0), now_ns + MS) == MS
+    assert clock.contradictions == 0
+    assert (clock.forward_ns, clock.offset_ns) == (251, 2**63 - 1 - now_ns - MS + 999_749)

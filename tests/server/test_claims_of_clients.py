@@ -37,3 +37,10 @@ def test_an_old_state_does_not_say_where_the_hand_is() -> None:
     assert port.hand == (0.001,)
     port.receive(State(7, 4, (1000.0,), (0.0,), 0.0, 0, Stamp(1)), 0)
     assert port.hand == (0.001,)
+
+
+def test_a_state_with_more_speeds_than_places_is_not_of_this_line() -> None:
+    port = StatePort(seat_settings(SETTINGS, 0), SeatLimits(8.5, 2.0, 10.0))
+    for position, velocity in (((0.0,), (0.0, 0.0)), ((0.0, 0.0), (0.0,)), ((0.0, 0.0), (0.0, 0.0))):
+        assert not port.receive(State(7, 5, position, velocity, 0.0, 0, Stamp(1)), 0)
+    assert port.pop(1) == (0.0, 0.0)

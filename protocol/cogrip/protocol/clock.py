@@ -71,9 +71,8 @@ class Clock:
             kept_ns = self._low_ns - way_ns  # compared by hand: calls of min and max cost half as much again
             if kept_ns > least_ns:
                 least_ns = kept_ns
-            kept_ns = self._high_ns + way_ns
-            if kept_ns < most_ns:
-                most_ns = kept_ns
+            if self._high_ns < most_ns - way_ns:  # in this order, too: the other clock may be anything
+                most_ns = self._high_ns + way_ns
             if least_ns > most_ns:  # the kept bounds contradict the new ones
                 self.contradictions += 1
                 least_ns, most_ns = low_ns, high_ns

@@ -305,13 +305,8 @@ def coupling_of(settings: Settings, user: User) -> Coupling:
 
 def tuned_coupling(settings: Settings, user: User) -> tuple[Coupling, LineTuning]:
     """Return the coupling of this user's seat, and the tuning of its line."""
-    return of_seat(
-        coupling_asked(settings, user),
-        settings.playout,
-        link_directions(settings),
-        rates_of(settings, user),
-        user.grips,
-    )
+    asked, rates = coupling_asked(settings, user), rates_of(settings, user)
+    return of_seat(asked, settings.playout, link_directions(settings), rates, user.grips)
 
 
 def not_passive(settings: Settings) -> str:

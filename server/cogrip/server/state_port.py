@@ -68,7 +68,7 @@ class StatePort(LatestStatePort[State]):
         self._row: Row = (0.0,) * (2 * self.axes)
 
     def receive(self, message: State, now_ns: int) -> bool:
-        return len(message.position_m) == self.axes and self._accept(message)
+        return len(message.position_m) == len(message.velocity_mps) == self.axes and self._accept(message)
 
     @property
     def limited(self) -> dict[str, int]:

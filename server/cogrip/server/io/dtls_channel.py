@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from cogrip.protocol.channel import Address, place_text
-from cogrip.protocol.dtls_records import HANDSHAKE, RECORD_HEADER_BYTES, ClientRecords
+from cogrip.protocol.dtls_records import HANDSHAKE, RECORD_HEADER_BYTES, ClientRecords, records
 from cogrip.protocol.io.certificate import load
 from cogrip.protocol.io.dtls import CLOSED, Association, client_random, cookie_in, is_client_hello, server_context
 from cogrip.protocol.io.dtls_session import SessionKeys, export_keys, newest_number
@@ -161,7 +161,7 @@ class DtlsListener:
                 peer.association.failed = CLOSED
                 self._end(address, peer)
             return received or ()
-        received = self._bounded(peer.association.feed(datagram), address, now_ns)
+        received = self._bounded(self._feed(peer, datagram), address, now_ns)
         if not received:
             self._drop("not authentic")
             self._take(peer, address)
@@ -169,7 +169,15 @@ class DtlsListener:
                 self._end(address, peer)
         else:
             peer.has_received = True
-            peer.newest = max(peer.newest, newest_number(datagram))
+        return received
+
+    def _feed(self, peer: Peer, datagram: bytes) -> Sequence[bytes]:
+        """Return the messages of a datagram by OpenSSL. Record by record: the number of one counts only if it is authentic."""
+        received: list[bytes] = []
+        for each in records(datagram):
+            if found := peer.association.feed(datagram[each.begin : each.end]):
+                received += found
+                peer.newest = max(peer.newest, each.number)
         return received
 
     def _bounded(self, received: Sequence[bytes], address: Address, now_ns: int) -> Sequence[bytes]:
@@ -231,11 +239,13 @@ class DtlsListener:
     def hand_over(self, address: Address, last: bytes) -> SessionKeys | None:
         """Send a last message, and return the keys by which another process goes on; None where it cannot be sent."""
         peer = self._open.get(address)
-        if peer is None or peer.session is not None or not self.send(last, address):
+        if peer is None or not self.send(last, address):
             return None
         del self._open[address]
         self._unseated.pop(address, None)
         self._rate_limiter.seated(address, peer.since_ns)
+        if peer.session is not None:
+            return peer.session.keys()
         return export_keys(peer.association.connection, newest_number(self.outbox[-1][1]), peer.newest)
 
     def counts(self) -> dict[str, int]:
@@ -288,8 +298,8 @@ class DtlsListener:
             self._drop(reason)
             return
         self._cookies = cookies_of(self._secret, address, now_ns)
-        records = ClientRecords(self._drop)
-        passed = records.passed(datagram)
+        client_records = ClientRecords(self._drop)
+        passed = client_records.passed(datagram)
         if not passed:
             return
         complete = self._listener.listen(passed)
@@ -301,7 +311,7 @@ class DtlsListener:
         if not complete:
             self._drop("cookie sent" if answers else "malformed hello")
             return
-        self._admit(Peer(self._listener, nonce, address, now_ns, records, MOST_ASKED), address)
+        self._admit(Peer(self._listener, nonce, address, now_ns, client_records, MOST_ASKED), address)
 
     def _admit(self, peer: Peer, address: Address) -> None:
         self._listener = Association(self._context, server=True)
