@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from cogrip.protocol.channel import Address, place_text
-from cogrip.protocol.dtls_records import HANDSHAKE, RECORD_HEADER_BYTES, ClientRecords, records
+from cogrip.protocol.dtls_records import HANDSHAKE, RECORD_HEADER_BYTES, ClientRecords
 from cogrip.protocol.io.certificate import load
 from cogrip.protocol.io.dtls import CLOSED, Association, client_random, cookie_in, is_client_hello, server_context
 from cogrip.protocol.io.dtls_session import SessionKeys, export_keys, newest_number
@@ -30,6 +30,7 @@ from cogrip.server.io.dtls_peer import (
     Peer,
     begin_session,
     cookies_of,
+    feed,
     is_of_handshake,
     is_of_session,
     trim,
@@ -161,7 +162,7 @@ class DtlsListener:
                 peer.association.failed = CLOSED
                 self._end(address, peer)
             return received or ()
-        received = self._bounded(self._feed(peer, datagram), address, now_ns)
+        received = self._bounded(feed(peer, datagram), address, now_ns)
         if not received:
             self._drop("not authentic")
             self._take(peer, address)
@@ -169,15 +170,6 @@ class DtlsListener:
                 self._end(address, peer)
         else:
             peer.has_received = True
-        return received
-
-    def _feed(self, peer: Peer, datagram: bytes) -> Sequence[bytes]:
-        """Return the messages of a datagram by OpenSSL. Record by record: the number of one counts only if it is authentic."""
-        received: list[bytes] = []
-        for each in records(datagram):
-            if found := peer.association.feed(datagram[each.begin : each.end]):
-                received += found
-                peer.newest = max(peer.newest, each.number)
         return received
 
     def _bounded(self, received: Sequence[bytes], address: Address, now_ns: int) -> Sequence[bytes]:
@@ -298,8 +290,8 @@ class DtlsListener:
             self._drop(reason)
             return
         self._cookies = cookies_of(self._secret, address, now_ns)
-        client_records = ClientRecords(self._drop)
-        passed = client_records.passed(datagram)
+        records = ClientRecords(self._drop)
+        passed = records.passed(datagram)
         if not passed:
             return
         complete = self._listener.listen(passed)
@@ -311,7 +303,7 @@ class DtlsListener:
         if not complete:
             self._drop("cookie sent" if answers else "malformed hello")
             return
-        self._admit(Peer(self._listener, nonce, address, now_ns, client_records, MOST_ASKED), address)
+        self._admit(Peer(self._listener, nonce, address, now_ns, records, MOST_ASKED), address)
 
     def _admit(self, peer: Peer, address: Address) -> None:
         self._listener = Association(self._context, server=True)

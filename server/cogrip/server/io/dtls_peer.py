@@ -5,7 +5,14 @@ import hmac
 from collections.abc import Sequence
 
 from cogrip.protocol.channel import Address
-from cogrip.protocol.dtls_records import CHANGE_CIPHER_SPEC, DATA, HANDSHAKE, RECORD_HEADER_BYTES, ClientRecords
+from cogrip.protocol.dtls_records import (
+    CHANGE_CIPHER_SPEC,
+    DATA,
+    HANDSHAKE,
+    RECORD_HEADER_BYTES,
+    ClientRecords,
+    records,
+)
 from cogrip.protocol.io.dtls import Association
 from cogrip.protocol.io.dtls_session import SUITES, DtlsSession, export_keys
 from cogrip.protocol.io.platform import system
@@ -65,6 +72,16 @@ def begin_session(peer: Peer) -> None:
     if peer.session is None and association.connection.get_cipher_name() in SUITES:
         peer.session = DtlsSession(export_keys(association.connection, peer.written, peer.newest))
         association.release()
+
+
+def feed(peer: Peer, datagram: bytes) -> Sequence[bytes]:
+    """Return the messages of a datagram by OpenSSL. Record by record: the number of one counts only if it is authentic."""
+    received: list[bytes] = []
+    for each in records(datagram):
+        if found := peer.association.feed(datagram[each.begin : each.end]):
+            received += found
+            peer.newest = max(peer.newest, each.number)
+    return received
 
 
 def is_of_session(datagram: bytes) -> bool:
