@@ -28,9 +28,7 @@ from cogrip.server.events import ServerEvent
 from cogrip.server.io.dtls_peer import (
     COOKIE_BYTES,
     Peer,
-    begin_session,
     cookies_of,
-    feed,
     is_of_handshake,
     is_of_session,
     trim,
@@ -162,7 +160,7 @@ class DtlsListener:
                 peer.association.failed = CLOSED
                 self._end(address, peer)
             return received or ()
-        received = self._bounded(feed(peer, datagram), address, now_ns)
+        received = self._bounded(peer.feed(datagram), address, now_ns)
         if not received:
             self._drop("not authentic")
             self._take(peer, address)
@@ -199,7 +197,7 @@ class DtlsListener:
             peer.had_seat = True
             self._rate_limiter.seated(address, now_ns)
             if seated:
-                begin_session(peer)
+                peer.begin_session()
                 peer.requests, peer.most_requests = 0, MOST_LEFT
                 self._unseated.pop(address, None)
             else:

@@ -53,6 +53,25 @@ class Peer:
         self.last_flight: Sequence[bytes] = ()
         self.repeats = 0  # of the last flight
 
+    def begin_session(self) -> None:
+        """Go on with the keys of the association, once it has a seat: `DtlsSession` opens and encrypts in a fifth of the time.
+
+        What OpenSSL takes a datagram are its four calls from Python, each with a buffer of its own.
+        """
+        association = self.association
+        if self.session is None and association.connection.get_cipher_name() in SUITES:
+            self.session = DtlsSession(export_keys(association.connection, self.written, self.newest))
+            association.release()
+
+    def feed(self, datagram: bytes) -> Sequence[bytes]:
+        """Return the messages of a datagram by OpenSSL. Record by record: the number of one counts only if it is authentic."""
+        received: list[bytes] = []
+        for each in records(datagram):
+            if found := self.association.feed(datagram[each.begin : each.end]):
+                received += found
+                self.newest = max(self.newest, each.number)
+        return received
+
 
 def cookies_of(secret: bytes, address: Address, now_ns: int) -> tuple[bytes, bytes]:
     """Return the cookies of an address: of this period and of the one before."""
@@ -61,27 +80,6 @@ def cookies_of(secret: bytes, address: Address, now_ns: int) -> tuple[bytes, byt
         hmac.digest(secret, f"{each} {text}".encode(), "sha256")[:COOKIE_BYTES] for each in (number, number - 1)
     ]
     return now, before
-
-
-def begin_session(peer: Peer) -> None:
-    """Go on with the keys of an association, once it has a seat: `DtlsSession` opens and encrypts in a fifth of OpenSSL's time.
-
-    What OpenSSL takes a datagram are its four calls from Python, each with a buffer of its own.
-    """
-    association = peer.association
-    if peer.session is None and association.connection.get_cipher_name() in SUITES:
-        peer.session = DtlsSession(export_keys(association.connection, peer.written, peer.newest))
-        association.release()
-
-
-def feed(peer: Peer, datagram: bytes) -> Sequence[bytes]:
-    """Return the messages of a datagram by OpenSSL. Record by record: the number of one counts only if it is authentic."""
-    received: list[bytes] = []
-    for each in records(datagram):
-        if found := peer.association.feed(datagram[each.begin : each.end]):
-            received += found
-            peer.newest = max(peer.newest, each.number)
-    return received
 
 
 def is_of_session(datagram: bytes) -> bool:
