@@ -12,6 +12,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 
 import msgspec
@@ -20,7 +22,7 @@ import pytest
 
 from cogrip.protocol.join_link import JoinLink, parse_link
 from cogrip.protocol.messages import HELLO_BYTES
-from cogrip.protocol.recording.reader import open_recording
+from cogrip.protocol.recording.reader import RecordingError, open_recording
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.io.state_folder import find_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
@@ -295,10 +297,17 @@ def checkpoint(path: Path) -> RoomCheckpoint:
 
 
 def first_step(server: Server):
-    """Return the first recorded step of room demo since the last start."""
+    """Return the first recorded step of room demo since the last start, once its writer has written it."""
     (path,) = server.runs.glob("*/server.mcap")
-    end = End(open_recording(path))
-    return next(iter(end.records(step_topic("demo")))).record
+    found = []
+
+    def written() -> bool:
+        with suppress(RecordingError):
+            found[:] = islice(End(open_recording(path)).records(step_topic("demo")), 1)
+        return bool(found)
+
+    until(written, "the recording has a step")
+    return found[0].record
 
 
 class Relay:
