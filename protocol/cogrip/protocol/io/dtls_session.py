@@ -97,7 +97,9 @@ def newest_number(datagram: bytes) -> int:
 class DtlsSession:
     """Server's end of an open association. closed: the other end has closed it."""
 
-    __slots__ = ("_explicit", "_keys", "_newest", "_read", "_read_iv", "_seen", "_write", "_write_iv", "_written", "closed")
+    __slots__ = (
+        "_explicit", "_keys", "_newest", "_read", "_read_iv", "_seen", "_write", "_write_iv", "_written", "closed",
+    )  # fmt: skip
 
     def __init__(self, keys: SessionKeys) -> None:
         _, _, _, self._explicit = SUITES[keys.suite]
