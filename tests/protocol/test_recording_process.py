@@ -10,13 +10,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import pytest
+from msgspec.msgpack import Ext
 
 from cogrip.protocol.io.recording_process import MOST_HELD_BYTES, Task
 from cogrip.protocol.io.ring import Ring, make_ring
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.protocol.recording.sink import topics
+from cogrip.protocol.recording.records import Event
+from cogrip.protocol.recording.sink import pack, topics
 
 KINDS = ("event", "gap", "clock")
 EVENT = 0
@@ -99,6 +102,22 @@ def test_a_spool_that_finds_no_room_ends_no_recording(desk, monkeypatch):
     assert [message.time_ns for message in recording.messages() if message.topic == EVENT] == list(range(1000))
     assert recording.complete
     assert (desk.ring.saved, desk.ring.said) == (1000, "")
+
+
+@pytest.mark.parametrize(
+    "payload", [b"", b"\x81\xa4text", pack(Event("two")) + b"\0", msgspec.msgpack.encode({"text": Ext(1, b"x")})]
+)
+def test_a_record_that_cannot_be_read_is_a_gap_and_ends_no_recording(desk, payload):
+    desk.put(1)
+    desk.ring.put(EVENT, 1, payload)
+    desk.put_messages += 1
+    desk.put(1)
+    desk.task.take()
+    desk.task.finish(cut=False)
+    assert desk.in_file() == [0, 2]
+    assert desk.ring.saved == 2
+    (gap,) = [message for message in open_recording(desk.path).messages() if KINDS[message.topic] == "gap"]
+    assert b"could not be read" in gap.payload
 
 
 @pytest.mark.parametrize("noticed", ["flush", "finish"])

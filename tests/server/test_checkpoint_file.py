@@ -182,3 +182,25 @@ def test_writers_share_a_thread_and_each_keeps_its_newest(tmp_path, monkeypatch)
     writers[3].put(b"again")  # a thread that was ended begins anew
     writers[3].close()
     assert read(writers[3].path) == b"again"
+
+
+def test_whatever_a_write_raises_the_thread_goes_on(tmp_path, monkeypatch):
+    """It writes for all rooms: without it no checkpoint would be written any more, and nobody would say so."""
+    tmp_path.chmod(0o700)
+    whole, said, thread = checkpoint_file.write_private, [], WriterThread()
+    one, other = [CheckpointWriter(tmp_path / f"{name}.json", said.append, thread) for name in ("one", "other")]
+
+    def failing(there: Path, data: bytes, *, durable: bool) -> None:
+        if data == b"too much":
+            raise MemoryError
+        whole(there, data, durable=durable)
+
+    monkeypatch.setattr(checkpoint_file, "write_private", failing)
+    one.put(b"too much")
+    other.put(b"of the other")
+    one.close()
+    assert (one.failures, len(said)) == (1, 1)
+    one.put(b"once more")
+    one.close()
+    assert read(one.path) == b"once more"
+    assert read(other.path) == b"of the other"

@@ -1,13 +1,15 @@
 """A client's own word decides nothing at the server: what it measured stays, and what is old moves nobody."""
 
 from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, SeatAccount, TickCount
-from cogrip.protocol.messages import Stamp, State
+from cogrip.protocol.messages import Stamp, State, Waves
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.participants import MOST_EARLIER, Seat
 from cogrip.server.seat_limits import SeatLimits
 from cogrip.server.state_port import StatePort
+from cogrip.server.wave_port import WavePort
 
 SETTINGS = resolve({"coupling": {"kind": "coupling"}, "users": [{"name": "anna"}]})
+WAVES = resolve({"users": [{"name": "anna"}]})
 
 
 def measured(margin_j: float) -> SeatAccount:
@@ -44,3 +46,14 @@ def test_a_state_with_more_speeds_than_places_is_not_of_this_line() -> None:
     for position, velocity in (((0.0,), (0.0, 0.0)), ((0.0, 0.0), (0.0,)), ((0.0, 0.0), (0.0, 0.0))):
         assert not port.receive(State(7, 5, position, velocity, 0.0, 0, Stamp(1)), 0)
     assert port.pop(1) == (0.0, 0.0)
+
+
+def test_waves_that_acknowledge_what_was_never_sent_are_behind_by_nothing() -> None:
+    """Observers are told; a message with a number below 0 is none to them, and would hide the person."""
+    port = WavePort(seat_settings(WAVES, 0), SeatLimits(8.5, 2.0, 10.0))
+    zero = (0.0,)
+    port.receive(Waves(7, 0, (0.1,), zero, zero, 0.0, 0.0, 2**53, Stamp(1), (0.0, 0.0)), 0)
+    for _ in range(4):
+        port.pop(1)
+        port.push(zero)
+    assert port.behind == 0

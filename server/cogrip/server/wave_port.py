@@ -113,7 +113,8 @@ class WavePort(Port):
             if self.up_margin_j is None or margin < self.up_margin_j:
                 self.up_margin_j = margin
             if acknowledged:  # from a returning frame to the step that learns it was felt
-                self.behind = behind = self._sender.next_number + frames - acknowledged
+                behind = self._sender.next_number + frames - acknowledged
+                self.behind = max(0, behind)
                 if self.loops is not None and applied is not None:
                     self.loops.add((behind + 1) * self._ticks_per_frame - applied)
         for _ in range(frames - 1):

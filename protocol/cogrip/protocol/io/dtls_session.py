@@ -101,17 +101,8 @@ class DtlsSession:
     """Server's end of an open association. closed: the other end has closed it."""
 
     __slots__ = (
-        "_explicit",
-        "_keys",
-        "_newest",
-        "_read",
-        "_read_iv",
-        "_seen",
-        "_write",
-        "_write_iv",
-        "_written",
-        "closed",
-    )
+        "_explicit", "_keys", "_newest", "_read", "_read_iv", "_seen", "_write", "_write_iv", "_written", "closed",
+    )  # fmt: skip
 
     def __init__(self, keys: SessionKeys) -> None:
         _, _, _, self._explicit = SUITES[keys.suite]

@@ -91,7 +91,12 @@ class Task:
             self._last_ns = time_ns
             if self.ring.missed > self._lost:
                 self._note_gap(self.ring.missed - self._lost)
-            self._try(self._writer.put, topic, time_ns, text_of(payload))
+            try:
+                text = text_of(payload)
+            except Exception:  # noqa: BLE001 - one record that cannot be read ends no recording
+                self._put_gap(1, "a record could not be read")
+                continue
+            self._try(self._writer.put, topic, time_ns, text)
             self._put += self._well
             if self._stream.held_bytes >= MOST_HELD_BYTES // 2:
                 self.flush()  # before the stream does it by itself: what is in the file is counted
@@ -150,7 +155,10 @@ class Task:
 
     def _note_gap(self, messages: int) -> None:
         self._lost += messages
-        self._try(self._writer.put, self._gap, self._last_ns, encode(Gap(messages, "the ring was full")))
+        self._put_gap(messages, "the ring was full")
+
+    def _put_gap(self, messages: int, reason: str) -> None:
+        self._try(self._writer.put, self._gap, self._last_ns, encode(Gap(messages, reason)))
 
 
 def main(arguments: list[str]) -> int:

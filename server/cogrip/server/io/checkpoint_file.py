@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from cogrip.server.io.state_folder import StateError, read_private, write_private
+from cogrip.server.io.state_folder import read_private, write_private
 
 END_LIMIT_S = 5.0
 STACK_BYTES = 1 << 18
@@ -107,7 +107,7 @@ class CheckpointWriter:
         try:
             write_private(self.path, data, durable=False)
             self.written += 1
-        except StateError as error:
+        except Exception as error:  # noqa: BLE001 - whatever it is: the thread goes on, for other rooms and for this one
             self.failures += 1
             self._trouble = f"a server that is started again will not find the object where it is: {error}"
 
