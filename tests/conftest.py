@@ -20,6 +20,8 @@ import pytest
 from _pytest.faulthandler import fault_handler_stderr_fd_key
 from hypothesis import HealthCheck, settings
 
+from cogrip.protocol.io.compiled_files import outdated
+
 pytest_plugins = ("tests.stalls",)
 QUICK_FOLDERS = ("protocol", "devices", "client", "server")
 NOT_QUICK = {  # modules in these folders that start processes, simulate whole sessions or play recordings again
@@ -78,6 +80,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if changed := outdated():
+        raise pytest.UsageError(f"sources have changed since they were compiled: {', '.join(changed)}; see dev.py compile")
     settings.load_profile(extent(config))
     gc.disable()  # until all is collected: nearly nothing of it is garbage
 

@@ -11,6 +11,7 @@ from cogrip.cli.terminal.flag_errors import words_of
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.platform import use_utf8
 from cogrip.cli.terminal.problem import Problem
+from cogrip.protocol.io.compiled_files import outdated
 from cogrip.protocol.version import VERSION
 from cogrip.sim.blas_threads import BLAS_THREADS, SAFE_PATH
 
@@ -93,6 +94,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     if given and given[0] in MOVED:
         errors.print(f"cogrip: {MOVED[given[0]]}")
+        return 2
+    if changed := outdated():
+        cure = "`python3 dev.py compile` compiles them anew, `python3 dev.py compile --remove` removes what was compiled"
+        errors.print(f"cogrip: sources have changed since they were compiled ({', '.join(changed[:3])}); {cure}")
         return 2
     try:
         show_docstrings(app, given)
