@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -204,3 +205,36 @@ def test_whatever_a_write_raises_the_thread_goes_on(tmp_path, monkeypatch):
     one.close()
     assert read(one.path) == b"once more"
     assert read(other.path) == b"of the other"
+
+
+def test_what_waits_for_a_slow_disk_does_not_come_back_after_its_removal(tmp_path, monkeypatch):
+    """Writes of other rooms may take longer than an end waits for them."""
+    tmp_path.chmod(0o700)
+    whole, held, begun = checkpoint_file.write_private, threading.Event(), threading.Event()
+
+    def slow(there: Path, data: bytes, *, durable: bool) -> None:
+        begun.set()
+        assert held.wait(LIMIT_S)
+        whole(there, data, durable=durable)
+
+    monkeypatch.setattr(checkpoint_file, "write_private", slow)
+    monkeypatch.setattr(checkpoint_file, "END_LIMIT_S", 0.05)
+    thread = WriterThread()
+    one, other, last = [CheckpointWriter(tmp_path / f"{name}.json", thread=thread) for name in ("one", "other", "last")]
+    one.put(b"of one")
+    assert begun.wait(LIMIT_S)
+    for writer in (other, last):
+        writer.put(b"nobody resumes")
+    for writer in (one, other, last):
+        writer.close()
+    other.remove()
+    held.set()
+    monkeypatch.setattr(checkpoint_file, "END_LIMIT_S", LIMIT_S)
+    last.put(b"later")
+    last.close()
+    for _ in range(1000):  # until the first thread has done its part
+        if one.written and last.written:
+            break
+        time.sleep(0.01)
+    assert read(one.path) == b"of one"
+    assert read(other.path) is None

@@ -8,7 +8,6 @@ cpdef bint is_one_message(bytes datagram) except -1
 
 cdef class DtlsSession:
     cdef Py_ssize_t _explicit
-    cdef object _keys
     cdef object _read
     cdef object _write
     cdef bytes _read_iv

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import msgspec
 from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM, ChaCha20Poly1305
-from msgspec.structs import replace
 
 from cogrip.protocol.dtls_records import ALERT, DATA, RECORD_HEADER_BYTES, records
 
@@ -100,23 +99,16 @@ def newest_number(datagram: bytes) -> int:
 class DtlsSession:
     """Server's end of an open association. closed: the other end has closed it."""
 
-    __slots__ = (
-        "_explicit", "_keys", "_newest", "_read", "_read_iv", "_seen", "_write", "_write_iv", "_written", "closed",
-    )  # fmt: skip
+    __slots__ = ("_explicit", "_newest", "_read", "_read_iv", "_seen", "_write", "_write_iv", "_written", "closed")
 
     def __init__(self, keys: SessionKeys) -> None:
         _, _, _, self._explicit = SUITES[keys.suite]
-        self._keys = keys
         cipher = AESGCM if "GCM" in keys.suite else ChaCha20Poly1305
         self._read, self._write = cipher(keys.read_key), cipher(keys.write_key)
         self._read_iv, self._write_iv = keys.read_iv, keys.write_iv
         self._written, self._newest = keys.written, keys.received
         self._seen = _ALL_SEEN  # all before the hand-over; bit k: the newest less k
         self.closed = False
-
-    def keys(self) -> SessionKeys:
-        """Return the keys by which another process goes on: this one must write no record any more."""
-        return replace(self._keys, written=self._written, received=self._newest)
 
     def send(self, message: bytes) -> bytes:
         """Return the datagram that carries a message."""

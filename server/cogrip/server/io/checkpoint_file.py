@@ -98,8 +98,11 @@ class CheckpointWriter:
 
     def _write_newest(self) -> None:
         self._waits = False  # before it is looked for: what is put from now on is written by the next call
-        if self._newest:
-            self._write(*self._newest.pop())
+        try:
+            number, data = self._newest.pop()
+        except IndexError:  # a call before has written it, or it was removed
+            return
+        self._write(number, data)
 
     def _write(self, number: int, data: bytes) -> None:
         self.overtaken += number - self._taken - 1
@@ -116,7 +119,8 @@ class CheckpointWriter:
         return read(self.path)
 
     def remove(self) -> None:
-        """Remove what is there. Raises OSError."""
+        """Remove what is there, and what waits. Raises OSError."""
+        self._newest.clear()
         remove(self.path)
 
     def close(self) -> None:

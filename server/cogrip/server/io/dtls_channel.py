@@ -229,13 +229,11 @@ class DtlsListener:
     def hand_over(self, address: Address, last: bytes) -> SessionKeys | None:
         """Send a last message, and return the keys by which another process goes on; None where it cannot be sent."""
         peer = self._open.get(address)
-        if peer is None or not self.send(last, address):
+        if peer is None or peer.session is not None or not self.send(last, address):
             return None
         del self._open[address]
         self._unseated.pop(address, None)
         self._rate_limiter.seated(address, peer.since_ns)
-        if peer.session is not None:
-            return peer.session.keys()
         return export_keys(peer.association.connection, newest_number(self.outbox[-1][1]), peer.newest)
 
     def counts(self) -> dict[str, int]:
