@@ -17,6 +17,9 @@ LINUX = sys.platform == "linux"
 CLOCK: Literal["monotonic", "perf_counter"] = "monotonic"  # its name for time.get_clock_info
 SPIN_NS = 60_000
 """Spinning before a deadline: about what an ordinary thread with 1 ns of timer slack oversleeps."""
+SPIN_PART = 4
+"""At most one in so many parts of a period is spun: a loop of high priority and rate, which spun half of it, would leave no
+processor for a server and recorders of lower priority. A thread under SCHED_FIFO oversleeps by some 15 us."""
 
 NOBODY_LISTENS: tuple[type[OSError], ...] = (ConnectionRefusedError,)  # raised by a connected UDP socket
 LOCKS_ARE_INHERITED = True
