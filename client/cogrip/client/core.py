@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, overload
 
 from cogrip.client import inputs
-from cogrip.client.coupling import AnyCoupling
+from cogrip.client.coupling import Coupling
 from cogrip.client.device_port import DevicePort
 from cogrip.client.energy_ledger import EnergyLedger
 from cogrip.client.inputs import ClientInput, CloseLedger
@@ -196,7 +196,7 @@ class ClientCore:
         return self._seat.safety
 
     @property
-    def coupling(self) -> AnyCoupling:
+    def coupling(self) -> Coupling:
         return self._seat.coupling
 
     @property

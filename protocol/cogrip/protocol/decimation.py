@@ -8,19 +8,25 @@ A decimator gets one wave a device tick and gives one a frame. `boxcar` cannot c
 from collections.abc import Callable, Sequence
 from math import exp, expm1
 from operator import add
-from typing import Protocol
 
 Wave = Sequence[float]
 
 
-class Decimator(Protocol):
-    """`push` the forward wave of one tick, shape (axes,); `take` returns the wave of the frame that ends, shape (axes,)."""
+class Decimator:
+    """Base of all decimators."""
 
-    def push(self, wave: Wave) -> None: ...
-    def take(self) -> tuple[float, ...]: ...
+    __slots__ = ()
+
+    def push(self, wave: Wave) -> None:
+        """Enter the forward wave of one tick, shape (axes,)."""
+        raise NotImplementedError
+
+    def take(self) -> tuple[float, ...]:
+        """Return the wave of the frame that ends, shape (axes,)."""
+        raise NotImplementedError
 
 
-class Boxcar:
+class Boxcar(Decimator):
     """Mean of the M fast waves of a frame."""
 
     __slots__ = ("_scale", "_sum")
@@ -39,7 +45,7 @@ class Boxcar:
         return mean
 
 
-class Lowpass:
+class Lowpass(Decimator):
     """xf' = -w xf + u, y = w xf (P eq. 32), with the input held over a tick; the last sample is sent."""
 
     __slots__ = ("_gain", "_pole", "_state")
@@ -58,7 +64,7 @@ class Lowpass:
         return tuple(self._state)
 
 
-class LastSample:
+class LastSample(Decimator):
     """No filter: keep one wave of M."""
 
     __slots__ = ("_last",)
