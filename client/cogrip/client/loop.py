@@ -31,7 +31,7 @@ from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import Farewell, Hello
 from cogrip.protocol.recording.header import Header, versions_here
-from cogrip.protocol.recording.sink import Nowhere
+from cogrip.protocol.recording.sink import Nowhere, pack
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.texts import clipped_mark, shown
@@ -187,7 +187,7 @@ class LiveClient:
             recorder = open_recorder(path, header, self.say)
             if recorder is None:
                 self._counts["recording stopped"] = 1
-        core.record(recorder or Nowhere())
+        core.record(recorder or Nowhere(), pack)
         return recorder
 
     def _keep_seat(self) -> None:
@@ -227,9 +227,9 @@ class LiveClient:
             if not ending:
                 self._obey(tick, now_ns, supervised)
             if not ending:
-                failed = self.paths.explained(session.failed) or (
-                    safety.reason if safety.state == "fault" and not self.rearms else ""
-                )
+                failed = session.failed and self.paths.explained(session.failed)
+                if safety.state == "fault" and not self.rearms:
+                    failed = failed or safety.reason
                 over = bool(self.over()) or (last_tick is not None and tick >= last_tick + waiting.ticks)
                 if failed or self.stop.reason or over or session.state == "closed":
                     ending = True
@@ -354,6 +354,7 @@ class LiveClient:
         core, session = self._core, self._core.session
         now_ns = time.monotonic_ns()
         account = core.handle(inputs.CloseLedger(ticks), now_ns)
+        assert account is not None
         reason = failed or self.stop.reason or self.over() or "the session is over"
         core.handle(inputs.Leave(reason[:300]), now_ns)
         if session.state != "leaving":  # the server stopped first: it waits for our account

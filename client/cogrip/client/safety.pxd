@@ -34,7 +34,8 @@ cdef class Safety:
     cpdef bint event(self, name, reason=*) except -1
     cpdef fail(self, reason)
     @cython.locals(
-        square=double, other=double, x=double, y=double, z=double, speed=double, axis=Py_ssize_t, low=double, high=double,
+        square=double, other=double, x=double, y=double, z=double, at_x=double, at_y=double,
+        at_z=double, place=double, speed=double, axis=Py_ssize_t, low=double, high=double,
     )
     cpdef bint check(self, long long ticks, position_m, velocity_mps) except -1
     cpdef double coming_gain(self, bint wished=*)

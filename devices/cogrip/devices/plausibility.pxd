@@ -31,7 +31,8 @@ cdef class Plausibility:
 
     cpdef restart(self)
     @cython.locals(
-        taken="long long", ticks="long long", step=list, square=double, x=double, y=double, z=double, moved=double,
+        taken="long long", ticks="long long", step=list, square=double, x=double, y=double, z=double, then_x=double,
+        then_y=double, then_z=double, moved=double,
     )
     cpdef judge(self, long long tick, sample)
     cdef double _most_m(self, double time_s, double late_s)

@@ -10,6 +10,9 @@ cdef class Boxcar(Decimator):
     cdef public list _sum
     cdef double _scale
 
+    @cython.locals(total=list, x=double, y=double, z=double)
+    cpdef push(self, wave)
+
 
 cdef class Lowpass(Decimator):
     cdef list _state

@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from math import exp, expm1
 from operator import add
 
+from cogrip.protocol.setting_types import PLACES
+
 Wave = Sequence[float]
 
 
@@ -36,7 +38,14 @@ class Boxcar(Decimator):
         self._scale = 1.0 / ticks_per_frame
 
     def push(self, wave: Wave) -> None:
-        self._sum = list(map(add, self._sum, wave))
+        total = self._sum
+        if len(total) == PLACES:  # as below, without a loop
+            x, y, z = wave
+            total[0] += x
+            total[1] += y
+            total[2] += z
+        else:
+            self._sum = list(map(add, total, wave))
 
     def take(self) -> tuple[float, ...]:
         scale = self._scale

@@ -82,12 +82,13 @@ def session_change(session: ClientSession, before: str, after: str) -> str:
 
 
 class NetworkPath:
-    """One socket and its channel. refused: nobody listens at its other end; met: a handshake was made, or none is needed."""
+    """One socket and its channel. `arrived` tells whether there may be a datagram; `refused`: nobody listens at its other end."""
 
     def __init__(self, server: Server, channel: Channel) -> None:
         self.server = server
         self.socket = socket.socket(server.family, socket.SOCK_DGRAM)
         self.socket.setblocking(False)
+        self.arrived = system.arrival_check(self.socket)
         self.channel = channel
         self.refused = False
         self.met = self.ready
@@ -193,12 +194,14 @@ class Paths:
         """
         migration = self._migration
         for path in migration.paths:
-            if path not in migration.paths:
+            if path is not migration.path and path not in migration.paths:
                 continue  # it was closed just now
-            receive, channel = path.socket.recv, path.channel
+            arrived, channel = path.arrived, path.channel
             for _ in range(MOST_DATAGRAMS):
+                if not arrived():
+                    break
                 try:
-                    datagram = receive(MAX_DATAGRAM_BYTES + 1)
+                    datagram = path.socket.recv(MAX_DATAGRAM_BYTES + 1)
                 except BlockingIOError:
                     break
                 except OSError as error:
@@ -217,7 +220,7 @@ class Paths:
                     if migration.newer is not None and answers(message):
                         self._adopt(path)
                     take(message, now_ns)
-                if path not in migration.paths:  # a redirect has closed it
+                if path is not migration.path and path not in migration.paths:  # a redirect has closed it
                     break
             else:
                 self._counts[LEFT] += 1
