@@ -82,9 +82,8 @@ class LiveClient:
     allow_unstable: bool = False  # hold a device that is asked for more than it carries; never one of hardware
     clutched: bool = False  # begin with the clutch held
     each_frame: Callable[[RecordedClient, int], None] | None = None  # called once a network frame, with its number
-    waits: SimulatedDevice | None = (
-        None  # begins when everybody holds on, and then `seconds` begins; part of the device
-    )
+    # begins when everybody holds on, and then `seconds` begins; part of the device
+    waits: SimulatedDevice | None = None
     _core: RecordedClient = field(init=False)
     _up: Link | None = field(init=False, default=None)
     _down: Link | None = field(init=False, default=None)
@@ -227,9 +226,7 @@ class LiveClient:
             if not ending:
                 self._obey(tick, now_ns, supervised)
             if not ending:
-                failed = session.failed and self.paths.explained(session.failed)
-                if safety.state == "fault" and not self.rearms:
-                    failed = failed or safety.reason
+                failed = self._why() if session.failed or safety.state == "fault" else ""
                 over = bool(self.over()) or (last_tick is not None and tick >= last_tick + waiting.ticks)
                 if failed or self.stop.reason or over or session.state == "closed":
                     ending = True
@@ -328,6 +325,11 @@ class LiveClient:
         if supervised.refusal:
             self.say(f"not re-armed: {supervised.refusal}")
             supervised.refusal = ""
+
+    def _why(self) -> str:
+        """Return why the session cannot go on, "" where it can: in a fault, where the person may re-arm."""
+        safety, failed = self._core.safety, self.paths.explained(self._core.session.failed)
+        return failed or (safety.reason if safety.state == "fault" and not self.rearms else "")
 
     def _server_silent(self, now_ns: int) -> str:
         """Return why an end that is no failure by itself is one: the server does not learn of it; "" where it does."""

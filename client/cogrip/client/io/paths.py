@@ -82,7 +82,7 @@ def session_change(session: ClientSession, before: str, after: str) -> str:
 
 
 class NetworkPath:
-    """One socket and its channel. `arrived` tells whether there may be a datagram; `refused`: nobody listens at its other end."""
+    """One socket and its channel. arrived: tells whether a datagram may be there; refused: nobody listens at the other end."""
 
     def __init__(self, server: Server, channel: Channel) -> None:
         self.server = server
@@ -92,6 +92,15 @@ class NetworkPath:
         self.channel = channel
         self.refused = False
         self.met = self.ready
+
+    def receive(self) -> bytes | None:
+        """Return a datagram, None where there is none. Raises OSError."""
+        if not self.arrived():
+            return None
+        try:
+            return self.socket.recv(MAX_DATAGRAM_BYTES + 1)
+        except BlockingIOError:
+            return None
 
     @property
     def ready(self) -> bool:
@@ -196,17 +205,15 @@ class Paths:
         for path in migration.paths:
             if path is not migration.path and path not in migration.paths:
                 continue  # it was closed just now
-            arrived, channel = path.arrived, path.channel
+            channel = path.channel
             for _ in range(MOST_DATAGRAMS):
-                if not arrived():
-                    break
                 try:
-                    datagram = path.socket.recv(MAX_DATAGRAM_BYTES + 1)
-                except BlockingIOError:
-                    break
+                    datagram = path.receive()
                 except OSError as error:
                     path.refused = path.refused or isinstance(error, system.NOBODY_LISTENS)
                     self._count(error)
+                    break
+                if datagram is None:
                     break
                 path.refused = False
                 messages = channel.receive(datagram, PEER, now_ns)
