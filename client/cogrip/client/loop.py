@@ -39,6 +39,7 @@ from cogrip.protocol.texts import clipped_mark, shown
 TYPED_TICKS = 64  # from one look at the terminal to the next
 LEAD_NS = 2_000_000  # from the welcome to the first tick
 NO_TICKS = TickCount()
+ORDERS = "`m TEXT` sets a marker, `c` holds the clutch, `set KEY=VALUE` a scale, `r` re-arms after a fault"
 
 
 class Link(Protocol):
@@ -82,8 +83,7 @@ class LiveClient:
     allow_unstable: bool = False  # hold a device that is asked for more than it carries; never one of hardware
     clutched: bool = False  # begin with the clutch held
     each_frame: Callable[[RecordedClient, int], None] | None = None  # called once a network frame, with its number
-    # begins when everybody holds on, and then `seconds` begins; part of the device
-    waits: SimulatedDevice | None = None
+    waits: SimulatedDevice | None = None  # part of the device: begins, and `seconds` with it, when everybody holds on
     _core: RecordedClient = field(init=False)
     _up: Link | None = field(init=False, default=None)
     _down: Link | None = field(init=False, default=None)
@@ -274,10 +274,7 @@ class LiveClient:
                 held, free = "clutched: the tool stands still; `c` and Enter engage", "engaged: force ramps in"
                 self.say(held if clutched else free)
             else:
-                orders = (
-                    "`m TEXT` sets a marker, `c` holds the clutch, `set KEY=VALUE` a scale, `r` re-arms after a fault"
-                )
-                self.say(f"{shown(line)!r} is no order: {orders}")
+                self.say(f"{shown(line)!r} is no order: {ORDERS}")
 
     def _keep_clutched(self, kept: bool, clutched: bool, now_ns: int) -> None:
         """Hold the clutch whatever else asks for it, also in a fault; or let it be as it was before."""

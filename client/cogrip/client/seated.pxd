@@ -18,7 +18,7 @@ cdef class SeatedClient(SeatHand):
     cdef public long long _ticks_per_frame
     cdef public long long _frame_begin
     cdef public long long _frame_end
-    cdef public object owed
+    cdef public object deficit_frames
     cdef public long long _wave_end
     cdef public double _rate_hz
     cdef public object _origin_m

@@ -14,6 +14,7 @@ cdef class ClientSession:
     cdef public object farewell
     cdef public long long last_received_ns
     cdef public long long fresh_ns
+    cdef long long _reached_ns
     cdef bint _begun
     cdef public long long silence_ns
     cdef public long long resumed

@@ -82,7 +82,12 @@ def session_change(session: ClientSession, before: str, after: str) -> str:
 
 
 class NetworkPath:
-    """One socket and its channel. arrived: tells whether a datagram may be there; refused: nobody listens at the other end."""
+    """One socket and its channel.
+
+    arrived  tells whether a datagram may be there
+    refused  nobody listens at the other end
+    met      a handshake was made, or none is needed
+    """
 
     def __init__(self, server: Server, channel: Channel) -> None:
         self.server = server

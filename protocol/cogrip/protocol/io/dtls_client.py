@@ -99,7 +99,7 @@ class DtlsClient:
         """Return the messages of a datagram of an association that is open."""
         received = session.receive(datagram)
         if not received:
-            self._drop("not of this seal")
+            self._drop("not authentic")
             if session.closed:
                 association.failed = CLOSED
                 self._handle_failure()
