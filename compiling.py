@@ -17,7 +17,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
-PARTS = ("protocol", "server")
+PARTS = ("protocol", "devices", "client", "server")
 SUFFIX = str(sysconfig.get_config_var("EXT_SUFFIX"))
 FLAGS = ["-O2", "-ffp-contract=off", "-fwrapv", "-fno-strict-aliasing", "-w", "-g0"]
 STAMP = ROOT / ".venv" / "cogrip-compiled.json"  # digest of the sources of what is compiled

@@ -9,7 +9,8 @@ usage: python3 dev.py COMMAND [ARGS...]
              benchmarks of every impaired network and of half an hour of live sessions: about two hours
   bench      set up, then a benchmark: `python3 dev.py bench --help` lists them
   lint       set up, then check format, style, types (as on Linux, Windows and macOS) and import contracts
-  compile    set up, then compile what a server does once a person and frame, beside its sources; `--remove` removes that.
+  compile    set up, then compile what a server does once a person and frame and a client once a tick, beside its sources;
+             `--remove` removes that.
              Never needed: without, everything runs interpreted. Takes a C compiler and some minutes
   rerecord   set up, then record the sessions of tests/recordings anew: when behaviour is meant to change
   run        set up, then any command of the environment: `python3 dev.py run cogrip --help`

@@ -20,6 +20,8 @@ LAWS = (
     "tests/protocol/test_ring.py", "tests/protocol/test_histogram.py", "tests/server/test_small_room.py",
     "tests/server/test_seat_limits.py", "tests/server/test_rate_limit.py", "tests/server/test_dtls_channel.py",
     "tests/server/test_recorded_server_plays_again.py", "tests/sim/test_recorded_sessions.py",
+    "tests/protocol/test_decimation.py", "tests/protocol/test_wave_filter.py", "tests/client",
+    "tests/devices/test_simulated_hands.py", "tests/devices/test_simulated_plants.py", "tests/devices/test_plausibility.py",
 )  # fmt: skip
 
 

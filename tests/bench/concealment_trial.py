@@ -159,6 +159,7 @@ def try_out(setup: Setup, name: str) -> Trial:
     for number, person in enumerate(laboratory.people):
         seat = laboratory.room.seat_account(number)
         client = person.core.handle(CloseLedger(laboratory.ticks()), person.core.now_ns)
+        assert client is not None
         margins += [seat.up_margin_j, seat.line_margin_j, client.down_margin_j]
         sent += client.down.sent
         missing += client.down.lost + client.down.late

@@ -5,7 +5,7 @@ from random import Random
 import pytest
 from msgspec.structs import replace
 
-from cogrip.client.coupling import AnyCoupling
+from cogrip.client.coupling import Coupling
 from cogrip.client.energy_ledger import EnergyLedger
 from cogrip.client.inputs import CloseLedger
 from cogrip.client.virtual_coupling import VirtualCoupling
@@ -47,7 +47,7 @@ def account(coupling: WaveCoupling) -> PlayoutAccount:
     return found
 
 
-def ledger(*lines: AnyCoupling) -> EnergyLedger:
+def ledger(*lines: Coupling) -> EnergyLedger:
     """Return the ledger of a person who had these lines, one after the other."""
     found = EnergyLedger(lines[0])
     for each in lines[1:]:

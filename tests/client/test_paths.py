@@ -345,7 +345,14 @@ def queued(paths: Paths, count: int) -> list[bytes]:
 
     paths.paths[0].socket.close()
     paths.paths[0].socket = Socket()  # type: ignore[assignment]
+    paths.paths[0].arrived = lambda: True
     return waiting
+
+
+def test_a_socket_with_nothing_is_not_asked_for_a_datagram(paths: Paths) -> None:
+    queued(paths, 3)
+    paths.paths[0].arrived = lambda: False
+    paths.drain(0, lambda message, at_ns: pytest.fail("it was asked"), lambda message: False)
 
 
 @pytest.mark.parametrize("count", [MOST_DATAGRAMS - 1, MOST_DATAGRAMS, MOST_DATAGRAMS + 1, 3 * MOST_DATAGRAMS])

@@ -66,6 +66,16 @@ def test_sleeps_to_the_spin_and_spins_the_rest() -> None:
     assert clock.now_ns == T0_NS + 1_000_000
 
 
+@pytest.mark.parametrize(("rate_hz", "spin_ns"), [(1024, 60_000), (4096, 60_000), (8192, 30_517), (20_000, 12_500)])
+def test_of_a_period_no_more_than_a_part_is_spun(rate_hz: int, spin_ns: int) -> None:
+    """The rest is left to those of lower priority: its server, its recorder."""
+    clock = FakeClock(T0_NS)
+    pacer = paced(clock, rate_hz, spin_ns=60_000, first=1)
+    assert pacer.spin_ns == spin_ns
+    pacer.wait()
+    assert clock.slept_ns == [pytest.approx(1e9 / rate_hz - READ_NS - spin_ns, abs=1)]
+
+
 def test_an_early_wake_sleeps_again() -> None:
     clock = FakeClock(T0_NS)
     clock.oversleep_ns = -200_000

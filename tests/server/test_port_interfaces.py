@@ -7,14 +7,9 @@ from cogrip.protocol.line.jitter_buffer import AdaptiveJitterBuffer, FixedJitter
 from cogrip.server.port import Port
 from cogrip.server.schemes import SCHEMES
 
+from tests.interfaces import only_named
+
 PORTS = sorted({scheme.make_port for scheme in SCHEMES.values()}, key=lambda port: port.__name__)
-
-
-def only_named(base: type) -> set[str]:
-    """Return the methods and properties of a class that raise NotImplementedError."""
-    functions = {name: getattr(each, "fget", each) for name, each in vars(base).items()}
-    written = {name: each.__code__ for name, each in functions.items() if hasattr(each, "__code__")}
-    return {name for name, code in written.items() if "NotImplementedError" in code.co_names}
 
 
 @pytest.mark.skipif(form() != "interpreted", reason="a compiled method does not tell what it calls")

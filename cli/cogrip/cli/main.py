@@ -96,7 +96,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         errors.print(f"cogrip: {MOVED[given[0]]}")
         return 2
     if changed := outdated():
-        cure = "`python3 dev.py compile` compiles them anew, `python3 dev.py compile --remove` removes what was compiled"
+        cure = (
+            "`python3 dev.py compile` compiles them anew, `python3 dev.py compile --remove` removes what was compiled"
+        )
         errors.print(f"cogrip: sources have changed since they were compiled ({', '.join(changed[:3])}); {cure}")
         return 2
     try:

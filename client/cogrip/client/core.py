@@ -7,13 +7,13 @@ server's step between them, which is the order of theory section 6. All other in
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, overload
+from typing import Any
 
 from cogrip.client import inputs
-from cogrip.client.coupling import AnyCoupling
+from cogrip.client.coupling import Coupling
 from cogrip.client.device_port import DevicePort
 from cogrip.client.energy_ledger import EnergyLedger
-from cogrip.client.inputs import ClientInput, CloseLedger
+from cogrip.client.inputs import ClientInput
 from cogrip.client.markers import Markers
 from cogrip.client.safety import Safety
 from cogrip.client.seat_account import account_of
@@ -84,10 +84,6 @@ class ClientCore:
         self._capability = capability
         self._make_port = make_port
 
-    @overload
-    def handle(self, given: CloseLedger, now_ns: int) -> ClientAccount: ...
-    @overload
-    def handle(self, given: ClientInput, now_ns: int) -> ClientAccount | None: ...
     def handle(self, given: ClientInput, now_ns: int) -> ClientAccount | None:
         """Do what an input asks for. Returns the account for `CloseLedger`, else None."""
         self.now_ns = now_ns
@@ -196,7 +192,7 @@ class ClientCore:
         return self._seat.safety
 
     @property
-    def coupling(self) -> AnyCoupling:
+    def coupling(self) -> Coupling:
         return self._seat.coupling
 
     @property

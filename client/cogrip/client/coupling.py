@@ -4,7 +4,6 @@ A tick:   `elapse`, or `elapse_absent` where there is no hand, enters the tick t
 A frame:  `end_frame`, then `message` for what is sent; `start_frame` plays what came.
 """
 
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
 from math import inf, sqrt
@@ -15,10 +14,9 @@ from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
 from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Geom, Power, Stamp, State, Waves
+from cogrip.protocol.messages import Frame, Geom, Power, Stamp, State
 from cogrip.protocol.settings import SeatSettings
 
-M = TypeVar("M", Waves, State, Power)
 L = TypeVar("L", State, Power)
 T = TypeVar("T")
 Row = tuple[float, ...]
@@ -93,7 +91,7 @@ class PortEnergy:
         return self._stored_j + (self.made_now_j - self.used_now_j)
 
 
-class Coupling(ABC, Generic[M]):
+class Coupling:
     """Energies in J, forces in N, rows of shape (axes,).
 
     Its owner sets
@@ -116,8 +114,7 @@ class Coupling(ABC, Generic[M]):
         credit_left    credit that the line down leaves to the next one, per axis [W] (SPEC 5.4)
     """
 
-    down_reserve: EnergyReserve
-    credit_left: float = inf
+    credit_left = inf
 
     def __init__(self, seat: SeatSettings) -> None:
         self._seat, axes = seat, seat.object.axes
@@ -133,6 +130,7 @@ class Coupling(ABC, Generic[M]):
         self.sent: Row = (0.0,) * axes
         self.object_state: Row = (0.0,) * (2 * axes)
         self.down_margin_j: float | None = 0.0
+        self.down_reserve = EnergyReserve(seat.rates.network_hz)
 
     @property
     def gap(self) -> bool:
@@ -160,9 +158,9 @@ class Coupling(ABC, Generic[M]):
         return 0.0
 
     @property
-    @abstractmethod
     def port_j(self) -> float:
         """Energy that went into the coupling here."""
+        raise NotImplementedError
 
     @property
     def entered_j(self) -> float:
@@ -170,9 +168,9 @@ class Coupling(ABC, Generic[M]):
         return self.port_j
 
     @property
-    @abstractmethod
     def given_j(self) -> float:
         """Energy that the other end gave this one, less what it took up to the last frame that ended."""
+        raise NotImplementedError
 
     @property
     def pending_j(self) -> float:
@@ -180,23 +178,23 @@ class Coupling(ABC, Generic[M]):
         return 0.0
 
     @property
-    @abstractmethod
     def newest(self) -> int:
         """Number of the newest frame received; -1 before the first."""
+        raise NotImplementedError
 
-    @abstractmethod
     def fit(self, record: Capability, lag_s: float) -> None:
         """Go by this device, whose damper acts late by `lag_s`."""
+        raise NotImplementedError
 
     def set_latency(self, ticks: int) -> None:
         """Samples are `ticks` ticks old from now on."""
 
-    @abstractmethod
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
         """Enter a tick that has passed, with the displacement it shows / T_c and the velocity sample it began with.
 
         hold: how firmly a hand that is leaving still holds, from 1 down to 0.
         """
+        raise NotImplementedError
 
     def elapse_held(self) -> None:
         """Enter a tick that has passed with the clutch held: the tool stands still."""
@@ -205,37 +203,39 @@ class Coupling(ABC, Generic[M]):
     def elapse_absent(self) -> None:
         """Enter a tick that has passed without a hand."""
 
-    @abstractmethod
     def end_frame(self, spare_j: float = inf) -> int:
         """End a frame, which may give the line at most `spare_j`. Return the ticks of the next."""
+        raise NotImplementedError
 
-    @abstractmethod
     def start_frame(self) -> int:
         """Play what has come for the next frame. Return for how many ticks."""
+        raise NotImplementedError
 
-    @abstractmethod
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
         """Return the law's force on the hand [N]."""
+        raise NotImplementedError
 
-    @abstractmethod
-    def message(self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]) -> M:
+    def message(
+        self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
+    ) -> Frame:
         """Return what is sent of the frame that ended."""
+        raise NotImplementedError
 
-    @abstractmethod
-    def receive(self, message: M) -> bool:
+    def receive(self, message: Any) -> bool:
         """Take in a message; False where it does not fit."""
+        raise NotImplementedError
 
     def receive_shape(self, geom: Geom) -> bool:
         """Take in a shape of the room's fixed geometry; False where it does not fit, or is of no use here."""
         return False
 
-    @abstractmethod
     def lost(self) -> int:
         """Return the number of frames from the server that were lost."""
+        raise NotImplementedError
 
-    @abstractmethod
     def count(self) -> LinkCount:
         """Count the frames that came down."""
+        raise NotImplementedError
 
     @property
     def playout_frames(self) -> float | None:
@@ -250,7 +250,7 @@ class Coupling(ABC, Generic[M]):
         """Return the measured loop: frames from a message to the frame in which its answer is applied."""
         return None
 
-    def go_on_from(self, before: "AnyCoupling") -> None:
+    def go_on_from(self, before: "Coupling") -> None:
         """Begin as this line of the same seat ended; `fit` comes after."""
         self.down_margin_j = before.down_margin_j  # of all lines: the new one begins with 0
         self.credit_left = before.credit_left  # all lines together lend one credit
@@ -264,7 +264,7 @@ class Coupling(ABC, Generic[M]):
         return None
 
 
-class LatestStateCoupling(Coupling[L]):
+class LatestStateCoupling(Coupling, Generic[L]):
     """Base of the couplings whose newest message wins. One that is missing leaves no gap: the last one stands."""
 
     def __init__(self, seat: SeatSettings) -> None:
@@ -299,6 +299,3 @@ def stretch_m(stiffness_npm: float, energy_j: float, peak_n: float) -> float:
     """Return the stretch of a spring with this energy, whose force ends at `peak_n`: the inverse of `spring_j`."""
     force = sqrt(2.0 * stiffness_npm * energy_j)
     return force / stiffness_npm if force <= peak_n else energy_j / peak_n + 0.5 * peak_n / stiffness_npm
-
-
-AnyCoupling = Coupling[Any]

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from cogrip.client.coupling import AnyCoupling, DelayLine, mean_row
+from cogrip.client.coupling import Coupling, DelayLine, mean_row
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.line.energy_sums import CompensatedSum
 
@@ -21,7 +21,7 @@ from cogrip.protocol.line.energy_sums import CompensatedSum
 class EnergyLedger:
     """coupling: the one in use; effects_j: work against effects. `closed_...` are sums over the lines before."""
 
-    def __init__(self, coupling: AnyCoupling) -> None:
+    def __init__(self, coupling: Coupling) -> None:
         self.coupling = coupling
         self.weight = 1.0  # power at the hand by power into the line (`hand_frame`)
         self.work = CompensatedSum()
@@ -57,7 +57,7 @@ class EnergyLedger:
         if leak < self.least_leak_j:
             self.least_leak_j = leak
 
-    def begin_line(self, coupling: AnyCoupling) -> None:
+    def begin_line(self, coupling: Coupling) -> None:
         """Close the present line and go on with a new one. What the old one had received but not played is never played now."""
         before = self.coupling
         self._close(before, self.weight)
@@ -66,7 +66,7 @@ class EnergyLedger:
         coupling.go_on_from(before)
         self.coupling = coupling
 
-    def _close(self, coupling: AnyCoupling, weight: float) -> None:
+    def _close(self, coupling: Coupling, weight: float) -> None:
         self.closed_given_j += weight * coupling.given_j
         self.closed_port_j += weight * coupling.port_j
         self.closed_entered_j += weight * coupling.entered_j

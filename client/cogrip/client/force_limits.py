@@ -118,7 +118,8 @@ class ForceLimits:
 
     def correct(self, force_n: tuple[float, ...], goes_on: bool) -> None:
         """Enter the force that acts in place of `out`; the slope goes on from it where `goes_on`."""
-        self.thermal.correct(*[sum([value * value for value in force]) for force in (self.out, force_n)])
+        entered, square = [sum([value * value for value in force]) for force in (self.out, force_n)]
+        self.thermal.correct(entered, square)
         if goes_on:
             self.out = force_n
 

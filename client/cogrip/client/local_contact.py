@@ -20,12 +20,11 @@ line, of impedance b, returning wave w. A tick of the copy is an implicit midpoi
     m (v' - v) / T_c = F - F_line      F_line = b v_p - sqrt(2b) w      v_p = (v + v') / 2      u = sqrt(2b) v_p - w
 """
 
-from abc import abstractmethod
 from collections.abc import Sequence
 from math import inf, sqrt
 from operator import mul
 
-from cogrip.client.coupling import AnyCoupling, Row, spring_j, stretch_m
+from cogrip.client.coupling import Coupling, Row, spring_j, stretch_m
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability
 from cogrip.protocol.line.energy_sums import CompensatedSum
@@ -100,7 +99,7 @@ class LocalCoupling(WaveCoupling):
         super().fit(record, lag_s)
         self._lag_s, self._peak_n, self._carried = lag_s, record.peak_force_n, -1.0
 
-    def go_on_from(self, before: AnyCoupling) -> None:
+    def go_on_from(self, before: Coupling) -> None:
         super().go_on_from(before)
         if isinstance(before, LocalCoupling):
             self.proxy_m, self.gate, self.ramp_gain = before.proxy_m, before.gate, before.ramp_gain
@@ -137,9 +136,9 @@ class LocalCoupling(WaveCoupling):
         """Enter a tick of the line, whose port has moved at this mean velocity."""
         super().elapse(velocity_mps, velocity_mps)
 
-    @abstractmethod
     def _move(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
         """Enter a tick of what is behind the contact, and of the line."""
+        raise NotImplementedError
 
     def set_latency(self, ticks: int) -> None:
         """The line begins behind the contact: its own ticks are never late."""
@@ -181,7 +180,7 @@ class LocalFace(LocalCoupling):
         self.surface_m: float | None = None
         self._speed = 0.0  # v_p
 
-    def go_on_from(self, before: AnyCoupling) -> None:
+    def go_on_from(self, before: Coupling) -> None:
         """Keep the surface where it is: what the hand presses on does not vanish under it."""
         super().go_on_from(before)
         self.surface_m = before.surface_m if isinstance(before, LocalFace) else None
@@ -220,9 +219,9 @@ class LocalFace(LocalCoupling):
         """Return the part of the law's force that follows the hand's own motion: all of it, where nothing else moves."""
         return law_n
 
-    @abstractmethod
     def _place(self, hand_m: float) -> None:
         """Put the surface where it should be, as far as energy allows."""
+        raise NotImplementedError
 
 
 class LocalWall(LocalFace):

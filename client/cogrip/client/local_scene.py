@@ -16,7 +16,7 @@ from math import sqrt
 
 from msgspec.structs import replace
 
-from cogrip.client.coupling import AnyCoupling, Row
+from cogrip.client.coupling import Coupling, Row
 from cogrip.client.fixed_shapes import KINDS, FixedShape, Vector
 from cogrip.client.local_contact import LocalCoupling
 from cogrip.client.proxy import Ball, Proxy, without
@@ -82,7 +82,7 @@ class LocalScene(LocalCoupling):
 
     # The line
 
-    def go_on_from(self, before: AnyCoupling) -> None:
+    def go_on_from(self, before: Coupling) -> None:
         super().go_on_from(before)
         if isinstance(before, LocalScene):  # what the hand presses on does not vanish under it
             self._proxy, self._shapes = before._proxy, before._shapes

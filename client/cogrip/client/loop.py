@@ -31,7 +31,7 @@ from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import Farewell, Hello
 from cogrip.protocol.recording.header import Header, versions_here
-from cogrip.protocol.recording.sink import Nowhere
+from cogrip.protocol.recording.sink import Nowhere, pack
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.texts import clipped_mark, shown
@@ -39,6 +39,7 @@ from cogrip.protocol.texts import clipped_mark, shown
 TYPED_TICKS = 64  # from one look at the terminal to the next
 LEAD_NS = 2_000_000  # from the welcome to the first tick
 NO_TICKS = TickCount()
+ORDERS = "`m TEXT` sets a marker, `c` holds the clutch, `set KEY=VALUE` a scale, `r` re-arms after a fault"
 
 
 class Link(Protocol):
@@ -82,9 +83,7 @@ class LiveClient:
     allow_unstable: bool = False  # hold a device that is asked for more than it carries; never one of hardware
     clutched: bool = False  # begin with the clutch held
     each_frame: Callable[[RecordedClient, int], None] | None = None  # called once a network frame, with its number
-    waits: SimulatedDevice | None = (
-        None  # begins when everybody holds on, and then `seconds` begins; part of the device
-    )
+    waits: SimulatedDevice | None = None  # part of the device: begins, and `seconds` with it, when everybody holds on
     _core: RecordedClient = field(init=False)
     _up: Link | None = field(init=False, default=None)
     _down: Link | None = field(init=False, default=None)
@@ -187,7 +186,7 @@ class LiveClient:
             recorder = open_recorder(path, header, self.say)
             if recorder is None:
                 self._counts["recording stopped"] = 1
-        core.record(recorder or Nowhere())
+        core.record(recorder or Nowhere(), pack)
         return recorder
 
     def _keep_seat(self) -> None:
@@ -227,9 +226,7 @@ class LiveClient:
             if not ending:
                 self._obey(tick, now_ns, supervised)
             if not ending:
-                failed = self.paths.explained(session.failed) or (
-                    safety.reason if safety.state == "fault" and not self.rearms else ""
-                )
+                failed = self._why() if session.failed or safety.state == "fault" else ""
                 over = bool(self.over()) or (last_tick is not None and tick >= last_tick + waiting.ticks)
                 if failed or self.stop.reason or over or session.state == "closed":
                     ending = True
@@ -277,10 +274,7 @@ class LiveClient:
                 held, free = "clutched: the tool stands still; `c` and Enter engage", "engaged: force ramps in"
                 self.say(held if clutched else free)
             else:
-                orders = (
-                    "`m TEXT` sets a marker, `c` holds the clutch, `set KEY=VALUE` a scale, `r` re-arms after a fault"
-                )
-                self.say(f"{shown(line)!r} is no order: {orders}")
+                self.say(f"{shown(line)!r} is no order: {ORDERS}")
 
     def _keep_clutched(self, kept: bool, clutched: bool, now_ns: int) -> None:
         """Hold the clutch whatever else asks for it, also in a fault; or let it be as it was before."""
@@ -329,6 +323,11 @@ class LiveClient:
             self.say(f"not re-armed: {supervised.refusal}")
             supervised.refusal = ""
 
+    def _why(self) -> str:
+        """Return why the session cannot go on, "" where it can: in a fault, where the person may re-arm."""
+        safety, failed = self._core.safety, self.paths.explained(self._core.session.failed)
+        return failed or (safety.reason if safety.state == "fault" and not self.rearms else "")
+
     def _server_silent(self, now_ns: int) -> str:
         """Return why an end that is no failure by itself is one: the server does not learn of it; "" where it does."""
         session = self._core.session
@@ -354,6 +353,7 @@ class LiveClient:
         core, session = self._core, self._core.session
         now_ns = time.monotonic_ns()
         account = core.handle(inputs.CloseLedger(ticks), now_ns)
+        assert account is not None
         reason = failed or self.stop.reason or self.over() or "the session is over"
         core.handle(inputs.Leave(reason[:300]), now_ns)
         if session.state != "leaving":  # the server stopped first: it waits for our account

@@ -150,14 +150,15 @@ class Safety:
             self._hold(ticks)
         square = other = 0.0
         if len(velocity_mps) == PLACES:  # as below, without a loop
-            x, y, z = velocity_mps
-            square = x * x + y * y + z * z
+            (x, y, z), (at_x, at_y, at_z) = velocity_mps, position_m
+            square, place = x * x + y * y + z * z, at_x + at_y + at_z
         else:
+            place = sum(position_m)
             for speed in velocity_mps if self._behind is None else velocity_mps[:PLACES]:
                 square += speed * speed
         if self._behind is not None:
             other = sum([speed * speed for speed in velocity_mps[PLACES:]])
-        if not isfinite(square + other + sum(position_m)):
+        if not isfinite(square + other + place):
             self.note("non-finite sample")
             self.fail("the device gave a number that is not finite; re-arm once it is well")
             return False

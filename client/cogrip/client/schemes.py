@@ -5,7 +5,7 @@ server, a message and more: docs/design.md, "How is a coupling scheme added?".
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cogrip.client.coupling import AnyCoupling
+from cogrip.client.coupling import Coupling
 from cogrip.client.local_contact import LocalFaces, LocalWall
 from cogrip.client.local_poses import LocalPoses
 from cogrip.client.local_scene import LocalScene
@@ -27,15 +27,15 @@ class Scheme:
     softer_key  key of [coupling] to lower where the force oscillates
     """
 
-    make: Callable[[SeatSettings], AnyCoupling]
+    make: Callable[[SeatSettings], Coupling]
     message: type[Frame]
     damper: tuple[str, str]
     softer_key: str
 
 
-def make_local(seat: SeatSettings) -> AnyCoupling:
+def make_local(seat: SeatSettings) -> Coupling:
     """Return the coupling with local contact of a seat's kind of object."""
-    makers: dict[str, Callable[[SeatSettings], AnyCoupling]] = {
+    makers: dict[str, Callable[[SeatSettings], Coupling]] = {
         "wall": LocalWall, "faces": LocalFaces, "scene": LocalPoses if seat.object.axes == POSE_AXES else LocalScene,
     }  # fmt: skip
     return makers[seat.object.kind](seat)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from msgspec.structs import replace
 
-from cogrip.client.coupling import AnyCoupling
+from cogrip.client.coupling import Coupling
 from cogrip.client.effects.force import EffectForce
 from cogrip.client.energy_ledger import EnergyLedger
 from cogrip.client.grip_axes import GripAxes
@@ -46,7 +46,7 @@ class SeatHand:
         "handle", "ledger", "safety", "session", "settings",
     )  # fmt: skip
 
-    coupling: AnyCoupling
+    coupling: Coupling
     safety: Safety
     ledger: EnergyLedger
     hand: HandMotion

@@ -12,7 +12,7 @@ from operator import mul, sub
 
 from msgspec.structs import replace
 
-from cogrip.client.coupling import AnyCoupling
+from cogrip.client.coupling import Coupling
 from cogrip.client.device_port import Cause, DevicePort, cure
 from cogrip.client.effects.force import EffectForce
 from cogrip.client.energy_ledger import EnergyLedger
@@ -47,7 +47,7 @@ class SeatedClient(SeatHand):
         rates = seat.rates
         super().__init__(seat, session, capability)
         self.session_id = session.welcome.session if session.welcome else 0
-        self.coupling: AnyCoupling = SCHEMES[seat.coupling.kind].make(seat)
+        self.coupling: Coupling = SCHEMES[seat.coupling.kind].make(seat)
         self.safety = Safety(self.capability, rates.tick_s, seat.coupling.unit)
         self.port = make_port(self._record, rates.tick_s)
         self.ledger = EnergyLedger(self.coupling)
@@ -335,8 +335,8 @@ class SeatedClient(SeatHand):
             wish = coupling.force(hand.position_m, hand.velocity_mps) if safety.state != "fault" else None
         else:
             coupling.carried_nspm = port.carried_nspm / frame.stiffest
-            tool = frame.place(hand.position_m), frame.rates(hand.velocity_mps)
-            wish = frame.hand_force(coupling.force(*tool)) if safety.state != "fault" else None
+            tool_m, tool_mps = frame.place(hand.position_m), frame.rates(hand.velocity_mps)
+            wish = frame.hand_force(coupling.force(tool_m, tool_mps)) if safety.state != "fault" else None
         if (effects := self.effects) is not None:
             wish = effects.added(self.tick, wish, hand.position_m, hand.velocity_mps, safety, port, frame)
         if port.balance_j < 0.0 and wish is not None and (paying := port.paying_nspm):

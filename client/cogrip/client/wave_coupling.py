@@ -20,7 +20,7 @@ from operator import sub
 
 from msgspec.structs import replace
 
-from cogrip.client.coupling import AnyCoupling, Coupling, DelayLine, Row
+from cogrip.client.coupling import Coupling, DelayLine, Row
 from cogrip.client.line_tuner import LineTuner
 from cogrip.client.series_impedance import SeriesImpedance
 from cogrip.client.velocity import largest_impedance
@@ -39,7 +39,7 @@ Held = tuple[Row, float, float, Sequence[float] | None, float]
 OPEN = 0.5  # fraction of a wave that a released end reflects: with more it yields more, and swings more
 
 
-class WaveCoupling(Coupling[Waves]):
+class WaveCoupling(Coupling):
     """The client's end of a wave line in each direction, `up` and `down`. forward: u of the last tick; late: its ticks."""
 
     __slots__ = (
@@ -95,7 +95,7 @@ class WaveCoupling(Coupling[Waves]):
                 self.tune(self._tuner.begin())
         self._most_wave = wave_of(self._b, *self._most_motion)
 
-    def go_on_from(self, before: AnyCoupling) -> None:
+    def go_on_from(self, before: Coupling) -> None:
         super().go_on_from(before)
         if self._tuner is not None and isinstance(before, WaveCoupling) and before._tuner is not None:
             self._tuner.go_on_from(before._tuner)
@@ -259,10 +259,10 @@ class WaveCoupling(Coupling[Waves]):
     ) -> Waves:
         first, waves, total, squares = self.up.sender.contents()
         acknowledged, state = self.down.receiver.acknowledged, origin_m + position_m
-        chosen = (self._b, self._since) if self._tuner is not None else (0.0, 0)
+        tuned = self._tuner is not None
         return Waves(
             session, first, waves, total, squares, self.energy.made_j, self.port_j, acknowledged, stamp, state, self.up.phase,
-            self._applied, *chosen,
+            self._applied, self._b if tuned else 0.0, self._since if tuned else 0,
         )  # fmt: skip
 
     def receive(self, message: Waves) -> bool:

@@ -98,12 +98,13 @@ class Plausibility:
         ticks = taken - self._taken
         if ticks <= 0:
             return OLD if ticks < 0 or tick != last else ""
-        step = list(map(sub, position, before))  # zip with `strict` takes three times as long
         square = 0.0
-        if len(step) == PLACES:  # as below, without a loop
-            x, y, z = step
-            square = x * x + y * y + z * z
+        if len(position) == PLACES:  # as below, without a loop
+            (x, y, z), (then_x, then_y, then_z) = position, before
+            x, y, z = x - then_x, y - then_y, z - then_z
+            step, square = [x, y, z], x * x + y * y + z * z
         else:
+            step = list(map(sub, position, before))  # zip with `strict` takes three times as long
             for moved in step:
                 square += moved * moved
         if square < self._quick and ticks == 1:

@@ -8,19 +8,27 @@ A decimator gets one wave a device tick and gives one a frame. `boxcar` cannot c
 from collections.abc import Callable, Sequence
 from math import exp, expm1
 from operator import add
-from typing import Protocol
+
+from cogrip.protocol.setting_types import PLACES
 
 Wave = Sequence[float]
 
 
-class Decimator(Protocol):
-    """`push` the forward wave of one tick, shape (axes,); `take` returns the wave of the frame that ends, shape (axes,)."""
+class Decimator:
+    """Base of all decimators."""
 
-    def push(self, wave: Wave) -> None: ...
-    def take(self) -> tuple[float, ...]: ...
+    __slots__ = ()
+
+    def push(self, wave: Wave) -> None:
+        """Enter the forward wave of one tick, shape (axes,)."""
+        raise NotImplementedError
+
+    def take(self) -> tuple[float, ...]:
+        """Return the wave of the frame that ends, shape (axes,)."""
+        raise NotImplementedError
 
 
-class Boxcar:
+class Boxcar(Decimator):
     """Mean of the M fast waves of a frame."""
 
     __slots__ = ("_scale", "_sum")
@@ -30,7 +38,14 @@ class Boxcar:
         self._scale = 1.0 / ticks_per_frame
 
     def push(self, wave: Wave) -> None:
-        self._sum = list(map(add, self._sum, wave))
+        total = self._sum
+        if len(total) == PLACES:  # as below, without a loop
+            x, y, z = wave
+            total[0] += x
+            total[1] += y
+            total[2] += z
+        else:
+            self._sum = list(map(add, total, wave))
 
     def take(self) -> tuple[float, ...]:
         scale = self._scale
@@ -39,7 +54,7 @@ class Boxcar:
         return mean
 
 
-class Lowpass:
+class Lowpass(Decimator):
     """xf' = -w xf + u, y = w xf (P eq. 32), with the input held over a tick; the last sample is sent."""
 
     __slots__ = ("_gain", "_pole", "_state")
@@ -58,7 +73,7 @@ class Lowpass:
         return tuple(self._state)
 
 
-class LastSample:
+class LastSample(Decimator):
     """No filter: keep one wave of M."""
 
     __slots__ = ("_last",)

@@ -82,15 +82,30 @@ def session_change(session: ClientSession, before: str, after: str) -> str:
 
 
 class NetworkPath:
-    """One socket and its channel. refused: nobody listens at its other end; met: a handshake was made, or none is needed."""
+    """One socket and its channel.
+
+    arrived  tells whether a datagram may be there
+    refused  nobody listens at the other end
+    met      a handshake was made, or none is needed
+    """
 
     def __init__(self, server: Server, channel: Channel) -> None:
         self.server = server
         self.socket = socket.socket(server.family, socket.SOCK_DGRAM)
         self.socket.setblocking(False)
+        self.arrived = system.arrival_check(self.socket)
         self.channel = channel
         self.refused = False
         self.met = self.ready
+
+    def receive(self) -> bytes | None:
+        """Return a datagram, None where there is none. Raises OSError."""
+        if not self.arrived():
+            return None
+        try:
+            return self.socket.recv(MAX_DATAGRAM_BYTES + 1)
+        except BlockingIOError:
+            return None
 
     @property
     def ready(self) -> bool:
@@ -193,17 +208,17 @@ class Paths:
         """
         migration = self._migration
         for path in migration.paths:
-            if path not in migration.paths:
+            if path is not migration.path and path not in migration.paths:
                 continue  # it was closed just now
-            receive, channel = path.socket.recv, path.channel
+            channel = path.channel
             for _ in range(MOST_DATAGRAMS):
                 try:
-                    datagram = receive(MAX_DATAGRAM_BYTES + 1)
-                except BlockingIOError:
-                    break
+                    datagram = path.receive()
                 except OSError as error:
                     path.refused = path.refused or isinstance(error, system.NOBODY_LISTENS)
                     self._count(error)
+                    break
+                if datagram is None:
                     break
                 path.refused = False
                 messages = channel.receive(datagram, PEER, now_ns)
@@ -217,7 +232,7 @@ class Paths:
                     if migration.newer is not None and answers(message):
                         self._adopt(path)
                     take(message, now_ns)
-                if path not in migration.paths:  # a redirect has closed it
+                if path is not migration.path and path not in migration.paths:  # a redirect has closed it
                     break
             else:
                 self._counts[LEFT] += 1

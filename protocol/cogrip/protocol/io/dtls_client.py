@@ -9,7 +9,8 @@ from collections.abc import Sequence
 
 from cogrip.protocol import messages
 from cogrip.protocol.channel import PEER, Address
-from cogrip.protocol.io.dtls import FINAL, Association, client_context
+from cogrip.protocol.io.dtls import CLOSED, FINAL, Association, client_context
+from cogrip.protocol.io.dtls_session import SUITES, DtlsSession, export_keys, newest_number
 from cogrip.protocol.texts import shown
 
 PATIENCE_NS = (500_000_000, 700_000_000, 900_000_000)  # wait for an answer to handshake 1, 2, 3 and all later ones
@@ -36,6 +37,8 @@ class DtlsClient:
         self._answered_ns = 0
         self._context = client_context(fingerprint, self._reject)
         self._association: Association | None = None
+        self._session: DtlsSession | None = None  # since the handshake is done: OpenSSL's association is asked no more
+        self._written = self._newest = -1  # highest numbers of the records of epoch 1, until then
         self._ready = False
 
     def _reject(self, fingerprint: str) -> None:
@@ -54,7 +57,7 @@ class DtlsClient:
         if not 0 < len(message) <= messages.MAX_MESSAGE_BYTES:
             self._drop("too large" if message else "empty")
             return False
-        datagram = self._association.send(message)
+        datagram = self._session.send(message) if self._session is not None else self._association.send(message)
         if not datagram:
             self._handle_failure()
             self._drop("association failed")
@@ -73,7 +76,10 @@ class DtlsClient:
         if not 20 <= datagram[0] <= 23:
             self._receive_unencrypted(datagram)
             return ()
+        if self._session is not None:
+            return self._open(self._session, association, datagram)
         received = association.feed(datagram)
+        self._newest = max(self._newest, newest_number(datagram))
         if self._ready:
             if not received:
                 self._drop("not authentic")
@@ -89,6 +95,16 @@ class DtlsClient:
             self._handle_failure()
         return ()
 
+    def _open(self, session: DtlsSession, association: Association, datagram: bytes) -> Sequence[bytes]:
+        """Return the messages of a datagram of an association that is open."""
+        received = session.receive(datagram)
+        if not received:
+            self._drop("not authentic")
+            if session.closed:
+                association.failed = CLOSED
+                self._handle_failure()
+        return tuple(received)
+
     def _check(self, association: Association, received: Sequence[bytes]) -> Sequence[bytes]:
         """Check once more, after the handshake, whom it was with."""
         theirs = association.peer_fingerprint()
@@ -99,6 +115,9 @@ class DtlsClient:
             self._handle_failure()
             return ()
         self._ready = True
+        if association.connection.get_cipher_name() in SUITES:
+            keys = export_keys(association.connection, self._written, self._newest, server=False)
+            self._session = DtlsSession(keys)
         return received
 
     def poll(self, now_ns: int) -> None:
@@ -118,12 +137,16 @@ class DtlsClient:
         if self._attempts > 1:
             self._drop("handshake begun again")
         self._answered_ns = now_ns
+        self._written = self._newest = -1
         self._association = association = Association(self._context)
         association.connect()
         self._send_pending(association)
 
     def close(self, address: Address = PEER) -> None:
-        if self._association is not None:
+        if self._session is not None:
+            if not self.failed:
+                self.outbox.append((PEER, self._session.close()))
+        elif self._association is not None:
             self._association.close()
             self._send_pending(self._association)
         self.failed = self.failed or "closed"
@@ -131,6 +154,7 @@ class DtlsClient:
     def _send_pending(self, association: Association) -> bool:
         """Send the pending datagrams of an association; False if there are none."""
         datagrams = association.pop_datagrams()
+        self._written = max(self._written, *map(newest_number, datagrams), -1)
         self.outbox.extend([(PEER, datagram) for datagram in datagrams])
         return bool(datagrams)
 

@@ -38,7 +38,7 @@ _ALL_SEEN = (1 << WINDOW) - 1
 
 
 class SessionKeys(msgspec.Struct, frozen=True):
-    """Keys and numbers by which a server goes on with an association. They are secret: never written to a file or a log.
+    """Keys and numbers by which an end goes on with an association. They are secret: never written to a file or a log.
 
     written, received  highest numbers of the records of epoch 1 so far
     """
@@ -55,18 +55,20 @@ class SessionKeys(msgspec.Struct, frozen=True):
         return f"SessionKeys(suite={self.suite!r})"
 
 
-def export_keys(connection: "SSL.Connection", written: int, received: int) -> SessionKeys:
-    """Return the keys of a server's end of an open association. written, received: see `SessionKeys`. Raises ValueError."""
+def export_keys(connection: "SSL.Connection", written: int, received: int, *, server: bool = True) -> SessionKeys:
+    """Return the keys of one end of an open association. written, received: see `SessionKeys`. Raises ValueError."""
     suite = connection.get_cipher_name() or ""
     digest, key_bytes, iv_bytes, _ = SUITES[suite]
-    master, theirs, ours = connection.master_key(), connection.client_random(), connection.server_random()
-    if master is None or theirs is None or ours is None:
+    master, clients, servers = connection.master_key(), connection.client_random(), connection.server_random()
+    if master is None or clients is None or servers is None:
         raise ValueError("the handshake is not done: there are no keys yet")
-    block = prf(digest, master, b"key expansion", ours + theirs, 2 * (key_bytes + iv_bytes))
+    block = prf(digest, master, b"key expansion", servers + clients, 2 * (key_bytes + iv_bytes))
     ends = [key_bytes, 2 * key_bytes, 2 * key_bytes + iv_bytes]
-    return SessionKeys(
-        suite, block[: ends[0]], block[ends[0] : ends[1]], block[ends[1] : ends[2]], block[ends[2] :], written, received
-    )
+    client_key, server_key = block[: ends[0]], block[ends[0] : ends[1]]
+    client_iv, server_iv = block[ends[1] : ends[2]], block[ends[2] :]
+    if server:
+        return SessionKeys(suite, client_key, server_key, client_iv, server_iv, written, received)
+    return SessionKeys(suite, server_key, client_key, server_iv, client_iv, written, received)
 
 
 def prf(digest: str, secret: bytes, label: bytes, seed: bytes, size: int) -> bytes:
@@ -97,7 +99,7 @@ def newest_number(datagram: bytes) -> int:
 
 
 class DtlsSession:
-    """Server's end of an open association. closed: the other end has closed it."""
+    """One end of an open association. closed: the other end has closed it."""
 
     __slots__ = ("_explicit", "_newest", "_read", "_read_iv", "_seen", "_write", "_write_iv", "_written", "closed")
 

@@ -1,6 +1,7 @@
 """Ticks at absolute deadlines: tick k is due at t0 + k * 10**9 // rate_hz, whatever happened before.
 
-Waiting sleeps to shortly before the deadline and spins the rest: the kernel wakes a sleeper tens of microseconds late.
+Waiting sleeps to shortly before the deadline and spins the rest: the kernel wakes a sleeper tens of microseconds late. No more
+than a part of a period is spun (SPIN_PART): others of lower priority need the processor, too.
 Overrun policy: a tick up to one period late still runs, and the next follows at once. Later than that, the pacer
 skips to the newest tick that is due and counts what it skipped. due = run + skipped, always.
 
@@ -14,7 +15,7 @@ from cogrip.protocol.accounts import Percentiles, TickCount
 from cogrip.protocol.histogram import DurationHistogram
 from cogrip.protocol.io.platform import system, time
 
-SPIN_NS = system.SPIN_NS
+SPIN_NS, SPIN_PART = system.SPIN_NS, system.SPIN_PART
 
 
 class Pacer:
@@ -38,7 +39,8 @@ class Pacer:
             raise ValueError(f"rate_hz {rate_hz} is below 1: give whole ticks a second")
         if spin_ns < 0:
             raise ValueError(f"spin_ns {spin_ns} is negative: give 0 to sleep only")
-        self.rate_hz, self.t0_ns, self.spin_ns = rate_hz, t0_ns, spin_ns
+        self.rate_hz, self.t0_ns = rate_hz, t0_ns
+        self.spin_ns = min(spin_ns, 1_000_000_000 // (SPIN_PART * rate_hz))
         self.run = self.skipped = self.late_ns = 0
         self.lateness, self.work = DurationHistogram(), DurationHistogram()
         self._clock, self._sleep, self._next = clock, sleep, first

@@ -39,6 +39,8 @@ LINUX = False
 CLOCK: Literal["monotonic", "perf_counter"] = "perf_counter"
 SPIN_NS = 600_000
 """Spinning before a deadline: high-resolution timers end on the next half of a millisecond."""
+SPIN_PART = 1
+"""One in so many parts of a period is spun at most: all of it, at a rate at which no timer is fine enough."""
 
 # A datagram to a port that nobody listens on fails the next receive with WSAECONNRESET.
 NOBODY_LISTENS: tuple[type[OSError], ...] = (ConnectionRefusedError, ConnectionResetError)
@@ -189,6 +191,11 @@ def interrupt(process: subprocess.Popen[Any]) -> None:
 
 
 end = interrupt
+
+
+def arrival_check(receiver: socket.socket) -> Callable[[], object]:
+    """Return a call that says yes: whether there is something to receive is not asked here."""
+    return lambda: True
 
 
 def stamped(receiver: socket.socket, option: int) -> Callable[[int, int], tuple[bytes, list[Any], int, Any]] | None:

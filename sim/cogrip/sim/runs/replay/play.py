@@ -11,8 +11,9 @@ from typing import Any, Literal, Protocol
 import msgspec
 
 from cogrip.client.inputs import decode as decode_client_input
-from cogrip.client.recorder import RecordedClient, sample_of
+from cogrip.client.recorder import RecordedClient
 from cogrip.client.recorder import start_of as client_start
+from cogrip.client.tick_record import sample_of
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.reader import Message

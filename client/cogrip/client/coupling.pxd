@@ -1,0 +1,41 @@
+cimport cython
+
+from cogrip.protocol.line.energy_reserve cimport EnergyReserve
+from cogrip.protocol.line.energy_sums cimport CompensatedSum
+
+
+cdef class PortEnergy:
+    cdef CompensatedSum _made
+    cdef CompensatedSum _used
+    cdef double _stored_j
+    cdef public double made_now_j
+    cdef public double used_now_j
+
+    cpdef end_frame(self)
+
+
+cdef class Coupling:
+    cdef public object _seat
+    cdef public long long frame_ticks
+    cdef public object applied_n
+    cdef public double carried_nspm
+    cdef public double ramp_gain
+    cdef public object cut_n
+    cdef public object local_n
+    cdef public bint reduced
+    cdef public bint implausible
+    cdef public tuple still
+    cdef public tuple returning
+    cdef public tuple sent
+    cdef public tuple object_state
+    cdef public object down_margin_j
+    cdef public EnergyReserve down_reserve
+
+    cpdef elapse(self, mean_velocity_mps, velocity_mps, double hold=*)
+    cpdef elapse_held(self)
+    cpdef elapse_absent(self)
+    cpdef long long end_frame(self, double spare_j=*) except? -1
+    cpdef long long start_frame(self) except? -1
+    cpdef force(self, position_m, velocity_mps)
+    cpdef message(self, session, stamp, tuple origin_m, tuple position_m, velocity_mps)
+    cpdef bint receive(self, message) except -1

@@ -1,0 +1,31 @@
+cimport cython
+
+
+cdef class AxisTurns:
+    cdef public bint positive
+    cdef public bint rising
+    cdef public double reversed_at
+    cdef public double turned_at
+    cdef public double extreme
+    cdef public long long train
+    cdef public object fast
+
+
+cdef class OscillationDetector:
+    cdef list _axes
+    cdef double _half_period
+    cdef long long _window
+    cdef double _most_at_limit
+    cdef object _limited
+    cdef long long _tick
+    cdef double _forgets_at
+    cdef public bint oscillates
+    cdef public bint at_limit
+
+    @cython.locals(
+        tick="long long", train=bint, changed=bint, number=Py_ssize_t, axis=AxisTurns, force=double, local=double, fast=bint,
+        turned_fast=bint, swing=double,
+    )
+    cpdef bint add(self, force_n, bint limited, local_n) except -1
+    cdef _judge(self, long long tick)
+    cpdef forget(self)

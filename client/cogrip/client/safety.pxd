@@ -1,0 +1,45 @@
+cimport cython
+
+from cogrip.client.force_limits cimport ForceLimits
+
+
+cdef class Safety:
+    cdef object _unit
+    cdef list _groups
+    cdef ForceLimits _places
+    cdef ForceLimits _behind
+    cdef double _speed_mps
+    cdef tuple _workspace_m
+    cdef double _rise
+    cdef double _fall
+    cdef double _drop
+    cdef long long _stall_ticks
+    cdef long long _watchdog_ticks
+    cdef long long _limit_ticks
+    cdef long long _warm_ticks
+    cdef public double gain
+    cdef public object law_n
+    cdef double _absent
+    cdef long long _at_limit
+    cdef long long _derated
+    cdef public bint limited
+    cdef public bint derated
+    cdef public str state
+    cdef public object reason
+    cdef public object warning
+    cdef public object diverged
+    cdef public object counts
+
+    cpdef note(self, name)
+    cpdef bint event(self, name, reason=*) except -1
+    cpdef fail(self, reason)
+    @cython.locals(
+        square=double, other=double, x=double, y=double, z=double, at_x=double, at_y=double,
+        at_z=double, place=double, speed=double, axis=Py_ssize_t, low=double, high=double,
+    )
+    cpdef bint check(self, long long ticks, position_m, velocity_mps) except -1
+    cpdef double coming_gain(self, bint wished=*)
+    @cython.locals(
+        gain=double, places=ForceLimits, behind=ForceLimits, size_n=double, out=tuple, fall=double, over=bint, warm=bint,
+    )
+    cpdef tuple limit(self, force_n, bint gap=*)

@@ -1,0 +1,28 @@
+cimport cython
+
+from cogrip.client.coupling cimport Coupling
+from cogrip.client.energy_ledger cimport EnergyLedger
+from cogrip.client.hand_motion cimport HandMotion
+from cogrip.client.safety cimport Safety
+
+
+cdef class SeatHand:
+    cdef public Coupling coupling
+    cdef public Safety safety
+    cdef public EnergyLedger ledger
+    cdef public HandMotion hand
+    cdef public object effects
+    cdef public object settings
+    cdef public object session
+    cdef public object _axes
+    cdef public object handle
+    cdef public object capability
+    cdef public object _record
+    cdef public tuple force_n
+    cdef public object _frame
+    cdef public object _ordered
+    cdef public object aids
+    cdef public object changes
+
+    cpdef tuple tool_pose(self)
+    cpdef _follow(self, sample, bint border)

@@ -1,0 +1,52 @@
+cimport cython
+
+from cogrip.client.coupling cimport Coupling
+from cogrip.client.device_port cimport DevicePort
+from cogrip.client.energy_ledger cimport EnergyLedger
+from cogrip.client.hand_motion cimport HandMotion
+from cogrip.client.safety cimport Safety
+from cogrip.client.seat_hand cimport SeatHand
+
+
+cdef class SeatedClient(SeatHand):
+    cdef public object session_id
+    cdef public DevicePort port
+    cdef public object peaks
+    cdef public long long tick
+    cdef public long long _acted
+    cdef public tuple _still
+    cdef public long long _ticks_per_frame
+    cdef public long long _frame_begin
+    cdef public long long _frame_end
+    cdef public object deficit_frames
+    cdef public long long _wave_end
+    cdef public double _rate_hz
+    cdef public object _origin_m
+    cdef public tuple _origin_pose
+    cdef public tuple _frame_start_m
+    cdef public object _stopped
+    cdef public object _parting_mps
+    cdef public object felt
+
+    @cython.locals(elapsed="long long", hand=HandMotion, ended=bint)
+    cpdef sense(self, long long tick, sample, long long now_ns)
+    cpdef tuple place(self)
+    @cython.locals(
+        coupling=Coupling, ledger=EnergyLedger, hand=HandMotion, port=DevicePort, weight=double, work=double,
+        first="long long", tick="long long", length="long long", ended=bint, absent=bint, held=bint, hold=double,
+        given_j=double, pending_j=double,
+    )
+    cdef bint _enter(self, long long elapsed, tuple position_m) except -1
+    cdef _coupling_part(self, long long elapsed, force, tuple position_m)
+    @cython.locals(ticks="long long", late="long long")
+    cdef _start_frame(self, long long tick)
+    @cython.locals(stored_j=double)
+    cdef _end_frame(self, tuple position_m, long long ticks)
+    @cython.locals(coupling=Coupling, safety=Safety, force=tuple, before=tuple, step=double, size=double)
+    cpdef tuple act(self, long long now_ns)
+    @cython.locals(
+        coupling=Coupling, safety=Safety, port=DevicePort, hand=HandMotion, force=tuple, reduced=bint, paying=double,
+        law=double, speed=double, part=double, extra=double, local=double, left=double, other=double,
+    )
+    cdef tuple _render(self)
+    cdef _release(self, found)

@@ -1,0 +1,23 @@
+cimport cython
+
+from cogrip.client.coupling cimport Coupling
+from cogrip.client.device_port cimport DevicePort
+from cogrip.client.energy_ledger cimport EnergyLedger
+from cogrip.client.hand_motion cimport HandMotion
+from cogrip.client.seated cimport SeatedClient
+
+
+cdef class TickRecord:
+    cdef object _encode
+    cdef bytes _begin
+    cdef bytes _end
+    cdef Py_ssize_t _none_bytes
+    cdef tuple _rows
+    cdef tuple _numbers
+    cdef bytes _rest
+
+    @cython.locals(
+        coupling=Coupling, ledger=EnergyLedger, port=DevicePort, hand=HandMotion, velocity=tuple, used=bint, same=bint,
+        begun=bytes, numbers=tuple, head=tuple, whole=bytes,
+    )
+    cpdef bytes of(self, SeatedClient seat, sample, tuple force_n, tuple timing, delays)

@@ -1,0 +1,16 @@
+cimport cython
+
+
+cdef class AlphaBeta:
+    cdef double _alpha
+    cdef double _beta_rate
+    cdef double _tick_s
+    cdef public list _position
+    cdef public list _velocity
+
+    @cython.locals(
+        estimate=list, velocity=list, step_s=double, alpha=double, beta_rate=double, axis=Py_ssize_t, measured=double,
+        predicted=double, error=double,
+    )
+    cpdef list update(self, position_m, long long ticks=*)
+    cpdef reset(self)

@@ -1,0 +1,19 @@
+cimport cython
+
+from cogrip.devices.driver cimport Driver
+
+
+cdef class SimulatedDevice(Driver):
+    cdef public object capability
+    cdef public object plant
+    cdef public object hand
+    cdef public object presses
+    cdef public list _spans
+    cdef public object _start_m
+    cdef public object _force
+    cdef public long long _begins
+    cdef public bint _waits
+
+    @cython.locals(last="long long", begins="long long", k="long long", waits=bint)
+    cpdef read(self, long long tick)
+    cpdef write(self, force_n)
