@@ -1,4 +1,4 @@
-"""What `dev.py compile` has left beside the sources of this checkout, and whether it is of these sources."""
+"""Check of what `dev.py compile` has left beside the sources of this checkout: is it of these sources?"""
 
 import importlib.machinery
 from collections.abc import Iterable
