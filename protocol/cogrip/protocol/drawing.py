@@ -2,6 +2,7 @@
 shapes of a scene's bodies."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from struct import Struct, iter_unpack
 from typing import Annotated, Literal
 
@@ -89,6 +90,7 @@ _PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 COLOURS = 3 * len(_PALETTE)  # that `colour` tells apart
 
 
+@lru_cache(256)
 def colour(seat: int) -> str:
     """Return a person's colour as #rrggbb, in plots and the browser: from the seventh on darker, from the thirteenth paler."""
     base = _PALETTE[seat % len(_PALETTE)]

@@ -5,6 +5,7 @@ pictures: lengths are rounded to 0.1 um. What is exact stands in the records.
 """
 
 from collections.abc import Collection, Sequence
+from functools import lru_cache
 from math import isfinite, sqrt
 from typing import Any, NamedTuple
 
@@ -346,6 +347,7 @@ def _vector(values: Vector) -> Vector3:
     return Vector3(round(x, _DIGITS), round(y, _DIGITS), round(z, _DIGITS))
 
 
+@lru_cache(256)
 def _color(colour: str, alpha: float = 1.0) -> Color:
     red, green, blue = (round(int(colour[each : each + 2], 16) / 255, 3) for each in (1, 3, 5))
     return Color(red, green, blue, alpha)
