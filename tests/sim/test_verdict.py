@@ -156,8 +156,10 @@ def test_a_force_that_oscillated_is_not_stable_and_was_not_felt_as_intended() ->
 
 
 def replaced(share: float, **playout: int) -> UserRecord:
-    account = PlayoutAccount(concealed=round(1000 * share), **playout)
-    return person(playout=account)
+    """A person to whom this share of 1000 frames that were sent was lost, and replaced."""
+    lost = round(1000 * share)
+    down = LinkCount(sent=1000, received=1000 - lost, applied=1000 - lost, lost=lost)
+    return person(playout=PlayoutAccount(concealed=lost, **playout), down=down)
 
 
 @pytest.mark.parametrize(
@@ -195,6 +197,12 @@ def test_others_of_whom_it_is_true_are_counted() -> None:
         "a limit of ben's device held the force in 50 % of the ticks (and more than 1 % with 1 more)"
         in felt(both).sentence
     )
+
+
+def test_frames_that_a_server_that_was_gone_did_not_send_were_due_as_well() -> None:
+    """Of 1000 that came 3000 frames long nothing: three quarters were replaced, and not three times as many as were sent."""
+    gone = person(playout=PlayoutAccount(concealed=3000, longest_gap=3000))
+    assert "75 % of the frames to anna were missing and replaced" in felt(summary_of(gone)).sentence
 
 
 def test_where_no_force_was_met_nothing_was_felt() -> None:

@@ -159,9 +159,16 @@ def _replaced(row: Row) -> tuple[float, str]:
 
 
 def _share(row: Row, direction: str, key: str) -> float:
-    """Return a count's share of the frames sent in a direction; 0 where that is not known, or nothing is played out."""
+    """Return a count's share of the frames that were due in a direction; 0 where that is not known, or nothing is played out.
+
+    Due is what was sent; where the other end was gone for a while, and sent nothing, what was played or replaced.
+    """
     count, sent = dig(row, "playout", direction, key), dig(row, "link", direction, "sent")
-    return min(1.0, count / sent) if is_number(count) and is_number(sent) and sent > 0 else 0.0
+    if not is_number(count) or not is_number(sent) or sent <= 0:
+        return 0.0
+    applied, replaced = dig(row, "link", direction, "applied"), dig(row, "playout", direction, "concealed")
+    due = max(sent, applied + replaced) if is_number(applied) and is_number(replaced) else sent
+    return min(1.0, count / due)
 
 
 # (share of a person, its bound, the reason that it gives where it is more)

@@ -183,7 +183,7 @@ def _read_json(path: Path, notes: list[str]) -> dict[str, Any]:
     try:
         value = all_shown(json.loads(path.read_bytes()))
     except FileNotFoundError:
-        notes.append(f"{path.name} is not here: the run was cut short, or this end never wrote it.")
+        notes.append(f"{path.name} is not here: the other end writes it, or the run was cut short.")
         return {}
     except (ValueError, RecursionError) as error:
         notes.append(f"{path.name} is not readable ({error}); it is left out.")
