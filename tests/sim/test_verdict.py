@@ -198,7 +198,6 @@ def test_others_of_whom_it_is_true_are_counted() -> None:
         in felt(both).sentence
     )
 
-
     """After 1000 frames nothing came for 3000: three quarters were replaced, not three times as many as were sent."""
     """Of 1000 that came 3000 frames long nothing: three quarters were replaced, and not three times as many as were sent."""
     gone = person(playout=PlayoutAccount(concealed=3000, longest_gap=3000))

@@ -168,7 +168,7 @@ def _share(row: Row, direction: str, key: str) -> float:
         return 0.0
     applied, replaced = dig(row, "link", direction, "applied"), dig(row, "playout", direction, "concealed")
     due = max(sent, applied + replaced) if is_number(applied) and is_number(replaced) else sent
-    return min(1.0, count / due)
+    return float(min(1.0, count / due))
 
 
 # (share of a person, its bound, the reason that it gives where it is more)
