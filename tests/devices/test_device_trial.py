@@ -26,6 +26,7 @@ from cogrip.devices.trial import (
 )  # fmt: skip
 
 from tests.extent import long
+from tests.interpreted import needs_interpreted
 
 RISEN = round(RISE_S * RATE_HZ)
 
@@ -158,6 +159,7 @@ def test_a_spring_is_felt_as_stiff_as_it_was_asked_for(device: str) -> None:
     assert 0.0 < felt.most_n <= MOST_N * (1.0 + 1e-9)
 
 
+@needs_interpreted
 def test_motors_that_give_half_are_felt_as_half() -> None:
     """The force that acts counts, not the one that was asked for."""
     device = opened("sim:phantom?hand=reach&amplitude_m=0.01")

@@ -35,6 +35,7 @@ from cogrip.sim.session.laboratory import Laboratory
 
 from tests.bench.velocity_trial.session import LOOSE, EstimatingPlant
 from tests.extent import every, long
+from tests.interpreted import needs_interpreted
 from tests.sim.session_measures import FRAME_MS
 
 T_C = 1.0 / 1024
@@ -298,6 +299,7 @@ LARGEST_K = {
 """b -> the largest stable K [N/m] with the wave of now, of then, and with fresh samples: the table of docs/velocity.md."""
 
 
+@needs_interpreted
 @pytest.mark.parametrize(("stiffness", "b", "frames"), every(3, SOFT_LINES))
 @pytest.mark.parametrize("latency", [1, 2])
 def test_displacement_and_wave_of_different_ticks_make_energy(
@@ -312,6 +314,7 @@ def test_displacement_and_wave_of_different_ticks_make_energy(
     assert not stable()
 
 
+@needs_interpreted
 @pytest.mark.parametrize("b", every(3, LARGEST_K))
 def test_the_largest_stiffness_with_old_samples(b: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Cube and wall, one and four frames in each direction, 75 g, memory 0.5, free hands."""

@@ -19,6 +19,7 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import every, long
+from tests.interpreted import needs_interpreted
 from tests.sim.session_measures import FRAME_MS, Table, least_margin, summary_of
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -249,12 +250,14 @@ def aliasing(decimator: str) -> Table:
     return of_laboratory(laboratory)
 
 
+@needs_interpreted
 def test_without_a_filter_aliasing_creates_energy() -> None:
     summary = aliasing("none")
     assert summary["users"][0]["energy"]["up_margin_j"] < -1e-6
     assert summary["passive"] is False
 
 
+@needs_interpreted
 def test_the_mean_of_a_frame_does_not() -> None:
     summary = aliasing("boxcar")
     assert least_margin(summary) >= -1e-12

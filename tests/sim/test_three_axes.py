@@ -1,6 +1,5 @@
 """Three axes, which the tick of a client takes without loops, and their general form: the same recordings, bit for bit."""
 
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -10,6 +9,7 @@ from cogrip.protocol.recording.sink import Held
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import long
+from tests.interpreted import source_of
 
 UNROLLED = (
     "cogrip.client.force_limits", "cogrip.client.hand_motion", "cogrip.client.safety", "cogrip.client.wave_coupling",
@@ -33,7 +33,7 @@ def recorded(settings: str, changes: list[str]) -> list[list[tuple[int, int, byt
 
 @pytest.mark.parametrize("name", UNROLLED)
 def test_each_names_the_number_of_axes_that_it_takes_without_a_loop(name: str) -> None:
-    assert "== PLACES" in Path(str(import_module(name).__file__)).read_text()
+    assert "== PLACES" in source_of(name).read_text()
 
 
 @pytest.mark.long

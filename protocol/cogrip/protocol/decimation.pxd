@@ -15,7 +15,7 @@ cdef class Boxcar(Decimator):
 
 
 cdef class Lowpass(Decimator):
-    cdef list _state
+    cdef public list _state
     cdef double _pole
     cdef double _gain
 

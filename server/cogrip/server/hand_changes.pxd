@@ -4,7 +4,7 @@ cdef class HandChanges:
     cdef public long long taken
     cdef public object wanted
     cdef public object _told
-    cdef long long _reported
+    cdef public long long _reported
     cdef object _lines
     cdef long long _hz
     cdef long long _every

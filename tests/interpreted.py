@@ -1,0 +1,19 @@
+"""Mark of tests that replace a method, and where the source of a module is that may be compiled."""
+
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from cogrip.protocol.compiled import form
+
+needs_interpreted = pytest.mark.skipif(
+    form() != "interpreted",
+    reason="a method of a compiled class cannot be replaced (`python3 dev.py compile --remove`)",
+)
+
+
+def source_of(name: str) -> Path:
+    """Return the source of a module, compiled or not."""
+    path = Path(str(import_module(name).__file__))
+    return path.with_name(f"{name.rpartition('.')[2]}.py")
