@@ -62,7 +62,7 @@ cdef class LineReceiver:
     cpdef tuple pop(self, long long frames=*)
     cpdef tuple play_overdue(self, long long ticks)
     cpdef tuple scale(self, tuple wave, double gain, double wanted, long long ticks)
-    cdef _owe(self, tuple frame, double part)
+    cdef _add_deficit(self, tuple frame, double part)
     cdef _miss(self, long long number)
     cdef long long _pass_over(self, long long number) except? -1
     cdef _drop_or_miss(self, long long number)

@@ -32,7 +32,7 @@ class LineReceiver:
     newest    number of the newest frame received; -1 before the first
     metadata  of the frame popped last, where a datagram ended with it
     played    the frame popped last had come in time
-    gap       it had not, or the pop repeats: what was popped is a filling
+    gap       what was popped is a filling: its frame had not come, or the jitter buffer grows by a repeat
     hold      ticks for which what was popped last is to be played; a server, which moves by whole frames, plays a step
     overdue   the frame that a filling stands for now, if it has come meanwhile
     ledger    energy ledger of this direction
@@ -209,7 +209,7 @@ class LineReceiver:
             self._cursor, self.hold = number, move
             filling = self._fill(late, self.newest < number)
             self.ledger.disturbed = True  # `filling` is in the deficit, and the end has yielded: both are to be mended
-            self._owe(filling, -move / ticks)  # no frame stands for it
+            self._add_deficit(filling, -move / ticks)  # no frame stands for it
             return self._play(filling, move / ticks)
         if move == -ticks:
             number, move = self._pass_over(number), 0
@@ -229,7 +229,7 @@ class LineReceiver:
         self._advance(number, frame)
         if move:
             self.ledger.disturbed = True
-            self._owe(frame, 1.0 - part)
+            self._add_deficit(frame, 1.0 - part)
         played = self._play(frame, part)
         self.metadata = self._metadata.pop(number, None)
         return played
@@ -241,8 +241,8 @@ class LineReceiver:
         """
         frame, part = self.overdue, ticks / self._ticks
         assert frame is not None
-        self._owe(self._last, part)
-        self._owe(frame, -part)
+        self._add_deficit(self._last, part)
+        self._add_deficit(frame, -part)
         self._played_j.add(part * self._half_frame_s * (_square(frame) - _square(self._last)))
         self.overdue, self._concealing, self._last = None, False, frame
         return frame
@@ -261,8 +261,8 @@ class LineReceiver:
         self._played_j.add(-less * self._half_frame_s * _square(wave))
         return tuple([gain * x for x in wave])
 
-    def _owe(self, frame: Frame, part: float) -> None:
-        """Enter that this part of a frame is not played, below 0 that it is played as well."""
+    def _add_deficit(self, frame: Frame, part: float) -> None:
+        """Add a part of a frame to the position deficit; below 0: it was played in addition."""
         self.ledger.add_compensation([-part * x for x in frame], [-part * x * x for x in frame])
 
     def _miss(self, number: int) -> None:
