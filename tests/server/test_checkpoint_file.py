@@ -47,6 +47,20 @@ def path(tmp_path) -> Path:
     return tmp_path / "checkpoint-lab.json"
 
 
+def slow_disk(patch: pytest.MonkeyPatch) -> tuple[threading.Event, threading.Event]:
+    """Let writes wait. Returns what lets them go on once it is set, and what is set once one has begun."""
+    held, begun = threading.Event(), threading.Event()
+    whole = checkpoint_file.write_private
+
+    def slow(there: Path, data: bytes, *, durable: bool) -> None:
+        begun.set()
+        assert held.wait(LIMIT_S)
+        whole(there, data, durable=durable)
+
+    patch.setattr(checkpoint_file, "write_private", slow)
+    return held, begun
+
+
 def number_in(data: bytes) -> int:
     """Return a whole version."""
     assert hashlib.sha256(data[64:]).hexdigest().encode() == data[:64], "torn"
@@ -70,15 +84,7 @@ def test_a_writer_that_had_nothing_leaves_nothing(path):
 
 
 def test_the_newest_wins_and_every_version_has_a_fate(path, monkeypatch):
-    held, begun = threading.Event(), threading.Event()
-    whole = checkpoint_file.write_private
-
-    def slow(there: Path, data: bytes, *, durable: bool) -> None:
-        begun.set()
-        assert held.wait(LIMIT_S)
-        whole(there, data, durable=durable)
-
-    monkeypatch.setattr(checkpoint_file, "write_private", slow)
+    held, begun = slow_disk(monkeypatch)
     writer = CheckpointWriter(path)
     writer.put(b"0")
     assert begun.wait(LIMIT_S)
@@ -158,15 +164,7 @@ def test_killed_at_any_moment_it_leaves_a_whole_version(path):
 def test_writers_share_a_thread_and_each_keeps_its_newest(tmp_path, monkeypatch):
     """A disk that hangs in one of them holds up no loop, and costs no other writer what it was given last."""
     tmp_path.chmod(0o700)
-    held, begun = threading.Event(), threading.Event()
-    whole = checkpoint_file.write_private
-
-    def slow(there: Path, data: bytes, *, durable: bool) -> None:
-        begun.set()
-        assert held.wait(LIMIT_S)
-        whole(there, data, durable=durable)
-
-    monkeypatch.setattr(checkpoint_file, "write_private", slow)
+    held, begun = slow_disk(monkeypatch)
     before, thread = threading.active_count(), WriterThread()
     writers = [CheckpointWriter(tmp_path / f"{number}.json", thread=thread) for number in range(20)]
     writers[0].put(b"0")

@@ -61,7 +61,7 @@ def test_a_person_whose_server_stood_still_keeps_the_session_at_the_newest_addre
         (waves(100), "anna's", 400 * MS),
         (again, "anna's", 500 * MS),  # at the tick at which she notices the silence, before she has another path
         *((again, f"path {ms // 1000}", ms * MS) for ms in range(750, 1000 * AWAY_S, 250)),
-        *((b"noise", "a stranger", ns) for ns in range(2 * MOST_AT_ONCE)),
+        *((b"noise", "an unauthenticated peer", ns) for ns in range(2 * MOST_AT_ONCE)),
         (again, "path 5", AWAY_S * S),
     )
     path = DatagramPath(port, UnencryptedListener(RateLimiter(bytes(16)), core.listens_to), core, HALF_FRAME_NS)
@@ -78,7 +78,7 @@ def test_a_person_whose_server_stood_still_keeps_the_session_at_the_newest_addre
 @pytest.mark.parametrize(("late_ns", "taken"), [(0, MOST_AT_ONCE), (AWAY_NS - 1, MOST_AT_ONCE), (AWAY_NS, 3000)])
 def test_a_flood_is_cut_short_unless_the_loop_was_away(late_ns: int, taken: int) -> None:
     _, core = seated()
-    port = Waited(*((b"noise", "a stranger", 0) for _ in range(3000)))
+    port = Waited(*((b"noise", "an unauthenticated peer", 0) for _ in range(3000)))
     path = DatagramPath(port, UnencryptedListener(RateLimiter(bytes(16)), core.listens_to), core, HALF_FRAME_NS)
     path.drain(0, late_ns)
     assert (path.received, len(port.buffer)) == (taken, 3000 - taken)

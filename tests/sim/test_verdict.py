@@ -198,8 +198,9 @@ def test_others_of_whom_it_is_true_are_counted() -> None:
         in felt(both).sentence
     )
 
+
+def test_frames_that_a_server_that_was_gone_did_not_send_were_due_as_well() -> None:
     """After 1000 frames nothing came for 3000: three quarters were replaced, not three times as many as were sent."""
-    """Of 1000 that came 3000 frames long nothing: three quarters were replaced, and not three times as many as were sent."""
     gone = person(playout=PlayoutAccount(concealed=3000, longest_gap=3000))
     assert "75 % of the frames to anna were missing and replaced" in felt(summary_of(gone)).sentence
 
