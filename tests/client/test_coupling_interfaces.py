@@ -1,12 +1,14 @@
-"""Couplings and decimators have all that their bases only name."""
+"""Couplings, decimators and a seated client have all that their bases only name."""
 
 import pytest
 
 from cogrip.client.coupling import Coupling
-from cogrip.client.local_contact import LocalFaces, LocalWall
+from cogrip.client.local_contact import LocalCoupling, LocalFace, LocalFaces, LocalWall
 from cogrip.client.local_poses import LocalPoses
 from cogrip.client.local_scene import LocalScene
 from cogrip.client.passivity_control import PassivityControl
+from cogrip.client.seat_hand import SeatHand
+from cogrip.client.seated import SeatedClient
 from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.protocol.compiled import form
@@ -20,7 +22,13 @@ COUPLINGS = (WaveCoupling, VirtualCoupling, PassivityControl, LocalWall, LocalFa
 @pytest.mark.skipif(form() != "interpreted", reason="a compiled method does not tell what it calls")
 @pytest.mark.parametrize(
     ("base", "made"),
-    [*((Coupling, made) for made in COUPLINGS), *((Decimator, made) for made in (Boxcar, Lowpass, LastSample))],
+    [
+        *((Coupling, made) for made in COUPLINGS),
+        *((LocalCoupling, made) for made in (LocalWall, LocalFaces, LocalScene, LocalPoses)),
+        *((LocalFace, made) for made in (LocalWall, LocalFaces)),
+        *((Decimator, made) for made in (Boxcar, Lowpass, LastSample)),
+        (SeatHand, SeatedClient),
+    ],
 )
 def test_nothing_is_left_to_the_base(base: type, made: type) -> None:
     named = only_named(base)
