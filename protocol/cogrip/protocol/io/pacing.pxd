@@ -26,4 +26,4 @@ cdef class Pacer:
     cpdef take(self, long long now_ns)
     @cython.locals(deadline_ns="long long", now_ns="long long", remaining_ns="long long")
     cpdef wait(self)
-    cpdef done(self)
+    cpdef done(self, long long early_ns=*)

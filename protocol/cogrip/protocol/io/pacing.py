@@ -104,10 +104,13 @@ class Pacer:
         assert tick is not None
         return tick
 
-    def done(self) -> None:
-        """Mark the end of the tick's work; time since the tick started goes into `work`. A second call adds none."""
+    def done(self, early_ns: int = 0) -> None:
+        """Mark the end of the tick's work; time since the tick started goes into `work`. A second call adds none.
+
+        early_ns: what was done ahead of the tick, which goes into `work`, too.
+        """
         if self._started_ns is not None:
-            self.work.add(self._clock() - self._started_ns)
+            self.work.add(self._clock() - self._started_ns + early_ns)
             self._started_ns = None
 
     def count(self) -> TickCount:

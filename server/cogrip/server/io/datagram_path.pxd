@@ -10,7 +10,7 @@ cdef class DatagramPath:
     cdef public long long sent
     cdef public long long cut_short
 
-    @cython.locals(count="long long", most="long long", limit_ns="long long", most_bytes=Py_ssize_t, datagram=bytes)
-    cpdef drain(self, long long now_ns, long long late_ns=*)
+    @cython.locals(every="long long", count="long long", most="long long", limit_ns="long long", most_bytes=Py_ssize_t, datagram=bytes)
+    cpdef drain(self, long long now_ns, long long late_ns=*, long long until_ns=*)
     cpdef send(self)
     cpdef flush(self)

@@ -8,6 +8,7 @@ from cogrip.server.io.udp_port import DatagramPort, ServerChannel
 
 MOST_AT_ONCE = 1024  # datagrams that are received before a tick: a flood beyond that is the kernel's to drop
 CLOCK_EVERY = 32  # datagrams between two readings of the clock
+EARLY_CLOCK_EVERY = 8  # the same ahead of a step: it must not be late for it
 AWAY_NS = 500_000_000  # a loop that is as late had no processor: its people have become silent, and try other paths
 AWAY_LIMIT_NS, AWAY_MOST = 100_000_000, 4096  # in place of the two bounds then; more than a socket's buffer holds
 
@@ -23,19 +24,23 @@ class DatagramPath:
         self._port, self._channel, self._core, self._limit_ns = port, channel, core, limit_ns
         self.received = self.sent = self.cut_short = 0
 
-    def drain(self, now_ns: int, late_ns: int = 0) -> None:
-        """Take in what has come, and send what the channel answers by itself. late_ns: of the loop.
+    def drain(self, now_ns: int, late_ns: int = 0, until_ns: int = 0) -> None:
+        """Take in what has come, and send what the channel answers by itself.
 
+        late_ns: of the loop; until_ns: when the step is due, for a drain ahead of it, which leaves the rest to that at the step.
         After a loop was away all of it is taken in, or a step between two hellos of a person would end the seat session that
         the second one resumes.
         """
         limit_ns, most = (AWAY_LIMIT_NS, AWAY_MOST) if late_ns >= AWAY_NS else (self._limit_ns, MOST_AT_ONCE)
+        every = CLOCK_EVERY
+        if until_ns:
+            limit_ns, every = until_ns - now_ns, EARLY_CLOCK_EVERY
         receive, decrypt, handle = self._port.receive, self._channel.receive, self._core.receive
         renewed, most_bytes = self._channel.renewed, MAX_DATAGRAM_BYTES + 1
         for count in range(most):
-            if count % CLOCK_EVERY == CLOCK_EVERY - 1 and time.monotonic_ns() - now_ns > limit_ns:
+            if count % every == every - 1 and time.monotonic_ns() - now_ns > limit_ns:
                 self.received += count
-                self.cut_short += 1
+                self.cut_short += not until_ns
                 break
             try:
                 datagram, address, arrived_ns = receive(most_bytes, now_ns)
