@@ -51,9 +51,9 @@ def test_numbers_at_their_ends(value: float) -> None:
 
 def test_what_was_held_is_text_and_what_follows_as_the_sink_wants_it() -> None:
     recorder, sink = CoreRecorder(), Held()
-    recorder.put(1, Event("before"))
+    recorder.put(1, 0, Event("before"))
     recorder.record(sink, pack)
-    recorder.put(2, Event("after"))
+    recorder.put(2, 0, Event("after"))
     assert [(topic, text_of(payload)) for topic, _, payload in sink.messages] == [
         (1, b'{"text":"before"}'), (2, b'{"text":"after"}')
     ]  # fmt: skip

@@ -32,12 +32,12 @@ def client_topics(who: str) -> tuple[str, ...]:
     return topics(who, KINDS)
 
 
-class RecordedClient(CoreRecorder, ClientCore):
+class RecordedClient(ClientCore):
     """A core and its recorder. `timing` is set by the driver: see `Tick`."""
 
     def __init__(self, hello: Hello, capability: Capability, make_port: MakePort = DevicePort) -> None:
-        CoreRecorder.__init__(self)
-        ClientCore.__init__(self, hello, capability, make_port)
+        super().__init__(hello, capability, make_port)
+        self._recorder = CoreRecorder()
         self.start = start_text(hello, capability)
         self.timing = (0, 0, 0)  # late [us], work [us], skipped
         self._sample: Sample | None = None
@@ -46,45 +46,50 @@ class RecordedClient(CoreRecorder, ClientCore):
         self.session.outbox = ObservedQueue(lambda datagram: self._put_datagram(DATAGRAM_OUT, datagram))
 
     def record(self, sink: Sink, encode: Callable[[Any], bytes] = encode) -> None:
+        """Write to `sink` what was held, and all that follows: see `CoreRecorder.record`."""
         self._ticks = TickRecord(encode)
-        super().record(sink, encode)
+        self._recorder.record(sink, encode)
 
     def _put_datagram(self, topic: int, datagram: bytes) -> None:
-        if self.keeps:
-            self.put(topic, Datagram(without_secrets(datagram, lambda ticket: "-")))
+        if self._recorder.keeps:
+            self._recorder.put(topic, self.now_ns, Datagram(without_secrets(datagram, _ticket_left_out)))
 
     def handle(self, given: ClientInput, now_ns: int) -> ClientAccount | None:
         self.now_ns = now_ns
-        self.put_input(INPUT, given)
+        self._recorder.put_input(INPUT, now_ns, given)
         account = super().handle(given, now_ns)
         if account is not None:
-            self.put(ACCOUNT, Ledger(msgspec.json.encode(account).decode()))
+            self._recorder.put(ACCOUNT, now_ns, Ledger(msgspec.json.encode(account).decode()))
         return account
 
     def receive(self, datagram: bytes, now_ns: int) -> None:
         self.now_ns = now_ns
         self._put_datagram(DATAGRAM_IN, datagram)
-        super().receive(datagram, now_ns)
+        ClientCore.receive(self, datagram, now_ns)  # `super` costs as much as three calls
 
     def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
         self._sample = sample
-        ClientCore.sense(self, tick, sample, now_ns)  # `super` costs as much as three calls
+        ClientCore.sense(self, tick, sample, now_ns)
 
     def act(self, now_ns: int) -> tuple[float, ...]:
         self.now_ns = now_ns
-        force, seat = ClientCore.act(self, now_ns), self.seated
-        if self.keeps and seat is not None:
+        force, seat, recorder = ClientCore.act(self, now_ns), self.seated, self._recorder
+        if recorder.keeps and seat is not None:
             record = self._ticks.of(seat, self._sample, force, self.timing, self.delays)
-            self._sink.put(TICK, now_ns, record)
+            recorder.sink.put(TICK, now_ns, record)
             state = seat.safety.state
             if state != self._state:
                 self._state, reason = state, seat.safety.reason
-                self.put(EVENT, Event(f"{state}: {reason}" if reason else state))
+                recorder.put(EVENT, now_ns, Event(f"{state}: {reason}" if reason else state))
         if self.marked:
             for text in self.marked:
-                self.put(EVENT, Event(f"marker: {text}"))
+                recorder.put(EVENT, now_ns, Event(f"marker: {text}"))
             self.marked.clear()
         return force
+
+
+def _ticket_left_out(ticket: str) -> str:
+    return "-"
 
 
 def start_text(hello: Hello, capability: Capability) -> str:

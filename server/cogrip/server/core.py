@@ -109,6 +109,11 @@ class ServerCore:
             self._receive_malformed(datagram, address)
             return
         place = self._table.at(address)
+        if place is not None and type(place[1]) is Seat:
+            room, seat = place
+            if type(message) is room.frame and message.session == seat.session and seat.state == "seated":
+                self._receive_frame(room, seat, message, now_ns)  # nearly all: a short cut of what follows
+                return
         if isinstance(message, Hello):
             self._joining.answer(message, len(datagram), address, now_ns)
         elif place is None:
@@ -128,9 +133,7 @@ class ServerCore:
             self._joining.refuse(nonce_of(datagram), address, Denied(*version_mismatch(version)))
 
     def _receive_from_seat(self, room: Room, seat: Seat, message: messages.AnyMessage, now_ns: int) -> None:
-        if type(message) is room.frame and message.session == seat.session and seat.state == "seated":
-            self._receive_frame(room, seat, message, now_ns)  # nearly all: a short cut of what follows
-        elif not isinstance(message, FROM_CLIENTS):
+        if not isinstance(message, FROM_CLIENTS):
             self._drop("unexpected")
         elif message.session != seat.session:
             self._drop("other session")
@@ -149,10 +152,10 @@ class ServerCore:
             self._receive_frame(room, seat, message, now_ns)
 
     def _receive_frame(self, room: Room, seat: Seat, message: Frame | Edges | Heartbeat, now_ns: int) -> None:
-        stamp = message.stamp
-        if not seat.read_stamp(stamp, now_ns):
+        framed = type(message) is room.frame
+        if not seat.read_stamp(message.stamp, now_ns):
             self._drop("implausible stamp")
-        if not isinstance(message, Heartbeat) and not seat.receive(message, type(message) is room.frame, now_ns):
+        if (framed or not isinstance(message, Heartbeat)) and not seat.receive(message, framed, now_ns):
             self._drop("unfit")  # it keeps no seat: who can bring nothing in counts as silent
             return
         seat.last_received_ns = now_ns

@@ -1,9 +1,33 @@
 cimport cython
 
 from cogrip.protocol.button_edges cimport EdgeReceiver
+from cogrip.protocol.recording.sink cimport CoreRecorder
+from cogrip.server.core cimport ServerCore
 from cogrip.server.participants cimport Seat
 from cogrip.server.port cimport Port
 from cogrip.server.room cimport Room
+
+
+cdef class RecordedServer(ServerCore):
+    cdef CoreRecorder _recorder
+    cdef public long long now_ns
+    cdef object _hash_ticket
+    cdef object _sent
+    cdef public object start
+    cdef public dict timing
+    cdef dict _address_texts
+    cdef dict _idle_steps
+    cdef public object topics
+    cdef dict _step_topic
+    cdef dict _scene_topic
+    cdef dict _drawn
+
+    cpdef put(self, Py_ssize_t topic, record)
+    cpdef receive(self, bytes datagram, address, long long now_ns)
+    @cython.locals(seat=Seat)
+    cpdef tick(self, Room room, long long now_ns, long long frames=*)
+    cpdef _put_sent(self, tuple entry)
+    cpdef _text(self, address)
 
 
 @cython.locals(seat=Seat, port=Port, handle=EdgeReceiver)

@@ -52,19 +52,20 @@ def scene_topics(room: str) -> tuple[str, str]:
     return f"/room/{room}/geoms", f"/room/{room}/poses"
 
 
-class RecordedServer(CoreRecorder, ServerCore):
+class RecordedServer(ServerCore):
     """`ServerCore` within its recorder. Tokens and tickets are not recorded (`cogrip.protocol.recording.secrets`).
 
     topics  of its recording
     timing  of each room, set by the driver before a step: lateness [us], work of the step before [us], skipped steps
+    now_ns  time of the input that is being handled, given to all that comes of it
     """
 
     def __init__(self, rooms: Sequence[Settings], software: str, outside: Outside) -> None:
-        CoreRecorder.__init__(self)
+        self._recorder, self.now_ns = CoreRecorder(), 0
         self._hash_ticket = outside.hash_ticket
         self._sent = ObservedQueue(self._put_sent)
         outputs = Outputs(self._sent, ObservedQueue(self._put_event))
-        ServerCore.__init__(self, rooms, software, self._recorded(outside), outputs)
+        super().__init__(rooms, software, self._recorded(outside), outputs)
         digests = {room.name: digest for room in self.rooms if (digest := room.world.coordinates()[0])}
         self.start = start_text(rooms, software, digests)
         self.timing = {room.name: (0, 0, 0) for room in self.rooms}
@@ -79,8 +80,13 @@ class RecordedServer(CoreRecorder, ServerCore):
             self.count_ticks(room, room.ticks)
 
     def record(self, sink: Sink, encode: Callable[[Record], bytes] = encode) -> None:
-        super().record(sink, encode)
-        self._sent.observe = self._put_sent if self.keeps else None
+        """Write to `sink` what was held, and all that follows: see `CoreRecorder.record`."""
+        self._recorder.record(sink, encode)
+        self._sent.observe = self._put_sent if self._recorder.keeps else None
+
+    def put(self, topic: int, record: Record) -> None:
+        """Write one record at `now_ns`."""
+        self._recorder.put(topic, self.now_ns, record)
 
     def _recorded(self, outside: Outside) -> Outside:
         """Return the same, with every answer recorded."""
@@ -111,7 +117,7 @@ class RecordedServer(CoreRecorder, ServerCore):
     def handle(self, given: ServerInput, now_ns: int) -> int:
         self._put_idle()
         self.now_ns = now_ns
-        self.put_input(INPUT, given)
+        self._recorder.put_input(INPUT, now_ns, given)
         result = super().handle(given, now_ns)
         if isinstance(given, CloseLedger):
             self._put_ledgers()
@@ -121,9 +127,9 @@ class RecordedServer(CoreRecorder, ServerCore):
         if self._idle_steps:
             self._put_idle()
         self.now_ns = now_ns
-        if self.keeps:
+        if self._recorder.keeps:
             self.put(DATAGRAM_IN, Datagram(without_secrets(datagram, self._hash_ticket), self._text(address)))
-        super().receive(datagram, address, now_ns)
+        ServerCore.receive(self, datagram, address, now_ns)  # `super` costs as much as three calls
 
     def idle(self, room: Room, steps: int) -> None:
         self._idle_steps[room.name] = self._idle_steps.get(room.name, 0) + steps
@@ -133,13 +139,13 @@ class RecordedServer(CoreRecorder, ServerCore):
         if room.deserted:
             self.now_ns = now_ns
             self._idle_steps[room.name] = self._idle_steps.get(room.name, 0) + 1
-            super().tick(room, now_ns, frames)
+            ServerCore.tick(self, room, now_ns, frames)
             return
         if self._idle_steps:
             self._put_idle()
         self.now_ns = now_ns
-        super().tick(room, now_ns, frames)
-        if self.keeps:
+        ServerCore.tick(self, room, now_ns, frames)
+        if self._recorder.keeps:
             motion, axes = room.world.motion(), room.world.axes
             seats = tuple([_seat_step(room, number) for number in range(len(room.seats))])
             late_us, work_us, skipped = self.timing[room.name]
@@ -164,7 +170,7 @@ class RecordedServer(CoreRecorder, ServerCore):
 
     def _put_idle(self) -> None:
         for room, steps in self._idle_steps.items():
-            self.put_input(INPUT, Idle(room, steps))
+            self._recorder.put_input(INPUT, self.now_ns, Idle(room, steps))
         self._idle_steps.clear()
 
     def _put_sent(self, entry: tuple[Address, bytes]) -> None:
@@ -195,7 +201,7 @@ class RecordedServer(CoreRecorder, ServerCore):
 class RecordedAuthenticator:
     """`Authenticator` whose every answer is recorded."""
 
-    def __init__(self, authenticator: Authenticator, recorder: CoreRecorder) -> None:
+    def __init__(self, authenticator: Authenticator, recorder: RecordedServer) -> None:
         self._authenticator = authenticator
         self._recorder = recorder
 

@@ -48,18 +48,17 @@ class Held:
 
 
 class CoreRecorder:
-    """The part of a core's recorder that client and server share: messages are held until `record` says where they go.
+    """Recorder of one core, client or server: records are held until `record` says where they go.
 
-    keeps   False where nobody keeps the recording, so that nothing need be encoded
-    now_ns  time of the input that is being handled, given to all that comes of it
+    keeps  False where nobody keeps the recording, so that nothing need be encoded
+    sink   where messages go
     """
 
     def __init__(self) -> None:
         self._held = Held()
-        self._sink: Sink = self._held
+        self.sink: Sink = self._held
         self._encode: Callable[[Record], bytes] = encode
         self.keeps = True
-        self.now_ns = 0
 
     def record(self, sink: Sink, encode: Callable[[Record], bytes] = encode) -> None:
         """Write to `sink` what was held, and all that follows.
@@ -67,21 +66,21 @@ class CoreRecorder:
         encode: makes a message of a record: JSON text, or for a reader that makes the text itself (`text_of`) MessagePack, in
         half the time
         """
-        self._sink, self._encode = sink, encode
+        self.sink, self._encode = sink, encode
         self.keeps = not isinstance(sink, Nowhere)
         for message in self._held.messages:
             sink.put(*message)
         self._held.messages.clear()
 
-    def put(self, topic: int, record: Record) -> None:
-        """Write one record at `now_ns`. topic: its place among the topics of this recording."""
+    def put(self, topic: int, time_ns: int, record: Record) -> None:
+        """Write one record. topic: its place among the topics of this recording."""
         if self.keeps:
-            self._sink.put(topic, self.now_ns, self._encode(record))
+            self.sink.put(topic, time_ns, self._encode(record))
 
-    def put_input(self, topic: int, given: msgspec.Struct) -> None:
+    def put_input(self, topic: int, time_ns: int, given: msgspec.Struct) -> None:
         """Write an input of the core: a tagged struct of its `inputs` module, as JSON text."""
         if self.keeps:
-            self.put(topic, Input(str(given.__struct_config__.tag), encode(given).decode()))
+            self.put(topic, time_ns, Input(str(given.__struct_config__.tag), encode(given).decode()))
 
 
 class ObservedQueue(deque[T]):
