@@ -25,7 +25,7 @@ from cogrip.protocol.session import SECONDS_OVER
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server import inputs
-from cogrip.server.admission import AdmitAll, Authenticator, Outside
+from cogrip.server.admission import AdmissionServices, AdmitAll, Authenticator
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.io.call_limit import call_limit
 from cogrip.server.io.datagram_path import DatagramPath
@@ -85,13 +85,13 @@ class LiveServer:
     def serve_at(self, port: DatagramPort) -> None:
         """Serve at a port that is open already. Raises what `open_channel` raises, the port being closed then."""
         self._port = port
-        outside = Outside(
+        services = AdmissionServices(
             lambda: secrets.randbelow(2**63 - 1) + 1, self.authenticator, lambda: secrets.token_urlsafe(16), ticket_hash
         )
-        self.core = RecordedServer(self.rooms, VERSION, outside)
+        self.core = RecordedServer(self.rooms, VERSION, services)
         for room in self.core.rooms:
             if isinstance(room.world, GuardedWorld):
-                room.world.limited = call_limit
+                room.world.time_limit = call_limit
         try:
             self.channel = self.open_channel(self.core)
         except BaseException:  # there is no usable key

@@ -87,9 +87,9 @@ class Room:
         seat.port = port = self._scheme.make_port(seat.settings, seat.limits, power_left)
         port.credit_left = seat.credit_left  # all seat sessions together lend one credit
         seat.adapter = None
-        if port.loops is not None and self.world.can_follow:
+        if port.loops is not None and self.world.can_adapt_stiffness:
             seat.adapter = StiffnessAdapter(seat.settings, port.loops)
-            self.world.aim(number, seat.settings.rendered_npm)
+            self.world.set_target_stiffness(number, seat.settings.rendered_npm)
         seat.on_object, seat.effects = False, None
         seat.line_margin_j = 0.0
         seat.line_reserve = EnergyReserve(self.settings.rates.network_hz)
@@ -209,7 +209,7 @@ class Room:
 
     def idle(self, steps: int) -> None:
         """Step a deserted room: the object is put down, where people can find it, and stays."""
-        self.world.rest()
+        self.world.bring_to_rest()
         if self.world.left_workspace:
             self.world.position = np.zeros(self.world.axes)
         self.steps += steps
@@ -224,7 +224,7 @@ class Room:
             return []
         world = self.world
         answers = self._advance(self._pop(frames, now_ns))
-        state, work = world.motion(), world.worked()
+        state, work = world.motion(), world.port_work_j()
         self.effects.follow(self.steps)
         out: list[tuple[Address, bytes]] = []
         for number in range(len(self.seats)):
@@ -253,7 +253,7 @@ class Room:
         world, places = self.world, self._places
         before = world.motion()[:places]
         if not self.anybody_holds():
-            world.rest()  # an object that nobody holds is put down
+            world.bring_to_rest()  # an object that nobody holds is put down
         answers: Sequence[Sequence[float]] = ()
         failed = False
         try:
@@ -354,16 +354,16 @@ class Room:
             row = port.pop(missed)
             rows.append(row if port.axes == self._axes else row + self._idle_row[port.axes :])
             if port.proxy is not None and port.hand is not None:
-                world.report(number, port.hand, port.proxy)
+                world.set_reported_positions(number, port.hand, port.proxy)
             if port.impedance_nspm is not None:
                 world.set_impedance(number, port.impedance_nspm)
             if port.turned is not None:
-                world.hand_turned(number, *port.turned)
+                world.set_reported_rotation(number, *port.turned)
             self._give_handle(number, port.handle)
             if seat.adapter is not None:
                 aim = seat.adapter.update()
                 if aim is not None:
-                    world.aim(number, aim)
+                    world.set_target_stiffness(number, aim)
         return rows
 
     def _give_handle(self, number: int, handle: EdgeReceiver) -> None:

@@ -44,7 +44,7 @@ class WavePort(Port):
         self._port_j: float | None = None
         self._sent_j = 0.0  # energy of the forward waves at their sender, as last reported
         self._made_j = CompensatedSum()
-        self.loops = LoopMeter(seat.rates.network_hz, seat.rates.ticks_per_frame) if seat.follows else None
+        self.loops = LoopMeter(seat.rates.network_hz, seat.rates.ticks_per_frame) if seat.adapts_stiffness else None
         self._applied: dict[int, int] = {}  # by frame that is not popped yet: ticks for which its wave had been applied
         self._poses: dict[int, Turned] = {}  # of the hand after frames that are not popped yet
 

@@ -67,7 +67,7 @@ class PaperWorld(LaggedWorld):
         port = (0.5 * period) * (u * u - back * back).sum(axis=1)
         error = port.sum() + dot(self.external_force, moved) - (self.energy_j - stored_before) - lost
         self.balance_error_j = max(self.balance_error_j, abs(float(error)))
-        self._book(port)
+        self._count_work(port)
         return back
 
 
@@ -84,5 +84,5 @@ class CoupledWorld(LaggedWorld):
         # what goes back is the object as it is now, beside the hands as they are now: theory section 6 is in this order
         seen = self.position + self.offset
         answers: Array = np.concatenate((seen, np.broadcast_to(self.velocity, seen.shape)), axis=1)
-        self._book((self.force * self.move_object()).sum(axis=1))
+        self._count_work((self.force * self.move_object()).sum(axis=1))
         return answers

@@ -27,7 +27,7 @@ class LocalFacesWorld(HandWorld):
         self.whole_kg, self.copy_kg = self.mass_kg, seats[0].copy_kg
         self.touching = np.zeros_like(self.force)  # force of each person on a wall, by their own report [N]
 
-    def report(self, user: int, hand_m: Row, proxy_m: Row) -> None:
+    def set_reported_positions(self, user: int, hand_m: Row, proxy_m: Row) -> None:
         self.hand[user] = proxy_m
         self.touching[user] = pressed_n(float(self.stiffness[user, 0]), hand_m, proxy_m)
 
@@ -75,5 +75,5 @@ class LocalFacesWorld(HandWorld):
             came = period * dot(self.force[:, 0], np.full_like(drive, mid[0])) + period * dot(self.external_force, mid)
             gained = self.energy_j - before + period * self.object_damping * dot(mid, mid)
             self.balance_error_j = max(self.balance_error_j, abs(came - gained))
-        self._book((0.5 * period) * (u * u - back * back).sum(axis=1))
+        self._count_work((0.5 * period) * (u * u - back * back).sum(axis=1))
         return back
