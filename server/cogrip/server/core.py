@@ -15,7 +15,7 @@ from cogrip.protocol.session import LOST_NS, QUIET_NS, foreign_version, nonce_of
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import clipped, shown
 from cogrip.server import inputs
-from cogrip.server.admission import Denied, Outside
+from cogrip.server.admission import AdmissionServices, Denied
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.events import ServerEvent
 from cogrip.server.joining import Joining
@@ -34,14 +34,14 @@ class ServerCore:
     """Routes datagrams, inputs and steps to rooms and their participants. `outbox`, `events` and `dropped` are of `outputs`."""
 
     def __init__(
-        self, rooms: Sequence[Settings], software: str, outside: Outside, outputs: Outputs | None = None
+        self, rooms: Sequence[Settings], software: str, services: AdmissionServices, outputs: Outputs | None = None
     ) -> None:
         self.rooms = [Room(settings) for settings in rooms]
         self._table = table = SeatTable(self.rooms)
         self._out = out = outputs or Outputs()
         self.outbox, self.events, self.dropped = out.outbox, out.events, out.dropped
         self._drop = out.drop
-        self._joining = Joining(table, out, software, outside)
+        self._joining = Joining(table, out, software, services)
         self._back_ns = -LOST_NS - 1  # the loop was away until then, and heard nobody
         self._handlers: dict[type[inputs.ServerInput], Callable[[Any, int], int | None]] = {
             inputs.Stop: self._stop,

@@ -30,7 +30,7 @@ from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import Settings, rates_of, seat_axes
 from cogrip.protocol.settings_digest import digest
 from cogrip.protocol.version import VERSION
-from cogrip.server.admission import Outside
+from cogrip.server.admission import AdmissionServices
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.inputs import CloseLedger, Restore
 from cogrip.server.recorder import RecordedServer
@@ -129,8 +129,8 @@ class Laboratory:
             self._begin(person)
 
     def _new_server(self) -> RecordedServer:
-        outside = Outside(lambda: next(self._sessions), new_ticket=lambda: f"ticket-{next(self._tickets)}")
-        return RecordedServer([self.settings], VERSION, outside)
+        services = AdmissionServices(lambda: next(self._sessions), new_ticket=lambda: f"ticket-{next(self._tickets)}")
+        return RecordedServer([self.settings], VERSION, services)
 
     def _call(self, person: Person) -> None:
         """Exchange hello and welcome over a perfect link; from then on the configured one holds."""
