@@ -38,9 +38,9 @@ class HandAids:
         self._extras: DelayLine[Row] = DelayLine()
         self._height_m: float | None  # at which the weight of this device was carried last
         self.potential_j = 0.0
-        self.keep_to(record)
+        self.set_record(record)
 
-    def keep_to(self, record: Capability) -> None:
+    def set_record(self, record: Capability) -> None:
         """Go by this record from now on."""
         self._record, self._axes = record, record.axes
         self._height_m = None

@@ -30,8 +30,8 @@ from cogrip.protocol.tool_frame import ToolFrame
 
 def axes_of(seat: SeatSettings) -> PoseAxes | GripAxes | None:
     """Return what makes lengths of the axes of a seat; None where all are."""
-    axes, unit = seat.object.axes, seat.coupling.unit
-    return PoseAxes(unit) if axes == POSE_AXES else GripAxes(unit) if axes == GRIP_AXES else None
+    axes, length_scale = seat.object.axes, seat.coupling.length_scale
+    return PoseAxes(length_scale) if axes == POSE_AXES else GripAxes(length_scale) if axes == GRIP_AXES else None
 
 
 class SeatHand:
@@ -67,7 +67,7 @@ class SeatHand:
     def _set_record(self, capability: Capability) -> None:
         self.capability = self._record = capability.first(self.settings.object.axes)
         if self._axes is not None:
-            self._record = in_lengths(self.capability, self._axes.unit)
+            self._record = in_lengths(self.capability, self._axes.length_scale)
         if self.handle is None and has_handle(capability):
             self.handle = HandleReader(self.session.dropped)
         if self.handle is not None:

@@ -31,9 +31,9 @@ class ThermalLimit:
         self._slope = TIME_CONSTANT_S / FADE_S - 1.0
         self.rise = 0.0  # h
         self.warm = False
-        self.keep_to(peak_n, continuous_n)
+        self.set_limits(peak_n, continuous_n)
 
-    def keep_to(self, peak_n: float, continuous_n: float) -> None:
+    def set_limits(self, peak_n: float, continuous_n: float) -> None:
         """Go by another device's forces; the rise stays."""
         self._peak_n, self._square = peak_n, continuous_n * continuous_n
         excess = peak_n * peak_n / self._square - 1.0

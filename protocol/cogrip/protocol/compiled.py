@@ -26,7 +26,7 @@ def compiled_modules() -> Mapping[str, bool]:
 
 
 def form() -> str:
-    """Return "compiled" or "interpreted", as all modules of `compiled_modules` are, else "partly compiled" with their number."""
+    """Return "compiled" or "interpreted" where all `compiled_modules` are, else "partly compiled" with the number."""
     here = compiled_modules().values()
     if all(here):
         return "compiled"

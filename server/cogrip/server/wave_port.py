@@ -38,7 +38,7 @@ class WavePort(Port):
         self._neutral = (0.0,) * axes
         self._sender = LineSender(axes, playout.redundancy)
         coupling = seat.coupling
-        self._limiter = WaveLimiter(coupling.impedance_nspm, frame_s, limits, power_left, coupling.behind)
+        self._limiter = WaveLimiter(coupling.impedance_nspm, frame_s, limits, power_left, coupling.further_impedance)
         self._impedances = ImpedanceChanges(coupling.impedance_nspm) if seat.line.auto_impedance else None
         self._since = 0  # number of the first returning frame with the impedance of now
         self._port_j: float | None = None

@@ -3,8 +3,8 @@
 The set-point is modulated (Lee and Huang 2010; theory section 7.5): a step from p to p+ puts K_h (|p+ - x|^2 - |p - x|^2) / 2
 into the spring, which an energy budget has to cover. The budget grows with the power of a hand, up to BURST_S of it: a
 pointer that jumps puts in no more than a hand could. Speed and acceleration are bounded as well, or a pointer that shakes, or
-beats on a wall, would be taken for a force that oscillates, which is a fault: in free space an acceleration a of the device brings a
-force that reverses with each frame, b a / (2 network_hz), 0.25 N at 3.2 m/s^2 with the usual b.
+beats on a wall, would be taken for a force that oscillates, which is a fault: in free space an acceleration a of the device
+brings a force that reverses with each frame, b a / (2 network_hz), 0.25 N at 3.2 m/s^2 with the usual b.
 
 A hand that has let go is no load: its spring is slack, and its damper moves with the device.
 """

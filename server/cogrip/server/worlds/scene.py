@@ -187,11 +187,11 @@ class SceneWorld(World):
     def _damp(self, user: int) -> None:
         """Give a held tool the damper of its port."""
         tool = self.scene.tools[user]
-        turning = self.turning.damping(user, self.impedance_behind[user])
+        turning = self.turning.damping(user, self.further_impedance[user])
         damping = np.concatenate((np.repeat(self.impedance[user], PLACES), turning))
         dofs = slice(tool.dof, tool.dof + tool.dofs)
         self.scene.model.dof_damping[dofs] = self._grips[user].damping + self.port_damped * damping
-        self.openings.damp(user, float(self.impedance_behind[user, 0]))
+        self.openings.damp(user, float(self.further_impedance[user, 0]))
 
     def impedance_changed(self, user: int) -> None:
         super().impedance_changed(user)

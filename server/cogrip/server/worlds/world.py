@@ -54,7 +54,7 @@ class World(ABC):
 
     failed            why it is not stepped any more, "" while it is
     impedance         b of each person's port [N s/m], shape (n, 1)
-    impedance_behind  of the axes behind the places, shape (n, 1): b_r [N m s] of those that turn, b_g [N s/m] of an opening
+    further_impedance  of the axes behind the places, shape (n, 1): b_r [N m s] of those that turn, b_g [N s/m] of an opening
     port_impedance    of each axis, shape (n, a)
     """
 
@@ -78,10 +78,10 @@ class World(ABC):
         self.mass_kg = first.object.mass_kg
         self.object_damping = first.object.damping_nspm
         self.impedance = np.array([[seat.coupling.impedance_nspm] for seat in seats])
-        self.impedance_behind = np.array([[seat.coupling.behind] for seat in seats])
+        self.further_impedance = np.array([[seat.coupling.further_impedance] for seat in seats])
         self.port_impedance = np.repeat(self.impedance, axes, axis=1)
-        self.port_impedance[:, PLACES:] = self.impedance_behind
-        self._impedance_ratio = [seat.coupling.unit**2 for seat in seats]  # b_r / b [m^2], or b_g / b
+        self.port_impedance[:, PLACES:] = self.further_impedance
+        self._impedance_ratio = [seat.coupling.length_scale**2 for seat in seats]  # b_r / b [m^2], or b_g / b
         self.wave_gain = np.array([[server_gain(seat.coupling.impedance_nspm)] for seat in seats])  # c
         self.side = np.array([seat.side_sign for seat in seats])
         self.target_stiffness = np.array([[seat.rendered_npm] for seat in seats])
@@ -169,8 +169,8 @@ class World(ABC):
         """
         b = float(self.impedance[user, 0])
         self.wave_gain[user] = server_gain(b)
-        self.impedance_behind[user] = self._impedance_ratio[user] * b
-        self.port_impedance[user, :PLACES], self.port_impedance[user, PLACES:] = b, self.impedance_behind[user]
+        self.further_impedance[user] = self._impedance_ratio[user] * b
+        self.port_impedance[user, :PLACES], self.port_impedance[user, PLACES:] = b, self.further_impedance[user]
 
     def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
         """Step in plain floats: a row a user in, a row a user out."""
