@@ -190,9 +190,11 @@ class Coupling:
         """Samples are `ticks` ticks old from now on."""
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
-        """Enter a tick that has passed, with the displacement it shows / T_c and the velocity sample it began with.
+        """Add a tick that has passed. Velocities are of the tool [m/s].
 
-        hold: how firmly a hand that is leaving still holds, from 1 down to 0.
+        mean_velocity_mps  displacement between the samples of the tick over its length T_c
+        velocity_mps       velocity sample at its start
+        hold               factor on the forward wave of a client that is leaving: from 1 down to 0
         """
         raise NotImplementedError
 

@@ -30,7 +30,10 @@ class LaggedWorld(HandWorld):
             self._glide, self._reach = period, 0.5 * period * period / mass
 
     def contact(self, hand_velocity: Array) -> Array:
-        """Return F = K (x_s - x_o) + B (v_s - v_o), P eq. 18, shape (n, a); one-sided with a depth test."""
+        """Return F = K (x_s - x_o) + B (v_s - v_o), P eq. 18, shape (n, a); one-sided with a depth test.
+
+        x_s, v_s: of the proxy (`hand_velocity`); x_o, v_o: of the object.
+        """
         stretch = self.hand - self.position
         force = self.stiffness * stretch + self.damping * (hand_velocity - self.velocity)
         if self.one_sided:

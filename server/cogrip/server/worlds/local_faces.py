@@ -1,8 +1,8 @@
 """Object whose faces the clients render themselves: each line ends at the object itself, along the first axis (theory 7.7).
 
 A wall needs no line: waves are absorbed. A free object of mass m_o gives each person who is there a copy of mass m, and keeps
-the rest. Symbols: M = m_o - sum of m, b_o damping of the object, u, v waves, b impedance of each line, T frame. Implicit
-midpoint, exact in energy for any of them:
+the rest. Symbols: M = m_o - sum of m, v velocity of the object and b_o its damping, u and v_back forward and returning wave,
+b impedance of each line, F_ext external force, T frame. Implicit midpoint, exact in energy for any of them:
 
     M (v' - v) / T = sum (sqrt(2b) u - b w) + F_ext - b_o w      w = (v + v') / 2      v_back = sqrt(2b) w - u
 

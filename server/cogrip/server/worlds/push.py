@@ -103,6 +103,7 @@ class PushWorld(HandWorld):
     def _object_velocity(self, rest: Array, slope: Array) -> float:
         """Return v with m_o (v - v_o)/T + b_o v = sum s_i max(0, rest_i - slope_i s_i v) + F_ext.
 
+        s_i is the side of user i, 1 or -1, and rest_i - slope_i s_i v its contact force where it pushes [N].
         The right side falls with v and is piecewise linear: walk its break points in order until the sign changes.
         """
         inertia = self.mass_kg / self.frame_s

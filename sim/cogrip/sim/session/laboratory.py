@@ -325,7 +325,7 @@ class Laboratory:
 def moments_of(ticks_per_frame: Sequence[int]) -> tuple[Moment, ...]:
     """Return a frame's moments in order, for seats with so many ticks in it; everybody ticks at the first, the border.
 
-    Two ticks that are not simultaneous are at least 1 / (M_i M_j network_hz) apart, 2.5 ns or more.
+    Two ticks that are not simultaneous are 2.5 ns or more apart: 1 / (M_i M_j network_hz), M_i ticks a frame of seat i.
     """
     at: dict[Fraction, list[tuple[int, int]]] = {}
     for number, ticks in enumerate(ticks_per_frame):
