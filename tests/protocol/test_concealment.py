@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
 
 from cogrip.protocol.line.concealment import CONCEALMENTS, ELASTIC_FADE, ELASTIC_LIMIT, MOVING_FRACTION, Concealed
-from cogrip.protocol.line.energy_ledger import KEPT
+from cogrip.protocol.line.energy_ledger import RESERVED_CREDIT
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import Frame
 
@@ -84,7 +84,7 @@ def outage(name: Concealed, silent: int, rest: int = 600) -> tuple[list[float], 
     What compensation leaves of the credit pays for a fade of its wave to the end.
     """
     fade_j = 0.5 * FRAME_S * 0.3**2 / (1.0 - ELASTIC_FADE**2)
-    checked = CheckedLine(delay=2, redundancy=4, concealment=name, credit_j=1.001 * fade_j / KEPT)
+    checked = CheckedLine(delay=2, redundancy=4, concealment=name, credit_j=1.001 * fade_j / RESERVED_CREDIT)
     waves = stroke()
     for number in range(260 + silent + rest):
         lost = 40 <= number < 60 or 200 <= number < 200 + silent

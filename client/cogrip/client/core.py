@@ -2,7 +2,7 @@
 
 Ticks come in two halves, `sense` and `act`. Live they follow each other at once; in virtual time the laboratory puts the
 server's step between them, which is the order of theory section 6. All other inputs are values (`cogrip.client.inputs`), which
-`handle` takes. The session and its timing stand here, all that needs a seat in `cogrip.client.seated`.
+`handle` takes. This module has the session and its timing, `cogrip.client.seated` all that needs a seat.
 """
 
 from collections import deque
