@@ -25,7 +25,7 @@ cdef class DevicePort:
     cdef public bint _changed
     cdef public long long _exhausted
     cdef public long long _tick
-    cdef public long long _last_reversal
+    cdef public long long _last_turn
     cdef public long long _releases
     cdef public list _released_at
     cdef public long long _released_left

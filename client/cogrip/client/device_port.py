@@ -16,7 +16,7 @@ E >= -E_1 stays true for every force law if
 and if the line is sent no more energy in a frame than `spare_j`. Within a frame E already excludes what the line would be
 sent if the frame ended now. docs/device_port.md has the derivations and the measurements. A passive force can still
 oscillate, so the coupling renders at most `carried_nspm`: the impedance that the device carries by its record
-(`largest_impedance`), and less after fast reversals of the force.
+(`largest_impedance`), and less after fast turns of the local force.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ FREE_RESERVE_MPS = 1.0  # speed whose kinetic energy is E_free: a late damper ta
 TOLERATED_FRACTION = 0.25  # of E_free: a deficit -E up to this is tolerated, as the motion gives it back
 INJECTED_FRACTION = 0.1  # of `carried_nspm`: damping that is injected where all of E_free is used up
 FADE_TICKS = 3.0  # ticks at speed limit and peak force: over their energy the force is scaled from 1 to 0
-BACKOFF_FACTOR = 0.5  # on `carried_nspm` at each reversal in a series of fast ones
-RETRY_FRACTION = 0.8  # of `carried_nspm` at which a series began: it recovers up to this
+BACKOFF_FACTOR = 0.5  # on `carried_nspm` at each turn of a train of fast turns (`OscillationDetector`)
+RETRY_FRACTION = 0.8  # of `carried_nspm` at which a train began: it recovers up to this
 RECOVERY_S = 2.0  # in which `carried_nspm` rises by a factor of e
 RETRY_RECOVERY_S = 60.0  # in which the bound of RETRY_FRACTION rises by a factor of e
 LEAST_FRACTION = 0.02  # of the impedance of the record: `carried_nspm` is never less
@@ -65,7 +65,7 @@ class DevicePort:
 
     __slots__ = (
         "_changed", "_controlled", "_count_m", "_cut_j", "_damping", "_detector", "_dissipated_j", "_exhausted",
-        "_forgiven_j", "_free_j", "_friction_n", "_given_j", "_growth", "_last_reversal", "_limited", "_most_step_m",
+        "_forgiven_j", "_free_j", "_friction_n", "_given_j", "_growth", "_last_turn", "_limited", "_most_step_m",
         "_pending_j", "_persists_ticks", "_record_nspm", "_released_at", "_released_left", "_released_ticks",
         "_releases", "_retry_growth", "_retry_nspm", "_tick", "_tick_s", "_ticks", "_usable_j", "balance_j",
         "carried_nspm", "lag_s", "later_j", "least_j", "oscillates", "ramped", "reserve_j",
@@ -87,7 +87,7 @@ class DevicePort:
         self._changed = False  # a controller here changed the force of this tick
         self._exhausted = 0  # ticks since E fell to -E_1, so that `limit` allows no force
         self._tick = 0
-        self._last_reversal = -self._released_ticks - 1  # tick of the last reversal of a series
+        self._last_turn = -self._released_ticks - 1  # tick of the last turn of a train
         self._releases = 0
         self._released_at: list[int] = []  # ticks of the releases of the last PERSISTS_S
         self._released_left = 0
@@ -222,9 +222,9 @@ class DevicePort:
         if carried < record:  # as it would be at the record's impedance: less impedance must not hide an oscillation
             local_n = [record / carried * local for local in local_n]
         if detector.add(force_n, clipped, local_n):
-            if self._tick - self._last_reversal > self._released_ticks:  # the first of its series
+            if self._tick - self._last_turn > self._released_ticks:  # the first of its train
                 self._retry_nspm = max(LEAST_FRACTION * record, RETRY_FRACTION * carried)
-            self._last_reversal = self._tick
+            self._last_turn = self._tick
             self.carried_nspm = max(LEAST_FRACTION * record, BACKOFF_FACTOR * carried)
         elif carried < record:
             self._retry_nspm = min(record, self._retry_growth * self._retry_nspm)
@@ -262,7 +262,7 @@ class DevicePort:
             self._released_left -= 1
 
     def rearm(self) -> None:
-        """Begin anew after a fault. The impedance that was found stays."""
+        """Reset after a fault. `carried_nspm` stays as it is."""
         self._released_at.clear()
         self._released_left = 0
         self._detector.forget()

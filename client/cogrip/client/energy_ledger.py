@@ -45,7 +45,7 @@ class EnergyLedger:
         self._forces.set_ticks(ticks, (0.0,) * len(self.coupling.sent))
 
     def elapse(self, elapsed: int, force_n: tuple[float, ...]) -> None:
-        """Let ticks pass before there is a hand."""
+        """Count ticks before there is a hand."""
         self._forces.push_many(force_n, elapsed)
 
     def acting(self, elapsed: int, force_n: tuple[float, ...]) -> Sequence[float]:

@@ -19,7 +19,7 @@ class Peaks:
     travel_m: float = 0.0
 
     def enter(self, force_n: Row, before_n: Row, axes: PoseAxes | GripAxes | None) -> None:
-        """Enter the force of a tick, and that of the one before, shape (axes,)."""
+        """Update the largest values by the force of a tick and that of the tick before, shape (axes,)."""
         if axes is not None:
             self.further = max(self.further, axes.length_scale * hypot(*force_n[PLACES:]))
             step, size = dist(force_n[:PLACES], before_n[:PLACES]), hypot(*force_n[:PLACES])

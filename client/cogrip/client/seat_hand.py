@@ -126,11 +126,11 @@ class SeatHand:
         (self._frame or self._set_tool(ToolFrame())).asked = held
 
     def set_hand(self, change: HandChange) -> None:
-        """Go by this change from the next frame's border on."""
+        """Set a change, which applies from the end of the frame under way."""
         self._ordered = change if self._ordered is None else change.after(self._ordered)
 
     def receive_change(self, message: SetHand) -> None:
-        """Take in a change that the server tells, each once; one that this hand cannot have is refused by the next report."""
+        """Receive a change from the server, once; one that does not fit this hand is refused in the next report."""
         change = self.changes.receive(message)
         if change is not None:
             self.set_hand(HandChange() if unfit(change, self.settings.object.axes) else change)
@@ -145,7 +145,7 @@ class SeatHand:
         )  # fmt: skip
 
     def _follow(self, sample: Sample, border: bool) -> None:
-        """Go by clutch and changes after a tick's sample. border: a frame ends here, or none has begun."""
+        """Apply clutch and changes after a tick's sample. border: whether a frame ends here, or none has begun."""
         changed = border and self._ordered is not None
         if changed:
             self._change()

@@ -22,7 +22,9 @@ HALF_QUIET = 256  # frames: a delay that no frame has needed for this many, to t
 START_S = 1.0 / 32.0  # playing begins with at most this many seconds of frames in hand
 SPACING = 16  # least frames from one skip to the next: meanwhile the deficit of the skip is compensated
 QUIET = 64  # frames for which the offset must be too large before a frame that has arrived is cut short
-TOLERANCE = 2.0  # times the late rate of the settings: below it a receiver of whole frames never waits, its sender shifts
+TOLERANCE = (
+    2.0  # times the late rate of the settings: below it a receiver of whole frames never waits, its sender shifts
+)
 DEEPEST = 256  # frames
 
 
