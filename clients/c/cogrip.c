@@ -90,10 +90,10 @@ enum {
 #define RELAX_RAD_S 100.0  /* of the series impedance */
 #define LEAST_DEFLECTION_M 1e-9
 #define MOST_DEFLECTION_M 0.05
-#define FREE_RESERVE_MPS 1.0      /* speed whose kinetic energy the port's reserve holds */
-#define FADE_TICKS 3.0     /* at the speed limit and peak force, over whose energy an unpaid force fades */
-#define TOLERATED_FRACTION 0.25
-#define INJECTED_FRACTION 0.1
+#define FREE_RESERVE_MPS 1.0    /* speed whose kinetic energy is E_free of the device port */
+#define FADE_TICKS 3.0          /* at speed limit and peak force: over their energy the force is scaled from 1 to 0 */
+#define TOLERATED_FRACTION 0.25 /* of E_free: a deficit up to this is tolerated */
+#define INJECTED_FRACTION 0.1   /* of the carried impedance: damping that is injected where all of E_free is used up */
 #define WITHHELD_FRACTION (1.0 / 16.0)
 #define JUMP 2.0           /* times the speed limit: no hand moves so */
 #define JUMP_M 0.001
@@ -3044,7 +3044,8 @@ void cogrip_act(cogrip_client *client, double *force_n, int64_t now_ns) {
     int shortened = 0;
     if (wished) {
         const double used = -client->balance_j / client->free_j, damping = least(client->config.carried_nspm, client->b);
-        const double injected = used > TOLERATED_FRACTION ? INJECTED_FRACTION * damping * least(1.0, (used - TOLERATED_FRACTION) / (1.0 - TOLERATED_FRACTION)) : 0.0;
+        const double over = (used - TOLERATED_FRACTION) / (1.0 - TOLERATED_FRACTION);
+        const double injected = used > TOLERATED_FRACTION ? INJECTED_FRACTION * damping * least(1.0, over) : 0.0;
         law(client, wanted);
         effects_step(&client->effects, client->tick, client->position_m, client->velocity_mps, coming_gain(client, 1));
         for (int axis = 0; axis < axes; axis++) {

@@ -129,4 +129,6 @@ def _check(laboratory: Laboratory, before: list[dict[str, int]]) -> None:
     for person, then in zip(laboratory.people, before, strict=True):
         assert person.core.safety.state == "live", person.core.safety.reason
         now = {name: count for name, count in person.core.safety.counts.items() if name != NEAR_THERMAL_LIMIT}
-        assert now == {name: count for name, count in then.items() if name != NEAR_THERMAL_LIMIT}, "use a smaller amplitude"
+        assert now == {name: count for name, count in then.items() if name != NEAR_THERMAL_LIMIT}, (
+            "use a smaller amplitude"
+        )
