@@ -11,7 +11,8 @@ from pathlib import Path
 import compiling
 import pytest
 
-from cogrip.protocol.compiled import LINE, form
+from cogrip.protocol import compiled
+from cogrip.protocol.compiled import compiled_modules, form
 
 ROOT = Path(__file__).parent.parent
 LAWS = (
@@ -29,14 +30,29 @@ def test_every_type_file_stands_beside_its_module() -> None:
     found = compiling.sources()
     assert all(source.exists() for _, source in found)
     names = {name for name, source in found if source.suffix == ".py"}  # others are there only compiled
-    assert {module.__name__ for module in LINE} <= names
+    assert set(compiled_modules()) == {name for name, _ in found}
     for name in names:
         assert importlib.import_module(name).__name__ == name
 
 
-def test_the_form_is_said() -> None:
-    assert form() in ("compiled", "interpreted", "partly compiled")
-    assert (form() == "interpreted") is all(str(module.__file__).endswith(".py") for module in LINE)
+def test_the_form_is_that_of_every_module(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(compiled.cogrip, "__path__", [str(tmp_path)])
+    folder = tmp_path / "protocol"
+    folder.mkdir()
+    for name in ("clock.py", "clock.pxd", "waves.py", "sender.py", "sender.pxd"):
+        (folder / name).touch()
+    assert compiled_modules() == {"cogrip.protocol.clock": False, "cogrip.protocol.sender": False}
+    assert form() == "interpreted"
+    (folder / f"sender{compiling.SUFFIX}").touch()
+    assert form() == "partly compiled: 1 of 2 modules"
+    (folder / f"clock{compiling.SUFFIX}").touch()
+    assert form() == "compiled"
+
+
+def test_an_imported_module_is_of_the_form_that_is_said() -> None:
+    for name, is_compiled in compiled_modules().items():
+        if name in sys.modules:
+            assert is_compiled is not str(sys.modules[name].__file__).endswith(".py")
 
 
 def test_what_is_compiled_of_older_sources_is_stale(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

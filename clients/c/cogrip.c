@@ -90,10 +90,10 @@ enum {
 #define RELAX_RAD_S 100.0  /* of the series impedance */
 #define LEAST_DEFLECTION_M 1e-9
 #define MOST_DEFLECTION_M 0.05
-#define BRISK_MPS 1.0      /* speed whose kinetic energy the port's reserve holds */
-#define FADE_TICKS 3.0     /* at the speed limit and peak force, over whose energy an unpaid force fades */
-#define UNPAID 0.25
-#define PAYING 0.1
+#define FREE_RESERVE_MPS 1.0    /* speed whose kinetic energy is E_free of the device port */
+#define FADE_TICKS 3.0          /* at speed limit and peak force: over their energy the force is scaled from 1 to 0 */
+#define TOLERATED_FRACTION 0.25 /* of E_free: a deficit up to this is tolerated */
+#define INJECTED_FRACTION 0.1   /* of the carried impedance: damping that is injected where all of E_free is used up */
 #define WITHHELD_FRACTION (1.0 / 16.0)
 #define JUMP 2.0           /* times the speed limit: no hand moves so */
 #define JUMP_M 0.001
@@ -2610,14 +2610,14 @@ static void begin_seat(cogrip_client *client) {
     const double tick_j = config->peak_force_n * config->speed_mps * client->tick_s;
     const double falling_j =
         0.5 * config->peak_force_n * config->peak_force_n * config->speed_mps / least(config->slew_nps, SOFT_SLOPE_NPS);
-    client->free_j = 0.5 * config->apparent_mass_kg * BRISK_MPS * BRISK_MPS;
+    client->free_j = 0.5 * config->apparent_mass_kg * FREE_RESERVE_MPS * FREE_RESERVE_MPS;
     client->faded_j = client->free_j + FADE_TICKS * tick_j;
     client->reserve_j = client->faded_j + most(tick_j, falling_j);
     client->safety = COGRIP_LIVE;
     const double memory = estimator_memory(client), lag_s = (1.0 + memory) / (1.0 - memory) * client->tick_s;
     const double carried_nspm = least(config->carried_nspm, config->apparent_mass_kg / lag_s);
     effects_fit(&client->effects, client->axes, client->tick_s, carried_nspm, lag_s, client->b, config->speed_mps,
-        config->slew_nps, UNPAID * client->free_j);
+        config->slew_nps, TOLERATED_FRACTION * client->free_j);
     line_init(client, HUGE_VAL);
 }
 
@@ -3044,14 +3044,15 @@ void cogrip_act(cogrip_client *client, double *force_n, int64_t now_ns) {
     int shortened = 0;
     if (wished) {
         const double used = -client->balance_j / client->free_j, damping = least(client->config.carried_nspm, client->b);
-        const double paying = used > UNPAID ? PAYING * damping * least(1.0, (used - UNPAID) / (1.0 - UNPAID)) : 0.0;
+        const double over = (used - TOLERATED_FRACTION) / (1.0 - TOLERATED_FRACTION);
+        const double injected = used > TOLERATED_FRACTION ? INJECTED_FRACTION * damping * least(1.0, over) : 0.0;
         law(client, wanted);
         effects_step(&client->effects, client->tick, client->position_m, client->velocity_mps, coming_gain(client, 1));
         for (int axis = 0; axis < axes; axis++) {
             if (client->effects.asked) wanted[axis] += client->effects.asked_n[axis];
             client->effects.law_n[axis] = wanted[axis];
         }
-        for (int axis = 0; axis < axes; axis++) wish[axis] = wanted[axis] += paying * client->velocity_mps[axis];
+        for (int axis = 0; axis < axes; axis++) wish[axis] = wanted[axis] += injected * client->velocity_mps[axis];
         shortened = port_limit(client, wanted);
     } else {
         effects_begin_anew(&client->effects);

@@ -111,7 +111,7 @@ def _session(folder: Path, rate_hz: int, people: int, seconds: float) -> tuple[l
 def _trip_us(folder: Path) -> tuple[float, float]:
     """Return how long a session's waves are under way, there and back, p50 [us], less their wait for the server's step.
 
-    There: from the beginning of the tick that sends, by the message's stamp, to its arrival at the server by the kernel's clock.
+    There: from the beginning of the tick that sends, by the message's stamp, to its arrival at the server, by the kernel.
     Back: from the beginning of the step to the tick that takes the answer in; the wait for that tick is in it. All processes
     have one clock.
     """

@@ -157,7 +157,7 @@ def test_worlds_are_listed_with_those_of_other_packages(
     ]
     monkeypatch.setattr(registry, "entry_points", lambda group: points)
     monkeypatch.setenv("COLUMNS", "200")
-    registry.foreign.cache_clear()
+    registry.entry_point_kinds.cache_clear()
     try:
         assert main(["worlds"]) == 0
         lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line}
@@ -165,7 +165,7 @@ def test_worlds_are_listed_with_those_of_other_packages(
             "torn fails as it is loaded: ModuleNotFoundError: No module named 'torn'; mend or remove its package"
         )
     finally:
-        registry.foreign.cache_clear()
+        registry.entry_point_kinds.cache_clear()
     assert "Masses on springs" in lines["springs"]
     assert "No module named 'torn'" in lines["torn"]
     assert "A free object that people grip from all sides." in lines["cube"], "ours cannot be replaced"

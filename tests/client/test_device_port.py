@@ -9,15 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.client.device_port import (
-    BELOW,
-    BRISK_MPS,
-    DOWN,
-    FADE,
-    LEAST,
+    BACKOFF_FACTOR,
+    FADE_TICKS,
+    FREE_RESERVE_MPS,
+    INJECTED_FRACTION,
+    LEAST_FRACTION,
     MOST_RELEASES,
-    PAYING,
     RELEASED_S,
-    UNPAID,
+    RETRY_FRACTION,
+    TOLERATED_FRACTION,
     DevicePort,
 )
 from cogrip.client.force_limits import SOFT_SLOPE_NPS
@@ -52,7 +52,7 @@ def tried() -> DevicePort:
 def test_the_reserve_is_a_brisk_hands_kinetic_energy_the_fading_and_a_fall_by_the_slope() -> None:
     """A force that falls from F by s newton a second gives out F^2 v_m / (2 s) at the most."""
     fall = 8.0**2 * 2.0 / (2.0 * SOFT_SLOPE_NPS)
-    assert port().reserve_j == pytest.approx(0.5 * 0.1 * BRISK_MPS**2 + FADE * 8.0 * STEP_M + fall)
+    assert port().reserve_j == pytest.approx(0.5 * 0.1 * FREE_RESERVE_MPS**2 + FADE_TICKS * 8.0 * STEP_M + fall)
     assert port(slew_nps=200.0).reserve_j - port().reserve_j == pytest.approx(8.0**2 * 2.0 / 400.0 - fall)
 
 
@@ -86,12 +86,12 @@ def test_no_more_leaves_through_the_motors_than_came_in_whatever_the_law_and_the
         work += sum(f * d for f, d in zip(force, step, strict=True))
         own += hypot(*step) * (damping * hypot(*step) / T_C + friction)
         x = tuple(at + d for at, d in zip(x, step, strict=True))
-        tried.enter(work, given_j)
+        tried.set_energies(work, given_j)
         if number % M == 0:
             spare = tried.spare_j + brought
             given_j += brought - share * max(0.0, spare)
             tried.end_frame(start, x, T_N, 0.0)
-            tried.enter(work, given_j)
+            tried.set_energies(work, given_j)
             start = x
         assert tried.balance_j >= -tried.reserve_j - 1e-12
         assert work + given_j + own >= -tried.reserve_j - 1e-12
@@ -103,17 +103,17 @@ def test_the_bound_on_a_force_is_what_a_tick_may_give_out(balance: float, dampin
     """|F| 3 v_m T = E + E_1, or F^2 T / (4 b_d) = E + E_1 (theory 7.4), the larger; not a hair less is let through."""
     tried = port(own_damping_nspm=damping)
     tried.balance_j = balance * tried.reserve_j
-    left = max(0.0, tried.balance_j + 0.5 * 0.1 * BRISK_MPS**2 + FADE * 8.0 * STEP_M)
-    most = max(left / (FADE * STEP_M), 2.0 * sqrt(damping * left / T_C))
+    left = max(0.0, tried.balance_j + 0.5 * 0.1 * FREE_RESERVE_MPS**2 + FADE_TICKS * 8.0 * STEP_M)
+    most = max(left / (FADE_TICKS * STEP_M), 2.0 * sqrt(damping * left / T_C))
     assert tuple(tried.limit((0.999 * most, 0.0, 0.0))) == (0.999 * most, 0.0, 0.0)
     assert hypot(*tried.limit((0.6 * 1.001 * most, 0.8 * 1.001 * most, 0.0))) == pytest.approx(most)
     assert tuple(tried.limit((0.0, 0.0, 0.0))) == (0.0, 0.0, 0.0)
 
 
 def test_a_force_fades_before_it_meets_the_bound(tried: DevicePort) -> None:
-    free = 0.5 * 0.1 * BRISK_MPS**2
+    free = 0.5 * 0.1 * FREE_RESERVE_MPS**2
     for share in (0.0, 0.25, 0.5, 1.0):
-        tried.balance_j = -free - (1.0 - share) * FADE * 8.0 * STEP_M
+        tried.balance_j = -free - (1.0 - share) * FADE_TICKS * 8.0 * STEP_M
         assert hypot(*tried.limit([0.0, 8.0, 0.0])) == pytest.approx(8.0 * share)
         assert hypot(*tried.limit([0.0, 8.0 * share * 0.999, 0.0])) == pytest.approx(8.0 * share * 0.999)
 
@@ -130,38 +130,38 @@ def test_the_devices_damping_is_credited_with_the_motion_of_a_frame_less_one_cou
 
 
 def test_energy_of_long_ago_pays_for_nothing(tried: DevicePort) -> None:
-    tried.enter(5.0, 0.0)
+    tried.set_energies(5.0, 0.0)
     tried.end_frame((0.0,) * 3, (0.0,) * 3, T_N, 0.3)
     assert tried.balance_j == pytest.approx(0.3 + tried.reserve_j)
-    tried.enter(4.0, 0.0)
+    tried.set_energies(4.0, 0.0)
     assert tried.balance_j == pytest.approx(0.3 + tried.reserve_j - 1.0)
 
 
 def test_what_a_ramped_force_leaves_to_the_line_is_not_asked_back(tried: DevicePort) -> None:
     """But what the motors gave is."""
     tried.ramped = True
-    tried.enter(-0.01, -0.5)
+    tried.set_energies(-0.01, -0.5)
     assert tried.balance_j == pytest.approx(-0.01)
     assert tried.earned_j == pytest.approx(-0.51)
     assert tried.spare_j == pytest.approx(tried.earned_j + 0.05), "it may be sent no more: half the mass, at 1 m/s"
     tried.ramped = False
     assert tried.spare_j == pytest.approx(tried.balance_j + 0.05)
-    tried.enter(-0.03, -0.5)
+    tried.set_energies(-0.03, -0.5)
     assert tried.balance_j == pytest.approx(-0.03)
     tried.ramped = True
-    tried.enter(-0.04, -0.5)
+    tried.set_energies(-0.04, -0.5)
     assert tried.balance_j == pytest.approx(-0.04)
 
 
 def test_what_a_frame_would_send_counts_as_far_as_it_may_be_sent(tried: DevicePort) -> None:
-    free = 0.5 * 0.1 * BRISK_MPS**2
+    free = 0.5 * 0.1 * FREE_RESERVE_MPS**2
     for brought, pending, balance in (
         (0.3, 0.1, 0.2),
         (0.3, 0.3 + free, -free),
         (0.3, 20.0, -free),
         (-free - 0.1, 20.0, -free - 0.1),
     ):
-        tried.enter(0.0, brought, pending)
+        tried.set_energies(0.0, brought, pending)
         assert tried.balance_j == pytest.approx(balance)
         assert tried.spare_j == pytest.approx(max(brought, balance) + free), "whatever the ticks so far would send"
     assert tried.least_j == pytest.approx(-free - 0.1)
@@ -172,21 +172,27 @@ def test_no_more_is_forgiven_to_a_line_than_the_free_reserve(tried: DevicePort) 
     for number in range(200):
         tried.ramped = number // 20 % 2 == 0
         given_j = 0.001 * number
-        tried.enter(0.0, given_j, 20.0)
+        tried.set_energies(0.0, given_j, 20.0)
         tried.end_frame((0.0,) * 3, (0.0,) * 3, T_N, 0.0)
         assert tried.balance_j - tried.earned_j <= 0.05 + 1e-12
         assert tried.earned_j >= -2.0 * 0.05 - 1e-12
 
 
 def test_a_damper_pays_for_what_is_lent_for_long(tried: DevicePort) -> None:
-    free = 0.5 * 0.1 * BRISK_MPS**2
-    for share, paying in ((0.0, 0.0), (UNPAID, 0.0), (0.5 + 0.5 * UNPAID, 0.5), (1.0, 1.0), (2.0, 1.0)):
+    free = 0.5 * 0.1 * FREE_RESERVE_MPS**2
+    for share, paying in (
+        (0.0, 0.0),
+        (TOLERATED_FRACTION, 0.0),
+        (0.5 + 0.5 * TOLERATED_FRACTION, 0.5),
+        (1.0, 1.0),
+        (2.0, 1.0),
+    ):
         tried.balance_j = -share * free
-        assert tried.paying_nspm == pytest.approx(paying * PAYING * tried.carried_nspm)
+        assert tried.injected_nspm == pytest.approx(paying * INJECTED_FRACTION * tried.carried_nspm)
 
 
 def test_an_overdrawn_port_says_so_and_begins_anew(tried: DevicePort) -> None:
-    tried.enter(-50.0, 0.0)
+    tried.set_energies(-50.0, 0.0)
     found = [tried.watch([0.0] * 3, False, [0.0] * 3) for _ in range(DEVICE_HZ)]
     assert found.index("energy") == round(RELEASED_S * DEVICE_HZ)
     assert tried.balance_j == 0.0
@@ -199,12 +205,12 @@ def test_the_reserve_of_now_begins_anew_with_the_port_and_its_least_does_not(tri
     def second(work_j: float) -> None:
         for tick in range(DEVICE_HZ + 8):
             tried.elapse()
-            tried.enter(work_j, 0.0)
+            tried.set_energies(work_j, 0.0)
             if tick % 8 == 7:
                 tried.end_frame([0.0] * 3, [0.0] * 3, 8 / DEVICE_HZ, 0.0)
 
     tried.ramped = False
-    tried.enter(-0.02, 0.0)
+    tried.set_energies(-0.02, 0.0)
     assert tried.account().reserve_j is None
     second(-0.01)
     assert tried.account().reserve_j == pytest.approx(tried.reserve_j - 0.01)
@@ -233,13 +239,15 @@ def test_the_impedance_comes_down_with_a_train_of_turns_and_is_tried_again_below
     _shake(tried, TRAIN)
     assert tried.carried_nspm == carried, "an impact is no train"
     _shake(tried, TRAIN + 3)
-    assert LEAST * carried < tried.carried_nspm < carried * DOWN * 1.05
+    assert LEAST_FRACTION * carried < tried.carried_nspm < carried * BACKOFF_FACTOR * 1.05
     for _ in range(10 * DEVICE_HZ):
         tried.watch([0.0] * 3, False, [0.0] * 3)
-    assert carried * DOWN < tried.carried_nspm < carried * BELOW * 1.3, "below what the train began at"
+    assert carried * BACKOFF_FACTOR < tried.carried_nspm < carried * RETRY_FRACTION * 1.3, (
+        "below what the train began at"
+    )
     for _ in range(60):
         _shake(tried, 10)
-    assert tried.carried_nspm == pytest.approx(LEAST * carried, rel=0.05)
+    assert tried.carried_nspm == pytest.approx(LEAST_FRACTION * carried, rel=0.05)
 
 
 def test_a_shaken_hand_is_seen_however_little_is_rendered(tried: DevicePort) -> None:

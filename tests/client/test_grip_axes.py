@@ -26,9 +26,9 @@ four = st.tuples(number, number, number, number)
 
 @given(st.floats(0.05, 20.0), four, four)
 def test_the_power_is_that_of_hand_and_fingers(
-    unit: float, wrench: tuple[float, ...], twist: tuple[float, ...]
+    length_scale: float, wrench: tuple[float, ...], twist: tuple[float, ...]
 ) -> None:
-    axes = GripAxes(unit)
+    axes = GripAxes(length_scale)
     moved = axes.lengths(Sample(twist, twist, 3, 5, None, twist[3]))
     assert moved.velocity_mps is not None
     force = axes.force(wrench)
@@ -47,7 +47,7 @@ def test_a_port_of_lengths_is_one_of_its_own_impedance(
 ) -> None:
     """Theory 8.8: force and wave at the fingers are those of b_g, though the port is one of b."""
     axes = GripAxes((grip_nspm / b) ** 0.5)
-    velocity = (0.0, 0.0, 0.0, axes.unit * rate_mps)[3]
+    velocity = (0.0, 0.0, 0.0, axes.length_scale * rate_mps)[3]
     force_n = axes.wrench((0.0, 0.0, 0.0, device_force(b, device_gain(b), velocity, wave)))[3]
     own = device_gain(grip_nspm)
     assert force_n == pytest.approx(device_force(grip_nspm, own, rate_mps, wave), rel=1e-9, abs=1e-6)
@@ -57,14 +57,14 @@ def test_a_port_of_lengths_is_one_of_its_own_impedance(
 
 
 @given(st.floats(0.05, 20.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
-def test_a_record_in_lengths_bounds_every_axis(unit: float, along: float, fingers: float) -> None:
-    record = in_lengths(RECORD, unit)
-    force = along * RECORD.peak_force_n, fingers * GRIPPER.peak_force_n / unit
+def test_a_record_in_lengths_bounds_every_axis(length_scale: float, along: float, fingers: float) -> None:
+    record = in_lengths(RECORD, length_scale)
+    force = along * RECORD.peak_force_n, fingers * GRIPPER.peak_force_n / length_scale
     assert hypot(*force) <= record.peak_force_n * (1.0 + 1e-12)
-    assert record.damping_nspm <= min(RECORD.damping_nspm, GRIPPER.damping_nspm / unit**2)
-    assert record.apparent_mass_kg <= min(RECORD.apparent_mass_kg, GRIPPER.apparent_mass_kg / unit**2)
-    assert record.speed_mps >= max(RECORD.speed_mps, unit * GRIPPER.speed_mps)
-    assert record.resolution_m >= max(RECORD.resolution_m, unit * GRIPPER.resolution_m)
+    assert record.damping_nspm <= min(RECORD.damping_nspm, GRIPPER.damping_nspm / length_scale**2)
+    assert record.apparent_mass_kg <= min(RECORD.apparent_mass_kg, GRIPPER.apparent_mass_kg / length_scale**2)
+    assert record.speed_mps >= max(RECORD.speed_mps, length_scale * GRIPPER.speed_mps)
+    assert record.resolution_m >= max(RECORD.resolution_m, length_scale * GRIPPER.resolution_m)
 
 
 def live() -> Safety:

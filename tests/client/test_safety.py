@@ -11,9 +11,9 @@ from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.safety import (
     AT_LIMIT_S,
     FAULT_OUT_S,
-    FORGIVEN,
     RAMP_IN_S,
     RAMP_OUT_S,
+    STALL_DECAY,
     STALL_S,
     STATES,
     TRANSITIONS,
@@ -224,7 +224,7 @@ def test_a_device_that_gives_no_sample_has_stalled(safety: Safety) -> None:
     for _ in range(ticks - 1):
         safety.absent(1)
     assert safety.state == "live"
-    for _ in range(math.ceil(ticks / FORGIVEN)):
+    for _ in range(math.ceil(ticks / STALL_DECAY)):
         safety.check(1, (0.0,) * 3, (0.0,) * 3)
     for _ in range(ticks - 1):
         safety.absent(1)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.client.force_limits import MOST_SLOPE_NPS
-from cogrip.client.safety import AT_LIMIT_S, FAULT_OUT_S, RAMP_OUT_S, WARM_S, Safety
+from cogrip.client.safety import AT_LIMIT_S, DERATED_S, FAULT_OUT_S, RAMP_OUT_S, Safety
 from cogrip.client.thermal import CALM_SHARE, FADE_S, TIME_CONSTANT_S, WARN_SHARE, ThermalLimit
 from cogrip.devices.registry import describe, make
 
@@ -140,7 +140,7 @@ def test_the_warning_has_two_bounds() -> None:
 
 
 def test_ten_seconds_of_warm_motors_are_a_fault_and_pauses_count_against_them() -> None:
-    ticks = round(WARM_S / T_C)
+    ticks = round(DERATED_S / T_C)
     safety = live()
     while not safety.derated:
         safety.limit((8.5,))
@@ -191,7 +191,7 @@ def test_another_record_changes_the_limits_and_not_the_warmth() -> None:
     for _ in range(2048):
         safety.limit((8.5,))
     rise = safety.thermal.rise
-    safety.keep_to(replace(make("sim:phantom").capability, continuous_force_n=0.7))
+    safety.set_record(replace(make("sim:phantom").capability, continuous_force_n=0.7))
     assert safety.thermal.rise == rise
     assert safety.thermal.limit_n < 8.5
 

@@ -8,7 +8,7 @@ from typing import Any
 from cogrip.protocol.messages import decode, encode
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.settings import resolve
-from cogrip.server.admission import Outside
+from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 
 from tests.clients.compiled import CClient
@@ -63,10 +63,10 @@ class VirtualSession:
             person.connect(0)
 
     def _new_core(self) -> ServerCore:
-        outside = Outside(
+        services = AdmissionServices(
             lambda: next(self._sessions), new_ticket=lambda: f"t{next(self._tickets)}" if self._with_tickets else ""
         )
-        return ServerCore([self.settings], "test", outside)
+        return ServerCore([self.settings], "test", services)
 
     def restart(self) -> None:
         """Replace the server by a new one, which knows nothing."""

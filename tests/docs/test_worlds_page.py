@@ -63,11 +63,11 @@ def test_its_entry_point_is_found(here: Path, monkeypatch: pytest.MonkeyPatch) -
     points = tomllib.loads(listings("")[-1])["project"]["entry-points"][registry.GROUP]
     installed = [EntryPoint(name, target, registry.GROUP) for name, target in points.items()]
     monkeypatch.setattr(registry, "entry_points", lambda group: installed)
-    registry.foreign.cache_clear()
+    registry.entry_point_kinds.cache_clear()
     try:
-        assert registry.world_of("on-a-spring").make.__name__ == "OnASpring"  # type: ignore[attr-defined]
+        assert registry.world_class_of("on-a-spring").make.__name__ == "OnASpring"  # type: ignore[attr-defined]
     finally:
-        registry.foreign.cache_clear()
+        registry.entry_point_kinds.cache_clear()
 
 
 def test_its_table_has_all_checks() -> None:

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
 
-from cogrip.protocol.line.concealment import CONCEALMENTS, ELASTIC_FADE, ELASTIC_LIMIT, REST_FRACTION, Concealed
-from cogrip.protocol.line.energy_ledger import KEPT
+from cogrip.protocol.line.concealment import CONCEALMENTS, ELASTIC_FADE, ELASTIC_LIMIT, MOVING_FRACTION, Concealed
+from cogrip.protocol.line.energy_ledger import RESERVED_CREDIT
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import Frame
 
@@ -24,11 +24,11 @@ class AnyOrder(RuleBasedStateMachine):
 
     datagrams = Bundle("datagrams")
     concealment: Concealed = BEST
-    tank_j = 0.0
+    credit_j = 0.0
 
     def __init__(self) -> None:
         super().__init__()
-        self.checked = CheckedLine(axes=2, delay=1, redundancy=2, concealment=self.concealment, tank_j=self.tank_j)
+        self.checked = CheckedLine(axes=2, delay=1, redundancy=2, concealment=self.concealment, credit_j=self.credit_j)
 
     @rule(target=datagrams, value=st.sampled_from([0.0, 1.0, -1.0, 0.25, 3.0]))
     def send(self, value: float) -> tuple[int, Frame, Frame, Frame]:
@@ -64,11 +64,11 @@ class AnyOrder(RuleBasedStateMachine):
 
 class AnyOrderTank(AnyOrder):
     concealment: Concealed = "tank"
-    tank_j = FRAME_S  # 2 W
+    credit_j = FRAME_S  # 2 W
 
 
 class AnyOrderCredit(AnyOrder):
-    tank_j = FRAME_S  # 2 W
+    credit_j = FRAME_S  # 2 W
 
 
 for machine in (AnyOrder, AnyOrderTank, AnyOrderCredit):
@@ -84,7 +84,7 @@ def outage(name: Concealed, silent: int, rest: int = 600) -> tuple[list[float], 
     What compensation leaves of the credit pays for a fade of its wave to the end.
     """
     fade_j = 0.5 * FRAME_S * 0.3**2 / (1.0 - ELASTIC_FADE**2)
-    checked = CheckedLine(delay=2, redundancy=4, concealment=name, tank_j=1.001 * fade_j / KEPT)
+    checked = CheckedLine(delay=2, redundancy=4, concealment=name, credit_j=1.001 * fade_j / RESERVED_CREDIT)
     waves = stroke()
     for number in range(260 + silent + rest):
         lost = 40 <= number < 60 or 200 <= number < 200 + silent
@@ -124,7 +124,7 @@ def pressed(
     gap: range, speed: float = 0.0, force: float = 0.1, frames: int = 400, credit_j: float = 1e-3
 ) -> CheckedLine:
     """Return a line to an end under a steady wave whose sqrt(2b) velocity in the gap is `speed` of it."""
-    checked = CheckedLine(delay=2, redundancy=4, tank_j=credit_j)
+    checked = CheckedLine(delay=2, redundancy=4, credit_j=credit_j)
     for number in range(frames):
         checked.receiver.answer = (force * (speed - 1.0) if number in gap else -force,)
         checked.step((force,), number not in gap)
@@ -141,7 +141,7 @@ def test_a_hand_at_rest_is_held_through_a_gap_and_the_credit_comes_back() -> Non
         assert played[2:] == pytest.approx([0.1] * 398, abs=1e-12)
         assert abs(checked.receiver.deficit[0]) < 1e-12
         assert checked.receiver.gain == 1.0
-        assert checked.receiver.ledger.left == pytest.approx(checked.tank, rel=1e-9)
+        assert checked.receiver.ledger.left == pytest.approx(checked.credit, rel=1e-9)
     assert 0.5 * FRAME_S * checked.worst < 1e-3
 
 
@@ -150,7 +150,7 @@ def test_a_hand_that_moves_is_not_held() -> None:
     fades = {}
     for part in (0.0, 0.5, 1.0, 2.0):
         strategy = CONCEALMENTS[BEST](1, 1 / 128)
-        (fades[part],) = strategy.fill([1.0], [inf], [part * REST_FRACTION - 1.0])
+        (fades[part],) = strategy.fill([1.0], [inf], [part * MOVING_FRACTION - 1.0])
     middle = 0.5 * (1.0 + ELASTIC_FADE)
     assert list(fades.values()) == pytest.approx([1.0, middle, ELASTIC_FADE, ELASTIC_FADE], rel=1e-12)
 
@@ -172,7 +172,7 @@ def test_a_gap_too_long_for_the_credit_is_faded_to_its_end() -> None:
     gap = played[99:178]
     assert min(after / before for before, after in pairwise(gap)) >= ELASTIC_FADE - 1e-9
     assert gap[-1] < 0.02, "it has faded"
-    assert checked.worst <= checked.tank
+    assert checked.worst <= checked.credit
     without = [wave[0] for wave in pressed(range(100, 180), credit_j=0.0).played]
     assert without[99:178].count(0.0) > 70, "nothing is lent without a credit"
 
@@ -181,7 +181,7 @@ def test_lines_that_follow_each_other_lend_one_credit_together() -> None:
     """A hostile peer begins anew in the middle of each gap: all lines together never play more than came and one credit."""
     credit_j, excess, left = 1e-3, 0.0, inf
     for _ in range(50):
-        checked = CheckedLine(delay=0, redundancy=1, tank_j=credit_j)
+        checked = CheckedLine(delay=0, redundancy=1, credit_j=credit_j)
         ledger = checked.receiver.ledger
         ledger.credit = min(ledger.credit, left)
         for number in range(8):
@@ -194,10 +194,10 @@ def test_lines_that_follow_each_other_lend_one_credit_together() -> None:
 
 
 @pytest.mark.parametrize("name", CONCEALMENTS)
-@pytest.mark.parametrize("tank_j", [0.0, 1e-3])
-def test_a_repeat_is_mended_like_a_gap(name: Concealed, tank_j: float) -> None:
+@pytest.mark.parametrize("credit_j", [0.0, 1e-3])
+def test_a_repeat_is_mended_like_a_gap(name: Concealed, credit_j: float) -> None:
     """A late datagram, as some were before: the end yields for a pop and comes back; what was played besides is compensated."""
-    checked = CheckedLine(delay="auto", redundancy=8, tank_j=tank_j, concealment=name)
+    checked = CheckedLine(delay="auto", redundancy=8, credit_j=credit_j, concealment=name)
     for number in range(800):
         if number == 100:
             checked.receiver._jitter_buffer.arrived(-1)

@@ -81,13 +81,13 @@ def pulled(random: Random, frames: int, largest: float) -> list[float]:
 
 
 def line_in_exact_numbers(
-    seed: int, concealment: str, tank_j: float, largest: float, waves: Callable[[Random, int, float], list[float]]
+    seed: int, concealment: str, credit_j: float, largest: float, waves: Callable[[Random, int, float], list[float]]
 ) -> None:
     """Check the invariant of theory 3.5 in exact arithmetic, without tolerance, where sums are large and waves small."""
     random = Random(seed)
-    sender, receiver = LineSender(1, 4), LineReceiver(1, 2, FRAME_S, tank_j, concealment)  # type: ignore[arg-type]
+    sender, receiver = LineSender(1, 4), LineReceiver(1, 2, FRAME_S, credit_j, concealment)  # type: ignore[arg-type]
     allowed, played, lost = [Fraction(0)], Fraction(0), False
-    tank = Fraction(tank_j / (0.5 * FRAME_S))
+    credit = Fraction(credit_j / (0.5 * FRAME_S))
     for number, wave in enumerate(waves(random, 600, largest)):
         sender.push((wave,))
         allowed.append(allowed[-1] + Fraction(wave) ** 2)
@@ -95,7 +95,7 @@ def line_in_exact_numbers(
         if not lost:
             assert receiver.receive(*sender.contents())
         played += Fraction(receiver.pop()[0]) ** 2
-        excess = played - allowed[receiver.acknowledged] - tank
+        excess = played - allowed[receiver.acknowledged] - credit
         assert excess <= 0, f"{float(excess):.3g} W too much"
 
 
@@ -103,7 +103,7 @@ def line_in_exact_numbers(
 @given(
     seed=st.integers(0, 2**32 - 1),
     concealment=st.sampled_from(sorted(CONCEALMENTS)),
-    tank_j=st.sampled_from([0.0, 1e-3]),
+    credit_j=st.sampled_from([0.0, 1e-3]),
     largest=st.floats(1.0, 1e4),
     waves=st.sampled_from([hard, pulled]),
 )
@@ -128,14 +128,14 @@ WORST = (92, 135, 155, 249, 1212, 1522, 1746, 2126)  # of 2200 seeds, before bou
 @pytest.mark.sample(8)
 @pytest.mark.parametrize("seed", [*WORST, *range(24)])
 def test_no_network_makes_an_energy_reserve_of_rounding(seed: int) -> None:
-    """In exact numbers as well: jitter, any depth, late loops, an end that writes_off, a tank beside small waves."""
+    """In exact numbers as well: jitter, any depth, late loops, an end that writes_off, a credit beside small waves."""
     random = Random(seed)
     concealment = random.choice(["zero", "repaid", "tank", "elastic", "elastic"])
-    tank_j, depth = random.choice([0.0, 1e-4, 1e-3]), random.choice([0, 1, 2, 4, "auto"])
+    credit_j, depth = random.choice([0.0, 1e-4, 1e-3]), random.choice([0, 1, 2, 4, "auto"])
     redundancy, writes_off = random.choice([1, 2, 4, 8]), random.random() < 0.4
-    sender, receiver = LineSender(1, redundancy), LineReceiver(1, depth, FRAME_S, tank_j, concealment)  # type: ignore[arg-type]
+    sender, receiver = LineSender(1, redundancy), LineReceiver(1, depth, FRAME_S, credit_j, concealment)  # type: ignore[arg-type]
     largest = 10 ** random.uniform(-3.0, 4.0)
-    allowed, played, tank, lost = [Fraction(0)], Fraction(0), Fraction(tank_j / (0.5 * FRAME_S)), False
+    allowed, played, credit, lost = [Fraction(0)], Fraction(0), Fraction(credit_j / (0.5 * FRAME_S)), False
     kind = random.choice(["noise", "held", "burst", "mix"])
     losing, staying = random.uniform(0.0, 0.3), 1.0 - random.uniform(0.05, 0.9)
     jitter = random.choice([0, 0, 2, 6, 20])
@@ -154,7 +154,7 @@ def test_no_network_makes_an_energy_reserve_of_rounding(seed: int) -> None:
         if writes_off and random.random() < 0.3:
             receiver.write_off([random.uniform(-1.0, 1.0) * largest * 0.1])
         played += Fraction(receiver.pop(frames)[0]) ** 2
-        excess = played - allowed[min(receiver.acknowledged, number + 1)] - tank
+        excess = played - allowed[min(receiver.acknowledged, number + 1)] - credit
         assert excess <= 0, f"{float(excess):.3g} W too much"
 
 

@@ -44,9 +44,9 @@ def test_a_seat_without_a_gripper_has_no_word_of_one() -> None:
     assert digest(plain) != digest(grips)
     other = resolve({"object": thing, "users": [{"tool": "pinch"}], "coupling": {GRIP: 7.0}})
     assert digest(other) != digest(grips)
-    assert seat_settings(other, 0).coupling.behind == 7.0
+    assert seat_settings(other, 0).coupling.further_impedance == 7.0
     own = resolve({"object": thing, "users": [{"tool": "pinch", GRIP: 6.0}], "coupling": {GRIP: 7.0}})
-    assert seat_settings(own, 0).coupling.behind == 6.0
+    assert seat_settings(own, 0).coupling.further_impedance == 6.0
 
 
 @pytest.mark.parametrize("axes", [1, 3, 6])
@@ -97,5 +97,5 @@ def test_a_seat_of_other_axes_is_refused_at_both_ends(device: int, seat: int, wo
 @pytest.mark.parametrize(("axes", "impedance"), [(6, {"rotational_impedance_nms": 0.05}), (4, {GRIP: 0.05})])
 def test_a_unit_behind_the_places_is_a_length_of_one_impedance(axes: int, impedance: dict[str, float]) -> None:
     coupling = Coupling(impedance_nspm=20.0, **impedance)  # type: ignore[arg-type]
-    assert coupling.unit == pytest.approx(0.05)
+    assert coupling.length_scale == pytest.approx(0.05)
     assert [coupling.fits(each) for each in (3, 4, 6)] == [axes == 6, axes == 4, axes == 6]

@@ -35,7 +35,7 @@ class CheckedLine:
     axes: int = 1
     delay: Frames = 2
     redundancy: int = 4
-    tank_j: float = 0.0
+    credit_j: float = 0.0
     kind: type[LineReceiver] = LineReceiver
     concealment: Concealed = "elastic"
     sent: list[Frame] = field(default_factory=list)
@@ -43,10 +43,10 @@ class CheckedLine:
 
     def __post_init__(self) -> None:
         self.sender = LineSender(self.axes, self.redundancy)
-        self.receiver = self.kind(self.axes, self.delay, FRAME_S, self.tank_j, self.concealment)
+        self.receiver = self.kind(self.axes, self.delay, FRAME_S, self.credit_j, self.concealment)
         self._sent_squares: list[Frame] = [(0.0,) * self.axes]
         self.played_squares = [0.0] * self.axes
-        self.worst = 0.0  # the largest excess of played over sent squares, the tank apart
+        self.worst = 0.0  # the largest excess of played over sent squares, the credit apart
 
     def send(self, wave: Frame) -> tuple[int, Frame, Frame, Frame]:
         self.sender.push(wave)
@@ -73,12 +73,12 @@ class CheckedLine:
         return self.pop()
 
     @property
-    def tank(self) -> float:
-        """Tank of one axis [W]."""
-        return self.tank_j / (0.5 * FRAME_S) / self.axes
+    def credit(self) -> float:
+        """Energy credit of one axis [W]."""
+        return self.credit_j / (0.5 * FRAME_S) / self.axes
 
     def check(self) -> None:
-        assert self.worst <= self.tank + TOLERANCE
+        assert self.worst <= self.credit + TOLERANCE
         count = self.receiver.count()
         assert count.sent == count.applied + count.late + count.lost
         assert count.sent <= min(self.receiver.acknowledged, len(self.sent)), "what was never made is never counted"
@@ -169,7 +169,7 @@ lines = st.builds(
     axes=st.integers(1, 3),
     delay=st.integers(0, 12) | st.just("auto"),
     redundancy=st.integers(1, 8),
-    tank_j=st.sampled_from([0.0, 1e-3]),
+    credit_j=st.sampled_from([0.0, 1e-3]),
     concealment=st.sampled_from(sorted(CONCEALMENTS)),
 )
 
@@ -217,9 +217,9 @@ def test_redundancy_repairs_every_gap_shorter_than_itself_within_the_playout_del
 
 
 @pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("tank_j", [0.0, 1e-3])
-def test_the_deficit_is_compensated_when_the_waves_go_quiet(seed: int, tank_j: float) -> None:
-    checked = CheckedLine(delay=2, redundancy=2, tank_j=tank_j)
+@pytest.mark.parametrize("credit_j", [0.0, 1e-3])
+def test_the_deficit_is_compensated_when_the_waves_go_quiet(seed: int, credit_j: float) -> None:
+    checked = CheckedLine(delay=2, redundancy=2, credit_j=credit_j)
     waves = hand(1, seed)
     drive(checked, Conditions(loss=0.3, burst=4.0, jitter=20), waves, frames=400, seed=seed)
     deficit = abs(checked.deficit())
@@ -303,7 +303,7 @@ def test_holding_the_last_wave_creates_energy_where_the_line_does_not() -> None:
 
 
 def test_a_tank_lets_the_last_wave_fade_and_no_more() -> None:
-    checked = CheckedLine(delay=0, redundancy=1, tank_j=0.5 * FRAME_S, concealment="tank")  # 1 W
+    checked = CheckedLine(delay=0, redundancy=1, credit_j=0.5 * FRAME_S, concealment="tank")  # 1 W
     for _ in range(10):
         checked.step((1.0,))
     gap = []

@@ -49,7 +49,7 @@ from cogrip.protocol.messages import MalformedError, decode, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import Coupling, Object, Playout, SeatSettings, resolve
 from cogrip.server import drawn_bodies, observers, rate_limit, room, seat_limits, unencrypted_channel
-from cogrip.server.admission import Denied, Grant, Outside
+from cogrip.server.admission import AdmissionServices, Denied, Grant
 from cogrip.server.core import ServerCore
 from cogrip.server.io import dtls_channel, dtls_peer
 from cogrip.server.io.dtls_channel import DtlsListener
@@ -394,7 +394,7 @@ PLAYS, LOOKS, GONE = "p" * 22, "o" * 22, "g" * 22
 def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
     """Every way to be refused, tried on an encrypted server with one room of one seat; both sides get code and reason."""
     settings = resolve({"name": "lab", "object": {"axes": 2}, "admission": {"force_n": 9.0, "observers": 1}})
-    core = ServerCore([settings], "1", Outside(lambda: 1, OneToken(), lambda: "ticket", "hash of {}".format))
+    core = ServerCore([settings], "1", AdmissionServices(lambda: 1, OneToken(), lambda: "ticket", "hash of {}".format))
     fit = session.make_hello(
         software="1", nonce=1, room="lab", name="anna", digest="", device="sim:x", axes=2, rate_hz=1024.0, token=PLAYS,
         force_n=8.0,

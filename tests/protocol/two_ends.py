@@ -8,7 +8,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.messages import Hello, Stamp, Waves
 from cogrip.protocol.session import ClientSession, make_hello
 from cogrip.protocol.settings import resolve
-from cogrip.server.admission import Outside
+from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 
 MS = 1_000_000
@@ -25,8 +25,8 @@ def hello(name: str = "anna", nonce: int = 7, **other: object) -> Hello:
 def server(tickets: bool = False, first_session: int = 100) -> ServerCore:
     """Sessions are numbered from `first_session`, tickets are called ticket-1, ticket-2 ..., where there are any."""
     numbers, made = count(first_session), count(1)
-    outside = Outside(lambda: next(numbers), new_ticket=lambda: f"ticket-{next(made)}" if tickets else "")
-    return ServerCore([SETTINGS], "1", outside)
+    services = AdmissionServices(lambda: next(numbers), new_ticket=lambda: f"ticket-{next(made)}" if tickets else "")
+    return ServerCore([SETTINGS], "1", services)
 
 
 def waves(session: int, number: int = 0) -> bytes:

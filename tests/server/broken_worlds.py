@@ -167,8 +167,8 @@ class ForgetsSpeed(Springs):
     """Does not save its speed."""
 
     @classmethod
-    def _all_kept(cls) -> list[str]:
-        return [name for name in super()._all_kept() if name != "speed"]
+    def _saved_names(cls) -> list[str]:
+        return [name for name in super()._saved_names() if name != "speed"]
 
 
 class ForgetsCount(Springs):

@@ -31,7 +31,7 @@ def join_all(world: LocalScene) -> LocalScene:
 def report(world: LocalScene, proxies: Array) -> None:
     """Report a proxy of each hand, in its own frame."""
     for user, place in enumerate(proxies.tolist()):
-        world.report(user, tuple(place), tuple(place))
+        world.set_reported_positions(user, tuple(place), tuple(place))
 
 
 def wanderers(world: LocalScene, seed: int) -> Callable[[Array], tuple[Array, Array]]:

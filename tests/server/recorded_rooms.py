@@ -15,7 +15,7 @@ from cogrip.protocol.messages import Hello, Leave, Stamp, Welcome
 from cogrip.protocol.recording.records import Input
 from cogrip.protocol.session import LOST_NS, make_hello
 from cogrip.protocol.settings import Settings, resolve
-from cogrip.server.admission import Denied, Grant, Outside
+from cogrip.server.admission import AdmissionServices, Denied, Grant
 from cogrip.server.inputs import CloseLedger, Idle, Kick, Revoke, ServerInput, Stop, UnbindAddress, decode
 from cogrip.server.recorder import INPUT, KINDS, RecordedServer
 
@@ -59,11 +59,11 @@ class Server(RecordedEnd):
         self.rooms = rooms or (a_room(),)
         sessions, asked = count(2**63 - 1000), count(1)
         tickets = count(1)
-        outside = Outside(
+        services = AdmissionServices(
             lambda: next(sessions), Tokens(), lambda: f"{TICKET}{next(tickets):05}",
             lambda ticket: f"hash{zlib.crc32(ticket.encode()):08x}",
         )  # fmt: skip
-        core = RecordedServer(self.rooms, "test", outside)
+        core = RecordedServer(self.rooms, "test", services)
         super().__init__(core, core.topics)
         for room in self.core.rooms:  # the pacer of a live loop tells more every time
             self.core.count_ticks(room, lambda: TickCount(due=(number := next(asked)), run=number))

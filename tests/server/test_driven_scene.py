@@ -54,7 +54,7 @@ def test_the_force_is_spring_and_damper_held_over_the_frame() -> None:
     assert first[3:] == pytest.approx(force * T / MASS_KG), "F T = m v: nothing else acts on a free tool"
     moved = first[:3] - [0.005, 0.0, 0.0]
     assert moved == pytest.approx(force / MASS_KG * T * T * 10 / 16), "of four steps of h: h^2 (1 + 2 + 3 + 4)"
-    assert world.worked()[0] == pytest.approx(float(force @ moved))
+    assert world.port_work_j()[0] == pytest.approx(float(force @ moved))
 
 
 @pytest.mark.parametrize("world", [CoupledScene, PowerScene])
@@ -86,7 +86,7 @@ def test_a_proxy_goes_as_it_is_asked_while_there_is_energy_for_it() -> None:
     force, speed = lead(world, world.proxy(0) + T * pace, pace, energy_j=1.0)
     assert speed == pytest.approx(pace)
     assert force == pytest.approx(B * pace)
-    assert world.worked()[0] == pytest.approx(T * float(force @ speed))
+    assert world.port_work_j()[0] == pytest.approx(T * float(force @ speed))
 
 
 @pytest.mark.parametrize("energy_j", [0.0, 1e-5, 1e-4])
@@ -99,7 +99,7 @@ def test_no_more_comes_out_than_may(energy_j: float) -> None:
         place = place + T * pace
         force, speed = lead(world, place, pace, energy_j)
         assert np.all(T * force * speed <= energy_j * (1.0 + 1e-12))
-        after = world.worked()[0]
+        after = world.port_work_j()[0]
         assert after - before == pytest.approx(T * float(force @ speed), abs=1e-15)
         before = after
     if energy_j == 0.0:

@@ -5,7 +5,7 @@ import time
 import pytest
 
 from cogrip.protocol.io.stop import Stop
-from cogrip.server.admission import Outside
+from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 from cogrip.server.events import EVENTS, UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.loop import REPORTED, LiveServer
@@ -21,7 +21,7 @@ def test_a_flood_of_events_becomes_some_lines_and_a_count(event: str, monkeypatc
     server = LiveServer(
         [], "127.0.0.1", 0, Stop(), said.append, lambda core: UnencryptedListener(RateLimiter(b"s"), core.knows)
     )
-    server.core = ServerCore([], "", Outside(lambda: 1))  # type: ignore[assignment]
+    server.core = ServerCore([], "", AdmissionServices(lambda: 1))  # type: ignore[assignment]
     server.channel = UnencryptedListener(RateLimiter(b"s"), server.core.knows)
     now_ns = 5_000_000_000
     monkeypatch.setattr(time, "monotonic_ns", lambda: now_ns)

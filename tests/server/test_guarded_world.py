@@ -1,4 +1,4 @@
-"""The guard of worlds from outside: what fails is named and never called again, and no world gives out what it did not get."""
+"""The guard of other authors' worlds: what fails is named and never called again, and none gives out what it did not get."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -71,7 +71,7 @@ def test_a_world_that_fails_is_named_and_never_called_again(world: type[ToolWorl
     room.leave(0)
     room.join(0, np.zeros(2))
     room.position = np.zeros(2)
-    assert np.isfinite([*room.motion(), *room.proxy_of(0), *room.force_of(0), *room.worked()]).all()
+    assert np.isfinite([*room.motion(), *room.proxy_of(0), *room.force_of(0), *room.port_work_j()]).all()
     assert room.coordinates()[0] == "this code"
     assert room.failed == said
 
@@ -80,14 +80,14 @@ def test_a_world_that_takes_for_ever_is_ended(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(call_limit, "COMPUTE_LIMIT_S", 0.02)
     monkeypatch.setattr(call_limit, "WAIT_LIMIT_S", 100.0)
     room = held(broken.Endless)
-    room.limited = call_limit.call_limit
+    room.time_limit = call_limit.call_limit
     assert until_failed(room) == f"{KIND}: takes too long in advance"
 
 
 def test_a_world_that_waits_for_ever_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(call_limit, "WAIT_LIMIT_S", 0.02)
     room = held(type("Waiting", (Springs,), {"advance": lambda self, waves: threading.Event().wait()}))
-    room.limited = call_limit.call_limit
+    room.time_limit = call_limit.call_limit
     assert until_failed(room) == f"{KIND}: takes too long in advance"
 
 
@@ -192,7 +192,7 @@ def test_no_more_comes_out_than_came_in_and_was_held_at_first(world: type[ToolWo
         assert room.limiter.level_j >= 0.0 or not back.any()
         if back.any():
             assert came >= room.energy_j - start - START_J - 1e-9
-        assert sum(room.worked()) == pytest.approx(came, abs=1e-9)
+        assert sum(room.port_work_j()) == pytest.approx(came, abs=1e-9)
     assert -came <= MOST_HELD_J + START_J + 1e-9
 
 
@@ -206,7 +206,7 @@ def test_a_sound_world_is_never_limited_and_passes_unchanged() -> None:
         assert room.advance(rows) == alone.advance(rows)
         assert room.force == pytest.approx(alone.force, abs=1e-12)
         assert [room.proxy_of(user) for user in (0, 1)] == [alone.proxy_of(user) for user in (0, 1)]
-    assert room.worked() == pytest.approx(alone.worked(), abs=1e-15)
+    assert room.port_work_j() == pytest.approx(alone.port_work_j(), abs=1e-15)
     assert room.limiter_account()["limited_frames"] == 0
 
 
@@ -218,11 +218,11 @@ def tumbled(seed: int, frames: int, room: GuardedWorld) -> list[object]:
     random, seen = np.random.default_rng(seed), []
     for _ in range(frames):
         for user in range(2):
-            room.hand_turned(user, tuple(random.uniform(-2.0, 2.0, 3)), tuple(random.uniform(-2.0, 2.0, 3)))
+            room.set_reported_rotation(user, tuple(random.uniform(-2.0, 2.0, 3)), tuple(random.uniform(-2.0, 2.0, 3)))
         rows = np.clip(random.normal(size=(2, 6)), -4.0, 4.0)
         back = np.array(room.advance(rows.tolist()))
         came_j = 0.5 * room.frame_s * float((rows * rows - back * back).sum())
-        seen.append((came_j, room.energy_j, back.tolist(), room.motion(), tuple(room.worked()), room.save()))
+        seen.append((came_j, room.energy_j, back.tolist(), room.motion(), tuple(room.port_work_j()), room.save()))
     return seen
 
 
@@ -242,7 +242,7 @@ def test_what_turns_tools_to_hands_that_lie_is_paid_by_the_ledger(seed: int) -> 
         came += came_j
         assert came >= energy_j - start - START_J - 1e-9
     assert any(drift.correction_radps != (0.0, 0.0, 0.0) for drift in room.turning.drift.values())
-    assert sum(room.worked()) == pytest.approx(came, abs=1e-9)
+    assert sum(room.port_work_j()) == pytest.approx(came, abs=1e-9)
 
 
 def test_a_tool_is_turned_to_its_hand_and_no_further_when_it_is_let_go() -> None:
@@ -254,13 +254,13 @@ def test_a_tool_is_turned_to_its_hand_and_no_further_when_it_is_let_go() -> None
     assert room.proxy_of(0) == pytest.approx([0.0] * 6, abs=1e-14)
     u, left = np.zeros((2, 6)), []
     for _ in range(400):
-        room.hand_turned(0, (0.0, 0.0, 0.1), (0.0, 0.0, 0.0))
+        room.set_reported_rotation(0, (0.0, 0.0, 0.1), (0.0, 0.0, 0.0))
         u = -np.array(room.advance(u.tolist()))
         left.append(0.1 - room.proxy_of(0)[5])
     assert left[0] == pytest.approx(0.1, abs=1e-6)
     assert abs(left[-1]) <= 1e-3
     assert room.limiter.limited == 0
-    room.hand_turned(0, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+    room.set_reported_rotation(0, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
     room.advance(u.tolist())
     room.leave(0)
     assert room.turning.corrected(u, room.port_impedance, 1.0) == pytest.approx(u)
@@ -346,7 +346,7 @@ def test_a_world_without_tools_is_guarded_as_well() -> None:
 def course(room: GuardedWorld, seed: int) -> list[object]:
     random = np.random.default_rng(seed)
     rows = random.normal(size=(100, 2, 2)).tolist()
-    return [(room.advance(row), room.motion(), tuple(room.worked()), room.save()) for row in rows]
+    return [(room.advance(row), room.motion(), tuple(room.port_work_j()), room.save()) for row in rows]
 
 
 @pytest.mark.parametrize("world", [Springs, broken.CreatesSlowly])
@@ -367,7 +367,7 @@ def test_after_a_restart_everything_is_where_it_was_and_nobody_holds_it() -> Non
     room = held(Springs)
     course(room, 1)
     after = guarded(Springs)
-    after.place(room.motion()[:2], *room.coordinates())
+    after.restore_coordinates(room.motion()[:2], *room.coordinates())
     assert after.energy_j == room.energy_j
     assert not after.holding.any()
     assert not after.inner.holding.any()
@@ -387,7 +387,7 @@ def test_a_checkpoint_of_another_world_changes_nothing(identity: str, spoil: Cal
     room = guarded(Springs)
     before = room.save()
     with pytest.raises(WorldError, match=words):
-        room.place((0.0, 0.0), identity, spoil(room.coordinates()[1]))
+        room.restore_coordinates((0.0, 0.0), identity, spoil(room.coordinates()[1]))
     assert room.save()[:-3] == before[:-3]
     assert not room.failed
     room.advance([(0.0, 0.0)] * 2)

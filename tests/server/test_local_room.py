@@ -116,7 +116,7 @@ def test_a_clear_tool_is_where_its_client_says_and_its_line_brings_nothing() -> 
     port = room.seats[0].port
     assert port is not None
     assert port.absorbed_j == pytest.approx(0.5 * T * 0.25 * 200, rel=0.05)  # it has left the line
-    assert world.worked()[0] == 0.0
+    assert world.port_work_j()[0] == 0.0
     assert room.seats[0].line_margin_j > -1e-12
 
 

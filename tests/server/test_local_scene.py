@@ -29,7 +29,7 @@ GATE = f"""<mujoco><worldbody>
 def ball_at(world: LocalScene, place: Array, frames: int = 1) -> Array:
     """Step with the first hand's proxy at a place; return the tool's."""
     for _ in range(frames):
-        world.report(0, tuple(place), tuple(place))
+        world.set_reported_positions(0, tuple(place), tuple(place))
         world.step(np.zeros((len(world.holding), 3)))
     return world.proxy(0)
 
@@ -142,7 +142,7 @@ def test_a_wave_drives_an_engaged_tool_as_it_does_without_local_models() -> None
 def release_frames(world: LocalScene, u: Array) -> int:
     """Return after how many frames with this wave the tool is clear."""
     for frame in range(1, 1000):
-        world.report(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        world.set_reported_positions(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         world.step(u)
         if world.kinematic[0]:
             return frame
@@ -186,7 +186,7 @@ def test_a_proxy_on_a_surface_is_engaged_just_outside_of_it(deep_m: float) -> No
     for way in (0.09, 0.07, 0.038):  # from the box's middle: first down, then along the floor to the box
         place = np.array([-way, 0.0, floor - deep_m]) + world.offset[0, :3]
         for _ in range(20):
-            world.report(0, tuple(place), tuple(place))
+            world.set_reported_positions(0, tuple(place), tuple(place))
             world.step(np.zeros((2, 3)))
     assert world.engaged_at(0)
     assert world.solid[0]

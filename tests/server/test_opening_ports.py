@@ -126,7 +126,7 @@ def test_a_saved_state_goes_on_bit_for_bit() -> None:
 def test_an_impedance_that_changes_takes_that_of_the_gripper_along() -> None:
     world = hold(world_of(BLOCK, "pinch"))
     world.set_impedance(0, 2.0 * B)
-    assert world.impedance_behind[0, 0] == pytest.approx(2.0 * GRIP_NSPM)
+    assert world.further_impedance[0, 0] == pytest.approx(2.0 * GRIP_NSPM)
     assert world.scene.model.dof_damping[world.openings.dofs[0]] == pytest.approx(2.0 * GRIP_NSPM)
     v = world.step(np.array([[0.0, 0.0, 0.0, 1.0]]))
     assert world.balance_error_j <= 1e-15
@@ -177,8 +177,8 @@ def test_a_seat_has_four_axes_and_an_impedance_of_its_gripper_or_neither() -> No
         {"object": {"kind": "scene", "file": "x.xml", "axes": 3}, "users": [{"tool": "pinch"}, {"tool": "pad"}]}
     )
     grips, plain = (seat_settings(table, number) for number in range(2))
-    assert (grips.object.axes, grips.coupling.behind) == (4, 10.0)
-    assert (plain.object.axes, plain.coupling.behind) == (3, 0.02)
+    assert (grips.object.axes, grips.coupling.further_impedance) == (4, 10.0)
+    assert (plain.object.axes, plain.coupling.further_impedance) == (3, 0.02)
     for seat, coupling in ((grips, plain.coupling), (plain, grips.coupling)):
         with pytest.raises(ValueError, match="the impedance of its gripper, or of turning, alone"):
             replace(seat, coupling=coupling)

@@ -65,7 +65,9 @@ def test_no_step_takes_more_than_was_announced(hand: list[Any], axes: int, stiff
             newest, stepped = said, True
             seat.step(power(number, place, speed, said, axes=axes))
         assert all(left >= -LENT_J / axes - 1e-12 * (1.0 + newest) for left in seat.port.left_j)
-        assert seat.port.made_j - seat.port.used_j == pytest.approx(-seat.world.worked()[0], abs=1e-9 * (1.0 + newest))
+        assert seat.port.made_j - seat.port.used_j == pytest.approx(
+            -seat.world.port_work_j()[0], abs=1e-9 * (1.0 + newest)
+        )
     assert seat.port.up_margin_j is not None
     assert seat.port.up_margin_j >= -LENT_J / axes - 1e-12 * (1.0 + newest)
 

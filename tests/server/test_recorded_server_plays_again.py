@@ -13,7 +13,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.records import Datagram, Input
 from cogrip.protocol.session import LOST_NS, foreign_version
-from cogrip.server.admission import Outside
+from cogrip.server.admission import AdmissionServices
 from cogrip.server.checkpoint import CheckpointError
 from cogrip.server.inputs import CloseLedger, Idle, Restore, SocketFailed, Stop, decode
 from cogrip.server.recorder import ACCOUNT, ANSWER, DATAGRAM_IN, DATAGRAM_OUT, EVENT, INPUT, RecordedServer, start_of
@@ -170,7 +170,7 @@ def test_a_core_starts_from_what_the_header_says() -> None:
         a_room("lab", "abc", object={"axes": 3, "kind": "cube"}),
         a_room("hall", "z", coupling={"kind": "coupling"}),
     ]
-    assert start_of(RecordedServer(rooms, "a version", Outside(lambda: 1)).start) == (rooms, "a version")
+    assert start_of(RecordedServer(rooms, "a version", AdmissionServices(lambda: 1)).start) == (rooms, "a version")
 
 
 def test_what_the_socket_refused_is_an_input_too() -> None:

@@ -10,7 +10,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Person, Refuse, Stamp, View, Welcome
 from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.protocol.settings import Settings
-from cogrip.server.admission import Denied, Grant, Outside
+from cogrip.server.admission import AdmissionServices, Denied, Grant
 from cogrip.server.checkpoint import decode, encode
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
 from cogrip.server.inputs import Expire, Kick, Restore, Revoke, Stop
@@ -44,10 +44,10 @@ class Guarded(Desk):
     def __init__(self, *rooms: Settings, server: str = "") -> None:
         sessions, tickets = count(100), count(1)
         self.authenticator = Tokens()
-        outside = Outside(
+        services = AdmissionServices(
             lambda: next(sessions), self.authenticator, lambda: f"{server}ticket-{next(tickets)}", "hash of {}".format
         )
-        self.core = ServerCore(rooms or (room(),), "test", outside)
+        self.core = ServerCore(rooms or (room(),), "test", services)
         self.now_ns = 1_000_000_000
 
     def welcome(self, address: str, **changed: object) -> Welcome:
@@ -420,12 +420,12 @@ def test_a_seat_session_begins_with_an_empty_energy_ledger(desk: Guarded) -> Non
     for number in range(64):
         desk.core.receive(waves(player.session, number, 0.3), "x", desk.now_ns)
         desk.tick()
-    assert here.world.worked()[0] != 0.0
+    assert here.world.port_work_j()[0] != 0.0
     here.world.port_work = np.array([3e7 / 7.0, 1.0])
     desk.core.receive(messages.encode(Leave(player.session, "another time")), "x", desk.now_ns)
     desk.core.outbox.clear()
     desk.welcome("x", nonce=2)
-    assert list(here.world.worked()) == [0.0, 1.0], "and nobody else's are touched"
+    assert list(here.world.port_work_j()) == [0.0, 1.0], "and nobody else's are touched"
 
 
 def test_a_client_whose_waves_do_not_fit_counts_as_silent() -> None:

@@ -32,11 +32,11 @@ def course(world: World, seed: int) -> list[object]:
         if frame % 20 == 0:
             user = int(random.integers(3))
             world.leave(user) if world.holding[user] else world.join(user, 0.01 * random.normal(size=2))
-        if frame % 20 == 10 and world.can_follow:
-            world.aim(0, float(random.uniform(100.0, 2000.0)))
+        if frame % 20 == 10 and world.can_adapt_stiffness:
+            world.set_target_stiffness(0, float(random.uniform(100.0, 2000.0)))
         rows: list[Row] = [tuple(row) for row in 0.05 * random.normal(size=(3, 2 * world.inputs_per_axis))]
         answers = [tuple(row) for row in world.advance(rows)]
-        seen.append((answers, world.motion(), tuple(world.worked()), [world.proxy_of(user) for user in range(3)]))
+        seen.append((answers, world.motion(), tuple(world.port_work_j()), [world.proxy_of(user) for user in range(3)]))
     return [seen, world.save(), world.energy_j]
 
 

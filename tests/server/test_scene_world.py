@@ -254,7 +254,7 @@ def test_a_tool_that_nobody_holds_touches_nothing_and_stays() -> None:
     assert world.position[0] > 0.1
     assert world.position[2] == pytest.approx(0.0, abs=1e-3), "on the floor"
     assert world.proxy(1) == pytest.approx(there, abs=1e-15)
-    assert world.worked()[1] == 0.0
+    assert world.port_work_j()[1] == 0.0
     assert not world.force[1].any()
 
 
@@ -293,7 +293,7 @@ def test_a_tool_that_is_taken_inside_a_body_touches_it_once_it_has_left() -> Non
     for _ in range(200):
         world.step(np.array([[-0.3, 0.0, 0.05]]))
     assert world.solid[0]
-    assert world.energy_j - before <= world.worked()[0] + 1e-9
+    assert world.energy_j - before <= world.port_work_j()[0] + 1e-9
     assert world.position == pytest.approx(np.zeros(3), abs=1e-4), "the box has not been thrown"
     for _ in range(300):
         world.step(np.array([[0.5, 0.0, -0.05]]))

@@ -14,7 +14,7 @@ from cogrip.protocol.rates import Rates
 from cogrip.protocol.session import LOST_NS, make_hello
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.protocol.settings_digest import digest
-from cogrip.server.admission import Outside
+from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
 from cogrip.server.inputs import Stop
 from cogrip.sim.session.laboratory import Laboratory
@@ -31,7 +31,7 @@ class Desk:
 
     def __init__(self, *rooms: Settings) -> None:
         sessions = count(100)
-        self.core = ServerCore(rooms or (room(),), "test", Outside(lambda: next(sessions)))
+        self.core = ServerCore(rooms or (room(),), "test", AdmissionServices(lambda: next(sessions)))
         self.now_ns = 0
 
     def say(self, datagram: bytes, address: Address) -> list[messages.AnyMessage]:

@@ -91,9 +91,9 @@ def test_the_work_of_hours_is_within_two_roundings_of_the_true_one(kind: type[Gr
             work = (0.5 * world.frame_s) * (u * u - v * v)
             true[user] += Fraction(work)
             plain[user] += work
-    for user, work in enumerate(world.worked()):
+    for user, work in enumerate(world.port_work_j()):
         assert abs(Fraction(work) - true[user]) <= Fraction(2.0**-52) * Fraction(start) * 2
     out = max(abs(Fraction(sum_) - work) for sum_, work in zip(plain, true, strict=True))
     assert out > Fraction(2.0**-52) * Fraction(start) * 4, "else nothing is shown"
     world.start_ledger(1)
-    assert list(world.worked()) == [world.port_work[0], 0.0]
+    assert list(world.port_work_j()) == [world.port_work[0], 0.0]

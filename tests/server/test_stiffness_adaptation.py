@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from cogrip.protocol.felt_stiffness import MOST_GAIN
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
-from cogrip.server.admission import Outside
+from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 from cogrip.server.schemes import make_world
 from cogrip.server.stiffness_adaptation import FOLLOW_S, REPORT_EVERY_S, REPORTS, StiffnessAdapter
@@ -140,7 +140,9 @@ def test_what_holds_in_the_end_is_said_in_the_end(followed: Followed, loop: int)
 
 
 def test_what_was_not_said_is_counted_by_name() -> None:
-    core = ServerCore([resolve({"coupling": {"impedance_nspm": 50.0, "compensate": True}})], "1", Outside(lambda: 1))
+    core = ServerCore(
+        [resolve({"coupling": {"impedance_nspm": 50.0, "compensate": True}})], "1", AdmissionServices(lambda: 1)
+    )
     [room] = core.rooms
     followed = Followed()
     room.seats[0].adapter = followed.adapter
@@ -171,15 +173,15 @@ def test_whatever_loop_a_peer_makes_one_believe_the_aim_is_bounded_and_slow(said
 )
 def test_no_other_seat_follows(other: dict[str, object]) -> None:
     table = {"name": "lab", "coupling": {"impedance_nspm": 50.0, "compensate": True, **other}}
-    [room] = ServerCore([resolve(table)], "1", Outside(lambda: 1)).rooms
-    assert not room.seats[0].settings.follows
+    [room] = ServerCore([resolve(table)], "1", AdmissionServices(lambda: 1)).rooms
+    assert not room.seats[0].settings.adapts_stiffness
 
 
 def test_worlds_that_are_not_passive_refuse_to_change_a_spring() -> None:
     world = make_world([seat(server_step="paper")])
-    assert not world.can_follow
+    assert not world.can_adapt_stiffness
     with pytest.raises(NotImplementedError, match="PaperWorld"):
-        world.aim(0, 500.0)
+        world.set_target_stiffness(0, 500.0)
 
 
 # Energy ----------------------------------------------------------------------------------------------------------------
@@ -226,7 +228,7 @@ def test_no_sequence_of_aims_makes_energy(kind: str, count: int, axes: int, seed
     for step in range(300):
         if step % 3 == 0:
             for user in range(count):
-                world.aim(user, base * 10.0 ** random.uniform(-2.0, 2.0))
+                world.set_target_stiffness(user, base * 10.0 ** random.uniform(-2.0, 2.0))
         if step % 20 == 0:
             wave = random.uniform(-2.0, 2.0, (count, axes))
         if step == 200:
@@ -257,7 +259,7 @@ def test_energy_is_made_where_the_ledger_is_not_asked(kind: str) -> None:
             else:
                 world._ledger[0] = 1e6
             if step % 20 == 0:
-                world.aim(0, world.target_stiffness[0, 0] * (100.0 if step % 40 else 0.01))
+                world.set_target_stiffness(0, world.target_stiffness[0, 0] * (100.0 if step % 40 else 0.01))
             world.step(np.array([[1.0 if step % 40 < 20 else -0.2]]))
             worst = max(worst, stored_j(world) - float(world.port_work.sum()))
     assert worst > 1e-3
@@ -277,7 +279,7 @@ def test_few_people_follow_as_many_do(count: int, axes: int, seed: int) -> None:
         if step % 4 == 0:
             aim = seats[user].rendered_npm * 10.0 ** random.uniform(-1.0, 1.0)
             for world in (many, few):
-                world.aim(user, aim)
+                world.set_target_stiffness(user, aim)
         waves = random.uniform(-0.5, 0.5, (count, axes))
         rows = few.advance([tuple(row) for row in waves.tolist()])
         alike(rows, many.step(waves), 1e-9, 1e-7)
@@ -295,15 +297,15 @@ def test_nothing_stretched_costs_nothing_and_what_is_lowered_can_be_raised_again
     for _ in range(60):
         world.step(np.zeros((1, 1)))
     assert world.stiffness_of(0) == K
-    world.aim(0, 2.0 * K)
+    world.set_target_stiffness(0, 2.0 * K)
     for _ in range(60):
         world.step(np.zeros((1, 1)))
     assert world.stiffness_of(0) == 2.0 * K
     for step in range(200):  # pressed in, and held
         world.step(np.array([[0.5 if step < 40 else 0.0]]))
         if step == 60:
-            world.aim(0, K)
+            world.set_target_stiffness(0, K)
         if step == 61:
             assert world.stiffness_of(0) == K
-            world.aim(0, 1.5 * K)
+            world.set_target_stiffness(0, 1.5 * K)
     assert world.stiffness_of(0) == 1.5 * K

@@ -10,7 +10,7 @@ import pytest
 from cogrip.protocol.object_kinds import PYTHON
 from cogrip.protocol.rotations import between, exp, product
 from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.worlds.registry import ALLOWED, world_of
+from cogrip.server.worlds.registry import ALLOWED, world_class_of
 
 from tests.server.broken_worlds import Springs, Tumbling, seats
 
@@ -27,7 +27,7 @@ def example(file: str, name: str, users: int, **given: Any) -> Any:
     kind = f"{PYTHON}{EXAMPLES / file}:{name}"
     people = [{"name": f"user{number}"} for number in range(users)]
     settings = resolve({"object": {"kind": kind, **given}, "users": people})
-    return world_of(kind).make([seat_settings(settings, number) for number in range(users)])
+    return world_class_of(kind).make([seat_settings(settings, number) for number in range(users)])
 
 
 def hold(world: Any) -> Any:

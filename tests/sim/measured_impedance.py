@@ -15,7 +15,7 @@ from math import pi
 import numpy as np
 from msgspec.structs import replace
 
-from cogrip.client.safety import WARNED
+from cogrip.client.safety import NEAR_THERMAL_LIMIT
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.simulated.hands import SineSettings, directed, sine_course
 from cogrip.protocol.settings import Settings
@@ -128,5 +128,7 @@ def _check(laboratory: Laboratory, before: list[dict[str, int]]) -> None:
     assert not laboratory.diverged
     for person, then in zip(laboratory.people, before, strict=True):
         assert person.core.safety.state == "live", person.core.safety.reason
-        now = {name: count for name, count in person.core.safety.counts.items() if name != WARNED}
-        assert now == {name: count for name, count in then.items() if name != WARNED}, "use a smaller amplitude"
+        now = {name: count for name, count in person.core.safety.counts.items() if name != NEAR_THERMAL_LIMIT}
+        assert now == {name: count for name, count in then.items() if name != NEAR_THERMAL_LIMIT}, (
+            "use a smaller amplitude"
+        )

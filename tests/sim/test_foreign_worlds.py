@@ -1,4 +1,4 @@
-"""Sessions around worlds from outside: the examples of docs/worlds.md, one that fails, and one whose server is killed."""
+"""Sessions around worlds of other authors: the examples of docs/worlds.md, one that fails, and one whose server is killed."""
 
 from itertools import count
 from pathlib import Path
@@ -12,7 +12,7 @@ from cogrip.protocol.messages import Farewell, Heartbeat
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.settings_digest import digest
-from cogrip.server.admission import Outside
+from cogrip.server.admission import AdmissionServices
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.core import ServerCore
 from cogrip.server.io.call_limit import call_limit
@@ -151,7 +151,9 @@ def test_a_world_that_raises_ends_its_session_by_name(tmp_path: Path) -> None:
 def test_other_rooms_go_on_when_a_world_fails(tmp_path: Path) -> None:
     (tmp_path / "sound.toml").write_text(TABLE.format(name="sound", kind="cube"))
     sessions = count(1)
-    core = ServerCore([failing(tmp_path), load(tmp_path / "sound.toml")], "test", Outside(lambda: next(sessions)))
+    core = ServerCore(
+        [failing(tmp_path), load(tmp_path / "sound.toml")], "test", AdmissionServices(lambda: next(sessions))
+    )
     for room in core.rooms:
         for seat in room.seats:
             room.take_seat(seat.number, next(sessions), 1, 0, Record("sim:ideal", 1, 1024.0, 40.0, 4.0))
@@ -176,7 +178,7 @@ def test_a_live_server_bounds_the_time_of_a_step() -> None:
     )
     server.listen()
     server.close()
-    assert world_in(server.core.rooms[0]).limited is call_limit
+    assert world_in(server.core.rooms[0]).time_limit is call_limit
 
 
 @pytest.mark.long

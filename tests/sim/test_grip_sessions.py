@@ -236,7 +236,7 @@ def test_an_impedance_that_is_chosen_takes_the_grippers_along(scene: dict[str, A
     seat, world = held.people[0].core.seated, held.room.world
     assert seat is not None
     ratio = 5.0 / seat.settings.coupling.impedance_nspm
-    assert world.impedance_behind[0, 0] == pytest.approx(ratio * world.impedance[0, 0])  # type: ignore[attr-defined]
+    assert world.further_impedance[0, 0] == pytest.approx(ratio * world.impedance[0, 0])  # type: ignore[attr-defined]
     assert least(held) >= 0.0
 
 

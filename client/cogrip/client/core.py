@@ -2,7 +2,7 @@
 
 Ticks come in two halves, `sense` and `act`. Live they follow each other at once; in virtual time the laboratory puts the
 server's step between them, which is the order of theory section 6. All other inputs are values (`cogrip.client.inputs`), which
-`handle` takes. The session and its timing stand here, all that needs a seat in `cogrip.client.seated`.
+`handle` takes. This module has the session and its timing, `cogrip.client.seated` all that needs a seat.
 """
 
 from collections import deque
@@ -59,7 +59,7 @@ class Delays:
 
 
 def _add(delays: DurationHistogram, delay_ns: int | None) -> float:
-    """Enter a delay, and return it [ms]."""
+    """Add a delay to a histogram, and return it [ms]."""
     assert delay_ns is not None
     delays.add(delay_ns)
     return delay_ns * 1e-6
@@ -90,7 +90,7 @@ class ClientCore:
         return HANDLERS[type(given)](self, given)
 
     def receive(self, datagram: bytes, now_ns: int) -> None:
-        """Take in a datagram. One that does not fit is counted by name."""
+        """Handle a datagram. One that is unexpected is dropped and counted by name."""
         session, seated = self.session, self.seated
         message = session.receive(datagram, now_ns)
         welcome = session.welcome
@@ -110,7 +110,7 @@ class ClientCore:
         seated.receive(message, now_ns)
 
     def _take(self, seated: SeatedClient, message: object) -> None:
-        """Take in what is told beside the frames."""
+        """Handle a message of `TOLD`, which is no frame of the coupling."""
         if isinstance(message, Geom) and not seated.coupling.receive_shape(message):
             self.session.drop("unexpected")
         if isinstance(message, Mark) and self.markers.receive(message, seated.settings.seat):
@@ -121,7 +121,7 @@ class ClientCore:
             self.outbox.append(encode(seated.receive_effects(message)))
 
     def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
-        """Enter the ticks since the last call with the sample read now; the session's timers run as well."""
+        """Process the ticks since the last call with the sample read now, and the timers of the session."""
         self.now_ns = now_ns
         if self.seated is None:
             raise _seatless()

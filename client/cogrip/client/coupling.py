@@ -1,7 +1,8 @@
 """Interface of all couplings: the client's end of a scheme that joins a hand to the object.
 
-A tick:   `elapse`, or `elapse_absent` where there is no hand, enters the tick that has passed; `force` gives the law's force.
-A frame:  `end_frame`, then `message` for what is sent; `start_frame` plays what came.
+Each tick:   `elapse` adds the motion of the tick that has passed (`elapse_absent` without a hand, `elapse_held` with the
+             clutch held), `force` returns the force of the law.
+Each frame:  `end_frame`, then `message` returns what is sent; `start_frame` plays what came.
 """
 
 from collections import deque
@@ -23,7 +24,7 @@ Row = tuple[float, ...]
 
 
 class DelayLine(Generic[T]):
-    """Values of the last ticks, where samples are old: a displacement goes with the force that it was made against.
+    """Delays a value by the age of samples, so that a displacement meets the force that acted while it was made.
 
     ticks  of the delay
     """
@@ -38,7 +39,7 @@ class DelayLine(Generic[T]):
         self._values = deque([*[before] * ticks, *self._values], maxlen=ticks)
 
     def push(self, value: T) -> T:
-        """Enter the value of a tick. Returns that of so many ticks before."""
+        """Push the value of a tick, and return that of `ticks` ticks before."""
         values = self._values
         if not values:
             return value
@@ -47,14 +48,14 @@ class DelayLine(Generic[T]):
         return oldest
 
     def push_many(self, value: T, ticks: int) -> list[T]:
-        """Enter ticks of one value. Returns those of so many ticks before."""
+        """Push a value for several ticks, and return the values of `ticks` ticks before each."""
         pushed = [*self._values, *[value] * ticks]
         self._values.extend([value] * ticks)
         return pushed[:ticks]
 
 
 def mean_row(line: DelayLine[Row], row: Row, ticks: int) -> Sequence[float]:
-    """Enter ticks of one row. Returns the mean of those of so many ticks before."""
+    """Push a row for several ticks, and return the mean of the rows of `line.ticks` ticks before each."""
     if ticks == 1:
         return line.push(row)
     return [sum(parts) / ticks for parts in zip(*line.push_many(row, ticks), strict=True)]
@@ -183,25 +184,27 @@ class Coupling:
         raise NotImplementedError
 
     def fit(self, record: Capability, lag_s: float) -> None:
-        """Go by this device, whose damper acts late by `lag_s`."""
+        """Set the device record. lag_s: time by which a damper acts late on it [s]."""
         raise NotImplementedError
 
     def set_latency(self, ticks: int) -> None:
         """Samples are `ticks` ticks old from now on."""
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
-        """Enter a tick that has passed, with the displacement it shows / T_c and the velocity sample it began with.
+        """Add a tick that has passed. Velocities are of the tool [m/s].
 
-        hold: how firmly a hand that is leaving still holds, from 1 down to 0.
+        mean_velocity_mps  displacement between the samples of the tick over its length T_c
+        velocity_mps       velocity sample at its start
+        hold               factor on the forward wave of a client that is leaving: from 1 down to 0
         """
         raise NotImplementedError
 
     def elapse_held(self) -> None:
-        """Enter a tick that has passed with the clutch held: the tool stands still."""
+        """Add a tick that has passed with the clutch held: the tool stands still."""
         self.elapse(self.still, self.still)
 
     def elapse_absent(self) -> None:
-        """Enter a tick that has passed without a hand."""
+        """Add a tick that has passed without a hand."""
 
     def end_frame(self, spare_j: float = inf) -> int:
         """End a frame, which may give the line at most `spare_j`. Return the ticks of the next."""
@@ -222,11 +225,11 @@ class Coupling:
         raise NotImplementedError
 
     def receive(self, message: Any) -> bool:
-        """Take in a message; False where it does not fit."""
+        """Receive a message of the server. Return False where it cannot be of this line."""
         raise NotImplementedError
 
     def receive_shape(self, geom: Geom) -> bool:
-        """Take in a shape of the room's fixed geometry; False where it does not fit, or is of no use here."""
+        """Receive a shape of the room's fixed geometry. Return False where it does not fit, or this coupling needs none."""
         return False
 
     def lost(self) -> int:

@@ -1,19 +1,22 @@
 """Passivity at the motors: an energy ledger, two passivity controllers, and the impedance to ask of the device.
 
 Symbols: x position read [m], F force held over a tick [N], T tick [s], M ticks a frame, b_d own damping [N s/m] and c own
-friction [N] of the device (its record), q one count [m], v_m speed limit [m/s], E balance [J], E_0 reserve [J].
+friction [N] of the device (its record), q one count [m], v_m speed limit [m/s], m apparent mass [kg], F_peak peak force [N],
+E balance [J], E_0 reserve [J]. The reserve is what the device may give out beyond what came in, in three parts:
+
+    E_free = m (FREE_RESERVE_MPS)^2 / 2     E_1 = E_free + FADE_TICKS F_peak v_m T     E_0 = E_1 + energy of a falling force
 
     E = sum F (x_{k+1} - x_k)  +  what the line gave, less what it took  +  sum over frames of (b_d d^2 / (M T) + c d)
 
-The first term is the hand's work, exact under the hold (theory 7.4); d is the displacement in a frame less one count. E >= -E_1
-stays true for every force law if
+The first term is the hand's work, exact under the hold (theory 7.4); d is the displacement in a frame less one count.
+E >= -E_1 stays true for every force law if
 
     |F(k)| <= max((E + E_1) / (v_m T), 2 sqrt(b_d (E + E_1) / T))                                             (`limit`)
 
-and if the line is sent no more in a frame than E has to spare (`spare_j`). Within a frame E counts as sent what the ticks so
-far would send, as far as it may be sent: E is what is left at the worst if the frame ends now. docs/device_port.md has the
-derivations, the parts of E_0, and the measurements. Passive is not calm: the coupling renders `carried_nspm` at most, what the
-device carries by its record (`largest_impedance`), and less once the force has turned back and forth fast.
+and if the line is sent no more energy in a frame than `spare_j`. Within a frame E already excludes what the line would be
+sent if the frame ended now. docs/device_port.md has the derivations and the measurements. A passive force can still
+oscillate, so the coupling renders at most `carried_nspm`: the impedance that the device carries by its record
+(`largest_impedance`), and less after fast turns of the local force.
 """
 
 from __future__ import annotations
@@ -31,15 +34,15 @@ from cogrip.protocol.accounts import DeviceAccount
 from cogrip.protocol.line.energy_reserve import FIRST_S, known
 from cogrip.protocol.settings import SeatSettings
 
-BRISK_MPS = 1.0  # speed whose kinetic energy the reserve holds: a late damper borrows that
-UNPAID = 0.25  # fraction of the free reserve that is lent to motion, and comes back
-PAYING = 0.1  # fraction of the impedance that the device carries: the damping that pays for a used-up free reserve
-FADE = 3.0  # ticks at the speed limit and peak force, over whose energy an unpaid force fades
-DOWN = 0.5  # factor of the impedance at each fast reversal of the force in a series of them
-BELOW = 0.8  # fraction of the impedance at which a series began: the most that is tried again
-UP_S = 2.0  # in which the impedance rises by a factor of e, up to that
-TRUST_S = 60.0  # in which that bound rises by a factor of e
-LEAST = 0.02  # fraction of the record's impedance
+FREE_RESERVE_MPS = 1.0  # speed whose kinetic energy is E_free: a late damper takes that and gives it back
+TOLERATED_FRACTION = 0.25  # of E_free: a deficit -E up to this is tolerated, as the motion gives it back
+INJECTED_FRACTION = 0.1  # of `carried_nspm`: damping that is injected where all of E_free is used up
+FADE_TICKS = 3.0  # ticks at speed limit and peak force: over their energy the force is scaled from 1 to 0
+BACKOFF_FACTOR = 0.5  # on `carried_nspm` at each turn of a train of fast turns (`OscillationDetector`)
+RETRY_FRACTION = 0.8  # of `carried_nspm` at which a train began: it recovers up to this
+RECOVERY_S = 2.0  # in which `carried_nspm` rises by a factor of e
+RETRY_RECOVERY_S = 60.0  # in which the bound of RETRY_FRACTION rises by a factor of e
+LEAST_FRACTION = 0.02  # of the impedance of the record: `carried_nspm` is never less
 RELEASED_S = 0.5  # for which the force is released where it oscillates, or sits at its limit
 MOST_RELEASES = 2  # one more within PERSISTS_S is a fault
 PERSISTS_S = 10.0
@@ -51,8 +54,8 @@ class DevicePort:
     """Ledger and controllers of one device, all axes together.
 
     balance_j     E, now
-    least_j       the least E so far, with all that was forgiven
-    later_j       the same after the first second: -inf until then, inf until the next `enter`
+    least_j       the least E so far, less all that was forgiven (`set_energies`)
+    later_j       the same after the first second: -inf until then, inf until the next `set_energies`
     reserve_j     E_0
     carried_nspm  the impedance, or damping of virtual coupling, that may be rendered now [N s/m]
     lag_s         time by which a damper acts late (`lag_ticks`)
@@ -61,58 +64,58 @@ class DevicePort:
     """
 
     __slots__ = (
-        "_changed", "_controlled", "_count_m", "_cut_j", "_damping", "_detector", "_exhausted", "_faded_j",
-        "_forgiven_j", "_free_j", "_friction_n", "_given_j", "_limited", "_most_nspm", "_most_step_m", "_own_j", "_pending_j",
-        "_persists_ticks", "_record_nspm", "_released_at", "_released_left", "_released_ticks", "_releases", "_tick",
-        "_tick_s", "_ticks", "_trust", "_turned", "_up", "balance_j", "carried_nspm", "lag_s", "later_j", "least_j",
-        "oscillates", "ramped", "reserve_j",
+        "_changed", "_controlled", "_count_m", "_cut_j", "_damping", "_detector", "_dissipated_j", "_exhausted",
+        "_forgiven_j", "_free_j", "_friction_n", "_given_j", "_growth", "_last_turn", "_limited", "_most_step_m",
+        "_pending_j", "_persists_ticks", "_record_nspm", "_released_at", "_released_left", "_released_ticks",
+        "_releases", "_retry_growth", "_retry_nspm", "_tick", "_tick_s", "_ticks", "_usable_j", "balance_j",
+        "carried_nspm", "lag_s", "later_j", "least_j", "oscillates", "ramped", "reserve_j",
     )  # fmt: skip
 
     def __init__(self, capability: Capability, tick_s: float) -> None:
         self._tick_s = tick_s
-        self._up, self._trust = exp(tick_s / UP_S), exp(tick_s / TRUST_S)
+        self._growth, self._retry_growth = exp(tick_s / RECOVERY_S), exp(tick_s / RETRY_RECOVERY_S)
         self._released_ticks, self._persists_ticks = round(RELEASED_S / tick_s), round(PERSISTS_S / tick_s)
         self.balance_j = self.least_j = 0.0
         self.later_j = -inf
         self._given_j = self._pending_j = 0.0  # of the last call
-        self._own_j = 0.0  # what the device's damping has taken
-        self._forgiven_j = 0.0  # to hands while their force was ramped
-        self._cut_j = 0.0  # what was cut off of the balance, less what was forgiven
+        self._dissipated_j = 0.0  # by the device's own damping and friction
+        self._forgiven_j = 0.0  # energy that the line took while the force was ramped, and E does not count
+        self._cut_j = 0.0  # energy above the upper limit of E that was removed, less what was forgiven
         self.ramped = True
         self.oscillates = False
         self._ticks = self._controlled = self._limited = 0  # with force; held by a controller here; by a device limit
         self._changed = False  # a controller here changed the force of this tick
-        self._exhausted = 0  # ticks for which the balance has paid for no force
+        self._exhausted = 0  # ticks since E fell to -E_1, so that `limit` allows no force
         self._tick = 0
-        self._turned = -self._released_ticks - 1  # tick of the last turn of a train
+        self._last_turn = -self._released_ticks - 1  # tick of the last turn of a train
         self._releases = 0
         self._released_at: list[int] = []  # ticks of the releases of the last PERSISTS_S
         self._released_left = 0
         self._detector = OscillationDetector(capability.axes, tick_s)
-        self.keep_to(capability)
+        self.set_record(capability)
 
-    def keep_to(self, capability: Capability) -> None:
-        """Go by this record from now on."""
+    def set_record(self, capability: Capability) -> None:
+        """Set the device record."""
         self._record_nspm = largest_impedance(capability, self._tick_s).impedance_nspm
-        self.carried_nspm = self._most_nspm = self._record_nspm
+        self.carried_nspm = self._retry_nspm = self._record_nspm
         self.lag_s = lag_ticks(capability, self._tick_s) * self._tick_s
         self._damping, self._friction_n = capability.own_damping_nspm, capability.own_friction_n
         self._count_m = capability.resolution_m
         self._most_step_m = most_step_m = capability.speed_mps * self._tick_s
         tick_j = capability.peak_force_n * most_step_m
-        self._free_j = 0.5 * capability.apparent_mass_kg * BRISK_MPS * BRISK_MPS
-        self._faded_j = self._free_j + FADE * tick_j
+        self._free_j = 0.5 * capability.apparent_mass_kg * FREE_RESERVE_MPS * FREE_RESERVE_MPS
+        self._usable_j = self._free_j + FADE_TICKS * tick_j
         falling_j = 0.5 * capability.peak_force_n**2 * capability.speed_mps / min(capability.slew_nps, SOFT_SLOPE_NPS)
-        self.reserve_j = self._faded_j + max(tick_j, falling_j)
+        self.reserve_j = self._usable_j + max(tick_j, falling_j)
 
     # The ledger
 
-    def enter(self, work_j: float, given_j: float, pending_j: float = 0.0) -> None:
-        """Set the hand's work and the energy that the line gave, less what it took, both since the beginning [J].
+    def set_energies(self, work_j: float, given_j: float, pending_j: float = 0.0) -> None:
+        """Set the hand's work and the energy that the line gave less what it took, both since the beginning [J].
 
-        pending_j: what the line is to take at the end of the frame under way, as far as it may (`spare_j`)
+        pending_j: energy that the line would take if the frame under way ended now; counted up to `spare_j`
         """
-        balance = work_j + given_j + self._own_j - self._cut_j
+        balance = work_j + given_j + self._dissipated_j - self._cut_j
         if pending_j:
             spare_j = balance + self._free_j - (self._forgiven_j if self.ramped else 0.0)
             if pending_j > spare_j:
@@ -122,8 +125,8 @@ class DevicePort:
         self.balance_j, self._pending_j = balance, pending_j
         taken_j, self._given_j = self._given_j - given_j, given_j
         if self.ramped and balance < 0.0 < taken_j:
-            # The hand moves the line without feeling all of it: the line takes what nobody gave, and the motors gave none of
-            # it. To ask that back later would take the force from a hand that did nothing.
+            # A ramped force does less work than the line takes, and the motors gave out none of the difference. To count it
+            # against E would reduce the force later, although the device gave nothing out: E forgives it.
             forgiven_j = min(taken_j, -balance)
             self._cut_j -= forgiven_j
             self._forgiven_j += forgiven_j
@@ -135,11 +138,11 @@ class DevicePort:
             self.later_j = earned_j
 
     def end_frame(self, start_m: Sequence[float], end_m: Sequence[float], frame_s: float, stored_j: float) -> None:
-        """Credit the device's own damping with a frame's motion, and cut the balance off. stored_j: in the coupling."""
+        """Add what the device's own damping dissipated in a frame, and limit E to E_0 above what the coupling stores [J]."""
         if self._damping or self._friction_n:
             path_m = max(0.0, dist(start_m, end_m) - self._count_m)
             own_j = path_m * (self._damping * path_m / frame_s + self._friction_n)
-            self._own_j += own_j
+            self._dissipated_j += own_j
             self.balance_j += own_j
         excess_j = self.balance_j - stored_j - self.reserve_j
         if excess_j > 0.0:
@@ -155,33 +158,40 @@ class DevicePort:
 
     @property
     def spare_j(self) -> float:
-        """Energy that the line may be sent at the end of the frame under way.
+        """Energy that the line may be sent at the end of the frame under way [J].
 
-        While the force is ramped all that was forgiven counts: a hand that pushes then must not load the line for nothing.
+        While the force is ramped all that was forgiven is deducted, so that a hand that pushes then does not load the line.
         """
         return (self.earned_j if self.ramped else self.balance_j) + self._pending_j + self._free_j
 
     @property
-    def lent_j(self) -> float:
-        """Energy that may be used up before anything here takes note of it."""
-        return UNPAID * self._free_j
+    def tolerated_j(self) -> float:
+        """Deficit -E up to which no damping is injected [J]."""
+        return TOLERATED_FRACTION * self._free_j
 
     # The controllers
 
     @property
-    def paying_nspm(self) -> float:
-        """Damping that pays, a little at a time, for what a late damper gives: none until a quarter of the free is used."""
+    def injected_nspm(self) -> float:
+        """Damping that the passivity controller injects [N s/m]; 0 while -E is below TOLERATED_FRACTION of E_free.
+
+        It dissipates the energy that a late damper has given out.
+        """
         used = -self.balance_j / self._free_j
-        return 0.0 if used <= UNPAID else PAYING * self.carried_nspm * min(1.0, (used - UNPAID) / (1.0 - UNPAID))
+        if used <= TOLERATED_FRACTION:
+            return 0.0
+        return (
+            INJECTED_FRACTION * self.carried_nspm * min(1.0, (used - TOLERATED_FRACTION) / (1.0 - TOLERATED_FRACTION))
+        )
 
     def limit(self, force_n: Sequence[float]) -> Sequence[float]:
-        """Return the law's force [N], shape (axes,), shortened where the reserve is being used up."""
-        left_j = self.balance_j + self._faded_j
+        """Return the law's force [N], shape (axes,), scaled down to the bound on |F(k)| above where E + E_1 is small."""
+        left_j = self.balance_j + self._usable_j
         size = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
-        if size * FADE * self._most_step_m <= left_j or size == 0.0:
+        if size * FADE_TICKS * self._most_step_m <= left_j or size == 0.0:
             return force_n
         left_j = max(0.0, left_j)
-        most_n = max(left_j / (FADE * self._most_step_m), 2.0 * sqrt(self._damping * left_j / self._tick_s))
+        most_n = max(left_j / (FADE_TICKS * self._most_step_m), 2.0 * sqrt(self._damping * left_j / self._tick_s))
         if size <= most_n:
             return force_n
         self._changed = True
@@ -195,7 +205,7 @@ class DevicePort:
         limited: bool = False,
         reduced: bool = False,
     ) -> Cause:
-        """Enter the force of a tick and adapt the impedance. Returns why the force is to be released, "" to go on.
+        """Check the force of a tick for oscillation, and adapt `carried_nspm`. Return why the force is to be released, or "".
 
         force_n   to the motors until the next tick [N], shape (axes,)
         clipped   whether it is at the device's peak
@@ -209,23 +219,23 @@ class DevicePort:
         self._changed = False
         carried, record = self.carried_nspm, self._record_nspm
         detector = self._detector
-        if carried < record:  # the force of the hand's motion at the record's impedance: else it could shake on unseen
+        if carried < record:  # as it would be at the record's impedance: less impedance must not hide an oscillation
             local_n = [record / carried * local for local in local_n]
         if detector.add(force_n, clipped, local_n):
-            if self._tick - self._turned > self._released_ticks:  # the first of its train
-                self._most_nspm = max(LEAST * record, BELOW * carried)
-            self._turned = self._tick
-            self.carried_nspm = max(LEAST * record, DOWN * carried)
+            if self._tick - self._last_turn > self._released_ticks:  # the first of its train
+                self._retry_nspm = max(LEAST_FRACTION * record, RETRY_FRACTION * carried)
+            self._last_turn = self._tick
+            self.carried_nspm = max(LEAST_FRACTION * record, BACKOFF_FACTOR * carried)
         elif carried < record:
-            self._most_nspm = min(record, self._trust * self._most_nspm)
-            self.carried_nspm = min(self._most_nspm, self._up * carried)
-        self._exhausted = self._exhausted + 1 if self.balance_j <= -self._faded_j else 0
+            self._retry_nspm = min(record, self._retry_growth * self._retry_nspm)
+            self.carried_nspm = min(self._retry_nspm, self._growth * carried)
+        self._exhausted = self._exhausted + 1 if self.balance_j <= -self._usable_j else 0
         exhausted = self._exhausted > self._released_ticks
         if not (detector.oscillates or detector.at_limit or exhausted):
             return ""
         found: Cause = "oscillation" if detector.oscillates else "limit" if detector.at_limit else "energy"
         if exhausted:
-            self._begin_anew()
+            self._write_off()
         self.oscillates = self.oscillates or detector.oscillates
         self._releases += 1
         self._released_left, now = self._released_ticks, self._tick
@@ -246,20 +256,20 @@ class DevicePort:
         return len(self._released_at) > MOST_RELEASES
 
     def elapse(self) -> None:
-        """Enter a tick, with force or without."""
+        """Count a tick, with force or without."""
         self._tick += 1
         if self._released_left:
             self._released_left -= 1
 
     def rearm(self) -> None:
-        """Begin anew after a fault. The impedance that was found stays."""
+        """Reset after a fault. `carried_nspm` stays as it is."""
         self._released_at.clear()
         self._released_left = 0
         self._detector.forget()
-        self._begin_anew()
+        self._write_off()
 
-    def _begin_anew(self) -> None:
-        """Write a negative balance off: one that nothing pays back in time would hold the force at 0 for ever."""
+    def _write_off(self) -> None:
+        """Set a negative balance to 0: otherwise one that nothing fills in time would hold the force at 0 for ever."""
         self._exhausted = 0
         if self.balance_j < 0.0:
             self._forgiven_j -= self.balance_j
@@ -297,12 +307,12 @@ def cure(found: Cause, seat: SeatSettings, record: Capability) -> str:
 class BarePort(DevicePort):
     """The ledger alone, for experiments on force laws without a hand: nothing is limited, adapted or released."""
 
-    def keep_to(self, capability: Capability) -> None:
-        super().keep_to(capability)
+    def set_record(self, capability: Capability) -> None:
+        super().set_record(capability)
         self.carried_nspm = self._free_j = inf
 
     @property
-    def paying_nspm(self) -> float:
+    def injected_nspm(self) -> float:
         return 0.0
 
     def limit(self, force_n: Sequence[float]) -> Sequence[float]:

@@ -3,7 +3,8 @@
 Symbols: x position [m], F force held over a tick [N]. Energies in J.
 
     work_j  the hand's work against the force, sum of F (x_{k+1} - x_k): exact under the hold (theory section 3.6)
-    leak_j  its part that did not go into a line or effects, b (y_est - y) y T_c and what safety took
+    leak_j  its part that did not go into a line or effects: b (y_est - y) y T_c a tick, y_est estimated and y mean velocity of
+            the tick [m/s], T_c its length, b impedance or damping; and what safety took
 
 A server that was started anew begins a new line. The ledger goes on over all lines: it keeps sums over the closed ones, and
 adds what the coupling in use knows.
@@ -44,7 +45,7 @@ class EnergyLedger:
         self._forces.set_ticks(ticks, (0.0,) * len(self.coupling.sent))
 
     def elapse(self, elapsed: int, force_n: tuple[float, ...]) -> None:
-        """Let ticks pass before there is a hand."""
+        """Count ticks before there is a hand."""
         self._forces.push_many(force_n, elapsed)
 
     def acting(self, elapsed: int, force_n: tuple[float, ...]) -> Sequence[float]:

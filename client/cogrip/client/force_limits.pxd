@@ -18,7 +18,7 @@ cdef class ForceLimits:
     cdef double _peak_n
     cdef double _slope_n
 
-    cpdef keep_to(self, bounds)
+    cpdef set_bounds(self, bounds)
     @cython.locals(most_n=double, scale=double, value=double)
     cpdef clip(self, force_n, double size_n)
     cpdef tuple follow(self, tuple wanted, bint gap, double fall)

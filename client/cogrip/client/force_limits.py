@@ -1,7 +1,7 @@
-"""Limits of one group of a device's axes, those that are places or those behind them: peak, warm motors, slope.
+"""Limits of one group of a device's axes, the first three or those after them: peak, warm motors, slope.
 
 Each group has its own: force, torque and the force of a gripper are of different motors. Symbols: forces [N], shape (axes of
-the group,); behind the places forces on lengths (`pose_axes`, `grip_axes`), which `shown` turns back.
+the group,); of the axes after the first three forces on lengths (`pose_axes`, `grip_axes`), which `shown` turns back.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import dist
 
 from cogrip.client.handle import BEYOND
-from cogrip.client.pose_axes import behind
+from cogrip.client.pose_axes import further_axes
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
 from cogrip.protocol.setting_types import PLACES
@@ -21,7 +21,7 @@ SOFT_S = 0.05  # after a gap, in which the force may still return to the law
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Bounds of a group: forces [N], slope [N/s], speed [m/s]. per_unit, unit, rate_unit: what one of them is shown as.
+    """Bounds of a group: forces [N], slope [N/s], speed [m/s]. A message shows `per_unit` times a force in `unit`.
 
     range_m: where readings of the group can be, as lengths; None: anywhere
     """
@@ -40,10 +40,10 @@ class Bounds:
         return f"{self.per_unit * force_n:g} {self.unit}"
 
 
-def bounds_of(record: Capability, unit: float) -> tuple[Bounds, ...]:
-    """Return the bounds of the places, then those of the axes behind them, where there are any."""
+def bounds_of(record: Capability, length_scale: float) -> tuple[Bounds, ...]:
+    """Return the bounds of the first three axes, then of those after them, where there are any."""
     places = Bounds(record.peak_force_n, record.continuous_force_n, record.slew_nps, record.speed_mps)
-    other = behind(record, unit)
+    other = further_axes(record, length_scale)
     if other is None:
         return (places,)
     units, range_m = ("N m", "rad/s"), None
@@ -52,13 +52,15 @@ def bounds_of(record: Capability, unit: float) -> tuple[Bounds, ...]:
         beyond = BEYOND * (opened - closed)
         units, range_m = (
             ("N at the gripper", "m/s at the gripper"),
-            (unit * (closed - beyond), unit * (opened + beyond)),
+            (length_scale * (closed - beyond), length_scale * (opened + beyond)),
         )
-    return places, Bounds(other.peak_n, other.continuous_n, other.slew_nps, other.speed_mps, unit, *units, range_m)
+    return places, Bounds(
+        other.peak_n, other.continuous_n, other.slew_nps, other.speed_mps, length_scale, *units, range_m
+    )
 
 
 class ForceLimits:
-    """Limits of one group. A tick: `clip` the law's force where there is one, then `follow` it. Flags are cleared from outside.
+    """Limits of one group. A tick: `clip` the law's force where there is one, then `follow` it. The caller clears the flags.
 
     out      force that went to the motors last
     limited  whether a limit held the force of this tick; `derated` whether warm motors did, `over` whether the peak did
@@ -73,16 +75,16 @@ class ForceLimits:
         self._soft_left = 0
         self.out: tuple[float, ...] = (0.0,) * axes
         self.limited = self.derated = self.over = False
-        self.keep_to(bounds)
+        self.set_bounds(bounds)
 
-    def keep_to(self, bounds: Bounds) -> None:
-        """Go by these bounds from now on."""
+    def set_bounds(self, bounds: Bounds) -> None:
+        """Set the bounds."""
         self.bounds, self._peak_n = bounds, bounds.peak_n
-        self.thermal.keep_to(bounds.peak_n, bounds.continuous_n)
+        self.thermal.set_limits(bounds.peak_n, bounds.continuous_n)
         self._slope_n = min(bounds.slew_nps, MOST_SLOPE_NPS) * self._tick_s
 
     def clip(self, force_n: Sequence[float], size_n: float) -> Sequence[float]:
-        """Return the force of this size as far as peak and warm motors let it, its direction kept."""
+        """Return the force, scaled down to the limit of peak and warm motors. size_n: its size."""
         most_n = self.thermal.limit_n
         if size_n <= most_n:
             return force_n
@@ -102,11 +104,11 @@ class ForceLimits:
         return wanted
 
     def soften(self) -> None:
-        """Limit the slope until the force meets a law that is another from now on, as after a gap."""
+        """Limit the slope to SOFT_SLOPE_NPS, as after a gap, until the force has reached the law's, which has changed."""
         self._soft_left = self._soft_ticks
 
     def enter(self) -> None:
-        """Enter a tick of the force that went to the motors."""
+        """Heat the motors' model by one tick of the force that went to them."""
         square = 0.0
         if len(self.out) == PLACES:  # as below, without a loop
             x, y, z = self.out
@@ -117,7 +119,7 @@ class ForceLimits:
         self.thermal.enter(square)
 
     def correct(self, force_n: tuple[float, ...], goes_on: bool) -> None:
-        """Enter the force that acts in place of `out`; the slope goes on from it where `goes_on`."""
+        """Correct heat and, where `goes_on`, slope by the force that acts in place of `out`."""
         entered, square = [sum([value * value for value in force]) for force in (self.out, force_n)]
         self.thermal.correct(entered, square)
         if goes_on:

@@ -16,21 +16,21 @@ Row = tuple[float, ...]
 
 
 class GripAxes:
-    """Turns samples of one device into lengths of one impedance, and forces back. unit: lambda, of the seat."""
+    """Turns samples of one device into lengths of one impedance, and forces back. length_scale: lambda of the seat."""
 
-    def __init__(self, unit: float) -> None:
-        self.unit = unit
+    def __init__(self, length_scale: float) -> None:
+        self.length_scale = length_scale
 
     def lengths(self, sample: Sample) -> Sample:
         """Return a sample of q and its rate."""
         pose, twist = sample.position_m, sample.velocity_mps
-        place = (*pose[:-1], self.unit * pose[-1])
-        rates = None if twist is None else (*twist[:-1], self.unit * twist[-1])
+        place = (*pose[:-1], self.length_scale * pose[-1])
+        rates = None if twist is None else (*twist[:-1], self.length_scale * twist[-1])
         return Sample(place, rates, sample.age_ticks, sample.buttons, sample.orientation, sample.grip_m)
 
     def pose(self, position_m: Sequence[float]) -> Row:
         """Return place and opening of a q [m]."""
-        return (*position_m[:-1], position_m[-1] / self.unit)
+        return (*position_m[:-1], position_m[-1] / self.length_scale)
 
     def rates(self, rates: Sequence[float]) -> Row:
         """Return a rate, or a difference, of place and opening."""
@@ -38,8 +38,8 @@ class GripAxes:
 
     def wrench(self, force_n: Sequence[float]) -> Row:
         """Return force, and force of the gripper [N], of an f."""
-        return (*force_n[:-1], self.unit * force_n[-1])
+        return (*force_n[:-1], self.length_scale * force_n[-1])
 
     def force(self, wrench: Sequence[float]) -> Row:
         """Return the f of a force and a force of the gripper [N]."""
-        return (*wrench[:-1], wrench[-1] / self.unit)
+        return (*wrench[:-1], wrench[-1] / self.length_scale)

@@ -38,10 +38,10 @@ class HandAids:
         self._extras: DelayLine[Row] = DelayLine()
         self._height_m: float | None  # at which the weight of this device was carried last
         self.potential_j = 0.0
-        self.keep_to(record)
+        self.set_record(record)
 
-    def keep_to(self, record: Capability) -> None:
-        """Go by this record from now on."""
+    def set_record(self, record: Capability) -> None:
+        """Set the device record."""
         self._record, self._axes = record, record.axes
         self._height_m = None
         self._zero: Row = (0.0,) * record.axes
@@ -56,7 +56,7 @@ class HandAids:
         self._go_by()
 
     def change(self, change: HandChange) -> None:
-        """Go by this change from now on."""
+        """Set the workspace limit and the weight of a change."""
         if change.workspace_limit_m is not None:
             self.limit = change.workspace_limit_m
         if change.gravity_compensation is not None:

@@ -39,13 +39,13 @@ class HandMotion:
         self.fit(capability)
 
     def fit(self, capability: Capability) -> None:
-        """Go by this record's estimator, and by the age of its samples."""
+        """Set velocity estimator and age of samples by the device record."""
         self._estimator = estimator_for(capability, self._tick_s)
         self.plausibility = Plausibility(capability, self._tick_s)
         self.latency_ticks = capability.latency_ticks
 
     def update(self, tick: int, elapsed: int, sample: Sample | None) -> Position:
-        """Take in the sample of `tick`, `elapsed` ticks after the one before. Returns the position, None where unknown."""
+        """Use the sample of `tick`, `elapsed` ticks after the one before. Return the position, None where it is not known."""
         position: Position = None
         velocity, taken = self.velocity_mps, self._sampled
         if sample is not None and (wrong := self.plausibility.judge(tick, sample)):

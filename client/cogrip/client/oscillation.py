@@ -1,10 +1,10 @@
 """Detection of oscillation at the hand: a force that reverses fast, or that sits at its limit.
 
-Two forces are watched, axis by axis. The whole force reverses where its sign changes, by half of SWING_N on either side of 0.
-The local force, the part that follows the hand's own motion, turns where it goes back by more than SWING_N, whatever its sign:
-then the hand itself moves to and fro, also where it presses. (The whole force may turn without that: an object's state
-comes in steps.) A reversal or turn is fast if the one before was at most half a period of FAST_HZ ago. Hands turn at 12 Hz at
-most, so that a train of fast turns is no person's.
+Two forces are watched, axis by axis. The whole force reverses where its sign changes, by half of SWING_N on either side of
+0. The local force, the part that follows the hand's own motion, turns (has an extremum) where it goes back by more than
+SWING_N, whatever its sign: then the hand itself moves to and fro, also where it presses. (The whole force may turn without
+that: an object's state comes in steps.) A reversal or turn is fast if the one before was at most half a period of FAST_HZ
+ago. Hands turn at 12 Hz at most, so that a train of fast turns is no person's.
 """
 
 from collections import deque
@@ -55,7 +55,7 @@ class OscillationDetector:
         self.oscillates = self.at_limit = False
 
     def add(self, force_n: Sequence[float], limited: bool, local_n: Sequence[float]) -> bool:
-        """Enter one more tick. Returns True at each turn of a train of the local force.
+        """Add a tick. Return True at each turn of the local force in a train of TRAIN fast turns or more.
 
         force_n   to the motors until the next tick [N], shape (axes,)
         limited   whether a limit holds it
@@ -99,7 +99,7 @@ class OscillationDetector:
         self.oscillates = max([len(axis.fast) for axis in self._axes]) >= MOST_FAST
 
     def forget(self) -> None:
-        """Begin anew: the force was released."""
+        """Reset, because the force was released."""
         self._limited.clear()
         for axis in self._axes:
             axis.fast.clear()

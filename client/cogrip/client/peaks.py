@@ -10,18 +10,18 @@ from cogrip.protocol.setting_types import PLACES
 
 @dataclass(slots=True)
 class Peaks:
-    """Largest force and change of force between two ticks [N], and the path from frame to frame [m]; behind: largest torque
+    """Largest force and change of force between two ticks [N], and the path from frame to frame [m]; further: largest torque
     [N m], or force of a gripper [N]."""
 
     force_n: float = 0.0
-    behind: float = 0.0
+    further: float = 0.0
     step_n: float = 0.0
     travel_m: float = 0.0
 
     def enter(self, force_n: Row, before_n: Row, axes: PoseAxes | GripAxes | None) -> None:
-        """Enter the force of a tick, and that of the one before, shape (axes,)."""
+        """Update the largest values by the force of a tick and that of the tick before, shape (axes,)."""
         if axes is not None:
-            self.behind = max(self.behind, axes.unit * hypot(*force_n[PLACES:]))
+            self.further = max(self.further, axes.length_scale * hypot(*force_n[PLACES:]))
             step, size = dist(force_n[:PLACES], before_n[:PLACES]), hypot(*force_n[:PLACES])
         elif len(force_n) == 1:
             step, size = abs(force_n[0] - before_n[0]), abs(force_n[0])

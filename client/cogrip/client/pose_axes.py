@@ -22,10 +22,10 @@ Row = tuple[float, ...]
 
 
 class PoseAxes:
-    """Turns samples of one device into lengths, and forces into wrenches. length_m, unit: l, of the seat."""
+    """Turns samples of one device into lengths, and forces into wrenches. length_m: l of the seat."""
 
     def __init__(self, length_m: float) -> None:
-        self.length_m = self.unit = length_m
+        self.length_m = self.length_scale = length_m
         self._begun = False
         self._orientation = UNTURNED  # of the newest sample
         self._travelled_m: Row = (0.0,) * PLACES  # l theta then
@@ -62,8 +62,8 @@ class PoseAxes:
         return (*wrench[:PLACES], *[part / self.length_m for part in wrench[PLACES:]])
 
 
-class Behind(NamedTuple):
-    """Bounds of the axes behind the places as lengths: those of `Rotation` and `Gripper`, in their order."""
+class FurtherAxes(NamedTuple):
+    """Bounds of the axes after the first three as lengths: the fields of `Rotation` and `Gripper`, in their order."""
 
     peak_n: float
     continuous_n: float
@@ -76,25 +76,25 @@ class Behind(NamedTuple):
     own_friction_n: float
 
 
-def behind(record: Capability, unit: float) -> Behind | None:
-    """Return the bounds of the axes behind the places, one unit of which is a length `unit`; None where there are none."""
+def further_axes(record: Capability, length_scale: float) -> FurtherAxes | None:
+    """Return the bounds of the axes after the first three, by `Coupling.length_scale`; None where there are none."""
     own = record.rotation or record.gripper
     if own is None:
         return None
     peak, continuous, damping, slew, speed, resolution, mass, own_damping, own_friction = astuple(own)
-    square = unit * unit
-    return Behind(
-        peak / unit, continuous / unit, damping / square, slew / unit, unit * speed, unit * resolution, mass / square,
-        own_damping / square, own_friction / unit,
+    square = length_scale * length_scale
+    return FurtherAxes(
+        peak / length_scale, continuous / length_scale, damping / square, slew / length_scale, length_scale * speed,
+        length_scale * resolution, mass / square, own_damping / square, own_friction / length_scale,
     )  # fmt: skip
 
 
-def in_lengths(record: Capability, unit: float) -> Capability:
-    """Return the record of a device with axes behind the places as one of lengths: bounds that hold for q on every axis.
+def in_lengths(record: Capability, length_scale: float) -> Capability:
+    """Return the record of a device with more than three axes as one of lengths: its bounds hold for q on every axis.
 
     What the device can do at most is that of both together, what it carries that of the weaker.
     """
-    other = behind(record, unit)
+    other = further_axes(record, length_scale)
     assert other is not None
     return Capability(
         family=record.family, model=record.model, axes=record.axes, workspace_m=record.workspace_m,

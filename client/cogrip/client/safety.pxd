@@ -4,19 +4,19 @@ from cogrip.client.force_limits cimport ForceLimits
 
 
 cdef class Safety:
-    cdef object _unit
+    cdef object _length_scale
     cdef list _groups
-    cdef ForceLimits _places
-    cdef ForceLimits _behind
+    cdef ForceLimits _translation
+    cdef ForceLimits _further
     cdef double _speed_mps
     cdef tuple _workspace_m
     cdef double _rise
     cdef double _fall
-    cdef double _drop
+    cdef double _fault_fall
     cdef long long _stall_ticks
     cdef long long _watchdog_ticks
     cdef long long _limit_ticks
-    cdef long long _warm_ticks
+    cdef long long _derated_ticks
     cdef public double gain
     cdef public object law_n
     cdef double _absent
@@ -40,6 +40,6 @@ cdef class Safety:
     cpdef bint check(self, long long ticks, position_m, velocity_mps) except -1
     cpdef double coming_gain(self, bint wished=*)
     @cython.locals(
-        gain=double, places=ForceLimits, behind=ForceLimits, size_n=double, out=tuple, fall=double, over=bint, warm=bint,
+        gain=double, translation=ForceLimits, further=ForceLimits, size_n=double, out=tuple, fall=double, over=bint, warm=bint,
     )
     cpdef tuple limit(self, force_n, bint gap=*)

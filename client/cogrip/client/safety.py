@@ -4,11 +4,11 @@
     live --clutch--> clutched --engage--> live    clutched --stale--> degraded
     any but idle --fail--> fault (latched until --rearm--> armed)          any --stop--> idle
 
-Only `live` lets force through. Entering it ramps the force in over RAMP_IN_S; leaving it ramps the force out over
+Only `live` lets force through. On entry to `live` the force is ramped in over RAMP_IN_S; on leaving it is ramped out over
 RAMP_OUT_S, after a fault over FAULT_OUT_S. The force is clamped to the device's peak keeping its direction, as its motors
 warm to its continuous force (`thermal`); its change is clamped to the device's slope, never above MOST_SLOPE_NPS; where
-waves are missing to SOFT_SLOPE_NPS, for a law without its wave jumps (`force_limits`). Torque, and the force of a gripper, have
-limits of their own. The energy ledger has what that takes or gives (docs/decisions/0004-leaks.md).
+waves are missing to SOFT_SLOPE_NPS, because a law without its wave jumps (`force_limits`). Torque, and the force of a gripper,
+have limits of their own. The energy ledger counts the forces after these limits (docs/decisions/0004-leaks.md).
 """
 
 from collections import Counter
@@ -25,11 +25,11 @@ RAMP_IN_S = 0.3
 RAMP_OUT_S = 0.1
 FAULT_OUT_S = 0.015
 STALL_S = 0.02  # of ticks without a sample, in a leaky counter: a device that reaches it has stalled
-FORGIVEN = 0.5  # ticks that each sample takes off that counter
+STALL_DECAY = 0.5  # ticks that each sample takes off that counter
 WATCHDOG_S = 0.1  # time without a tick after which the watchdog ends the force: the hand held an old one
 AT_LIMIT_S = 0.5  # time at its limit after which a force has diverged
-WARNED = "near thermal limit"  # counted before anything is limited
-WARM_S = 10.0  # of thermal derating, in a counter that falls while there is none: at more it is a fault
+NEAR_THERMAL_LIMIT = "near thermal limit"  # counted before anything is limited
+DERATED_S = 10.0  # of thermal derating, in a counter that falls while there is none: at more it is a fault
 
 State = Literal["idle", "calibrating", "armed", "live", "clutched", "degraded", "fault"]
 Transition = Literal["open", "calibrated", "go", "stale", "fresh", "clutch", "engage", "rearm", "fail", "stop"]
@@ -49,28 +49,28 @@ class Safety:
     """One device's limits and state. `limit` once a tick; forces are shape (axes,) [N].
 
     gain      of the ramp, 0 to 1
-    law_n     force of this tick before ramp and slope, as far as the device's peak lets it
+    law_n     force of this tick before ramp and slope limit, clamped to the device's peak
     limited   whether a limit held the force of this tick: peak, warm motors or slope; `derated` whether warm motors did
     diverged  why this end has diverged, "" if it has not
     """
 
-    def __init__(self, capability: Capability, tick_s: float, unit: float = 1.0) -> None:
-        """unit: of the seat, a length for one unit of the axes behind the places (`Coupling.unit`)."""
-        self._unit = unit
+    def __init__(self, capability: Capability, tick_s: float, length_scale: float = 1.0) -> None:
+        """length_scale: of the seat, by which the axes after the first three become lengths (`Coupling.length_scale`)."""
+        self._length_scale = length_scale
         sizes = (min(capability.axes, PLACES), capability.axes - PLACES)
         self._groups = [
             ForceLimits(bounds, axes, tick_s, self.note)
-            for bounds, axes in zip(bounds_of(capability, unit), sizes, strict=False)
+            for bounds, axes in zip(bounds_of(capability, length_scale), sizes, strict=False)
         ]
-        self._places, self._behind = self._groups[0], self._groups[1] if len(self._groups) > 1 else None
-        self.keep_to(capability)
+        self._translation, self._further = self._groups[0], self._groups[1] if len(self._groups) > 1 else None
+        self.set_record(capability)
         self._rise = tick_s / RAMP_IN_S
         self._fall = tick_s / RAMP_OUT_S
-        self._drop = tick_s / FAULT_OUT_S
+        self._fault_fall = tick_s / FAULT_OUT_S
         self._stall_ticks = max(1, round(STALL_S / tick_s))
         self._watchdog_ticks = max(1, round(WATCHDOG_S / tick_s))
         self._limit_ticks = round(AT_LIMIT_S / tick_s)
-        self._warm_ticks = round(WARM_S / tick_s)
+        self._derated_ticks = round(DERATED_S / tick_s)
         self.gain = 0.0
         self.law_n: Sequence[float] = (0.0,) * capability.axes
         self._absent = 0.0
@@ -81,24 +81,24 @@ class Safety:
         self.reason = self.warning = self.diverged = ""
         self.counts: Counter[str] = Counter()
 
-    def keep_to(self, capability: Capability) -> None:
-        """Go by this record from now on."""
-        for group, bounds in zip(self._groups, bounds_of(capability, self._unit), strict=True):
-            group.keep_to(bounds)
+    def set_record(self, capability: Capability) -> None:
+        """Set the device record."""
+        for group, bounds in zip(self._groups, bounds_of(capability, self._length_scale), strict=True):
+            group.set_bounds(bounds)
         self._speed_mps = capability.speed_mps
         self._workspace_m = capability.workspace_m
 
     @property
     def thermal(self) -> ThermalLimit:
         """Thermal limit of the force."""
-        return self._places.thermal
+        return self._translation.thermal
 
     def note(self, name: str) -> None:
-        """Count an event that was dealt with."""
+        """Count an event by name."""
         self.counts[name] += 1
 
     def event(self, name: Transition, reason: str = "") -> bool:
-        """Take a step of TRANSITIONS. Returns False if there is none from here."""
+        """Make a transition of TRANSITIONS. Return False if there is none from this state."""
         after = TRANSITIONS.get((self.state, name))
         if after is None:
             return False
@@ -111,7 +111,7 @@ class Safety:
         return True
 
     def ramp_anew(self) -> None:
-        """Let the force ramp in anew: what it is made of has changed under the hand."""
+        """Ramp the force in from 0, because the law has changed while the hand holds the device."""
         self.gain = 0.0
         for group in self._groups:
             group.soften()
@@ -123,7 +123,7 @@ class Safety:
 
     @property
     def at_peak(self) -> bool:
-        """True where the law wants more than the device's peak, warm motors aside."""
+        """True where the law's force is above the device's peak (not where warm motors alone limit it)."""
         return self._at_limit > 0
 
     @property
@@ -132,7 +132,7 @@ class Safety:
         return self.gain == 0.0 and not any(any(group.out) for group in self._groups)
 
     def absent(self, ticks: int) -> None:
-        """Enter another `ticks` ticks without a sample."""
+        """Count `ticks` more ticks without a sample; enough of them are a fault."""
         if not ticks:
             return  # the first tick of a device that answers a request of the tick before
         self._absent += ticks
@@ -145,7 +145,7 @@ class Safety:
     def check(self, ticks: int, position_m: Sequence[float], velocity_mps: Sequence[float]) -> bool:
         """Check a sample that came `ticks` ticks after the last one. Returns False where it must not be used."""
         if self._absent:
-            self._absent = max(0.0, self._absent - FORGIVEN)
+            self._absent = max(0.0, self._absent - STALL_DECAY)
         if ticks > 1:
             self._hold(ticks)
         square = other = 0.0
@@ -154,9 +154,9 @@ class Safety:
             square, place = x * x + y * y + z * z, at_x + at_y + at_z
         else:
             place = sum(position_m)
-            for speed in velocity_mps if self._behind is None else velocity_mps[:PLACES]:
+            for speed in velocity_mps if self._further is None else velocity_mps[:PLACES]:
                 square += speed * speed
-        if self._behind is not None:
+        if self._further is not None:
             other = sum([speed * speed for speed in velocity_mps[PLACES:]])
         if not isfinite(square + other + place):
             self.note("non-finite sample")
@@ -166,15 +166,15 @@ class Safety:
             self.fail(f"watchdog: the loop was away for {ticks} ticks; see `cogrip doctor`, then re-arm")
         if square > self._speed_mps * self._speed_mps:
             self.fail(f"over-speed: {sqrt(square):.2f} m/s is above {self._speed_mps:g} m/s; slow down, then re-arm")
-        if self._behind is not None:
-            self._check_behind(self._behind.bounds, sqrt(other), position_m[-1])
+        if self._further is not None:
+            self._check_further(self._further.bounds, sqrt(other), position_m[-1])
         for axis, (low, high) in enumerate(self._workspace_m):  # angles have none
             if not low <= position_m[axis] <= high:
                 self.diverged = self.diverged or f"the hand left the workspace at {position_m[axis]:.4g} m"
         return True
 
-    def _check_behind(self, bounds: Bounds, speed_mps: float, last_m: float) -> None:
-        """Check the axes behind the places: their speed, and the opening of a gripper."""
+    def _check_further(self, bounds: Bounds, speed_mps: float, last_m: float) -> None:
+        """Check the axes after the first three: their speed, and the opening of a gripper."""
         if speed_mps > bounds.speed_mps:
             speeds, unit = [speed / bounds.per_unit for speed in (speed_mps, bounds.speed_mps)], bounds.rate_unit
             self.fail(f"over-speed: {speeds[0]:.2f} {unit} is above {speeds[1]:g} {unit}; slow down, then re-arm")
@@ -186,41 +186,41 @@ class Safety:
             )
 
     def coming_gain(self, wished: bool = True) -> float:
-        """Return the gain of the next `limit`. wished: whether there is a law's force."""
+        """Return the gain of the next `limit`. wished: whether the force law gives a force."""
         if self.state == "live" and wished:
             return min(1.0, self.gain + self._rise)
-        return max(0.0, self.gain - (self._drop if self.state == "fault" else self._fall))
+        return max(0.0, self.gain - (self._fault_fall if self.state == "fault" else self._fall))
 
     def limit(self, force_n: Sequence[float] | None, gap: bool = False) -> tuple[float, ...]:
-        """Return the force that may go to the motors for the law's wish, None for none. gap: the law's wave is missing."""
+        """Return the force for the motors. force_n: the law's, or None; gap: whether the law's wave is missing."""
         gain = self.gain
         if gain != 1.0 or self.state != "live" or force_n is None:
             self.gain = gain = self.coming_gain(force_n is not None)
-        places, behind = self._places, self._behind
-        places.limited = places.derated = places.over = False
-        if behind is not None:
-            behind.limited = behind.derated = behind.over = False
+        translation, further = self._translation, self._further
+        translation.limited = translation.derated = translation.over = False
+        if further is not None:
+            further.limited = further.derated = further.over = False
         if force_n is not None:
             size_n = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
             if not size_n < inf:  # nan, too
                 self.note("non-finite force")
                 self.fail("the force law gave a number that is not finite; re-arm")
-            elif behind is None:
-                self.law_n = places.clip(force_n, size_n)
+            elif further is None:
+                self.law_n = translation.clip(force_n, size_n)
             else:
                 force, rest = force_n[:PLACES], force_n[PLACES:]
-                self.law_n = [*places.clip(force, hypot(*force)), *behind.clip(rest, hypot(*rest))]
+                self.law_n = [*translation.clip(force, hypot(*force)), *further.clip(rest, hypot(*rest))]
         out = tuple(self.law_n) if gain == 1.0 else tuple([gain * value for value in self.law_n])
-        fall = self._drop if self.state == "fault" else 0.0  # a fault, also of now, fades as fast as ever
-        if behind is None:
-            out = places.follow(out, gap, fall)
-            over, self.limited, self.derated = places.over, places.limited, places.derated
-            warm = places.thermal.warm
+        fall = self._fault_fall if self.state == "fault" else 0.0  # also for a fault that this call has found
+        if further is None:
+            out = translation.follow(out, gap, fall)
+            over, self.limited, self.derated = translation.over, translation.limited, translation.derated
+            warm = translation.thermal.warm
         else:
-            out = places.follow(out[:PLACES], gap, fall) + behind.follow(out[PLACES:], gap, fall)
-            over = places.over or behind.over
-            self.limited, self.derated = places.limited or behind.limited, places.derated or behind.derated
-            warm = places.thermal.warm or behind.thermal.warm
+            out = translation.follow(out[:PLACES], gap, fall) + further.follow(out[PLACES:], gap, fall)
+            over = translation.over or further.over
+            self.limited, self.derated = translation.limited or further.limited, translation.derated or further.derated
+            warm = translation.thermal.warm or further.thermal.warm
         if over:
             self._clipped(gain)
         else:
@@ -230,21 +230,21 @@ class Safety:
         return out
 
     def _parts(self, force_n: Sequence[float]) -> Sequence[Sequence[float]]:
-        """Return the parts of a force that are of each group."""
+        """Return the part of a force of each group of axes."""
         return (force_n,) if len(self._groups) == 1 else (force_n[:PLACES], force_n[PLACES:])
 
     def applied(self, force_n: tuple[float, ...]) -> None:
-        """Enter the force that the device applies in place of the one that `limit` returned: slope and heat go by this one.
+        """Set the force that the device applies in place of the one that `limit` returned: slope and heat go by this one.
 
-        Once the ramp has ended the slope goes on to zero from what was returned: a device that has lost its wire says for
-        ever that its last force acts, and zero must be asked of it all the same.
+        Once the force has ramped out the slope goes by what `limit` returned: a device whose cable is out reports its last
+        force for ever, and must be asked for zero all the same.
         """
         self.note("force limited by the device")
         for group, part in zip(self._groups, self._parts(force_n), strict=True):
             group.correct(tuple(part), self.gain > 0.0)
 
     def _hold(self, ticks: int) -> None:
-        """Enter ticks that were skipped: the last force was held over them, too."""
+        """Heat the motors' model by ticks that were skipped: the last force was held over them, too."""
         for _ in range(1, min(ticks, self._watchdog_ticks)):
             for group in self._groups:
                 group.enter()
@@ -253,7 +253,7 @@ class Safety:
         """Warn before warm motors limit the force; fail where they do for long."""
         if warm := [group.bounds for group in self._groups if group.thermal.warm]:
             if not self.warning:
-                self.note(WARNED)
+                self.note(NEAR_THERMAL_LIMIT)
                 least = warm[0].shown(warm[0].continuous_n)
                 self.warning = f"the motors get warm: soon no more than {least}; hold less, or rest"
         else:
@@ -261,10 +261,10 @@ class Safety:
         if self.derated:
             self.note("thermally limited")
             self._derated += 1
-            if self._derated > self._warm_ticks:
+            if self._derated > self._derated_ticks:
                 bounds = next(group.bounds for group in self._groups if group.derated)
                 most = bounds.shown(bounds.continuous_n)
-                asked = f"the motors were asked for more than their {most} for {WARM_S:g} s while warm"
+                asked = f"the motors were asked for more than their {most} for {DERATED_S:g} s while warm"
                 self.fail(f"{asked}; hold less and let them cool, then re-arm")
         elif self._derated:
             self._derated -= 1

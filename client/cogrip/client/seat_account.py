@@ -30,7 +30,7 @@ def account_of(seat: SeatedClient, ticks: TickCount, rtt_ms: Percentiles, delay:
         delay=delay,
         device=seat.port.account(),
         down_reserve_j=ledger.down_reserve_j,
-        peak_torque_nm=peaks.behind,
+        peak_torque_nm=peaks.further,
         line=coupling.line_account(),
         effects=seat.effects.account() if seat.effects else None,
     )

@@ -30,8 +30,8 @@ from cogrip.protocol.tool_frame import ToolFrame
 
 def axes_of(seat: SeatSettings) -> PoseAxes | GripAxes | None:
     """Return what makes lengths of the axes of a seat; None where all are."""
-    axes, unit = seat.object.axes, seat.coupling.unit
-    return PoseAxes(unit) if axes == POSE_AXES else GripAxes(unit) if axes == GRIP_AXES else None
+    axes, length_scale = seat.object.axes, seat.coupling.length_scale
+    return PoseAxes(length_scale) if axes == POSE_AXES else GripAxes(length_scale) if axes == GRIP_AXES else None
 
 
 class SeatHand:
@@ -67,7 +67,7 @@ class SeatHand:
     def _set_record(self, capability: Capability) -> None:
         self.capability = self._record = capability.first(self.settings.object.axes)
         if self._axes is not None:
-            self._record = in_lengths(self.capability, self._axes.unit)
+            self._record = in_lengths(self.capability, self._axes.length_scale)
         if self.handle is None and has_handle(capability):
             self.handle = HandleReader(self.session.dropped)
         if self.handle is not None:
@@ -126,11 +126,11 @@ class SeatHand:
         (self._frame or self._set_tool(ToolFrame())).asked = held
 
     def set_hand(self, change: HandChange) -> None:
-        """Go by this change from the next frame's border on."""
+        """Set a change, which applies from the end of the frame under way."""
         self._ordered = change if self._ordered is None else change.after(self._ordered)
 
     def receive_change(self, message: SetHand) -> None:
-        """Take in a change that the server tells, each once; one that this hand cannot have is refused by the next report."""
+        """Receive a change from the server, once; one that does not fit this hand is refused in the next report."""
         change = self.changes.receive(message)
         if change is not None:
             self.set_hand(HandChange() if unfit(change, self.settings.object.axes) else change)
@@ -145,7 +145,7 @@ class SeatHand:
         )  # fmt: skip
 
     def _follow(self, sample: Sample, border: bool) -> None:
-        """Go by clutch and changes after a tick's sample. border: a frame ends here, or none has begun."""
+        """Apply clutch and changes after a tick's sample. border: whether a frame ends here, or none has begun."""
         changed = border and self._ordered is not None
         if changed:
             self._change()

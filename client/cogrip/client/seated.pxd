@@ -14,7 +14,7 @@ cdef class SeatedClient(SeatHand):
     cdef public object peaks
     cdef public long long tick
     cdef public long long _acted
-    cdef public tuple _still
+    cdef public tuple _zero_n
     cdef public long long _ticks_per_frame
     cdef public long long _frame_begin
     cdef public long long _frame_end
@@ -25,7 +25,7 @@ cdef class SeatedClient(SeatHand):
     cdef public tuple _origin_pose
     cdef public tuple _frame_start_m
     cdef public object _stopped
-    cdef public object _parting_mps
+    cdef public object _stop_mps
     cdef public object felt
 
     @cython.locals(elapsed="long long", hand=HandMotion, ended=bint)
@@ -36,7 +36,7 @@ cdef class SeatedClient(SeatHand):
         first="long long", tick="long long", length="long long", ended=bint, absent=bint, held=bint, hold=double,
         given_j=double, pending_j=double,
     )
-    cdef bint _enter(self, long long elapsed, tuple position_m) except -1
+    cdef bint _account(self, long long elapsed, tuple position_m) except -1
     cdef _coupling_part(self, long long elapsed, force, tuple position_m)
     @cython.locals(ticks="long long", late="long long")
     cdef _start_frame(self, long long tick)
@@ -45,8 +45,8 @@ cdef class SeatedClient(SeatHand):
     @cython.locals(coupling=Coupling, safety=Safety, force=tuple, before=tuple, step=double, size=double)
     cpdef tuple act(self, long long now_ns)
     @cython.locals(
-        coupling=Coupling, safety=Safety, port=DevicePort, hand=HandMotion, force=tuple, reduced=bint, paying=double,
-        law=double, speed=double, part=double, extra=double, local=double, left=double, other=double,
+        coupling=Coupling, safety=Safety, port=DevicePort, hand=HandMotion, force=tuple, reduced=bint, injected=double,
+        law=double, speed=double, fraction=double, extra=double, local=double, left=double, other=double,
     )
     cdef tuple _render(self)
-    cdef _release(self, found)
+    cdef _release(self, cause)

@@ -1,8 +1,8 @@
 """The part of a client that exists only with a seat: hand, coupling, safety, device port and energy ledger.
 
-A tick has two halves. `sense` enters what the hand did since the last tick and, at a frame border, sends the frame; `act`
-plays the wave that has come and gives the force to hold until the next tick. A tick that was skipped had its force held: its
-waves are entered all the same.
+A tick has two halves. `sense` adds the hand's motion since the last tick to coupling and ledgers and, at the end of a frame,
+sends the frame; `act` plays the wave that has come and returns the force to hold until the next tick. In a tick that was
+skipped the device held the last force: its waves are computed as well.
 """
 
 from collections import deque
@@ -39,8 +39,8 @@ class SeatedClient(SeatHand):
     """One person's seat. capability: of the device, its first axes; `tick` is -1 before the first one."""
 
     __slots__ = (
-        "_acted", "_frame_begin", "_frame_end", "_frame_start_m", "_origin_m", "_origin_pose", "_parting_mps", "_rate_hz",
-        "_still", "_stopped", "_ticks_per_frame", "_wave_end", "deficit_frames", "felt", "peaks", "port", "session_id", "tick",
+        "_acted", "_frame_begin", "_frame_end", "_frame_start_m", "_origin_m", "_origin_pose", "_rate_hz", "_stop_mps",
+        "_stopped", "_ticks_per_frame", "_wave_end", "_zero_n", "deficit_frames", "felt", "peaks", "port", "session_id", "tick",
     )  # fmt: skip
 
     def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability, make_port: MakePort) -> None:
@@ -48,25 +48,25 @@ class SeatedClient(SeatHand):
         super().__init__(seat, session, capability)
         self.session_id = session.welcome.session if session.welcome else 0
         self.coupling: Coupling = SCHEMES[seat.coupling.kind].make(seat)
-        self.safety = Safety(self.capability, rates.tick_s, seat.coupling.unit)
+        self.safety = Safety(self.capability, rates.tick_s, seat.coupling.length_scale)
         self.port = make_port(self._record, rates.tick_s)
         self.ledger = EnergyLedger(self.coupling)
         self.effects: EffectForce | None = None  # once one was told
         self.hand = HandMotion(self._record, rates, self.safety)
         self.peaks = Peaks()
         self.tick = self._acted = -1
-        self._still = self.force_n
+        self._zero_n = self.force_n
         self._ticks_per_frame = rates.ticks_per_frame
         self._frame_begin = 0  # tick at which the frame under way began, and that at which it ends
         self._frame_end = rates.ticks_per_frame
         self.deficit_frames: deque[float] = deque(maxlen=max(2, round(REST_S / rates.frame_s)))  # of the last live ones
-        self._wave_end = 0  # tick at which what is played now is to be followed by the next wave
+        self._wave_end = 0  # tick at which the wave that is played now ends
         self._rate_hz = float(rates.device_hz)
         self._origin_m: Row | None = None
         self._origin_pose: Row = ()
         self._frame_start_m: tuple[float, ...] = ()
         self._stopped: int | None = None  # tick of `stop`
-        self._parting_mps: Sequence[float] = self._still  # velocity of the hand at `stop`
+        self._stop_mps: Sequence[float] = self._zero_n  # velocity of the hand at `stop`
         self.felt = FeltStiffness(self.capability.resolution_m, rates.frame_s) if seat.holds_still else None
         if seat.tool is not None:
             self._set_tool(seat.tool)
@@ -75,7 +75,7 @@ class SeatedClient(SeatHand):
             self.safety.event(event)
 
     def _fit(self) -> None:
-        """Go by the record's resolution and lag, and by the age of its samples."""
+        """Set resolution, lag and age of samples of the device record in coupling and ledger."""
         if self.felt is not None:
             self.felt.resolution_m = self.capability.resolution_m
         self.ledger.set_latency(self.capability.latency_ticks)
@@ -89,18 +89,18 @@ class SeatedClient(SeatHand):
         self.coupling.fit(record, self.port.lag_s)
 
     def equip(self, capability: Capability) -> None:
-        """Go by the record of a device that is open now."""
+        """Set the record of the device that is open now."""
         self._set_record(capability)
-        self.safety.keep_to(self.capability)
-        self.port.keep_to(self._record)
+        self.safety.set_record(self.capability)
+        self.port.set_record(self._record)
         self.hand.fit(self._record)
-        self.aids.keep_to(self.capability)
+        self.aids.set_record(self.capability)
         if self.effects is not None:
-            self.effects.fit(self._record, self.port.lent_j)
+            self.effects.fit(self._record, self.port.tolerated_j)
         self._fit()
 
     def renew(self, session_id: int) -> None:
-        """Begin a new line, whose first frame began where the last one ended: with nothing, up to where the hand is now."""
+        """Begin a new wave line for a resumed session. The ticks of the frame under way carry no motion."""
         self.session_id = session_id
         self.changes.begin()
         self.coupling = coupling = SCHEMES[self.settings.coupling.kind].make(self.settings)
@@ -121,7 +121,7 @@ class SeatedClient(SeatHand):
             coupling.elapse_absent()
 
     def _begin_at(self, position_m: Row) -> None:
-        """Let the line begin with the hand here."""
+        """Set the place of the hand at which the line begins."""
         self._origin_m = position_m if self._frame is None else self._frame.place(position_m)
         self._origin_pose = self.tool_pose()
 
@@ -137,14 +137,14 @@ class SeatedClient(SeatHand):
             self.safety.event("go")
 
     def applied(self, force_n: tuple[float, ...]) -> None:
-        """Enter the force that the device applies in place of the one that `act` returned: the hand feels this one."""
+        """Set the force that the device applies in place of the one that `act` returned."""
         if self._axes is not None:
             force_n = self._axes.force(force_n)
         self.safety.applied(force_n)
         self.force_n = force_n
 
     def receive(self, message: Frame | View, now_ns: int) -> None:
-        """Take in a frame of the session."""
+        """Push a frame of the session to the coupling; one of another coupling is dropped and counted."""
         coupling = self.coupling
         before = coupling.newest
         if self.handle is not None and not isinstance(message, View):
@@ -155,17 +155,17 @@ class SeatedClient(SeatHand):
             self.session.mark_fresh(now_ns)
 
     def receive_effects(self, told: Effects) -> Effects:
-        """Take in effects that the server tells. Returns the answer: those that are known here."""
+        """Set an effect that the server sent. Return the acknowledgement, with the numbers of all effects that are known."""
         if self.effects is None:
             b = getattr(self.settings.coupling, SCHEMES[self.settings.coupling.kind].damper[1])
             self.effects = EffectForce(len(self.force_n), self.settings.rates.tick_s, b)
-            self.effects.fit(self._record, self.port.lent_j)
+            self.effects.fit(self._record, self.port.tolerated_j)
         if reason := self.effects.tell(told, self.tick):
             self.session.drop(reason)
         return replace(told, numbers=self.effects.known(told.numbers), effect=None)
 
     def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
-        """Enter the ticks since the last call, with the sample read now."""
+        """Process the ticks since the last call, with the sample read now; queue the frame that ended in them."""
         elapsed, session = tick - self.tick, self.session
         if self.tick < 0:
             elapsed = 0
@@ -188,7 +188,7 @@ class SeatedClient(SeatHand):
                 self._frame_start_m = position
                 self._frame_begin = tick - tick % self._ticks_per_frame
                 self._frame_end = self._frame_begin + self._ticks_per_frame
-        elif (ended := self._enter(elapsed, position)) and session.state == "seated":
+        elif (ended := self._account(elapsed, position)) and session.state == "seated":
             message = self.coupling.message(
                 self.session_id, session.clock.stamp(now_ns), self._origin_pose, self.place(),
                 hand.velocity_mps if self._frame is None else self._frame.shown(hand.velocity_mps),
@@ -209,12 +209,11 @@ class SeatedClient(SeatHand):
         moved = [at - begun for at, begun in zip(self.tool_m(), self._origin_m, strict=True)]
         return self.tool_pose() + self._axes.rates(moved)[PLACES:]
 
-    def _enter(self, elapsed: int, position_m: tuple[float, ...] | None) -> bool:
-        """Enter `elapsed` ticks; the hand was at `position_m` `latency_ticks` ago. True if there is a frame to send."""
+    def _account(self, elapsed: int, position_m: tuple[float, ...] | None) -> bool:
+        """Add `elapsed` ticks, to the hand's place `latency_ticks` ago, to coupling and ledgers. True if a frame ended."""
         coupling, ledger, hand = self.coupling, self.ledger, self.hand
         force = ledger.acting(elapsed, self.force_n) if hand.latency_ticks and elapsed else self.force_n
-        frame, weight = self._frame, ledger.weight
-        aids = self.aids
+        frame, weight, aids = self._frame, ledger.weight, self.aids
         law_n = force
         if aids.active or self.effects is not None:
             law_n = self._coupling_part(elapsed, force, position_m)
@@ -230,13 +229,13 @@ class SeatedClient(SeatHand):
         if frame is not None:
             held, mean, velocity = frame.held, frame.shown(mean), frame.shown(velocity)
         if self._stopped is None:
-            self._parting_mps = mean
-        else:  # a hand whose force fades runs off: the line is sent one that goes on as it did, and releases the object
+            self._stop_mps = mean
+        else:  # the fading force lets the hand move off: the line gets the velocity at `stop`, scaled by `hold`
             hold = max(0.0, 1.0 - (self.tick - self._stopped) / (RELEASE_S * self._rate_hz))
-            velocity = mean = self._parting_mps
+            velocity = mean = self._stop_mps
         port = self.port
         for tick in range(first, self.tick + 1):
-            if tick > self._wave_end:  # it ended within the ticks that were skipped
+            if tick > self._wave_end:  # the wave ended within the ticks that were skipped
                 self._start_frame(tick - 1)
             if absent:
                 coupling.elapse_absent()
@@ -246,21 +245,21 @@ class SeatedClient(SeatHand):
                 coupling.elapse(mean, velocity, hold)
             if tick >= self._frame_end:
                 ended = True
-                port.enter(ledger.work.value + aids.potential_j, ledger.given_j, weight * coupling.pending_j)
+                port.set_energies(ledger.work.value + aids.potential_j, ledger.given_j, weight * coupling.pending_j)
                 length = coupling.end_frame(port.spare_j / weight)
-                port.enter(ledger.work.value + aids.potential_j, ledger.given_j)  # what was sent is spent
+                port.set_energies(ledger.work.value + aids.potential_j, ledger.given_j)  # less what was sent
                 if position_m is not None:
                     self._end_frame(position_m, tick - self._frame_begin)
                 self._frame_begin, self._frame_end = tick, tick + length
         given_j, pending_j = coupling.given_j, coupling.pending_j
         if frame is not None:
             given_j, pending_j = weight * given_j, weight * pending_j
-        port.enter(ledger.work.value + aids.potential_j, ledger.closed_given_j + given_j, pending_j)
+        port.set_energies(ledger.work.value + aids.potential_j, ledger.closed_given_j + given_j, pending_j)
         ledger.compare()
         return ended
 
     def _coupling_part(self, elapsed: int, force: Sequence[float], position_m: Row | None) -> Sequence[float]:
-        """Return the coupling's part of what acted in `elapsed` ticks, without aids and effects, whose work is entered."""
+        """Return the coupling's part of the force in `elapsed` ticks, and add the work of the effects' part to the ledger."""
         aids, effects = self.aids, self.effects
         held_n: Sequence[float] = self.force_n
         if aids.active:
@@ -298,14 +297,13 @@ class SeatedClient(SeatHand):
             self.felt.add(depth, sum(map(mul, direction, force_n)))
 
     def act(self, now_ns: int) -> tuple[float, ...]:
-        """Return force [N], torque [N m] or the gripper's force [N], shape (axes,), to hold until the next tick: F of P eq. 9,
-        which loads the hand."""
+        """Return force [N], torque [N m] or the gripper's force [N], shape (axes,), to hold for a tick: F of P eq. 9."""
         coupling, safety, session = self.coupling, self.safety, self.session
         if self.tick >= self._wave_end:
             self._start_frame(self.tick)
             if coupling.implausible:
                 safety.note("wave beyond what the device can bring about")
-            if coupling.played:  # records come in clumps: a frame that is played in its time is as good as a new one
+            if coupling.played:  # datagrams come in bursts: a buffered frame played on schedule shows a live link, too
                 session.mark_fresh(now_ns)
         self._acted = self.tick
         if session.state == "resuming" or session.stale(now_ns):
@@ -326,55 +324,61 @@ class SeatedClient(SeatHand):
         return force if self._axes is None else self._axes.wrench(force)
 
     def _render(self) -> tuple[float, ...]:
-        """Return the law's force, as far as the device port and safety let it."""
+        """Return the force of this tick [N], shape (axes,), limited by energy (`port`), then by the device (`safety`).
+
+        law_n: of coupling, effects and injected damping, None for none; aids_n: of workspace limit and gravity compensation;
+        wanted_n: of both; limited_n: the same, clamped to the device's peak; cut_n: what that removed of the coupling's part.
+        """
         coupling, safety, port, hand = self.coupling, self.safety, self.port, self.hand
         port.elapse()
         frame = self._frame
         if frame is None:
             coupling.carried_nspm = port.carried_nspm
-            wish = coupling.force(hand.position_m, hand.velocity_mps) if safety.state != "fault" else None
+            wanted_n = coupling.force(hand.position_m, hand.velocity_mps) if safety.state != "fault" else None
         else:
             coupling.carried_nspm = port.carried_nspm / frame.stiffest
             tool_m, tool_mps = frame.place(hand.position_m), frame.rates(hand.velocity_mps)
-            wish = frame.hand_force(coupling.force(tool_m, tool_mps)) if safety.state != "fault" else None
+            wanted_n = frame.hand_force(coupling.force(tool_m, tool_mps)) if safety.state != "fault" else None
         if (effects := self.effects) is not None:
-            wish = effects.added(self.tick, wish, hand.position_m, hand.velocity_mps, safety, port, frame)
-        if port.balance_j < 0.0 and wish is not None and (paying := port.paying_nspm):
-            wish = [law + paying * speed for law, speed in zip(wish, hand.velocity_mps, strict=True)]
-        law_n, aids, extra_n = wish, self.aids, self._still
+            wanted_n = effects.added(self.tick, wanted_n, hand.position_m, hand.velocity_mps, safety, port, frame)
+        if port.balance_j < 0.0 and wanted_n is not None and (injected := port.injected_nspm):
+            wanted_n = [law + injected * speed for law, speed in zip(wanted_n, hand.velocity_mps, strict=True)]
+        law_n, aids, aids_n = wanted_n, self.aids, self._zero_n
         if aids.active and law_n is not None:
-            extra_n = aids.force(hand.position_m, hand.velocity_mps)
-            wish = [law + extra for law, extra in zip(law_n, extra_n, strict=True)]
-        force = safety.limit(port.limit(wish) if wish is not None else None, coupling.gap)
+            aids_n = aids.force(hand.position_m, hand.velocity_mps)
+            wanted_n = [law + extra for law, extra in zip(law_n, aids_n, strict=True)]
+        force = safety.limit(port.limit(wanted_n) if wanted_n is not None else None, coupling.gap)
         coupling.ramp_gain = safety.gain
         port.ramped = safety.gain != 1.0
         coupling.cut_n = None
         if aids.active:
-            aids.share(extra_n, wish or self._still, force)
-        if wish is not None and law_n is not None and safety.state == "live":
+            aids.share(aids_n, wanted_n or self._zero_n, force)
+        if wanted_n is not None and law_n is not None and safety.state == "live":
             local_n = coupling.local_n if frame is None else frame.hand_force(coupling.local_n)
-            seen_n: Sequence[float] = force
+            watched_n: Sequence[float] = force
             reduced = coupling.reduced
             if effects is not None and effects.asked_n is not None:
-                local_n, seen_n = effects.watched(local_n, force, safety.gain)
+                local_n, watched_n = effects.watched(local_n, force, safety.gain)
                 reduced = reduced or effects.reduced
             if port.ramped:
                 local_n = [safety.gain * local for local in local_n]
-            elif (kept := safety.law_n) is not wish:  # the line does not see what limits took
-                cut = [law - left for law, left in zip(wish, kept, strict=True)]
+            elif (
+                limited_n := safety.law_n
+            ) is not wanted_n:  # the line must not be given energy for force that limits removed
+                cut_n = [law - left for law, left in zip(wanted_n, limited_n, strict=True)]
                 if aids.active or (effects is not None and effects.asked_n is not None):
-                    others = effects.asked_n if effects is not None and effects.asked_n is not None else self._still
-                    part = 1.0 - part_of(kept, wish)
-                    cut = [part * (law - other) for law, other in zip(law_n, others, strict=True)]
-                coupling.cut_n = cut if frame is None else frame.tool_force(cut)
-            if found := port.watch(seen_n, safety.at_peak, local_n, safety.limited, reduced):
-                self._release(found)
+                    effects_n = effects.asked_n if effects is not None and effects.asked_n is not None else self._zero_n
+                    fraction = 1.0 - part_of(limited_n, wanted_n)
+                    cut_n = [fraction * (law - other) for law, other in zip(law_n, effects_n, strict=True)]
+                coupling.cut_n = cut_n if frame is None else frame.tool_force(cut_n)
+            if cause := port.watch(watched_n, safety.at_peak, local_n, safety.limited, reduced):
+                self._release(cause)
         return force
 
-    def _release(self, found: Cause) -> None:
-        """Degrade, or fault where that has not helped."""
-        safety, reason = self.safety, cure(found, self.settings, self.capability)
-        safety.note(f"released: {found}")
+    def _release(self, cause: Cause) -> None:
+        """Ramp the force out (`degraded`); a fault where that has not helped MOST_RELEASES times."""
+        safety, reason = self.safety, cure(cause, self.settings, self.capability)
+        safety.note(f"released: {cause}")
         if self.port.persists:
             safety.diverged = safety.diverged or reason
             safety.fail(f"{reason}, then re-arm")
@@ -383,10 +387,7 @@ class SeatedClient(SeatHand):
 
     @property
     def released(self) -> bool:
-        """True once no force is left on the hand and the server knows that the line has released the object.
-
-        To leave is then no jolt to those who stay.
-        """
+        """True once no force is left on the hand, and the server knows: leaving is then no force step for the others."""
         if not self.safety.quiet or self._stopped is None or self.session.state != "seated":
             return self.safety.quiet
         loop_s = ((self.coupling.loop_frames() or 0.0) + self.late_frames) * self._ticks_per_frame / self._rate_hz
@@ -394,6 +395,6 @@ class SeatedClient(SeatHand):
 
     @property
     def late_frames(self) -> float:
-        """Time that a tick waits to be entered where samples are old: the line is softer by it, exactly so with the boxcar."""
+        """Delay of the uplink by the age of samples [frames], which makes the line softer; exact with the boxcar decimator."""
         displacement = self.settings.coupling.encoder == "displacement"
         return self.hand.latency_ticks / self._ticks_per_frame if displacement else 0.0

@@ -13,7 +13,7 @@ cdef class ThermalLimit:
     cdef public double limit_n
 
     @cython.locals(excess=double)
-    cpdef keep_to(self, double peak_n, double continuous_n)
+    cpdef set_limits(self, double peak_n, double continuous_n)
     @cython.locals(rise=double)
     cpdef enter(self, double square)
     cpdef correct(self, double entered, double square)

@@ -31,10 +31,10 @@ class ThermalLimit:
         self._slope = TIME_CONSTANT_S / FADE_S - 1.0
         self.rise = 0.0  # h
         self.warm = False
-        self.keep_to(peak_n, continuous_n)
+        self.set_limits(peak_n, continuous_n)
 
-    def keep_to(self, peak_n: float, continuous_n: float) -> None:
-        """Go by another device's forces; the rise stays."""
+    def set_limits(self, peak_n: float, continuous_n: float) -> None:
+        """Set peak and continuous force of the device record; the rise of the winding stays."""
         self._peak_n, self._square = peak_n, continuous_n * continuous_n
         excess = peak_n * peak_n / self._square - 1.0
         self._acts_from = 1.0 - excess / self._slope if excess > 0.0 else inf  # of h
@@ -42,7 +42,7 @@ class ThermalLimit:
         self.limit_n = self._limit()
 
     def enter(self, square: float) -> None:
-        """Enter a tick with a force of this square [N^2]."""
+        """Heat the winding for a tick by a force of this square [N^2]."""
         self.rise = rise = self.rise + self._share * (square / self._square - self.rise)
         self.limit_n = self._peak_n if rise <= self._acts_from else self._limit()
         self.warm = rise > (CALM_SHARE * self._warm_from if self.warm else self._warm_from)

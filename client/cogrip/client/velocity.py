@@ -62,7 +62,7 @@ class AlphaBeta:
         return velocity
 
     def reset(self) -> None:
-        """Begin anew: the last sample was not to be used."""
+        """Reset, because the last sample could not be used."""
         self._position = None
         self._velocity = [0.0] * len(self._velocity)
 

@@ -1,6 +1,7 @@
 """The client's end of the baseline: virtual coupling, no waves (theory section 5; P Fig. 6).
 
-F = K (x - x_o) + B (xdot - xdot_o) at the device rate, from the last object state received.
+F = K (x - x_o) + B (xdot - xdot_o) at the device rate: x, xdot place and velocity of the tool, x_o, xdot_o those of the
+object as received last.
 """
 
 from collections.abc import Sequence

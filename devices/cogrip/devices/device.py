@@ -4,7 +4,8 @@ Sign of force, everywhere in cogrip: `force_n` is F of the paper's eq. 9,
 
     m x'' + b x' = F_hand - F
 
-the force that *loads* the hand. The device pushes the hand with -F; a positive F resists motion in +x.
+the force that *loads* the hand; m and b are mass and damping of the device, x its position, F_hand the force of the hand on it.
+The device pushes the hand with -F; a positive F resists motion in +x.
 Power F v flows from the hand into the line (theory.md section 1).
 """
 
@@ -90,7 +91,7 @@ class Rotation:
 
 @dataclass(frozen=True, slots=True)
 class Gripper:
-    """Record of a gripper with force, whose opening is the axis behind the places. Symbols as in `Capability`, of this axis.
+    """Record of a gripper with force, whose opening is the fourth axis. Symbols as in `Capability`, of this axis.
 
     Its range is `Capability.grip_m`. Every limit is a finite number above 0: raises DeviceError for any other.
     """

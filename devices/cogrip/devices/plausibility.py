@@ -1,7 +1,8 @@
 """Samples, and reports of the acting force, that no held device gives: a position that jumps, an age that grows, a velocity
 that its positions deny, a force that nobody asked for.
 
-Symbols: x position [m], v velocity [m/s], T tick [s], t time since the last sample that was used [s], w window [s].
+Symbols: x position [m], v velocity [m/s], T tick [s], t time since the last sample that was used [s], w window [s],
+m apparent mass [kg] and F_peak peak force [N] of the device record.
 
     jump      A held handle goes on as it did, or stops anywhere on the way, or bounces back. Beyond that it is brought off its
               course by the hand, with at most HAND_MPS2 up to HAND_MPS of added speed, and by the motors, with F_peak / m. The

@@ -1,6 +1,7 @@
 """Trials of a device in a person's hand, short and weak: which way its axes count, and how stiff a spring feels on it.
 
-Symbols: x tip [m], x_0 where the trial began, d = x - x_0, F force that loads the hand [N], K stiffness [N/m].
+Symbols: x tip [m], x_0 where the trial began, d = x - x_0, F force that loads the hand [N], F_m its largest size, K
+stiffness [N/m].
 
     F = K d, at most F_m, and rising over RISE_S             felt: K_f = sum F d / sum d^2, of ticks with the whole force
 

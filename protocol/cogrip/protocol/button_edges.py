@@ -28,7 +28,7 @@ class EdgeSender:
         self._sent = 0  # after the newest edge
 
     def update(self, buttons: int, tick: int) -> bool:
-        """Enter the buttons that are down at a tick, one bit each; True if that made an edge."""
+        """Set the buttons that are down at a tick, one bit each. Return whether that made an edge."""
         if buttons == self._buttons == self._sent:
             return False
         before = len(self._edges)
@@ -86,7 +86,7 @@ class EdgeReceiver:
         self._newest_ns = -1
 
     def receive(self, handle: Handle, sent_ns: int) -> bool:
-        """Take in what was sent at `sent_ns`, of the sender's clock; False for what cannot be of this session."""
+        """Receive edges that were sent at `sent_ns` of the sender's clock. Return False for those of another session."""
         if handle.first > self.taken:
             return False
         waiting = self._waiting

@@ -36,7 +36,7 @@ class Channel(Protocol):
         """Return whether a message can be sent there now."""
 
     def poll(self, now_ns: int) -> None:
-        """Let time pass: repeat flights, give up handshakes that take too long. Call at least every 50 ms."""
+        """Run the timers: repeat flights, end handshakes that take too long. Call at least every 50 ms."""
 
     def close(self, address: Address) -> None:
         """Close the channel to an address and tell the other end where possible."""

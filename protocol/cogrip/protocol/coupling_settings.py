@@ -43,7 +43,7 @@ class CouplingSection(CouplingBase, frozen=True, forbid_unknown_fields=True):
 
 
 class Coupling(CouplingBase, frozen=True, forbid_unknown_fields=True):
-    """The coupling of one seat. Of the last two impedances a seat has one: that of its gripper, or of turning."""
+    """The coupling of one seat. Of the last two impedances a seat has one: that of its gripper, or of rotation."""
 
     impedance_nspm: types.Impedance = USUAL_NSPM  # for "auto" that which the seat begins with
     rotational_impedance_nms: types.RotationalImpedance | msgspec.UnsetType = msgspec.UNSET
@@ -54,15 +54,18 @@ class Coupling(CouplingBase, frozen=True, forbid_unknown_fields=True):
         return unset == ((False, True) if axes == types.GRIP_AXES else (True, False))
 
     @property
-    def behind(self) -> float:
-        """Impedance of the axes behind the places: b_r [N m s] of those that turn, b_g [N s/m] of an opening."""
+    def further_impedance(self) -> float:
+        """Impedance of the axes after the first three: b_r [N m s] of rotation, b_g [N s/m] of a gripper's opening."""
         own = (self.grip_impedance_nspm, self.rotational_impedance_nms)
         return next(each for each in own if each is not msgspec.UNSET)
 
     @property
-    def unit(self) -> float:
-        """Length that has the impedance b of one unit behind the places: l [m] of an angle, sqrt(b_g / b) of an opening."""
-        return sqrt(self.behind / self.impedance_nspm)
+    def length_scale(self) -> float:
+        """Factor that turns the axes after the first three into lengths of the impedance b.
+
+        The characteristic length l = sqrt(b_r / b) [m] of angles (theory 8.5), lambda = sqrt(b_g / b) of an opening (8.8).
+        """
+        return sqrt(self.further_impedance / self.impedance_nspm)
 
 
 class LineTuning(msgspec.Struct, frozen=True, array_like=True):

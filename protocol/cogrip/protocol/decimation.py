@@ -20,7 +20,7 @@ class Decimator:
     __slots__ = ()
 
     def push(self, wave: Wave) -> None:
-        """Enter the forward wave of one tick, shape (axes,)."""
+        """Add the forward wave of one tick, shape (axes,)."""
         raise NotImplementedError
 
     def take(self) -> tuple[float, ...]:

@@ -38,7 +38,7 @@ class StateReceiver(Generic[M]):
         return self.latest.number + 1 if self.latest else 0
 
     def receive(self, state: M) -> bool:
-        """Take in one state. False, and nothing changed, if it is too far ahead or too old to be told from a duplicate."""
+        """Receive a state. Return False, and change nothing, if it is too far ahead, or too old to tell from a duplicate."""
         if not self.newest - HISTORY < state.number <= self.newest + FURTHEST_JUMP:
             return False
         slot = state.number % HISTORY

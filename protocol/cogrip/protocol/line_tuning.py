@@ -108,7 +108,7 @@ class ImpedanceChanges:
         self._newest = -1
 
     def add(self, number: int, impedance_nspm: float) -> None:
-        """Enter that frames from `number` on have this impedance; what is not newer than all before is known."""
+        """Record that frames from `number` on have this impedance; a number that is not the newest is known already."""
         if number > self._newest:
             self._newest = number
             self._coming.append((number, impedance_nspm))

@@ -24,7 +24,7 @@ class LoopMeter:
         self.implausible = 0
 
     def add(self, loop_ticks: int) -> None:
-        """Enter one measured loop."""
+        """Add one measured loop time."""
         if not self._ticks_per_frame <= loop_ticks <= MOST_LOOP_FRAMES * self._ticks_per_frame:
             self.implausible += 1
             return

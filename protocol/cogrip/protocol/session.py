@@ -169,7 +169,7 @@ class ClientSession:
         return message if isinstance(message, Redirect) and message.nonce == self._asked.nonce else None
 
     def receive(self, datagram: bytes, now_ns: int) -> Frame | View | Observed | messages.SetHand | None:
-        """Take in a datagram; return a message for the coupling or the observer. What does not fit is dropped and counted."""
+        """Handle a datagram; return its message for coupling or observer. One that does not fit is dropped and counted."""
         try:
             message = messages.decode(datagram)
         except messages.MalformedError:
@@ -250,7 +250,7 @@ class ClientSession:
         return now_ns - self.fresh_ns > STALE_NS
 
     def poll(self, now_ns: int) -> None:
-        """Let time pass: repeat what is unanswered, give up after the longest silence. Call at least every tick."""
+        """Run the timers: repeat what is unanswered, end the session after the longest silence. Call at least every tick."""
         if self.state == "seated" and now_ns - self.last_received_ns < QUIET_NS:
             return
         if self.state == "connecting":

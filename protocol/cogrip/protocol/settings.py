@@ -216,7 +216,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         return kind_of(kind).fixed or (self.coupling.kind == "local" and kind == "scene")
 
     @property
-    def follows(self) -> bool:
+    def adapts_stiffness(self) -> bool:
         """True where the server adapts the spring to the measured loop (docs/decisions/0012-measured-delay.md)."""
         coupling = self.coupling
         return coupling.compensate and coupling.kind == "wave" and coupling.server_step == "passive"
@@ -245,7 +245,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         if self.coupling.kind != "wave" or not kind_of(self.object.kind).spring:
             return None
         rendered = self.rendered_npm
-        if self.follows:
+        if self.adapts_stiffness:
             rendered = felt.reachable_stiffness(self.coupling.stiffness_npm, self.line_compliance(loop_frames))
         return self.force_scale * felt.felt_stiffness(rendered, self.line_compliance(loop_frames + late_frames))
 

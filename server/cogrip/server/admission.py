@@ -1,5 +1,5 @@
-"""Admission: the answer to a hello. The loop around the core passes in the authenticator, which knows tokens and the date, and
-the source of random numbers.
+"""Admission: the answer to a hello. The loop around the core passes in `AdmissionServices`: the authenticator, which knows
+tokens and the date, and the source of random numbers.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ class Authenticator(Protocol):
         """Answer a hello that is new: called once for each."""
 
     def admitted(self, grant: Grant) -> None:
-        """Take note that a seat or observer slot was given by this grant: a one-time token is used up."""
+        """Record that a seat or observer slot was given by this grant, which uses up a one-time token."""
 
 
 class AdmitAll:
@@ -49,13 +49,13 @@ class AdmitAll:
 
 
 @dataclass(frozen=True, slots=True)
-class Outside:
-    """Everything that a server core has to ask for.
+class AdmissionServices:
+    """Authentication and random numbers that the loop passes into a server core, which has no access to files or the system.
 
     new_session    returns a random session number from 1 to 2^63 - 1
-    authenticator  admits hellos
-    new_ticket     returns a secret that resumes a session, "" where none is to be resumed
-    hash_ticket    returns what is kept of a ticket
+    authenticator  decides on hellos by token
+    new_ticket     returns a new session ticket, the secret that resumes a session; "" where sessions cannot be resumed
+    hash_ticket    returns the ticket hash, which is stored in place of the ticket
     """
 
     new_session: Callable[[], int]

@@ -16,12 +16,11 @@ cdef class ServerCore:
     cdef dict _handlers
     cdef long long _back_ns
 
-    @cython.locals(room=Room, seat=Seat, place=tuple)
+    @cython.locals(place=tuple)
     cpdef receive(self, bytes datagram, address, long long now_ns)
     @cython.locals(seat=Seat)
     cpdef tick(self, Room room, long long now_ns, long long frames=*)
     @cython.locals(seat=Seat)
     cdef _let_silent_go(self, Room room, long long now_ns)
     cdef _receive_from_seat(self, Room room, Seat seat, message, long long now_ns)
-    @cython.locals(framed=bint)
-    cdef _receive_frame(self, Room room, Seat seat, message, long long now_ns)
+    cdef _receive_frame(self, Seat seat, message, long long now_ns)

@@ -15,7 +15,7 @@ from cogrip.protocol.session import LOST_NS, QUIET_NS, foreign_version, nonce_of
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import clipped, shown
 from cogrip.server import inputs
-from cogrip.server.admission import Denied, Outside
+from cogrip.server.admission import AdmissionServices, Denied
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.events import ServerEvent
 from cogrip.server.joining import Joining
@@ -31,18 +31,18 @@ FROM_CLIENTS = (*FRAMES, Edges, Heartbeat, Leave, Mark, SetHand, Effects)
 
 
 class ServerCore:
-    """Routes datagrams, inputs and steps to rooms and their participants. `outbox`, `events` and `dropped` are of `outputs`."""
+    """Routes datagrams, inputs and steps to rooms and participants. `outbox`, `events` and `dropped` are those of `outputs`."""
 
     def __init__(
-        self, rooms: Sequence[Settings], software: str, outside: Outside, outputs: Outputs | None = None
+        self, rooms: Sequence[Settings], software: str, services: AdmissionServices, outputs: Outputs | None = None
     ) -> None:
         self.rooms = [Room(settings) for settings in rooms]
         self._table = table = SeatTable(self.rooms)
         self._out = out = outputs or Outputs()
         self.outbox, self.events, self.dropped = out.outbox, out.events, out.dropped
         self._drop = out.drop
-        self._joining = Joining(table, out, software, outside)
-        self._back_ns = -LOST_NS - 1  # the loop was away until then, and heard nobody
+        self._joining = Joining(table, out, software, services)
+        self._back_ns = -LOST_NS - 1  # the loop was late until then and read no datagrams: nobody counts as silent
         self._handlers: dict[type[inputs.ServerInput], Callable[[Any, int], int | None]] = {
             inputs.Stop: self._stop,
             inputs.SocketFailed: lambda given, _: out.drop(f"socket: {given.reason}"),
@@ -69,7 +69,7 @@ class ServerCore:
         return place is not None and (isinstance(place[1], Observer) or place[1].state == "seated")
 
     def listens_to(self, address: Address) -> bool:
-        """Return whether this address is bound: also to a seat that was just left, whose goodbye may be repeated."""
+        """Return whether this address is bound: to a session, or to a seat whose farewell may have to be repeated."""
         return self._table.at(address) is not None
 
     def roster(self) -> list[Place]:
@@ -78,11 +78,11 @@ class ServerCore:
 
     @property
     def woken(self) -> set[Room]:
-        """Rooms to which somebody came since the loop emptied this."""
+        """Rooms that somebody has joined since the loop last emptied this set."""
         return self._table.woken
 
     def idle(self, room: Room, steps: int) -> None:
-        """Step a deserted room, so often at once."""
+        """Count steps of a deserted room at once."""
         room.idle(steps)
 
     @property
@@ -91,7 +91,7 @@ class ServerCore:
         return any(seat.last is not None and seat.account is None for room in self.rooms for seat in room.seats)
 
     def checkpoint(self) -> list[RoomCheckpoint]:
-        """Return the state that a next server goes on from."""
+        """Return the states from which a restarted server continues."""
         return [room.checkpoint() for room in self.rooms]
 
     def handle(self, given: inputs.ServerInput, now_ns: int) -> int:
@@ -102,25 +102,20 @@ class ServerCore:
         return self._handlers[type(given)](given, now_ns) or 0
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> None:
-        """Take in one message. What does not belong is dropped and counted by name."""
+        """Handle one datagram. One that is unexpected is dropped and counted by name."""
         try:
             message = messages.decode(datagram)
         except messages.MalformedError:
             self._receive_malformed(datagram, address)
             return
         place = self._table.at(address)
-        if place is not None and type(place[1]) is Seat:
-            room, seat = place
-            if type(message) is room.frame and message.session == seat.session and seat.state == "seated":
-                self._receive_frame(room, seat, message, now_ns)  # nearly all: a short cut of what follows
-                return
-        if isinstance(message, Hello):
+        if type(message) is Hello:  # `isinstance` is slow for message types, and this is once a datagram
             self._joining.answer(message, len(datagram), address, now_ns)
         elif place is None:
             self._drop("not seated")
-        elif isinstance(place[1], Seat):
-            self._receive_from_seat(place[0], place[1], message, now_ns)
-        else:
+        elif type(seat := place[1]) is Seat:
+            self._receive_from_seat(place[0], seat, message, now_ns)
+        elif isinstance(place[1], Observer):
             self._receive_from_observer(place[0], place[1], message, now_ns)
 
     def _receive_malformed(self, datagram: bytes, address: Address) -> None:
@@ -133,13 +128,15 @@ class ServerCore:
             self._joining.refuse(nonce_of(datagram), address, Denied(*version_mismatch(version)))
 
     def _receive_from_seat(self, room: Room, seat: Seat, message: messages.AnyMessage, now_ns: int) -> None:
-        if not isinstance(message, FROM_CLIENTS):
+        if type(message) is room.frame and message.session == seat.session and seat.state == "seated":
+            self._receive_frame(seat, message, now_ns)  # nearly all messages: a short cut of the branches below
+        elif not isinstance(message, FROM_CLIENTS):
             self._drop("unexpected")
         elif message.session != seat.session:
             self._drop("other session")
         elif isinstance(message, Leave):
             self._leave(room, seat, message, now_ns)
-        elif seat.state != "seated":  # our farewell was lost
+        elif seat.state != "seated":  # the farewell to it was lost
             self._repeat_farewell(seat, now_ns)
         elif isinstance(message, Mark):
             self._receive_mark(room, seat, message)
@@ -149,19 +146,28 @@ class ServerCore:
             if seat.effects is None or not seat.effects.receive(message):
                 self._drop("unfit")
         else:
-            self._receive_frame(room, seat, message, now_ns)
+            self._receive_other(seat, message, now_ns)
 
-    def _receive_frame(self, room: Room, seat: Seat, message: Frame | Edges | Heartbeat, now_ns: int) -> None:
-        framed = type(message) is room.frame
+    def _receive_frame(self, seat: Seat, message: Frame, now_ns: int) -> None:
+        """Take in a frame of the room's scheme."""
         if not seat.read_stamp(message.stamp, now_ns):
             self._drop("implausible stamp")
-        if (framed or not isinstance(message, Heartbeat)) and not seat.receive(message, framed, now_ns):
-            self._drop("unfit")  # it keeps no seat: who can bring nothing in counts as silent
-            return
-        seat.last_received_ns = now_ns
+        if seat.receive(message, True, now_ns):
+            seat.last_received_ns = now_ns
+        else:
+            self._drop("unfit")  # does not refresh the time-out of the seat
+
+    def _receive_other(self, seat: Seat, message: Frame | Edges | Heartbeat, now_ns: int) -> None:
+        """Take in edges of buttons or a heartbeat; a frame of another scheme is unfit."""
+        if not seat.read_stamp(message.stamp, now_ns):
+            self._drop("implausible stamp")
+        if isinstance(message, Heartbeat) or seat.receive(message, False, now_ns):
+            seat.last_received_ns = now_ns
+        else:
+            self._drop("unfit")
 
     def _receive_from_observer(self, room: Room, observer: Observer, message: messages.AnyMessage, now_ns: int) -> None:
-        """Take in a heartbeat or a goodbye. Who sends more is kicked."""
+        """Handle a heartbeat or a leave. An observer that sends waves is kicked."""
         if isinstance(message, FROM_CLIENTS) and message.session != observer.session:
             self._drop("other session")
         elif isinstance(message, Heartbeat):
@@ -177,7 +183,7 @@ class ServerCore:
             self._drop("unexpected")
 
     def tick(self, room: Room, now_ns: int, frames: int = 1) -> None:
-        """Step one room; its messages go to the outbox. `frames` > 1 if the loop missed frames - 1 steps."""
+        """Step one room; its messages go to the outbox. frames: 1, and 1 more for each step that the loop missed."""
         if frames > 1 and frames * NS_PER_S >= QUIET_NS * room.settings.rates.network_hz:
             self._back_ns = now_ns
         if now_ns - self._back_ns > LOST_NS:
@@ -216,7 +222,7 @@ class ServerCore:
             self._out.report("lost", room, observer, "has been silent for too long")
 
     def _end_room(self, room: Room) -> None:
-        """Say goodbye to everybody who holds an object that is not stepped any more: no force is left."""
+        """End all seat sessions of a room whose world has failed, so that every force ramps out."""
         reason = f"the world has ended: {room.world.failed}"
         for seat in room.seats:
             if seat.state == "seated":
@@ -241,9 +247,9 @@ class ServerCore:
         self.events.append(ServerEvent("trigger", text))
 
     def _receive_mark(self, room: Room, seat: Seat, mark: Mark) -> None:
-        """Take in a person's marker, once: it is repeated until they are told of it."""
+        """Add a person's marker. The client repeats it until it receives it back; a repeat is answered, not added."""
         if known := room.markers.taken(seat.number, mark.number):
-            # none of those that were told may have come
+            # all copies that were sent to this client may have been lost
             self._out.send(replace(known, session=seat.session), seat.address)
             return
         found = room.markers.add(mark.text, room.steps, seat.number, mark.number)
@@ -253,7 +259,7 @@ class ServerCore:
             self._report_mark(room, found, seat)
 
     def _set_hand(self, given: inputs.SetHand, now_ns: int) -> int:
-        """Tell a change to everybody of the name who can have it, at once. Returns how many these are."""
+        """Send a change of hand settings to each seat of the user's name that can apply it. Return their number."""
         count = 0
         for room in self.rooms:
             for seat in room.seats if given.room in ("", room.name) else ():
@@ -268,7 +274,7 @@ class ServerCore:
         return count
 
     def _receive_report(self, room: Room, seat: Seat, message: SetHand) -> None:
-        """Take in what holds of a person's hand; it is repeated until it is acknowledged."""
+        """Handle a client's report of its hand settings, which it repeats until it is acknowledged."""
         if seat.hand.receive(message):
             if seat.hand.worth_a_line(room.steps):
                 self._out.report("hand", room, seat, f"holds: {seat.hand.holds.text}")
@@ -309,14 +315,14 @@ class ServerCore:
         return self._end(lambda _, who: bool(who.token) and who.token in given.tokens, "kicked: the token was revoked")
 
     def _expire(self, given: inputs.Expire, now_ns: int) -> None:
-        """Void tickets: the next hello is judged by its token. Sessions go on until they end by themselves."""
+        """Void the session tickets of expired tokens, so that the next hello needs a valid token. Sessions continue."""
         for room in self.rooms:
             for who in (*room.seats, *room.observer_slots.observers.values()):
                 if who.token in given.tokens:
                     who.void_ticket()
 
     def _end(self, chosen: Callable[[Room, Seat | Observer], bool], reason: str) -> int:
-        """End the chosen sessions, and let nobody resume them. Returns how many there were."""
+        """End the chosen sessions and void their tickets. Return how many there were."""
         count = 0
         for room in self.rooms:
             for seat in room.seats:
@@ -359,7 +365,7 @@ class ServerCore:
         self._say_farewell(room, seat, account, "goodbye")
 
     def _repeat_farewell(self, seat: Seat, now_ns: int) -> None:
-        """Send the last farewell again, not at every message that comes late."""
+        """Send the last farewell again, at most once in FAREWELL_EVERY_NS."""
         if seat.farewell and now_ns - seat.farewell_ns >= FAREWELL_EVERY_NS:
             seat.farewell_ns = now_ns
             self.outbox.append((seat.address, seat.farewell))

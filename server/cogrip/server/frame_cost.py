@@ -1,7 +1,7 @@
 """Time that a frame of a room takes on this machine: everybody holds on, and sends a frame without motion.
 
-It is the room's own world, ports and messages, encoded and decoded. Between two frames there is a pause, as there is live:
-what is cold costs (docs/decisions/0025-server-cost.md). Socket, encryption and recording are not in it.
+It is the room's own world, ports and messages, encoded and decoded. Between two frames there is a pause, as there is live, in
+which the processor caches lose its data (docs/decisions/0025-server-cost.md). Socket, encryption and recording are not in it.
 """
 
 from collections.abc import Callable

@@ -39,14 +39,14 @@ class HandChanges:
         return len(self._told) >= MOST_UNTOLD
 
     def add(self, change: HandChange) -> ToolFrame:
-        """Tell a change. Returns the frame that the tool will have."""
+        """Queue a change for the client. Return the hand frame that the tool will have."""
         self.number += 1
         self._told.append((self.number, change))
         self.wanted = change.frame(self.wanted)
         return self.wanted
 
     def receive(self, message: SetHand) -> bool:
-        """Take in a report. Returns whether it is new."""
+        """Receive a report. Return whether it is new."""
         if message.acknowledged > self.number or None in (message.hand.position_scale, message.hand.force_scale):
             return False
         self.taken = max(self.taken, message.acknowledged)

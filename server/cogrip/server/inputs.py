@@ -37,7 +37,7 @@ class Revoke(msgspec.Struct, frozen=True, tag_field="kind", tag="revoke"):
 
 
 class Expire(msgspec.Struct, frozen=True, tag_field="kind", tag="expire"):
-    """Let nobody resume what was taken with one of these tokens: their time is over. tokens: public ids, sorted."""
+    """Void the session tickets that were given for these tokens, which have expired. tokens: public ids, sorted."""
 
     tokens: tuple[str, ...]
 

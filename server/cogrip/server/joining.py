@@ -8,7 +8,7 @@ from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Role, Welcome
 from cogrip.protocol.session import refusal, version_mismatch
 from cogrip.protocol.texts import shown
-from cogrip.server.admission import Denied, Grant, Outside
+from cogrip.server.admission import AdmissionServices, Denied, Grant
 from cogrip.server.events import ServerEvent
 from cogrip.server.outputs import Outputs
 from cogrip.server.participants import Observer, Seat
@@ -20,11 +20,11 @@ from cogrip.server.seat_limits import record_of
 class Joining:
     """Admission to the rooms of one server core. Parameters: see `ServerCore`."""
 
-    def __init__(self, table: SeatTable, outputs: Outputs, software: str, outside: Outside) -> None:
+    def __init__(self, table: SeatTable, outputs: Outputs, software: str, services: AdmissionServices) -> None:
         self._table = table
         self._out = outputs
         self._software = software
-        self._outside = outside
+        self._services = services
 
     def refuse(self, nonce: int, address: Address, denied: Denied) -> None:
         """Send a refusal, and report it."""
@@ -43,7 +43,7 @@ class Joining:
         elif hello.version != PROTOCOL_VERSION:
             self.refuse(hello.nonce, address, Denied(*version_mismatch(hello.version)))
         elif not (hello.ticket and self._resumed(hello, address, now_ns)):
-            grant = self._outside.authenticator.admit(hello)
+            grant = self._services.authenticator.admit(hello)
             if isinstance(grant, Denied):
                 self.refuse(hello.nonce, address, grant)
             elif grant.role == "observer" or hello.role == "observer":
@@ -77,7 +77,7 @@ class Joining:
 
     def _resumed(self, hello: Hello, address: Address, now_ns: int) -> bool:
         """Resume the session of a ticket, from this address on; False where the ticket is of none."""
-        place = self._table.by_ticket(self._outside.hash_ticket(hello.ticket))
+        place = self._table.by_ticket(self._services.hash_ticket(hello.ticket))
         if place is None:
             return False
         room, who = place
@@ -100,7 +100,7 @@ class Joining:
             self.refuse(hello.nonce, address, denied)
             return True
         else:
-            room.take_seat(who.number, self._outside.new_session(), hello.nonce, now_ns, record_of(hello), who.hand)
+            room.take_seat(who.number, self._services.new_session(), hello.nonce, now_ns, record_of(hello), who.hand)
         who.nonce, who.ticket, who.asked_ns = hello.nonce, hello.ticket, now_ns
         self._table.bind(room, who, address)
         self._out.report("resumed", room, who, f"resumed from {place_text(address)}", address)
@@ -116,7 +116,7 @@ class Joining:
         if denied := self._too_many_seats(room, grant.token):
             self.refuse(hello.nonce, address, denied)
             return
-        room.take_seat(seat.number, self._outside.new_session(), hello.nonce, now_ns, record_of(hello))
+        room.take_seat(seat.number, self._services.new_session(), hello.nonce, now_ns, record_of(hello))
         room.markers.begin(seat.number)
         words = f"joined from {place_text(address)} with {shown(hello.device)}"
         self._admit("joined", room, seat, grant, address, words)
@@ -134,16 +134,16 @@ class Joining:
         if isinstance(room, Denied):
             self.refuse(hello.nonce, address, room)
             return
-        observer = room.observer_slots.enter(self._outside.new_session(), hello.nonce, now_ns)
+        observer = room.observer_slots.enter(self._services.new_session(), hello.nonce, now_ns)
         self._admit("observes", room, observer, grant, address, f"observes from {place_text(address)}")
 
     def _admit(
         self, event: str, room: Room, who: Seat | Observer, grant: Grant, address: Address, words: str
     ) -> None:  # fmt: skip
         self._table.bind(room, who, address)
-        who.ticket, who.token = self._outside.new_ticket(), grant.token
-        who.ticket_hash = self._outside.hash_ticket(who.ticket)
-        self._outside.authenticator.admitted(grant)
+        who.ticket, who.token = self._services.new_ticket(), grant.token
+        who.ticket_hash = self._services.hash_ticket(who.ticket)
+        self._services.authenticator.admitted(grant)
         self._out.report(event, room, who, words, address)
         self._welcome(room, who)
 

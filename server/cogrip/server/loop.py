@@ -25,7 +25,7 @@ from cogrip.protocol.session import SECONDS_OVER
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server import inputs
-from cogrip.server.admission import AdmitAll, Authenticator, Outside
+from cogrip.server.admission import AdmissionServices, AdmitAll, Authenticator
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.io.call_limit import call_limit
 from cogrip.server.io.datagram_path import DatagramPath
@@ -74,6 +74,7 @@ class LiveServer:
     _start_ns: int = field(init=False, default=0)
     _overran: int = field(init=False, default=0)
     _path: DatagramPath = field(init=False)
+    _most_early_ns: int = field(init=False, default=0)
     _event_budget: Buckets = field(init=False, default_factory=lambda: Buckets(len(UNAUTHENTICATED_EVENTS), REPORTED))
     _withheld: Counter[str] = field(init=False, default_factory=Counter)
 
@@ -86,19 +87,20 @@ class LiveServer:
     def serve_at(self, port: DatagramPort) -> None:
         """Serve at a port that is open already. Raises what `open_channel` raises, the port being closed then."""
         self._port = port
-        outside = Outside(
+        services = AdmissionServices(
             lambda: secrets.randbelow(2**63 - 1) + 1, self.authenticator, lambda: secrets.token_urlsafe(16), ticket_hash
         )
-        self.core = RecordedServer(self.rooms, VERSION, outside)
+        self.core = RecordedServer(self.rooms, VERSION, services)
         for room in self.core.rooms:
             if isinstance(room.world, GuardedWorld):
-                room.world.limited = call_limit
+                room.world.time_limit = call_limit
         try:
             self.channel = self.open_channel(self.core)
         except BaseException:  # there is no usable key
             self.close()
             raise
         half_frame_ns = min(500_000_000 // room.rates.network_hz for room in self.rooms)
+        self._most_early_ns = 2 * half_frame_ns // EARLY_PART
         self._path = DatagramPath(port, self.channel, self.core, half_frame_ns)
 
     def close(self) -> None:
@@ -183,15 +185,7 @@ class LiveServer:
             if end_ns is not None and clock() >= end_ns:
                 self.stop.reason = f"stopped ({SECONDS_OVER})"
             due_ns = min([pacers[room.name].next_due_ns for room in awake], default=now_ns + quiet_ns)
-            remaining_ns = due_ns - SPIN_NS - min(early_ns, quiet_ns // EARLY_PART) - clock()
-            if remaining_ns > 0:
-                time.sleep(remaining_ns * 1e-9)
-            early_ns = 0
-            if (woken_ns := clock()) < due_ns:  # takes in what is there ahead of the step: it has less to do, and its data at hand
-                path.drain(woken_ns, 0, due_ns)
-                early_ns = clock() - woken_ns
-            while (now_ns := clock()) < due_ns:
-                pass
+            now_ns, early_ns = self._wait(due_ns, early_ns)
             ticks = {room.name: pacers[room.name].take(now_ns) for room in awake}
             path.drain(now_ns, now_ns - due_ns)
             sent_ns = now_ns
@@ -224,6 +218,24 @@ class LiveServer:
             path.flush()
             for chore in self.chores:
                 chore(now_ns)
+
+    def _wait(self, due_ns: int, early_ns: int) -> tuple[int, int]:
+        """Wait for the step that is due. Returns now, and how long datagrams were received ahead of it.
+
+        What has come is taken in while the step is waited for: it has less to do then, and its code and data at hand.
+        early_ns: how long that took ahead of the step before, by which it is begun earlier.
+        """
+        clock, ahead_ns = time.monotonic_ns, SPIN_NS + min(early_ns, self._most_early_ns)
+        remaining_ns = due_ns - ahead_ns - clock()
+        if remaining_ns > 0:
+            time.sleep(remaining_ns * 1e-9)
+        early_ns = 0
+        if (woken_ns := clock()) < due_ns:
+            self._path.drain(woken_ns, 0, due_ns)
+            early_ns = clock() - woken_ns
+        while (now_ns := clock()) < due_ns:
+            pass
+        return now_ns, early_ns
 
     def _step_deserted(self, asleep: "deque[tuple[int, Room]]", last: dict[str, int], now_ns: int) -> None:
         """Step rooms where nobody is, each now and then by all the ticks that were due, a few at a time."""

@@ -49,7 +49,7 @@ class Participant:
         self.clock = Clock()
 
     def void_ticket(self) -> None:
-        """Let nobody resume this session."""
+        """Void the session ticket, so that nobody can resume the session."""
         self.ticket_hash = ""
 
 
@@ -106,7 +106,7 @@ class Seat(Participant):
         return not stamp.echo_ns
 
     def receive(self, message: Frame | Edges, framed: bool, now_ns: int) -> bool:
-        """Take in a frame, or edges of buttons; False for what cannot be of this seat. framed: it is a frame of the scheme."""
+        """Receive a frame (`framed`) or button edges. Return False for a message that cannot be of this seat."""
         port, handle = self.port, message.handle
         if port is None or not (port.receive(message, now_ns) if framed else type(message) is Edges):
             return False
@@ -134,7 +134,7 @@ class Seat(Participant):
         )
 
     def restore(self, before: SeatCheckpoint) -> None:
-        """Let the holder of the ticket resume the session that was saved."""
+        """Restore the session of a checkpoint, which the holder of its ticket can resume."""
         self.session, self.nonce, self.ticket_hash = before.session, before.nonce, before.ticket
         self.token, self.record = before.token, before.record
         if before.tool is not None:

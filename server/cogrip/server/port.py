@@ -51,7 +51,7 @@ class Port:
         self.handle = EdgeReceiver()
 
     def receive(self, message: Any, now_ns: int) -> bool:
-        """Take in a frame, of the scheme's message type, that came now; False for one that cannot be of this line."""
+        """Receive a frame, of the scheme's message type, that came now. Return False for one that cannot be of this line."""
         raise NotImplementedError
 
     def set_limits(self, limits: SeatLimits) -> None:

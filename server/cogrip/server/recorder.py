@@ -20,7 +20,7 @@ from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, Sink, encode, topics
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import Settings
-from cogrip.server.admission import Authenticator, Denied, Grant, Outside
+from cogrip.server.admission import AdmissionServices, Authenticator, Denied, Grant
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent
 from cogrip.server.inputs import CloseLedger, Idle, ServerInput
@@ -60,12 +60,12 @@ class RecordedServer(ServerCore):
     now_ns  time of the input that is being handled, given to all that comes of it
     """
 
-    def __init__(self, rooms: Sequence[Settings], software: str, outside: Outside) -> None:
+    def __init__(self, rooms: Sequence[Settings], software: str, services: AdmissionServices) -> None:
         self._recorder, self.now_ns = CoreRecorder(), 0
-        self._hash_ticket = outside.hash_ticket
+        self._hash_ticket = services.hash_ticket
         self._sent = ObservedQueue(self._put_sent)
         outputs = Outputs(self._sent, ObservedQueue(self._put_event))
-        super().__init__(rooms, software, self._recorded(outside), outputs)
+        super().__init__(rooms, software, self._recorded(services), outputs)
         digests = {room.name: digest for room in self.rooms if (digest := room.world.coordinates()[0])}
         self.start = start_text(rooms, software, digests)
         self.timing = {room.name: (0, 0, 0) for room in self.rooms}
@@ -88,21 +88,21 @@ class RecordedServer(ServerCore):
         """Write one record at `now_ns`."""
         self._recorder.put(topic, self.now_ns, record)
 
-    def _recorded(self, outside: Outside) -> Outside:
+    def _recorded(self, services: AdmissionServices) -> AdmissionServices:
         """Return the same, with every answer recorded."""
 
         def new_session() -> int:
-            session = outside.new_session()
+            session = services.new_session()
             self.put(ANSWER, Answer(session=session))
             return session
 
         def new_ticket() -> str:
-            ticket = outside.new_ticket()
-            self.put(ANSWER, Answer(ticket=outside.hash_ticket(ticket)))
+            ticket = services.new_ticket()
+            self.put(ANSWER, Answer(ticket=services.hash_ticket(ticket)))
             return ticket
 
-        authenticator = RecordedAuthenticator(outside.authenticator, self)
-        return Outside(new_session, authenticator, new_ticket, outside.hash_ticket)
+        authenticator = RecordedAuthenticator(services.authenticator, self)
+        return AdmissionServices(new_session, authenticator, new_ticket, services.hash_ticket)
 
     def count_ticks(self, room: Room, count: Callable[[], TickCount]) -> None:
         """Set the source of a room's tick count: the loop that steps it."""

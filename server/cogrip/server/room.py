@@ -77,7 +77,9 @@ class Room:
         """
         seat = self.seats[number]
         seat.step("hello")
-        rested_s = max(0, now_ns - seat.last_received_ns) * 1e-9  # a new session finds no fuller bucket
+        rested_s = (
+            max(0, now_ns - seat.last_received_ns) * 1e-9
+        )  # a new session continues the power limiter's token bucket
         power_left = min(1.0, seat.power_left + rested_s / BURST_S)
         seat.begin(session, nonce, now_ns)
         seat.farewell, seat.rtt_ns = b"", None
@@ -87,9 +89,9 @@ class Room:
         seat.port = port = self._scheme.make_port(seat.settings, seat.limits, power_left)
         port.credit_left = seat.credit_left  # all seat sessions together lend one credit
         seat.adapter = None
-        if port.loops is not None and self.world.can_follow:
+        if port.loops is not None and self.world.can_adapt_stiffness:
             seat.adapter = StiffnessAdapter(seat.settings, port.loops)
-            self.world.aim(number, seat.settings.rendered_npm)
+            self.world.set_target_stiffness(number, seat.settings.rendered_npm)
         seat.on_object, seat.effects = False, None
         seat.line_margin_j = 0.0
         seat.line_reserve = EnergyReserve(self.settings.rates.network_hz)
@@ -98,14 +100,14 @@ class Room:
         self.world.start_ledger(number)
 
     def resume_seat(self, number: int, now_ns: int) -> None:
-        """Go on with a seat session from another address."""
+        """Resume a seat session from another address."""
         seat = self.seats[number]
         seat.step("resume")
         seat.last_received_ns, seat.clock = now_ns, Clock()
         self._tell_geometry(number)
 
     def _tell_geometry(self, number: int) -> None:
-        """Tell a player from the first on with which shapes its client is to render contact."""
+        """Begin to send a player the shapes with which its client renders contact."""
         shapes = self.world.local_shapes(number)
         self.seats[number].geometry = ToldGeometry(shapes, self.settings.rates.network_hz) if shapes else None
 
@@ -139,7 +141,7 @@ class Room:
     def set_hand(self, number: int, change: HandChange) -> None:
         """Tell a seat's client a change of its hand's settings.
 
-        The seat may bring in what any of the frames that it was given lets it: waves of the one before are still on their way.
+        The limits become those of the old and the new settings together, as waves of the old ones are still on their way.
         """
         seat = self.seats[number]
         frame = seat.hand.add(change)
@@ -161,7 +163,7 @@ class Room:
         return self.seats[number].reserved_ns(now_ns)
 
     def checkpoint(self) -> RoomCheckpoint:
-        """Return the state that a next server goes on from."""
+        """Return the state from which a restarted server continues."""
         seats = tuple([seat.checkpoint() for seat in self.seats])
         here = tuple(self.world.position.tolist())
         placed, progress = self.world.coordinates(), self.world.progress()
@@ -208,23 +210,23 @@ class Room:
         return found
 
     def idle(self, steps: int) -> None:
-        """Step a deserted room: the object is put down, where people can find it, and stays."""
-        self.world.rest()
+        """Count steps of a deserted room: the object rests, in the workspace's middle if it had left it."""
+        self.world.bring_to_rest()
         if self.world.left_workspace:
             self.world.position = np.zeros(self.world.axes)
         self.steps += steps
 
     def tick(self, now_ns: int, frames: int = 1) -> list[tuple[Address, bytes]]:
-        """Step the object; `frames` > 1 if the loop missed frames - 1 steps (the object stood still for them).
+        """Step the object once; frames: 1, and 1 more for each step that the loop missed, in which the object stood still.
 
-        Returns (address, datagram) for everybody.
+        Return (address, datagram) of each seat and observer.
         """
         if self.is_deserted():
             self.idle(1)
             return []
         world = self.world
         answers = self._advance(self._pop(frames, now_ns))
-        state, work = world.motion(), world.worked()
+        state, work = world.motion(), world.port_work_j()
         self.effects.follow(self.steps)
         out: list[tuple[Address, bytes]] = []
         for number in range(len(self.seats)):
@@ -249,11 +251,11 @@ class Room:
         return out
 
     def _advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
-        """Step the object; one that nobody can reach is put back. Returns the answer to each seat."""
+        """Step the world; put an object back that nobody can reach. Return the row to send to each seat."""
         world, places = self.world, self._places
         before = world.motion()[:places]
         if not self.anybody_holds():
-            world.rest()  # an object that nobody holds is put down
+            world.bring_to_rest()  # an object that nobody holds is put down
         answers: Sequence[Sequence[float]] = ()
         failed = False
         try:
@@ -271,7 +273,7 @@ class Room:
         return answers
 
     def _answer(self, seat: Seat, answer: Row, work_j: float, state: Row, frames: int, now_ns: int) -> Frame:
-        """Send the answer of the step by a seat's line, balance its ledger, and return the message."""
+        """Push a step's answer into a seat's line, update its energy reserve and margin, and return the message."""
         port, axes = seat.port, self._axes
         assert port is not None
         port.push(answer if port.axes == axes else answer[: port.axes])
@@ -292,14 +294,14 @@ class Room:
         return settled if not own else own if not settled else (*settled, *own)
 
     def _told_of(self, seat: Seat) -> bool:
-        """Return whether there are effects that a person is told of, or was."""
+        """Return whether a person's client has been sent effects, or is to be."""
         return seat.effects is not None or bool(self._effects_of(seat.number))
 
     def _told_effects(self) -> ToldEffects:
         return ToldEffects(self.settings.rates.network_hz, self.world.axes, self.settings.effect_tank_mj)
 
     def _show_effects(self) -> list[tuple[Address, bytes]]:
-        """Return what observers are told of everybody's effects, in turn: they answer nothing."""
+        """Return the messages to observers about everybody's effects, in turn, as observers acknowledge nothing."""
         if not any(seat.effects for seat in self.seats):
             return []
         shown = self._shown_effects = self._shown_effects or self._told_effects()
@@ -312,7 +314,7 @@ class Room:
         return [(who.address, messages.encode(replace(message, session=who.session))) for who in observers]
 
     def _tell_effects(self, seat: Seat) -> list[tuple[Address, bytes]]:
-        """Return what a person is told of the effects to render."""
+        """Return the message to a person's client about the effects that it is to render."""
         given, told = self._effects_of(seat.number), seat.effects
         if told is None:
             if not given:
@@ -332,7 +334,7 @@ class Room:
         return [(who.address, messages.encode(replace(mark, session=who.session))) for mark in marks for who in people]
 
     def _pop(self, frames: int, now_ns: int) -> list[Row]:
-        """Return the row of each seat. A seat whose first frame is there takes hold of the object; springs get their aim."""
+        """Return the row of each seat. A seat whose first frame has come joins the world, which gets what clients reported."""
         world = self.world
         next_step_ns = now_ns + self._frame_ns
         rows = []
@@ -354,29 +356,29 @@ class Room:
             row = port.pop(missed)
             rows.append(row if port.axes == self._axes else row + self._idle_row[port.axes :])
             if port.proxy is not None and port.hand is not None:
-                world.report(number, port.hand, port.proxy)
+                world.set_reported_positions(number, port.hand, port.proxy)
             if port.impedance_nspm is not None:
                 world.set_impedance(number, port.impedance_nspm)
             if port.turned is not None:
-                world.hand_turned(number, *port.turned)
+                world.set_reported_rotation(number, *port.turned)
             self._give_handle(number, port.handle)
             if seat.adapter is not None:
-                aim = seat.adapter.update()
-                if aim is not None:
-                    world.aim(number, aim)
+                target_npm = seat.adapter.update()
+                if target_npm is not None:
+                    world.set_target_stiffness(number, target_npm)
         return rows
 
     def _give_handle(self, number: int, handle: EdgeReceiver) -> None:
-        """Give the world what has come of a person's buttons, orientation and grip."""
+        """Pass a person's button edges, orientation and grip to the world."""
         for edge in handle.pop():
             self.world.button(number, abs(edge), edge > 0)
         if handle.orientation is not None or handle.grip_m is not None:
             self.world.handle(number, handle.orientation, handle.grip_m)
 
     def _put_back(self) -> list[Row]:
-        """Put the object at rest in the middle, where everybody takes hold of it anew with the hand where it is.
+        """Put the object at rest in the middle, and let everybody join anew with the hand where it is.
 
-        What springs and motion held is lost, so that no energy is made. Returns the answers to this step.
+        The energy of springs and motion is discarded, so none is created. Return the answers to this step.
         """
         self.put_back += 1
         return put_back(self.world, self.seats, self._idle_row)

@@ -21,7 +21,7 @@ from cogrip.server.wave_port import WavePort
 from cogrip.server.worlds.lagged import CoupledWorld, PaperWorld
 from cogrip.server.worlds.local_faces import LocalFacesWorld
 from cogrip.server.worlds.power import PowerWorld
-from cogrip.server.worlds.registry import make_foreign, world_of
+from cogrip.server.worlds.registry import make_guarded, world_class_of
 from cogrip.server.worlds.small_room import MOST, SmallGripWorld
 from cogrip.server.worlds.world import World
 
@@ -38,7 +38,7 @@ def make_wave_world(seats: Sequence[SeatSettings]) -> World:
         return PaperWorld(seats)
     if first.object.kind == "cube" and len(seats) * first.object.axes <= MOST:
         return SmallGripWorld(seats)
-    return world_of(first.object.kind).make(seats)
+    return world_class_of(first.object.kind).make(seats)
 
 
 class Scheme(NamedTuple):
@@ -92,4 +92,4 @@ def make_room_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:
     kind = settings.object.kind
     if kind == "scene":
         return make_scene_world(settings, seats)
-    return make_world(seats) if kind in KINDS else make_foreign(kind, seats)
+    return make_world(seats) if kind in KINDS else make_guarded(kind, seats)

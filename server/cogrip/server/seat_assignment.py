@@ -34,7 +34,7 @@ class SeatTable:
         return list(self._places)
 
     def bind(self, room: Room, who: Seat | Observer, address: Address) -> None:
-        """Let a participant speak from this address from now on."""
+        """Bind a participant to this address."""
         self.unbind(who)
         self.release(address)
         self._places[address] = room, who

@@ -1,8 +1,8 @@
 """Bounds of what a seat may bring in: a hostile player can be unpleasant, never dangerous.
 
     waves     |u| <= (b V + F) / sqrt(2b), with peak force F and speed V of the device record that was claimed; where that
-              has no bound, [admission]'s, or REMOTE's; where a hand turns also (b_r V_r + M) / sqrt(2 b_r), where it drives a
-              gripper also (b_g V + F) / sqrt(2 b_g)
+              has no bound, [admission]'s, or REMOTE's; where a hand turns also (b_r V_r + M) / sqrt(2 b_r), with peak torque M
+              and angular speed V_r, where it drives a gripper also (b_g V + F) / sqrt(2 b_g), of the gripper
     power     into the object on average over BURST_S; what the settings say (by default a hand's), or the device's own F V
     states    (virtual coupling, time-domain passivity) speed V, and no farther in one frame than V lets a hand go
     energy    (time-domain passivity) that power as well, whatever energy the client says it has sent
@@ -61,10 +61,10 @@ class SeatLimits(msgspec.Struct, frozen=True):
         """Return the looser bound of both."""
         return SeatLimits(*map(max, msgspec.structs.astuple(self), msgspec.structs.astuple(other)))
 
-    def square_of(self, impedance_nspm: float, behind: float) -> float:
-        """Return the largest |u|^2 of all axes [W]. behind: impedance of those behind the places."""
+    def square_of(self, impedance_nspm: float, further_impedance: float) -> float:
+        """Return the largest |u|^2 of all axes [W]. further_impedance: b_r [N m s] or b_g [N s/m]."""
         largest = wave_of(impedance_nspm, self.speed_mps, self.force_n)
-        other = wave_of(behind, self.speed_radps, self.torque_nm)
+        other = wave_of(further_impedance, self.speed_radps, self.torque_nm)
         return largest * largest + other * other
 
 
@@ -149,11 +149,16 @@ class WaveLimiter(PowerBucket):
     """
 
     def __init__(
-        self, impedance_nspm: float, frame_s: float, limits: SeatLimits, power_left: float = 1.0, behind: float = 1.0
+        self,
+        impedance_nspm: float,
+        frame_s: float,
+        limits: SeatLimits,
+        power_left: float = 1.0,
+        further_impedance: float = 1.0,
     ) -> None:
         super().__init__(frame_s, limits, power_left)
         self._limits = limits
-        self._ratio = behind / impedance_nspm  # b_r / b, or b_g / b, which stays
+        self._ratio = further_impedance / impedance_nspm  # b_r / b, or b_g / b, which stays
         self.set_impedance(impedance_nspm)
         self._half_frame_s = 0.5 * frame_s
         self._brought = 0.0  # |u|^2 of this step

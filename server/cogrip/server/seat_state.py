@@ -31,11 +31,11 @@ def place_again(world: World, seats: Sequence[Seat], checkpoint: RoomCheckpoint)
     try:
         if checkpoint.progress:
             check_saved(checkpoint.progress, len(world.progress()))
-        world.place(checkpoint.position_m, checkpoint.scene, checkpoint.coordinates)
+        world.restore_coordinates(checkpoint.position_m, checkpoint.scene, checkpoint.coordinates)
     except WorldError as error:
         raise CheckpointError(str(error)) from None
     if checkpoint.progress:
-        world.go_on(checkpoint.progress)
+        world.restore_progress(checkpoint.progress)
 
 
 def put_back(world: World, seats: Sequence[Seat], idle_row: Row) -> list[Row]:
@@ -45,7 +45,7 @@ def put_back(world: World, seats: Sequence[Seat], idle_row: Row) -> list[Row]:
         if seat.on_object:
             world.leave(number)
     world.position = np.zeros(world.axes)
-    world.rest()
+    world.bring_to_rest()
     for number, seat in enumerate(seats):
         port = seat.port
         if seat.on_object and port is not None and port.hand is not None:

@@ -12,7 +12,7 @@ M = TypeVar("M", State, Power)
 
 
 class LatestStatePort(Port, Generic[M]):
-    """Takes in states that a hand can have, and keeps the newest."""
+    """Receives the states of a client, keeps the newest, and drops those that no hand can have."""
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits) -> None:
         super().__init__(seat)
@@ -29,7 +29,7 @@ class LatestStatePort(Port, Generic[M]):
         return message.position_m
 
     def _accept(self, message: M) -> bool:
-        """Take in a state; an implausible one is counted and left out. False where it cannot be of this line."""
+        """Receive a state; an implausible one is counted and not used. Return False for one that cannot be of this line."""
         if not self._states.fits(message):
             return True
         before = self._receiver.newest

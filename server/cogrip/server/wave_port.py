@@ -17,9 +17,9 @@ from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 
 T = TypeVar("T")
 
-MOST_KEPT = 512  # frames of which more than the wave is kept until they are popped
-FEW_KEPT = 16  # among which frames that were passed over are not looked for
-SLACK_NS = 2  # by which times that are due together may differ, each rounded
+MOST_KEPT = 512  # frames whose metadata are kept until the frame is popped
+FEW_KEPT = 16  # up to which entries of frames that were skipped are not deleted
+SLACK_NS = 2  # difference by rounding of two times that are due together
 MOST_M = 1e3  # from the middle of a person's own frame
 
 
@@ -38,15 +38,17 @@ class WavePort(Port):
         self._neutral = (0.0,) * axes
         self._sender = LineSender(axes, playout.redundancy)
         coupling = seat.coupling
-        self._limiter = WaveLimiter(coupling.impedance_nspm, frame_s, limits, power_left, coupling.behind)
+        self._limiter = WaveLimiter(coupling.impedance_nspm, frame_s, limits, power_left, coupling.further_impedance)
         self._impedances = ImpedanceChanges(coupling.impedance_nspm) if seat.line.auto_impedance else None
-        self._since = 0  # number of the first returning frame with the impedance of now
+        self._since = 0  # number of the first returning frame with the present impedance
         self._port_j: float | None = None
         self._sent_j = 0.0  # energy of the forward waves at their sender, as last reported
         self._made_j = CompensatedSum()
-        self.loops = LoopMeter(seat.rates.network_hz, seat.rates.ticks_per_frame) if seat.follows else None
-        self._applied: dict[int, int] = {}  # by frame that is not popped yet: ticks for which its wave had been applied
-        self._poses: dict[int, Turned] = {}  # of the hand after frames that are not popped yet
+        self.loops = LoopMeter(seat.rates.network_hz, seat.rates.ticks_per_frame) if seat.adapts_stiffness else None
+        self._applied: dict[
+            int, int
+        ] = {}  # by frame number, until popped: ticks for which the client had applied the acknowledged wave
+        self._poses: dict[int, Turned] = {}  # by frame number, until popped: pose of the hand at the end of the frame
 
     def receive(self, message: Waves, now_ns: int) -> bool:
         axes = self.axes
@@ -112,7 +114,7 @@ class WavePort(Port):
             self.up_reserve.update(margin)
             if self.up_margin_j is None or margin < self.up_margin_j:
                 self.up_margin_j = margin
-            if acknowledged:  # from a returning frame to the step that learns it was felt
+            if acknowledged:  # frames from a returning frame to the step that receives its acknowledgement
                 behind = self._sender.next_number + frames - acknowledged
                 self.behind = max(0, behind)
                 if self.loops is not None and applied is not None:
@@ -122,7 +124,7 @@ class WavePort(Port):
         return self._limiter.limit(wave)
 
     def _set_impedance(self, impedance_nspm: float) -> None:
-        """Have this impedance from the row that is popped on, and from its answer on."""
+        """Set the impedance from the popped row on, and of the answers from its answer on."""
         if impedance_nspm != self.impedance_nspm:
             self.impedance_nspm = impedance_nspm
             self._since = self._sender.next_number
@@ -166,7 +168,7 @@ class WavePort(Port):
         self._sender.push(row)
         self._receiver.answer = row
         self._limiter.book(row)
-        square = 0.0  # of all axes first, as the receiver adds them: else rounding alone would make a margin
+        square = 0.0  # summed over the axes in the receiver's order, so that rounding makes no margin
         for value in row:
             square += value * value
         self._made_j.add(square * self._half_frame_s)
@@ -196,5 +198,5 @@ def within(most: float, numbers: Row) -> bool:
 
 
 def later_than(number: int, kept: dict[int, T]) -> dict[int, T]:
-    """Return what is kept of frames after this one."""
+    """Return the entries of frames after this one."""
     return {each: value for each, value in kept.items() if each > number}

@@ -74,7 +74,7 @@ def wrong(job: Job, result: Result) -> str:
         margin_mj = found["margin_mj"]
         if margin_mj is None:
             return "not passive: no finite margin was kept"
-        if not found["passive"] or margin_mj < NOTHING_MJ - 1e3 * _tank_j(job):
+        if not found["passive"] or margin_mj < NOTHING_MJ - 1e3 * _credit_j(job):
             return f"not passive: margin {margin_mj:.3g} mJ"
         if found.get("faults"):
             return f"{found['faults']} in a fault"
@@ -87,7 +87,7 @@ def wrong(job: Job, result: Result) -> str:
     return ""
 
 
-def _tank_j(job: Job) -> float:
+def _credit_j(job: Job) -> float:
     return job.settings().playout.tank_mj * 1e-3
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from cogrip.protocol.messages import Stamp
 from cogrip.protocol.session import ClientSession, make_hello
 from cogrip.protocol.settings import seat_settings
-from cogrip.server.admission import Outside
+from cogrip.server.admission import AdmissionServices
 from cogrip.server.core import ServerCore
 
 from tests.bench.loads.people import PEAK_N, SPEED_MPS, Swing, room_name
@@ -35,7 +35,7 @@ def spent(people: int, per_room: int, axes: int, frames: int, pace: str) -> Spen
     """Return what `frames` of so many people take. pace: "none" back to back, "sleep" at 128 Hz, "spin" awake in between."""
     settings = settings_of(Job("unencrypted", people, per_room, axes))
     numbers = itertools.count(1)
-    core = ServerCore(settings, "bench", Outside(lambda: next(numbers)))
+    core = ServerCore(settings, "bench", AdmissionServices(lambda: next(numbers)))
     sessions = [_join(core, number, per_room, axes) for number in range(people)]
     total = SETTLE_FRAMES + frames
     lines = [Swing(seat_settings(settings[0], 0), 0.5 * math.pi * each) for each in range(4)]

@@ -46,7 +46,7 @@ class LiveScene:
         """welcome: settings of an observer's welcome."""
         self._settings = welcome
         self._frame_s = welcome.rates.frame_s
-        self._tank_j = welcome.playout.tank_mj * 1e-3
+        self._credit_j = welcome.playout.tank_mj * 1e-3
         self._first: int | None = None
         self._path: deque[tuple[int, Vector]] = deque(maxlen=KEPT_STEPS)
         self._counts: dict[int, deque[tuple[float, int, int]]] = {}
@@ -142,7 +142,7 @@ class LiveScene:
         if person is None:  # an older server, or the message is on its way
             return PersonFrame(seat, "live", flags, 0, proxy, proxy, force, self._path[-1][1])
         margins = {"up_margin_j": person.up_margin_j, "line_margin_j": person.line_margin_j}
-        if any(margin is not None and margin < least_margin(key, self._tank_j) for key, margin in margins.items()):
+        if any(margin is not None and margin < least_margin(key, self._credit_j) for key, margin in margins.items()):
             flags |= frames.NOT_PASSIVE
         if person.hand_m:
             flags |= frames.HAND_KNOWN

@@ -234,7 +234,7 @@ class RecordedView:
         bodies: dict[int, tuple[Pose, ...]],
     ) -> Iterator[Frame]:  # fmt: skip
         times_s = [time_s for time_s, _ in steps]
-        tank_j = self._settings.playout.tank_mj * 1e-3 if self._settings else 0.0
+        credit_j = self._settings.playout.tank_mj * 1e-3 if self._settings else 0.0
         unknown = (UNKNOWN_POSE,) * len(self._first_poses)
         for time_s, step in steps:
             if time_s < from_s or step.step % self._every:
@@ -245,7 +245,7 @@ class RecordedView:
                 now = step.seats[seat] if seat < len(step.seats) else None
                 earlier = before.seats[seat] if seat < len(before.seats) else None
                 lost = (now.lost - earlier.lost, time_s - before_s) if now and earlier else None
-                people.append(self._person(seat, now, time_s, clients.get(name), lost, tank_j))
+                people.append(self._person(seat, now, time_s, clients.get(name), lost, credit_j))
             poses = bodies.get(step.step, unknown)
             yield self._frame(step.step, time_s, _vector(step.object_m), _vector(step.object_mps), people, poses)
 
@@ -274,7 +274,7 @@ class RecordedView:
 
     def _person(
         self, seat: int, step: SeatStep | None, time_s: float, ticks: _Ticks | None, lost_up: tuple[int, float] | None,
-        tank_j: float,
+        credit_j: float,
     ) -> PersonFrame:  # fmt: skip
         found = ticks.newest(time_s) if ticks else None
         if (self._server is not None and (step is None or not step.seated)) or (step is None and found is None):
@@ -289,7 +289,7 @@ class RecordedView:
         margins_j = [("up_margin_j", step.up_margin_j), ("line_margin_j", step.line_margin_j)] if step else []
         margins_j += [("down_margin_j", tick.margin_j)] if tick else []
         pushes = sum(each * each for each in force_n) >= LEAST_DRAWN_N**2
-        active = any(margin_j is not None and margin_j < least_margin(key, tank_j) for key, margin_j in margins_j)
+        active = any(margin_j is not None and margin_j < least_margin(key, credit_j) for key, margin_j in margins_j)
         known = tick is not None and tick.position_m is not None
         handle, shift = tick or step, self._shift(seat, time_s)
         assert handle is not None

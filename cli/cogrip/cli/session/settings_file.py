@@ -186,11 +186,11 @@ def _kind_at(folder: Path, kind: str) -> str:
 def _try_world(settings: Settings, where: str) -> None:
     """Raise BadInput for a world that cannot be had, before anything is started."""
     if settings.object.kind not in KINDS:
-        from cogrip.server.worlds.registry import WorldKindError, make_foreign
+        from cogrip.server.worlds.registry import WorldKindError, make_guarded
         from cogrip.server.worlds.world import WorldError
 
         with BadInput.of(WorldKindError, WorldError, where=where):
-            make_foreign(settings.object.kind, [seat_settings(settings, seat) for seat in range(len(settings.users))])
+            make_guarded(settings.object.kind, [seat_settings(settings, seat) for seat in range(len(settings.users))])
 
 
 def _try_scene(settings: Settings, where: str) -> None:

@@ -18,8 +18,8 @@ from cogrip.protocol.settings_table import SettingsError
 from cogrip.server.io.call_limit import COMPUTE_LIMIT_S, WAIT_LIMIT_S, call_limit
 from cogrip.server.schemes import make_room_world
 from cogrip.server.worlds.conformance import CHECKS, Subject, UnfitError
-from cogrip.server.worlds.guarded import GuardedWorld, TooLongError, told
-from cogrip.server.worlds.registry import WorldKindError, world_of
+from cogrip.server.worlds.guarded import GuardedWorld, TooLongError, error_line
+from cogrip.server.worlds.registry import WorldKindError, world_class_of
 from cogrip.server.worlds.world import World, WorldError
 
 MOST_SEATS = 4  # of those that are tried
@@ -54,7 +54,7 @@ def _keeps(check: Callable[[Subject], str], cases: dict[str, Subject], console: 
         except TooLongError:
             problem = f"one step computes for more than {COMPUTE_LIMIT_S:g} s, or takes more than {WAIT_LIMIT_S:g} s"
         except (Exception, SystemExit) as error:  # noqa: BLE001 (its author has to see it)
-            problem = told(error)
+            problem = error_line(error)
         else:
             continue
         console.print(f"✗ {check.__name__}, {case}: {problem}", markup=False, highlight=False)
@@ -78,7 +78,7 @@ def _cases(world: str) -> dict[str, Subject]:
         allow_python_worlds((Path(file).absolute().parent,))
         kind = f"{PYTHON}{Path(file).absolute()}:{name}"
     with BadInput.of(WorldKindError, SettingsError):
-        found = world_of(kind).make
+        found = world_class_of(kind).make
         axes, seats = found.axes_allowed, found.seats_allowed  # type: ignore[attr-defined]
         few, many = (
             (min(axes), min(seats)),

@@ -1,7 +1,7 @@
 """Effects of one seat: the force of all of them, a tick at a time, and the tank that pays for it (theory 7.8).
 
-Symbols: w what is rendered of an effect, 0 to 1, the ramp of safety in it; U its potential [J], K its stiffness, P what its
-force may draw in a tick: the largest force times v_m T, v_m the device's speed limit.
+Symbols: w rendered fraction of an effect, 0 to 1, the ramp of safety included, w' that of the next tick; U its potential
+[J], K its stiffness, P what its force may draw in a tick: the largest force times v_m T, v_m the device's speed limit.
 
     springs   w rises by what the tank pays: w' U - w U; w falls, and the tank gets that. Where U = 0 it costs nothing
     active    w is at most the share of P that is in the tank: it is empty before it is overdrawn

@@ -16,7 +16,9 @@ ledger's own units: if motors are stronger than their model says, ledger and bou
 
 A line is fitted to the points of each direction (`fit`); its coefficients less 3 standard errors, and for c less the force
 of a current's rounding, are the bounds there. The directions are those in which one joint moves alone, u_j (columns of the
-Jacobian J, of length 1), and the axes. Losses are in the joints, P = sum of B_j q_j'^2 + C_j |q_j'|, q' = J^-1 v. Hence
+Jacobian J, of length 1), and the axes. Losses are in the joints: with q_j the angle of joint j, B_j its damping and C_j its
+friction, the lost power is P = sum of B_j q_j'^2 + C_j |q_j'|, q' = J^-1 v. With e_j the unit vector of joint j and b_j the
+damping along u_j,
 
     friction  {u: sum C_j |q_j'| <= 1} has its corners at J e_j / C_j, so that the least friction is along one of the u_j
     damping   v^T D v with D = U^-T diag(b_j) U^-1, U = (u_1, u_2, ...), so that the least one is D's smallest eigenvalue

@@ -1,11 +1,12 @@
 """The Polhem's mechanism: a turret with a closed linkage of five bars in its vertical plane.
 
+tA, tB, tC are the angles of turret, upper arm and crank, L0 to L5 the `lengths_m` of the links, (ox, oy, oz) the `origin_m`.
 Points of the plane, (distance from the turret's axis, height) [m], and unit vectors u(t) = (cos t, sin t):
 
     O1 = (L0/2, 0)     B = O1 + L1 u(tB)        elbow, on the upper arm
     O2 = (-L0/2, 0)    A = O2 + L2 u(tC)        end of the crank
     C = B - L4 u(lam)      |C - A| = L3         rod from the crank to the forearm's tail
-    T = B + L5 u(lam)                           tip; x = T_1 cos tA - ox,  y = T_1 sin tA - oy,  z = T_2 - oz
+    T = B + L5 u(lam) = (T_1, T_2)              tip; x = T_1 cos tA - ox,  y = T_1 sin tA - oy,  z = T_2 - oz
 
 The rod's equation gives lam, the forearm's angle from horizontal; C lies clockwise of the line from B to A. With w = C - A,
 n(t) = u'(t), the rates follow from d |w|^2 = 0:

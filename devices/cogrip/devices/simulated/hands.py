@@ -2,9 +2,9 @@
 
     F_hand = K_h (x_int - x) + B_h (v_int - v) + F_push
 
-symbols, per axis: x_int [m], v_int [m/s] intended; K_h [N/m], B_h [N s/m] the hand's impedance; x, v the device. A
-plant keeps K_h x and B_h v on its own side and takes the rest as the hand's `drive` of a tick, K_h x_int + B_h v_int +
-F_push [N].
+symbols, per axis: F_hand force of the hand on the device [N]; x_int [m], v_int [m/s] intended motion; K_h [N/m], B_h [N s/m]
+the hand's impedance; F_push force that is added to it [N]; x [m], v [m/s] the device. A plant keeps K_h x and B_h v on its own
+side and takes the rest as the hand's `drive` of a tick, K_h x_int + B_h v_int + F_push [N].
 
 Time on the hand's clock is tick / rate_hz. `direction` is used as given, not normalised: amplitude and force along
 axis i are multiplied by direction[i]; missing components are 0.

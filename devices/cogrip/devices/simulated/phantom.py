@@ -1,10 +1,10 @@
 """`sim:phantom`: like a Phantom Premium 1.0 (data sheet values): friction, encoders, motors that saturate, end stops.
 
-One tick, each part conserving or losing energy (m mass, r rest force, p q g h of zero_order_hold, c Coulomb friction
-[N]):
+One tick, each part conserving or losing energy (x, v position and velocity at its start, x+, v+ at its end; r, p, q, g, h as in
+`zero_order_hold`; c Coulomb friction [N]):
 
 1. motors: each axis gives at most the peak force.
-2. free step: v_f = q v + h r.
+2. step without friction, to the velocity v_f = q v + h r.
 3. Coulomb friction, implicit: v+ = v_f brought towards 0 by at most h c; that is the friction force f = (v_f - v+) /
    h, |f| <= c, held over the tick. With v = 0 and |r| <= c nothing moves: it sticks, to the bit. Where the motion
    turns within the tick, the held f could push along the displacement and so do work; then the displacement is the

@@ -2,7 +2,8 @@
 
 The place is that of `sim:phantom` or of a free mass. The orientation R of a body of inertia I, the same about every axis, is
 turned by the hand's impedance and by the device's torque tau, both held over a tick T; r = log(R_int R^-1) rotation vector from
-it to the intended orientation, omega angular velocity, omega_int the intended one, all in the world's frame:
+it to the intended orientation, omega angular velocity, omega_int the intended one, all in the world's frame; K_r [N m], B_r
+[N m s] rotational stiffness and damping of the hand; b_d [N m s], c [N m] damping and friction of the body:
 
     omega' = (omega + T/I (K_r r + B_r omega_int - tau)) / (1 + (T b_d + T B_r + T^2 K_r) / I)          R' = exp(T omega') R
 

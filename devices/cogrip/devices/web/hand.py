@@ -1,10 +1,10 @@
 """The hand of a pointer: a spring whose set-point follows the pointer as a hand could.
 
 The set-point is modulated (Lee and Huang 2010; theory section 7.5): a step from p to p+ puts K_h (|p+ - x|^2 - |p - x|^2) / 2
-into the spring, which a tank has to pay. The tank is filled with the power of a hand and holds BURST_S of it: a pointer that
-jumps puts in no more than a hand could. Speed and acceleration are bounded as well, or a pointer that shakes, or beats on a
-wall, would be taken for a force that oscillates, which is a fault: in free space an acceleration a of the device brings a
-force that reverses with each frame, b a / (2 network_hz), 0.25 N at 3.2 m/s^2 with the usual b.
+into the spring, which an energy budget has to cover. The budget grows with the power of a hand, up to BURST_S of it: a
+pointer that jumps puts in no more than a hand could. Speed and acceleration are bounded as well, or a pointer that shakes, or
+beats on a wall, would be taken for a force that oscillates, which is a fault: in free space an acceleration a of the device
+brings a force that reverses with each frame, b a / (2 network_hz), 0.25 N at 3.2 m/s^2 with the usual b.
 
 A hand that has let go is no load: its spring is slack, and its damper moves with the device.
 """
@@ -19,7 +19,7 @@ from cogrip.devices.simulated.hands import Vector
 from cogrip.devices.simulated.phantom import PhantomPlant
 from cogrip.protocol.settings import HUMAN_POWER_W
 
-BURST_S = 0.05  # of the power that the tank holds at most
+BURST_S = 0.05  # of the power: the most that the energy budget holds
 SILENCE_S = 0.1  # without a pointer message, of which one comes every 50 ms while it holds: the hand lets go
 RELEASE_S = 0.05  # in which it lets go, and in which its damper takes hold again
 SPEED_MPS = 0.5  # of the set-point: an unhurried reach
@@ -67,7 +67,7 @@ class PointerHand:
         self._grip = 0.0  # of the damper: 1 holding, 0 moving with the device
         self._newest_tick = 0  # of pointer messages
         self._moved = -1  # tick whose step the set-point has made
-        self._tank_j = 0.0
+        self._budget_j = 0.0
 
     @property
     def holds(self) -> bool:
@@ -80,7 +80,7 @@ class PointerHand:
         home = home_m or (0.0,) * len(self._plant.position_m)
         self.set_point_m, self._target, self._speed_mps = list(home), home, [0.0] * len(home)
         self._held, self._tension, self._grip, self._newest_tick, self._moved = False, 0.0, 0.0, 0, -1
-        self._tank_j, self.entered_j = self._power_w * BURST_S, 0.0
+        self._budget_j, self.entered_j = self._power_w * BURST_S, 0.0
         return home
 
     def point(self, tick: int, target_m: Sequence[float], *, holds: bool) -> None:
@@ -125,10 +125,10 @@ class PointerHand:
         return [g * (p - x) - h * v for p, x, v in zip(self.set_point_m, at, speed, strict=True)]
 
     def _step(self, tick: int) -> None:
-        """Let go after a silence; fill the tank; move grip and set-point by one tick."""
+        """Let go after a silence; fill the energy budget; move grip and set-point by one tick."""
         if self._held and tick - self._newest_tick > SILENCE_S * self._rate_hz:
             self._held = False
-        self._tank_j = min(self._tank_j + self._power_w / self._rate_hz, self._power_w * BURST_S)
+        self._budget_j = min(self._budget_j + self._power_w / self._rate_hz, self._power_w * BURST_S)
         change = 1.0 / (RELEASE_S * self._rate_hz)
         if self._held:
             self._grip = min(1.0, self._grip + change)
@@ -148,23 +148,23 @@ class PointerHand:
             self.set_point_m = [x + share * d for x, d in zip(at, pulled, strict=True)]
 
     def _move(self) -> None:
-        """Move the set-point towards the target as far as acceleration, speed, stretch and tank allow."""
+        """Move the set-point towards the target as far as acceleration, speed, stretch and energy budget allow."""
         at, rate, K = self._plant.position_m, self._rate_hz, self.stiffness_npm
         speed = self._accelerated()
         step = [v / rate for v in speed]
         square = sum([d * d for d in step])
         if square == 0.0:
             return
-        # K/2 (2 s (pulled . step) + s^2 |step|^2) is what a share s of the step puts in: at most the tank, and at most the
+        # K/2 (2 s (pulled . step) + s^2 |step|^2) is what a share s of the step puts in: at most the budget, and at most the
         # spring's own largest energy less what it has.
         pulled = [p - x for p, x in zip(self.set_point_m, at, strict=True)]
         along = sum([p * d for p, d in zip(pulled, step, strict=True)])
         stored_j = 0.5 * K * sum([p * p for p in pulled])
-        room_j = min(self._tank_j, max(0.0, 0.5 * STRETCH_N * STRETCH_N / K - stored_j))
+        room_j = min(self._budget_j, max(0.0, 0.5 * STRETCH_N * STRETCH_N / K - stored_j))
         share = min(1.0, (sqrt(along * along + 2.0 * room_j / K * square) - along) / square)
         put_in_j = 0.5 * K * (2.0 * share * along + share * share * square)
         if put_in_j > 0.0:
-            self._tank_j -= put_in_j
+            self._budget_j -= put_in_j
             self.entered_j += put_in_j
         self.set_point_m = [p + share * d for p, d in zip(self.set_point_m, step, strict=True)]
         self._speed_mps = [share * v for v in speed]

@@ -1,7 +1,7 @@
 cimport cython
 
 
-cdef double _within(double value, double least, double most)
+cdef double _clamped(double value, double least, double most)
 
 
 cdef class Concealment:
@@ -13,25 +13,25 @@ cdef class Concealment:
     cpdef compensate(self, row, deficit, reserve, last, bint gap)
 
 
-cdef class Compensated(Concealment):
+cdef class DeficitCompensation(Concealment):
     pass
 
 
-cdef class Tank(Compensated):
+cdef class FadingConcealment(DeficitCompensation):
     pass
 
 
-cdef class Elastic(Concealment):
+cdef class ElasticConcealment(Concealment):
     cdef double _fade
     cdef double _smoothing
     cdef double _deficit_fraction
     cdef double _dissipation_fraction
-    cdef public list _added
-    cdef double _part
-    cdef double _rest
+    cdef public list _compensation
+    cdef double _limit_fraction
+    cdef double _stillness
     cdef bint _was_gap
 
-    cdef double _resting(self, last, answer)
+    cdef double _stillness_of(self, last, answer)
     cdef _recover(self)
     @cython.locals(
         smoothing=double, fraction=double, dissipation=double, after_gap=bint, axis=Py_ssize_t, value=double,

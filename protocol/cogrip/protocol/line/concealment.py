@@ -1,15 +1,17 @@
 """Packet loss concealment: waves for missing frames, and compensation of what these carried ([playout] concealment).
 
-Symbols, per axis: a wave of a frame, x wave in place of a missing one, p compensation; w = x + p or a + p is played
-[sqrt(W)]. The position deficit is sum sent - sum played [sqrt(W)], the energy reserve sum sent^2 - sum played^2 [W], both as
-far as they are known (SPEC 5.4). `WaveLedger` bounds every x and p: no strategy can make more energy than the credit.
+Symbols, per axis [sqrt(W)]: a wave of a frame that came, x wave in place of a missing frame, p compensation. The receiver
+plays w = a + p, or w = x + p in a gap. The position deficit is sum sent - sum played [sqrt(W)], the energy reserve is
+sum sent^2 - sum played^2 [W], both as far as they are known (SPEC 5.4). `WaveLedger` bounds every x and p, so that no strategy
+makes more energy than the energy credit (`playout.tank_mj`).
 
     zero      x = 0, p = 0: a matched termination
     repaid    x = 0; p is 1/16 of the deficit, at most COMPENSATION_LIMIT
-    tank      x is the last wave fading out, paid by reserve and credit; p as above, but some reserve is kept for the next gap
-    elastic   the last wave is held while the hand rests and fades more slowly while it moves; the first frame after the gap is
-              cross-faded to, like a spring with a damper: p' = SMOOTHING (target - p), with the deficit as the spring. The
-              client's end yields where the hand moves (`WaveCoupling`)
+    tank      x is the last wave, fading out, within reserve and credit; p as above, but leaves a part of the reserve for the
+              next gap
+    elastic   x is the last wave: held while the hand is still, fading slowly while it moves. After the gap the played wave is
+              cross-faded from x to the waves that come: p' = p + SMOOTHING (target - p), where the target is a fraction of the
+              deficit. Meanwhile the client's end renders a lower impedance to a hand that moves (`WaveCoupling`)
 
 Comparison and numbers: docs/decisions/0003-gaps.md.
 """
@@ -19,7 +21,7 @@ from math import copysign, sqrt
 from typing import Literal
 
 Concealed = Literal["zero", "repaid", "tank", "elastic"]
-Row = Sequence[float]
+PerAxis = Sequence[float]  # one value an axis
 
 COMPENSATION_FRACTION = 1.0 / 16.0  # of the deficit, in one frame
 COMPENSATION_LIMIT = 0.02  # sqrt(W) in one frame
@@ -29,65 +31,82 @@ RESERVE_FRAMES = 8.0  # of `tank`: frames like the last one that compensation le
 # of `elastic`
 BASE_HZ = 128.0  # frame rate at which the numbers below hold; at other rates they are converted to the same time
 ELASTIC_FADE = 0.93  # factor from frame to frame in a gap
-SMOOTHING = 1.0 / 12.0  # fraction of the way from p to its target, in one frame
+SMOOTHING = 1.0 / 12.0  # of the difference between p and its target, in one frame
 DEFICIT_FRACTION = 1.0 / 64.0  # of the deficit, in one frame
-DISSIPATION_FRACTION = 1.0 / 16.0  # of the deficit, in one frame, where p takes energy out of the wave
-ELASTIC_LIMIT = 0.1  # sqrt(W), of a p that costs energy
-LEAST_GAIN = 0.4  # of sqrt(b), at an end whose wave is missing
-FULL_QUALITY = 0.99  # a quality above this is 1
-REST_FRACTION = 1.0 / 8.0  # of the wave: a hand whose sqrt(2b) velocity is this much moves
+DISSIPATION_FRACTION = 1.0 / 16.0  # of the deficit, in one frame, where p lowers the energy of the wave
+ELASTIC_LIMIT = 0.1  # sqrt(W), largest p where it raises the energy of the wave
+LEAST_GAIN = 0.4  # factor on sqrt(b) at an end whose wave is missing, at quality 0
+FULL_QUALITY = 0.99  # a quality above this is set to 1
+MOVING_FRACTION = 1.0 / 8.0  # of the wave: a hand with sqrt(2b) velocity above this has stillness 0
 
 
 class Concealment:
-    """Strategy of one receiver; this one is a matched termination in a gap, without compensation (`zero`).
+    """Strategy of one receiver. This base class is `zero`: a matched termination in a gap, without compensation.
 
-    quality     known fraction of the wave that is played now, 1 to 0
-    least_gain  gain of sqrt(b) that an end keeps at quality 0
+    quality     1 while every wave comes, falling to 0 while waves are missing
+    least_gain  factor on sqrt(b) that an end keeps at quality 0
     """
 
     def __init__(self, axes: int, frame_s: float) -> None:
         self.quality = self.least_gain = 1.0
         self._zero = [0.0] * axes
 
-    def fill(self, last: Row, limit: Row, answer: Row, late: Row | None = None, silent: bool = True) -> Row:
-        """Return x for a missing frame, |x| <= limit.
+    def fill(
+        self, last: PerAxis, limit: PerAxis, answer: PerAxis, late: PerAxis | None = None, silent: bool = True
+    ) -> PerAxis:
+        """Return x for a missing frame, with |x| <= limit.
 
-        last    wave played before
-        answer  wave that this end sent with it: last + answer is sqrt(2b) velocity
-        late    newest wave of all, if it has come with this pop and too late
-        silent  no frame newer than the missing one is known
+        last    wave that was played one frame before
+        limit   largest |x| that the energy ledger allows, per axis
+        answer  wave that this end sent with `last`: last + answer = sqrt(2b) velocity
+        late    newest wave of all, where it came with this pop, too late to be played in its own frame
+        silent  whether no frame newer than the missing one has come
         """
         return self._zero
 
-    def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
-        """Return p for the wave `row`, with (row + p)^2 - row^2 <= reserve. gap: `row` stands for a missing frame."""
+    def compensate(self, row: PerAxis, deficit: PerAxis, reserve: PerAxis, last: PerAxis, gap: bool) -> PerAxis:
+        """Return p for a wave, with (row + p)^2 - row^2 <= reserve.
+
+        row      a, or x in a gap
+        deficit  position deficit
+        reserve  energy reserve
+        last     wave that was played one frame before
+        gap      whether `row` stands in place of a missing frame
+        """
         return self._zero
 
 
-class Compensated(Concealment):
-    """Matched termination in a gap, slow compensation (theory 3.5)."""
+class DeficitCompensation(Concealment):
+    """`repaid`: a matched termination in a gap, then slow deficit compensation (theory 3.5)."""
 
-    def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
+    def compensate(self, row: PerAxis, deficit: PerAxis, reserve: PerAxis, last: PerAxis, gap: bool) -> PerAxis:
         return [max(-COMPENSATION_LIMIT, min(COMPENSATION_LIMIT, COMPENSATION_FRACTION * each)) for each in deficit]
 
 
-class Tank(Compensated):
-    """Fade of the last wave through a gap."""
+class FadingConcealment(DeficitCompensation):
+    """`tank`: the last wave fades out through a gap, within energy reserve and credit."""
 
-    def fill(self, last: Row, limit: Row, answer: Row, late: Row | None = None, silent: bool = True) -> Row:
+    def fill(
+        self, last: PerAxis, limit: PerAxis, answer: PerAxis, late: PerAxis | None = None, silent: bool = True
+    ) -> PerAxis:
         return [max(-most, min(most, FADE * wave)) for wave, most in zip(last, limit, strict=True)]
 
-    def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
+    def compensate(self, row: PerAxis, deficit: PerAxis, reserve: PerAxis, last: PerAxis, gap: bool) -> PerAxis:
         out = []
-        wanted = Compensated.compensate(self, row, deficit, reserve, last, gap)
+        wanted = DeficitCompensation.compensate(self, row, deficit, reserve, last, gap)
         for value, p, held, wave in zip(row, wanted, reserve, last, strict=True):
             reach = sqrt(value * value + max(0.0, held - RESERVE_FRAMES * wave * wave))
             out.append(max(-value - reach, min(reach - value, p)))
         return out
 
 
-class Elastic(Concealment):
-    """Hold or slow fade, and cross-fade: the end yields in a gap to a hand that moves, and comes back without a jump."""
+class ElasticConcealment(Concealment):
+    """`elastic`: hold or slow fade in a gap, and a cross-fade after it, so that the played wave does not jump.
+
+    _stillness       of the hand: 1 while it is still, 0 while it moves
+    _compensation    p of the last frame
+    _limit_fraction  of the limit of x, in one frame: what is left pays for the fade until its end
+    """
 
     def __init__(self, axes: int, frame_s: float) -> None:
         super().__init__(axes, frame_s)
@@ -97,63 +116,68 @@ class Elastic(Concealment):
         self._smoothing = 1.0 - (1.0 - SMOOTHING) ** frames
         self._deficit_fraction = min(1.0, DEFICIT_FRACTION * frames)
         self._dissipation_fraction = min(1.0, DISSIPATION_FRACTION * frames)
-        self._added = [0.0] * axes  # p of the last frame
-        self._part = sqrt(1.0 - self._fade * self._fade)  # of the limit: what is left pays for a fade to its end
-        self._rest = 1.0  # of the hand: 1 at rest, 0 moving
+        self._compensation = [0.0] * axes
+        self._limit_fraction = sqrt(1.0 - self._fade * self._fade)
+        self._stillness = 1.0
         self._was_gap = False
 
-    def fill(self, last: Row, limit: Row, answer: Row, late: Row | None = None, silent: bool = True) -> Row:
-        self._rest = self._resting(last, answer)
-        fade = self._fade + (1.0 - self._fade) * self._rest
-        if late is not None:  # the other end is there: no reason to yield
+    def fill(
+        self, last: PerAxis, limit: PerAxis, answer: PerAxis, late: PerAxis | None = None, silent: bool = True
+    ) -> PerAxis:
+        self._stillness = self._stillness_of(last, answer)
+        fade = self._fade + (1.0 - self._fade) * self._stillness
+        if late is not None:  # the other end still sends
             self._recover()
         elif silent:
             self.quality *= fade
-        steady = [fade * (wave - added) for wave, added in zip(last, self._added, strict=True)]
-        reach = [self._part * most for most in limit]
+        steady = [fade * (wave - added) for wave, added in zip(last, self._compensation, strict=True)]
+        reach = [self._limit_fraction * most for most in limit]
         return [max(-most, min(most, x)) for x, most in zip(late or steady, reach, strict=True)]
 
-    def _resting(self, last: Row, answer: Row) -> float:
-        """Return how much the hand rests. In a gap one that rested still does where it only follows its own load."""
+    def _stillness_of(self, last: PerAxis, answer: PerAxis) -> float:
+        """Return 1 for a hand that is still, 0 for one that moves, and values between.
+
+        In a gap the stillness from before it is kept for a hand that only gives way to the played wave.
+        """
         square = sum([wave * wave for wave in last])
         if not square:
             return 0.0
         speed = [wave + sent for wave, sent in zip(last, answer, strict=True)]
         if self._was_gap:
             along = sum([wave * each for wave, each in zip(last, speed, strict=True)])
-            return min(self._rest, max(0.0, 1.0 - along / square))
-        return max(0.0, 1.0 - sqrt(sum([each * each for each in speed]) / square) / REST_FRACTION)
+            return min(self._stillness, max(0.0, 1.0 - along / square))
+        return max(0.0, 1.0 - sqrt(sum([each * each for each in speed]) / square) / MOVING_FRACTION)
 
     def _recover(self) -> None:
         quality = self.quality + self._smoothing * (1.0 - self.quality)
         self.quality = quality if quality <= FULL_QUALITY else 1.0
 
-    def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
+    def compensate(self, row: PerAxis, deficit: PerAxis, reserve: PerAxis, last: PerAxis, gap: bool) -> PerAxis:
         smoothing, fraction, dissipation = self._smoothing, self._deficit_fraction, self._dissipation_fraction
         after_gap = self._was_gap and not gap
         self._was_gap = gap
         added: list[float] = []
         for axis in range(len(row)):
-            value, missing, held, before = row[axis], deficit[axis], reserve[axis], self._added[axis]
+            value, missing, held, before = row[axis], deficit[axis], reserve[axis], self._compensation[axis]
             target, square = 0.0, value * value
             if not gap:  # what the end writes off in a gap (`LineReceiver.write_off`) is not compensated before its end
-                reach = sqrt(square + 0.25 * smoothing * held)  # so that p can go back as slowly as it came
-                target = _within(fraction * missing, -ELASTIC_LIMIT, ELASTIC_LIMIT)
-                target = _within(target, -value - reach, reach - value)
-                if missing * value < 0.0:  # p takes energy out of this wave: as fast as possible
+                reach = sqrt(square + 0.25 * smoothing * held)  # leaves energy for p to decay as slowly as it grew
+                target = _clamped(fraction * missing, -ELASTIC_LIMIT, ELASTIC_LIMIT)
+                target = _clamped(target, -value - reach, reach - value)
+                if missing * value < 0.0:  # p lowers the energy of this wave, so that it needs no reserve
                     most = min(abs(value), dissipation * abs(missing))
                     target = copysign(max(most, abs(target)), missing)
             p = last[axis] - value if after_gap else before
             p += smoothing * (target - p)
             reach = sqrt(square + held)
-            added.append(_within(p, -value - reach, reach - value))
-        self._added = added
+            added.append(_clamped(p, -value - reach, reach - value))
+        self._compensation = added
         if not gap:
             self._recover()
         return added
 
 
-def _within(value: float, least: float, most: float) -> float:
+def _clamped(value: float, least: float, most: float) -> float:
     """Return max(least, min(most, value)), in half the time."""
     if value >= most:
         value = most
@@ -167,4 +191,9 @@ def held_force(impedance_nspm: float, credit_j: float, frame_s: float, axes: int
 
 
 Maker = Callable[[int, float], Concealment]
-CONCEALMENTS: dict[str, Maker] = {"zero": Concealment, "repaid": Compensated, "tank": Tank, "elastic": Elastic}
+CONCEALMENTS: dict[str, Maker] = {
+    "zero": Concealment,
+    "repaid": DeficitCompensation,
+    "tank": FadingConcealment,
+    "elastic": ElasticConcealment,
+}

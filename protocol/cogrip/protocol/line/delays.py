@@ -1,12 +1,12 @@
 """Delays of a link, from the border at which a frame ends to the one at which it is played (P eq. 14, 15).
 
-A datagram arrives after the link's delay, and ends act at device ticks only. With a playout delay of a number of frames both
-ends act at common frame borders: it waits for the next one, and then for the playout delay. With "auto" a frame is played at
-the tick at which all but `playout.late` of them are there; a client sends so much before the server's step. Symbols: M device
-ticks in a frame, T_n frame period.
+A datagram arrives after the link's delay, and ends act at device ticks only. With a playout delay of a number of frames
+both ends act at common frame borders: a frame waits for the next border, and then for the playout delay. With "auto" it is
+played at the tick by which all but `playout.late` of the frames have arrived; a client sends its frames that much before
+the server's step. Symbols: M device ticks in a frame, T_n frame period.
 
-The probability that a frame is not there a time after it was sent: every datagram that carries it and was sent since is lost,
-or still under way. Losses are a chain of two states (Gilbert-Elliott), delays are drawn for each datagram independently.
+A frame has not arrived some time after it was sent if every datagram that carries it, and was sent in that time, is lost or
+still under way. Losses are a chain of two states (Gilbert-Elliott), delays are drawn for each datagram independently.
 """
 
 from math import ceil, exp

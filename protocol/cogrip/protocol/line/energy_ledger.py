@@ -13,16 +13,17 @@ from cogrip.protocol.line.energy_sums import BOUND_FRACTION, NOTHING, RESERVE_FR
 from cogrip.protocol.line.sender import Frame
 
 HISTORY = 1024  # frames for which the receiver still knows what it had played
-FIRST_ROWS = 32  # of the history, which grows to HISTORY where totals are long in coming
-KEPT = 0.5  # of the credit, for the next gap: compensation does not spend it
+FIRST_ROWS = 32  # of the history at first; it grows up to HISTORY where totals arrive late
+RESERVED_CREDIT = 0.5  # fraction of the credit that compensation leaves for the next gap
 
 
 class WaveLedger:
     """Ledger of one direction. Rows have shape (axes,).
 
-    settled           number of the newest frame whose totals are in use
-    disturbed         something is lost, or may be: before that nothing is compensated
-    credit            what each axis may play beyond what was sent, E_0 2 / (T_n axes) [W]; a next line may have less (`left`)
+    settled           number of the frame before which sums sent and sums played were last compared
+    disturbed         a frame has been lost, or may have been: before that nothing is compensated
+    credit            squares that each axis may play beyond those sent, 2 E_0 / (T_n axes) [W], E_0 the energy credit of the
+                      line; the next seat session begins with what is left of it (`left`)
     """
 
     def __init__(self, axes: int, credit_w: float) -> None:
@@ -30,7 +31,7 @@ class WaveLedger:
         self.credit = credit_w
         self.settled = 0
         self.disturbed = False
-        self._played = WaveSums(axes)  # frames that were due, as sent or as filled, without compensation
+        self._played = WaveSums(axes)  # frames that were due, or their fillings, without compensation
         self._filled = WaveSums(axes)  # fillings among them
         self._compensated = WaveSums(axes)  # compensation; its squares are what it added to the squares played
         # before frame n, at n modulo its rows: sums of `_played`, squares, squares of `_filled`; none before `settled` is used
@@ -81,7 +82,7 @@ class WaveLedger:
             self._totals = {number: totals for number, totals in self._totals.items() if number > cursor}
 
     def add_played(self, number: int, frame: Frame) -> None:
-        """Enter what stands for frame `number`, without compensation, and settle."""
+        """Add frame `number`, or its filling, without compensation, and compare with the newest totals."""
         cursor = number + 1
         self._played.add(frame)
         self._cursor = cursor
@@ -117,14 +118,14 @@ class WaveLedger:
             longer[to : to + size] = before[at : at + size]
 
     def _settle(self, number: int, total: Frame, squares: Frame) -> None:
-        """Compare the totals of frame `number` with what was played up to it: nothing, if that was before the first frame."""
+        """Compare the totals of frame `number` with what was played before it: nothing, if it was before the first frame."""
         history, at, axes = self._history, number % self._rows * self._row, self._axes
         if self._cursor - number >= self._entered:
             history, at = self._nothing, 0
         self.settled = number
         for axis in range(axes):
             if total[axis] != history[at + axis] or squares[axis] != history[at + axes + axis]:
-                self.disturbed = True  # else nothing has been lost: both ends have added up alike
+                self.disturbed = True  # equal sums, of both ends in the same order, mean no loss
             self._settled_fillings[axis] = history[at + 2 * axes + axis]
         if not self.disturbed:
             return
@@ -165,10 +166,10 @@ class WaveLedger:
 
     def reserve(self) -> list[float]:
         """Squares that compensation may spend on each axis [W]."""
-        kept = KEPT * self.credit
+        kept = RESERVED_CREDIT * self.credit
         return [left - kept if left > kept else 0.0 for left in self.allowances()]
 
     @property
     def left(self) -> float:
-        """Credit of a line that follows this one, if that has no more of its own: both together lend one credit [W]."""
+        """Unspent credit [W]: that of the next seat session, so that all of them together have one credit."""
         return max(0.0, min(self.allowances()))

@@ -1,7 +1,7 @@
 """The balance of an energy ledger: energy put in less energy taken out.
 
-A margin is the least balance ever. It is 0 at most, since nothing has been put in at the start, so the least balance after the
-first second is kept as well: the energy reserve (SPEC.md 9).
+An energy margin is the least balance of a run. It is at most 0, as the balance is 0 at the start, so the least balance after
+the first second is reported as well: the energy reserve (SPEC.md 9).
 """
 
 from math import inf, isfinite

@@ -1,13 +1,13 @@
 """The jitter buffer: how long a receiver waits before it plays a frame, fixed or adapted to the jitter.
 
-Time is counted in device ticks, M of them in a frame (`steps`); a server can move by whole frames only. Frame n is played at
-tick n M + o. It is in time if its lateness x = (tick at which it is there) - n M is not above the offset o. What is missing is
-filled in; nothing is played twice. The playout delay is o less the least x: what is held beyond the fastest path. There is no
-clock: ticks are counted.
+Time is counted in device ticks, M of them in a frame (`steps`); a server can move by whole frames only. Frame n is played
+at tick n M + o. It is in time if its lateness x = (tick at which it has arrived) - n M is not above the offset o. A missing
+frame is concealed; no frame is played twice. The playout delay is o less the least x: the time for which the fastest frames
+wait. No clock is read: ticks are counted.
 
 `LineReceiver` reports every frame's first arrival, and asks at every border what to do. "auto" takes for o the quantile of x
-of the last WINDOW frames that leaves the late rate (`playout.late`). A sender that knows `spare` shifts its frames by it, so
-that a server's whole frames cost no time. Sources and choices: docs/decisions/0010-playout.md, SPEC.md 5.5, 5.6.
+of the last WINDOW frames at which the late rate is `playout.late`. A sender that knows `spare` delays its frames by it, so that
+rounding o to a server's whole frames costs no delay. Sources and choices: docs/decisions/0010-playout.md, SPEC.md 5.5, 5.6.
 """
 
 from bisect import bisect_left, bisect_right, insort
@@ -18,12 +18,12 @@ LATE_RUN = 16  # borders at which all that came was too late, before a fixed jit
 REALIGN_WINDOW = 128  # fresh datagrams that must agree before a fixed jitter buffer moves by one frame
 
 WINDOW = 1024  # frames whose lateness counts
-HALF_QUIET = 256  # frames: no delay is kept that nothing has needed for so many, or twice as many
+HALF_QUIET = 256  # frames: a delay that no frame has needed for this many, to twice as many, is given up
 START_S = 1.0 / 32.0  # playing begins with at most this many seconds of frames in hand
-SPACING = 16  # frames from one skip to the next: what a skip leaves out is compensated meanwhile
-QUIET = 64  # frames for which the offset must be too large before one that is there is cut short
+SPACING = 16  # least frames from one skip to the next: meanwhile the deficit of the skip is compensated
+QUIET = 64  # frames for which the offset must be too large before a frame that has arrived is cut short
 TOLERANCE = (
-    2.0  # late rate over that of the settings at which a receiver of whole frames waits: up to that its sender shifts
+    2.0  # times the late rate of the settings: below it a receiver of whole frames never waits, its sender shifts
 )
 DEEPEST = 256  # frames
 
@@ -40,11 +40,11 @@ class JitterBuffer:
         self.repeated = self.skipped = 0
 
     def begin(self, in_hand: int, early: int = 0, phase: int = 0) -> int:
-        """Return how many frames behind the newest one playing begins. in_hand: older frames that are there."""
+        """Return how many frames behind the newest one playing begins. in_hand: older frames that have arrived."""
         raise NotImplementedError
 
     def arrived(self, lead: int, early: int = 0, phase: int = 0) -> None:
-        """Enter a frame that is there for the first time.
+        """Record the arrival of a frame that has not arrived before.
 
         lead   its number less that of the frame that is due next
         early  steps from its arrival to the next border
@@ -125,7 +125,7 @@ class FixedJitterBuffer(JitterBuffer):
 
 
 class AdaptiveJitterBuffer(JitterBuffer):
-    """Follows the quantile of lateness: longer in gaps, where waiting costs no frame; shorter by a step at a time."""
+    """Sets o to the quantile of lateness: it grows in gaps, where waiting costs no frame, and shrinks one step at a time."""
 
     def __init__(self, late: float, frame_s: float, steps: int, quantum: int = 1) -> None:
         """late: rate of late frames; frame_s: period of a frame [s]; quantum: steps that o moves by, 1 or `steps`."""
@@ -150,8 +150,8 @@ class AdaptiveJitterBuffer(JitterBuffer):
     def begin(self, in_hand: int, early: int = 0, phase: int = 0) -> int:
         """Return how many frames behind the newest one playing begins.
 
-        in_hand: older frames that are there; early, phase: of the newest, see `arrived`. Some of these are played: to leave
-        them out would make them late, and if they are too many they are soon skipped.
+        in_hand: older frames that have arrived; early, phase: of the newest, see `arrived`. Up to START_S of them are played,
+        as they would count as late otherwise; if that is too much delay, some are soon skipped.
         """
         lead = min(in_hand, self._most_at_first)
         self.arrived(lead, early, phase)  # only the newest says something of the path
@@ -176,7 +176,7 @@ class AdaptiveJitterBuffer(JitterBuffer):
             self._most_now = x
 
     def _target(self) -> int:
-        """Return the least o at which no more than the late rate is late; but once a path is shorter, what it needs now."""
+        """Return the least o that keeps the late rate, at most what the last HALF_QUIET to 2 HALF_QUIET frames needed."""
         ordered = self._sorted
         most = max(self._most_now, self._most_before)
         return min(ordered[-1 - int(self._late * len(ordered))], most) + self._phase
@@ -187,8 +187,8 @@ class AdaptiveJitterBuffer(JitterBuffer):
     def decide(self, lead: int, present: bool, fresh: bool) -> int:
         """Return by how many steps o moves at this border.
 
-        Above 0: nothing is played for so long, and then the frame that is due. Below 0: the frame, or its filling, is played
-        for less; where that is a whole frame, it is passed over.
+        Above 0: a filling is played for so many steps before the frame that is due. Below 0: the frame, or its filling, is
+        played for so many steps less; where that is a whole frame, it is skipped.
         """
         move = self._move(lead, present)
         if move > 0:

@@ -1,11 +1,11 @@
 """The receiving end of a line: keeps what arrives, counts the fate of every frame, pops one wave a frame (SPEC.md 5 and 6).
 
-A client may play a frame, or a filling, for fewer ticks than M, so that its jitter buffer moves by ticks: of a fraction f of a
-frame all sums take f, and what is left out enters the position deficit.
+A client may play a frame, or a filling (the wave in place of a missing frame), for fewer ticks than M, so that its jitter
+buffer moves by ticks. All sums then count the played fraction of the frame; the rest is added to the position deficit.
 
 Every frame that is known to have been sent, and whose time has come, is applied (played in time), late (arrived after its
-time) or lost (never arrived): sent = applied + late + lost. No frame is played twice. `WaveLedger` bounds what is played
-besides frames.
+time) or lost (never arrived): sent = applied + late + lost. No frame is played twice. `WaveLedger` bounds the energy of
+fillings and compensation.
 """
 
 from array import array
@@ -32,9 +32,9 @@ class LineReceiver:
     newest    number of the newest frame received; -1 before the first
     metadata  of the frame popped last, where a datagram ended with it
     played    the frame popped last had come in time
-    gap       what was popped is a filling: its frame had not come, or the jitter buffer grows by a repeat
-    hold      ticks for which what was popped last is to be played; a server, which moves by whole frames, plays a step
-    overdue   the frame that a filling stands for now, if it has come meanwhile
+    gap       the wave popped last is a filling: its frame had not come, or the jitter buffer waits longer
+    hold      ticks for which the wave popped last is to be played; a server plays every wave for one step
+    overdue   the frame in whose place a filling is being played, if it has arrived meanwhile
     ledger    energy ledger of this direction
     answer    wave that the end sent last: its owner sets it before `pop`
     """
@@ -58,7 +58,9 @@ class LineReceiver:
         self._zero = (0.0,) * axes
         self._jitter_buffer = make_jitter_buffer(delay_frames, frame_s, late, ticks, ticks if by_frames else 1)
         self._ticks = ticks
-        self._early = self._phase = 0  # of the newest frame: ticks before the next border, and its sender's phase
+        self._early = self._phase = (
+            0  # of the newest frame: ticks from its arrival to the next frame border, and its sender's phase
+        )
         self.hold = 1 if self._jitter_buffer.adapts else ticks
         self._half_frame_s = 0.5 * frame_s
         self._concealment = CONCEALMENTS[concealment](axes, frame_s)
@@ -69,14 +71,16 @@ class LineReceiver:
         self._cursor = 0  # number of the frame that `pop` plays next, once it has begun
         self.newest = -1
         self._waiting: dict[int, Frame] = {}
-        self._missing: set[int] = set()  # their time came without them; they may still arrive late
-        self._recent = array("q", [-1]) * 256  # newest frame of recent datagrams: a second one alike is a duplicate
+        self._missing: set[int] = set()  # frames that had not arrived when they were due; they may still arrive late
+        self._recent = (
+            array("q", [-1]) * 256
+        )  # newest frame of recent datagrams: a datagram with the same one is a duplicate
         self._metadata: dict[int, FrameMetadata] = {}
-        self._anchor = -1  # newest frame of the first datagram: reference of `_is_near` before playing
-        self._late_wave: Frame | None = None  # the newest wave of all, come too late
+        self._anchor = -1  # newest frame of the first datagram: reference of `_is_near` until playing begins
+        self._late_wave: Frame | None = None  # the newest wave received, where it arrived too late to be played
         self._fresh = False  # a newer frame than any before has come since the last pop
         self._last = self._zero  # wave popped last
-        self._concealing = False  # it stands for a frame that was missing
+        self._concealing = False  # the wave popped last is played in place of a missing frame
         self.overdue: Frame | None = None
 
         self._due_frames = self._received = self._applied = self._late = self._duplicate = 0
@@ -118,7 +122,7 @@ class LineReceiver:
         self, first: int, waves: Frame, total: Frame, squares: Frame, metadata: FrameMetadata = (0.0, 0.0, 0),
         early: int = 0, phase: int = 0,
     ) -> bool:  # fmt: skip
-        """Take in the contents of one datagram (SPEC 3.6). False, and nothing changed, if they cannot be of this line.
+        """Store the contents of one datagram (SPEC 3.6). Return False, and change nothing, if they cannot be of this line.
 
         early: ticks that are left before the next pop; phase: see `AdaptiveJitterBuffer.arrived`.
         """
@@ -151,9 +155,7 @@ class LineReceiver:
                 if number == cursor - 1 and self._concealing:
                     self.overdue = waves[start : start + axes]
             else:
-                if (
-                    adapts and number == newest < cursor - HISTORY
-                ):  # from longer ago than is remembered: it still says how late they are
+                if adapts and number == newest < cursor - HISTORY:  # too old for the ledger, but its lateness counts
                     self._jitter_buffer.arrived(number - cursor, early, phase)
                 continue
             self._received += 1
@@ -165,7 +167,7 @@ class LineReceiver:
         return True
 
     def _is_near(self, newest: int) -> bool:
-        """Return whether a datagram that ends with this frame can be of this line: so all that is kept is bounded."""
+        """Return whether a datagram that ends with this frame can be of this line. This bounds the memory of a line."""
         if self._begun:
             return newest <= self._cursor + HISTORY
         if self._anchor < 0:
@@ -208,7 +210,7 @@ class LineReceiver:
         if self.gap:
             self._cursor, self.hold = number, move
             filling = self._fill(late, self.newest < number)
-            self.ledger.disturbed = True  # `filling` is in the deficit, and the end has yielded: both are to be mended
+            self.ledger.disturbed = True  # the filling enters the deficit, so compensation is needed
             self._add_deficit(filling, -move / ticks)  # no frame stands for it
             return self._play(filling, move / ticks)
         if move == -ticks:
@@ -235,9 +237,9 @@ class LineReceiver:
         return played
 
     def play_overdue(self, ticks: int) -> Frame:
-        """Return the frame that is overdue, to be played for the `ticks` that are left of its time, in place of its filling.
+        """Return the overdue frame, to be played in place of its filling for the `ticks` that are left of its time.
 
-        The filling had the energy of the line until then, the rest has the frame's own.
+        Deficit and played energy count the filling until then, and the frame itself for the rest.
         """
         frame, part = self.overdue, ticks / self._ticks
         assert frame is not None
@@ -253,7 +255,7 @@ class LineReceiver:
         return self._last
 
     def scale(self, wave: Frame, gain: float, wanted: float, ticks: int) -> Frame:
-        """Return a wave that plays for `ticks` ticks times `gain`, at most 1; what `wanted` times it has more is deficit."""
+        """Return `gain` times a wave that plays for `ticks` ticks; the deficit grows by (`wanted` - `gain`) times the wave."""
         part = ticks / self._ticks
         less = part * (1.0 - gain * gain)
         self.ledger.disturbed = True
@@ -262,7 +264,7 @@ class LineReceiver:
         return tuple([gain * x for x in wave])
 
     def _add_deficit(self, frame: Frame, part: float) -> None:
-        """Add a part of a frame to the position deficit; below 0: it was played in addition."""
+        """Add a part of a frame, which was not played, to the position deficit. A negative part was played in addition."""
         self.ledger.add_compensation([-part * x for x in frame], [-part * x * x for x in frame])
 
     def _miss(self, number: int) -> None:
@@ -331,7 +333,7 @@ class LineReceiver:
         return tuple(out)
 
     def write_off(self, row: Sequence[float]) -> None:
-        """Enter waves [sqrt(W)] that the end has treated as played in the frame before, at no energy: the deficit shrinks."""
+        """Take waves [sqrt(W)] out of the position deficit, for which the end has moved without energy in the frame before."""
         self.ledger.disturbed = True
         self.ledger.add_compensation(row, self._zero)
 
@@ -358,7 +360,7 @@ class LineReceiver:
 
     @property
     def spare(self) -> int:
-        """Ticks by which the sender may send its frames later, and all but `late` of them are in time; below 0: sooner."""
+        """Ticks by which the sender may delay its frames so that at most the late rate is late; negative: must send earlier."""
         return self._jitter_buffer.spare()
 
     def phase_to_spare(self) -> int:

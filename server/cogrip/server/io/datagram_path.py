@@ -27,7 +27,7 @@ class DatagramPath:
     def drain(self, now_ns: int, late_ns: int = 0, until_ns: int = 0) -> None:
         """Take in what has come, and send what the channel answers by itself.
 
-        late_ns: of the loop; until_ns: when the step is due, for a drain ahead of it, which leaves the rest to that at the step.
+        late_ns: of the loop; until_ns: when the step is due that this drain is ahead of: the one at the step takes the rest.
         After a loop was away all of it is taken in, or a step between two hellos of a person would end the seat session that
         the second one resumes.
         """

@@ -12,7 +12,7 @@ Table = tuple[tuple[str, str, Callable[[R], Number]], ...]
 Labelled = Iterable[tuple[list[str], R]]
 
 NAN = float("nan")
-DEFECT = "below 0 by more than the tank is a defect"
+DEFECT = "below 0 by more than the energy credit is a defect"
 
 ROOM_GAUGES: Table[RoomSnapshot] = (
     ("seats", "Seats of the room.", lambda room: len(room.seats)),

@@ -39,14 +39,14 @@ class UnfitError(AssertionError):
 class Subject:
     """The world under test.
 
-    make       a new world that nobody holds
-    limited    bounds the time of each step
-    clocks     of the wall and of the processor [ns], by which steps are timed; None: they take none
-    uncounted  energy that springs hold and give back, which the world's own leaves out, less what came in beside the waves [J]
+    make        a new world that nobody holds
+    time_limit  bounds the time of each step
+    clocks      of the wall and of the processor [ns], by which steps are timed; None: they take none
+    uncounted   energy that springs hold and give back, which the world's own leaves out, less what came in beside the waves [J]
     """
 
     make: Callable[[], World]
-    limited: Callable[[], AbstractContextManager[None]] = nullcontext
+    time_limit: Callable[[], AbstractContextManager[None]] = nullcontext
     clocks: tuple[Callable[[], int], Callable[[], int]] | None = None
     uncounted: Callable[[World], float] = lambda _: 0.0
 
@@ -60,7 +60,7 @@ class TurningHands:
     def __init__(self, world: World) -> None:
         seats = len(world.holding)
         self._world = world
-        self.reported = world.axes == POSE_AXES and type(world).hand_turned is not World.hand_turned
+        self.reported = world.axes == POSE_AXES and type(world).set_reported_rotation is not World.set_reported_rotation
         self._turned: list[Quaternion] = [exp((0.0,) * PLACES)] * seats
         self._travelled = np.zeros((seats, PLACES))
 
@@ -84,7 +84,7 @@ class TurningHands:
         self._travelled += steps
         for user in np.flatnonzero(world.holding).tolist():
             self._turned[user] = product(exp(steps[user].tolist()), self._turned[user])
-            world.hand_turned(user, log(self._turned[user]), tuple(self._travelled[user].tolist()))
+            world.set_reported_rotation(user, log(self._turned[user]), tuple(self._travelled[user].tolist()))
 
     def away(self, user: int, tool_travelled_rad: Array) -> float:
         """Return by what angle a proxy is turned away from its hand, but for the stretch of the line [rad]."""
@@ -137,7 +137,7 @@ class Session:
         self.hands.move(self.sent + self.back)
         rows: list[Any] = self.sent.tolist()
         given = [row.copy() for row in rows]
-        with self._subject.limited():
+        with self._subject.time_limit():
             answers = self.world.advance(rows)
         _expect(rows == given, "advance does not write into the rows that it is given")
         back = np.array(answers, dtype=float)
@@ -170,7 +170,7 @@ class Session:
         """Return everything that can be seen of the world."""
         world = self.world
         seats = [(world.proxy_of(user), world.force_of(user)) for user in range(self.shape[0])]
-        return world.motion(), seats, world.energy_j, tuple(world.worked()), world.save()
+        return world.motion(), seats, world.energy_j, tuple(world.port_work_j()), world.save()
 
     def course(self, frames: int) -> list[tuple[object, ...]]:
         """Return answers and state of each of the next frames."""

@@ -56,7 +56,7 @@ class CoupledScene(DrivenScene):
         place, speed = self.tools()
         stretch, relative = inputs[:, :3] - place, inputs[:, 3:] - speed
         moved = self.drive(self.target_stiffness * stretch + self.target_damping * relative)
-        self._book((self.force * moved).sum(axis=1))
+        self._count_work((self.force * moved).sum(axis=1))
         answers: Array = np.concatenate(self.tools(), axis=1)
         return answers
 
@@ -88,6 +88,6 @@ class PowerScene(DrivenScene):
         led[over] = most[over] / force[over]
         self.hand = self.hand + period * np.where(self.holding[:, None], led, 0.0)
         self.drive(force)
-        self._book(period * (force * led).sum(axis=1))
+        self._count_work(period * (force * led).sum(axis=1))
         answers: Array = np.concatenate((force, led), axis=1)
         return answers

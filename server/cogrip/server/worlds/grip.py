@@ -24,16 +24,16 @@ class GripWorld(World):
     """
 
     kept: ClassVar[tuple[str, ...]] = ("stretch", "_ledger", "_growing")
-    can_follow = True
+    can_adapt_stiffness = True
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         super().__init__(seats)
         self.stretch = np.zeros_like(self.force)
         self._ledger = np.zeros(len(seats))  # energy that each user's spring may spend on growing stiffer [J]
         self._growing = False
-        self._saving = bool(self.follows.any())
+        self._saving = bool(self.adapts_stiffness.any())
 
-    def aim(self, user: int, stiffness_npm: float) -> None:
+    def set_target_stiffness(self, user: int, stiffness_npm: float) -> None:
         self.target_stiffness[user] = stiffness_npm
         self._growing = True
 
@@ -83,7 +83,7 @@ class GripWorld(World):
         supplied = sum(port.tolist()) + period * dot(self.external_force, mid)
         self.balance_error_j = max(self.balance_error_j, abs(supplied - (stored - stored_before) - lost))
 
-        self._book(port)
+        self._count_work(port)
         self.force = force
         self.stretch = grown
         self.position = self.position + period * mid
@@ -93,7 +93,7 @@ class GripWorld(World):
         if self._growing:
             self._grow()
         if self._saving:
-            np.minimum(self._ledger, MOST_SAVED_J, out=self._ledger, where=self.follows)
+            np.minimum(self._ledger, MOST_SAVED_J, out=self._ledger, where=self.adapts_stiffness)
         return back
 
     def _grow(self) -> None:

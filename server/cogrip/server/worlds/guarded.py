@@ -41,15 +41,15 @@ class TooLongError(BaseException):
 
 
 class GuardedWorld(World):
-    """One world from outside. kind: as in the settings, for errors; identity: its code, which a checkpoint must share.
+    """A world of another author. kind: as in the settings, for errors; identity: its code, which a checkpoint must share.
 
-    limited  makes what raises TooLongError in a call that takes too long; the driver sets its own
+    time_limit  returns a context that raises TooLongError in a call that takes too long; the server's loop sets its own
     """
 
     def __init__(self, seats: Sequence[SeatSettings], make: Callable[[], World], kind: str, identity: str) -> None:
         super().__init__(seats)
         self.kind, self._identity = kind, identity
-        self.limited: Callable[[], AbstractContextManager[None]] = nullcontext
+        self.time_limit: Callable[[], AbstractContextManager[None]] = nullcontext
         self.limiter = EnergyLimiter(self.frame_s)
         self._shape = len(seats), self.axes
         self.turning = DriftCorrection(range(len(seats)) if self.axes > PLACES else (), self.frame_s)
@@ -60,7 +60,7 @@ class GuardedWorld(World):
         with self._named("its constructor"):
             self.inner = make()
             self._check_made()
-            self._look()
+            self._read_state()
             self._start = self._saved()
         if self._energy > MOST_HELD_J:
             raise WorldError(
@@ -83,7 +83,7 @@ class GuardedWorld(World):
     def _named(self, verb: str) -> Iterator[None]:
         """Make a WorldError with the world's name of whatever is raised inside; the world has failed then."""
         try:
-            with self.limited():
+            with self.time_limit():
                 yield
         except TooLongError:
             self.failed = f"{self.kind}: takes too long in {verb}"
@@ -92,7 +92,7 @@ class GuardedWorld(World):
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # noqa: BLE001 (it is another author's, and may call sys.exit)
-            self.failed = f"{self.kind}: {told(error)} in {verb}"
+            self.failed = f"{self.kind}: {error_line(error)} in {verb}"
         if self.failed:
             raise WorldError(self.failed)
 
@@ -106,8 +106,8 @@ class GuardedWorld(World):
         except WorldError:
             return otherwise
 
-    def _look(self) -> None:
-        """Take over what the room asks for between two steps."""
+    def _read_state(self) -> None:
+        """Read from the world, and check, what the room asks for between two steps."""
         inner, seats = self.inner, range(len(self.holding))
         self._energy = _number(inner.energy_j)
         self._place = _array("position", inner.position, (self.axes,), MOST_PLACE)
@@ -125,22 +125,26 @@ class GuardedWorld(World):
         if self.failed:
             raise WorldError(self.failed)
         held = self.holding[:, None]
-        theirs, before = np.where(held, np.array(rows), 0.0), self._energy
-        u = self.turning.corrected(theirs, self.port_impedance, self.limiter.level_j) if self.turning.driven else theirs
+        received, before = np.where(held, np.array(rows), 0.0), self._energy
+        u = (
+            self.turning.corrected(received, self.port_impedance, self.limiter.level_j)
+            if self.turning.driven
+            else received
+        )
         with self._named("advance"):
             answers = _array("advance", self.inner.advance([tuple(row) for row in u.tolist()]), self._shape, MOST_WAVE)
             self.events += [str(text) for text in self.inner.take_events()[:MOST_EVENTS]]
-            self._look()
+            self._read_state()
         back = np.where(held, answers, 0.0)
         if self.turning.driven:
             poses = [exp(proxy[PLACES:]) for proxy in self._proxies.tolist()]
             rates = (u + back) / np.sqrt(2.0 * self.port_impedance)
-            self.turning.watch(poses, rates, u - theirs, self.port_impedance)
-        factor = self.limiter.limit(dot(theirs, theirs), dot(back, back), self._energy - before)
+            self.turning.watch(poses, rates, u - received, self.port_impedance)
+        factor = self.limiter.limit(dot(received, received), dot(back, back), self._energy - before)
         if factor < 1.0:
             back = factor * back
         self.force = np.where(held, (u - back) / np.sqrt(2.0 / self.port_impedance), 0.0)
-        self._book((0.5 * self.frame_s) * (theirs * theirs - back * back).sum(axis=1))
+        self._count_work((0.5 * self.frame_s) * (received * received - back * back).sum(axis=1))
         moved: list[list[float]] = back.tolist()
         return moved
 
@@ -159,8 +163,8 @@ class GuardedWorld(World):
         self.turning.begin(user)
         self._try("join", joined, None)
 
-    def hand_turned(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
-        self.turning.report(user, rotation_rad, travelled_rad)
+    def set_reported_rotation(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
+        self.turning.set_hand(user, rotation_rad, travelled_rad)
 
     def impedance_changed(self, user: int) -> None:
         super().impedance_changed(user)
@@ -200,27 +204,27 @@ class GuardedWorld(World):
     @position.setter
     def position(self, value: Array) -> None:
         if hasattr(self, "inner"):  # not in the base's constructor
-            self._try("restore", lambda: self._go_to(self._start), None)
+            self._try("restore", lambda: self._restore_unheld(self._start), None)
 
     @property
     def out_of_reach(self) -> bool:
         return super().out_of_reach or bool(np.any(np.abs(self._proxies - self.offset)[:, :PLACES] > REACH_M))
 
-    def _go_to(self, saved: Row) -> None:
+    def _restore_unheld(self, saved: Row) -> None:
         """Restore a state in which nobody holds anything; energy that it has more counts as made."""
         before = self._energy
         self.inner.restore(saved)
         for user in range(len(self.holding)):
             self.inner.leave(user)
-        self._look()
+        self._read_state()
         self.limiter.limit(0.0, 0.0, max(0.0, self._energy - before))
 
     def proxy(self, user: int) -> Array:
         place: Array = self._proxies[user]
         return place
 
-    def rest(self) -> None:
-        """Leave it as it is: its author lets it come to rest."""
+    def bring_to_rest(self) -> None:
+        """Do nothing: its own friction brings it to rest."""
 
     def reset(self) -> None:
         """Do nothing: it has failed, and is not called again."""
@@ -244,7 +248,7 @@ class GuardedWorld(World):
     # Saving
 
     @classmethod
-    def _all_kept(cls) -> list[str]:
+    def _saved_names(cls) -> list[str]:
         return ["holding", "offset", "force", "port_work", "_work_error"]
 
     def save(self) -> Row:
@@ -259,32 +263,32 @@ class GuardedWorld(World):
         self.inner.restore(inner)
         super().restore(own)
         self.turning.restore(turned)
-        self._look()
+        self._read_state()
         self.limiter.level_j, self.limiter.paid_j, limited = ledger
         self.limiter.limited = int(limited)
 
     def coordinates(self) -> tuple[str, Row]:
         return self._identity, self._try("save", self._saved, self._start)
 
-    def place(self, position_m: Row, scene: str, coordinates: Row) -> None:
+    def restore_coordinates(self, position_m: Row, scene: str, coordinates: Row) -> None:
         if scene != self._identity:
             raise WorldError("its world is another one: the file or the package has been changed")
         problem = ""
         try:
             with self._named("restore"):
-                self._go_to(coordinates)
+                self._restore_unheld(coordinates)
             if self._energy > MOST_HELD_J:
                 problem = f"its world holds {self._energy:.3g} J, more than {MOST_HELD_J:g}"
         except WorldError as error:
             problem, self.failed = str(error), ""
         if problem:
-            self._go_to(self._start)
+            self._restore_unheld(self._start)
         self.limiter = EnergyLimiter(self.frame_s)  # a new server's: nobody has held it yet
         if problem:
             raise WorldError(problem)
 
 
-def told(error: BaseException) -> str:
+def error_line(error: BaseException) -> str:
     """Return what was raised and where, in one line."""
     text = shown(" ".join(f"{type(error).__name__}: {error}".split()))[:200]
     trace = error.__traceback__

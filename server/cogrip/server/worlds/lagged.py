@@ -30,7 +30,10 @@ class LaggedWorld(HandWorld):
             self._glide, self._reach = period, 0.5 * period * period / mass
 
     def contact(self, hand_velocity: Array) -> Array:
-        """Return F = K (x_s - x_o) + B (v_s - v_o), P eq. 18, shape (n, a); one-sided with a depth test."""
+        """Return F = K (x_s - x_o) + B (v_s - v_o), P eq. 18, shape (n, a); one-sided with a depth test.
+
+        x_s, v_s: of the proxy (`hand_velocity`); x_o, v_o: of the object.
+        """
         stretch = self.hand - self.position
         force = self.stiffness * stretch + self.damping * (hand_velocity - self.velocity)
         if self.one_sided:
@@ -67,7 +70,7 @@ class PaperWorld(LaggedWorld):
         port = (0.5 * period) * (u * u - back * back).sum(axis=1)
         error = port.sum() + dot(self.external_force, moved) - (self.energy_j - stored_before) - lost
         self.balance_error_j = max(self.balance_error_j, abs(float(error)))
-        self._book(port)
+        self._count_work(port)
         return back
 
 
@@ -84,5 +87,5 @@ class CoupledWorld(LaggedWorld):
         # what goes back is the object as it is now, beside the hands as they are now: theory section 6 is in this order
         seen = self.position + self.offset
         answers: Array = np.concatenate((seen, np.broadcast_to(self.velocity, seen.shape)), axis=1)
-        self._book((self.force * self.move_object()).sum(axis=1))
+        self._count_work((self.force * self.move_object()).sum(axis=1))
         return answers

@@ -1,8 +1,8 @@
 """Object whose faces the clients render themselves: each line ends at the object itself, along the first axis (theory 7.7).
 
 A wall needs no line: waves are absorbed. A free object of mass m_o gives each person who is there a copy of mass m, and keeps
-the rest. Symbols: M = m_o - sum of m, b_o damping of the object, u, v waves, b impedance of each line, T frame. Implicit
-midpoint, exact in energy for any of them:
+the rest. Symbols: M = m_o - sum of m, v velocity of the object and b_o its damping, u and v_back forward and returning wave,
+b impedance of each line, F_ext external force, T frame. Implicit midpoint, exact in energy for any of them:
 
     M (v' - v) / T = sum (sqrt(2b) u - b w) + F_ext - b_o w      w = (v + v') / 2      v_back = sqrt(2b) w - u
 
@@ -27,7 +27,7 @@ class LocalFacesWorld(HandWorld):
         self.whole_kg, self.copy_kg = self.mass_kg, seats[0].copy_kg
         self.touching = np.zeros_like(self.force)  # force of each person on a wall, by their own report [N]
 
-    def report(self, user: int, hand_m: Row, proxy_m: Row) -> None:
+    def set_reported_positions(self, user: int, hand_m: Row, proxy_m: Row) -> None:
         self.hand[user] = proxy_m
         self.touching[user] = pressed_n(float(self.stiffness[user, 0]), hand_m, proxy_m)
 
@@ -75,5 +75,5 @@ class LocalFacesWorld(HandWorld):
             came = period * dot(self.force[:, 0], np.full_like(drive, mid[0])) + period * dot(self.external_force, mid)
             gained = self.energy_j - before + period * self.object_damping * dot(mid, mid)
             self.balance_error_j = max(self.balance_error_j, abs(came - gained))
-        self._book((0.5 * period) * (u * u - back * back).sum(axis=1))
+        self._count_work((0.5 * period) * (u * u - back * back).sum(axis=1))
         return back

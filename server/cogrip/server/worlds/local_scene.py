@@ -57,7 +57,7 @@ class LocalScene(SceneWorld):
     def local_shapes(self, user: int) -> Sequence[Shape]:
         return self.geometry[user].shapes
 
-    def report(self, user: int, hand_m: Row, proxy_m: Row) -> None:
+    def set_reported_positions(self, user: int, hand_m: Row, proxy_m: Row) -> None:
         self._goal[user] = proxy_m
         stiffness_npm = float(self.target_stiffness[user, 0])
         self._pressed[user, :PLACES] = pressed_n(stiffness_npm, hand_m[:PLACES], proxy_m)

@@ -25,7 +25,7 @@ SAVED = 13  # numbers of a saved state
 
 
 class OrientationDrift:
-    """Drift of one tool. `report` before a step whose row is known to be of that pose, then `step`.
+    """Drift of one tool. `set_hand` before a step whose row is known to be of that pose, then `step`.
 
     correction_radps  rate to be added in the next step, in the world's frame
     drift_rad         delta, as last known
@@ -54,12 +54,12 @@ class OrientationDrift:
         )
         self._hand, self._ahead = None, ahead if saved[0] else None
 
-    def report(self, rotation_rad: Sequence[float], travelled_rad: Sequence[float]) -> None:
-        """Enter how the hand had turned at the end of the frame that is stepped next."""
+    def set_hand(self, rotation_rad: Sequence[float], travelled_rad: Sequence[float]) -> None:
+        """Set rotation vector and travelled angle of the hand at the end of the frame that is stepped next."""
         self._hand = rotation_rad, travelled_rad
 
     def step(self, turned: Quaternion, rates_radps: Sequence[float]) -> None:
-        """Enter a step: how the tool is turned from its start now, and its mean rates without what was added to them."""
+        """Account for a step: the tool's rotation from its start, and its mean rates [rad/s] without the correction."""
         here, period = self._travelled, self._frame_s
         self._travelled = (
             here[0] + period * rates_radps[0],
@@ -99,10 +99,10 @@ class DriftCorrection:
         if user in self.drift:
             self.drift[user].begin()
 
-    def report(self, user: int, rotation_rad: Sequence[float], travelled_rad: Sequence[float]) -> None:
-        """Enter how a hand had turned at the end of the frame that is stepped next."""
+    def set_hand(self, user: int, rotation_rad: Sequence[float], travelled_rad: Sequence[float]) -> None:
+        """See `OrientationDrift.set_hand`."""
         if user in self.drift:
-            self.drift[user].report(rotation_rad, travelled_rad)
+            self.drift[user].set_hand(rotation_rad, travelled_rad)
 
     def corrected(self, u: Array, impedance: Array, level_j: float) -> Array:
         """Return the waves with what turns tools back to their hands, as far as a ledger at this level pays for it.
@@ -119,12 +119,17 @@ class DriftCorrection:
         return out
 
     def watch(self, turned: Sequence[Quaternion], rates: Array, added: Array, impedance: Array) -> None:
-        """Enter a step: how each driven tool is turned in its hand's frame, rates, and the waves that were not the hands'."""
+        """Account for a step.
+
+        turned  orientation of each driven tool in its hand's frame
+        rates   mean rates of all axes [m/s, rad/s], shape (n, 6)
+        added   part of the waves that is correction and came from no hand [sqrt(W)], shape (n, 6)
+        """
         for (user, drift), pose in zip(self.drift.items(), turned, strict=True):
-            theirs = rates[user, PLACES:] - added[user, PLACES:] / np.sqrt(
+            of_hand = rates[user, PLACES:] - added[user, PLACES:] / np.sqrt(
                 2.0 * impedance[user, PLACES:]
             )  # sqrt(2b) w = u + v
-            drift.step(pose, theirs.tolist())
+            drift.step(pose, of_hand.tolist())
 
     @property
     def saved_numbers(self) -> int:

@@ -127,7 +127,7 @@ class PowerWorld(HandWorld):
                 gained += period * velocity * (self.object_damping * velocity - pull)
         error = gained - sum(work)
         self.balance_error_j = max(self.balance_error_j, error if self.one_sided else abs(error))
-        self._book(np.array(work))
+        self._count_work(np.array(work))
         self.force, self.hand = np.array([answer[:axes] for answer in answers]), np.array(hands)
         self.position, self.velocity = np.array(place), np.array(speed)
         return answers

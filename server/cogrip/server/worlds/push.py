@@ -23,18 +23,18 @@ class PushWorld(HandWorld):
     """
 
     kept = ("_ledger",)
-    can_follow = True
+    can_adapt_stiffness = True
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         super().__init__(seats)
         self._ledger = np.zeros(len(seats))  # [J]
-        self._saving = bool(self.follows.any())
+        self._saving = bool(self.adapts_stiffness.any())
 
     @property
     def energy_j(self) -> float:
         return super().energy_j + float(self._ledger.sum())
 
-    def aim(self, user: int, stiffness_npm: float) -> None:
+    def set_target_stiffness(self, user: int, stiffness_npm: float) -> None:
         self.target_stiffness[user] = stiffness_npm
 
     def join(self, user: int, position_m: Array) -> None:
@@ -71,7 +71,7 @@ class PushWorld(HandWorld):
         supplied = port.sum() + period * dot(self.external_force, velocity)
         self.balance_error_j = max(self.balance_error_j, (stored - stored_before) + lost - supplied)
 
-        self._book(port)
+        self._count_work(port)
         self.force, self.hand, self.position, self.velocity = force, hand, position, velocity
         if self._saving:
             squares, before = np.maximum(grown, 0.0) ** 2, np.maximum(depth, 0.0) ** 2
@@ -82,7 +82,7 @@ class PushWorld(HandWorld):
     def _follow(self, taken_j: Array, squares: Array) -> None:
         """Move K towards its target; dK d^2 / 2 is paid, or saved where it is lowered. Shapes (n,)."""
         self._ledger += np.maximum(taken_j, 0.0)
-        change = np.where(self.holding & self.follows, self.target_stiffness[:, 0] - self.stiffness[:, 0], 0.0)
+        change = np.where(self.holding & self.adapts_stiffness, self.target_stiffness[:, 0] - self.stiffness[:, 0], 0.0)
         if change.any():
             most = np.full_like(squares, np.inf)
             pressed = squares > 0.0
@@ -103,6 +103,7 @@ class PushWorld(HandWorld):
     def _object_velocity(self, rest: Array, slope: Array) -> float:
         """Return v with m_o (v - v_o)/T + b_o v = sum s_i max(0, rest_i - slope_i s_i v) + F_ext.
 
+        s_i is the side of user i, 1 or -1, and rest_i - slope_i s_i v its contact force where it pushes [N].
         The right side falls with v and is piecewise linear: walk its break points in order until the sign changes.
         """
         inertia = self.mass_kg / self.frame_s

@@ -38,32 +38,39 @@ class WorldKindError(ValueError):
     """A kind of object without a world, or whose world cannot be loaded."""
 
 
-class Found(NamedTuple):
-    """A class of worlds. identity: which code it is, for checkpoints."""
+class WorldClass(NamedTuple):
+    """The class of a kind of object.
+
+    make      the class
+    identity  says which code it is ("module:class", of a file its digest): a checkpoint is restored only to the same code
+    """
 
     make: Callable[[Sequence[SeatSettings]], World]
     identity: str
 
 
 @cache
-def foreign() -> Mapping[str, str]:
-    """Return the kinds of other packages with their targets. Those that come with cogrip cannot be replaced."""
+def entry_point_kinds() -> Mapping[str, str]:
+    """Return kind -> "module:class" of the worlds that other installed packages name in the entry point group `cogrip.worlds`.
+
+    A kind that comes with cogrip cannot be replaced.
+    """
     return {point.name: point.value for point in entry_points(group=GROUP) if point.name not in KINDS}
 
 
-def world_of(kind: str) -> Found:
+def world_class_of(kind: str) -> WorldClass:
     """Return the class of a kind. Raises WorldKindError."""
     if kind.startswith(PYTHON):
         return _of_file(kind)
-    target = WORLDS.get(kind) or foreign().get(kind)
+    target = WORLDS.get(kind) or entry_point_kinds().get(kind)
     if target is None:
-        known = [*KINDS, *foreign()]
+        known = [*KINDS, *entry_point_kinds()]
         near = get_close_matches(kind, known, n=1)
         cure = f'did you mean "{near[0]}"?' if near else f"there are: {', '.join(known)}; or {PYTHON}FILE.py:CLASS"
         raise WorldKindError(f'object.kind: there is no world "{kind}"; {cure}')
     module, _, name = target.partition(":")
     try:
-        return Found(_checked(getattr(import_module(module), name), kind), target)
+        return WorldClass(_checked(getattr(import_module(module), name), kind), target)
     except WorldKindError:
         raise
     except Exception as error:
@@ -72,9 +79,9 @@ def world_of(kind: str) -> Found:
         raise _broken(kind, error, "mend or remove its package") from error
 
 
-def make_foreign(kind: str, seats: Sequence[SeatSettings]) -> World:
+def make_guarded(kind: str, seats: Sequence[SeatSettings]) -> World:
     """Return the guarded world of a kind that does not come with cogrip. Raises WorldKindError, WorldError."""
-    found = world_of(kind)
+    found = world_class_of(kind)
     named = shared_kind(kind)
     for key, count, allowed in (
         ("object.axes", seats[0].object.axes, getattr(found.make, "axes_allowed", ())),
@@ -101,7 +108,7 @@ def check_allowed(file: Path) -> None:
         )
 
 
-def _of_file(kind: str) -> Found:
+def _of_file(kind: str) -> WorldClass:
     name, class_name = split_python(kind)
     file = Path(name)
     check_allowed(file)
@@ -116,7 +123,7 @@ def _of_file(kind: str) -> Found:
         raise _broken(str(file), error, "correct it") from error
     if not hasattr(module, class_name):
         raise WorldKindError(f"object.kind: {file} has no class {class_name}; name one that is in it")
-    return Found(_checked(getattr(module, class_name), kind), f"{shared_kind(kind)} {digest}")
+    return WorldClass(_checked(getattr(module, class_name), kind), f"{shared_kind(kind)} {digest}")
 
 
 @cache

@@ -143,7 +143,7 @@ class SceneWorld(World):
         """Kinetic and potential energy of all bodies."""
         return self._energy.now_j
 
-    def rest(self) -> None:
+    def bring_to_rest(self) -> None:
         """Leave it moving: bodies come to rest by their own friction."""
 
     def proxy(self, user: int) -> Array:
@@ -155,8 +155,8 @@ class SceneWorld(World):
             return np.append(place, self.openings.opening(self.data, user))
         return np.concatenate((place, log(self.turning.turned(self.data, user))))
 
-    def hand_turned(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
-        self.turning.report(user, rotation_rad, travelled_rad)
+    def set_reported_rotation(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
+        self.turning.set_hand(user, rotation_rad, travelled_rad)
 
     def stiffness_of(self, user: int) -> float | None:
         return None
@@ -187,11 +187,11 @@ class SceneWorld(World):
     def _damp(self, user: int) -> None:
         """Give a held tool the damper of its port."""
         tool = self.scene.tools[user]
-        turning = self.turning.damping(user, self.impedance_behind[user])
+        turning = self.turning.damping(user, self.further_impedance[user])
         damping = np.concatenate((np.repeat(self.impedance[user], PLACES), turning))
         dofs = slice(tool.dof, tool.dof + tool.dofs)
         self.scene.model.dof_damping[dofs] = self._grips[user].damping + self.port_damped * damping
-        self.openings.damp(user, float(self.impedance_behind[user, 0]))
+        self.openings.damp(user, float(self.further_impedance[user, 0]))
 
     def impedance_changed(self, user: int) -> None:
         super().impedance_changed(user)
@@ -294,7 +294,7 @@ class SceneWorld(World):
         factor = self.limiter.limit(dot(theirs, theirs), dot(back, back), self._gain())
         if factor < 1.0:
             back = factor * back
-        self._book(((0.5 * period) * (theirs * theirs - back * back)).sum(axis=1))
+        self._count_work(((0.5 * period) * (theirs * theirs - back * back)).sum(axis=1))
         self._make_solid()
         return back
 
@@ -340,7 +340,7 @@ class SceneWorld(World):
     def progress(self) -> Row:
         return (*self.contacts.save(), *(self._watch[1].save() if self._watch else ()))
 
-    def go_on(self, progress: Row) -> None:
+    def restore_progress(self, progress: Row) -> None:
         own = len(self.contacts.save())
         self.contacts.restore(progress[:own])
         if self._watch:
@@ -358,7 +358,7 @@ class SceneWorld(World):
     def coordinates(self) -> tuple[str, Row]:
         return self.scene.digest, tuple(self.data.qpos.tolist())
 
-    def place(self, position_m: Row, scene: str, coordinates: Row) -> None:
+    def restore_coordinates(self, position_m: Row, scene: str, coordinates: Row) -> None:
         if scene != self.scene.digest or len(coordinates) != len(self.data.qpos):
             raise WorldError("its scene is another one: the file has been changed")
         if not all(map(isfinite, coordinates)):

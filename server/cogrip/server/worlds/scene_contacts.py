@@ -5,8 +5,8 @@ Of tool i, over its (MOST_CONTACTS strongest) contacts c with other bodies, as t
     N_i = sum of f_n,c        T_i = sum of |f_t,c|        f_n, f_t: normal and tangential force of a contact [N]
 
 Slip s_i is how far the tool has moved along the surface of the body that it touches since they met: p is the mean of the points
-where they met, kept in the tool's frame (p_t) and in the body's (p_b), n_b the normal there, x and R place and
-rotation of both,
+where they met, kept in the tool's frame (p_t) and in the body's (p_b), n_b the normal there in the body's frame;
+with x_t, R_t place and rotation of the tool and x_b, R_b of the body,
 
     d = R_b^T (x_t + R_t p_t - x_b) - p_b        s_i = |d - (d . n_b) n_b|
 

@@ -48,7 +48,7 @@ class SmallGripWorld(GripWorld):
         axes = max(seat.object.axes for seat in seats)
         self.moving = GripStep(len(seats), axes, first.rates.frame_s, first.object.mass_kg, first.object.damping_nspm)
         super().__init__(seats)
-        self._follows: list[bool] = self.follows.tolist()
+        self._adapts_stiffness: list[bool] = self.adapts_stiffness.tolist()
         self._advance = self.moving.advance
         self._offsets: dict[int, list[float]] = {}  # of users, in plain floats
 
@@ -111,7 +111,8 @@ class SmallGripWorld(GripWorld):
         if self._saving:
             paid = self._paid_j
             self._paid_j = [
-                min(each, MOST_SAVED_J) if follows else each for each, follows in zip(paid, self._follows, strict=True)
+                min(each, MOST_SAVED_J) if follows else each
+                for each, follows in zip(paid, self._adapts_stiffness, strict=True)
             ]
         return answers
 
@@ -144,8 +145,8 @@ class SmallGripWorld(GripWorld):
     def motion(self) -> Row:
         return self.moving.motion()
 
-    def worked(self) -> Sequence[float]:
-        return self.moving.worked()
+    def port_work_j(self) -> Sequence[float]:
+        return self.moving.port_work_j()
 
     @property
     def left_workspace(self) -> bool:

@@ -48,7 +48,7 @@ cdef class GripStep:
     @cython.locals(axis=Py_ssize_t, place="double*", speed="double*", found=list)
     cpdef tuple motion(self)
     @cython.locals(user=Py_ssize_t, work="double*")
-    cpdef list worked(self)
+    cpdef list port_work_j(self)
     @cython.locals(axis=Py_ssize_t, force="double*", first=Py_ssize_t)
     cpdef tuple force_of(self, Py_ssize_t user)
     @cython.locals(axis=Py_ssize_t, place="double*", stretch="double*", first=Py_ssize_t)

@@ -162,7 +162,7 @@ class GripStep:
             found.append(speed[axis])  # noqa: PERF401
         return tuple(found)
 
-    def worked(self) -> list[float]:
+    def port_work_j(self) -> list[float]:
         """Return the energy that came out of each person's line so far [J]."""
         work = self.work
         return [work[user] for user in range(self.users)]

@@ -67,7 +67,7 @@ class ToolWorld(World):
     def stiffness_of(self, user: int) -> float | None:
         return None
 
-    def rest(self) -> None:
+    def bring_to_rest(self) -> None:
         """Leave it moving: it comes to rest by its own friction."""
 
     def impedance_changed(self, user: int) -> None:
@@ -85,5 +85,5 @@ class ToolWorld(World):
         w = np.where(held, displacement(before, self.tools) / self.frame_s, 0.0)
         back = self._drive * w - u
         self.force = force - damping * w
-        self._book((0.5 * self.frame_s) * (u * u - back * back).sum(axis=1))
+        self._count_work((0.5 * self.frame_s) * (u * u - back * back).sum(axis=1))
         return back

@@ -54,7 +54,7 @@ class World(ABC):
 
     failed            why it is not stepped any more, "" while it is
     impedance         b of each person's port [N s/m], shape (n, 1)
-    impedance_behind  of the axes behind the places, shape (n, 1): b_r [N m s] of those that turn, b_g [N s/m] of an opening
+    further_impedance  of the axes behind the places, shape (n, 1): b_r [N m s] of those that turn, b_g [N s/m] of an opening
     port_impedance    of each axis, shape (n, a)
     """
 
@@ -64,10 +64,11 @@ class World(ABC):
         "position", "velocity", "offset", "force", "holding", "stiffness", "damping", "target_stiffness", "external_force",
         "port_work", "_work_error", "balance_error_j",
     )  # fmt: skip
-    """Attributes, numbers or arrays of them, that hold what changes; each class names its own."""
+    """Names of the attributes, numbers or arrays of them, that make up the state. Each class names its own; `save` and
+    `restore` go through those of all base classes."""
     inputs_per_axis = 1  # waves
     gained_j = 0.0  # energy that the bodies of a scene have got in all steps so far
-    can_follow = False  # `aim` may be called: stiffness changes within the energy law
+    can_adapt_stiffness = False  # `set_target_stiffness` may be called
     failed = ""
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
@@ -77,17 +78,15 @@ class World(ABC):
         self.mass_kg = first.object.mass_kg
         self.object_damping = first.object.damping_nspm
         self.impedance = np.array([[seat.coupling.impedance_nspm] for seat in seats])
-        self.impedance_behind = np.array([[seat.coupling.behind] for seat in seats])
+        self.further_impedance = np.array([[seat.coupling.further_impedance] for seat in seats])
         self.port_impedance = np.repeat(self.impedance, axes, axis=1)
-        self.port_impedance[:, PLACES:] = self.impedance_behind
-        self._square = [seat.coupling.unit**2 for seat in seats]  # b_r / b, or b_g / b
+        self.port_impedance[:, PLACES:] = self.further_impedance
+        self._impedance_ratio = [seat.coupling.length_scale**2 for seat in seats]  # b_r / b [m^2], or b_g / b
         self.wave_gain = np.array([[server_gain(seat.coupling.impedance_nspm)] for seat in seats])  # c
         self.side = np.array([seat.side_sign for seat in seats])
         self.target_stiffness = np.array([[seat.rendered_npm] for seat in seats])
         self.target_damping = np.array([[seat.coupling.damping_nspm] for seat in seats])
-        self.follows = np.array(
-            [seat.follows for seat in seats]
-        )  # stiffness may change while the user holds the object
+        self.adapts_stiffness = np.array([seat.adapts_stiffness for seat in seats])  # while the user holds the object
         self.stiffness = np.zeros((len(seats), 1))
         self.damping = np.zeros((len(seats), 1))
         self.holding = np.zeros(len(seats), dtype=bool)
@@ -105,7 +104,7 @@ class World(ABC):
         ] = ()  # that everybody's client renders, places in the object's frame at its start
 
     def take_events(self) -> Sequence[str]:
-        """Return what has happened since the last call, one line each: markers for everybody in the room."""
+        """Return the texts of `events` since the last call, and clear them; the room sends each to everybody as a marker."""
         if not self.events:
             return ()
         found, self.events = self.events, []
@@ -149,41 +148,57 @@ class World(ABC):
     def proxy(self, user: int) -> Array:
         """Return the proxy of a person [m], shape (a,), in the person's own frame."""
 
-    def aim(self, user: int, stiffness_npm: float) -> None:
-        """Set the target of a user's stiffness; the energy law decides how fast it is reached."""
+    def set_target_stiffness(self, user: int, stiffness_npm: float) -> None:
+        """Set the target of a user's spring, K [N/m].
+
+        Each `step` moves K there: down at once, up as fast as a ramp and the seat's saved energy allow, since raising K by
+        dK at the stretch e costs dK e^2 / 2 (theory 3.7). Called only where `can_adapt_stiffness`.
+        """
         raise NotImplementedError(f"{type(self).__name__}: a stiffness that changes would not be passive here")
 
     def set_impedance(self, user: int, impedance_nspm: float) -> None:
-        """Let a person's port have this impedance from the next step on: any is passive (theory 7.3)."""
+        """Set the wave impedance b of a person's port [N s/m] from the next step on; any b is passive (theory 7.3)."""
         if self.impedance[user, 0] != impedance_nspm:
             self.impedance[user] = impedance_nspm
             self.impedance_changed(user)
 
     def impedance_changed(self, user: int) -> None:
-        """Compute anew what is kept of a person's impedance; a world that keeps more of it extends this.
+        """Compute anew the numbers that are derived of a person's impedance; a world with more of them extends this.
 
-        b_r, or b_g, goes with b: the characteristic length stays (theory 8.5).
+        b_r [N m s], or b_g [N s/m], changes in proportion to b: the characteristic length stays (theory 8.5).
         """
         b = float(self.impedance[user, 0])
         self.wave_gain[user] = server_gain(b)
-        self.impedance_behind[user] = self._square[user] * b
-        self.port_impedance[user, :PLACES], self.port_impedance[user, PLACES:] = b, self.impedance_behind[user]
+        self.further_impedance[user] = self._impedance_ratio[user] * b
+        self.port_impedance[user, :PLACES], self.port_impedance[user, PLACES:] = b, self.further_impedance[user]
 
     def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
         """Step in plain floats: a row a user in, a row a user out."""
         answers: list[list[float]] = self.step(np.array(rows)).tolist()
         return answers
 
-    def hand_turned(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
-        """Take in how a hand had turned as it sent the row of the next step: its rotation vector, and the angle travelled."""
+    def set_reported_rotation(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
+        """Set how the hand was turned as it sent the wave row that the next step takes, from its client's message.
+
+        rotation_rad   rotation vector of the hand in its own frame [rad]
+        travelled_rad  sum of the rotation vectors from each of its samples to the next since the line began (SPEC 3.6) [rad]
+
+        Called before `step`. Rotations do not commute, so a tool's rotation drifts away from its hand's; the drift is
+        corrected by these values (`orientation_drift`, theory 8.5).
+        """
         raise NotImplementedError(f"{type(self).__name__}: nothing turns here")
 
-    def report(self, user: int, hand_m: Row, proxy_m: Row) -> None:
-        """Take in where a hand and its proxy were after the newest frame, as its client says, in the hand's own frame."""
+    def set_reported_positions(self, user: int, hand_m: Row, proxy_m: Row) -> None:
+        """Set where a hand and its proxy were at the end of the newest frame, from its client's message, before `step`.
+
+        hand_m, proxy_m  places [m] in the hand's own frame; they differ by the depth at which the hand presses
+
+        Only worlds whose clients render contact themselves use it (theory 7.7, 8.7); the base ignores it.
+        """
         return
 
     def button(self, user: int, button: int, down: bool) -> None:
-        """Take in that a person pressed or released a button, from 1, before the next step.
+        """Tell the world, before the next step, that a person pressed (`down`) or released a button, counted from 1.
 
         Each edge comes once and in order, whatever the network loses. Buttons that are down when a person leaves are released
         before `leave`.
@@ -191,12 +206,15 @@ class World(ABC):
         return
 
     def handle(self, user: int, orientation: Row | None, grip_m: float | None) -> None:
-        """Take in the newest orientation of a person's handle, a unit quaternion w, x, y, z in the device's own frame, and the
-        opening of its gripper [m]; None: not known. Called before every step in which either is known."""
+        """Tell the world the newest orientation of a person's handle, a unit quaternion w, x, y, z in the device's own frame,
+        and the opening of its gripper [m]; None: not known. Called before every step in which either is known."""
         return
 
     def engaged_at(self, user: int) -> Row:
-        """Return where the line took hold of a tool [m], in the hand's own frame; () where it holds none, or since joining."""
+        """Return the place [m], in the hand's own frame, at which the wave line began to move a person's tool (theory 8.7).
+
+        () where the line moves no tool now, and in worlds where it moves one from joining to leaving.
+        """
         return ()
 
     def local_shapes(self, user: int) -> Sequence[Shape]:
@@ -207,27 +225,27 @@ class World(ABC):
         """Count the user's work from here: a new seat session."""
         self.port_work[user] = self._work_error[user] = 0.0
 
-    def _book(self, work: Array) -> None:
-        """Add what came out of each line in this step [J], shape (n,)."""
+    def _count_work(self, work: Array) -> None:
+        """Add the energy that came out of each user's line in this step [J], shape (n,), to `port_work`."""
         self.port_work, self._work_error = add_compensated(self.port_work, self._work_error, work)
 
-    def rest(self) -> None:
-        """Put the object down."""
+    def bring_to_rest(self) -> None:
+        """Set the object's velocity to 0 because nobody holds it. A world of bodies with friction leaves them moving."""
         self.velocity = np.zeros(self.axes)
 
     def reset(self) -> None:
-        """Go back to the start, held by nobody, after a WorldError."""
+        """Set the state at the start, held by nobody. Called after `step` raised WorldError."""
         raise NotImplementedError(f"{type(self).__name__}: no state here is one that it cannot go on from")
 
     def save(self) -> Row:
         """Return the state between two steps; a world of the same seats continues from it bit for bit."""
-        arrays = [np.ravel(np.asarray(getattr(self, name), dtype=float)) for name in self._all_kept()]
+        arrays = [np.ravel(np.asarray(getattr(self, name), dtype=float)) for name in self._saved_names()]
         row: list[float] = np.concatenate(arrays).tolist()
         return tuple(row)
 
     def restore(self, saved: Row) -> None:
         """Continue from a saved state. Raises WorldError for one that is not of such a world, and nothing has changed."""
-        before = {name: getattr(self, name) for name in self._all_kept()}
+        before = {name: getattr(self, name) for name in self._saved_names()}
         sizes = [np.size(value) for value in before.values()]
         check_saved(saved, sum(sizes))
         for (name, value), part in zip(before.items(), np.split(np.array(saved), np.cumsum(sizes)[:-1]), strict=True):
@@ -236,33 +254,40 @@ class World(ABC):
             setattr(self, name, new if isinstance(value, np.ndarray) else new.tolist())
 
     @classmethod
-    def _all_kept(cls) -> list[str]:
+    def _saved_names(cls) -> list[str]:
         return list(dict.fromkeys(name for each in reversed(cls.__mro__) for name in vars(each).get("kept", ())))
 
     def coordinates(self) -> tuple[str, Row]:
         """Return the digest of the scene and the coordinates of all its bodies; "" and () where there is only the object."""
         return "", ()
 
-    def place(self, position_m: Row, scene: str, coordinates: Row) -> None:
-        """Put everything where it was, at rest, before anybody takes hold. Raises WorldError where it was another scene."""
+    def restore_coordinates(self, position_m: Row, scene: str, coordinates: Row) -> None:
+        """Put all bodies where a checkpoint had them, at rest; called before anybody takes hold.
+
+        position_m   place of the object [m, rad], shape (a,)
+        scene        digest of the scene in which the checkpoint was made, from `coordinates`
+        coordinates  of all bodies, from `coordinates`
+
+        Raises WorldError for another scene.
+        """
         if scene or coordinates:
             raise WorldError("it is of a scene of rigid bodies, and this room has none")
         self.position = np.array(position_m)
 
     def progress(self) -> Row:
-        """Return measures of the run so far: of contacts, and of the task. They are no state: no step depends on them."""
+        """Return measures of the run so far, of contacts and of the task, for a checkpoint. No step depends on them."""
         return ()
 
-    def go_on(self, progress: Row) -> None:
-        """Go on measuring from there, after `place`."""
+    def restore_progress(self, progress: Row) -> None:
+        """Continue the measures of the run from those that `progress` returned; called after `restore_coordinates`."""
         return
 
     def motion(self) -> Row:
         """Return the object's position [m], then its velocity [m/s]."""
         return tuple(self.position.tolist() + self.velocity.tolist())
 
-    def worked(self) -> Sequence[float]:
-        """Return `port_work` in plain floats."""
+    def port_work_j(self) -> Sequence[float]:
+        """Return `port_work` [J] in plain floats, one a user."""
         work: list[float] = self.port_work.tolist()
         return work
 

@@ -1,10 +1,14 @@
 """The boundary of the stable region in the plane of two stiffnesses, traced point by point (docs/decisions/0006).
 
-On it an eigenvalue e^{j theta} crosses the unit circle, f(theta, K) = det(I - S G) = 0 (`LiftedModel.characteristic`): two real
-equations for theta and the distance s along a ray K = s box p(t), t in [0, 1] from the end of the K_1 axis round the corner to
-that of the K_2 axis. Newton solves them from the neighbouring ray's solution (D-decomposition, Neimark 1949), and rays are put
-in between until chords fit. Eigenvalues verify every point on both sides; one that fails is found anew by scanning its ray.
-The region is assumed to be star-shaped about the origin; `probes` between origin and boundary would show it if it were not.
+Symbols: K = (K_1, K_2) stiffnesses of two users [N/m], up to `box` [N/m] each; G(theta), S(theta, K) response of clients with
+their links, and of the server, at e^{j theta} a frame.
+
+On it an eigenvalue e^{j theta} crosses the unit circle, f(theta, K) = det(I - S G) = 0 (`LiftedModel.characteristic`): two
+real equations for theta and the distance s along a ray K = s box p(t), p(t) with t in [0, 1] the point of the unit square's
+edge from (1, 0) round the corner to (0, 1). Newton solves them from the neighbouring ray's solution (D-decomposition,
+Neimark 1949), and rays are put in between until chords fit. Eigenvalues verify every point on both sides; one that fails is
+found anew by scanning its ray. The region is assumed to be star-shaped about the origin; `probes` between origin and
+boundary would show it if it were not.
 """
 
 from __future__ import annotations

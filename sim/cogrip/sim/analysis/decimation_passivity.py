@@ -1,6 +1,7 @@
 """The exact condition for a filter and a downsampler to be passive: max S <= 1 (theory section 3.2; P section II asks less).
 
-The kept samples have the sum of H_k U_k of the M aliases (w + 2 pi k) / M of a slow angle w. So S(w), the sum of |H_k|^2,
+With H_k the filter's response and U_k the input's spectrum at the alias (w + 2 pi k) / M, k = 0 ... M - 1, the kept samples
+have the sum of H_k U_k at the angle w. So S(w), the sum of |H_k|^2,
 bounds their energy by Cauchy-Schwarz, with equality for U_k in proportion to conj(H_k): the worst input.
 
 symbols: M device ticks in a frame, w angle per frame [rad], H at the device rate, S [1]; waves in sqrt(W), energies in J.

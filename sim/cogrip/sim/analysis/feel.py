@@ -6,11 +6,12 @@ motors give
     Z(w) = F(w) / y        F(w) = (1/M) sum_k F_k e^{-j w k T_c}
 
 the component at w of the force's samples; a force held over frames also has images at w + 2 pi n / T_n, which do not
-count. The device's own j w m + b_HD comes on top in the hand (`device_impedance`).
+count. The impedance of the device itself, j w m + b_HD with its mass m and damping b_HD, adds to Z (`device_impedance`).
 
 Everything is a phasor per network frame, z = e^{j w T_n}. The moving client's port, with s(w) its encoder's output for the
 motion and V the returning wave held over a frame, is u = E + R V with E = D(w) sqrt(2b) s(w) y, D and R the decimator's
-answers to a tone and to a held wave; the other clients' are G_j V; the server's is v = S u. So (I - S G) v = S e_i E.
+answers to a tone and to a held wave. The port of another client j is u_j = G_j V, and the server's v = S u, over all clients.
+With i the moving client, e_i its unit vector and G the diagonal of R and all G_j, (I - S G) v = S e_i E.
 
 Symbols as in `client_blocks`; frequencies w [rad/s] of shape (W,).
 """

@@ -1,7 +1,8 @@
 """The eigenvalues of a session that lie at 1 by its structure, removed exactly (docs/decisions/0006).
 
-Each freedom is a vector, and together, V (n, f), they span a subspace that the map keeps: A V = V J, with ones on J's diagonal
-(`Rigid.residual`). With pivots p, one state a freedom such that V_p is invertible, and k the other states,
+A is the map of one frame (`lifted_model`). Each freedom is a vector, and together, V (n, f), they span a subspace that the
+map keeps: A V = V J, with ones on J's diagonal (`Rigid.residual`). With pivots p, one state a freedom such that the rows
+V_p of V are invertible, and k the other states,
 
     A' = A_kk - R A_pk        R = V_k V_p^-1
 
@@ -12,7 +13,7 @@ Freedoms:
     object position      forces depend on stretches alone; with virtual coupling it goes with the devices that are sprung to it
     stretch i            of a spring with K_i = 0
     tension i            where a hand's spring pulls the coupling's (K_h, K_i > 0): any force may stand,
-                         f = K_i e_i = -K_h x_i; on an object that may move these sum to 0, one freedom less
+                         f = K_i e_i = -K_h x_i, x_i the device; on an object that may move these sum to 0, one freedom less
     uniform motion       everyone who is coupled, and the object, at one velocity: where no damper and no hand brakes it;
                          a person without coupling (K_i = B_i = 0) alone. Virtual coupling brakes it by its old
                          positions, unless K = 0.

@@ -86,7 +86,7 @@ def _felt(scene: Scene, seat: SeatSettings) -> Finding:
 
 def _grip(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
     """Yield what the fingers of a gripper feel of their line, whose impedance is their own (theory 8.8)."""
-    joint, b_g = scene.tools[seat.seat].opening, seat.coupling.behind
+    joint, b_g = scene.tools[seat.seat].opening, seat.coupling.further_impedance
     finger_kg = float(scene.model.body_mass[scene.model.jnt_bodyid[joint]])
     most_npm = b_g / (seat.coupling.impedance_nspm * seat.line_compliance(_loop_frames(seat)))
     mass_kg = finger_kg + _line_kg(seat, b_g)

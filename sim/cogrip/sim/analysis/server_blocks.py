@@ -67,7 +67,8 @@ def paper_step(session: LinearSession, stiffness: Array) -> StateSpace:
 
 
 def coupled_step(session: LinearSession, stiffness: Array) -> StateSpace:
-    """Return virtual coupling, theory section 5, from x_i, y_i of each user to x_o, v_o as of the start, to each.
+    """Return virtual coupling, theory section 5, from x_i, y_i of each user (place and velocity of
+    the device) to x_o, v_o as of the start, to each.
 
     States x_o, v_o.
     """

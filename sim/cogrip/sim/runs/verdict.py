@@ -24,9 +24,9 @@ from cogrip.sim.runs.summary_values import (
 )
 
 
-def judgements(summary: Summary, tank_j: float | None = None) -> tuple[Judgement, Judgement, Judgement]:
-    """Return the three judgements. tank_j: credit of the lines (settings), None if not known."""
-    return passive(summary, tank_j), stable(summary), felt(summary)
+def judgements(summary: Summary, credit_j: float | None = None) -> tuple[Judgement, Judgement, Judgement]:
+    """Return the three judgements. credit_j: credit of the lines (settings), None if not known."""
+    return passive(summary, credit_j), stable(summary), felt(summary)
 
 
 def succeeded(summary: Summary) -> bool:
@@ -60,20 +60,20 @@ def unjudged(summary: Summary) -> bool:
 # Passive ---------------------------------------------------------------------------------------------------------------
 
 
-def passive_of(rows: list[Row], tank_j: float) -> bool | None:
+def passive_of(rows: list[Row], credit_j: float) -> bool | None:
     """Return `passive` of a summary with these people, by the reported margins; None where an end reported none."""
     held = list(occupied(rows))
     reported = [(key, dig(row, "energy", key)) for row in held for key in _measured(row)]
     if any(
-        value is not None and not (is_number(value) and value >= least_margin(key, tank_j)) for key, value in reported
+        value is not None and not (is_number(value) and value >= least_margin(key, credit_j)) for key, value in reported
     ):
         return False
     return None if not held or any(map(_untold, held)) else True
 
 
-def least_margin(key: str, tank_j: float) -> float:
+def least_margin(key: str, credit_j: float) -> float:
     """Return the least that a margin may be [J]: less the credit of each direction, and rounding."""
-    return -{"line_margin_j": 2.0, "device_margin_j": 0.0}.get(key, 1.0) * tank_j - ROUNDING_J
+    return -{"line_margin_j": 2.0, "device_margin_j": 0.0}.get(key, 1.0) * credit_j - ROUNDING_J
 
 
 def _measured(row: Row) -> tuple[str, ...]:
@@ -82,16 +82,16 @@ def _measured(row: Row) -> tuple[str, ...]:
     return ours if row.get("claimed") else (*ours, "down_margin_j", "device_margin_j")
 
 
-def passive(summary: Summary, tank_j: float | None = None) -> Judgement:
+def passive(summary: Summary, credit_j: float | None = None) -> Judgement:
     """Judge whether no line gave out more than had come in and its credit, and no device port more than had come in."""
-    if is_number(credit_j := summary.get("credit_j")):  # of earlier versions the settings alone tell it
-        tank_j = credit_j
+    if is_number(recorded := summary.get("credit_j")):  # summaries of earlier versions have none: the settings say it
+        credit_j = recorded
     users, said = people(summary), summary.get("passive")
     worst, device = worst_margin(users), _worst_device(users)
-    lent = f" The credit of each direction is {energy(tank_j)}." if tank_j else ""
+    lent = f" The credit of each direction is {energy(credit_j)}." if credit_j else ""
     if said is False:
-        return Judgement("passive", "bad", *_not_passive(users, worst, device, tank_j or 0.0, lent))
-    if claims := _claimed_margins(users, tank_j or 0.0):
+        return Judgement("passive", "bad", *_not_passive(users, worst, device, credit_j or 0.0, lent))
+    if claims := _claimed_margins(users, credit_j or 0.0):
         text = f"Passive as far as this end measured, but {'; '.join(claims)}."
         return Judgement("passive", "warn", text, f"{claims[0]}{f' and {len(claims) - 1} more' if claims[1:] else ''}")
     missing: dict[str, list[str]] = {}
@@ -113,14 +113,14 @@ def passive(summary: Summary, tank_j: float | None = None) -> Judgement:
     return Judgement("passive", "good", text)
 
 
-def _claimed_margins(users: list[Row], tank_j: float) -> list[str]:
+def _claimed_margins(users: list[Row], credit_j: float) -> list[str]:
     """Return what clients of others say against themselves."""
     return [
         f"the client of {name_of(row)} says that {words} gave out {energy(-value)} too much"
         for row in seat_sessions(users)
         if row.get("claimed")
         for key, words in (("down_margin_j", "its line down"), ("device_margin_j", "its device"))
-        if is_number(value := dig(row, "energy", key)) and value < least_margin(key, tank_j)
+        if is_number(value := dig(row, "energy", key)) and value < least_margin(key, credit_j)
     ]
 
 
@@ -135,12 +135,12 @@ def _least_reserves(users: list[Row]) -> str:
 
 
 def _not_passive(
-    users: list[Row], worst: tuple[float, str, str] | None, device: tuple[float, str] | None, tank_j: float, lent: str
+    users: list[Row], worst: tuple[float, str, str] | None, device: tuple[float, str] | None, credit_j: float, lent: str
 ) -> tuple[str, str]:
     """Return the sentence, and the brief one."""
     found, brief = [], []
     if worst and any(
-        is_number(value := dig(row, "energy", key)) and value < least_margin(key, tank_j)
+        is_number(value := dig(row, "energy", key)) and value < least_margin(key, credit_j)
         for row in seat_sessions(users)
         for key in ledgers(row)
     ):

@@ -24,12 +24,12 @@ _SHOWN_PEOPLE = 6
 MUCH_LATE, MANY_LATE = 0.05, 20  # share, and number, of one direction's frames from which on a depth is too shallow
 
 
-def verdict(summary: Summary, tank_j: float | None = None) -> list[tuple[Tone, str]]:
-    """Return sentences, each with its tone. tank_j: what the lines may lend (settings), None if not known."""
+def verdict(summary: Summary, credit_j: float | None = None) -> list[tuple[Tone, str]]:
+    """Return sentences, each with its tone. credit_j: energy credit of each line by the settings, None if not known."""
     if not summary:
         return [("bad", "There is no summary of this run: only what its traces hold can be shown.")]
     return [
-        *((judgement.tone, judgement.sentence) for judgement in judgements(summary, tank_j)),
+        *((judgement.tone, judgement.sentence) for judgement in judgements(summary, credit_j)),
         *_task(summary),
         *((tone, sentence) for tone, sentence, _ in notes(summary)),
     ]

@@ -30,7 +30,7 @@ from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import Settings, rates_of, seat_axes
 from cogrip.protocol.settings_digest import digest
 from cogrip.protocol.version import VERSION
-from cogrip.server.admission import Outside
+from cogrip.server.admission import AdmissionServices
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.inputs import CloseLedger, Restore
 from cogrip.server.recorder import RecordedServer
@@ -129,8 +129,8 @@ class Laboratory:
             self._begin(person)
 
     def _new_server(self) -> RecordedServer:
-        outside = Outside(lambda: next(self._sessions), new_ticket=lambda: f"ticket-{next(self._tickets)}")
-        return RecordedServer([self.settings], VERSION, outside)
+        services = AdmissionServices(lambda: next(self._sessions), new_ticket=lambda: f"ticket-{next(self._tickets)}")
+        return RecordedServer([self.settings], VERSION, services)
 
     def _call(self, person: Person) -> None:
         """Exchange hello and welcome over a perfect link; from then on the configured one holds."""
@@ -325,7 +325,7 @@ class Laboratory:
 def moments_of(ticks_per_frame: Sequence[int]) -> tuple[Moment, ...]:
     """Return a frame's moments in order, for seats with so many ticks in it; everybody ticks at the first, the border.
 
-    Two ticks that are not simultaneous are at least 1 / (M_i M_j network_hz) apart, 2.5 ns or more.
+    Two ticks that are not simultaneous are 2.5 ns or more apart: 1 / (M_i M_j network_hz), M_i ticks a frame of seat i.
     """
     at: dict[Fraction, list[tuple[int, int]]] = {}
     for number, ticks in enumerate(ticks_per_frame):

@@ -39,7 +39,10 @@ def jerk_rms_mps3(run: RunColumns, person: int) -> float | None:
 
 
 def smoothness(run: RunColumns, person: int) -> float | None:
-    """Log dimensionless jerk, -ln(T^3 / v_peak^2 int |jerk|^2 dt): the larger, the smoother; -5.32 of a minimum-jerk stroke."""
+    """Log dimensionless jerk, -ln(T^3 / v_peak^2 int |jerk|^2 dt): the larger, the smoother; -5.32 of a minimum-jerk stroke.
+
+    T is the time of the run, v_peak the largest speed in it.
+    """
     jerk, velocity = _derivative(run, person, 3), _derivative(run, person, 1)
     if jerk is None or velocity is None:
         return None

@@ -19,7 +19,7 @@ from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.reader import Message
 from cogrip.protocol.recording.records import Datagram, Input, Step, Tick
 from cogrip.protocol.recording.sink import Sink
-from cogrip.server.admission import Denied, Grant, Outside
+from cogrip.server.admission import AdmissionServices, Denied, Grant
 from cogrip.server.checkpoint import CheckpointError
 from cogrip.server.inputs import Idle
 from cogrip.server.inputs import decode as decode_server_input
@@ -106,12 +106,12 @@ class ServerPlay:
         if "command" in replay_input.kinds:
             raise ValueError(EARLIER)
         rooms, software = server_start(replay_input.recording.header.start)
-        outside = Outside(
+        services = AdmissionServices(
             lambda: _told(replay_input, "session"),
             ReplayedAuthenticator(replay_input),
             lambda: _told(replay_input, "ticket"),
         )
-        self.core = RecordedServer(rooms, software, outside)
+        self.core = RecordedServer(rooms, software, services)
         self._refuse_other_scenes(scenes_of(replay_input.recording.header.start))
         for room in self.core.rooms:
             self.core.count_ticks(room, lambda: _ticks(_told(replay_input, "ticks")))
