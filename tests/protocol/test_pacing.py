@@ -146,6 +146,15 @@ def test_work_is_from_the_ticks_start_to_the_first_done() -> None:
     assert pacer.work.max_ns == 123_000 + READ_NS
 
 
+def test_what_was_done_ahead_of_a_tick_is_its_work_too() -> None:
+    clock = FakeClock()
+    pacer = paced(clock)
+    pacer.wait()
+    clock.now_ns += 123_000
+    pacer.done(456_000)
+    assert pacer.work.max_ns == 123_000 + 456_000 + READ_NS
+
+
 def test_two_rooms_take_turns_in_one_thread() -> None:
     rooms = [Pacer(128, T0_NS), Pacer(100, T0_NS + 1_000_000)]
     assert rooms[0].take(T0_NS - 1) is None

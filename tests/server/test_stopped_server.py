@@ -1,6 +1,7 @@
 """Server whose process stood still: it takes in all that waited, and gives people time to answer, before it ends a seat."""
 
 from collections import deque
+from itertools import count
 from types import SimpleNamespace
 
 import pytest
@@ -9,7 +10,7 @@ from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Heartbeat, Stamp, Welcome, decode, encode, padded
 from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.server.io import datagram_path
-from cogrip.server.io.datagram_path import AWAY_NS, MOST_AT_ONCE, DatagramPath
+from cogrip.server.io.datagram_path import AWAY_NS, EARLY_CLOCK_EVERY, MOST_AT_ONCE, DatagramPath
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.unencrypted_channel import UnencryptedListener
 
@@ -82,6 +83,22 @@ def test_a_flood_is_cut_short_unless_the_loop_was_away(late_ns: int, taken: int)
     path = DatagramPath(port, UnencryptedListener(RateLimiter(bytes(16)), core.listens_to), core, HALF_FRAME_NS)
     path.drain(0, late_ns)
     assert (path.received, len(port.buffer)) == (taken, 3000 - taken)
+
+
+def test_a_drain_ahead_of_a_step_leaves_to_that_at_the_step_what_it_has_no_time_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _, core = seated()
+    port = Waited(*((b"noise", "an unauthenticated peer", 0) for _ in range(100)))
+    path = DatagramPath(port, UnencryptedListener(RateLimiter(bytes(16)), core.listens_to), core, HALF_FRAME_NS)
+    readings = count(1)
+    monkeypatch.setattr(datagram_path, "time", SimpleNamespace(monotonic_ns=lambda: next(readings) * MS))
+    path.drain(0, 0, 3 * MS)
+    taken = 100 - len(port.buffer)
+    assert 4 * EARLY_CLOCK_EVERY - 1 == taken == path.received  # one part more than there is time for
+    assert path.cut_short == 0  # nothing is left out
+    path.drain(3 * MS)
+    assert (path.received, len(port.buffer), path.cut_short) == (100, 0, 0)
 
 
 @pytest.mark.parametrize("away_s", [0.5, 2.5, 9.0])
