@@ -21,7 +21,7 @@ def attempts(until_ms: int, *, ready_ms: int | None = None, refused: bool = Fals
 
 
 @pytest.fixture
-def migration() -> PathMigration[str]:
+def migration() -> PathMigration:
     return PathMigration("old")
 
 
@@ -43,7 +43,7 @@ def test_times_of_attempts(what: dict[str, int | bool], expected: list[int]) -> 
     assert REFUSED_NS == 250 * MS
 
 
-def test_hellos_go_by_the_newest_path_and_the_rest_by_the_one_in_use(migration: PathMigration[str]) -> None:
+def test_hellos_go_by_the_newest_path_and_the_rest_by_the_one_in_use(migration: PathMigration) -> None:
     assert (migration.paths, migration.path, migration.newest) == (("old",), "old", "old")
     assert migration.tried("new", 0) is None
     assert (migration.paths, migration.path, migration.newest) == (("old", "new"), "old", "new")
@@ -56,14 +56,14 @@ def test_hellos_go_by_the_newest_path_and_the_rest_by_the_one_in_use(migration: 
     ("by", "asked", "closed"), [("old", False, ["new"]), ("new", False, ["old"]), ("new", True, ["old"])]
 )
 def test_a_welcome_decides_which_path_is_used(
-    migration: PathMigration[str], by: str, asked: bool, closed: list[str]
+    migration: PathMigration, by: str, asked: bool, closed: list[str]
 ) -> None:
     migration.tried("new", 0)
     assert migration.adopt(by, asked) == closed
     assert (migration.paths, migration.path, migration.newest) == ((by,), by, by)
 
 
-def test_a_hello_by_the_newer_path_may_be_answered_after_the_one_by_the_old_path(migration: PathMigration[str]) -> None:
+def test_a_hello_by_the_newer_path_may_be_answered_after_the_one_by_the_old_path(migration: PathMigration) -> None:
     migration.due(0, True, False, False)
     migration.tried("new", 0)
     assert migration.adopt("old") == []
@@ -73,7 +73,7 @@ def test_a_hello_by_the_newer_path_may_be_answered_after_the_one_by_the_old_path
     assert (migration.paths, migration.path) == (("new",), "new")
 
 
-def test_a_path_that_could_not_be_opened_counts_as_an_attempt(migration: PathMigration[str]) -> None:
+def test_a_path_that_could_not_be_opened_counts_as_an_attempt(migration: PathMigration) -> None:
     assert migration.due(0, True, False, False)
     assert migration.tried(None, 0) is None
     assert migration.paths == ("old",)
@@ -82,7 +82,7 @@ def test_a_path_that_could_not_be_opened_counts_as_an_attempt(migration: PathMig
 
 
 def test_the_newer_path_stays_open_for_a_while_after_the_session_resumed_by_the_old_one(
-    migration: PathMigration[str],
+    migration: PathMigration,
 ) -> None:
     migration.due(0, True, False, False)
     migration.tried("new", 0)
@@ -94,7 +94,7 @@ def test_the_newer_path_stays_open_for_a_while_after_the_session_resumed_by_the_
     assert migration.paths == ("old",)
 
 
-def test_a_second_silence_begins_anew(migration: PathMigration[str]) -> None:
+def test_a_second_silence_begins_anew(migration: PathMigration) -> None:
     for now_ns in (0, 500 * MS):
         assert migration.due(now_ns, True, False, False)
         migration.tried(f"{now_ns}", now_ns)

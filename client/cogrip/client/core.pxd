@@ -1,12 +1,16 @@
 cimport cython
 
+from cogrip.client.hand_changes cimport HandChanges
+from cogrip.client.markers cimport Markers
 from cogrip.client.seated cimport SeatedClient
+from cogrip.protocol.histogram cimport DurationHistogram
+from cogrip.protocol.session cimport ClientSession
 
 
 cdef class Delays:
-    cdef public object rtt
-    cdef public object up
-    cdef public object down
+    cdef public DurationHistogram rtt
+    cdef public DurationHistogram up
+    cdef public DurationHistogram down
     cdef public object rtt_ms
     cdef public object up_ms
     cdef public object down_ms
@@ -15,18 +19,18 @@ cdef class Delays:
 
 
 cdef class ClientCore:
-    cdef public object session
+    cdef public ClientSession session
     cdef public Delays delays
     cdef public SeatedClient seated
     cdef public object account
     cdef public long long now_ns
-    cdef public object markers
+    cdef public Markers markers
     cdef public list marked
     cdef object _capability
     cdef object _make_port
 
-    @cython.locals(seated=SeatedClient)
+    @cython.locals(seated=SeatedClient, session=ClientSession)
     cpdef receive(self, datagram, long long now_ns)
-    @cython.locals(seated=SeatedClient)
+    @cython.locals(seated=SeatedClient, session=ClientSession, changes=HandChanges)
     cpdef sense(self, long long tick, sample, long long now_ns)
     cpdef tuple act(self, long long now_ns)

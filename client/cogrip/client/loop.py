@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 from cogrip.client import inputs
+from cogrip.client.io.exchange import Exchange, Link
 from cogrip.client.io.paths import POLL_S, JoinError, Paths, RefusedError, session_change
 from cogrip.client.markers import MOST_UNANSWERED
 from cogrip.client.recorder import RecordedClient, client_topics
@@ -36,19 +36,10 @@ from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.texts import clipped_mark, shown
 
-TYPED_TICKS = 64  # from one look at the terminal to the next
+TYPED_TICKS = 64  # from one look at the terminal, or at what to say there, to the next
 LEAD_NS = 2_000_000  # from the welcome to the first tick
 NO_TICKS = TickCount()
 ORDERS = "`m TEXT` sets a marker, `c` holds the clutch, `set KEY=VALUE` a scale, `r` re-arms after a fault"
-
-
-class Link(Protocol):
-    """An emulated direction; `cogrip.sim.session.link.LinkEmulator` is one."""
-
-    @property
-    def next_ns(self) -> int | None: ...
-    def send(self, payload: bytes, now_ns: int) -> None: ...
-    def due(self, now_ns: int) -> list[bytes]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,10 +76,8 @@ class LiveClient:
     each_frame: Callable[[RecordedClient, int], None] | None = None  # called once a network frame, with its number
     waits: SimulatedDevice | None = None  # part of the device: begins, and `seconds` with it, when everybody holds on
     _core: RecordedClient = field(init=False)
-    _up: Link | None = field(init=False, default=None)
-    _down: Link | None = field(init=False, default=None)
+    _exchange: Exchange = field(init=False)
     _counts: dict[str, int] = field(init=False, default_factory=dict)
-    _half_tick_ns: int = field(init=False, default=0)
     _unkept: bool | None = field(init=False, default=None)  # the clutch as it was before `hold`; None without
     _told: int = field(init=False, default=0)  # newest change of the administrator that the person was told of
 
@@ -98,6 +87,7 @@ class LiveClient:
         Raises JoinError when there is no seat to be had, DeviceError when the device cannot be opened.
         """
         core = self._core = RecordedClient(self.hello, self.device.capability)
+        self._exchange = Exchange(core, self.paths)
         # before there is a seat to lose: locking memory can take a second on a busy machine
         measures = engage(name for name in NAMES if name != "fifo")
         try:
@@ -113,10 +103,10 @@ class LiveClient:
         core, seat = self._core, self._core.seat
         assert seat is not None
         self._link(seat)
-        self._half_tick_ns = round(0.5e9 * seat.rates.tick_s)
+        self._exchange.half_tick_ns = round(0.5e9 * seat.rates.tick_s)
         device = self.device = first_axes(self.device, seat.object.axes)
         spared = not self.allow_unstable
-        supervised = SupervisedDevice(device, core, seat.rates.device_hz, lambda: time.monotonic_ns(), spared=spared)
+        supervised = SupervisedDevice(device, core, seat.rates.device_hz, time.monotonic_ns, spared=spared)
         recorder = None
         try:
             try:
@@ -164,7 +154,7 @@ class LiveClient:
     def _link(self, seat: SeatSettings) -> None:
         """Emulate the link of the settings. Gives the seat back where that is impossible. Raises JoinError."""
         try:
-            self._up, self._down = [
+            self._exchange.up, self._exchange.down = [
                 None if profile == LinkProfile() else self.make_link(profile, f"{seat.seed}/{seat.seat}/{name}")
                 for profile, name in ((seat.up, "up"), (seat.down, "down"))
             ]
@@ -193,7 +183,7 @@ class LiveClient:
         """Send a sign of life while the device and the rest are made ready."""
         now_ns = time.monotonic_ns()
         self._core.handle(inputs.KeepSeat(), now_ns)
-        self._send(now_ns)
+        self._exchange.send(now_ns)
 
     def _loop(self, pacer: Pacer, supervised: SupervisedDevice) -> str:
         """Tick until the session ends and the hand is released. Returns why it failed, "" if it did not."""
@@ -209,8 +199,8 @@ class LiveClient:
             tick = pacer.wait()
             now_ns = clock()
             core.sense(tick, supervised.read(tick), now_ns)
-            self._send(now_ns)
-            self._drain(clock())  # what came since the tick began was sent by a server that had it so long
+            self._exchange.send(now_ns)
+            self._exchange.drain(clock())  # what came since the tick began was sent by a server that had it so long
             core.timing = (pacer.late_ns // 1000, work_us, pacer.skipped)
             supervised.write(core.act(now_ns))
             self._poll_paths(now_ns)
@@ -222,7 +212,7 @@ class LiveClient:
                 self._report_safety(safety_state, safety.state)
                 safety_state = safety.state
             waiting.poll(tick, core.markers.everybody)
-            self._tell_changes()
+            self._tell_changes(tick)
             if not ending:
                 self._obey(tick, now_ns, supervised)
             if not ending:
@@ -291,8 +281,10 @@ class LiveClient:
         if self.paths.poll(now_ns, self._core.session.state == "resuming"):
             self._core.handle(inputs.Reached(), now_ns)
 
-    def _tell_changes(self) -> None:
+    def _tell_changes(self, tick: int) -> None:
         """Tell the person what the administrator has set."""
+        if tick % TYPED_TICKS:
+            return
         if (seat := self._core.seated) is not None and seat.changes.reported != self._told:
             if seat.changes.reported:  # else a new session has begun
                 self.say(f"the administrator has set your hand: {seat.changes.holds.text}")
@@ -316,7 +308,7 @@ class LiveClient:
             self._keep_seat()  # opening may take a while
             refused = supervised.rearm()
             now_ns = time.monotonic_ns()
-            self._drain(now_ns)  # what waited meanwhile, before the server is treated as silent
+            self._exchange.drain(now_ns)  # what waited meanwhile, before the server is treated as silent
             self._core.handle(inputs.Poll(), now_ns)  # recorded: a replay then receives it before the next tick, too
             self.say(f"not re-armed: {refused}" if refused else "re-arming")
         if supervised.refusal:
@@ -357,36 +349,16 @@ class LiveClient:
         reason = failed or self.stop.reason or self.over() or "the session is over"
         core.handle(inputs.Leave(reason[:300]), now_ns)
         if session.state != "leaving":  # the server stopped first: it waits for our account
-            self._up = None
-            self._send(now_ns)
+            self._exchange.up = None
+            self._exchange.send(now_ns)
         while session.state == "leaving":
             now_ns = time.monotonic_ns()
             core.handle(inputs.Poll(), now_ns)
-            self._send(now_ns)
-            self._drain(now_ns)
+            self._exchange.send(now_ns)
+            self._exchange.drain(now_ns)
             self.paths.poll(now_ns, resuming=False)
             time.sleep(POLL_S)
         return account
-
-    def _send(self, now_ns: int) -> None:
-        outbox, up, hello = self._core.outbox, self._up, self._core.session.hello
-        while outbox:
-            message = outbox.popleft()
-            if up is None:
-                self.paths.send(message, message == hello)
-            else:
-                up.send(message, now_ns)
-        if up is not None and up.next_ns is not None:
-            for message in up.due(now_ns + self._half_tick_ns):  # at the tick that is nearest
-                self.paths.send(message, message == hello)
-
-    def _drain(self, now_ns: int) -> None:
-        down, core = self._down, self._core
-        session, take = core.session, core.receive if down is None else down.send
-        self.paths.drain(now_ns, take, session.is_welcome, session.redirect)
-        if down is not None and down.next_ns is not None:
-            for message in down.due(now_ns + self._half_tick_ns):
-                core.receive(message, now_ns)
 
 
 def fade_out(device: Device, force_n: Sequence[float], pacer: Pacer) -> None:

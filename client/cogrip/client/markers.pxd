@@ -1,1 +1,7 @@
-cimport cython
+cdef class Markers:
+    cdef public long long refused
+    cdef public bint everybody
+    cdef long long _number
+    cdef object _unanswered
+    cdef long long _next_ns
+    cdef object _known

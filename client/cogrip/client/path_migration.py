@@ -8,21 +8,22 @@ session resumed by the old path, with a welcome or without: the newer one stays 
                 the seat to it as soon as it comes to the hello that went there, and its welcome comes there
 """
 
-from typing import Generic, TypeVar
+from typing import Any
 
 AGAIN_NS = (500_000_000, 1_000_000_000, 2_000_000_000)  # the last for all that follow, and once a path is open
 REFUSED_NS = 250_000_000
 SPARE_NS = 2_000_000_000
 
-P = TypeVar("P")
 
+class PathMigration:
+    """`path` is in use; `newer` was opened since the server fell silent, None if none was. `attempts` in all.
 
-class PathMigration(Generic[P]):
-    """`path` is in use; `newer` was opened since the server fell silent, None if none was. `attempts` in all."""
+    A path is whatever the driver sends by: a socket and its channel, an address.
+    """
 
-    def __init__(self, path: P) -> None:
+    def __init__(self, path: Any) -> None:
         self.path = path
-        self.newer: P | None = None
+        self.newer: Any = None
         self.attempts = 0
         self._tries = 0  # in this silence
         self._since_ns = 0  # the newest path was tried, or it was ready
@@ -30,12 +31,12 @@ class PathMigration(Generic[P]):
         self._resumed_ns: int | None = None
 
     @property
-    def paths(self) -> tuple[P, ...]:
+    def paths(self) -> tuple[Any, ...]:
         """Paths to receive from."""
         return (self.path,) if self.newer is None else (self.path, self.newer)
 
     @property
-    def newest(self) -> P:
+    def newest(self) -> Any:
         """Path for hellos."""
         return self.path if self.newer is None else self.newer
 
@@ -59,7 +60,7 @@ class PathMigration(Generic[P]):
         wait_ns = AGAIN_NS[-1] if ready else AGAIN_NS[min(self._tries, len(AGAIN_NS)) - 1]
         return now_ns - self._since_ns >= wait_ns
 
-    def tried(self, path: P | None, now_ns: int) -> P | None:
+    def tried(self, path: Any, now_ns: int) -> Any:
         """Go on with a new path, None if it could not be opened. Returns the path to be closed for it."""
         self.attempts += 1
         self._tries += 1
@@ -69,7 +70,7 @@ class PathMigration(Generic[P]):
         before, self.newer = self.newer, path
         return before
 
-    def adopt(self, path: P, asked: bool = True) -> list[P]:
+    def adopt(self, path: Any, asked: bool = True) -> list[Any]:
         """Use the path by which a welcome came. Returns the paths to be closed. asked: the newest can have carried a hello."""
         if path == self.path and asked:
             return []
@@ -77,7 +78,7 @@ class PathMigration(Generic[P]):
         self.path, self.newer = path, None
         return others
 
-    def spare(self, now_ns: int, resuming: bool) -> P | None:
+    def spare(self, now_ns: int, resuming: bool) -> Any:
         """Return the newer path once it is not needed any more; it is to be closed."""
         if self.newer is None or resuming:
             return None

@@ -2,8 +2,10 @@ cimport cython
 
 from cogrip.client.coupling cimport Coupling
 from cogrip.client.energy_ledger cimport EnergyLedger
+from cogrip.client.hand_changes cimport HandChanges
 from cogrip.client.hand_motion cimport HandMotion
 from cogrip.client.safety cimport Safety
+from cogrip.protocol.session cimport ClientSession
 
 
 cdef class SeatHand:
@@ -13,7 +15,7 @@ cdef class SeatHand:
     cdef public HandMotion hand
     cdef public object effects
     cdef public object settings
-    cdef public object session
+    cdef public ClientSession session
     cdef public object _axes
     cdef public object handle
     cdef public object capability
@@ -22,7 +24,7 @@ cdef class SeatHand:
     cdef public object _frame
     cdef public object _ordered
     cdef public object aids
-    cdef public object changes
+    cdef public HandChanges changes
 
     cpdef tuple tool_pose(self)
     cpdef _follow(self, sample, bint border)

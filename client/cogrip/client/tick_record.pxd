@@ -1,5 +1,6 @@
 cimport cython
 
+from cogrip.client.core cimport Delays
 from cogrip.client.coupling cimport Coupling
 from cogrip.client.device_port cimport DevicePort
 from cogrip.client.energy_ledger cimport EnergyLedger
@@ -20,4 +21,4 @@ cdef class TickRecord:
         coupling=Coupling, ledger=EnergyLedger, port=DevicePort, hand=HandMotion, velocity=tuple, used=bint, same=bint,
         begun=bytes, numbers=tuple, head=tuple, whole=bytes,
     )
-    cpdef bytes of(self, SeatedClient seat, sample, tuple force_n, tuple timing, delays)
+    cpdef bytes of(self, SeatedClient seat, sample, tuple force_n, tuple timing, Delays delays)

@@ -27,6 +27,7 @@ from cogrip.protocol.messages import (
     Redirect,
     Refuse,
     View,
+    Waves,
     Welcome,
 )
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
@@ -175,10 +176,14 @@ class ClientSession:
         except messages.MalformedError:
             self.drop("malformed")
             return None
+        welcome = self.welcome
+        player = welcome if welcome is not None and welcome.role == "player" and self.state == "seated" else None
+        if type(message) is Waves and player is not None and message.session == player.session:
+            self.last_received_ns = now_ns  # nearly all messages: a short cut of what follows
+            return message
         if isinstance(message, ANSWERS):
             self._receive_answer(message, now_ns)
             return None
-        welcome = self.welcome
         if isinstance(message, NOT_OF_A_SESSION) or welcome is None:
             self.drop("unexpected")
             return None

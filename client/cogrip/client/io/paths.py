@@ -7,7 +7,7 @@ asked in turn with the servers that the redirect named.
 import socket
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from ipaddress import ip_address
 from typing import Any, Protocol
 
@@ -122,27 +122,25 @@ class Core(Protocol):
     def receive(self, datagram: bytes, now_ns: int) -> None: ...
 
 
-@dataclass(slots=True)
 class Paths:
     """`open` the first path, then `send`, `drain` and `poll` on every tick; none of them waits for anything.
 
-    roams: whether a redirect may lead from this machine to another
+    failed  why the newest path cannot be used, "" while it can
     """
 
-    server: Server
-    make_channel: Callable[[], Channel]
-    roams: bool = True
-    failed: str = ""  # why the newest path cannot be used, "" while it can
-    _counts: Counter[str] = field(init=False, default_factory=Counter)
-    _migration: PathMigration[NetworkPath] = field(init=False)
-    _opened: bool = field(init=False, default=False)
-    _hello: bytes = field(init=False, default=b"")  # waits for its path to be ready
-    _newest_hello: bytes = field(init=False, default=b"")
-    _known: list[Server] = field(init=False, default_factory=list)  # that are asked in turn, in a silence
-    _asked: int = field(init=False, default=0)  # number of the next of them
-    _redirects: int = field(
-        init=False, default=0
-    )  # since the last welcome, or the last path that was opened without one
+    def __init__(self, server: Server, make_channel: Callable[[], Channel], roams: bool = True) -> None:
+        """roams: whether a redirect may lead from this machine to another."""
+        self.server = server
+        self.failed = ""
+        self.make_channel, self._roams = make_channel, roams
+        self._counts: Counter[str] = Counter()
+        self._migration: PathMigration
+        self._opened = False
+        self._hello = b""  # waits for its path to be ready
+        self._newest_hello = b""
+        self._known: list[Server] = []  # that are asked in turn, in a silence
+        self._asked = 0  # number of the next of them
+        self._redirects = 0  # since the last welcome, or the last path that was opened without one
 
     def open(self) -> None:
         """Open the first path. Raises JoinError."""
@@ -206,38 +204,46 @@ class Paths:
         answers: tells a welcome, whose path is used from then on; redirect: returns a redirect that is awaited.
         At most MOST_DATAGRAMS by each path: what is beyond them waits in the socket for the next drain.
         """
-        migration = self._migration
-        for path in migration.paths:
-            if path is not migration.path and path not in migration.paths:
-                continue  # it was closed just now
-            channel = path.channel
-            for _ in range(MOST_DATAGRAMS):
-                try:
-                    datagram = path.receive()
-                except OSError as error:
-                    path.refused = path.refused or isinstance(error, system.NOBODY_LISTENS)
-                    self._count(error)
-                    break
-                if datagram is None:
-                    break
-                path.refused = False
-                messages = channel.receive(datagram, PEER, now_ns)
-                if len(messages) > MOST_MESSAGES:
-                    self._counts[TOO_MANY] += len(messages) - MOST_MESSAGES
-                    messages = messages[:MOST_MESSAGES]
-                for message in messages:
-                    if (found := redirect(message)) is not None:
-                        self._follow(found, now_ns)
-                        continue
-                    if migration.newer is not None and answers(message):
-                        self._adopt(path)
-                    take(message, now_ns)
-                if path is not migration.path and path not in migration.paths:  # a redirect has closed it
-                    break
-            else:
-                self._counts[LEFT] += 1
-            if channel.outbox:
-                self._flush(path)
+        path, newer = self._migration.path, self._migration.newer
+        self._drain_path(path, now_ns, take, answers, redirect)
+        if newer is not None and self._uses(newer):  # else it was closed just now
+            self._drain_path(newer, now_ns, take, answers, redirect)
+
+    def _uses(self, path: NetworkPath) -> bool:
+        return path is self._migration.path or path is self._migration.newer
+
+    def _drain_path(
+        self, path: NetworkPath, now_ns: int, take: Callable[[bytes, int], None], answers: Callable[[bytes], bool],
+        redirect: Callable[[bytes], Redirect | None],
+    ) -> None:  # fmt: skip
+        channel = path.channel
+        for _ in range(MOST_DATAGRAMS):
+            try:
+                datagram = path.receive()
+            except OSError as error:
+                path.refused = path.refused or isinstance(error, system.NOBODY_LISTENS)
+                self._count(error)
+                break
+            if datagram is None:
+                break
+            path.refused = False
+            messages = channel.receive(datagram, PEER, now_ns)
+            if len(messages) > MOST_MESSAGES:
+                self._counts[TOO_MANY] += len(messages) - MOST_MESSAGES
+                messages = messages[:MOST_MESSAGES]
+            for message in messages:
+                if (found := redirect(message)) is not None:
+                    self._follow(found, now_ns)
+                    continue
+                if self._migration.newer is not None and answers(message):
+                    self._adopt(path)
+                take(message, now_ns)
+            if not self._uses(path):  # a redirect has closed it
+                break
+        else:
+            self._counts[LEFT] += 1
+        if channel.outbox:
+            self._flush(path)
 
     def _adopt(self, path: NetworkPath) -> None:
         """Use a path from now on, and ask its server first in the next silence."""
@@ -249,7 +255,7 @@ class Paths:
     def _follow(self, redirect: Redirect, now_ns: int) -> None:
         """Open a path to the server that a redirect names."""
         migration, place = self._migration, server_of(redirect.place)
-        if place is None or (self.server.loopback and not place.loopback and not self.roams):
+        if place is None or (self.server.loopback and not place.loopback and not self._roams):
             self._counts["redirect not followed"] += 1
         elif place == migration.newest.server:
             pass  # a repeated hello was answered again
@@ -267,12 +273,12 @@ class Paths:
         """Go on with handshakes; try another path where one is due. Returns whether the server has just made a handshake."""
         migration = self._migration
         self._asked = self._asked if resuming else 0
-        for path in migration.paths:
-            path.channel.poll(now_ns)
-            if path.channel.outbox:
-                self._flush(path)
-        newest = migration.newest
-        ready = newest.ready
+        newest: NetworkPath = migration.path
+        self._run_timers(newest, now_ns)
+        if migration.newer is not None:
+            newest = migration.newer
+            self._run_timers(newest, now_ns)
+        ready = newest.channel.ready(PEER)
         just_met, newest.met = ready and not newest.met, newest.met or ready
         if migration.due(now_ns, resuming, ready, newest.refused):
             self.failed = newest.channel.failed or self.failed
@@ -289,6 +295,12 @@ class Paths:
         if migration.newer is not None:
             self._close(migration.spare(now_ns, resuming))
         return just_met
+
+    def _run_timers(self, path: NetworkPath, now_ns: int) -> None:
+        channel = path.channel
+        channel.poll(now_ns)
+        if channel.outbox:
+            self._flush(path)
 
     def close(self) -> None:
         """Tell the other end, where it can be reached, and close all paths."""

@@ -76,7 +76,8 @@ class Person:
     @property
     def address(self) -> str:
         """The address from which the server receives this person's datagrams."""
-        return self.migration.path
+        used: str = self.migration.path
+        return used
 
     def migrate(self, now_ns: int, refused: bool) -> None:
         """Change the address where the live client would migrate to another path."""
