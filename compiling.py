@@ -55,12 +55,16 @@ def stale() -> bool:
     return STAMP.exists() and json.loads(STAMP.read_text()) != digest()
 
 
-def remove() -> None:
-    """Remove what was compiled."""
+def remove() -> int:
+    """Remove what was compiled, and return the number of modules."""
+    count = 0
     for _, source in sources():
-        for each in (*source.parent.glob(f"{source.stem}.*.so"), *source.parent.glob(f"{source.stem}.*.pyd")):
+        found = [*source.parent.glob(f"{source.stem}.*.so"), *source.parent.glob(f"{source.stem}.*.pyd")]
+        for each in found:
             each.unlink()
+        count += bool(found)
     STAMP.unlink(missing_ok=True)
+    return count
 
 
 def has_compiler() -> bool:
@@ -90,8 +94,10 @@ def compile_all(folder: Path, checkout: Path = ROOT) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    remove()
+    removed = remove()
     if arguments == ["--remove"]:
+        what = f"removed {removed} compiled module{'' if removed == 1 else 's'}" if removed else "nothing was compiled"
+        print(f"{what}; cogrip runs interpreted")
         return 0
     if not has_compiler():
         print(

@@ -133,8 +133,10 @@ def compile_(*args: str) -> int:
     """Compile every module that has a `.pxd` beside it, and every `.pyx`, for this Python; or remove what was compiled."""
     if args not in ((), ("--remove",)):
         raise SystemExit(f"dev.py: compile takes --remove or nothing, got {' '.join(args)!r}")
+    if args:  # before `setup`, which removes what is stale without counting it
+        return compiling.main([*args])
     setup()
-    return _become("python", str(ROOT / "compiling.py"), *args)
+    return _become("python", str(ROOT / "compiling.py"))
 
 
 def rerecord(*args: str) -> int:

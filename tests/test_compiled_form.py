@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import compiling
+import dev
 import pytest
 
 from cogrip.protocol import compiled
@@ -62,6 +63,31 @@ def test_what_is_compiled_of_older_sources_is_stale(monkeypatch: pytest.MonkeyPa
     assert not compiling.stale()
     monkeypatch.setattr(compiling, "digest", lambda: "of other sources")
     assert compiling.stale()
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        ([], "nothing was compiled; cogrip runs interpreted"),
+        (["a.cpython-311.so"], "removed 1 compiled module; cogrip runs interpreted"),
+        (
+            ["a.cpython-311.so", "a.cpython-312.so", "b.cp311.pyd"],
+            "removed 2 compiled modules; cogrip runs interpreted",
+        ),
+    ],
+)
+def test_what_is_removed_is_said_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str], made: list[str], said: str
+) -> None:
+    monkeypatch.setattr(compiling, "STAMP", tmp_path / "stamp.json")
+    monkeypatch.setattr(compiling, "sources", lambda: [(name, tmp_path / f"{name}.py") for name in "ab"])
+    compiling.STAMP.write_text('"of other sources"')  # stale: what was compiled is counted nevertheless
+    monkeypatch.setattr(dev, "setup", lambda: pytest.fail("removing needs no environment"))
+    for name in made:
+        (tmp_path / name).touch()
+    assert dev.compile_("--remove") == 0
+    assert capsys.readouterr() == (f"{said}\n", "")
+    assert not list(tmp_path.iterdir())
 
 
 def test_without_a_compiler_one_line_says_so(

@@ -21,17 +21,10 @@ from cogrip.protocol.settings import resolve
 from cogrip.sim.analysis.figures.page import Page, Table, save_page
 from cogrip.sim.experiments.methods.case import run_session
 from cogrip.sim.experiments.methods.felt import measure_felt
-from cogrip.sim.experiments.methods.measures import (
-    at_rest,
-    created_at_rest_j,
-    created_j,
-    force_error_n,
-    is_active,
-    is_oscillating,
-    put_in_j,
-)
+from cogrip.sim.experiments.methods.looks import style_of
+from cogrip.sim.experiments.methods.measures import read, state_of
 from cogrip.sim.experiments.methods.method import METHODS, ideal_settings, methods_of, session_settings
-from cogrip.sim.runs.plots.style import INK, LINES, Sheet, colour, title
+from cogrip.sim.runs.plots.style import INK, LINES, Sheet, title
 
 FOLDER = Path(__file__).parent.parent / "pictures"
 SHOWN = ("wave", "tuned", "local", "tdpa", "coupling")
@@ -63,11 +56,9 @@ def measure(method: str, round_trip_ms: float) -> Point:
     error = None
     if method in methods_of(load(shipped("compare"))):
         moved = run_session(session_settings(over(CUBE, round_trip_ms), method, "own", 1), REST_S)
-        ideal, trace = run_session(ideal_settings(over(CUBE, 0.0), 1), REST_S).trace, moved.trace
-        created_mj = 1e3 * created_j(trace.work_j, trace.object_j)
-        active = is_active(created_mj, 1e3 * put_in_j(trace.work_j))
-        if not (moved.diverged or active or is_oscillating(at_rest(trace)[1], 1e3 * created_at_rest_j(trace))):
-            error = force_error_n(trace.force_n, ideal.force_n)
+        ideal_n = run_session(ideal_settings(over(CUBE, 0.0), 1), REST_S).trace.force_n
+        found = read(moved.trace, moved.summary, moved.diverged, ideal_n, ideal_n)
+        error = None if state_of(found) in ("diverged", "oscillates") else found["error_ideal_n"]
     return Point(method, round_trip_ms, felt[0].felt_npm if felt else None, error)
 
 
@@ -78,15 +69,16 @@ def draw(points: list[Point]) -> Page:
     legend = []
     for number, method in enumerate(SHOWN):
         style = {
-            "color": colour(number),
+            **style_of(method),
             "linestyle": LINES[number],
             "lw": 2.0 if method in ("tuned", "local") else 1.5,
+            "ms": 4,
         }
         mine = [point for point in points if point.method == method]
         for panel, key in ((left, "felt_npm"), (right, "error_n")):
             values = [nan if (value := getattr(point, key)) is None else value for point in mine]
             delays = [point.round_trip_ms for point in mine]
-            panel.plot(delays, values, marker="osD^v"[number], ms=4, **style)
+            panel.plot(delays, values, **style)
             if not all(map(isnan, values)):
                 failed = [each for each, value in zip(delays, values, strict=True) if isnan(value)]
                 height = {"transform": panel.get_xaxis_transform(), "clip_on": False}

@@ -3,14 +3,16 @@
 import configparser
 import os
 import shutil
+import socket
 from pathlib import Path
 
 import pytest
 
 from cogrip.cli.main import main
-from cogrip.server.io.state_folder import make_folder
+from cogrip.server.io.state_folder import make_folder, one_server
 
 from tests.cli.command import Cogrip
+from tests.free_ports import free_port
 
 UNIT = Path(__file__).resolve().parents[2] / "configs" / "cogrip.service"
 ROOM = 'name = "lab"\n[[users]]\nname = "anna"\n'
@@ -82,6 +84,38 @@ def test_a_room_that_is_not_passive_is_warned_of_where_others_can_join(
     if "paper" in coupling:
         assert warning in serve.out("--encrypted", "--state", tmp_path / "state")
         assert warning not in serve.out("--insecure")  # on this machine alone
+
+
+@posix
+def test_a_port_that_another_server_has_is_one_line(
+    tmp_path: Path, cogrip: Cogrip, config: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It holds the state folder of its port as well, of which nothing is said then."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    port = free_port()
+    command = [
+        "serve",
+        config,
+        "--port",
+        port,
+        "--seconds",
+        0.05,
+        "--no-record",
+        "--no-report",
+        "--runs",
+        tmp_path / "runs",
+    ]
+    with one_server(make_folder(tmp_path / "state" / "cogrip" / str(port))):
+        assert "warning: nothing can be restored" in cogrip.out(*command), "where the port is free it is worth a line"
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            other.bind(("127.0.0.1", port))
+            out, err = cogrip.texts(*command, code=1)
+    assert out == ""
+    (line,) = err.splitlines()
+    assert line.startswith(
+        f"cogrip: cannot listen on 127.0.0.1:{port}: Address already in use; choose another --port, or"
+    )
 
 
 @posix

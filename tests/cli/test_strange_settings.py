@@ -41,6 +41,47 @@ def test_values_of_flags_that_are_nested_too_deep(cogrip: Cogrip, value: str) ->
     assert "nested too deep" in cogrip.err("sweep", shipped("demo"), "--vary", f"seed={value}")
 
 
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        ("coupling.stifness_npm=1", "--set coupling.stifness_npm: there is no such setting; did you mean"),
+        ("coupling.stiffness_npm=-1", "--set coupling.stiffness_npm: expects a number of at least 0, in N/m; got -1"),
+        ("users.7.name=x", "--set users.7.name: there is no user number 7"),
+        ("seed=2 users.0.nam=x", "--set users.0.nam: there is no such setting; did you mean users.0.name?"),
+        ("rates.device_hz=1000", "--set rates.device_hz"),
+        ("users.0.name=ben", "--set users.0.name=ben: users: the name 'ben' stands twice"),
+        ("object.kind=scene object.axes=3 object.file=none.xml", "--set object.file: "),
+        ("link.trace=none.csv", "--set link.trace: "),
+        ("object.kind=globe", "--set object.kind: "),
+    ],
+)
+def test_what_a_flag_has_wrong_is_not_blamed_on_the_file(cogrip: Cogrip, flags: str, words: str) -> None:
+    given = [word for flag in flags.split() for word in ("--set", flag)]
+    problems = cogrip.err("lab", "demo", *given)
+    assert problems.replace("\n", " ").startswith(f"cogrip: {words}")
+
+
+def test_what_the_file_has_wrong_is_not_blamed_on_a_flag(tmp_path: Path, cogrip: Cogrip) -> None:
+    path = tmp_path / "room.toml"
+    path.write_text("[coupling]\nstifness_npm = 1\n")
+    assert (
+        cogrip.err("lab", path, "--set", "seed=2")
+        .replace("\n", "")
+        .startswith(f"cogrip: {path}: coupling.stifness_npm: ")
+    )
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("relay --to 127.0.0.1:1 --seed -1", "--seed: seed: expects"),
+        ("relay --to 127.0.0.1:1 --profile wifi --set link.profile=wlan", "--set link.profile: expects"),
+    ],
+)
+def test_another_flag_is_named_where_it_gave_the_setting(cogrip: Cogrip, command: str, words: str) -> None:
+    assert cogrip.err(command).startswith(f"cogrip: {words}")
+
+
 def test_settings_that_are_no_table(tmp_path: Path, cogrip: Cogrip) -> None:
     path = tmp_path / "list.json"
     path.write_text(json.dumps([1]))

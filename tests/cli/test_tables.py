@@ -138,8 +138,40 @@ class Followed(FollowedRun):
 def test_the_live_table_of_a_demo(width: int, axes: int) -> None:
     table = LiveTable(Path("nowhere"), "room", PEOPLE, Followed(axes))
     text = printed(table.table(), width)
-    check(text, width, "trip ms", "up, down", each="person state hand force lost ticks degraded joining")
+    check(text, width, "mJ: up", "ms: up", each="person state hand force reserve rtt delay lost ticks degraded joining")
     assert len(text.splitlines()) <= 23, "it fits a terminal of 24 lines"
+
+
+class Usual(Followed):
+    """Recordings of one person, whom nothing troubles."""
+
+    def tick(self, name: str) -> Tick:
+        row = (0.0123,) * self.axes
+        return Tick(
+            1, 2, 3, row, row, row, 0.0, 0.0, (), (), row, 0.0112, 39.8, 1, "live", 2, 3, up_ms=19.9, down_ms=20.1,
+            reserve_j=0.0, device_reserve_j=0.28,
+        )  # fmt: skip
+
+
+NUMBER = re.compile(r"([xyz] +)?[+-]?\d+(?:\.\d+)?(?=\s|$)")  # one behind its axis has its own name
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("axes", [1, 3])
+def test_every_number_of_a_live_table_ends_below_the_end_of_a_heading(width: int, axes: int) -> None:
+    """Tables of a demo, a server and a join."""
+    run = Usual(axes, ("anna",))
+    demo = LiveTable(Path("nowhere"), "room", ["anna"], run)
+    server = ServeTable(ServeView("nowhere", {"room": ("anna",)}), run)
+    join = JoinTable(JoinView("nowhere", "room", "anna"), run)
+    for table in (demo.table(), server.table(width, 23), join.table(width, 23)):
+        lines = printed(table, width).splitlines()
+        heads = [number for number, line in enumerate(lines) if re.match(r"person|name|state| *mJ: up", line)]
+        assert heads
+        for number in heads:
+            above = {found.end() for line in lines[number - 1 : number + 1] for found in re.finditer(r"\S+", line)}
+            below = {found.end() for found in NUMBER.finditer(lines[number + 1]) if not found[1]}
+            assert below <= above, "\n".join(lines)
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -151,7 +183,7 @@ def test_the_live_table_of_a_join(width: int, axes: int) -> None:
         if name == PEOPLE[7]:
             assert "nothing is recorded yet" in text
             continue
-        check(text, width, "reserve mJ", "trip ms", "up, down", each="state hand force lost ticks playout 12345")
+        check(text, width, "mJ: up", "ms: up", each="state hand force reserve rtt delay lost ticks playout 12345")
         signs = re.findall(r"([xyz]) +([+-]\d+\.\d+)", text)
         if name == PEOPLE[0]:  # hand and force of each axis, with its sign
             numbers = {"x": ("-123.4", "-12.34"), "y": ("+222.2", "+22.22"), "z": ("-999.9", "-99.99")}
@@ -336,7 +368,7 @@ def test_methods(width: int) -> None:
     ]  # fmt: skip
     summary = {"rows": rows, "asked": {"seeds": list(range(20))}, "run": 160, "sessions": 160}
     text = printed(methods_table(summary), width)
-    check(text, width, "method", "stability", "created", "coupling", "satellite", "diverged 3/20")
+    check(text, width, "method", "verdict", "created", "coupling", "satellite", "diverged 3/20")
 
 
 # --- lines ------------------------------------------------------------------------------------------------------------

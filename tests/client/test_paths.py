@@ -292,6 +292,19 @@ def test_a_channel_that_fails_is_the_reason_why_there_is_no_seat(far: Far) -> No
     paths.close()
 
 
+def test_where_nobody_listens_the_address_stands_once() -> None:
+    paths = Paths(find("127.0.0.1", port := free_port()), UnencryptedChannel)
+    paths.open()
+    until = time.monotonic() + LIMIT_S
+    while "connection refused" not in paths.counted():
+        assert time.monotonic() < until
+        paths.send(b"hello", hello=True)
+        paths.drain(0, lambda message, at_ns: None, lambda message: False)
+    said = paths._placed("no server answered within 3 s")
+    assert said == f"no server answered within 3 s; nothing listens on 127.0.0.1:{port}: is the server running there?"
+    paths.close()
+
+
 def test_a_stop_before_there_is_a_seat(far: Far) -> None:
     paths = Paths(find("127.0.0.1", far.port), SlowChannel)
     with pytest.raises(JoinError, match=r"stopped \(SIGINT\) before a seat was had"):

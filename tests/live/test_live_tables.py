@@ -35,7 +35,7 @@ def test_a_session_is_seen_from_both_ends_and_the_terminal_is_left_as_it_was(at_
     shown = anna.see(
         r"x +[+-]\d+\.\d\s[\s\S]*y +[+-][\s\S]*z +[+-]" if columns == 80 else r"x +[+-]\d.*y +[+-]\d.*z +[+-]\d"
     )
-    for heading in ("hand", "force", "reserve mJ", "trip ms", "up, down", "lost", "ticks", "playout"):
+    for heading in ("hand", "force", "reserve", "mJ: up", "rtt", "ms: up", "lost", "ticks", "playout"):
         assert heading in shown
     assert anna.screen.hidden
     assert anna.modes != anna.before, "keys are not echoed into the table"

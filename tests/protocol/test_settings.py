@@ -252,10 +252,10 @@ def test_the_only_user_can_be_overridden_in_a_file_that_names_none() -> None:
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("users.2.side", "left", "--set users.2.side: there is no user number 2 (users are numbered 0 to 1)"),
-        ("users.anna.side", "left", "--set users.anna.side: there is no user number anna"),
-        ("users.0", {}, "--set users.0: name a user's number and key, for instance users.0.stiffness_npm"),
-        ("seed.x", 1, "--set seed.x: seed is a value, not a section"),
+        ("users.2.side", "left", "users.2.side: there is no user number 2 (users are numbered 0 to 1)"),
+        ("users.anna.side", "left", "users.anna.side: there is no user number anna"),
+        ("users.0", {}, "users.0: name a user's number and key, for instance users.0.stiffness_npm"),
+        ("seed.x", 1, "seed.x: seed is a value, not a section"),
         ("coupling.stiffnes", 1, "coupling.stiffnes: there is no such setting; did you mean coupling.stiffness_npm?"),
         ("coupling.stiffness_npm", -1, "coupling.stiffness_npm: expects a number of at least 0, in N/m; got -1"),
     ],

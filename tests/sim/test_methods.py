@@ -31,7 +31,6 @@ from cogrip.sim.experiments.methods.measures import (
     is_active,
     is_oscillating,
     put_in_j,
-    read,
     swing_n,
 )
 from cogrip.sim.experiments.methods.method import (
@@ -150,36 +149,6 @@ def test_oscillation_needs_swing_and_energy(swing: float, created: float, oscill
 )
 def test_activity_needs_energy_beyond_a_share_of_the_work(created: float, put_in: float, active: bool) -> None:
     assert is_active(created, put_in) == active
-
-
-def test_what_devices_leak_is_no_methods_doing() -> None:
-    """Give out eleven of a hundred mJ put in, with a devices' leak as large as that, and less."""
-    work = np.array([0.0, 0.100, 0.100])
-    for people, leaks, active in (
-        (2, (-0.006, -0.006), False),
-        (2, (0.5, -0.006), False),
-        (2, (0.5, 0.5), True),
-        (1, (0.0,), True),
-    ):
-        nothing = np.zeros((3, people, 1))
-        trace = Trace(0.5, nothing, nothing, nothing, np.zeros((3, 1)), work, np.array([0.0, 0.1, 0.111]))
-        session = {
-            "seconds": 1.5, "passive": True,
-            "users": [
-                {
-                    "peak_force_n": 0.0, "peak_force_step_n": 0.0, "link": {"lost": 0, "late": 0},
-                    "energy": {"device_leak_j": leak, "up_margin_j": 0.0, "down_margin_j": 0.0, "line_margin_j": 0.0},
-                }
-                for leak in leaks
-            ],
-        }  # fmt: skip
-        found = read(trace, session, "", nothing, None)
-        assert found["created_mj"] == pytest.approx(11.0)
-        assert found["leak_mj"] == pytest.approx(-1e3 * sum(min(0.0, leak) for leak in leaks))
-        assert found["active"] == active
-        pair = [found[name] for name in ("coherence_rms_mm", "coherence_max_mm", "hands_rms_mm", "rest_mm")]
-        assert pair == [0.0 if people > 1 else None] * 4  # one alone is apart from nobody
-        assert found["rest_swing_n"] == 0.0
 
 
 def test_what_hands_put_in_is_counted_whatever_comes_out_again() -> None:

@@ -182,13 +182,13 @@ def test_another_comparison_is_not_touched(whole: Path) -> None:
         ({"diverged": 20, "diverged_s": {"median": 1.3, "first": 1.1}}, "diverged 20/20 at 1.3 s", True),
         ({"oscillates": 9}, "oscillates 9/20", False),
         ({"oscillates": 10}, "oscillates 10/20", True),
-        ({"active": 20}, "active 20/20", False),
-        ({"diverged": 2, "diverged_s": {"median": 0.35, "first": 0.35}, "oscillates": 3, "active": 5},
-         "diverged 2/20 at 0.35 s, oscillates 3/20, active 5/20", False),
+        ({"not_passive": 20}, "stable, not passive 20/20", False),
+        ({"diverged": 2, "diverged_s": {"median": 0.35, "first": 0.35}, "oscillates": 3, "not_passive": 5},
+         "diverged 2/20 at 0.35 s, oscillates 3/20, not passive 5/20", False),
         ({"diverged": 1, "diverged_s": {"median": 0.35, "first": 0.35}, "oscillates": 10, "failed": 2},
          "diverged 1/20 at 0.35 s, oscillates 10/20, not run 2", True),
         ({"runs": 0}, "–", False),
-        ({"not_passive": 4, "not_felt": 5}, "not passive 4/20, not as intended 5/20", False),
+        ({"not_passive": 4, "not_felt": 5}, "stable, not passive 4/20, not as intended 5/20", False),
         ({"not_felt": 5, "failed": 1}, "stable, not as intended 5/20, not run 1", False),
     ],
 )  # fmt: skip
@@ -229,7 +229,7 @@ def test_a_felt_stiffness_says_of_how_many_probes_it_is() -> None:
         for felt, error in ((500.0, -50.0), (None, None), (900.0, -10.0))
     ]
     columns = {
-        **dict.fromkeys(COLUMNS, 1.0), "diverged": False, "oscillates": False, "active": False, "passive": True, "not_felt": "",
+        **dict.fromkeys(COLUMNS, 1.0), "diverged": False, "oscillates": False, "passive": True, "not_felt": "",
         "reason": "",
     }  # fmt: skip
     results = {

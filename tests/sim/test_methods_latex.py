@@ -65,7 +65,7 @@ def case(text: str, line: int, measure: str) -> str:
 def test_a_head_of_symbols_a_row_of_units_and_a_row_each() -> None:
     text = table(*(row(network, method) for network in ("clean", "wan") for method in ("wave", "tdpa")))
     symbols, units, *rows = parse(text)
-    assert symbols[:3] == ["Network", "Method", "Stability"]
+    assert symbols[:3] == ["Network", "Method", "Verdict"]
     assert all(case.startswith("$") for case in symbols[3:])
     assert units[3:] == [f"({column.unit})".replace("%", "\\%") for column in TABLE]
     assert [(cases[0], cases[2]) for cases in rows] == [
@@ -118,9 +118,9 @@ def test_the_best_of_each_network_is_bold() -> None:
     alone = table(row("wan", "wave"), row("wan", "paper", oscillates=20))
     assert "mathbf" not in alone  # nothing to hold it against
     pair = [row("wan", "wave", peak_force_n=of(2.0)), row("wan", "tdpa", peak_force_n=of(3.0))]
-    for active, best in ((9, 2), (10, 1)):
-        driven = row("wan", "coupling", peak_force_n=of(1.0), active=active)
-        assert "mathbf" in case(table(*pair, driven), 2 if best == 2 else 0, "peak_force_n")
+    for changes, best in (({"oscillates": 9}, 2), ({"oscillates": 10}, 0), ({"not_passive": 20}, 2)):
+        other = row("wan", "coupling", peak_force_n=of(1.0), **changes)
+        assert "mathbf" in case(table(*pair, other), best, "peak_force_n")
 
 
 def test_what_prints_alike_is_bold_alike_whatever_its_sign() -> None:
@@ -167,8 +167,9 @@ def test_what_was_cut_short_has_no_numbers_but_what_it_created(diverged: int, hi
         assert (shown == "--") == (hidden and measure != "created_mj")
 
 
-def test_stability_in_short() -> None:
-    both = {"diverged": 1, "diverged_s": {"median": 7.4, "first": 7.4}, "oscillates": 17, "active": 2, "failed": 2}
+def test_verdicts_in_short() -> None:
+    both = {"diverged": 1, "diverged_s": {"median": 7.4, "first": 7.4}, "oscillates": 17, "not_passive": 2, "failed": 2}
     rows = parse(table(row("lan", "coupling", **both), row("lan", "wave", runs=0)))[2:]
-    assert [cases[2] for cases in rows] == ["div. 1/20 (7.4~s), osc. 17/20, act. 2/20, not run 2", "--"]
+    assert [cases[2] for cases in rows] == ["div. 1/20 (7.4~s), osc. 17/20, n.p. 2/20, not run 2", "--"]
+    assert parse(table(row("clean", "coupling", not_passive=20)))[2][2] == "stable, n.p. 20/20"
     assert "One seed." in table(row("lan", "wave"), seeds=1)

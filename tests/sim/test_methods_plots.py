@@ -4,35 +4,37 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from cogrip.protocol.settings import resolve
 from cogrip.sim.experiments.experiment import Result
-from cogrip.sim.experiments.methods import plots
+from cogrip.sim.experiments.methods import looks, plots
+from cogrip.sim.experiments.methods.looks import style_of
 from cogrip.sim.experiments.methods.measures import COLUMNS
 from cogrip.sim.experiments.methods.plots import draw_all
 from cogrip.sim.experiments.methods.query import Comparison, prepare
-from cogrip.sim.experiments.methods.table import gather
-from cogrip.sim.runs.plots.style import COLOURS, NotDrawnError
+from cogrip.sim.experiments.methods.table import gather, verdict
+from cogrip.sim.runs.plots.style import COLOURS, NotDrawnError, colour
 
 from tests.extent import long
 
 METHODS = ("wave", "coupling")
 
 
-def made_up(people: int = 2) -> Comparison:
+def made_up(people: int = 2, seeds: int = 2, methods: tuple[str, ...] = METHODS) -> Comparison:
     users = [{"name": f"p{number}", "stiffness_npm": 1000.0 * (1 + number % 2)} for number in range(people)]
-    return prepare(resolve({"seconds": 4.0, "users": users}), METHODS, ["wan"], 2)
+    return prepare(resolve({"seconds": 4.0, "users": users}), methods, ["wan"], seeds)
 
 
 def results_of(asked: Comparison, **columns: Any) -> dict[int, Result]:
-    """Each column: (of wave, of coupling), on both networks and of both seeds."""
+    """Each column: (of the first method, of the second), on both networks and of all seeds."""
     found = {}
     for case in range(asked.cases):
-        method = METHODS.index(asked.values(case)["method"])
+        method = asked.methods.index(asked.values(case)["method"])
         numbers = dict.fromkeys(COLUMNS, 1.0) | {
-            "diverged": False, "diverged_s": None, "reason": "", "oscillates": False, "active": False, "passive": True,
-            "felt": [],
+            "diverged": False, "diverged_s": None, "reason": "", "oscillates": False, "passive": True,
+            "felt": [], "not_felt": "",
         }  # fmt: skip
         found[case] = Result(case, numbers | {name: both[method] for name, both in columns.items()})
     return found
@@ -44,7 +46,7 @@ def draw(asked: Comparison, results: dict[int, Result], name: str) -> Figure | N
     def nothing(*_: Any) -> Figure:
         raise NotDrawnError
 
-    functions = {"stability": "_stability", "traces": "_traces", "forces": "_dots", "felt": "_felt"}
+    functions = {"stability": "_stability", "traces": "draw_traces", "forces": "_dots", "felt": "_felt"}
     with pytest.MonkeyPatch.context() as patch:
         for function in set(functions.values()) - {functions[name]}:
             patch.setattr(plots, function, nothing)
@@ -56,6 +58,15 @@ def trace(most_n: float, people: int, seconds: float = 4.0) -> dict[str, Any]:
     return {"seconds": seconds, "force_n": [[0.0, most_n, -most_n, 0.0]] * people}
 
 
+def with_trace(result: Result) -> Result:
+    return Result(result.case, {**result.measures, "trace": trace(1.0, 2)})
+
+
+def colour_of(look: Any) -> tuple[float, ...]:
+    """Return red, green and blue."""
+    return to_rgb(look)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("people", "named"), [(2, 2), long(COLOURS, COLOURS), (COLOURS + 2, COLOURS)])
 def test_everybody_is_named_or_said_to_be_left_out(people: int, named: int) -> None:
@@ -63,11 +74,10 @@ def test_everybody_is_named_or_said_to_be_left_out(people: int, named: int) -> N
     figure = draw(asked, results_of(asked, trace=[trace(1.0, people)] * 2), "traces")
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts[:named] == [f"p{number}" for number in range(named)]
-    more = [f"and {people - named} more, in the same colours again"] if people > named else []
+    more = [f"and {people - named} more, in the same shades again"] if people > named else []
     assert texts[named:] == [*more, "band: from the least to the largest", "diverged"]
     looks = {(line.get_color(), line.get_marker()) for line in figure.legends[0].get_lines()[:named]}
     assert len(looks) == named
-    assert len({look for look, _ in looks}) == named
 
 
 def test_a_row_is_as_high_as_its_stable_sessions_need() -> None:
@@ -78,7 +88,7 @@ def test_a_row_is_as_high_as_its_stable_sessions_need() -> None:
     for panel in figure.axes:
         assert panel.get_ylim() == (-2.4, 2.4)
     words = [[text.get_text() for text in panel.texts] for panel in figure.axes]
-    assert words == [[], ["diverged at 0.25 s\nup to 8.5 N"]] * 2
+    assert words == [["seed 1"], ["diverged at 0.25 s\nup to 8.5 N", "seed 1"]] * 2
     worse = results_of(asked, trace=[trace(8.5, 2), trace(6.0, 2)], oscillates=[True, True])
     assert draw(asked, worse, "traces").axes[0].get_ylim() == pytest.approx((-10.2, 10.2))
 
@@ -154,3 +164,81 @@ def test_everybodys_felt_stiffness_is_a_share_of_their_own() -> None:
     much = [{**felt[0], "felt_npm": 1300.0}, felt[1]]
     assert draw(asked, results_of(asked, felt=[much, much]), "felt").axes[0].get_ylim()[1] > 130.0
     assert draw(asked, results_of(asked, felt=[none, none]), "felt") is None
+
+
+# What figure and table say alike
+
+
+def test_a_figure_has_the_verdicts_of_the_table() -> None:
+    """Two schemes on a clean link: one passive, one stable only as hands take what it creates."""
+    asked = made_up()
+    results = results_of(asked, passive=[True, False], created_mj=(0.7, 0.01))
+    assert [verdict(row) for row in gather(asked, results)["rows"]] == ["stable", "stable, not passive 2/2"] * 2
+    figure = draw(asked, results, "stability")
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert {"diverged", "oscillates", "unstable", "stable, not passive", "stable and passive"} <= set(words)
+    shares, energy = figure.axes
+    pale = figure.legends[0].get_patches()[2]
+    assert words[len(METHODS) + 2] == "stable, not passive"
+    assert [(bar.get_height(), bar.get_alpha()) for bar in shares.patches] == [(100.0, pale.get_alpha())] * 2
+    assert all(colour_of(bar.get_facecolor()) == colour_of(style_of("coupling")["color"]) for bar in shares.patches)
+    fills = {line.get_marker(): line.get_fillstyle() for line in energy.get_lines() if line.get_marker() in ("o", "v")}
+    assert fills == {"o": "full", "v": "bottom"}
+    panels = draw(asked, {case: with_trace(each) for case, each in results.items()}, "traces").axes
+    assert [[text.get_text() for text in panel.texts] for panel in panels] == [
+        ["seed 1"],
+        ["stable, not passive", "seed 1"],
+    ] * 2
+
+
+def test_what_is_unstable_is_hollow_and_has_a_share_of_its_own() -> None:
+    asked = made_up()
+    results = results_of(asked, passive=[True, False], oscillates=[False, True], created_mj=(0.7, 90.0))
+    results[max(results)].measures.update(diverged=True, oscillates=False, diverged_s=0.3)
+    row = gather(asked, results)["rows"][-1]
+    assert verdict(row) == "diverged 1/2 at 0.3 s, oscillates 1/2, not passive 2/2"
+    shares, energy = draw(asked, results, "stability").axes
+    assert [(bar.get_y(), bar.get_height()) for bar in shares.patches] == [(0.0, 100.0), (0.0, 50.0), (50.0, 50.0)]
+    hollow = [line for line in energy.get_lines() if line.get_marker() == "v"]
+    assert {line.get_markerfacecolor() for line in hollow} == {"none"}
+
+
+@pytest.mark.parametrize("methods", [("wave", "coupling"), ("coupling", "tdpa"), ("tdpa", "coupling")])
+@pytest.mark.parametrize("name", ["stability", "forces", "felt", "traces"])
+def test_a_method_has_one_colour_whatever_it_is_compared_with(methods: tuple[str, str], name: str) -> None:
+    asked = made_up(methods=methods)
+    felt = [{"person": "p0", "asked_npm": 1e3, "felt_npm": 5e2, "error_percent": -50.0, "added_mm_per_n": 1.0}]
+    results = {case: with_trace(each) for case, each in results_of(asked, felt=[felt, felt]).items()}
+    figure = draw(asked, results, name)
+    known = [colour(tuple(looks.METHODS).index(method)) for method in methods]
+    if name == "traces":
+        panels = [panel.get_lines()[0].get_color() for panel in figure.axes[:2]]
+        assert [colour_of(each) for each in panels] == [colour_of(each) for each in known]
+        return
+    named = [line.get_color() for line in figure.legends[0].get_lines()[:2]]
+    assert named == known
+    drawn = [line for panel in figure.axes for line in panel.get_lines() if line.get_marker() in looks.MARKERS]
+    assert {line.get_color() for line in drawn} == set(known)
+
+
+def test_a_trace_is_of_the_median_session_and_says_its_seed() -> None:
+    """The order of five seeds is that of verdicts first: what diverged is worse than any force."""
+    asked = made_up(seeds=5)
+    results = {case: with_trace(each) for case, each in results_of(asked).items()}
+    for case, result in results.items():
+        values = asked.values(case)
+        result.measures["peak_force_n"] = {1: 5.0, 2: 1.0, 3: 4.0, 4: 2.0, 5: 3.0}[values["seed"]]
+        if values["method"] == "coupling" and values["seed"] in (2, 4):
+            result.measures.update(diverged=True, diverged_s=1.0)
+    panels = draw(asked, results, "traces").axes
+    assert [panel.texts[-1].get_text() for panel in panels] == ["seed 5", "seed 1"] * 2
+    assert gather(asked, results)["rows"][0]["peak_force_n"]["median"] == 3.0, "of the same session"
+
+
+def test_every_row_of_traces_names_its_network_within_the_figure() -> None:
+    asked = made_up()
+    figure = draw(asked, {case: with_trace(each) for case, each in results_of(asked).items()}, "traces")
+    rows = [panel.yaxis.label for panel in figure.axes[::2]]
+    assert [label.get_text().split("\n")[0] for label in rows] == ["clean", "wan"]
+    for label in rows:
+        assert label.get_window_extent().x0 >= 0.0, "nothing is cut off"

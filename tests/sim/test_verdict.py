@@ -300,6 +300,18 @@ def test_what_clients_of_others_say_against_themselves_is_judged_by_the_credit()
     assert "gave out 1.1 mJ too much" in passive(summary).sentence
 
 
+@pytest.mark.parametrize(
+    ("seat", "words"),
+    [
+        (SeatAccount((0.0,), None, None, LinkCount()), "Nobody took the seat of ben."),  # as a server has an empty one
+        (None, "The client of ben reported no account: what it alone knows is missing."),  # nor is the server's known
+    ],
+)
+def test_a_seat_that_nobody_took_is_said_to_be_empty(seat: SeatAccount | None, words: str) -> None:
+    said = [text for _, text in verdict(summary_of(person(), UserRecord("ben", None, seat)))]
+    assert [text for text in said if "ben" in text] == [words]
+
+
 @pytest.mark.parametrize(("received", "words"), [(1000, "reported no account"), (0, "never sent anything")])
 def test_a_client_without_an_account_has_sent_something_if_frames_of_it_came(received: int, words: str) -> None:
     summary = summary_of(UserRecord("ben", None, replace(SEAT, up=LinkCount(received=received))))

@@ -44,13 +44,11 @@ def override(table: dict[str, Any], key: str, value: Any, only_user: str) -> Non
         elif part.isdigit() and int(part) < len(here):
             here = here[int(part)]
         else:
-            raise SettingsError(
-                f"--set {key}: there is no user number {part} (users are numbered 0 to {len(here) - 1})"
-            )
+            raise SettingsError(f"{key}: there is no user number {part} (users are numbered 0 to {len(here) - 1})")
         if not isinstance(here, (dict, list)):
-            raise SettingsError(f"--set {key}: {'.'.join(path[: depth + 1])} is a value, not a section")
+            raise SettingsError(f"{key}: {'.'.join(path[: depth + 1])} is a value, not a section")
     if isinstance(here, list):
-        raise SettingsError(f"--set {key}: name a user's number and key, for instance users.0.stiffness_npm")
+        raise SettingsError(f"{key}: name a user's number and key, for instance users.0.stiffness_npm")
     here[last] = value
 
 

@@ -13,6 +13,7 @@ from cogrip.cli.runs.run_folder import new_run_folder, opened
 from cogrip.cli.runs.summary_table import verdict_lines
 from cogrip.cli.session.before_run import AllowUnstable, check_settings
 from cogrip.cli.session.settings_file import override, try_hands
+from cogrip.cli.session.settings_origin import SET
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Overrides, Runs
 from cogrip.cli.terminal.problem import BadInput
@@ -156,7 +157,7 @@ def _what_if(
     worlds = {f"with {label(changes)}" if changes else UNCHANGED: (changes, "")}
     if changes and not records.virtual:  # so that the effect of virtual time alone can be seen
         worlds = {UNCHANGED: ({}, "unchanged"), **worlds}
-    with BadInput.of(RecordingError, SettingsError):
+    with BadInput.of(RecordingError), BadInput.of(SettingsError, where=SET if changes else ""):
         made = {name: other_world(records, changes, hands) for name, (changes, _) in worlds.items()}
     for name, world in made.items():
         try_hands(world.settings)

@@ -75,7 +75,7 @@ def demo(
     path = session or config or shipped("demo")
     changes = [*overrides, *([f"seconds={seconds}"] if seconds is not None else [])]
     rates = RateChoices(measured)
-    settings = load(path, changes, rate=rates)
+    settings = load(path, changes, rate=rates, flags={} if seconds is None else {"seconds": "--seconds"})
     settings = with_people(settings, hands, device)
     if allow_unstable:
         refuse_hardware([user.device for user in settings.users])

@@ -32,8 +32,9 @@ R = TypeVar("R", bound=Record)
 AXES = "xyz"
 ASK_EVERY_S, ASK_LIMIT_S = 1.0, 0.5
 _TINTS = {"fault": "red", "degraded": "yellow", "free": "dim", "joining": "dim"}
-_HAND = ("hand\nmm", "force\nN", "reserve mJ: up,\ndown, line, port")
-_NETWORK = ("round\ntrip ms", "up, down\nms", "lost\nframes", "late\nticks")
+# A heading stands above one number, at its right edge: what several share is above the first.
+_RESERVES = ("reserve\nmJ: up", "\ndown", "\nline", "\nport")
+_NETWORK = ("rtt\nms", "delay\nms: up", "\ndown", "lost\nframes", "late\nticks")
 _DEMO_NAME_WIDTH, _NAME_WIDTH, _ROOM_WIDTH = 12, 16, 24
 
 
@@ -119,23 +120,28 @@ class LiveTable:
         step = self._run.step(self._room)
         ticks = [self._run.tick(name) for name in self._people]
         place = " ".join(components(step.object_m, 1e3, "+.1f")) if step else "rest"
+        axes = max((_axes(tick.force_n) for tick in ticks if tick), default=1)
 
-        def part(between: str, *, hands: bool = False, network: bool = False) -> Table:
-            headings = ("\nperson", "\nstate", *(_HAND if hands else ()), *(_NETWORK if network else ()))
-            rows: list[list[str | Text]] = []
-            for number, (name, tick) in enumerate(zip(self._people, ticks, strict=True)):
+        def part(*, hands: int | None = None, network: bool = False) -> Table:
+            """Return state and hands, each in so many columns (0: an axis below another), the network's part, or both."""
+            headings = ["\nperson"]
+            rows: list[list[str | Text]] = [[shortened(name, _DEMO_NAME_WIDTH)] for name in self._people]
+            if hands is not None:
+                headings += ["\nstate", *_vector_headings("hand", "mm", hands), *_vector_headings("force", "N", hands)]
+            if network:
+                headings += [*_RESERVES, *_NETWORK]
+            for number, (row, tick) in enumerate(zip(rows, ticks, strict=True)):
                 seat = step.seats[number] if step else None
-                rows.append([shortened(name, _DEMO_NAME_WIDTH), _state(tick.state if tick else "joining")])
-                if tick and hands:
-                    rows[-1] += _hand(tick, seat, between)
+                if hands is not None:
+                    row += [_state(tick.state if tick else "joining"), *(_hand(tick, hands) if tick else [])]
                 if tick and network:
-                    rows[-1] += _network(tick, seat)
-            return plain_table(headings, rows, left=2)
+                    row += [*_reserves(tick, seat), *_network(tick, seat)]
+            return plain_table(headings, rows, left=1 if hands is None else 2)
 
         tables = Fitted(
-            lambda: [part(" ", hands=True, network=True)],
-            lambda: [part(" ", hands=True), part(" ", network=True)],
-            lambda: [part("\n", hands=True), part(" ", network=True)],
+            lambda: [part(hands=axes, network=True)],
+            lambda: [part(hands=axes), part(network=True)],
+            lambda: [part(hands=0), part(network=True)],
         )
         return Group(Text(f"object at {place} mm"), tables)
 
@@ -153,13 +159,26 @@ class JoinTable:
         title = Text(f"{view.person} in room {view.room}", style="bold")
         if tick is None:
             return Group(title, Text("nothing is recorded yet", style="dim"))
-        network = [*_network(tick), _number(tick.playout_frames, ".3g")]
+        network = [*_reserves(tick, None), *_network(tick), _number(tick.playout_frames, ".3g")]
+        of_network = (*_RESERVES, *_NETWORK, "playout\nframes")
 
-        def line(between: str) -> list[Table]:
-            row: list[str | Text] = [_state(tick.state), *_hand(tick, None, between, AXES), *network]
-            return [plain_table(("state", *_HAND, *_NETWORK, "playout\nframes"), [row])]
+        def of_hand(columns: int) -> tuple[list[str], list[str | Text]]:
+            """Return headings and cells, which have the axes' names."""
+            others = [""] * (columns - 1)
+            return ["state", "hand\nmm", *others, "force\nN", *others], [
+                _state(tick.state), *_hand(tick, columns, AXES)
+            ]  # fmt: skip
 
-        return Group(title, Fitted(lambda: line("  "), lambda: line("\n")))
+        def one(columns: int) -> list[Table]:
+            headings, cells = of_hand(columns)
+            return [plain_table([*headings, *of_network], [[*cells, *network]])]
+
+        def two(columns: int) -> list[Table]:
+            headings, cells = of_hand(columns)
+            return [plain_table(headings, [cells]), plain_table(of_network, [network], left=0)]
+
+        axes = _axes(tick.force_n)
+        return Group(title, Fitted(lambda: one(axes), lambda: one(0), lambda: two(axes)))
 
 
 class ServeTable:
@@ -229,19 +248,20 @@ class _Seat(msgspec.Struct, frozen=True):
             _number(lost, "d"),
         )
 
-    def vectors(self, between: str) -> tuple[str, str]:
-        """Return proxy position and force."""
+    def vectors(self, axes: int) -> list[str]:
+        """Return proxy position and force, each in so many columns; 0: an axis below another."""
         proxy_m, force_n = (self.held.proxy_m, self.held.force_n) if self.held else (None, None)
-        return between.join(components(proxy_m, 1e3, "+6.1f")) or "-", between.join(
-            components(force_n, 1.0, "+5.2f")
-        ) or "-"
+        return [*_vector(proxy_m, 1e3, "+6.1f", axes), *_vector(force_n, 1.0, "+5.2f", axes)]
 
 
 class _Seats(Fitted):
     """A row a seat, as many as there are lines for, those that are taken first."""
 
     def __init__(self, seats: Sequence[_Seat], height: int) -> None:
-        motion = ("proxy\nmm", "force\nN")
+        axes = max((_axes(seat.held.proxy_m) for seat in seats if seat.held), default=1)
+
+        def motion(columns: int) -> tuple[str, ...]:
+            return *_vector_headings("proxy", "mm", columns), *_vector_headings("force", "N", columns)
 
         def cut(lines_each: int, headings: int) -> tuple[Sequence[_Seat], list[Table]]:
             most = max(1, (height - headings) // lines_each)
@@ -254,23 +274,22 @@ class _Seats(Fitted):
         def about(addresses: bool) -> tuple[str, ...]:
             return "name", "state", "since", *(["address"] if addresses else []), "rtt\nms", "lost"
 
-        def one(addresses: bool, between: str, lines_each: int) -> list[Table]:
+        def one(addresses: bool, columns: int, lines_each: int) -> list[Table]:
             some, note = cut(lines_each, 3)
-            rows = [[*seat.named(), *seat.cells(addresses), *seat.vectors(between)] for seat in some]
-            return [plain_table((*about(addresses), *motion), rows, left=4 if addresses else 3), *note]
+            rows = [[*seat.named(), *seat.cells(addresses), *seat.vectors(columns)] for seat in some]
+            return [plain_table((*about(addresses), *motion(columns)), rows, left=4 if addresses else 3), *note]
 
         def two(addresses: bool) -> list[Table]:
             some, note = cut(2, 5)
             rows = [[*seat.named(), *seat.cells(addresses)] for seat in some]
             second = plain_table(
-                ("name", "state", *motion), [[*seat.named(), *seat.vectors(" ")] for seat in some], left=2
+                ("name", "state", *motion(axes)), [[*seat.named(), *seat.vectors(axes)] for seat in some], left=2
             )
             return [plain_table(about(addresses), rows, left=4 if addresses else 3), second, *note]
 
-        axes = max((len(seat.held.proxy_m) for seat in seats if seat.held), default=1)
         super().__init__(
-            lambda: one(True, " ", 1), lambda: two(True), lambda: one(False, " ", 1), lambda: two(False),
-            lambda: one(False, "\n", axes),
+            lambda: one(True, axes, 1), lambda: two(True), lambda: one(False, axes, 1), lambda: two(False),
+            lambda: one(False, 0, axes),
         )  # fmt: skip
 
 
@@ -289,24 +308,45 @@ def _state(state: str) -> Text:
     return Text(state, style=_TINTS.get(state, "green"))
 
 
-def _hand(tick: Tick, seat: SeatStep | None, between: str, names: Sequence[str] = ("",) * 3) -> list[str]:
-    """Return position, force, and energy reserves [mJ] of uplink, downlink, whole line and device port.
+def _axes(values: Row) -> int:
+    """Return how many of a row's axes are shown: one at least."""
+    return min(len(AXES), max(1, len(values)))
 
-    A dash stands for a reserve of which there is no ledger.
-    """
+
+def _vector_headings(name: str, unit: str, columns: int) -> tuple[str, ...]:
+    """Return a heading a column; `columns` as in `_vector`."""
+    if columns <= 1:
+        return (f"{name}\n{unit}",)
+    return f"{name}\n{unit}: {AXES[0]}", *(f"\n{axis}" for axis in AXES[1:columns])
+
+
+def _vector(values: Row | None, scale: float, form: str, columns: int, names: Sequence[str] = ("",) * 3) -> list[str]:
+    """Return a text for each of so many columns; 0: one text, an axis below another, behind its name if there are names."""
+    found = components(values, scale, form, names)
+    if columns == 0:
+        return ["\n".join(found) or "-"]
+    return found + ["-"] * (columns - len(found))
+
+
+def _hand(tick: Tick, columns: int, names: Sequence[str] = ("",) * 3) -> list[str]:
+    """Return position and force, as `_vector` does."""
+    return [
+        *_vector(tick.position_m, 1e3, "+6.1f", columns, names),
+        *_vector(tick.force_n, 1.0, "+5.2f", columns, names),
+    ]
+
+
+def _reserves(tick: Tick, seat: SeatStep | None) -> list[str]:
+    """Return energy reserves [mJ] of uplink, downlink, whole line and device port; a dash where there is no ledger."""
     up_j, line_j = (seat.up_reserve_j, seat.line_reserve_j) if seat else (None, None)
     reserves_j = (up_j, tick.reserve_j, line_j, tick.device_reserve_j)
-    return [
-        between.join(components(tick.position_m, 1e3, "+6.1f", names)) or "-",
-        between.join(components(tick.force_n, 1.0, "+5.2f", names)) or "-",
-        " ".join("-" if reserve_j is None else f"{reserve_j * 1e3:.1f}" for reserve_j in reserves_j),
-    ]
+    return [_number(None if reserve_j is None else 1e3 * reserve_j, ".1f") for reserve_j in reserves_j]
 
 
 def _network(tick: Tick, seat: SeatStep | None = None) -> list[str]:
     """Return round trip, delays of uplink and downlink, lost frames and late ticks."""
-    delays = " ".join(_number(delay_ms, ".1f") for delay_ms in (tick.up_ms, tick.down_ms))
-    return [_number(tick.rtt_ms, ".1f"), delays, f"{tick.lost + (seat.lost if seat else 0)}", f"{tick.skipped}"]
+    times = [_number(time_ms, ".1f") for time_ms in (tick.rtt_ms, tick.up_ms, tick.down_ms)]
+    return [*times, f"{tick.lost + (seat.lost if seat else 0)}", f"{tick.skipped}"]
 
 
 def _number(value: float | None, form: str) -> str:

@@ -158,7 +158,8 @@ def _link(
         flags.insert(0, f"link.profile={profile}")
     if seed is not None:
         flags.append(f"seed={seed}")
-    settings = load(config, [*flags, *overrides], world=False) if config else from_flags([*flags, *overrides])
+    given, names = [*flags, *overrides], {"link.profile": "--profile", "seed": "--seed"}
+    settings = load(config, given, world=False, flags=names) if config else from_flags(given, names)
     return settings.link, settings.seed
 
 

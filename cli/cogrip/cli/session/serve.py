@@ -144,11 +144,12 @@ def serve(
     stop = Stop()
     with ExitStack() as stack:
         line = open_trigger(trigger, stack)
-        state_folder = held_folder(state, port, encrypted, say, stack)
+        warnings: list[str] = []
+        state_folder = held_folder(state, port, encrypted, warnings.append, stack)
         state_folder = shared_folder(state_folder, shared, encrypted)
         key_folder = state_folder if encrypted else None
         authenticator = authenticator_of(key_folder, say)
-        shown = _Shown(public, links, view, insecure, metrics)
+        shown = _Shown(public, links, view, insecure, metrics, warnings)
         if head is not None:
             from cogrip.cli.session.serve_cluster import ClusterJob, ClusterServer, ports_of  # with OpenSSL
 
@@ -171,6 +172,8 @@ def serve(
             server.authenticator = authenticator
         with Problem.of(ServeError), BadInput.of(HostError):
             bound = server.listen()
+        for text in warnings:
+            say(text)
         run_folder = into or live_run_folder(runs, names[0] if len(names) == 1 else "rooms", say)
         server.record_at = run_folder / SERVER_RECORDING if run_folder and record else None
         folders = _write_settings(rooms, run_folder, rates, say)
@@ -227,6 +230,7 @@ class _Shown(NamedTuple):
     view: bool
     insecure: bool
     metrics: int | None
+    warnings: Sequence[str]
 
 
 def _head(cluster: str | None, one_host: dict[str, bool], for_cluster: Mapping[str, object]) -> str | None:
@@ -253,6 +257,8 @@ def _serve_by_front(
 ) -> int:  # fmt: skip
     """Serve by a front, and workers or other hosts. Return the exit code."""
     say, rooms, encrypted = lines.say, job.rooms, job.encrypted
+    for text in shown.warnings:
+        say(text)
     with on_signals(stop, hangup="reload"):
         warn_of(rooms, server.bound, encrypted, say)
         feed = server.begin(shown.metrics, stack)

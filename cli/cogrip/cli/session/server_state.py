@@ -42,8 +42,13 @@ WILDCARDS = ("0.0.0.0", "::", "")
 LOOPBACKS = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # by which a process of this machine reaches a wildcard
 
 
-def held_folder(state: Path | None, port: int, encrypted: bool, say: Say, stack: ExitStack) -> StateFolder | None:
-    """Return the folder, held until `stack` is left. An unencrypted server may run without one that is not asked for."""
+def held_folder(
+    state: Path | None, port: int, encrypted: bool, warn: Callable[[str], None], stack: ExitStack
+) -> StateFolder | None:
+    """Return the folder, held until `stack` is left. An unencrypted server may run without one that is not asked for.
+
+    warn: takes what is to be said of that once the server listens; where another server has the port, too, it never does.
+    """
     path = state_path(state, port)
     if path is None:
         if encrypted:
@@ -55,7 +60,7 @@ def held_folder(state: Path | None, port: int, encrypted: bool, say: Say, stack:
     except StateError as error:
         if encrypted or state is not None:
             raise (Problem if isinstance(error, BusyError) else BadInput)(str(error)) from None
-        say(f"warning: nothing can be restored, and nobody kicked: {error}")
+        warn(f"warning: nothing can be restored, and nobody kicked: {error}")
         return None
     return folder
 

@@ -4,12 +4,15 @@ import difflib
 import json
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from cogrip.cli.session.settings_origin import Origin
 from cogrip.cli.session.shipped_settings import (
     SUFFIX,
     is_name,
@@ -29,6 +32,7 @@ from cogrip.protocol.settings import Settings, rates_of, resolve, seat_axes, sea
 from cogrip.protocol.settings_table import SettingsError, parse_override
 
 NESTED = "is nested too deep for settings, which have three levels; take the brackets out"
+TRACES = ("link.trace", "link.up.trace", "link.down.trace")
 GIVE = "give a settings file, or a name of `cogrip configs`, such as demo"
 
 
@@ -37,13 +41,14 @@ Overrides = Sequence[str] | Mapping[str, Any]
 
 
 def load(
-    path: Path, overrides: Overrides = (), *, world: bool = True, rate: Callable[[Settings], int] | None = None
-) -> Settings:
+    path: Path, overrides: Overrides = (), *, world: bool = True, rate: Callable[[Settings], int] | None = None,
+    flags: Mapping[str, str] = {},
+) -> Settings:  # fmt: skip
     """Return the settings of a file, or of a bare name such as `demo` those that come with cogrip (docs/commands.md).
 
     A file of exactly that name comes first; a folder does not count. world: try the world as well, which may run another
-    author's program; only who steps it does that. rate: of the network, where they ask for "auto". Raises BadInput, which names
-    the file, for any error in it.
+    author's program; only who steps it does that. rate: of the network, where they ask for "auto". flags: key -> flag, of
+    overrides that another flag than `--set` gave. Raises BadInput, which names the flag or the file that an error comes from.
     """
     text = ""
     try:
@@ -67,11 +72,12 @@ def load(
     if not isinstance(table, dict):
         raise BadInput(f"{path}: holds no table of settings; {GIVE}")
     place_files(table, file.parent)
-    settings = _resolved(table, overrides, f"{path}: ")
+    origin = _origin(overrides, f"{path}: ", flags)
+    settings = _resolved(table, origin)
     if world:
-        _try_world(settings, f"{path}: ")
-    if rate is not None and asks_auto(table, given := _overrides(overrides)):
-        settings = _resolved(table, {**given, "rates.network_hz": rate(settings)}, f"{path}: ")
+        _try_world(settings, origin.before("object.kind"))
+    if rate is not None and asks_auto(table, origin.given):
+        settings = _resolved(table, replace(origin, given={**origin.given, "rates.network_hz": rate(settings)}))
     return settings
 
 
@@ -108,29 +114,40 @@ def _not_valid(path: Path, form: str, words: str, line: object, column: object) 
     return f"{path}:{line}: not valid {form}, at {place}: {words[:1].lower()}{words[1:]}"
 
 
-def from_flags(overrides: Sequence[str]) -> Settings:
-    """Return the settings of `--set` alone. Raises BadInput."""
-    return _resolved({}, overrides, "")
+def from_flags(overrides: Sequence[str], flags: Mapping[str, str] = {}) -> Settings:
+    """Return the settings of flags alone: of `--set`, or as `flags` has it by key. Raises BadInput."""
+    return _resolved({}, _origin(overrides, "", flags))
 
 
 def from_table(table: dict[str, Any], overrides: Overrides = ()) -> Settings:
     """Return the settings of a table; paths in it are relative to the current folder. Raises BadInput."""
     place_files(table, Path())
-    settings = _resolved(table, overrides, "")
-    _try_world(settings, "")
+    origin = _origin(overrides, "", {})
+    settings = _resolved(table, origin)
+    _try_world(settings, origin.before("object.kind"))
     return settings
 
 
-def _resolved(table: dict[str, Any], overrides: Overrides, where: str) -> Settings:
-    """Return the settings, whose traces can be read. Raises BadInput, which begins with `where`."""
+def _origin(overrides: Overrides, file: str, flags: Mapping[str, str]) -> Origin:
+    if isinstance(overrides, Mapping):
+        return Origin(file, _overrides(overrides), typed=False)
+    times = Counter(
+        text.partition("=")[0].strip() for text in overrides
+    )  # where a `--set` gives it, too, that is meant
+    flags = {key: flag for key, flag in flags.items() if times[key] == 1}
+    return Origin(file, _overrides(overrides), flags=flags)
+
+
+def _resolved(table: dict[str, Any], origin: Origin) -> Settings:
+    """Return the settings of a table with the flags' values, whose traces and scene can be read. Raises BadInput."""
     try:
-        settings = resolve(table, _overrides(overrides))
+        settings = resolve(table, origin.given)
     except RecursionError:
-        raise BadInput(f"{where}{NESTED}") from None
+        raise BadInput(f"{origin.file}{NESTED}") from None
     except SettingsError as error:
-        raise BadInput(f"{where}{error}") from None
-    _try_traces(settings, where)
-    _try_scene(settings, where)
+        raise BadInput(origin.explained(table, error)) from None
+    _try_traces(settings, origin.before(*TRACES))
+    _try_scene(settings, origin.before("object.file"))
     return settings
 
 
@@ -138,7 +155,7 @@ def _overrides(overrides: Overrides) -> dict[str, Any]:
     """Return them by key. A file's path in them is relative to the current folder. Raises BadInput."""
     found = dict(overrides if isinstance(overrides, Mapping) else map(override, overrides))
     for key, value in found.items():
-        if key in ("link.trace", "link.up.trace", "link.down.trace") and isinstance(value, str) and value:
+        if key in TRACES and isinstance(value, str) and value:
             found[key] = str(Path(value).absolute())
         if key == "object.file" and isinstance(value, str) and value:
             found[key] = _scene_at(Path(), value)

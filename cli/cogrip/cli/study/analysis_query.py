@@ -58,8 +58,9 @@ class Query:
 
     def settings(self, config: Path) -> Settings:
         """Return the file's settings as a session of the scheme; `--set` overrides both. Raises BadInput."""
-        of_scheme = [f"{key}={value}" for key, value in scheme_overrides(self.scheme).items()] if self.scheme else []
-        return load(config, [*of_scheme, *self.overrides])
+        of_scheme = scheme_overrides(self.scheme) if self.scheme else {}
+        flags = dict.fromkeys(of_scheme, f"--scheme {self.scheme}")
+        return load(config, [*(f"{key}={value}" for key, value in of_scheme.items()), *self.overrides], flags=flags)
 
     @staticmethod
     def tell_rounding(*sessions: LinearSession) -> None:

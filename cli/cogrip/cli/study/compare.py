@@ -188,7 +188,7 @@ def methods_table(summary: Mapping[str, Any]) -> Group:
 def _table(summary: Mapping[str, Any], *, verdicts: bool, numbers: bool) -> Table:
     shown = columns_of(summary)
     columns = [f"{column.heading.replace(' ', chr(10))}\n{column.unit}" for column in shown] if numbers else []
-    table = plain_table(["method", *(["stability"] if verdicts else []), *columns], [], left=2 if verdicts else 1)
+    table = plain_table(["method", *(["verdict"] if verdicts else []), *columns], [], left=2 if verdicts else 1)
     if verdicts:
         table.columns[1].no_wrap = False
     last = None

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from cogrip.client.inputs import Connect, Poll
 from cogrip.client.path_migration import PathMigration
-from cogrip.protocol.channel import PEER, Channel
+from cogrip.protocol.channel import PEER, Channel, place_text
 from cogrip.protocol.io.platform import system, time
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.join_link import LinkError, split_place
@@ -357,7 +357,8 @@ class Paths:
             raise JoinError(self._placed(session.failed))
 
     def _placed(self, text: str) -> str:
-        """Add the server's address, and a hint where the network refused."""
-        place = f"{self.server.host}:{self.server.port}"
-        hint = f"; nothing listens on {place}: is the server running there?" if self._counts[REFUSED] else ""
-        return f"{text}{hint} (server {place})"
+        """Add the server's address, with a hint where the network refused."""
+        place = place_text((self.server.host, self.server.port))
+        if self._counts[REFUSED]:
+            return f"{text}; nothing listens on {place}: is the server running there?"
+        return f"{text} (server {place})"

@@ -57,12 +57,16 @@ class UdpPort:
         try:
             family = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             self._socket = made = socket.socket(family[0], socket.SOCK_DGRAM)
+        except OSError as error:
+            raise cannot_listen(host, port, error) from None
+        try:
             enlarge(made)
             if ports is None:
                 made.bind(family[4])
             else:
                 _bind_one(made, host, family[4], ports)
         except OSError as error:
+            made.close()
             raise cannot_listen(host, port, error) from None
         made.setblocking(False)
         self.place: tuple[str, int] = made.getsockname()[:2]

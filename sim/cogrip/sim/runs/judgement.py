@@ -29,6 +29,12 @@ def occupied(users: list[Row]) -> Iterator[Row]:
             yield row
 
 
+def never_taken(row: Row) -> bool:
+    """Return whether the server says that nobody took this seat: it received nothing, and made no line."""
+    nothing = row.get("state") is None and dig(row, "link", "up", "received") == 0
+    return nothing and all(dig(row, "energy", key) is None for key in ("up_margin_j", "line_margin_j"))
+
+
 def names_of(rows: Iterable[Row]) -> list[str]:
     """Return each name once."""
     return list(dict.fromkeys(map(name_of, rows)))

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from cogrip.sim.runs.judgement import Tone
+from cogrip.sim.runs.judgement import Tone, never_taken
 from cogrip.sim.runs.summary_values import (
     Summary,
     dig,
@@ -72,7 +72,10 @@ def _states(summary: Summary) -> Iterator[tuple[Tone, str]]:
     for user in people(summary):
         state, reason = user.get("state"), user.get("reason")
         if state is None:
-            silent = "reported no account" if dig(user, "link", "up", "received") else "never sent anything"
+            if never_taken(user):
+                yield "warn", f"Nobody took the seat of {name_of(user)}."
+                continue
+            silent = "never sent anything" if dig(user, "link", "up", "received") == 0 else "reported no account"
             yield "warn", f"The client of {name_of(user)} {silent}: what it alone knows is missing."
         elif state in ("fault", "degraded") and not summary.get("diverged"):
             said = ", its client says" if user.get("claimed") else ""

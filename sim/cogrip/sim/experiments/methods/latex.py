@@ -11,6 +11,7 @@ from typing import Any
 
 from cogrip.sim.experiments.methods.method import CLEAN, METHODS
 from cogrip.sim.experiments.methods.table import (
+    BOUNDS,
     FELT,
     NONE,
     TABLE,
@@ -26,7 +27,8 @@ from cogrip.sim.experiments.methods.table import (
 Row = Mapping[str, Any]
 LABEL = "tab:methods"
 _SYMBOLS = {column.measure: column.symbol for column in TABLE}
-_JUDGEMENTS = {"diverged": "div.", "oscillates": "osc.", "active": "act.", "not_passive": "n.p."}
+_UNSTABLE = {"diverged": "div.", "oscillates": "osc."}
+_NOT_PASSIVE = {"not_passive": "n.p."}
 _TO_ITSELF = "error_clean_n"  # on the clean link it is 0 by what it means
 
 
@@ -44,7 +46,7 @@ def latex(summary: Mapping[str, Any]) -> str:
         "\\setlength{\\tabcolsep}{3pt}",
         f"\\begin{{tabular}}{{@{{}}lll{'r' * len(columns)}@{{}}}}",
         "\\toprule",
-        _line(["Network", "Method", "Stability", *symbols]),
+        _line(["Network", "Method", "Verdict", *symbols]),
         _line(["", "", "", *(f"({_escaped(column.unit)})" for column in columns)]),
     ]
     for network in dict.fromkeys(row["network"] for row in summary["rows"]):
@@ -54,7 +56,7 @@ def latex(summary: Mapping[str, Any]) -> str:
         for number, row in enumerate(rows):
             numbers = [_number(row, column, row["method"] in best[column.measure]) for column in columns]
             name = "" if number else _escaped(network)
-            lines.append(_line([name, _escaped(METHODS[row["method"]].title), _stability(row), *numbers]))
+            lines.append(_line([name, _escaped(METHODS[row["method"]].title), _verdict(row), *numbers]))
     return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", "\\end{table*}", ""])
 
 
@@ -91,16 +93,15 @@ def _caption(summary: Mapping[str, Any]) -> str:
         f"{numbers}. {symbols}. Bold: least in absolute value of the methods that are stable on that network. "
         f"--: not measured, or at least half of the sessions diverged; of ${_SYMBOLS[FELT]}$ also where at least half diverged "
         "or oscillate, or at least half of the probes never came to rest. div.: sessions that diverged, and when (median); "
-        "osc.: sessions that oscillate between hands at rest; act.: sessions driven by created energy until hands rest; "
-        "n.p.: sessions in which an energy ledger went below zero."
+        f"osc.: sessions that oscillate; n.p.: sessions that are not passive. {_escaped(BOUNDS)}."
     )
 
 
-def _stability(row: Row) -> str:
-    words = judgements(row, _JUDGEMENTS, " ({:.2g}~s)")
+def _verdict(row: Row) -> str:
+    words = judgements(row, _UNSTABLE, _NOT_PASSIVE, " ({:.2g}~s)")
     if row["failed"]:
         words.append(f"not run {row['failed']}")
-    return ", ".join(words) or ("stable" if row["runs"] else "--")
+    return ", ".join(words) or "--"
 
 
 def _hidden(row: Row, column: Column) -> bool:
@@ -110,11 +111,6 @@ def _hidden(row: Row, column: Column) -> bool:
     return column.measure != "created_mj" and bool(row["runs"]) and 2 * row["diverged"] >= row["runs"]
 
 
-def _holds(row: Row) -> bool:
-    """Return whether more than half of the sessions neither diverged, oscillated nor were active."""
-    return bool(2 * (row["diverged"] + row["oscillates"] + row["active"]) < row["runs"])
-
-
 def _best(rows: Sequence[Row], column: Column) -> set[str]:
     """Return the methods whose median is least, as printed; none where fewer than two compare, or all are equal."""
     if not column.ranked:
@@ -122,7 +118,7 @@ def _best(rows: Sequence[Row], column: Column) -> set[str]:
     found = {
         row["method"]: (size, _print(size, column))
         for row in rows
-        if row[column.measure] is not None and _holds(row) and not _hidden(row, column)
+        if row[column.measure] is not None and row["runs"] and not unstable(row) and not _hidden(row, column)
         for size in [abs(row[column.measure]["median"])]
     }
     if len({text for _, text in found.values()}) < 2 or (column.measure == _TO_ITSELF and rows[0]["network"] == CLEAN):

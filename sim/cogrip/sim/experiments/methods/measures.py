@@ -3,6 +3,10 @@
 All are read alike for every method: from forces on hands, positions of hands and object, and the object's position as
 reported to each person. Only `margin_mj` (the least margin of a method's wave lines) and `leak_mj` (energy that the devices'
 sampled dampers gave out; with waves `created_mj` is at most this) are a method's own accounts.
+
+Each session is judged twice. Unstable: it diverged, or oscillates. Not passive: a ledger of its lines and device ports fell
+below its credit (the run's verdict), or much more energy was created than those ledgers account for (a server's step has
+none). So a session may be stable and not passive: hands take what was created.
 """
 
 from __future__ import annotations
@@ -10,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -22,7 +26,9 @@ from cogrip.sim.runs.verdict import felt
 LAST_S = 0.5  # of the rest at the end, over which it is judged
 SWING_N = 1.0  # swing of a force between hands that hold still
 SWING_MJ = 5.0  # and energy created meanwhile: a long line that only rings makes none
-ACTIVE_SHARE = 0.1  # of what hands have put in, once what devices leak is taken off: of many people that alone is more
+ACTIVE_MJ = 5.0  # created beyond what ledgers account for; and beyond
+ACTIVE_SHARE = 0.1  # of what hands have put in
+State = Literal["diverged", "oscillates", "not_passive", "passive"]  # of a session; the last two are stable
 
 
 def furthest_from_0(values: Sequence[float]) -> float:
@@ -94,7 +100,7 @@ MEASURES: Mapping[str, Measure] = {
     ),
 }  # fmt: skip
 COLUMNS = (
-    "diverged", "diverged_s", "reason", "oscillates", "active", "passive", "not_felt", "margin_mj", "leak_mj", *MEASURES,
+    "diverged", "diverged_s", "reason", "oscillates", "passive", "not_felt", "margin_mj", "leak_mj", *MEASURES,
     "felt_person", "lost", "late",
 )  # fmt: skip
 FELT_MEASURES = ("felt_npm", "error_percent", "added_mm_per_n")  # of each person, beside the K asked for
@@ -161,11 +167,20 @@ def put_in_j(work_j: Array) -> float:
 
 
 def is_active(created_mj: float, put_in_mj: float) -> bool:
-    """Return whether created energy drove the session, though it came to rest in the end.
+    """Return whether a session was active, the contrary of passive, by the energy that was created.
 
-    created_mj: beyond what the devices' sampled dampers have given out (`leak_mj`), which is no method's doing.
+    created_mj: beyond what ledgers account for, and judge: the leak of the devices' sampled dampers, and what lines lent.
     """
-    return created_mj > max(SWING_MJ, ACTIVE_SHARE * put_in_mj)
+    return created_mj > max(ACTIVE_MJ, ACTIVE_SHARE * put_in_mj)
+
+
+def state_of(measures: Mapping[str, Any]) -> State:
+    """Return a session's state; a passivity that is not known counts as passive, as in every count of `not_passive`."""
+    if measures["diverged"]:
+        return "diverged"
+    if measures["oscillates"]:
+        return "oscillates"
+    return "not_passive" if measures["passive"] is False else "passive"
 
 
 def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Array | None) -> dict[str, Any]:
@@ -183,7 +198,8 @@ def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Arr
     softer = judged.sentence.startswith(SOFTER)  # the felt stiffness has a column of its own
     created_mj = created_j(trace.work_j, trace.object_j) * 1e3
     leak_mj = -1e3 * sum(min(0.0, user["energy"]["device_leak_j"]) for user in users)
-    made_mj = created_mj - leak_mj  # by the method itself, at least
+    lent_mj = -1e3 * sum(min(0.0, user["energy"].get("line_margin_j") or 0.0) for user in users)
+    active = is_active(created_mj - leak_mj - lent_mj, put_in_j(trace.work_j) * 1e3)
     pair = trace.position_m.shape[1] > 1
     scene = dig(summary, "server", "scene") or {}
     return {
@@ -191,8 +207,7 @@ def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Arr
         "diverged_s": summary["seconds"] if diverged else None,
         "reason": diverged,
         "oscillates": oscillates,
-        "active": not diverged and not oscillates and is_active(made_mj, put_in_j(trace.work_j) * 1e3),
-        "passive": summary["passive"],
+        "passive": False if active else summary["passive"],
         "not_felt": judged.sentence if judged.tone == "warn" and not softer and not diverged and not oscillates else "",
         "margin_mj": worst[0] * 1e3 if worst else None,
         "leak_mj": leak_mj,

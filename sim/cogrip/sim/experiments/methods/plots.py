@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,53 +13,33 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cogrip.sim.experiments.experiment import Result
+from cogrip.sim.experiments.methods.looks import FILLS, LOOKS, WORDS, style_of
 from cogrip.sim.experiments.methods.measures import MEASURES
 from cogrip.sim.experiments.methods.method import METHODS
-from cogrip.sim.experiments.methods.query import Comparison
-from cogrip.sim.experiments.methods.table import feels, first_seeds
+from cogrip.sim.experiments.methods.query import DRAWN_SEEDS, FELT_SEEDS, Comparison
+from cogrip.sim.experiments.methods.rows import WIDTH, Rows
+from cogrip.sim.experiments.methods.table import BOUNDS, feels, first_seeds
 from cogrip.sim.experiments.methods.table import unstable as unstable_row
-from cogrip.sim.runs.plots.style import (
-    ALARM,
-    COLOURS,
-    DOTTED,
-    FAINT,
-    INK,
-    NotDrawnError,
-    Sheet,
-    Style,
-    colour,
-    draw_spread,
-    label,
-    person_style,
-    title,
-)
-from cogrip.sim.runs.summary_values import is_number
+from cogrip.sim.experiments.methods.trace_plot import draw_traces
+from cogrip.sim.runs.plots.style import FAINT, INK, NotDrawnError, Sheet, Style
 
-_MARKERS = "osD^v"
-_STRETCHES = 80  # of a session, of each of which a trace shows minimum, median and maximum
-_WIDTH = 0.8  # share of a network's room that its methods take
+_DOT_SIZE = 4.6
 _LOG_FROM, _LOG_SPAN = 1e-3, 30.0  # values that spread more than this get a logarithmic axis
-_MARGIN = 1.2  # above the largest force of a row's stable sessions
-_LOOKS: Mapping[Literal["diverged", "oscillates", "active"], Style] = {
-    "diverged": {},
-    "oscillates": {"alpha": 0.45, "hatch": "///", "edgecolor": "white", "lw": 0},
-    "active": {"alpha": 0.25},
-}
 _MEDIAN: Style = {"color": INK, "lw": 1.6}
-_HOLLOW: Style = {"color": INK, "marker": "o", "mfc": "none", "ms": 5, "lw": 0}
+_DOT: Style = {"color": INK, "marker": "o", "ms": 6, "lw": 0}
 _NONE: Style = {"marker": "x", "color": FAINT, "ms": 5, "lw": 0}
-_TRACE_LEGEND: list[tuple[str, Style]] = [
-    ("band: from the least to the largest", {"facecolor": FAINT, "alpha": 0.35, "lw": 0}),
-    ("diverged", {"color": ALARM, "lw": 1.0, "ls": DOTTED}),
+_DOT_LEGEND: list[tuple[str, Style]] = [
+    ("unstable", {**_DOT, **FILLS["oscillates"]}),
+    (WORDS["not_passive"], {**_DOT, **FILLS["not_passive"]}),
+    (WORDS["passive"], {**_DOT, **FILLS["passive"]}),
+    ("median", _MEDIAN),
 ]
-_DOT_LEGEND: list[tuple[str, Style]] = [("hollow: unstable session", _HOLLOW), ("median", _MEDIAN)]
 _MARKS = (
-    "A mark is a session, hollow if it diverged (measured up to then), oscillates or is not passive, "
-    "a bar the median of a method; methods stand beside each other in the order of the legend. "
+    "A mark is a session: hollow if it is unstable (one that diverged is measured up to then), half full if it is stable "
+    "and not passive; a bar is the median of a method; methods stand beside each other in the order of the legend. "
     "On a logarithmic axis what is less than its first number "
     "stands on its edge."
 )
-_Key = tuple[str, str]  # network, method
 
 
 class Plot(NamedTuple):
@@ -71,47 +51,10 @@ class Plot(NamedTuple):
     figure: Figure
 
 
-class Rows:
-    """The results of the sessions that could be run, by network, method and measure; `summary` has the rows of `gather`."""
-
-    def __init__(self, asked: Comparison, results: Mapping[int, Result], summary: Mapping[str, Any]) -> None:
-        self.asked = asked
-        self.summary: dict[_Key, Mapping[str, Any]] = {(row["network"], row["method"]): row for row in summary["rows"]}
-        self._measures: dict[_Key, list[dict[str, Any]]] = {key: [] for key in self.summary}
-        for case, result in sorted(results.items()):
-            values = asked.values(case)
-            if not result.error:
-                self._measures[values["network"], values["method"]].append(result.measures)
-
-    def traces(self, key: _Key) -> tuple[float, list[list[float]]] | None:
-        """Return length [s] and sketched forces of the session that has them."""
-        found = next((row["trace"] for row in self._measures[key] if row.get("trace")), None)
-        return (float(found["seconds"]), found["force_n"]) if found else None
-
-    def judged(self, key: _Key, measure: str) -> list[tuple[float, bool]]:
-        """Return each number, and whether its session was unstable."""
-        return [
-            (float(row[measure]), row["diverged"] or row["oscillates"] or row["active"])
-            for row in self._measures[key]
-            if is_number(row[measure])
-        ]
-
-    def numbers(self, measure: str) -> list[float]:
-        """Return every number of a measure."""
-        return [value for key in self.summary for value, _ in self.judged(key, measure)]
-
-    def places(self) -> Iterator[tuple[_Key, int, float]]:
-        """Yield network and method, the method's number, and its place on the axis."""
-        count = len(self.asked.methods)
-        for network, name in enumerate(self.asked.networks):
-            for number, method in enumerate(self.asked.methods):
-                yield (name, method), number, network + _WIDTH * ((number + 0.5) / count - 0.5)
-
-
 def draw_all(asked: Comparison, results: Mapping[int, Result], summary: Mapping[str, Any]) -> Iterator[Plot]:
     """Yield every plot of which there is anything to draw."""
     rows = Rows(asked, results, summary)
-    felt_seeds = first_seeds(len(asked.seeds))
+    felt_seeds, drawn_seeds = (first_seeds(len(asked.seeds), most) for most in (FELT_SEEDS, DRAWN_SEEDS))
 
     def drawn(name: str, heading: str, draw: Callable[[], Figure], caption: str) -> Iterator[Plot]:
         with suppress(NotDrawnError):
@@ -119,15 +62,15 @@ def draw_all(asked: Comparison, results: Mapping[int, Result], summary: Mapping[
 
     yield from drawn(
         "stability", "Stability and energy", partial(_stability, rows),
-        "Above, the share of sessions that diverged, oscillate or are active; below, the most energy that the network "
-        f"had given out beyond what the hands had put in. {_MARKS}",
+        "Above, the share of sessions that diverged, oscillate, or are stable and not passive; below, the most energy that "
+        f"the network had given out beyond what the hands had put in. {BOUNDS}. {_MARKS}",
     )  # fmt: skip
     yield from drawn(
-        "traces", "Forces over time", partial(_traces, rows),
-        f"The force on each hand in the sessions of seed {asked.seeds[0]}, a row a network, a column a method; a colour "
-        "and a mark a person, the line the middle of a short stretch, the band from its least to its largest: a broad "
-        "band is a force that oscillates. What ends early, at the dotted line, has diverged. A row is as high as its "
-        "stable sessions need: others are cut off, and say how far they go.",
+        "traces", "Forces over time", partial(draw_traces, rows),
+        f"The force on each hand, a row a network, a column a method, each in its median session over seeds{drawn_seeds}, by "
+        "its verdict, then its peak force: panels say the seed. A shade and a mark a person, the line the middle of a short "
+        "stretch, the band from its least to its largest: a broad band is a force that oscillates. What ends early, at the "
+        "dotted line, has diverged. A row is as high as its stable sessions need: others are cut off, and say how far they go.",
     )  # fmt: skip
     yield from drawn(
         "forces", "Forces", partial(_dots, rows, ("peak_force_n", "force_step_n")),
@@ -158,15 +101,8 @@ def draw_all(asked: Comparison, results: Mapping[int, Result], summary: Mapping[
     )  # fmt: skip
 
 
-def style_of(number: int) -> Style:
-    """Return colour and marker of method number n."""
-    return {"color": colour(number), "marker": _MARKERS[number % len(_MARKERS)]}
-
-
 def _legend(rows: Rows) -> list[tuple[str, Style]]:
-    return [
-        (METHODS[name].title, {**style_of(number), "lw": 0, "ms": 7}) for number, name in enumerate(rows.asked.methods)
-    ]
+    return [(METHODS[name].title, {**style_of(name), "lw": 0, "ms": 7}) for name in rows.asked.methods]
 
 
 def _across(panel: Axes, networks: tuple[str, ...]) -> None:
@@ -181,94 +117,26 @@ def _across(panel: Axes, networks: tuple[str, ...]) -> None:
 def _stability(rows: Rows) -> Figure:
     sheet = Sheet(2, 1, row_in=2.6)
     shares, energy = sheet.panels[:, 0]
-    width = 0.8 * _WIDTH / len(rows.asked.methods)
-    for key, number, place in rows.places():
-        row, foot = rows.summary[key], 0.0
-        for judgement, look in _LOOKS.items():
-            if count := row[judgement]:
-                share = 100.0 * count / row["runs"]
-                shares.bar(place, share, width, bottom=foot, color=colour(number), **look)
+    width = 0.8 * WIDTH / len(rows.asked.methods)
+    for key, place in rows.places():
+        style, foot = style_of(key[1]), 0.0
+        for state, look in LOOKS.items():
+            if share := rows.share(key, state):
+                shares.bar(place, share, width, bottom=foot, color=style["color"], **look)
                 foot += share
-        if row["runs"] and not foot:
-            shares.plot(place, 0.0, **style_of(number), ms=5, clip_on=False, zorder=3)
+        if rows.summary[key]["runs"] and not foot:
+            shares.plot(place, 0.0, **style, ms=5, clip_on=False, zorder=3)
     shares.set_ylim(0.0, 104.0)
     _scatter(rows, energy, "created_mj")
     for panel in (shares, energy):
         _across(panel, rows.asked.networks)
     legend = [
         *_legend(rows),
-        ("diverged", {"facecolor": INK, "lw": 0}),
-        ("oscillates between hands at rest", {"facecolor": INK, **_LOOKS["oscillates"]}),
-        ("active while they move", {"facecolor": INK, **_LOOKS["active"]}),
-        ("mark on the axis: stable", {"lw": 0}),
+        *((WORDS[state], {"facecolor": INK, "lw": 0, **look}) for state, look in LOOKS.items()),
+        ("mark on the axis: all stable and passive", {"lw": 0}),
         *_DOT_LEGEND,
     ]
-    return sheet.finish("network", ["unstable sessions [%]", "energy created [mJ]"], legend)
-
-
-def _traces(rows: Rows) -> Figure:
-    asked = rows.asked
-    whole_s = float(asked.base["seconds"])
-    sheet = Sheet(len(asked.networks), len(asked.methods), row_in=1.25)
-    found = False
-    for network, panels in zip(asked.networks, sheet.panels, strict=True):
-        traces = {method: trace for method in asked.methods if (trace := rows.traces((network, method)))}
-        found = found or bool(traces)
-        height = _height(rows, network, traces)
-        for method, panel in zip(asked.methods, panels, strict=True):
-            panel.set_xlim(0.0, whole_s)
-            panel.set_xticks([0.0, 0.5 * whole_s])  # one at the end would run into the next panel's first
-            if height:
-                panel.set_ylim(-height, height)
-            if method in traces:
-                _trace(panel, *traces[method], whole_s, height)
-    if not found:
-        raise NotDrawnError("no forces were kept")
-    for method, panel in zip(asked.methods, sheet.panels[0], strict=True):
-        title(panel, METHODS[method].title)
-    return sheet.finish(
-        "time [s]", [f"{network}\nforce [N]" for network in asked.networks], [*_people(asked), *_TRACE_LEGEND]
-    )
-
-
-def _height(rows: Rows, network: str, traces: Mapping[str, tuple[float, list[list[float]]]]) -> float:
-    """Return the height of a row [N]: for its stable sessions, or for all if none is stable; 0 without any forces."""
-    stable = [trace for method, trace in traces.items() if not unstable_row(rows.summary[network, method])]
-    return _MARGIN * max((_largest(forces) for _, forces in stable or traces.values()), default=0.0)
-
-
-def _largest(forces: list[list[float]]) -> float:
-    return max((abs(value) for values in forces for value in values), default=0.0)
-
-
-def _trace(panel: Axes, seconds: float, forces: list[list[float]], whole_s: float, height: float) -> None:
-    """Draw one session's forces, and say where it was cut off, and when it diverged."""
-    stretches = max(2, round(_STRETCHES * seconds / whole_s))
-    for person, values in enumerate(forces):
-        times, style = np.linspace(0.0, seconds, len(values)), {**person_style(person), "lw": 1.0, "ms": 3.0}
-        draw_spread(panel, times, np.array(values, dtype=float), style, stretches, pale=0.3)
-    words = []
-    if seconds < whole_s:
-        panel.axvline(seconds, color=ALARM, lw=1.0, ls=DOTTED)
-        words.append(f"diverged at {seconds:.2g} s")
-    if (most := _largest(forces)) > height:
-        words.append(f"up to {most:.3g} N")
-    if words:
-        panel.text(
-            0.985, 0.95, "\n".join(words), transform=panel.transAxes, ha="right", va="top", fontsize=8, color=ALARM,
-            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5},
-        )  # fmt: skip
-
-
-def _people(asked: Comparison) -> list[tuple[str, Style]]:
-    """Return entries of people, as many as there are colours, and the number of the others."""
-    names = [str(user["name"]) for user in asked.base["users"]]
-    legend: list[tuple[str, Style]] = [
-        (label(name), {**person_style(number), "lw": 1.5}) for number, name in enumerate(names[:COLOURS])
-    ]
-    if len(names) > COLOURS:
-        legend.append((f"and {len(names) - COLOURS} more, in the same colours again", {"lw": 0}))
-    return legend
+    return sheet.finish("network", ["unstable or not passive [%]", "energy created [mJ]"], legend)
 
 
 def _dots(rows: Rows, measures: tuple[str, ...]) -> Figure:
@@ -286,17 +154,18 @@ def _dots(rows: Rows, measures: tuple[str, ...]) -> Figure:
 def _scatter(rows: Rows, panel: Axes, measure: str) -> None:
     """Draw a dot for each session, side by side in the order of their seeds, and the median."""
     floor = _scale(panel, rows.numbers(measure))
-    room = 0.7 * _WIDTH / len(rows.asked.methods)
-    for key, number, place in rows.places():
+    room = 0.7 * WIDTH / len(rows.asked.methods)
+    for key, place in rows.places():
         judged = rows.judged(key, measure)
         if not judged:
             continue
         values = np.maximum(np.abs([value for value, _ in judged]), floor)
-        bad = np.array([unstable for _, unstable in judged])
         places = place + _spread(len(values), room)
-        look: Style = {**style_of(number), "ms": 3.6, "lw": 0, "alpha": 0.8, "clip_on": False}
-        panel.plot(places[~bad], values[~bad], **look, mew=0)
-        panel.plot(places[bad], values[bad], **look, mfc="none", mew=0.9)
+        look: Style = {**style_of(key[1]), "ms": _DOT_SIZE, "lw": 0, "alpha": 0.8, "clip_on": False}
+        for state, fill in FILLS.items():
+            of = np.array([each == state for _, each in judged])
+            if of.any():
+                panel.plot(places[of], values[of], **look, **fill)
         middle = float(np.median(values))
         panel.plot([place - 0.6 * room, place + 0.6 * room], [middle, middle], **_MEDIAN, zorder=3)
 
@@ -341,9 +210,9 @@ def _felt(rows: Rows) -> Figure:
     floor = _scale(panel, [*everything, 100.0])
     panel.set_ylim(top=max(160.0, 1.4 * max(everything)) if floor else max(115.0, 1.1 * max(everything)))
     panel.axhline(100.0, color=FAINT, lw=1.0, zorder=0)
-    room = 0.6 * _WIDTH / len(asked.methods)
-    for key, number, place in rows.places():
-        people = shares[key]
+    room = 0.6 * WIDTH / len(asked.methods)
+    for key, place in rows.places():
+        people, style = shares[key], style_of(key[1])
         places = place + _spread(len(people), room)
         felt = [(*found, float(at)) for found, at in zip(people, places, strict=True) if found]
         none = [float(at) for found, at in zip(people, places, strict=True) if not found] if people else [place]
@@ -353,9 +222,9 @@ def _felt(rows: Rows) -> Figure:
             continue
         lowest, stiffness, at = min(felt)
         foot = max(lowest, floor)
-        panel.plot([at, at], [100.0, foot], color=colour(number), lw=1.2, alpha=0.4, zorder=1)
+        panel.plot([at, at], [100.0, foot], color=style["color"], lw=1.2, alpha=0.4, zorder=1)
         heights = [max(share, floor) for share, _, _ in felt]
-        panel.plot([at for _, _, at in felt], heights, **style_of(number), ms=5, lw=0, mew=0, clip_on=False)
+        panel.plot([at for _, _, at in felt], heights, **style, ms=5, lw=0, mew=0, clip_on=False)
         panel.annotate(
             f"{stiffness:.{0 if stiffness >= 100.0 else 1}f}", (at, foot), xytext=(0, -6), textcoords="offset points",
             ha="center", va="top", fontsize=8, color=INK,

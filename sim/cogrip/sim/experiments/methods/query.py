@@ -32,6 +32,7 @@ from cogrip.sim.session.input_files import files_read
 COMPARISON = Kind("comparison", "comparison.json")
 MOST_SESSIONS = 100_000
 FELT_SEEDS = 5
+DRAWN_SEEDS = 20  # a sketch of forces takes some kB of cells.jsonl
 REST_SHARE, LEAST_REST_S, MOST_REST_S = 0.3, FADE_S + LAST_S, 3.0
 
 
@@ -85,10 +86,10 @@ class Comparison:
         }
 
     def jobs(self, finished: Mapping[int, Result]) -> list[Job]:
-        """Return the cases still to be run. FELT_SEEDS seeds have the felt stiffness, one has its forces drawn."""
-        base, felt = json.dumps(self.base), self.seeds[:FELT_SEEDS]
+        """Return the cases still to be run. FELT_SEEDS seeds have the felt stiffness, DRAWN_SEEDS a sketch of forces."""
+        base, felt, drawn = json.dumps(self.base), self.seeds[:FELT_SEEDS], self.seeds[:DRAWN_SEEDS]
         return [
-            Job(case, base, method, network, seed, self.rest_s, felt=seed in felt, drawn=seed == self.seeds[0])
+            Job(case, base, method, network, seed, self.rest_s, felt=seed in felt, drawn=seed in drawn)
             for case in range(self.cases)
             if case not in finished
             for method, network, seed in [self.values(case).values()]

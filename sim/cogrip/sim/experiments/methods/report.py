@@ -106,13 +106,12 @@ def _verdict(method: str, summary: Mapping[str, Any]) -> tuple[Tone, str]:
         text = f"stable in all {runs} sessions"
     for key, words, severity in _ALSO:
         if count := sum(row[key] for row in rows):
-            text += f"; {words} {count}"
+            text += f"; {words} {count}: on {', '.join(row['network'] for row in rows if row[key])}"
             tone = "bad" if "bad" in (tone, severity) else "warn"
     return tone, f"{METHODS[method].title}: {text}."
 
 
 _ALSO: tuple[tuple[str, str, Tone], ...] = (
-    ("active", "driven by created energy in", "warn"),
     ("not_passive", "not passive in", "bad"),
     ("not_felt", "not felt as intended in", "warn"),
 )

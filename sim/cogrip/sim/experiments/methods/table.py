@@ -9,14 +9,26 @@ from typing import Any, NamedTuple
 
 from cogrip.protocol.version import VERSION
 from cogrip.sim.experiments.experiment import Result
-from cogrip.sim.experiments.methods.measures import FELT_MEASURES, MEASURES, furthest_from_0
+from cogrip.sim.experiments.methods.measures import (
+    ACTIVE_MJ,
+    ACTIVE_SHARE,
+    FELT_MEASURES,
+    MEASURES,
+    furthest_from_0,
+)
 from cogrip.sim.experiments.methods.method import OURS
 from cogrip.sim.experiments.methods.query import FELT_SEEDS, Comparison
 from cogrip.sim.runs.summary_values import dig, is_number
 
 FELT = "felt_error_percent"
 NONE = "–"
-_JUDGEMENTS = {"diverged": "diverged", "oscillates": "oscillates", "active": "active", "not_passive": "not passive"}
+UNSTABLE = {"diverged": "diverged", "oscillates": "oscillates"}
+NOT_PASSIVE = {"not_passive": "not passive"}
+BOUNDS = (
+    "Unstable: a session that diverged, or oscillates: between hands at rest, or so that a client let the force go. Not "
+    "passive, stable or not: more energy came out than had gone in, by the ledger of a line or device beyond its credit, or by "
+    f"more than {ACTIVE_MJ:g} mJ and {100 * ACTIVE_SHARE:g} % of what the hands had put in"
+)
 
 
 class Column(NamedTuple):
@@ -85,7 +97,6 @@ def _gathered(results: Sequence[Result]) -> dict[str, Any]:
         "diverged_s": {"median": statistics.median(ends), "first": ends[0]} if ends else None,
         "reasons": dict(Counter(row["reason"].partition(" at ")[0] for row in ran if row["diverged"])),
         "oscillates": sum(row["oscillates"] for row in ran),
-        "active": sum(row["active"] for row in ran),
         "not_passive": sum(row["passive"] is False for row in ran),
         "not_felt": sum(bool(row["not_felt"]) for row in ran),
         "felt": _felt([row["felt"] for row in ran if row["felt"]]),
@@ -139,13 +150,11 @@ def unstable(row: Mapping[str, Any]) -> bool:
 
 
 def verdict(row: Mapping[str, Any]) -> str:
-    """Return the stability in words: `stable`, `diverged 20/20 at 1.3 s`, `oscillates 3/20`, `active 3/20`, `not run 1`.
+    """Return the verdict in words, first the stability: `stable`, or `diverged 20/20 at 1.3 s, oscillates 3/20`.
 
-    Runs' other verdicts follow: `not passive 3/20`, `not as intended 3/20` (the felt verdict: limits, replaced frames).
+    Then passivity, `not passive 3/20`; `not as intended 3/20` (the felt verdict: limits, replaced frames); `not run 1`.
     """
-    words = judgements(row, _JUDGEMENTS, " at {:.2g} s")
-    if not words and row["runs"]:
-        words.append("stable")
+    words = judgements(row, UNSTABLE, NOT_PASSIVE, " at {:.2g} s")
     if row["not_felt"]:
         words.append(f"not as intended {row['not_felt']}/{row['runs']}")
     if row["failed"]:
@@ -153,12 +162,19 @@ def verdict(row: Mapping[str, Any]) -> str:
     return ", ".join(words) or NONE
 
 
-def judgements(row: Mapping[str, Any], words: Mapping[str, str], when: str) -> list[str]:
-    """Return the count of each judgement that some run has, in the given words; `when` formats the time of divergence."""
-    texts = [f"{word} {row[key]}/{row['runs']}" for key, word in words.items() if row[key]]
+def judgements(
+    row: Mapping[str, Any], unstable_words: Mapping[str, str], passive_words: Mapping[str, str], when: str
+) -> list[str]:
+    """Return `stable`, or how often it is not, and how often it is not passive, in the given words.
+
+    when: format of the time of divergence
+    """
+    texts = [f"{word} {row[key]}/{row['runs']}" for key, word in unstable_words.items() if row[key]]
     if row["diverged"]:
         texts[0] += when.format(row["diverged_s"]["median"])
-    return texts
+    if not texts and row["runs"]:
+        texts.append("stable")
+    return texts + [f"{word} {row[key]}/{row['runs']}" for key, word in passive_words.items() if row[key]]
 
 
 def shown(row: Mapping[str, Any], column: Column, worst_too: bool = True) -> str:
@@ -201,7 +217,7 @@ def cells(row: Mapping[str, Any], worst_too: bool = True, columns: Sequence[Colu
 
 def headings(columns: Sequence[Column] = TABLE) -> list[str]:
     """Return the headings of the table."""
-    return ["profile", "method", "stability", *(f"{column.heading} [{column.unit}]" for column in columns)]
+    return ["profile", "method", "verdict", *(f"{column.heading} [{column.unit}]" for column in columns)]
 
 
 def note(summary: Mapping[str, Any], worst: str = "worst in brackets") -> str:
@@ -219,7 +235,8 @@ def note(summary: Mapping[str, Any], worst: str = "worst in brackets") -> str:
         )
         ideal = "tools on springs K and dampers B at the device rate"
     return (
-        f"Median over {seeds} seed{'s' if seeds > 1 else ''} ({worst}). created: energy that came out and no hand had put in, "
+        f"{BOUNDS}. Median over {seeds} seed{'s' if seeds > 1 else ''} ({worst}). created: energy that came out and no hand "
+        "had put in, "
         "encoders included; peak, step: largest force, and largest change of it in one tick; views: distance between the "
         "object's positions as reported to two people, rms and max over time; rest: distance left between hands that hold "
         f"still at the end; {own}; to clean, to ideal: rms force difference to the same method on a clean link, and to {ideal}"
@@ -227,9 +244,9 @@ def note(summary: Mapping[str, Any], worst: str = "worst in brackets") -> str:
     )
 
 
-def first_seeds(seeds: int) -> str:
-    """Return the note behind a felt stiffness that is not measured with all `seeds`."""
-    return f" (first {FELT_SEEDS} seeds)" if seeds > FELT_SEEDS else ""
+def first_seeds(seeds: int, most: int = FELT_SEEDS) -> str:
+    """Return the note behind what is not of all `seeds`, such as a felt stiffness."""
+    return f" (first {most} seeds)" if seeds > most else ""
 
 
 def markdown(summary: Mapping[str, Any]) -> str:

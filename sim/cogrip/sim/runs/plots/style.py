@@ -28,7 +28,8 @@ FAINT = "#8b949e"
 ALARM = "#b3261e"
 AXIS_NAMES = ("x", "y", "z", "rx", "ry", "rz")  # the last three turn
 WIDTH_IN = 10.0
-LABEL_IN = 0.57  # of the labels of vertical axes, left of the panel
+LEFT_IN, LABEL_IN = 0.75, 0.57  # the margin left of a panel, and in it the lower edge of its vertical axis's label
+LINE_IN = 0.17  # that a label's second line takes, and each one after it
 DPI = 130  # 1300 px: sharp when shown 1000 px wide
 DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1))
 LINES: tuple[Any, ...] = ("-", DASHED, (0, (6, 1.5, 1, 1.5)), DOTTED, (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)))
@@ -150,10 +151,11 @@ class Sheet:
             above += self._legend(legend, columns) + 0.08
         gap = 0.42 if any(panel.get_title(loc="left") for panel in self.panels[1:].flat) else 0.18
         below = 0.5
+        left_in = LEFT_IN + LINE_IN * max(text.count("\n") for text in y_labels)
         height = self._rows * self._row_in + above + below + gap * (self._rows - 1)
         self.figure.set_size_inches(WIDTH_IN, height)
         self.figure.subplots_adjust(
-            left=0.075, right=0.98, top=1 - above / height, bottom=below / height,
+            left=left_in / WIDTH_IN, right=0.98, top=1 - above / height, bottom=below / height,
             hspace=gap / self._row_in, wspace=0.3 if each else 0.2 if self._own_y else 0.12,
         )  # fmt: skip
         for (
