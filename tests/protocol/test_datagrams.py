@@ -10,7 +10,8 @@ from collections.abc import Iterator
 import pytest
 
 from cogrip.protocol.channel import Address
-from cogrip.protocol.io.datagrams import BATCH, DatagramEnds, Datagrams, open_datagrams
+from cogrip.protocol.io.arrivals import Arrivals
+from cogrip.protocol.io.datagrams import BATCH, DatagramEnds, Datagrams, open_arrivals, open_datagrams
 
 FORMS = ["one by one", "batches"]
 LIMIT_S = 10.0
@@ -39,7 +40,7 @@ def sockets(request: pytest.FixtureRequest) -> Iterator[tuple[socket.socket, soc
         yield own, other
 
 
-def received(ends: DatagramEnds, count: int) -> list[tuple[bytes, Address, int]]:
+def received(ends: DatagramEnds | Arrivals, count: int) -> list[tuple[bytes, Address, int]]:
     found: list[tuple[bytes, Address, int]] = []
     end = time.monotonic() + LIMIT_S
     while len(found) < count and time.monotonic() < end:
@@ -68,6 +69,50 @@ def test_datagrams_come_whole_and_in_order_with_their_sender(
     assert begun_ns - 50_000_000 <= stamps[0] <= time.monotonic_ns()
     with pytest.raises(BlockingIOError):
         ends.receive(1233, time.monotonic_ns())
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_socket_with_few_peers_gives_datagrams_whole_with_their_sender(
+    form: str, sockets: tuple[socket.socket, socket.socket]
+) -> None:
+    own, other = sockets
+    if form == "one by one":
+        arrivals = Arrivals(own)
+    elif importlib.util.find_spec(BATCH) is None:
+        pytest.skip("datagram_batch is not compiled (`python3 dev.py compile`)")
+    else:
+        arrivals = open_arrivals(own)
+        assert not isinstance(arrivals, Arrivals)
+    with socket.socket(own.family, socket.SOCK_DGRAM) as third:
+        third.bind((own.getsockname()[0], 0))
+        begun_ns = time.monotonic_ns()
+        sent = [
+            (each.getsockname(), bytes([number]) * number) for number in range(40) for each in (other, other, third)
+        ]
+        for place, datagram in sent:
+            (third if place == third.getsockname() else other).sendto(datagram, own.getsockname())
+        found = received(arrivals, len(sent))
+        assert [(address, datagram) for datagram, address, _ in found] == sent
+    stamps = [arrived_ns for _, _, arrived_ns in found]
+    assert stamps == sorted(stamps)
+    assert begun_ns - 50_000_000 <= stamps[0] <= time.monotonic_ns()
+    with pytest.raises(BlockingIOError):
+        arrivals.receive(1233, time.monotonic_ns())
+    other.sendto(bytes(1300), own.getsockname())
+    ((longest, _, _),) = received(arrivals, 1)
+    assert len(longest) == 1233, "as much as was asked for"
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_peer_from_which_nothing_came_is_sent_to(form: str, sockets: tuple[socket.socket, socket.socket]) -> None:
+    own, other = sockets
+    ends = ends_of(form, own)
+    outbox: deque[tuple[Address, bytes]] = deque([(other.getsockname(), b"first"), (other.getsockname(), b"second")])
+    assert ends.send_all(outbox) == []
+    assert [other.recvfrom(16) for _ in range(2)] == [(b"first", own.getsockname()), (b"second", own.getsockname())]
+    here = ("localhost", other.getsockname()[1]) if own.family == socket.AF_INET else other.getsockname()
+    assert ends.send_all(deque([(here, b"by name")])) == []
+    assert other.recv(16) == b"by name"
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -3,6 +3,7 @@
 import socket
 import sys
 import time
+from collections import deque
 from contextlib import suppress
 
 import pytest
@@ -84,6 +85,30 @@ def test_a_worker_drops_what_came_to_a_path_before_it_was_connected() -> None:
     finally:
         port.close()
         for each in (public, mine, other, path, front, link):
+            each.close()
+
+
+@pytest.mark.parametrize("by_front", [False, True])
+def test_what_a_worker_sends_comes_from_the_public_port(by_front: bool) -> None:
+    public = open_public(HOST, 0)
+    peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    front, link = (Link(end) for end in message_pair())
+    port = WorkerPort(link, Stop(), FrontVerdicts(link), LinkOrders(link), public if by_front else None)
+    try:
+        peer.bind((HOST, 0))
+        peer.settimeout(5.0)
+        path = open_path(public, peer.getsockname())
+        front.send(Path(peer.getsockname(), None), [path.fileno()])
+        path.close()
+        with suppress(BlockingIOError):
+            port.receive(100, time.monotonic_ns())
+        assert port.send_all(deque((peer.getsockname(), bytes([number])) for number in range(70))) == []
+        assert [peer.recvfrom(10) for _ in range(70)] == [
+            (bytes([number]), public.getsockname()) for number in range(70)
+        ]
+    finally:
+        port.close()
+        for each in (public, peer, front, link):
             each.close()
 
 

@@ -67,7 +67,7 @@ class FrontServer:
     def _start(self, number: int, link_end: int) -> subprocess.Popen[bytes]:
         """Start a worker; what it says goes where this process says its own."""
         environ = {name: value for name, value in os.environ.items() if name != "NOTIFY_SOCKET"}
-        handles = (link_end, self._job_file)
+        handles = (link_end, self._job_file, self._public.fileno())
         return subprocess.Popen(
             [sys.executable, "-P", "-m", "cogrip.cli.session.worker", *map(str, handles), str(number)],
             stdin=subprocess.DEVNULL, env=environ, **system.own_session(*handles),

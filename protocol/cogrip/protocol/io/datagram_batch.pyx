@@ -1,4 +1,4 @@
-"""Datagrams of an IPv4 or IPv6 socket, many in a system call (Linux: recvmmsg, sendmmsg): `Datagrams`, compiled.
+"""Datagrams of an IPv4 or IPv6 socket, many in a system call (Linux: recvmmsg, sendmmsg): `Datagrams` and `Arrivals`, compiled.
 
 Addresses are tuples as Python's sockets give them, each made once: equal sockaddrs give the same tuple.
 """
@@ -35,6 +35,7 @@ cdef extern from "<sys/socket.h>" nogil:
     cmsghdr *CMSG_FIRSTHDR(msghdr *)
     cmsghdr *CMSG_NXTHDR(msghdr *, cmsghdr *)
     unsigned char *CMSG_DATA(cmsghdr *)
+    ssize_t recvmsg(int, msghdr *, int)
     int recvmmsg(int, mmsghdr *, unsigned int, int, void *)
     int sendmmsg(int, mmsghdr *, unsigned int, int)
     int SOL_SOCKET, MSG_DONTWAIT
@@ -59,6 +60,100 @@ cdef long long _now_ns(int clock):
     cdef timespec now
     clock_gettime(clock, &now)
     return now.tv_sec * 1000000000LL + now.tv_nsec
+
+
+cdef long long _utc_offset_ns():
+    """Return what is added to the kernel's stamps, which are UTC."""
+    return _now_ns(CLOCK_MONOTONIC) - _now_ns(CLOCK_REALTIME)
+
+
+cdef long long _arrived_ns(msghdr *taken, long long offset_ns, long long newest_ns, long long now_ns):
+    """Return when a datagram came: not after now, and not before the newest one."""
+    cdef timespec stamp
+    cdef long long arrived_ns
+    cdef cmsghdr *said = CMSG_FIRSTHDR(taken)
+    while said != NULL:
+        if said.cmsg_level == SOL_SOCKET and said.cmsg_type == SO_TIMESTAMPNS:
+            memcpy(&stamp, CMSG_DATA(said), sizeof(timespec))
+            arrived_ns = stamp.tv_sec * 1000000000LL + stamp.tv_nsec + offset_ns
+            if arrived_ns < newest_ns:
+                arrived_ns = newest_ns
+            return now_ns if arrived_ns > now_ns else arrived_ns
+        said = CMSG_NXTHDR(taken, said)
+    return -1
+
+
+cdef tuple _address_of(bytes name):
+    """Return the address in a sockaddr, as Python's sockets give it."""
+    family = int.from_bytes(name[:2], sys.byteorder)
+    port = int.from_bytes(name[2:4], "big")
+    if family == socket.AF_INET:
+        return socket.inet_ntop(socket.AF_INET, name[4:8]), port
+    flow, scope = int.from_bytes(name[4:8], "big"), int.from_bytes(name[24:28], sys.byteorder)
+    host = socket.inet_ntop(socket.AF_INET6, name[8:24])
+    if scope and name[8:10] == b"\xfe\x80":
+        host = f"{host}%{socket.if_indextoname(scope)}"
+    return host, port, flow, scope
+
+
+cdef bytes _sockaddr_of(family, tuple address):
+    """Return the sockaddr of an address. Raises OSError where its host is no plain number."""
+    begin = int(family).to_bytes(2, sys.byteorder) + int(address[1]).to_bytes(2, "big")
+    if family == socket.AF_INET:
+        return begin + socket.inet_pton(socket.AF_INET, address[0]) + bytes(8)
+    host, _, flow, scope = address
+    place = socket.inet_pton(socket.AF_INET6, host)
+    return begin + int(flow).to_bytes(4, "big") + place + int(scope).to_bytes(4, sys.byteorder)
+
+
+cdef class BatchArrivals:
+    """Receiving end of a socket that has few peers. Everything is as `Arrivals` has it."""
+
+    cdef object _socket
+    cdef int _fd
+    cdef msghdr _in
+    cdef iovec _part
+    cdef unsigned char _buffer[BUFFER]
+    cdef unsigned char _name[NAME]
+    cdef unsigned char _control[CONTROL]
+    cdef long long _newest_ns
+    cdef bytes _known  # sockaddr of the newest sender
+    cdef tuple _address
+
+    def __cinit__(self, own):
+        self._socket, self._fd = own, own.fileno()
+        self._part.iov_base = self._buffer
+        self._part.iov_len = BUFFER
+        self._in.msg_iov = &self._part
+        self._in.msg_iovlen = 1
+        self._in.msg_name = self._name
+        self._in.msg_control = self._control
+        self._newest_ns = 0
+        self._known, self._address = b"", ()
+        own.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+
+    cpdef tuple receive(self, Py_ssize_t most_bytes, long long now_ns):
+        """Return a datagram, its sender, and when it came. Raises BlockingIOError where there is none, OSError."""
+        cdef Py_ssize_t size
+        while True:
+            self._in.msg_namelen = NAME
+            self._in.msg_controllen = CONTROL
+            size = recvmsg(self._fd, &self._in, MSG_DONTWAIT)
+            if size >= 0 or errno != EINTR:
+                break
+        if size < 0 and errno == EAGAIN:
+            raise BlockingIOError
+        if size < 0:
+            raise OSError(errno, os.strerror(errno))
+        cdef bytes name = PyBytes_FromStringAndSize(<char *>self._name, self._in.msg_namelen)
+        if name != self._known:
+            self._known, self._address = name, _address_of(name)
+        cdef long long arrived_ns = _arrived_ns(&self._in, _utc_offset_ns(), self._newest_ns, now_ns)
+        if arrived_ns < 0:
+            arrived_ns = now_ns
+        else:
+            self._newest_ns = arrived_ns
+        return PyBytes_FromStringAndSize(<char *>self._buffer, min(size, most_bytes)), self._address, arrived_ns
 
 
 cdef class DatagramBatch:
@@ -124,20 +219,11 @@ cdef class DatagramBatch:
         address = self._addresses.get(name)
         if address is None:
             address = self._meet(name)
-        cdef long long arrived_ns = now_ns
-        cdef timespec stamp
-        cdef cmsghdr *said = CMSG_FIRSTHDR(&taken.msg_hdr)
-        while said != NULL:
-            if said.cmsg_level == SOL_SOCKET and said.cmsg_type == SO_TIMESTAMPNS:
-                memcpy(&stamp, CMSG_DATA(said), sizeof(timespec))
-                arrived_ns = stamp.tv_sec * 1000000000LL + stamp.tv_nsec + self._offset_ns
-                if arrived_ns < self._newest_ns:
-                    arrived_ns = self._newest_ns
-                if arrived_ns > now_ns:
-                    arrived_ns = now_ns
-                self._newest_ns = arrived_ns
-                break
-            said = CMSG_NXTHDR(&taken.msg_hdr, said)
+        cdef long long arrived_ns = _arrived_ns(&taken.msg_hdr, self._offset_ns, self._newest_ns, now_ns)
+        if arrived_ns < 0:
+            arrived_ns = now_ns
+        else:
+            self._newest_ns = arrived_ns
         return datagram, address, arrived_ns
 
     cdef int _fill(self) except -1:
@@ -155,26 +241,31 @@ cdef class DatagramBatch:
             raise BlockingIOError
         if count < 0:
             raise OSError(errno, os.strerror(errno))
-        self._offset_ns = _now_ns(CLOCK_MONOTONIC) - _now_ns(CLOCK_REALTIME)  # the kernel's stamps are UTC
+        self._offset_ns = _utc_offset_ns()
         return 0
 
-    cdef _meet(self, bytes name):
-        family = int.from_bytes(name[:2], sys.byteorder)
-        port = int.from_bytes(name[2:4], "big")
-        if family == socket.AF_INET:
-            address = socket.inet_ntop(socket.AF_INET, name[4:8]), port
-        else:
-            flow, scope = int.from_bytes(name[4:8], "big"), int.from_bytes(name[24:28], sys.byteorder)
-            host = socket.inet_ntop(socket.AF_INET6, name[8:24])
-            if scope and name[8:10] == b"\xfe\x80":
-                host = f"{host}%{socket.if_indextoname(scope)}"
-            address = host, port, flow, scope
-        if len(self._addresses) >= MOST_KNOWN:
+    cdef tuple _meet(self, bytes name):
+        cdef tuple address = _address_of(name)
+        self._keep(name, address)
+        return address
+
+    cdef _keep(self, bytes name, address):
+        if len(self._sockaddrs) >= MOST_KNOWN:
             self._addresses.clear()
             self._sockaddrs.clear()
         self._addresses[name] = address
         self._sockaddrs[address] = name
-        return address
+
+    cdef bytes _name_of(self, address):
+        """Return the sockaddr of an address, None where only the system can make one of it."""
+        cdef bytes name = self._sockaddrs.get(address)
+        if name is None:  # nothing came from there, or it was forgotten
+            try:
+                name = _sockaddr_of(self._socket.family, address)
+            except (OSError, ValueError, TypeError, OverflowError):
+                return None
+            self._keep(name, address)
+        return name
 
     cpdef list send_all(self, outbox):
         """Send all (address, datagram) of a queue, and return what was refused, and why."""
@@ -187,8 +278,8 @@ cdef class DatagramBatch:
             held.clear()
             while outbox and count < MOST:
                 address, datagram = outbox.popleft()
-                name = self._sockaddrs.get(address)
-                if name is None:  # an address that nothing came from, or that was forgotten
+                name = self._name_of(address)
+                if name is None:
                     try:
                         self._socket.sendto(datagram, address)
                     except OSError as error:

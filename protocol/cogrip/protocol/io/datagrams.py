@@ -42,10 +42,26 @@ class Datagrams:
 
 def open_datagrams(own: socket.socket) -> DatagramEnds:
     """Return both directions of a bound socket, in batches where that is compiled and the system has stamps."""
-    if importlib.util.find_spec(BATCH) is not None:
-        try:
-            ends: DatagramEnds = importlib.import_module(BATCH).DatagramBatch(own)
-        except OSError:  # an emulated kernel without stamps
-            return Datagrams(own)
-        return ends
-    return Datagrams(own)
+    batched = open_batched(own)
+    return Datagrams(own) if batched is None else batched
+
+
+def open_batched(own: socket.socket) -> DatagramEnds | None:
+    """Return both directions of a bound socket in batches, None where that is not compiled or the system has no stamps."""
+    batched: DatagramEnds | None = _compiled("DatagramBatch", own)
+    return batched
+
+
+def open_arrivals(own: socket.socket) -> Arrivals:
+    """Return the receiving end of a socket that has few peers, compiled where it is."""
+    compiled: Arrivals | None = _compiled("BatchArrivals", own)
+    return Arrivals(own) if compiled is None else compiled
+
+
+def _compiled(name: str, own: socket.socket) -> Any:
+    if importlib.util.find_spec(BATCH) is None:
+        return None
+    try:
+        return getattr(importlib.import_module(BATCH), name)(own)
+    except OSError:  # an emulated kernel without stamps
+        return None

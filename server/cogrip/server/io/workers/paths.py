@@ -1,4 +1,8 @@
-"""A worker's port: a socket for each of its people, and the front for all who have none yet."""
+"""A worker's port: a socket for each of its people, and the front for all who have none yet.
+
+Where it is compiled, all is sent by the front's socket, many datagrams in a system call: the address that they come from is
+the same.
+"""
 
 import socket
 from collections import Counter, deque
@@ -6,7 +10,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from cogrip.protocol.channel import Address
-from cogrip.protocol.io.arrivals import Arrivals
+from cogrip.protocol.io.datagrams import open_arrivals, open_batched
 from cogrip.protocol.io.dtls_session import DtlsSession, SessionKeys
 from cogrip.protocol.io.receive_buffer import overrun
 from cogrip.protocol.io.stop import Stop
@@ -35,7 +39,7 @@ class OpenPath:
     def __init__(self, address: PeerAddress, owned: socket.socket, keys: SessionKeys | None, now_ns: int) -> None:
         owned.setblocking(False)
         self.address, self.socket = address, owned
-        self.arrivals = Arrivals(owned)
+        self.arrivals = open_arrivals(owned)
         self.session = None if keys is None else DtlsSession(keys)
         self.seated_ns = now_ns
 
@@ -49,7 +53,10 @@ class WorkerPort:
     renewed     addresses whose path is over, as somebody has made a new association from there
     """
 
-    def __init__(self, link: Link, stop: Stop, verdicts: FrontVerdicts, orders: LinkOrders) -> None:
+    def __init__(
+        self, link: Link, stop: Stop, verdicts: FrontVerdicts, orders: LinkOrders, public: socket.socket | None = None
+    ) -> None:
+        """public: the front's socket, to send by."""
         self.paths: dict[Address, OpenPath] = {}
         self.from_front = False
         self.arrived_ns = 0
@@ -62,6 +69,7 @@ class WorkerPort:
         self._readable.add(self._front)
         self._waiting: list[int] = []  # descriptors
         self._overran = 0
+        self._batched = None if public is None else open_batched(public)
 
     def receive(self, most_bytes: int, now_ns: int) -> tuple[bytes, Address, int]:
         """Return one datagram of each path that has some, in turn, and what the front has sent."""
@@ -69,16 +77,20 @@ class WorkerPort:
             self._waiting = self._readable.ready()
         while self._waiting:
             ready = self._waiting.pop()
-            with suppress(BlockingIOError):
+            path = self._by_descriptor.get(ready)
+            try:
                 if ready == self._front:
                     datagram, address, self.arrived_ns = self._take_of_front(now_ns)
                     self._waiting.append(ready)  # there may be more, and it comes first
                     return datagram, address, self.arrived_ns
-                if path := self._by_descriptor.get(ready):
-                    datagram, sender, self.arrived_ns = path.arrivals.receive(most_bytes, now_ns)
-                    if tuple(sender[:2]) == path.address[:2]:
-                        return datagram, path.address, self.arrived_ns
-                    self.dropped["of another peer"] += 1  # it came before the path was connected
+                if path is None:
+                    continue
+                datagram, sender, self.arrived_ns = path.arrivals.receive(most_bytes, now_ns)
+            except BlockingIOError:
+                continue
+            if sender == path.address or tuple(sender[:2]) == path.address[:2]:
+                return datagram, path.address, self.arrived_ns
+            self.dropped["of another peer"] += 1  # it came before the path was connected
         raise BlockingIOError
 
     def send(self, datagram: bytes, address: Address) -> None:
@@ -90,6 +102,8 @@ class WorkerPort:
 
     def send_all(self, outbox: deque[tuple[Address, bytes]]) -> list[str]:
         """Send all (address, datagram) of a queue, and return for each that the system refused why it did."""
+        if self._batched is not None:
+            return self._batched.send_all(outbox)
         refused = []
         while outbox:
             address, datagram = outbox.popleft()
