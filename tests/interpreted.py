@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.protocol.compiled import form
+from cogrip.protocol.io.compiled_files import form
 
 needs_interpreted = pytest.mark.skipif(
     form() != "interpreted",

@@ -12,8 +12,8 @@ import compiling
 import dev
 import pytest
 
-from cogrip.protocol import compiled
-from cogrip.protocol.compiled import compiled_modules, form
+from cogrip.protocol.io import compiled_files
+from cogrip.protocol.io.compiled_files import compiled_modules, form
 
 ROOT = Path(__file__).parent.parent
 LAWS = (
@@ -37,7 +37,7 @@ def test_every_type_file_stands_beside_its_module() -> None:
 
 
 def test_the_form_is_that_of_every_module(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(compiled.cogrip, "__path__", [str(tmp_path)])
+    monkeypatch.setattr(compiled_files.cogrip, "__path__", [str(tmp_path)])
     folder = tmp_path / "protocol"
     folder.mkdir()
     for name in ("clock.py", "clock.pxd", "waves.py", "sender.py", "sender.pxd"):
@@ -116,7 +116,7 @@ def test_recorded_sessions_and_laws_hold_in_the_compiled_form(tmp_path: Path) ->
         compiling.compile_all(tmp_path / "build", tmp_path)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
     subprocess.run(
-        [sys.executable, "-c", "from cogrip.protocol.compiled import form; assert form() == 'compiled'"],
+        [sys.executable, "-c", "from cogrip.protocol.io.compiled_files import form; assert form() == 'compiled'"],
         env=environment, check=True,
     )  # fmt: skip
     subprocess.run([sys.executable, "-m", "pytest", *LAWS], cwd=ROOT, env=environment, check=True)

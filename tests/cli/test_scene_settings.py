@@ -48,12 +48,12 @@ def test_a_scene_on_the_command_line_is_in_this_folder(room: Path, tmp_path: Pat
     [
         (
             ["object.file=none.xml"],
-            r"room\.toml: object\.file: .*/none\.xml: there is no such file; give MJCF or URDF$",
+            r"^--set object\.file: .*/none\.xml: there is no such file; give MJCF or URDF$",
         ),
         (["users.0.tool=hand"], r"room\.toml: object\.file: mine\.xml: there is no body 'hand' to be a tool"),
         (
             ["object.axes=2"],
-            r"room\.toml: object\.kind = \"scene\": object\.axes = 2, but a scene has 3 \(places\) or 6 \(poses\); set",
+            r"^--set object\.axes=2: object\.kind = \"scene\": object\.axes = 2, but a scene has 3 \(places\) or 6",
         ),
     ],
 )

@@ -11,8 +11,8 @@ from cogrip.client.seat_hand import SeatHand
 from cogrip.client.seated import SeatedClient
 from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
-from cogrip.protocol.compiled import form
 from cogrip.protocol.decimation import Boxcar, Decimator, LastSample, Lowpass
+from cogrip.protocol.io.compiled_files import form
 
 from tests.interfaces import only_named
 

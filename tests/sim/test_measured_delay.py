@@ -3,10 +3,11 @@ becomes (docs/decisions/0012-measured-delay.md).
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
-from cogrip.client.core import ClientCore
+from cogrip.client.recorder import RecordedClient
 from cogrip.devices.simulated.hands import DirectedHand, ImpedanceSettings
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.link_profile import LinkProfile
@@ -23,11 +24,24 @@ from tests.sim.session_measures import FRAME_MS, Table, least_margin
 TICK_MS = 1000.0 / 1024.0
 
 
-def with_clock(core: ClientCore, clock: Callable[[int], int]) -> None:
-    """Make this client's clock show `clock(now_ns)` from now on, in all that it is called with."""
-    for name in ("receive", "sense", "act", "handle"):
-        called = getattr(core, name)
-        setattr(core, name, lambda *given, called=called: called(*given[:-1], clock(given[-1])))
+class OtherClock:
+    """A client's core whose clock shows `clock(now_ns)`, in all that it is called with."""
+
+    def __init__(self, core: RecordedClient, clock: Callable[[int], int]) -> None:
+        self._core = core
+        for name in ("receive", "sense", "act", "handle"):
+            called = getattr(core, name)
+            setattr(self, name, lambda *given, called=called: called(*given[:-1], clock(given[-1])))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._core, name)
+
+
+def with_clock(person: Person, clock: Callable[[int], int]) -> RecordedClient:
+    """Give a person's client this clock from now on. Returns its core."""
+    core = person.core
+    person.core = OtherClock(core, clock)  # type: ignore[assignment]
+    return core
 
 
 # Clocks ------------------------------------------------------------------------------------------------------------------
@@ -49,8 +63,8 @@ def test_both_ends_find_the_others_clock_up_to_half_the_difference_of_path_delay
 ) -> None:
     link = {"up": {"delay_ms": up_frames * FRAME_MS}, "down": {"delay_ms": down_ticks * TICK_MS}}
     laboratory = Laboratory(resolve({"seconds": 3.0, "link": link}))
-    core, seat = laboratory.people[0].core, laboratory.room.seats[0]
-    with_clock(core, lambda now_ns: now_ns + int(ahead_s * 1e9) + int(now_ns * ppm * 1e-6))
+    seat = laboratory.room.seats[0]
+    core = with_clock(laboratory.people[0], lambda now_ns: now_ns + int(ahead_s * 1e9) + int(now_ns * ppm * 1e-6))
     laboratory.run()
     delay = of_laboratory(laboratory)["users"][0]["delay"]
     up_ms, down_ms = up_frames * FRAME_MS, down_ticks * TICK_MS
@@ -68,9 +82,8 @@ def test_both_ends_find_the_others_clock_up_to_half_the_difference_of_path_delay
 def test_through_jitter_loss_repetition_and_disorder_the_clock_is_found_within_what_is_said() -> None:
     link = {"delay_ms": 15.0, "jitter_ms": 10.0, "loss": 0.3, "burst_frames": 4.0, "duplicate": 0.2, "reorder": 0.2}
     laboratory = Laboratory(resolve({"seconds": 6.0, "link": link, "playout": {"frames": 4}}))
-    core = laboratory.people[0].core
     ahead_ns = 77 * 10**9
-    with_clock(core, lambda now_ns: now_ns + ahead_ns + now_ns // 5000)  # 200 ppm
+    core = with_clock(laboratory.people[0], lambda now_ns: now_ns + ahead_ns + now_ns // 5000)  # 200 ppm
     wrong_ms = []
 
     def look(laboratory: Laboratory) -> None:

@@ -15,19 +15,15 @@ from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import (
     PROTOCOL_VERSION,
-    Bodies,
-    Edges,
     Farewell,
     Frame,
     Heartbeat,
     Hello,
     Leave,
     Observed,
-    Person,
     Redirect,
     Refuse,
     View,
-    Waves,
     Welcome,
 )
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
@@ -50,8 +46,8 @@ IN_ORDER = "the server was stopped"  # the farewell of a server that was stopped
 
 MOST_REDIRECTS = 4  # in a row
 
-FOR_OBSERVERS = (View, Person, Bodies)  # tuples: a union would be made for every datagram
-ANSWERS, NOT_OF_A_SESSION = (Welcome, Refuse), (Hello, Leave, Edges, Redirect)
+FOR_OBSERVERS = (View, messages.Person, messages.Bodies)  # tuples: a union would be made for every datagram
+ANSWERS, NOT_OF_A_SESSION = (Welcome, Refuse), (Hello, Leave, messages.Edges, Redirect)
 FOR_CLIENTS = (messages.Waves, messages.State, messages.Power, messages.SetHand, *FOR_OBSERVERS)
 
 ClientState = Literal["idle", "connecting", "seated", "resuming", "leaving", "closed"]
@@ -178,7 +174,7 @@ class ClientSession:
             return None
         welcome = self.welcome
         player = welcome if welcome is not None and welcome.role == "player" and self.state == "seated" else None
-        if type(message) is Waves and player is not None and message.session == player.session:
+        if type(message) is messages.Waves and player is not None and message.session == player.session:
             self.last_received_ns = now_ns  # nearly all messages: a short cut of what follows
             return message
         if isinstance(message, ANSWERS):

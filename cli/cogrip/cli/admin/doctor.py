@@ -11,8 +11,8 @@ from rich.table import Table
 from cogrip.cli.session.trigger_line import measured_trigger
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.protocol.compiled import form
 from cogrip.protocol.io import punctuality
+from cogrip.protocol.io.compiled_files import form
 from cogrip.protocol.io.punctuality import Machine, Punctuality
 from cogrip.protocol.io.realtime import PRIORITY
 

@@ -1,13 +1,15 @@
-"""Check of what `dev.py compile` has left beside the sources of this checkout: is it of these sources?"""
+"""Report of what `dev.py compile` has left beside the sources of this checkout: which form runs, and is it of these sources?"""
 
-import importlib.machinery
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 
 import cogrip
+from cogrip.protocol.io.platform import system
 
-SUFFIX = importlib.machinery.EXTENSION_SUFFIXES[0]
+SUFFIX = EXTENSION_SUFFIXES[0]
 SOURCES = (".py", ".pyx", ".pxd")
+LINUX_ONLY = ("datagram_batch",)
 
 
 def outdated(folders: Iterable[str] = ()) -> list[str]:
@@ -23,3 +25,26 @@ def outdated(folders: Iterable[str] = ()) -> list[str]:
             if any(source.stat().st_mtime_ns > since_ns for source in sources):
                 found.append(name)
     return found
+
+
+def compiled_modules() -> Mapping[str, bool]:
+    """Return for each module that `dev.py compile` compiles, by name, whether its compiled form is there.
+
+    Those are the modules with a `.pxd` or `.pyx` file beside them; one with a `.pyx` has no interpreted form. Python imports a
+    compiled form wherever there is one. Nothing is imported here.
+    """
+    found: dict[str, bool] = {}
+    for folder in map(Path, cogrip.__path__):
+        for types in folder.rglob("*.p[xy][dx]"):
+            if types.stem not in LINUX_ONLY or system.LINUX:
+                name = ".".join(("cogrip", *types.relative_to(folder).with_suffix("").parts))
+                found[name] = any(types.with_name(types.stem + suffix).exists() for suffix in EXTENSION_SUFFIXES)
+    return found
+
+
+def form() -> str:
+    """Return "compiled" or "interpreted" where all `compiled_modules` are, else "partly compiled" with the number."""
+    here = compiled_modules().values()
+    if all(here):
+        return "compiled"
+    return f"partly compiled: {sum(here)} of {len(here)} modules" if any(here) else "interpreted"
