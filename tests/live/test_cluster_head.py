@@ -1,4 +1,4 @@
-"""The head of a cluster is killed: seated people go on without Ray, and newcomers find them."""
+"""The head of a cluster is killed: seated people go on without Ray, newcomers find them, and a head that is started again too."""
 
 import signal
 import sys
@@ -8,7 +8,7 @@ import pytest
 
 from tests.live.held_arms import fairly, until
 from tests.live.raylets import Apart, kill
-from tests.live.test_cluster import Fronts
+from tests.live.test_cluster import Fronts, leave
 
 pytestmark = [
     pytest.mark.long,
@@ -65,3 +65,27 @@ def test_the_head_is_killed_and_seated_people_go_on_without_ray(start, tmp_path,
     for person in (*people.values(), ben):
         assert person.end() == 0
     until(lambda: all(b'"ended"' in path.read_bytes() for path in announced), "rooms end once nobody is there")
+
+
+@fairly
+def test_a_head_that_is_started_again_gets_the_rooms_with_their_people(start, tmp_path, apart):
+    first = apart()
+    fronts = Fronts(start, tmp_path, first.address)
+    people = {room: fronts.join(number, room) for number, room in enumerate(fronts.rooms)}
+    kill(first.head)
+    for process in fronts.processes:
+        process.hear("the directory of the cluster is silent: rooms and their people go on")
+    until(lambda: ended(first.raylet), "the other raylet ends without its head")
+    first.stop()
+    again = apart(int(first.address.rpartition(":")[2]))
+    assert again.address == first.address
+    for process in fronts.processes:
+        process.hear("the directory of the cluster answers again")
+
+    def told() -> bool:
+        asked = start("who", "--state", fronts.states[0])
+        return asked.end() == 0 and "2 in 2 rooms" in asked.said and all(room in asked.said for room in fronts.rooms)
+
+    until(told, "an administrator sees both people again")
+    leave(*people.values())
+    fronts.end()
