@@ -1,4 +1,4 @@
-"""The head of a cluster is killed: seated people go on without Ray, newcomers find them, and a head that is started again too."""
+"""The head of a cluster is killed: seated people go on without Ray, newcomers find them, a new head gets the rooms."""
 
 import signal
 import sys
