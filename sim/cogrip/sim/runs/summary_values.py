@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from cogrip.protocol.passivity_control import LENT_J
+from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 
 Summary = dict[str, Any]
 UNKNOWN = "not known"
@@ -127,9 +127,9 @@ def least_reserve(users: list[dict[str, Any]], key: str) -> tuple[float, str] | 
 
 def lent_j(settings: Any) -> float | None:
     """Return what each direction of a line may lend itself [J], by the settings of a run; None where they do not tell."""
-    fixed_j = {"tdpa": LENT_J, "coupling": 0.0}.get(dig(settings, "coupling", "kind"))
-    if fixed_j is not None:
-        return fixed_j
+    kind = COUPLING_KINDS.get(dig(settings, "coupling", "kind"))
+    if kind is not None and kind.lent_j is not None:
+        return kind.lent_j
     tank_mj = dig(settings, "playout", "tank_mj")
     return tank_mj * 1e-3 if is_number(tank_mj) else None
 
