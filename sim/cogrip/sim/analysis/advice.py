@@ -24,7 +24,7 @@ from cogrip.sim.analysis.decimation_passivity import filter_of, largest_gain
 from cogrip.sim.analysis.effect_advice import effect_advice
 from cogrip.sim.analysis.feel import no_contact, on_wall, slow_feel
 from cogrip.sim.analysis.lifted_model import LiftedModel
-from cogrip.sim.analysis.linear_session import LinearSession, linear_session, seat_session
+from cogrip.sim.analysis.linear_session import FORMS, LinearSession, Scheme, linear_session, seat_session
 from cogrip.sim.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, largest_stable, optimistic_limit, verdict
 from cogrip.sim.runs.felt_as_intended import STIFFNESS_JND
 
@@ -34,10 +34,15 @@ LITTLE_FELT = 0.25  # of the stiffness asked for: a felt stiffness below it warn
 HEAVY_KG = 0.25  # added to free motion by a line: a mug of coffee
 _TINY = 1e-9
 _NEAR = 1e-4  # of a stiffness
-_TOO_MUCH = {
+_TOO_MUCH: dict[Scheme, str] = {
     "passive": "the damper that a device renders is too much for it",
     "coupling": "the damper that a device renders is too much for it, or acts too late over this delay",
     "paper": "the paper's server step uses a force one frame old",
+}
+_OTHER: dict[Scheme, str] = {
+    "passive": "",
+    "coupling": '; set coupling.kind to "wave"',
+    "paper": '; set coupling.server_step to "passive"',
 }
 Level = Literal["ok", "note", "warning"]
 _HALVINGS = 12  # of a damper, to find one with which a session is stable
@@ -244,7 +249,7 @@ def _user(session: LinearSession, number: int, seat: SeatSettings, record: Capab
 
 def _calmer(session: LinearSession) -> str:
     """The largest damper with which the session is stable at some stiffness, as the cure of one that is at none."""
-    key = "damping_nspm" if session.scheme == "coupling" else "impedance_nspm"
+    key = FORMS[session.scheme].damper_key
     values = [getattr(person, key) for person in session.people]
 
     def stable(share: float) -> bool:
@@ -253,8 +258,7 @@ def _calmer(session: LinearSession) -> str:
 
     low = next((share for power in range(1, _HALVINGS) if stable(share := 0.5**power)), None)
     if low is None:
-        other = {"coupling": '; set coupling.kind to "wave"', "paper": '; set coupling.server_step to "passive"'}
-        return f"no {key} would do{other.get(session.scheme, '')}"
+        return f"no {key} would do{_OTHER[session.scheme]}"
     high = 2.0 * low
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, assert_never
+from typing import Literal, NamedTuple, assert_never
 
 import numpy as np
 
-from cogrip.client.rendered_damper import impedance_on
+from cogrip.client.rendered_damper import damper_key, impedance_on
 from cogrip.client.velocity import MEMORY, memory_for
 from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
@@ -24,12 +24,39 @@ from cogrip.protocol.line.delays import OneWayDelay, line_delay, one_way
 from cogrip.protocol.line_tuning import filter_lag_s
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rates import Rates
+from cogrip.protocol.setting_types import Decimator, Encoder, Kind, ServerStep
 from cogrip.protocol.settings import SeatSettings, Settings, User, seat_axes, seat_settings
 from cogrip.sim.analysis.state_space import Complex
 
 Scheme = Literal["passive", "paper", "coupling"]
 MOST_FRAMES = 256
-SCHEMES: tuple[Scheme, ...] = ("passive", "paper", "coupling")
+
+
+class Form(NamedTuple):
+    """One form of linear model: its name in sentences, and the settings that ask for it (P's has P's filter and encoder)."""
+
+    title: str
+    kind: Kind
+    step: ServerStep = "passive"
+    decimator: Decimator | None = None
+    encoder: Encoder | None = None
+
+    @property
+    def waves(self) -> bool:
+        """True where the lines of the model carry waves, else positions and forces."""
+        return COUPLING_KINDS[self.kind].waves
+
+    @property
+    def damper_key(self) -> str:
+        """Key of [coupling], and field of `Person`, of the damper that a device renders."""
+        return damper_key(self.kind)
+
+
+FORMS: dict[Scheme, Form] = {
+    "passive": Form("passive scheme", "wave"),
+    "paper": Form("the paper's scheme", "wave", "paper", "lowpass", "velocity"),
+    "coupling": Form("virtual coupling", "coupling"),
+}
 """passive: waves and theory section 3's server step; paper: P eq. 12-18; coupling: theory section 5."""
 
 
@@ -135,10 +162,10 @@ def scheme_of(coupling: Coupling) -> Scheme:
 
 
 def scheme_overrides(scheme: Scheme) -> dict[str, str]:
-    """Return the settings of a `scheme`; P's has P's filter and encoder too."""
-    kind, step = "coupling" if scheme == "coupling" else "wave", "paper" if scheme == "paper" else "passive"
-    of_paper = {"coupling.decimator": "lowpass", "coupling.encoder": "velocity"} if scheme == "paper" else {}
-    return {"coupling.kind": kind, "coupling.server_step": step, **of_paper}
+    """Return the settings that ask for a `scheme`."""
+    form = FORMS[scheme]
+    keys = {"kind": form.kind, "server_step": form.step, "decimator": form.decimator, "encoder": form.encoder}
+    return {f"coupling.{key}": value for key, value in keys.items() if value is not None}
 
 
 def linear_session(
