@@ -18,6 +18,7 @@ from cogrip.protocol.setting_types import Kind
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server import schemes as server_schemes
 from cogrip.server.worlds.registry import WORLDS
+from cogrip.sim.analysis.advice import INSTEAD, TOO_MUCH
 from cogrip.sim.analysis.lifted_model import KINDS as BLOCKS
 from cogrip.sim.analysis.linear_session import FORMS, Scheme, linear_session, scheme_of, scheme_overrides
 from cogrip.sim.experiments.methods.method import METHODS
@@ -43,7 +44,7 @@ def test_every_scheme_is_compared() -> None:
 
 
 def test_every_form_of_linear_model_has_its_rows() -> None:
-    assert tuple(FORMS) == tuple(BLOCKS) == get_args(Scheme)
+    assert tuple(FORMS) == tuple(BLOCKS) == tuple(TOO_MUCH) == tuple(INSTEAD) == get_args(Scheme)
 
 
 @pytest.mark.parametrize("scheme", get_args(Scheme))

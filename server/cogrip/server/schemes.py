@@ -1,7 +1,7 @@
 """Coupling schemes at the server: which message carries a frame, which port takes it in, which world it moves.
 
-A new scheme is a row of `SCHEMES` here and one at the client: docs/design.md, "How is a coupling scheme added?". Worlds for
-waves are in `cogrip.server.worlds.registry`.
+A new scheme is a row of `SCHEMES` here, one at the client and more: docs/design.md, "Add a coupling scheme". Worlds for waves
+are in `cogrip.server.worlds.registry`.
 """
 
 from collections.abc import Callable, Sequence

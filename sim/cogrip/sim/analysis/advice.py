@@ -34,15 +34,15 @@ LITTLE_FELT = 0.25  # of the stiffness asked for: a felt stiffness below it warn
 HEAVY_KG = 0.25  # added to free motion by a line: a mug of coffee
 _TINY = 1e-9
 _NEAR = 1e-4  # of a stiffness
-_TOO_MUCH: dict[Scheme, str] = {
+TOO_MUCH: dict[Scheme, str] = {
     "passive": "the damper that a device renders is too much for it",
-    "coupling": "the damper that a device renders is too much for it, or acts too late over this delay",
     "paper": "the paper's server step uses a force one frame old",
+    "coupling": "the damper that a device renders is too much for it, or acts too late over this delay",
 }
-_OTHER: dict[Scheme, str] = {
+INSTEAD: dict[Scheme, str] = {
     "passive": "",
-    "coupling": '; set coupling.kind to "wave"',
     "paper": '; set coupling.server_step to "passive"',
+    "coupling": '; set coupling.kind to "wave"',
 }
 Level = Literal["ok", "note", "warning"]
 _HALVINGS = 12  # of a damper, to find one with which a session is stable
@@ -191,7 +191,7 @@ def _advise(
 
 def _stability(session: LinearSession, found: Verdict, limit: Limit, stiffness_npm: float) -> Finding:
     if limit.stiffness_npm == 0.0:
-        text = f"NOT stable at any stiffness: {_TOO_MUCH[session.scheme]}; {_calmer(session)}"
+        text = f"NOT stable at any stiffness: {TOO_MUCH[session.scheme]}; {_calmer(session)}"
         return Finding("stability", text, "warning", refused=True)
     if not found.stable:
         reach = "" if limit.stiffness_npm is None else f"; it is up to {plain(limit.stiffness_npm)} N/m"
@@ -258,7 +258,7 @@ def _calmer(session: LinearSession) -> str:
 
     low = next((share for power in range(1, _HALVINGS) if stable(share := 0.5**power)), None)
     if low is None:
-        return f"no {key} would do{_OTHER[session.scheme]}"
+        return f"no {key} would do{INSTEAD[session.scheme]}"
     high = 2.0 * low
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
