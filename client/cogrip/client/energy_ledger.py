@@ -24,7 +24,7 @@ class EnergyLedger:
 
     def __init__(self, coupling: Coupling) -> None:
         self.coupling = coupling
-        self.weight = 1.0  # power at the hand by power into the line (`hand_frame`)
+        self.weight = 1.0  # power at the hand by power into the line (`hand_map`)
         self.work = CompensatedSum()
         self.leak_j = self.least_leak_j = self.effects_j = 0.0
         self.closed_given_j = self.closed_port_j = self.closed_entered_j = (

@@ -21,7 +21,7 @@ cdef class SeatHand:
     cdef public object capability
     cdef public object _record
     cdef public tuple force_n
-    cdef public object _frame
+    cdef public object _hand_map
     cdef public object _ordered
     cdef public object aids
     cdef public HandChanges changes

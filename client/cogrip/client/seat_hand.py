@@ -14,7 +14,7 @@ from cogrip.client.energy_ledger import EnergyLedger
 from cogrip.client.grip_axes import GripAxes
 from cogrip.client.hand_aids import HandAids
 from cogrip.client.hand_changes import HandChanges
-from cogrip.client.hand_frame import HandFrame
+from cogrip.client.hand_map import HandMap
 from cogrip.client.hand_motion import HandMotion
 from cogrip.client.handle import HandleReader, has_handle
 from cogrip.client.pose_axes import PoseAxes, Row, in_lengths
@@ -42,7 +42,7 @@ class SeatHand:
     """
 
     __slots__ = (
-        "_axes", "_frame", "_ordered", "_record", "aids", "capability", "changes", "coupling", "effects", "force_n", "hand",
+        "_axes", "_hand_map", "_ordered", "_record", "aids", "capability", "changes", "coupling", "effects", "force_n", "hand",
         "handle", "ledger", "safety", "session", "settings",
     )  # fmt: skip
 
@@ -59,7 +59,7 @@ class SeatHand:
         self.handle: HandleReader | None = None  # where the device has one
         self._set_record(capability)
         self.force_n: Row = (0.0,) * seat.object.axes
-        self._frame: HandFrame | None = None  # None: the tool moves as the hand, as all but the coupling see it
+        self._hand_map: HandMap | None = None  # None: the tool moves as the hand, as all but the coupling see it
         self._ordered: HandChange | None = None  # what the next frame's border changes
         self.aids = HandAids(seat.workspace_limit, seat.gravity_compensation, self.capability, seat.rates.tick_s)
         self.changes = HandChanges(of_seat(seat))
@@ -93,37 +93,37 @@ class SeatHand:
     def _fit_coupling(self) -> None:
         raise NotImplementedError
 
-    def _set_tool(self, tool: ToolFrame) -> HandFrame:
+    def _set_tool(self, tool: ToolFrame) -> HandMap:
         """Have the tool follow the hand so."""
-        frame = self._frame = HandFrame(tool, self.settings.object.axes)
-        self.ledger.set_weight(frame.weight)
-        return frame
+        hand_map = self._hand_map = HandMap(tool, self.settings.object.axes)
+        self.ledger.set_weight(hand_map.weight)
+        return hand_map
 
     def tool_m(self) -> Row:
         """Return the tool's place, in lengths."""
         position = self.hand.position_m
-        return position if self._frame is None else self._frame.place(position)
+        return position if self._hand_map is None else self._hand_map.place(position)
 
     def tool_pose(self) -> Row:
         """Return the tool's position [m], and rotation vector [rad] or opening [m]."""
-        frame, axes = self._frame, self._axes
-        if frame is None:
+        hand_map, axes = self._hand_map, self._axes
+        if hand_map is None:
             return self.pose
-        place = frame.place(self.hand.position_m)
+        place = hand_map.place(self.hand.position_m)
         if axes is None:
             return place
-        return place[:PLACES] + frame.rotation(self.pose[PLACES:]) if frame.turns else axes.pose(place)
+        return place[:PLACES] + hand_map.rotation(self.pose[PLACES:]) if hand_map.turns else axes.pose(place)
 
     # Clutch and changes
 
     @property
     def clutched(self) -> bool:
         """Return whether the clutch is to be held, whatever its button does."""
-        return self._frame is not None and self._frame.asked
+        return self._hand_map is not None and self._hand_map.asked
 
     def clutch(self, held: bool) -> None:
         """Hold the clutch, or release it: from the next tick on."""
-        (self._frame or self._set_tool(ToolFrame())).asked = held
+        (self._hand_map or self._set_tool(ToolFrame())).asked = held
 
     def set_hand(self, change: HandChange) -> None:
         """Set a change, which applies from the end of the frame under way."""
@@ -137,10 +137,10 @@ class SeatHand:
 
     def holds(self) -> HandChange:
         """Return what holds now, as it is reported."""
-        frame = self._frame
-        tool = ToolFrame() if frame is None else frame.frame
+        hand_map = self._hand_map
+        tool = ToolFrame() if hand_map is None else hand_map.tool
         return HandChange(
-            tool.position_scale, tool.force_scale, tool.rotation, frame is not None and frame.held,
+            tool.position_scale, tool.force_scale, tool.rotation, hand_map is not None and hand_map.held,
             self.aids.limit, self.aids.carries,
         )  # fmt: skip
 
@@ -149,22 +149,22 @@ class SeatHand:
         changed = border and self._ordered is not None
         if changed:
             self._change()
-        if (frame := self._frame) is not None:
-            frame.hold(frame.asked or bool(sample.buttons & frame.button), self.hand.position_m, self.pose)
-            self.safety.event("clutch" if frame.held else "engage")
-        if changed or (border and frame is not None and self.holds() != self.changes.holds):
+        if (hand_map := self._hand_map) is not None:
+            hand_map.hold(hand_map.asked or bool(sample.buttons & hand_map.button), self.hand.position_m, self.pose)
+            self.safety.event("clutch" if hand_map.held else "engage")
+        if changed or (border and hand_map is not None and self.holds() != self.changes.holds):
             self.changes.report(self.holds())
 
     def _change(self) -> None:
         change, self._ordered = self._ordered, None
         assert change is not None
-        frame = self._frame
-        tool = change.frame(frame.frame if frame is not None else None)
-        if tool != (frame.frame if frame is not None else ToolFrame()):
-            if frame is None:
-                frame = self._set_tool(ToolFrame())
-            frame.change(tool, self.hand.position_m, self.pose)
-            self.ledger.set_weight(frame.weight)
+        hand_map = self._hand_map
+        tool = change.frame(hand_map.tool if hand_map is not None else None)
+        if tool != (hand_map.tool if hand_map is not None else ToolFrame()):
+            if hand_map is None:
+                hand_map = self._set_tool(ToolFrame())
+            hand_map.change(tool, self.hand.position_m, self.pose)
+            self.ledger.set_weight(hand_map.weight)
             self.settings = replace(self.settings, tool=tool)
             self._fit_coupling()
             if self.effects is not None:  # their springs held energy by the weight before

@@ -83,9 +83,9 @@ class SeatedClient(SeatHand):
 
     def _fit_coupling(self) -> None:
         self.coupling.set_latency(self.capability.latency_ticks)
-        record, frame = self._record, self._frame
-        if frame is not None:
-            record = frame.record(record, self.settings.rates.tick_s)
+        record, hand_map = self._record, self._hand_map
+        if hand_map is not None:
+            record = hand_map.record(record, self.settings.rates.tick_s)
         self.coupling.fit(record, self.port.lag_s)
 
     def equip(self, capability: Capability) -> None:
@@ -122,7 +122,7 @@ class SeatedClient(SeatHand):
 
     def _begin_at(self, position_m: Row) -> None:
         """Set the place of the hand at which the line begins."""
-        self._origin_m = position_m if self._frame is None else self._frame.place(position_m)
+        self._origin_m = position_m if self._hand_map is None else self._hand_map.place(position_m)
         self._origin_pose = self.tool_pose()
 
     def stop(self) -> None:
@@ -191,14 +191,14 @@ class SeatedClient(SeatHand):
         elif (ended := self._account(elapsed, position)) and session.state == "seated":
             message = self.coupling.message(
                 self.session_id, session.clock.stamp(now_ns), self._origin_pose, self.place(),
-                hand.velocity_mps if self._frame is None else self._frame.shown(hand.velocity_mps),
+                hand.velocity_mps if self._hand_map is None else self._hand_map.shown(hand.velocity_mps),
             )  # fmt: skip
             if handle is not None and (told := handle.message(tick)) is not None:
                 message = replace(message, handle=told)
             session.outbox.append(encode(message))
         elif handle is not None and session.state == "seated" and (told := handle.message_at_once(tick)) is not None:
             session.outbox.append(encode(Edges(self.session_id, session.clock.stamp(now_ns), told)))
-        if sample is not None and (self._frame is not None or self._ordered is not None):
+        if sample is not None and (self._hand_map is not None or self._ordered is not None):
             self._follow(sample, ended or self._origin_m is None)
 
     def place(self) -> Row:
@@ -213,11 +213,11 @@ class SeatedClient(SeatHand):
         """Add `elapsed` ticks, to the hand's place `latency_ticks` ago, to coupling and ledgers. True if a frame ended."""
         coupling, ledger, hand = self.coupling, self.ledger, self.hand
         force = ledger.acting(elapsed, self.force_n) if hand.latency_ticks and elapsed else self.force_n
-        frame, weight, aids = self._frame, ledger.weight, self.aids
+        hand_map, weight, aids = self._hand_map, ledger.weight, self.aids
         law_n = force
         if aids.active or self.effects is not None:
             law_n = self._coupling_part(elapsed, force, position_m)
-        coupling.applied_n = law_n if frame is None else frame.tool_force(law_n)
+        coupling.applied_n = law_n if hand_map is None else hand_map.tool_force(law_n)
         if position_m is None or not elapsed:
             mean: Sequence[float] = (0.0,) * len(force)
         else:
@@ -226,8 +226,8 @@ class SeatedClient(SeatHand):
         first = self.tick - elapsed + 1
         ended, velocity = False, hand.start_mps
         absent, held, hold = self.safety.state == "fault", False, 1.0
-        if frame is not None:
-            held, mean, velocity = frame.held, frame.shown(mean), frame.shown(velocity)
+        if hand_map is not None:
+            held, mean, velocity = hand_map.held, hand_map.shown(mean), hand_map.shown(velocity)
         if self._stopped is None:
             self._stop_mps = mean
         else:  # the fading force lets the hand move off: the line gets the velocity at `stop`, scaled by `hold`
@@ -252,7 +252,7 @@ class SeatedClient(SeatHand):
                     self._end_frame(position_m, tick - self._frame_begin)
                 self._frame_begin, self._frame_end = tick, tick + length
         given_j, pending_j = coupling.given_j, coupling.pending_j
-        if frame is not None:
+        if hand_map is not None:
             given_j, pending_j = weight * given_j, weight * pending_j
         port.set_energies(ledger.work.value + aids.potential_j, ledger.closed_given_j + given_j, pending_j)
         ledger.compare()
@@ -291,8 +291,8 @@ class SeatedClient(SeatHand):
         if self.felt is not None:
             side = self.settings.side_sign
             force_n = self.force_n if effects is None else effects.rest_of(self.force_n)
-            if self._frame is not None:
-                position_m, force_n = self._frame.place(position_m), self._frame.tool_force(force_n)
+            if self._hand_map is not None:
+                position_m, force_n = self._hand_map.place(position_m), self._hand_map.tool_force(force_n)
             depth, direction = self.coupling.pressed or (side * position_m[0], (side,))
             self.felt.add(depth, sum(map(mul, direction, force_n)))
 
@@ -331,16 +331,16 @@ class SeatedClient(SeatHand):
         """
         coupling, safety, port, hand = self.coupling, self.safety, self.port, self.hand
         port.elapse()
-        frame = self._frame
-        if frame is None:
+        hand_map = self._hand_map
+        if hand_map is None:
             coupling.carried_nspm = port.carried_nspm
             wanted_n = coupling.force(hand.position_m, hand.velocity_mps) if safety.state != "fault" else None
         else:
-            coupling.carried_nspm = port.carried_nspm / frame.stiffest
-            tool_m, tool_mps = frame.place(hand.position_m), frame.rates(hand.velocity_mps)
-            wanted_n = frame.hand_force(coupling.force(tool_m, tool_mps)) if safety.state != "fault" else None
+            coupling.carried_nspm = port.carried_nspm / hand_map.stiffest
+            tool_m, tool_mps = hand_map.place(hand.position_m), hand_map.rates(hand.velocity_mps)
+            wanted_n = hand_map.hand_force(coupling.force(tool_m, tool_mps)) if safety.state != "fault" else None
         if (effects := self.effects) is not None:
-            wanted_n = effects.added(self.tick, wanted_n, hand.position_m, hand.velocity_mps, safety, port, frame)
+            wanted_n = effects.added(self.tick, wanted_n, hand.position_m, hand.velocity_mps, safety, port, hand_map)
         if port.balance_j < 0.0 and wanted_n is not None and (injected := port.injected_nspm):
             wanted_n = [law + injected * speed for law, speed in zip(wanted_n, hand.velocity_mps, strict=True)]
         law_n, aids, aids_n = wanted_n, self.aids, self._zero_n
@@ -354,7 +354,7 @@ class SeatedClient(SeatHand):
         if aids.active:
             aids.share(aids_n, wanted_n or self._zero_n, force)
         if wanted_n is not None and law_n is not None and safety.state == "live":
-            local_n = coupling.local_n if frame is None else frame.hand_force(coupling.local_n)
+            local_n = coupling.local_n if hand_map is None else hand_map.hand_force(coupling.local_n)
             watched_n: Sequence[float] = force
             reduced = coupling.reduced
             if effects is not None and effects.asked_n is not None:
@@ -370,7 +370,7 @@ class SeatedClient(SeatHand):
                     effects_n = effects.asked_n if effects is not None and effects.asked_n is not None else self._zero_n
                     fraction = 1.0 - part_of(limited_n, wanted_n)
                     cut_n = [fraction * (law - other) for law, other in zip(law_n, effects_n, strict=True)]
-                coupling.cut_n = cut_n if frame is None else frame.tool_force(cut_n)
+                coupling.cut_n = cut_n if hand_map is None else hand_map.tool_force(cut_n)
             if cause := port.watch(watched_n, safety.at_peak, local_n, safety.limited, reduced):
                 self._release(cause)
         return force
