@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.object_kinds import KINDS, LOCAL_KINDS, kind_of, unfit_kind
 from cogrip.protocol.setting_types import GRIP_AXES, MOST_WAVES, PINCH, PLACES, POSE_AXES
 from cogrip.protocol.task import unfit
@@ -15,7 +14,7 @@ if TYPE_CHECKING:
 def unfit_object(settings: "Settings", compensated: Sequence[str]) -> str:
     """Return why settings do not fit their kind of object, with the cure; "" where they do. compensated: who asks for that."""
     given, coupling = settings.object, settings.coupling
-    local = COUPLING_KINDS[coupling.kind].local
+    local = coupling.traits.local
     if why := unfit(settings.task, given.kind == "scene"):
         return why
     if why := unfit_kind(given.kind):
@@ -74,7 +73,7 @@ def unfit_object(settings: "Settings", compensated: Sequence[str]) -> str:
             f"set it to at most {(MOST_WAVES - proxy) // axes}",
         ),
         (
-            scene and given.axes == POSE_AXES and not COUPLING_KINDS[coupling.kind].waves,
+            scene and given.axes == POSE_AXES and not coupling.traits.waves,
             f'coupling.kind = "{coupling.kind}" has no poses',
             'set coupling.kind = "wave" or "local", or object.axes = 3',
         ),

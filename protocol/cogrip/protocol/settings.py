@@ -13,7 +13,6 @@ from msgspec.structs import replace
 
 from cogrip.protocol import felt_stiffness as felt
 from cogrip.protocol import setting_types as types
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.coupling_settings import (
     Coupling,
     CouplingSection,
@@ -192,7 +191,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     @property
     def asked_npm(self) -> float | None:
         """K that was asked for, at the hand; None where no spring stands between a person and the object."""
-        spring = COUPLING_KINDS[self.coupling.kind].local or kind_of(self.object.kind).spring
+        spring = self.coupling.traits.local or kind_of(self.object.kind).spring
         return self.force_scale * self.coupling.stiffness_npm if spring else None
 
     @property
@@ -203,7 +202,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     @property
     def local_contact(self) -> str | None:
         """Kind of object with which the client renders contact itself; None where the line does it all."""
-        return self.object.kind if COUPLING_KINDS[self.coupling.kind].local else None
+        return self.object.kind if self.coupling.traits.local else None
 
     @property
     def copy_kg(self) -> float:
@@ -214,17 +213,13 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     def holds_still(self) -> bool:
         """True where a hand can press on what nobody moves: the stiffness that it feels is measured there."""
         kind = self.object.kind
-        return kind_of(kind).fixed or (COUPLING_KINDS[self.coupling.kind].local and kind == "scene")
+        return kind_of(kind).fixed or (self.coupling.traits.local and kind == "scene")
 
     @property
     def adapts_stiffness(self) -> bool:
         """True where the server adapts the spring to the measured loop (docs/decisions/0012-measured-delay.md)."""
         coupling = self.coupling
-        return (
-            coupling.compensate
-            and COUPLING_KINDS[coupling.kind].felt_through_waves
-            and coupling.server_step == "passive"
-        )
+        return coupling.compensate and coupling.traits.felt_through_waves and coupling.server_step == "passive"
 
     @property
     def loop_s(self) -> float:
@@ -245,9 +240,9 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         late_frames: age of the device's samples, and the line's position deficit [frames of its wave]: both make the line
         softer, and no server knows of them.
         """
-        if COUPLING_KINDS[self.coupling.kind].local and kind_of(self.object.kind).fixed:
+        if self.coupling.traits.local and kind_of(self.object.kind).fixed:
             return self.force_scale * self.coupling.stiffness_npm
-        if not COUPLING_KINDS[self.coupling.kind].felt_through_waves or not kind_of(self.object.kind).spring:
+        if not self.coupling.traits.felt_through_waves or not kind_of(self.object.kind).spring:
             return None
         rendered = self.rendered_npm
         if self.adapts_stiffness:
@@ -317,10 +312,9 @@ def tuned_coupling(settings: Settings, user: User) -> tuple[Coupling, LineTuning
 def not_passive(settings: Settings) -> str:
     """Return the settings by which a room is not passive, "" if none does that."""
     coupling = settings.coupling
-    properties = COUPLING_KINDS[coupling.kind]
-    if not properties.passive:
+    if not coupling.traits.passive:
         return f'coupling.kind = "{coupling.kind}"'
-    if not properties.waves:
+    if not coupling.traits.waves:
         return ""
     active = ['coupling.server_step = "paper"'] if coupling.server_step == "paper" else []
     decimators = {coupling_of(settings, user).decimator for user in settings.users}
@@ -350,7 +344,7 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
     if why := unfit_line(coupling, line):
         raise SettingsError(f"users.{seat} ({user.name}): {why}")
     rendered = coupling.stiffness_npm
-    if coupling.compensate and COUPLING_KINDS[coupling.kind].felt_through_waves:
+    if coupling.compensate and coupling.traits.felt_through_waves:
         compliance = line_compliance(coupling, line, rates, round_trip_s(settings.playout, (up, down), rates))
         try:
             rendered = felt.compensated_stiffness(coupling.stiffness_npm, coupling.impedance_nspm, compliance)

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from statistics import median
 from typing import NamedTuple
 
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Frame, Power, Stamp, State, Waves, decode, encode
 from cogrip.protocol.rates import NS_PER_S
@@ -37,7 +36,7 @@ class StillHand:
         self._message, self._session = message, session
         self._sender, self._number = LineSender(axes, seat.playout.redundancy), 0
         self._zero = (0.0,) * axes
-        proxy = min(axes, PLACES) if COUPLING_KINDS[seat.coupling.kind].local else 0
+        proxy = min(axes, PLACES) if seat.coupling.traits.local else 0
         self._state = (0.0,) * (2 * axes + PLACES * (axes == POSE_AXES) + proxy)
 
     def frame(self, now_ns: int) -> bytes:

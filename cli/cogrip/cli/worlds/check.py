@@ -12,7 +12,6 @@ from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.shipped_settings import SUFFIX, shipped_names
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.object_kinds import KINDS, PYTHON, split_python
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
@@ -68,7 +67,7 @@ def _cases(world: str) -> dict[str, Subject]:
     """Return what is tried, by number of seats and axes. Raises BadInput."""
     if world.endswith(SUFFIX) or (world in shipped_names() and world not in KINDS):
         settings = load(Path(world))
-        if not COUPLING_KINDS[settings.coupling.kind].felt_through_waves:
+        if not settings.coupling.traits.felt_through_waves:
             raise BadInput(f'{world}: coupling.kind = "{settings.coupling.kind}": only worlds for waves are checked')
         return dict([_case(settings)])
     if world == "scene":

@@ -16,7 +16,6 @@ from cogrip.client.velocity import Bound, largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_input_only
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness
 from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.settings import SeatSettings, Settings, seat_axes, seat_settings
@@ -157,7 +156,7 @@ def overloads(settings: Settings) -> tuple[str, ...]:
 def unbounded(settings: Settings | SeatSettings) -> tuple[str, ...]:
     """Return why a scene may shake its hands, () where waves drive it: then its limiter bounds what comes out."""
     kind = settings.coupling.kind
-    if settings.object.kind != "scene" or COUPLING_KINDS[kind].waves:
+    if settings.object.kind != "scene" or settings.coupling.traits.waves:
         return ()
     text = (
         f'coupling.kind = "{kind}": nothing bounds the energy that a scene makes under it, and no model tells whether it is '
@@ -307,7 +306,7 @@ def _line_text(name: str, seat: SeatSettings, impedance_nspm: float) -> str:
 
 def gaps(whom: str, seat: SeatSettings, impedance_nspm: float, wanted_n: float) -> Iterator[Finding]:
     """Say up to which force the credit holds a hand through missing frames (theory 3.5), and which holds all it can have."""
-    coupling, lossy = COUPLING_KINDS[seat.coupling.kind], max(seat.up.loss, seat.down.loss) > 0.0
+    coupling, lossy = seat.coupling.traits, max(seat.up.loss, seat.down.loss) > 0.0
     if not coupling.felt_through_waves or seat.playout.concealment != "elastic" or not lossy:
         return
     one_mj_n = held_force(impedance_nspm, 1e-3, seat.rates.frame_s, seat.object.axes)
@@ -334,7 +333,7 @@ def feel_level(felt_npm: float, asked_npm: float) -> Level:
 
 
 def _felt_text(user: UserAdvice, seat: SeatSettings, limit: Limit) -> str:
-    link = (seat.up, seat.down) if not COUPLING_KINDS[seat.coupling.kind].local else ()
+    link = (seat.up, seat.down) if not seat.coupling.traits.local else ()
     jitter = seat.playout.frames != "auto" and any(each.jitter_ms for each in link)  # "auto": in the playout delay
     left_out = [name for name, there in (("jitter", jitter), ("loss", any(each.loss for each in link))) if there]
     where = f" at rest, calculated without the link's {' and '.join(left_out)}" if left_out else " at rest"

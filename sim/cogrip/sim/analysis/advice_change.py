@@ -13,7 +13,6 @@ import msgspec
 
 from cogrip.client.rendered_damper import rounded_down
 from cogrip.devices.device import DeviceError
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.analysis.advice import AMPLE, Advice, advise, ample, at_best
@@ -132,7 +131,7 @@ def score_of(advice: Advice, asked_npm: Sequence[float]) -> Score:
 def candidates_of(settings: Settings, now: Advice) -> Iterator[tuple[str, Any]]:
     """Yield changes worth trying, those that cost least first."""
     coupling = settings.coupling
-    if not COUPLING_KINDS[coupling.kind].passive:
+    if not coupling.traits.passive:
         yield "coupling.kind", "wave"
     if coupling.server_step == "paper":
         yield "coupling.server_step", "passive"

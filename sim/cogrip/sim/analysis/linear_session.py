@@ -213,9 +213,7 @@ def _person(seat: SeatSettings, capability: Capability, delay_frames: float | No
         estimated=not capability.gives_velocity,
         memory=memory_for(capability, seat.rates.tick_s),
         latency_ticks=capability.latency_ticks,
-        filter_lag_s=filter_lag_s(seat.line.wave_filter_hz)
-        if COUPLING_KINDS[coupling.kind].felt_through_waves
-        else 0.0,
+        filter_lag_s=filter_lag_s(seat.line.wave_filter_hz) if coupling.traits.felt_through_waves else 0.0,
     )
 
 
@@ -225,7 +223,7 @@ def _session(seat: SeatSettings, people: Sequence[Person]) -> LinearSession:
         raise ModelError(
             f'object.kind = "{kind}" has no linear model: its world alone says how it moves; try it with `cogrip lab`'
         )
-    local = COUPLING_KINDS[seat.coupling.kind].local
+    local = seat.coupling.traits.local
     if kind == "faces" and scheme != "passive" and not local:
         raise ModelError(
             f'scheme "{scheme}" does not fit object.kind = "faces": there contact comes and goes, and for a step that is '
@@ -258,14 +256,14 @@ def _simulated(person: Person, user: User, device: Device, hands: bool, estimate
 
 def line_delays(seat: SeatSettings, delay_frames: float | None = None) -> tuple[OneWayDelay, OneWayDelay]:
     """Return the delays up and down; virtual coupling has no playout. Raises ModelError for a delay below 0."""
-    if COUPLING_KINDS[seat.coupling.kind].local:
+    if seat.coupling.traits.local:
         return one_way(0.0, 0, seat.rates), one_way(0.0, 0, seat.rates)
     if delay_frames is not None:
         if not 0.0 <= delay_frames <= MOST_FRAMES:
             raise ModelError(f"delay of {delay_frames:g} frames each way is out of 0 to {MOST_FRAMES}")
         delay = one_way(delay_frames * seat.rates.frame_s * 1e3, 0, seat.rates)
         return delay, delay
-    if COUPLING_KINDS[seat.coupling.kind].felt_through_waves:
+    if seat.coupling.traits.felt_through_waves:
         return line_delay(seat.playout, seat.up, seat.rates), line_delay(seat.playout, seat.down, seat.rates)
     return one_way(seat.up.delay_ms, 0, seat.rates), one_way(seat.down.delay_ms, 0, seat.rates)
 

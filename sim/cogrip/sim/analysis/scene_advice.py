@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from cogrip.devices.for_user import make_for
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.felt_stiffness import felt_stiffness
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.line_tuning import filter_lag_s
@@ -25,8 +24,8 @@ def scene_findings(settings: Settings) -> list[Finding]:
     seats = [seat_settings(settings, number) for number in range(len(settings.users))]
     given = settings.object
     scene = load_scene(Path(given.file), held_by(settings), seats[0].rates.frame_s / given.substeps)
-    felt = [_felt(scene, seat) for seat in seats if COUPLING_KINDS[seat.coupling.kind].felt_through_waves]
-    local = [each for seat in seats if COUPLING_KINDS[seat.coupling.kind].local for each in _local(scene, seat)]
+    felt = [_felt(scene, seat) for seat in seats if seat.coupling.traits.felt_through_waves]
+    local = [each for seat in seats if seat.coupling.traits.local for each in _local(scene, seat)]
     grips = [each for seat in seats if seat.object.axes == GRIP_AXES for each in _grip(settings, scene, seat)]
     return [*_contact(scene), *felt, *grips, *local, *_drawn(scene), *_loads(settings)]
 

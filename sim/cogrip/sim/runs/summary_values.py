@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS
+from cogrip.protocol.coupling_kinds import COUPLING_KINDS, CouplingKind
 
 Summary = dict[str, Any]
 UNKNOWN = "not known"
@@ -125,11 +125,17 @@ def least_reserve(users: list[dict[str, Any]], key: str) -> tuple[float, str] | 
     return min(found, default=None)
 
 
+def traits_of(settings: Any) -> CouplingKind | None:
+    """Return the properties of the coupling of a run, by its settings; None where they do not tell."""
+    kind = dig(settings, "coupling", "kind")
+    return COUPLING_KINDS.get(kind) if isinstance(kind, str) else None  # type: ignore[call-overload]
+
+
 def lent_j(settings: Any) -> float | None:
     """Return what each direction of a line may lend itself [J], by the settings of a run; None where they do not tell."""
-    kind = COUPLING_KINDS.get(dig(settings, "coupling", "kind"))
-    if kind is not None and kind.lent_j is not None:
-        return kind.lent_j
+    traits = traits_of(settings)
+    if traits is not None and traits.lent_j is not None:
+        return traits.lent_j
     tank_mj = dig(settings, "playout", "tank_mj")
     return tank_mj * 1e-3 if is_number(tank_mj) else None
 
