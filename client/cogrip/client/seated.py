@@ -214,10 +214,10 @@ class SeatedClient(SeatHand):
         coupling, ledger, hand = self.coupling, self.ledger, self.hand
         force = ledger.acting(elapsed, self.force_n) if hand.latency_ticks and elapsed else self.force_n
         hand_map, weight, aids = self._hand_map, ledger.weight, self.aids
-        law_n = force
+        coupling_n = force
         if aids.active or self.effects is not None:
-            law_n = self._coupling_part(elapsed, force, position_m)
-        coupling.applied_n = law_n if hand_map is None else hand_map.tool_force(law_n)
+            coupling_n = self._coupling_part(elapsed, force, position_m)
+        coupling.applied_n = coupling_n if hand_map is None else hand_map.tool_force(coupling_n)
         if position_m is None or not elapsed:
             mean: Sequence[float] = (0.0,) * len(force)
         else:
@@ -326,8 +326,11 @@ class SeatedClient(SeatHand):
     def _render(self) -> tuple[float, ...]:
         """Return the force of this tick [N], shape (axes,), limited by energy (`port`), then by the device (`safety`).
 
-        law_n: of coupling, effects and injected damping, None for none; aids_n: of workspace limit and gravity compensation;
-        wanted_n: of both; limited_n: the same, clamped to the device's peak; cut_n: what that removed of the coupling's part.
+        rendered_n  of coupling, effects and injected damping; None for none
+        aids_n      of workspace limit and gravity compensation
+        wanted_n    of both
+        clamped_n   the same, clamped to the device's peak
+        cut_n       what that removed of the coupling's part
         """
         coupling, safety, port, hand = self.coupling, self.safety, self.port, self.hand
         port.elapse()
@@ -343,17 +346,17 @@ class SeatedClient(SeatHand):
             wanted_n = effects.added(self.tick, wanted_n, hand.position_m, hand.velocity_mps, safety, port, hand_map)
         if port.balance_j < 0.0 and wanted_n is not None and (injected := port.injected_nspm):
             wanted_n = [law + injected * speed for law, speed in zip(wanted_n, hand.velocity_mps, strict=True)]
-        law_n, aids, aids_n = wanted_n, self.aids, self._zero_n
-        if aids.active and law_n is not None:
+        rendered_n, aids, aids_n = wanted_n, self.aids, self._zero_n
+        if aids.active and rendered_n is not None:
             aids_n = aids.force(hand.position_m, hand.velocity_mps)
-            wanted_n = [law + extra for law, extra in zip(law_n, aids_n, strict=True)]
+            wanted_n = [law + extra for law, extra in zip(rendered_n, aids_n, strict=True)]
         force = safety.limit(port.limit(wanted_n) if wanted_n is not None else None, coupling.gap)
         coupling.ramp_gain = safety.gain
         port.ramped = safety.gain != 1.0
         coupling.cut_n = None
         if aids.active:
             aids.share(aids_n, wanted_n or self._zero_n, force)
-        if wanted_n is not None and law_n is not None and safety.state == "live":
+        if wanted_n is not None and rendered_n is not None and safety.state == "live":
             local_n = coupling.local_n if hand_map is None else hand_map.hand_force(coupling.local_n)
             watched_n: Sequence[float] = force
             reduced = coupling.reduced
@@ -363,13 +366,13 @@ class SeatedClient(SeatHand):
             if port.ramped:
                 local_n = [safety.gain * local for local in local_n]
             elif (
-                limited_n := safety.law_n
-            ) is not wanted_n:  # the line must not be given energy for force that limits removed
-                cut_n = [law - left for law, left in zip(wanted_n, limited_n, strict=True)]
+                clamped_n := safety.clamped_n
+            ) is not wanted_n:  # the line gets no energy for force that limits removed
+                cut_n = [law - left for law, left in zip(wanted_n, clamped_n, strict=True)]
                 if aids.active or (effects is not None and effects.asked_n is not None):
                     effects_n = effects.asked_n if effects is not None and effects.asked_n is not None else self._zero_n
-                    fraction = 1.0 - part_of(limited_n, wanted_n)
-                    cut_n = [fraction * (law - other) for law, other in zip(law_n, effects_n, strict=True)]
+                    fraction = 1.0 - part_of(clamped_n, wanted_n)
+                    cut_n = [fraction * (law - other) for law, other in zip(rendered_n, effects_n, strict=True)]
                 coupling.cut_n = cut_n if hand_map is None else hand_map.tool_force(cut_n)
             if cause := port.watch(watched_n, safety.at_peak, local_n, safety.limited, reduced):
                 self._release(cause)

@@ -200,7 +200,7 @@ class EffectForce:
     def added(
         self,
         tick: int,
-        law_n: Sequence[float] | None,
+        coupling_n: Sequence[float] | None,
         hand_m: Row,
         hand_mps: Row,
         safety: Safety,
@@ -208,7 +208,7 @@ class EffectForce:
         hand_map: HandMap | None,
     ) -> Sequence[float] | None:
         """Return the coupling's law with all effects. Without one the last force fades, and what springs held is lost."""
-        if law_n is None:
+        if coupling_n is None:
             self.begin_anew()
             return None
         carried = port.carried_nspm
@@ -216,7 +216,7 @@ class EffectForce:
             hand_m, hand_mps, carried = hand_map.place(hand_m), hand_map.shown(hand_mps), carried / hand_map.stiffest
         most_npm = carried / port.lag_s if port.lag_s else inf
         more = self.step(tick, hand_m, hand_mps, safety.coming_gain(), (carried, most_npm), hand_map)
-        self._law = law_n if more is None else [a + b for a, b in zip(law_n, more, strict=True)]
+        self._law = coupling_n if more is None else [a + b for a, b in zip(coupling_n, more, strict=True)]
         return self._law
 
     def begin_anew(self) -> None:
