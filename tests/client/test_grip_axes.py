@@ -132,7 +132,7 @@ def test_scales_leave_the_opening_and_weigh_its_force(
     assert tool[3] == rates[3]
     at_tool = sum(a * b for a, b in zip(force_n, tool, strict=True))
     at_hand = sum(a * b for a, b in zip(frame.hand_force(force_n), rates, strict=True))
-    assert at_hand == pytest.approx(frame.weight * at_tool, rel=1e-9, abs=1e-3)
+    assert at_hand == pytest.approx(frame.power_ratio * at_tool, rel=1e-9, abs=1e-3)
     assert frame.tool_force(frame.hand_force(force_n)) == pytest.approx(force_n, rel=1e-9, abs=1e-6)
 
 

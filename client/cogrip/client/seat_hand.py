@@ -1,7 +1,7 @@
 """The hand of a seat: its device's record, how it moves its tool (theory 1.1), and what is changed of that in the session.
 
 A change waits for a frame's border, where nothing of a frame is on its way into the line: the energy ledger then splits
-between two ticks, exactly (`EnergyLedger.set_weight`). Places of hand and tool stay, and the force ramps in anew.
+between two ticks, exactly (`EnergyLedger.set_power_ratio`). Places of hand and tool stay, and the force ramps in anew.
 """
 
 from collections.abc import Sequence
@@ -96,7 +96,7 @@ class SeatHand:
     def _set_tool(self, tool: ToolFrame) -> HandMap:
         """Have the tool follow the hand so."""
         hand_map = self._hand_map = HandMap(tool, self.settings.object.axes)
-        self.ledger.set_weight(hand_map.weight)
+        self.ledger.set_power_ratio(hand_map.power_ratio)
         return hand_map
 
     def tool_m(self) -> Row:
@@ -164,10 +164,10 @@ class SeatHand:
             if hand_map is None:
                 hand_map = self._set_tool(ToolFrame())
             hand_map.change(tool, self.hand.position_m, self.pose)
-            self.ledger.set_weight(hand_map.weight)
+            self.ledger.set_power_ratio(hand_map.power_ratio)
             self.settings = replace(self.settings, tool=tool)
             self._fit_coupling()
-            if self.effects is not None:  # their springs held energy by the weight before
+            if self.effects is not None:  # their springs held energy by the ratio before
                 self.effects.begin_anew()
             self.safety.ramp_anew()
         if change.workspace_limit_m is not None or change.gravity_compensation is not None:

@@ -213,7 +213,7 @@ class SeatedClient(SeatHand):
         """Add `elapsed` ticks, to the hand's place `latency_ticks` ago, to coupling and ledgers. True if a frame ended."""
         coupling, ledger, hand = self.coupling, self.ledger, self.hand
         force = ledger.acting(elapsed, self.force_n) if hand.latency_ticks and elapsed else self.force_n
-        hand_map, weight, aids = self._hand_map, ledger.weight, self.aids
+        hand_map, ratio, aids = self._hand_map, ledger.power_ratio, self.aids
         coupling_n = force
         if aids.active or self.effects is not None:
             coupling_n = self._coupling_part(elapsed, force, position_m)
@@ -245,15 +245,15 @@ class SeatedClient(SeatHand):
                 coupling.elapse(mean, velocity, hold)
             if tick >= self._frame_end:
                 ended = True
-                port.set_energies(ledger.work.value + aids.potential_j, ledger.given_j, weight * coupling.pending_j)
-                length = coupling.end_frame(port.spare_j / weight)
+                port.set_energies(ledger.work.value + aids.potential_j, ledger.given_j, ratio * coupling.pending_j)
+                length = coupling.end_frame(port.spare_j / ratio)
                 port.set_energies(ledger.work.value + aids.potential_j, ledger.given_j)  # less what was sent
                 if position_m is not None:
                     self._end_frame(position_m, tick - self._frame_begin)
                 self._frame_begin, self._frame_end = tick, tick + length
         given_j, pending_j = coupling.given_j, coupling.pending_j
         if hand_map is not None:
-            given_j, pending_j = weight * given_j, weight * pending_j
+            given_j, pending_j = ratio * given_j, ratio * pending_j
         port.set_energies(ledger.work.value + aids.potential_j, ledger.closed_given_j + given_j, pending_j)
         ledger.compare()
         return ended
@@ -279,7 +279,7 @@ class SeatedClient(SeatHand):
     def _end_frame(self, position_m: tuple[float, ...], ticks: int) -> None:
         start_m, self._frame_start_m = self._frame_start_m, position_m
         self.peaks.travel_m += dist(position_m[:PLACES], start_m[:PLACES])
-        stored_j, effects = self.ledger.weight * self.coupling.stored_j, self.effects
+        stored_j, effects = self.ledger.power_ratio * self.coupling.stored_j, self.effects
         if self.aids.active:
             stored_j += self.aids.stored_j(position_m)
         if effects is not None:
@@ -327,10 +327,8 @@ class SeatedClient(SeatHand):
         """Return the force of this tick [N], shape (axes,), limited by energy (`port`), then by the device (`safety`).
 
         rendered_n  of coupling, effects and injected damping; None for none
-        aids_n      of workspace limit and gravity compensation
-        wanted_n    of both
-        clamped_n   the same, clamped to the device's peak
-        cut_n       what that removed of the coupling's part
+        aids_n      of workspace limit and gravity compensation; wanted_n: of both
+        clamped_n   the same, clamped to the device's peak; cut_n: what that removed of the coupling's part
         """
         coupling, safety, port, hand = self.coupling, self.safety, self.port, self.hand
         port.elapse()
@@ -365,9 +363,8 @@ class SeatedClient(SeatHand):
                 reduced = reduced or effects.reduced
             if port.ramped:
                 local_n = [safety.gain * local for local in local_n]
-            elif (
-                clamped_n := safety.clamped_n
-            ) is not wanted_n:  # the line gets no energy for force that limits removed
+            elif (clamped_n := safety.clamped_n) is not wanted_n:
+                # the line must not be given energy for force that limits removed
                 cut_n = [law - left for law, left in zip(wanted_n, clamped_n, strict=True)]
                 if aids.active or (effects is not None and effects.asked_n is not None):
                     effects_n = effects.asked_n if effects is not None and effects.asked_n is not None else self._zero_n

@@ -188,7 +188,9 @@ class EffectForce:
                 entry.ended = True
         per_tool = hand_map.tool.force_scale / hand_map.tool.position_scale if hand_map else 1.0
         active = self._active(tick, position_m, gain, carried[1], per_tool)
-        spring, damper = self._passive(position_m, velocity_mps, gain, carried, hand_map.weight if hand_map else 1.0)
+        spring, damper = self._passive(
+            position_m, velocity_mps, gain, carried, hand_map.power_ratio if hand_map else 1.0
+        )
         if hand_map is not None:
             active, spring, damper = [hand_map.hand_force(row) for row in (active, spring, damper)]
         total = [a + s + d for a, s, d in zip(active, spring, damper, strict=True)]
@@ -279,7 +281,7 @@ class EffectForce:
         return max(0.0, self.tank.level_j - sum(self._reserved))
 
     def _passive(
-        self, position_m: Row, velocity_mps: Row, gain: float, carried: tuple[float, float], weight: float
+        self, position_m: Row, velocity_mps: Row, gain: float, carried: tuple[float, float], power_ratio: float
     ) -> tuple[list[float], list[float]]:
         """Return the forces of springs and dampers; what springs cost is paid."""
         springs, dampers = [0.0] * self._axes, [0.0] * self._axes
@@ -297,7 +299,7 @@ class EffectForce:
         self.stored_j = 0.0
         for entry, felt in found:
             goal = 0.0 if entry.ended else gain * most_k
-            self._pay(entry, goal, gain, weight * felt.stored_j, felt.spring_n)
+            self._pay(entry, goal, gain, power_ratio * felt.stored_j, felt.spring_n)
             self.stored_j += entry.stored_j
             if not entry.share or not gain:
                 continue
