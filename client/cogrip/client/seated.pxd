@@ -49,4 +49,4 @@ cdef class SeatedClient(SeatHand):
         law=double, speed=double, fraction=double, extra=double, local=double, left=double, other=double,
     )
     cdef tuple _render(self)
-    cdef _release(self, cause)
+    cdef _degrade(self, cause)

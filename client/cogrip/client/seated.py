@@ -30,8 +30,8 @@ from cogrip.protocol.session import ClientSession
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
 
-RELEASE_S = 0.5  # from `stop`, in which the line releases the object
-MOST_LOOP_S = 0.5  # for which the end waits until the server knows
+LEAVE_FADE_S = 0.5  # from `stop`: fade of what the line still holds the object by
+MOST_LOOP_S = 0.5  # then a client that leaves stays for one measured loop, so that the end of it arrives: this at most
 MakePort = Callable[[Capability, float], DevicePort]
 
 
@@ -231,7 +231,7 @@ class SeatedClient(SeatHand):
         if self._stopped is None:
             self._stop_mps = mean
         else:  # the fading force lets the hand move off: the line gets the velocity at `stop`, scaled by `hold`
-            hold = max(0.0, 1.0 - (self.tick - self._stopped) / (RELEASE_S * self._rate_hz))
+            hold = max(0.0, 1.0 - (self.tick - self._stopped) / (LEAVE_FADE_S * self._rate_hz))
             velocity = mean = self._stop_mps
         port = self.port
         for tick in range(first, self.tick + 1):
@@ -372,10 +372,10 @@ class SeatedClient(SeatHand):
                     cut_n = [fraction * (law - other) for law, other in zip(rendered_n, effects_n, strict=True)]
                 coupling.cut_n = cut_n if hand_map is None else hand_map.tool_force(cut_n)
             if cause := port.watch(watched_n, safety.at_peak, local_n, safety.limited, reduced):
-                self._release(cause)
+                self._degrade(cause)
         return force
 
-    def _release(self, cause: Cause) -> None:
+    def _degrade(self, cause: Cause) -> None:
         """Ramp the force out (`degraded`); a fault where that has not helped MOST_RELEASES times."""
         safety, reason = self.safety, cure(cause, self.settings, self.capability)
         safety.note(f"released: {cause}")
@@ -386,12 +386,12 @@ class SeatedClient(SeatHand):
             safety.event("stale", reason)
 
     @property
-    def released(self) -> bool:
+    def may_leave(self) -> bool:
         """True once no force is left on the hand, and the server knows: leaving is then no force step for the others."""
         if not self.safety.quiet or self._stopped is None or self.session.state != "seated":
             return self.safety.quiet
         loop_s = ((self.coupling.loop_frames() or 0.0) + self.late_frames) * self._ticks_per_frame / self._rate_hz
-        return self.tick - self._stopped >= (RELEASE_S + min(loop_s, MOST_LOOP_S)) * self._rate_hz
+        return self.tick - self._stopped >= (LEAVE_FADE_S + min(loop_s, MOST_LOOP_S)) * self._rate_hz
 
     @property
     def late_frames(self) -> float:
