@@ -16,7 +16,7 @@ cdef class SeatHand:
     cdef public object effects
     cdef public object settings
     cdef public ClientSession session
-    cdef public object _axes
+    cdef public object _axis_units
     cdef public object handle
     cdef public object capability
     cdef public object _record

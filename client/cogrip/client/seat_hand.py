@@ -28,7 +28,7 @@ from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.tool_frame import ToolFrame
 
 
-def axes_of(seat: SeatSettings) -> PoseAxes | GripAxes | None:
+def axis_units_of(seat: SeatSettings) -> PoseAxes | GripAxes | None:
     """Return what makes lengths of the axes of a seat; None where all are."""
     axes, length_scale = seat.object.axes, seat.coupling.length_scale
     return PoseAxes(length_scale) if axes == POSE_AXES else GripAxes(length_scale) if axes == GRIP_AXES else None
@@ -42,8 +42,8 @@ class SeatHand:
     """
 
     __slots__ = (
-        "_axes", "_hand_map", "_ordered", "_record", "aids", "capability", "changes", "coupling", "effects", "force_n", "hand",
-        "handle", "ledger", "safety", "session", "settings",
+        "_axis_units", "_hand_map", "_ordered", "_record", "aids", "capability", "changes", "coupling", "effects", "force_n",
+        "hand", "handle", "ledger", "safety", "session", "settings",
     )  # fmt: skip
 
     coupling: Coupling
@@ -55,7 +55,7 @@ class SeatHand:
     def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability) -> None:
         self.settings = seat
         self.session = session
-        self._axes = axes_of(seat)
+        self._axis_units = axis_units_of(seat)
         self.handle: HandleReader | None = None  # where the device has one
         self._set_record(capability)
         self.force_n: Row = (0.0,) * seat.object.axes
@@ -66,8 +66,8 @@ class SeatHand:
 
     def _set_record(self, capability: Capability) -> None:
         self.capability = self._record = capability.first(self.settings.object.axes)
-        if self._axes is not None:
-            self._record = in_lengths(self.capability, self._axes.length_scale)
+        if self._axis_units is not None:
+            self._record = in_lengths(self.capability, self._axis_units.length_scale)
         if self.handle is None and has_handle(capability):
             self.handle = HandleReader(self.session.dropped)
         if self.handle is not None:
@@ -77,18 +77,18 @@ class SeatHand:
     def pose(self) -> Row:
         """Position of the hand [m], and rotation vector [rad] or opening [m]."""
         position = self.hand.position_m
-        return position if self._axes is None else self._axes.pose(position)
+        return position if self._axis_units is None else self._axis_units.pose(position)
 
     @property
     def twist(self) -> Sequence[float]:
         """Velocity of the hand [m/s], and angular velocity [rad/s] or rate of opening [m/s]."""
         velocity = self.hand.velocity_mps
-        return velocity if self._axes is None else self._axes.rates(velocity)
+        return velocity if self._axis_units is None else self._axis_units.rates(velocity)
 
     @property
     def wrench(self) -> Row:
         """Force [N] and torque [N m], or force of the gripper [N], of this tick, shape (axes,)."""
-        return self.force_n if self._axes is None else self._axes.wrench(self.force_n)
+        return self.force_n if self._axis_units is None else self._axis_units.wrench(self.force_n)
 
     def _fit_coupling(self) -> None:
         raise NotImplementedError
@@ -106,13 +106,13 @@ class SeatHand:
 
     def tool_pose(self) -> Row:
         """Return the tool's position [m], and rotation vector [rad] or opening [m]."""
-        hand_map, axes = self._hand_map, self._axes
+        hand_map, units = self._hand_map, self._axis_units
         if hand_map is None:
             return self.pose
         place = hand_map.place(self.hand.position_m)
-        if axes is None:
+        if units is None:
             return place
-        return place[:PLACES] + hand_map.rotation(self.pose[PLACES:]) if hand_map.turns else axes.pose(place)
+        return place[:PLACES] + hand_map.rotation(self.pose[PLACES:]) if hand_map.turns else units.pose(place)
 
     # Clutch and changes
 

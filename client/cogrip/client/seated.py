@@ -138,8 +138,8 @@ class SeatedClient(SeatHand):
 
     def applied(self, force_n: tuple[float, ...]) -> None:
         """Set the force that the device applies in place of the one that `act` returned."""
-        if self._axes is not None:
-            force_n = self._axes.force(force_n)
+        if self._axis_units is not None:
+            force_n = self._axis_units.force(force_n)
         self.safety.applied(force_n)
         self.force_n = force_n
 
@@ -175,8 +175,8 @@ class SeatedClient(SeatHand):
         hand, handle = self.hand, self.handle
         if handle is not None and sample is not None:
             handle.read(sample, tick)
-        if self._axes is not None and sample is not None:
-            sample = self._axes.lengths(sample)
+        if self._axis_units is not None and sample is not None:
+            sample = self._axis_units.lengths(sample)
         position = hand.update(tick, elapsed, sample)
         ended = False
         if self._origin_m is None:
@@ -203,11 +203,11 @@ class SeatedClient(SeatHand):
 
     def place(self) -> Row:
         """Return the tool's pose, and of one that turns also the angle travelled since the line's beginning."""
-        if not isinstance(self._axes, PoseAxes):
+        if not isinstance(self._axis_units, PoseAxes):
             return self.tool_pose()
         assert self._origin_m is not None
         moved = [at - begun for at, begun in zip(self.tool_m(), self._origin_m, strict=True)]
-        return self.tool_pose() + self._axes.rates(moved)[PLACES:]
+        return self.tool_pose() + self._axis_units.rates(moved)[PLACES:]
 
     def _account(self, elapsed: int, position_m: tuple[float, ...] | None) -> bool:
         """Add `elapsed` ticks, to the hand's place `latency_ticks` ago, to coupling and ledgers. True if a frame ended."""
@@ -319,9 +319,9 @@ class SeatedClient(SeatHand):
             if size > peaks.force_n:
                 peaks.force_n = size
         else:
-            peaks.enter(force, before, self._axes)
+            peaks.enter(force, before, self._axis_units)
         self.force_n = force
-        return force if self._axes is None else self._axes.wrench(force)
+        return force if self._axis_units is None else self._axis_units.wrench(force)
 
     def _render(self) -> tuple[float, ...]:
         """Return the force of this tick [N], shape (axes,), limited by energy (`port`), then by the device (`safety`).
