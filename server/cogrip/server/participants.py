@@ -83,7 +83,7 @@ class Seat(Participant):
         self.hand = HandChanges(settings, settings.rates.network_hz)
         self.effects: ToldEffects | None = None  # once there are any
         self.on_object = False
-        self.line_margin_j = 0.0
+        self.line_margin_j = 0.0  # of both directions of the line together, as `line_reserve`
         self.line_reserve = EnergyReserve(settings.rates.network_hz)
         self.account: ClientAccount | None = None  # reported by the client when it left
         self.last: SeatAccount | None = None  # of this end, at that time

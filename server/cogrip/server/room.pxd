@@ -39,8 +39,8 @@ cdef class Room:
     cpdef list tick(self, long long now_ns, long long frames=*)
     @cython.locals(places=Py_ssize_t, before=tuple, here=tuple, failed=bint)
     cdef _advance(self, rows)
-    @cython.locals(port=Port, axes=Py_ssize_t, left_j=double, reserve_j=double, seen=tuple)
-    cdef _answer(self, Seat seat, tuple answer, double work_j, tuple state, long long frames, long long now_ns)
+    @cython.locals(port=Port, axes=Py_ssize_t, port_out_j=double, reserve_j=double, seen=tuple)
+    cdef _message_of(self, Seat seat, tuple answer, double work_j, tuple state, long long frames, long long now_ns)
     @cython.locals(
         seat=Seat, port=Port, number=Py_ssize_t, rows=list, row=tuple, next_step_ns="long long", missed="long long",
     )

@@ -38,7 +38,7 @@ RESERVED_NS = 5_000_000_000  # a restored seat is reserved so long for its ticke
 
 
 class Room:
-    """Seats and world of one settings file.
+    """Seats and world of one settings file. In a step the world takes a row of each seat, and gives an answer to each.
 
     travel_m  path length of the object so far
     diverged  how the object left the workspace, "" if it has not
@@ -242,7 +242,7 @@ class Room:
                 continue
             if self._told_of(seat):
                 out += self._tell_effects(seat)
-            message = self._answer(seat, tuple(answers[number]), work[number], state, frames, now_ns)
+            message = self._message_of(seat, tuple(answers[number]), work[number], state, frames, now_ns)
             out.append((seat.address, messages.encode(message)))
         if self.observer_slots.observers:
             out += self.observer_slots.views(self.steps, world, self.seats, now_ns) + self._show_effects()
@@ -251,7 +251,7 @@ class Room:
         return out
 
     def _advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
-        """Step the world; put an object back that nobody can reach. Return the row to send to each seat."""
+        """Step the world by the row of each seat; put an object back that nobody can reach. Return the answer to each."""
         world, places = self.world, self._places
         before = world.motion()[:places]
         if not self.anybody_holds():
@@ -272,22 +272,22 @@ class Room:
         self.travel_m += dist(here, before)
         return answers
 
-    def _answer(self, seat: Seat, answer: Row, work_j: float, state: Row, frames: int, now_ns: int) -> Frame:
+    def _message_of(self, seat: Seat, answer: Row, work_j: float, state: Row, frames: int, now_ns: int) -> Frame:
         """Push a step's answer into a seat's line, update its energy reserve and margin, and return the message."""
         port, axes = seat.port, self._axes
         assert port is not None
         port.push(answer if port.axes == axes else answer[: port.axes])
-        port_in_j, left_j = port.port_in_j(), work_j + port.absorbed_j
+        port_in_j, port_out_j = port.port_in_j(), work_j + port.absorbed_j
         seat.line_reserve.elapse(frames)
         if port_in_j is not None:
-            reserve_j = port_in_j - left_j + port.rounding_j
+            reserve_j = port_in_j - port_out_j + port.rounding_j
             seat.line_reserve.update(reserve_j)
             if reserve_j < seat.line_margin_j:
                 seat.line_margin_j = reserve_j
         seen = state if port.axes == axes else state[: port.axes] + state[axes : axes + port.axes]
         if engaged := self.world.engaged_at(seat.number):
             seen = seen + engaged
-        return port.message(seat.session, seat.clock.stamp(now_ns), seen, -left_j)
+        return port.message(seat.session, seat.clock.stamp(now_ns), seen, -port_out_j)
 
     def _effects_of(self, number: int) -> Sequence[Effect]:
         settled, own = self.effects.of(number), self.world.effects_of(number)
@@ -334,7 +334,10 @@ class Room:
         return [(who.address, messages.encode(replace(mark, session=who.session))) for mark in marks for who in people]
 
     def _pop(self, frames: int, now_ns: int) -> list[Row]:
-        """Return the row of each seat. A seat whose first frame has come joins the world, which gets what clients reported."""
+        """Return the row of each seat, to step with.
+
+        A seat whose first frame has come joins the world, which gets what clients reported.
+        """
         world = self.world
         next_step_ns = now_ns + self._frame_ns
         rows = []
