@@ -23,7 +23,7 @@ cdef class Room:
     cdef public ObserverSlots observer_slots
     cdef public Markers markers
     cdef public RoomEffects effects
-    cdef public object _shown_effects
+    cdef public object _observer_effects
     cdef public list refused_effects
     cdef public long long steps
     cdef public object ticks
@@ -46,7 +46,7 @@ cdef class Room:
     )
     cdef list _pop(self, long long frames, long long now_ns)
     cdef _effects_of(self, Py_ssize_t number)
-    cdef bint _told_of(self, Seat seat) except -1
+    cdef bint _has_effects(self, Seat seat) except -1
     cdef _give_handle(self, number, EdgeReceiver handle)
     @cython.locals(seat=Seat)
     cpdef list silent(self, long long now_ns)
