@@ -14,7 +14,7 @@ from rich.console import Console
 
 from cogrip.cli.session.live_views import LiveTable
 from cogrip.cli.session.settings_file import load
-from cogrip.protocol.coupling_kinds import lent_mj
+from cogrip.protocol.coupling_kinds import COUPLING_KINDS, lent_mj
 from cogrip.protocol.passivity_control import LENT_J
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.inputs import Kick
@@ -73,7 +73,7 @@ def lawful(summary: dict[str, Any]) -> None:
 
 @settings(max_examples=12, deadline=None)
 @given(
-    kind=st.sampled_from(["wave", "coupling", "tdpa"]),
+    kind=st.sampled_from([kind for kind, traits in COUPLING_KINDS.items() if not traits.local]),
     seconds=st.sampled_from([0.3, 1.2]),
     tank_mj=st.sampled_from([0.0, 1e3 * TANK_J]),
     loss=st.sampled_from([0.0, 0.2]),
