@@ -621,7 +621,7 @@ static void get_coupling(reader *from, settings *into) {
                                         "grip_impedance_nspm"};
     reader value[11];
     into->grips = get_map(from, names, 11, 10, value) >> 10 & 1; /* that of turning, or of a gripper */
-    into->scheme = get_choice(&value[0], schemes, 4);
+    into->scheme = get_choice(&value[0], schemes, (int)(sizeof schemes / sizeof schemes[0]));
     into->impedance_nspm = get_real(&value[1], 1e-3, 1e4);
     get_real(&value[2], 0.0, 1e7);
     get_real(&value[3], 0.0, 1e4);

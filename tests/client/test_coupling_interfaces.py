@@ -6,17 +6,16 @@ from cogrip.client.coupling import Coupling
 from cogrip.client.local_contact import LocalCoupling, LocalFace, LocalFaces, LocalWall
 from cogrip.client.local_poses import LocalPoses
 from cogrip.client.local_scene import LocalScene
-from cogrip.client.passivity_control import PassivityControl
+from cogrip.client.schemes import SCHEMES
 from cogrip.client.seat_hand import SeatHand
 from cogrip.client.seated import SeatedClient
-from cogrip.client.virtual_coupling import VirtualCoupling
-from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.protocol.decimation import Boxcar, Decimator, LastSample, Lowpass
 from cogrip.protocol.io.compiled_files import form
 
 from tests.interfaces import only_named
 
-COUPLINGS = (WaveCoupling, VirtualCoupling, PassivityControl, LocalWall, LocalFaces, LocalScene, LocalPoses)
+LOCAL = (LocalWall, LocalFaces, LocalScene, LocalPoses)  # which of them, `make_local` chooses by the kind of object
+COUPLINGS = (*[scheme.make for scheme in SCHEMES.values() if isinstance(scheme.make, type)], *LOCAL)
 
 
 @pytest.mark.skipif(form() != "interpreted", reason="a compiled method does not tell what it calls")
@@ -24,7 +23,7 @@ COUPLINGS = (WaveCoupling, VirtualCoupling, PassivityControl, LocalWall, LocalFa
     ("base", "made"),
     [
         *((Coupling, made) for made in COUPLINGS),
-        *((LocalCoupling, made) for made in (LocalWall, LocalFaces, LocalScene, LocalPoses)),
+        *((LocalCoupling, made) for made in LOCAL),
         *((LocalFace, made) for made in (LocalWall, LocalFaces)),
         *((Decimator, made) for made in (Boxcar, Lowpass, LastSample)),
         (SeatHand, SeatedClient),

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.client.grip_axes import GripAxes
-from cogrip.client.hand_frame import HandFrame
+from cogrip.client.hand_map import HandMap
 from cogrip.client.pose_axes import in_lengths
 from cogrip.client.safety import Safety
 from cogrip.devices.device import Gripper, Sample
@@ -127,12 +127,12 @@ def test_an_opening_a_little_beyond_its_stops_is_one(opening_m: float) -> None:
 def test_scales_leave_the_opening_and_weigh_its_force(
     g: float, s: float, force_n: tuple[float, ...], rates: tuple[float, ...]
 ) -> None:
-    frame = HandFrame(ToolFrame(g, s, rotation_of("y -x z")), 4)
+    frame = HandMap(ToolFrame(g, s, rotation_of("y -x z")), 4)
     tool = frame.rates(rates)
     assert tool[3] == rates[3]
     at_tool = sum(a * b for a, b in zip(force_n, tool, strict=True))
     at_hand = sum(a * b for a, b in zip(frame.hand_force(force_n), rates, strict=True))
-    assert at_hand == pytest.approx(frame.weight * at_tool, rel=1e-9, abs=1e-3)
+    assert at_hand == pytest.approx(frame.power_ratio * at_tool, rel=1e-9, abs=1e-3)
     assert frame.tool_force(frame.hand_force(force_n)) == pytest.approx(force_n, rel=1e-9, abs=1e-6)
 
 

@@ -277,7 +277,7 @@ def test_who_takes_leave_claims_nothing_and_lets_the_proxy_come_to_a_stop() -> N
     assert steps[0] > 5e-4
     assert all(b <= a + 1e-12 for a, b in itertools.pairwise(steps))
     assert steps[-1] == pytest.approx(0.0, abs=1e-12)
-    assert client.core.released
+    assert client.core.may_leave
 
 
 def test_a_new_server_begins_with_new_books() -> None:

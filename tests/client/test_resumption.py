@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cogrip.client.inputs import CloseLedger, Stop
 from cogrip.client.safety import RAMP_IN_S
-from cogrip.client.seated import RELEASE_S
+from cogrip.client.seated import LEAVE_FADE_S
 from cogrip.devices.device import Sample
 from cogrip.protocol.accounts import LinkCount, TickCount
 from cogrip.protocol.messages import Hello, Waves
@@ -194,18 +194,18 @@ def test_a_hand_that_stops_releases_the_object_slowly_and_then_leaves() -> None:
     client.core.handle(Stop(), client.core.now_ns)
     client.frames()
     ticks = 0
-    while not client.core.released:
+    while not client.core.may_leave:
         number = 400 + ticks
         if number % M == 0:
             client.hear(now(number), -0.3)
         client.tick(number, 0.0)
         ticks += 1
     loop = client.waves.loop_frames() or 0.0
-    assert ticks == pytest.approx(RELEASE_S * DEVICE_HZ + loop * M, abs=M + 1)
+    assert ticks == pytest.approx(LEAVE_FADE_S * DEVICE_HZ + loop * M, abs=M + 1)
     waves = [wave for (wave,) in client.frames()]
     assert waves[0] == pytest.approx(0.3, rel=0.02), "a hand at rest reflects"
     assert waves[-1] == pytest.approx(-0.15, rel=0.1), "a released end yields by half"
-    assert max(abs(np.diff(waves))) < 0.45 / (RELEASE_S / T_N) * 1.1
+    assert max(abs(np.diff(waves))) < 0.45 / (LEAVE_FADE_S / T_N) * 1.1
     assert client.core.force_n == (0.0,)
 
 
@@ -225,7 +225,7 @@ def test_what_a_hand_does_once_its_force_fades_does_not_reach_the_object() -> No
 
 def test_nobody_waits_for_a_line_that_is_not_there(client: Client) -> None:
     client.core.handle(Stop(), client.core.now_ns)
-    assert client.core.released
+    assert client.core.may_leave
 
 
 def test_a_server_that_is_started_anew_again_and_again_gets_one_credit() -> None:

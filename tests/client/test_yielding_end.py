@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.client.wave_coupling import WaveCoupling
-from cogrip.protocol.line.concealment import LEAST_GAIN
+from cogrip.protocol.line.concealment import YIELDING_GAIN
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.settings import resolve, seat_settings
@@ -80,7 +80,7 @@ def test_a_gap_feels_like_a_sixth_of_the_damping() -> None:
     """b y = 2 N with a matched termination; least_share^2 of it where the end yields. It comes slowly, and goes so too."""
     matched, yielding = moving("zero"), moving("elastic")
     assert matched[160] == pytest.approx(B * 0.1)
-    assert yielding[160] == pytest.approx(LEAST_GAIN**2 * B * 0.1, rel=0.05)
+    assert yielding[160] == pytest.approx(YIELDING_GAIN**2 * B * 0.1, rel=0.05)
     assert max(abs(after - before) for before, after in pairwise(matched[90:])) > 1.9
     assert max(abs(after - before) for before, after in pairwise(yielding[90:])) < 0.4
 

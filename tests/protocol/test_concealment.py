@@ -162,7 +162,7 @@ def test_the_hand_decides_once_a_gap_whether_it_rests() -> None:
         for speed in (0.0, along):
             strategy.fill([1.0], [inf], [speed - 1.0])
             strategy.compensate([1.0], [0.0], [0.0], [1.0], True)
-        assert strategy.quality == pytest.approx(gain, rel=1e-12)
+        assert strategy.line_quality == pytest.approx(gain, rel=1e-12)
 
 
 def test_a_gap_too_long_for_the_credit_is_faded_to_its_end() -> None:
@@ -220,7 +220,7 @@ def test_the_times_do_not_depend_on_the_frame_rate(frame_s: float) -> None:
     for _ in range(per_second // 16):
         (value,) = concealment.fill([value], [inf], [value])
     assert value == pytest.approx(ELASTIC_FADE**8, rel=1e-9)
-    assert concealment.quality == pytest.approx(ELASTIC_FADE**8, rel=1e-9)
+    assert concealment.line_quality == pytest.approx(ELASTIC_FADE**8, rel=1e-9)
 
 
 def test_what_the_end_has_written_off_is_withheld_as_it_comes() -> None:
@@ -256,7 +256,7 @@ def test_no_answer_is_beyond_its_room_or_not_finite(numbers: tuple[list[float], 
             paid = strategy.compensate(row, deficit, room, row, gap)
             for value, pay, most in zip(row, paid, room, strict=True):
                 assert abs(value + pay) <= sqrt(value * value + most) * (1.0 + 1e-9) + 1e-9
-        assert 0.0 <= strategy.quality <= 1.0
+        assert 0.0 <= strategy.line_quality <= 1.0
 
 
 @pytest.mark.parametrize("name", CONCEALMENTS)

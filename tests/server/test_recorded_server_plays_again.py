@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.protocol import messages
+from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.records import Datagram, Input
 from cogrip.protocol.session import LOST_NS, foreign_version
@@ -48,9 +49,9 @@ AT_THE_END = (
 )
 ACTIONS = st.builds(list.__add__, st.lists(DURING, min_size=3, max_size=20), st.lists(AT_THE_END, max_size=5))
 COUPLINGS: list[dict[str, Any]] = [
-    {}, {"server_step": "paper", "encoder": "velocity", "decimator": "lowpass"}, {"kind": "coupling"},
-    {"kind": "tdpa"},
-]  # fmt: skip
+    {"server_step": "paper", "encoder": "velocity", "decimator": "lowpass"},
+    *({"kind": kind} for kind, traits in COUPLING_KINDS.items() if not traits.local),  # that one is not for a cube
+]
 
 
 @st.composite

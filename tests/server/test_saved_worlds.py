@@ -5,16 +5,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.world import Row, World, WorldError
 
 SCHEMES: dict[str, dict[str, Any]] = {
-    "wave": {},
+    **{
+        kind: {"kind": kind, "stiffness_npm": 1000.0 if traits.passive else 300.0}
+        for kind, traits in COUPLING_KINDS.items()
+        if not traits.local  # not of every kind of object
+    },
     "adapted": {"compensate": True},
     "paper": {"server_step": "paper", "stiffness_npm": 300.0},
-    "coupling": {"kind": "coupling", "stiffness_npm": 300.0},
-    "tdpa": {"kind": "tdpa"},
 }
 
 

@@ -14,7 +14,8 @@ from rich.console import Console
 
 from cogrip.cli.session.live_views import LiveTable
 from cogrip.cli.session.settings_file import load
-from cogrip.protocol.passivity_control import LENT_J, lent_mj
+from cogrip.protocol.coupling_kinds import COUPLING_KINDS, lent_mj
+from cogrip.protocol.passivity_control import LENT_J
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.inputs import Kick
 from cogrip.sim.runs import summary_values
@@ -72,7 +73,7 @@ def lawful(summary: dict[str, Any]) -> None:
 
 @settings(max_examples=12, deadline=None)
 @given(
-    kind=st.sampled_from(["wave", "coupling", "tdpa"]),
+    kind=st.sampled_from([kind for kind, traits in COUPLING_KINDS.items() if not traits.local]),
     seconds=st.sampled_from([0.3, 1.2]),
     tank_mj=st.sampled_from([0.0, 1e3 * TANK_J]),
     loss=st.sampled_from([0.0, 0.2]),
@@ -122,7 +123,7 @@ def test_a_line_that_lends_shows_it_in_its_margin_and_is_still_passive(kind: str
 def test_a_verdict_counts_the_credit_of_lines_alone(kind: str, lent_j: float) -> None:
     """Virtual coupling has none: it may not give out a microjoule of what a wave line would be allowed."""
     settings = session(kind, playout={"tank_mj": 1.0})
-    assert lent_mj(settings.coupling, settings.playout) == pytest.approx(1e3 * lent_j)
+    assert lent_mj(settings.coupling.kind, settings.playout.tank_mj) == pytest.approx(1e3 * lent_j)
     assert summary_values.lent_j(msgspec.to_builtins(settings)) == lent_j
 
 

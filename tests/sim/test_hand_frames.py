@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from cogrip.client.force_limits import SOFT_SLOPE_NPS
-from cogrip.client.hand_frame import HandFrame
+from cogrip.client.hand_map import HandMap
 from cogrip.client.inputs import CloseLedger
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.settings import resolve
@@ -34,8 +34,8 @@ def account_of(laboratory: Laboratory, number: int = 0) -> ClientAccount:
     return laboratory.people[number].core.handle(CloseLedger(laboratory.ticks(number)), laboratory.now_ns)
 
 
-def frame_of(laboratory: Laboratory, number: int = 0) -> HandFrame:
-    frame = laboratory.people[number].core._seat._frame
+def frame_of(laboratory: Laboratory, number: int = 0) -> HandMap:
+    frame = laboratory.people[number].core._seat._hand_map
     assert frame is not None
     return frame
 

@@ -1,5 +1,7 @@
-"""Every coupling scheme and every kind of object has its row in each table that is indexed by it."""
+"""Every coupling scheme and every kind of object has its row in each table that is indexed by it, and is named nowhere else."""
 
+import re
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -8,19 +10,31 @@ import pytest
 from cogrip.cli.session.joined_device import MOST_ADVISED_FRAMES
 from cogrip.cli.session.shipped_settings import shipped_scene
 from cogrip.client import schemes as client_schemes
-from cogrip.protocol.messages import Frame
+from cogrip.protocol.coupling_kinds import COUPLING_KINDS
+from cogrip.protocol.messages import Frame, Waves
 from cogrip.protocol.object_kinds import KINDS as OBJECT_KINDS
 from cogrip.protocol.session import FOR_CLIENTS
 from cogrip.protocol.setting_types import Kind
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server import schemes as server_schemes
 from cogrip.server.worlds.registry import WORLDS
+from cogrip.sim.analysis.advice import INSTEAD, TOO_MUCH
+from cogrip.sim.analysis.lifted_model import KINDS as BLOCKS
+from cogrip.sim.analysis.linear_session import FORMS, Scheme, linear_session, scheme_of, scheme_overrides
 from cogrip.sim.experiments.methods.method import METHODS
 
+ROOT = Path(__file__).parents[2]
 KINDS = get_args(Kind)
+NAMED_IN = {  # modules that may compare a kind with a name: docs/design.md, "Add a coupling scheme"
+    "cli/cogrip/cli/session/served_rooms.py": "what a warning says",
+    "protocol/cogrip/protocol/object_fit.py": "grippers and worlds of others: of waves alone, until a kind is named there",
+    "protocol/cogrip/protocol/settings.py": "the paper's server step, which is one of waves",
+    "sim/cogrip/sim/analysis/advice.py": "what advice says of passivity",
+    "sim/cogrip/sim/analysis/linear_session.py": "`scheme_of`, of which mypy asks for every kind",
+}
 
 
-@pytest.mark.parametrize("table", [client_schemes.SCHEMES, server_schemes.SCHEMES, MOST_ADVISED_FRAMES])
+@pytest.mark.parametrize("table", [COUPLING_KINDS, client_schemes.SCHEMES, server_schemes.SCHEMES, MOST_ADVISED_FRAMES])
 def test_every_scheme_has_a_row(table: dict[str, object]) -> None:
     assert tuple(table) == KINDS
 
@@ -29,10 +43,41 @@ def test_every_scheme_is_compared() -> None:
     assert {method.overrides["coupling.kind"] for method in METHODS.values()} == set(KINDS)
 
 
+def test_every_form_of_linear_model_has_its_rows() -> None:
+    assert tuple(FORMS) == tuple(BLOCKS) == tuple(TOO_MUCH) == tuple(INSTEAD) == get_args(Scheme)
+
+
+@pytest.mark.parametrize("scheme", get_args(Scheme))
+def test_the_settings_of_a_form_ask_for_it(scheme: Scheme) -> None:
+    settings = resolve({}, scheme_overrides(scheme))
+    assert scheme_of(seat_settings(settings, 0).coupling) == scheme
+    assert (FORMS[scheme].damper_key == "damping_nspm") == (BLOCKS[scheme].width == 2) == (not FORMS[scheme].waves)
+    assert hasattr(linear_session(settings).people[0], FORMS[scheme].damper_key)
+
+
+def test_the_client_in_c_reads_every_kind_of_a_welcome() -> None:
+    (names,) = re.findall(r"schemes\[\] = \{(.*?)\}", (ROOT / "clients" / "c" / "cogrip.c").read_text())
+    assert tuple(re.findall(r'"(\w+)"', names)) == KINDS
+
+
+def test_a_kind_is_named_in_tables_alone() -> None:
+    name = f'"(?:{"|".join(KINDS)})"'
+    asked = re.compile(rf'\bkind (?:[!=]= |in [(\[{{](?:"\w*", ?)*){name}|\{{{name}:[^\n]*\}}\.get\(')
+    packages = ("protocol", "client", "server", "sim", "view", "api", "cli")
+    found = {
+        str(path.relative_to(ROOT))
+        for package in packages
+        for path in (ROOT / package).rglob("*.py")
+        if asked.search(path.read_text())
+    }
+    assert found == set(NAMED_IN)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_both_ends_of_a_scheme_speak_the_same_message(kind: Kind) -> None:
     message = client_schemes.SCHEMES[kind].message
     assert message is server_schemes.SCHEMES[kind].frame
+    assert (message is Waves) == COUPLING_KINDS[kind].waves
     assert message in FOR_CLIENTS
     assert message in get_args(Frame)
 
@@ -51,7 +96,8 @@ def test_every_scheme_has_scenes_of_its_own(kind: Kind) -> None:
     scene = {"kind": "scene", "axes": 3, "file": str(shipped_scene("wall.xml"))}
     settings = resolve({"object": scene, "coupling": {"kind": kind}})
     world = server_schemes.make_room_world(settings, [seat_settings(settings, 0)])
+    waves = COUPLING_KINDS[kind].waves
     row = (0.0,) * world.axes * world.inputs_per_axis
     world.join(0, np.zeros(3))
-    assert len(world.advance([row])[0]) == 3 * (1 if kind in ("wave", "local") else 2)
-    assert (world.limiter_account() is not None) == (kind in ("wave", "local"))
+    assert len(world.advance([row])[0]) == 3 * (1 if waves else 2)
+    assert (world.limiter_account() is not None) == waves

@@ -189,7 +189,7 @@ def test_twenty_clutches_by_order_displace_nothing() -> None:
 
     def watch(_: Laboratory) -> None:
         seat = laboratory.people[0].core._seat
-        frame = seat._frame
+        frame = seat._hand_map
         before, held = last
         if before is not None and not held:
             for axis in range(3):
@@ -250,7 +250,7 @@ def test_a_hand_refuses_what_its_room_has_no_axes_for_and_says_so() -> None:
     seat = laboratory.people[0].core._seat
     seat.receive_change(Message(1, 1, 0, given.change))
     laboratory.run()
-    assert seat._frame is None
+    assert seat._hand_map is None
     assert seat.changes.taken == 1
 
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from cogrip.cli.main import main
 from cogrip.cli.session.settings_file import load
 from cogrip.protocol import messages
+from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.messages import Waves
 from cogrip.protocol.recording.header import Header
 from cogrip.protocol.recording.reader import Damage, Message, Recording, RecordingError, open_recording
@@ -46,8 +47,11 @@ COUPLINGS: dict[str, tuple[str, ...]] = {
     "low-pass": ("coupling.decimator=lowpass", "coupling.encoder=velocity", "coupling.server_step=passive"),
     "samples": ("coupling.decimator=none", "coupling.encoder=displacement", "coupling.server_step=passive"),
     "the paper's step": ("coupling.decimator=none", "coupling.encoder=velocity", "coupling.server_step=paper"),
-    "virtual coupling": ("coupling.kind=coupling", "coupling.server_step=passive"),
-    "passivity control": ("coupling.kind=tdpa", "coupling.server_step=passive"),
+    **{
+        kind: (f"coupling.kind={kind}", "coupling.server_step=passive")
+        for kind, traits in COUPLING_KINDS.items()
+        if not traits.waves
+    },
 }
 
 

@@ -224,9 +224,9 @@ class ClientCore:
         return self._seat.wrench
 
     @property
-    def released(self) -> bool:
-        """True once hand and object are released: leaving is no jolt to those who stay."""
-        return self._seat.released
+    def may_leave(self) -> bool:
+        """True once hand and object are let go: leaving is no jolt to those who stay."""
+        return self._seat.may_leave
 
     @property
     def diverged(self) -> str:

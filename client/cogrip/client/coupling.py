@@ -15,10 +15,10 @@ from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
 from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Frame, Geom, Power, Stamp, State
+from cogrip.protocol.messages import Frame, Geom, Latest, Stamp
 from cogrip.protocol.settings import SeatSettings
 
-L = TypeVar("L", State, Power)
+L = TypeVar("L", bound=Latest)
 T = TypeVar("T")
 Row = tuple[float, ...]
 

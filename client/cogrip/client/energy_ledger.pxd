@@ -5,7 +5,7 @@ from cogrip.protocol.line.energy_sums cimport CompensatedSum
 
 cdef class EnergyLedger:
     cdef public object coupling
-    cdef public double weight
+    cdef public double power_ratio
     cdef public CompensatedSum work
     cdef public double leak_j
     cdef public double least_leak_j

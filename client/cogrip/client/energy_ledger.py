@@ -24,7 +24,7 @@ class EnergyLedger:
 
     def __init__(self, coupling: Coupling) -> None:
         self.coupling = coupling
-        self.weight = 1.0  # power at the hand by power into the line (`hand_frame`)
+        self.power_ratio = 1.0  # power at the hand by power into the line (`hand_map`)
         self.work = CompensatedSum()
         self.leak_j = self.least_leak_j = self.effects_j = 0.0
         self.closed_given_j = self.closed_port_j = self.closed_entered_j = (
@@ -54,43 +54,43 @@ class EnergyLedger:
 
     def compare(self) -> None:
         """Compare the work with the energy that went into all lines."""
-        self.leak_j = leak = self.work.value - (self.closed_entered_j + self.weight * self.coupling.entered_j)
+        self.leak_j = leak = self.work.value - (self.closed_entered_j + self.power_ratio * self.coupling.entered_j)
         if leak < self.least_leak_j:
             self.least_leak_j = leak
 
     def begin_line(self, coupling: Coupling) -> None:
         """Close the present line and go on with a new one. What the old one had received but not played is never played now."""
         before = self.coupling
-        self._close(before, self.weight)
+        self._close(before, self.power_ratio)
         self._reserve_j, self._lost, self._playout = self.down_reserve_j, self.lost, self.playout_account()
         self._count = msgspec.structs.replace(self.count(), pending=0)
         coupling.go_on_from(before)
         self.coupling = coupling
 
-    def _close(self, coupling: Coupling, weight: float) -> None:
-        self.closed_given_j += weight * coupling.given_j
-        self.closed_port_j += weight * coupling.port_j
-        self.closed_entered_j += weight * coupling.entered_j
+    def _close(self, coupling: Coupling, power_ratio: float) -> None:
+        self.closed_given_j += power_ratio * coupling.given_j
+        self.closed_port_j += power_ratio * coupling.port_j
+        self.closed_entered_j += power_ratio * coupling.entered_j
 
     def set_effects(self, work_j: float) -> None:
         """Count the hand's work against effects as entered, like that into closed lines."""
         self.closed_entered_j += work_j - self.effects_j
         self.effects_j = work_j
 
-    def set_weight(self, weight: float) -> None:
+    def set_power_ratio(self, power_ratio: float) -> None:
         """Weigh what the line takes and gives so from now on."""
-        self._close(self.coupling, self.weight - weight)
-        self.weight = weight
+        self._close(self.coupling, self.power_ratio - power_ratio)
+        self.power_ratio = power_ratio
 
     @property
     def given_j(self) -> float:
         """Energy at the hand that all lines gave, less what they took."""
-        return self.closed_given_j + self.weight * self.coupling.given_j
+        return self.closed_given_j + self.power_ratio * self.coupling.given_j
 
     @property
     def port_j(self) -> float:
         """Energy that went into all lines."""
-        return self.closed_port_j + self.weight * self.coupling.port_j
+        return self.closed_port_j + self.power_ratio * self.coupling.port_j
 
     @property
     def down_reserve_j(self) -> float | None:

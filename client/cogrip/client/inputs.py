@@ -56,7 +56,7 @@ class ForceApplied(Input, frozen=True, gc=False):
 
 
 class Stop(Input, frozen=True, gc=False):
-    """Release the hand and the object; `ClientCore.released` says when that is done."""
+    """Release the hand and the object; `ClientCore.may_leave` says when that is done."""
 
 
 class Rearm(Input, frozen=True, gc=False):

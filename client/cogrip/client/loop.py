@@ -225,7 +225,7 @@ class LiveClient:
                         failed = failed or f"it ended in a fault: {safety.reason}"
                     if safety.state != "fault":
                         core.handle(inputs.Stop(), now_ns)
-            elif core.released:
+            elif core.may_leave:
                 return failed
             if self.each_frame is not None and tick // ticks_per_frame != frame:
                 frame = tick // ticks_per_frame

@@ -18,7 +18,7 @@ cdef class Safety:
     cdef long long _limit_ticks
     cdef long long _derated_ticks
     cdef public double gain
-    cdef public object law_n
+    cdef public object clamped_n
     cdef double _absent
     cdef long long _at_limit
     cdef long long _derated

@@ -48,10 +48,10 @@ TRANSITIONS: Mapping[tuple[State, Transition], State] = {
 class Safety:
     """One device's limits and state. `limit` once a tick; forces are shape (axes,) [N].
 
-    gain      of the ramp, 0 to 1
-    law_n     force of this tick before ramp and slope limit, clamped to the device's peak
-    limited   whether a limit held the force of this tick: peak, warm motors or slope; `derated` whether warm motors did
-    diverged  why this end has diverged, "" if it has not
+    gain       of the ramp, 0 to 1
+    clamped_n  force of this tick before ramp and slope limit, clamped to the device's peak
+    limited    whether a limit held the force of this tick: peak, warm motors or slope; `derated` whether warm motors did
+    diverged   why this end has diverged, "" if it has not
     """
 
     def __init__(self, capability: Capability, tick_s: float, length_scale: float = 1.0) -> None:
@@ -72,7 +72,7 @@ class Safety:
         self._limit_ticks = round(AT_LIMIT_S / tick_s)
         self._derated_ticks = round(DERATED_S / tick_s)
         self.gain = 0.0
-        self.law_n: Sequence[float] = (0.0,) * capability.axes
+        self.clamped_n: Sequence[float] = (0.0,) * capability.axes
         self._absent = 0.0
         self._at_limit = 0
         self._derated = 0
@@ -206,11 +206,11 @@ class Safety:
                 self.note("non-finite force")
                 self.fail("the force law gave a number that is not finite; re-arm")
             elif further is None:
-                self.law_n = translation.clip(force_n, size_n)
+                self.clamped_n = translation.clip(force_n, size_n)
             else:
                 force, rest = force_n[:PLACES], force_n[PLACES:]
-                self.law_n = [*translation.clip(force, hypot(*force)), *further.clip(rest, hypot(*rest))]
-        out = tuple(self.law_n) if gain == 1.0 else tuple([gain * value for value in self.law_n])
+                self.clamped_n = [*translation.clip(force, hypot(*force)), *further.clip(rest, hypot(*rest))]
+        out = tuple(self.clamped_n) if gain == 1.0 else tuple([gain * value for value in self.clamped_n])
         fall = self._fault_fall if self.state == "fault" else 0.0  # also for a fault that this call has found
         if further is None:
             out = translation.follow(out, gap, fall)

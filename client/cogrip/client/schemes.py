@@ -1,5 +1,6 @@
-"""Table of the coupling schemes, by the name in `coupling.kind`. A new one also needs a row at the
-server, a message and more: docs/design.md, "How is a coupling scheme added?".
+"""Coupling schemes at the client, by the name in `coupling.kind`.
+
+A new one also needs a row at the server and more: docs/design.md, "Add a coupling scheme".
 """
 
 from collections.abc import Callable

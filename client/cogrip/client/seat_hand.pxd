@@ -16,12 +16,12 @@ cdef class SeatHand:
     cdef public object effects
     cdef public object settings
     cdef public ClientSession session
-    cdef public object _axes
+    cdef public object _axis_units
     cdef public object handle
     cdef public object capability
     cdef public object _record
     cdef public tuple force_n
-    cdef public object _frame
+    cdef public object _hand_map
     cdef public object _ordered
     cdef public object aids
     cdef public HandChanges changes

@@ -1,7 +1,7 @@
 """The hand of a seat: its device's record, how it moves its tool (theory 1.1), and what is changed of that in the session.
 
 A change waits for a frame's border, where nothing of a frame is on its way into the line: the energy ledger then splits
-between two ticks, exactly (`EnergyLedger.set_weight`). Places of hand and tool stay, and the force ramps in anew.
+between two ticks, exactly (`EnergyLedger.set_power_ratio`). Places of hand and tool stay, and the force ramps in anew.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from cogrip.client.energy_ledger import EnergyLedger
 from cogrip.client.grip_axes import GripAxes
 from cogrip.client.hand_aids import HandAids
 from cogrip.client.hand_changes import HandChanges
-from cogrip.client.hand_frame import HandFrame
+from cogrip.client.hand_map import HandMap
 from cogrip.client.hand_motion import HandMotion
 from cogrip.client.handle import HandleReader, has_handle
 from cogrip.client.pose_axes import PoseAxes, Row, in_lengths
@@ -28,7 +28,7 @@ from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.tool_frame import ToolFrame
 
 
-def axes_of(seat: SeatSettings) -> PoseAxes | GripAxes | None:
+def axis_units_of(seat: SeatSettings) -> PoseAxes | GripAxes | None:
     """Return what makes lengths of the axes of a seat; None where all are."""
     axes, length_scale = seat.object.axes, seat.coupling.length_scale
     return PoseAxes(length_scale) if axes == POSE_AXES else GripAxes(length_scale) if axes == GRIP_AXES else None
@@ -42,8 +42,8 @@ class SeatHand:
     """
 
     __slots__ = (
-        "_axes", "_frame", "_ordered", "_record", "aids", "capability", "changes", "coupling", "effects", "force_n", "hand",
-        "handle", "ledger", "safety", "session", "settings",
+        "_axis_units", "_hand_map", "_ordered", "_record", "aids", "capability", "changes", "coupling", "effects", "force_n",
+        "hand", "handle", "ledger", "safety", "session", "settings",
     )  # fmt: skip
 
     coupling: Coupling
@@ -55,19 +55,19 @@ class SeatHand:
     def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability) -> None:
         self.settings = seat
         self.session = session
-        self._axes = axes_of(seat)
+        self._axis_units = axis_units_of(seat)
         self.handle: HandleReader | None = None  # where the device has one
         self._set_record(capability)
         self.force_n: Row = (0.0,) * seat.object.axes
-        self._frame: HandFrame | None = None  # None: the tool moves as the hand, as all but the coupling see it
+        self._hand_map: HandMap | None = None  # None: the tool moves as the hand, as all but the coupling see it
         self._ordered: HandChange | None = None  # what the next frame's border changes
         self.aids = HandAids(seat.workspace_limit, seat.gravity_compensation, self.capability, seat.rates.tick_s)
         self.changes = HandChanges(of_seat(seat))
 
     def _set_record(self, capability: Capability) -> None:
         self.capability = self._record = capability.first(self.settings.object.axes)
-        if self._axes is not None:
-            self._record = in_lengths(self.capability, self._axes.length_scale)
+        if self._axis_units is not None:
+            self._record = in_lengths(self.capability, self._axis_units.length_scale)
         if self.handle is None and has_handle(capability):
             self.handle = HandleReader(self.session.dropped)
         if self.handle is not None:
@@ -77,53 +77,53 @@ class SeatHand:
     def pose(self) -> Row:
         """Position of the hand [m], and rotation vector [rad] or opening [m]."""
         position = self.hand.position_m
-        return position if self._axes is None else self._axes.pose(position)
+        return position if self._axis_units is None else self._axis_units.pose(position)
 
     @property
     def twist(self) -> Sequence[float]:
         """Velocity of the hand [m/s], and angular velocity [rad/s] or rate of opening [m/s]."""
         velocity = self.hand.velocity_mps
-        return velocity if self._axes is None else self._axes.rates(velocity)
+        return velocity if self._axis_units is None else self._axis_units.rates(velocity)
 
     @property
     def wrench(self) -> Row:
         """Force [N] and torque [N m], or force of the gripper [N], of this tick, shape (axes,)."""
-        return self.force_n if self._axes is None else self._axes.wrench(self.force_n)
+        return self.force_n if self._axis_units is None else self._axis_units.wrench(self.force_n)
 
     def _fit_coupling(self) -> None:
         raise NotImplementedError
 
-    def _set_tool(self, tool: ToolFrame) -> HandFrame:
+    def _set_tool(self, tool: ToolFrame) -> HandMap:
         """Have the tool follow the hand so."""
-        frame = self._frame = HandFrame(tool, self.settings.object.axes)
-        self.ledger.set_weight(frame.weight)
-        return frame
+        hand_map = self._hand_map = HandMap(tool, self.settings.object.axes)
+        self.ledger.set_power_ratio(hand_map.power_ratio)
+        return hand_map
 
     def tool_m(self) -> Row:
         """Return the tool's place, in lengths."""
         position = self.hand.position_m
-        return position if self._frame is None else self._frame.place(position)
+        return position if self._hand_map is None else self._hand_map.place(position)
 
     def tool_pose(self) -> Row:
         """Return the tool's position [m], and rotation vector [rad] or opening [m]."""
-        frame, axes = self._frame, self._axes
-        if frame is None:
+        hand_map, units = self._hand_map, self._axis_units
+        if hand_map is None:
             return self.pose
-        place = frame.place(self.hand.position_m)
-        if axes is None:
+        place = hand_map.place(self.hand.position_m)
+        if units is None:
             return place
-        return place[:PLACES] + frame.rotation(self.pose[PLACES:]) if frame.turns else axes.pose(place)
+        return place[:PLACES] + hand_map.rotation(self.pose[PLACES:]) if hand_map.turns else units.pose(place)
 
     # Clutch and changes
 
     @property
     def clutched(self) -> bool:
         """Return whether the clutch is to be held, whatever its button does."""
-        return self._frame is not None and self._frame.asked
+        return self._hand_map is not None and self._hand_map.asked
 
     def clutch(self, held: bool) -> None:
         """Hold the clutch, or release it: from the next tick on."""
-        (self._frame or self._set_tool(ToolFrame())).asked = held
+        (self._hand_map or self._set_tool(ToolFrame())).asked = held
 
     def set_hand(self, change: HandChange) -> None:
         """Set a change, which applies from the end of the frame under way."""
@@ -137,10 +137,10 @@ class SeatHand:
 
     def holds(self) -> HandChange:
         """Return what holds now, as it is reported."""
-        frame = self._frame
-        tool = ToolFrame() if frame is None else frame.frame
+        hand_map = self._hand_map
+        tool = ToolFrame() if hand_map is None else hand_map.tool
         return HandChange(
-            tool.position_scale, tool.force_scale, tool.rotation, frame is not None and frame.held,
+            tool.position_scale, tool.force_scale, tool.rotation, hand_map is not None and hand_map.held,
             self.aids.limit, self.aids.carries,
         )  # fmt: skip
 
@@ -149,25 +149,25 @@ class SeatHand:
         changed = border and self._ordered is not None
         if changed:
             self._change()
-        if (frame := self._frame) is not None:
-            frame.hold(frame.asked or bool(sample.buttons & frame.button), self.hand.position_m, self.pose)
-            self.safety.event("clutch" if frame.held else "engage")
-        if changed or (border and frame is not None and self.holds() != self.changes.holds):
+        if (hand_map := self._hand_map) is not None:
+            hand_map.hold(hand_map.asked or bool(sample.buttons & hand_map.button), self.hand.position_m, self.pose)
+            self.safety.event("clutch" if hand_map.held else "engage")
+        if changed or (border and hand_map is not None and self.holds() != self.changes.holds):
             self.changes.report(self.holds())
 
     def _change(self) -> None:
         change, self._ordered = self._ordered, None
         assert change is not None
-        frame = self._frame
-        tool = change.frame(frame.frame if frame is not None else None)
-        if tool != (frame.frame if frame is not None else ToolFrame()):
-            if frame is None:
-                frame = self._set_tool(ToolFrame())
-            frame.change(tool, self.hand.position_m, self.pose)
-            self.ledger.set_weight(frame.weight)
+        hand_map = self._hand_map
+        tool = change.frame(hand_map.tool if hand_map is not None else None)
+        if tool != (hand_map.tool if hand_map is not None else ToolFrame()):
+            if hand_map is None:
+                hand_map = self._set_tool(ToolFrame())
+            hand_map.change(tool, self.hand.position_m, self.pose)
+            self.ledger.set_power_ratio(hand_map.power_ratio)
             self.settings = replace(self.settings, tool=tool)
             self._fit_coupling()
-            if self.effects is not None:  # their springs held energy by the weight before
+            if self.effects is not None:  # their springs held energy by the ratio before
                 self.effects.begin_anew()
             self.safety.ramp_anew()
         if change.workspace_limit_m is not None or change.gravity_compensation is not None:

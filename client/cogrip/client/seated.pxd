@@ -32,7 +32,7 @@ cdef class SeatedClient(SeatHand):
     cpdef sense(self, long long tick, sample, long long now_ns)
     cpdef tuple place(self)
     @cython.locals(
-        coupling=Coupling, ledger=EnergyLedger, hand=HandMotion, port=DevicePort, weight=double, work=double,
+        coupling=Coupling, ledger=EnergyLedger, hand=HandMotion, port=DevicePort, ratio=double, work=double,
         first="long long", tick="long long", length="long long", ended=bint, absent=bint, held=bint, hold=double,
         given_j=double, pending_j=double,
     )
@@ -49,4 +49,4 @@ cdef class SeatedClient(SeatHand):
         law=double, speed=double, fraction=double, extra=double, local=double, left=double, other=double,
     )
     cdef tuple _render(self)
-    cdef _release(self, cause)
+    cdef _degrade(self, cause)

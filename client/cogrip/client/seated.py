@@ -30,8 +30,8 @@ from cogrip.protocol.session import ClientSession
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
 
-RELEASE_S = 0.5  # from `stop`, in which the line releases the object
-MOST_LOOP_S = 0.5  # for which the end waits until the server knows
+LEAVE_FADE_S = 0.5  # from `stop`: fade of what the line still holds the object by
+MOST_LOOP_S = 0.5  # then a client that leaves stays for one measured loop, so that the end of it arrives: this at most
 MakePort = Callable[[Capability, float], DevicePort]
 
 
@@ -83,9 +83,9 @@ class SeatedClient(SeatHand):
 
     def _fit_coupling(self) -> None:
         self.coupling.set_latency(self.capability.latency_ticks)
-        record, frame = self._record, self._frame
-        if frame is not None:
-            record = frame.record(record, self.settings.rates.tick_s)
+        record, hand_map = self._record, self._hand_map
+        if hand_map is not None:
+            record = hand_map.record(record, self.settings.rates.tick_s)
         self.coupling.fit(record, self.port.lag_s)
 
     def equip(self, capability: Capability) -> None:
@@ -122,7 +122,7 @@ class SeatedClient(SeatHand):
 
     def _begin_at(self, position_m: Row) -> None:
         """Set the place of the hand at which the line begins."""
-        self._origin_m = position_m if self._frame is None else self._frame.place(position_m)
+        self._origin_m = position_m if self._hand_map is None else self._hand_map.place(position_m)
         self._origin_pose = self.tool_pose()
 
     def stop(self) -> None:
@@ -138,8 +138,8 @@ class SeatedClient(SeatHand):
 
     def applied(self, force_n: tuple[float, ...]) -> None:
         """Set the force that the device applies in place of the one that `act` returned."""
-        if self._axes is not None:
-            force_n = self._axes.force(force_n)
+        if self._axis_units is not None:
+            force_n = self._axis_units.force(force_n)
         self.safety.applied(force_n)
         self.force_n = force_n
 
@@ -175,8 +175,8 @@ class SeatedClient(SeatHand):
         hand, handle = self.hand, self.handle
         if handle is not None and sample is not None:
             handle.read(sample, tick)
-        if self._axes is not None and sample is not None:
-            sample = self._axes.lengths(sample)
+        if self._axis_units is not None and sample is not None:
+            sample = self._axis_units.lengths(sample)
         position = hand.update(tick, elapsed, sample)
         ended = False
         if self._origin_m is None:
@@ -191,33 +191,33 @@ class SeatedClient(SeatHand):
         elif (ended := self._account(elapsed, position)) and session.state == "seated":
             message = self.coupling.message(
                 self.session_id, session.clock.stamp(now_ns), self._origin_pose, self.place(),
-                hand.velocity_mps if self._frame is None else self._frame.shown(hand.velocity_mps),
+                hand.velocity_mps if self._hand_map is None else self._hand_map.shown(hand.velocity_mps),
             )  # fmt: skip
             if handle is not None and (told := handle.message(tick)) is not None:
                 message = replace(message, handle=told)
             session.outbox.append(encode(message))
         elif handle is not None and session.state == "seated" and (told := handle.message_at_once(tick)) is not None:
             session.outbox.append(encode(Edges(self.session_id, session.clock.stamp(now_ns), told)))
-        if sample is not None and (self._frame is not None or self._ordered is not None):
+        if sample is not None and (self._hand_map is not None or self._ordered is not None):
             self._follow(sample, ended or self._origin_m is None)
 
     def place(self) -> Row:
         """Return the tool's pose, and of one that turns also the angle travelled since the line's beginning."""
-        if not isinstance(self._axes, PoseAxes):
+        if not isinstance(self._axis_units, PoseAxes):
             return self.tool_pose()
         assert self._origin_m is not None
         moved = [at - begun for at, begun in zip(self.tool_m(), self._origin_m, strict=True)]
-        return self.tool_pose() + self._axes.rates(moved)[PLACES:]
+        return self.tool_pose() + self._axis_units.rates(moved)[PLACES:]
 
     def _account(self, elapsed: int, position_m: tuple[float, ...] | None) -> bool:
         """Add `elapsed` ticks, to the hand's place `latency_ticks` ago, to coupling and ledgers. True if a frame ended."""
         coupling, ledger, hand = self.coupling, self.ledger, self.hand
         force = ledger.acting(elapsed, self.force_n) if hand.latency_ticks and elapsed else self.force_n
-        frame, weight, aids = self._frame, ledger.weight, self.aids
-        law_n = force
+        hand_map, ratio, aids = self._hand_map, ledger.power_ratio, self.aids
+        coupling_n = force
         if aids.active or self.effects is not None:
-            law_n = self._coupling_part(elapsed, force, position_m)
-        coupling.applied_n = law_n if frame is None else frame.tool_force(law_n)
+            coupling_n = self._coupling_part(elapsed, force, position_m)
+        coupling.applied_n = coupling_n if hand_map is None else hand_map.tool_force(coupling_n)
         if position_m is None or not elapsed:
             mean: Sequence[float] = (0.0,) * len(force)
         else:
@@ -226,12 +226,12 @@ class SeatedClient(SeatHand):
         first = self.tick - elapsed + 1
         ended, velocity = False, hand.start_mps
         absent, held, hold = self.safety.state == "fault", False, 1.0
-        if frame is not None:
-            held, mean, velocity = frame.held, frame.shown(mean), frame.shown(velocity)
+        if hand_map is not None:
+            held, mean, velocity = hand_map.held, hand_map.shown(mean), hand_map.shown(velocity)
         if self._stopped is None:
             self._stop_mps = mean
         else:  # the fading force lets the hand move off: the line gets the velocity at `stop`, scaled by `hold`
-            hold = max(0.0, 1.0 - (self.tick - self._stopped) / (RELEASE_S * self._rate_hz))
+            hold = max(0.0, 1.0 - (self.tick - self._stopped) / (LEAVE_FADE_S * self._rate_hz))
             velocity = mean = self._stop_mps
         port = self.port
         for tick in range(first, self.tick + 1):
@@ -245,15 +245,15 @@ class SeatedClient(SeatHand):
                 coupling.elapse(mean, velocity, hold)
             if tick >= self._frame_end:
                 ended = True
-                port.set_energies(ledger.work.value + aids.potential_j, ledger.given_j, weight * coupling.pending_j)
-                length = coupling.end_frame(port.spare_j / weight)
+                port.set_energies(ledger.work.value + aids.potential_j, ledger.given_j, ratio * coupling.pending_j)
+                length = coupling.end_frame(port.spare_j / ratio)
                 port.set_energies(ledger.work.value + aids.potential_j, ledger.given_j)  # less what was sent
                 if position_m is not None:
                     self._end_frame(position_m, tick - self._frame_begin)
                 self._frame_begin, self._frame_end = tick, tick + length
         given_j, pending_j = coupling.given_j, coupling.pending_j
-        if frame is not None:
-            given_j, pending_j = weight * given_j, weight * pending_j
+        if hand_map is not None:
+            given_j, pending_j = ratio * given_j, ratio * pending_j
         port.set_energies(ledger.work.value + aids.potential_j, ledger.closed_given_j + given_j, pending_j)
         ledger.compare()
         return ended
@@ -279,7 +279,7 @@ class SeatedClient(SeatHand):
     def _end_frame(self, position_m: tuple[float, ...], ticks: int) -> None:
         start_m, self._frame_start_m = self._frame_start_m, position_m
         self.peaks.travel_m += dist(position_m[:PLACES], start_m[:PLACES])
-        stored_j, effects = self.ledger.weight * self.coupling.stored_j, self.effects
+        stored_j, effects = self.ledger.power_ratio * self.coupling.stored_j, self.effects
         if self.aids.active:
             stored_j += self.aids.stored_j(position_m)
         if effects is not None:
@@ -291,8 +291,8 @@ class SeatedClient(SeatHand):
         if self.felt is not None:
             side = self.settings.side_sign
             force_n = self.force_n if effects is None else effects.rest_of(self.force_n)
-            if self._frame is not None:
-                position_m, force_n = self._frame.place(position_m), self._frame.tool_force(force_n)
+            if self._hand_map is not None:
+                position_m, force_n = self._hand_map.place(position_m), self._hand_map.tool_force(force_n)
             depth, direction = self.coupling.pressed or (side * position_m[0], (side,))
             self.felt.add(depth, sum(map(mul, direction, force_n)))
 
@@ -319,42 +319,43 @@ class SeatedClient(SeatHand):
             if size > peaks.force_n:
                 peaks.force_n = size
         else:
-            peaks.enter(force, before, self._axes)
+            peaks.enter(force, before, self._axis_units)
         self.force_n = force
-        return force if self._axes is None else self._axes.wrench(force)
+        return force if self._axis_units is None else self._axis_units.wrench(force)
 
     def _render(self) -> tuple[float, ...]:
         """Return the force of this tick [N], shape (axes,), limited by energy (`port`), then by the device (`safety`).
 
-        law_n: of coupling, effects and injected damping, None for none; aids_n: of workspace limit and gravity compensation;
-        wanted_n: of both; limited_n: the same, clamped to the device's peak; cut_n: what that removed of the coupling's part.
+        rendered_n  of coupling, effects and injected damping; None for none
+        aids_n      of workspace limit and gravity compensation; wanted_n: of both
+        clamped_n   the same, clamped to the device's peak; cut_n: what that removed of the coupling's part
         """
         coupling, safety, port, hand = self.coupling, self.safety, self.port, self.hand
         port.elapse()
-        frame = self._frame
-        if frame is None:
+        hand_map = self._hand_map
+        if hand_map is None:
             coupling.carried_nspm = port.carried_nspm
             wanted_n = coupling.force(hand.position_m, hand.velocity_mps) if safety.state != "fault" else None
         else:
-            coupling.carried_nspm = port.carried_nspm / frame.stiffest
-            tool_m, tool_mps = frame.place(hand.position_m), frame.rates(hand.velocity_mps)
-            wanted_n = frame.hand_force(coupling.force(tool_m, tool_mps)) if safety.state != "fault" else None
+            coupling.carried_nspm = port.carried_nspm / hand_map.stiffest
+            tool_m, tool_mps = hand_map.place(hand.position_m), hand_map.rates(hand.velocity_mps)
+            wanted_n = hand_map.hand_force(coupling.force(tool_m, tool_mps)) if safety.state != "fault" else None
         if (effects := self.effects) is not None:
-            wanted_n = effects.added(self.tick, wanted_n, hand.position_m, hand.velocity_mps, safety, port, frame)
+            wanted_n = effects.added(self.tick, wanted_n, hand.position_m, hand.velocity_mps, safety, port, hand_map)
         if port.balance_j < 0.0 and wanted_n is not None and (injected := port.injected_nspm):
             wanted_n = [law + injected * speed for law, speed in zip(wanted_n, hand.velocity_mps, strict=True)]
-        law_n, aids, aids_n = wanted_n, self.aids, self._zero_n
-        if aids.active and law_n is not None:
+        rendered_n, aids, aids_n = wanted_n, self.aids, self._zero_n
+        if aids.active and rendered_n is not None:
             aids_n = aids.force(hand.position_m, hand.velocity_mps)
-            wanted_n = [law + extra for law, extra in zip(law_n, aids_n, strict=True)]
+            wanted_n = [law + extra for law, extra in zip(rendered_n, aids_n, strict=True)]
         force = safety.limit(port.limit(wanted_n) if wanted_n is not None else None, coupling.gap)
         coupling.ramp_gain = safety.gain
         port.ramped = safety.gain != 1.0
         coupling.cut_n = None
         if aids.active:
             aids.share(aids_n, wanted_n or self._zero_n, force)
-        if wanted_n is not None and law_n is not None and safety.state == "live":
-            local_n = coupling.local_n if frame is None else frame.hand_force(coupling.local_n)
+        if wanted_n is not None and rendered_n is not None and safety.state == "live":
+            local_n = coupling.local_n if hand_map is None else hand_map.hand_force(coupling.local_n)
             watched_n: Sequence[float] = force
             reduced = coupling.reduced
             if effects is not None and effects.asked_n is not None:
@@ -362,20 +363,19 @@ class SeatedClient(SeatHand):
                 reduced = reduced or effects.reduced
             if port.ramped:
                 local_n = [safety.gain * local for local in local_n]
-            elif (
-                limited_n := safety.law_n
-            ) is not wanted_n:  # the line must not be given energy for force that limits removed
-                cut_n = [law - left for law, left in zip(wanted_n, limited_n, strict=True)]
+            elif (clamped_n := safety.clamped_n) is not wanted_n:
+                # the line must not be given energy for force that limits removed
+                cut_n = [law - left for law, left in zip(wanted_n, clamped_n, strict=True)]
                 if aids.active or (effects is not None and effects.asked_n is not None):
                     effects_n = effects.asked_n if effects is not None and effects.asked_n is not None else self._zero_n
-                    fraction = 1.0 - part_of(limited_n, wanted_n)
-                    cut_n = [fraction * (law - other) for law, other in zip(law_n, effects_n, strict=True)]
-                coupling.cut_n = cut_n if frame is None else frame.tool_force(cut_n)
+                    fraction = 1.0 - part_of(clamped_n, wanted_n)
+                    cut_n = [fraction * (law - other) for law, other in zip(rendered_n, effects_n, strict=True)]
+                coupling.cut_n = cut_n if hand_map is None else hand_map.tool_force(cut_n)
             if cause := port.watch(watched_n, safety.at_peak, local_n, safety.limited, reduced):
-                self._release(cause)
+                self._degrade(cause)
         return force
 
-    def _release(self, cause: Cause) -> None:
+    def _degrade(self, cause: Cause) -> None:
         """Ramp the force out (`degraded`); a fault where that has not helped MOST_RELEASES times."""
         safety, reason = self.safety, cure(cause, self.settings, self.capability)
         safety.note(f"released: {cause}")
@@ -386,12 +386,12 @@ class SeatedClient(SeatHand):
             safety.event("stale", reason)
 
     @property
-    def released(self) -> bool:
+    def may_leave(self) -> bool:
         """True once no force is left on the hand, and the server knows: leaving is then no force step for the others."""
         if not self.safety.quiet or self._stopped is None or self.session.state != "seated":
             return self.safety.quiet
         loop_s = ((self.coupling.loop_frames() or 0.0) + self.late_frames) * self._ticks_per_frame / self._rate_hz
-        return self.tick - self._stopped >= (RELEASE_S + min(loop_s, MOST_LOOP_S)) * self._rate_hz
+        return self.tick - self._stopped >= (LEAVE_FADE_S + min(loop_s, MOST_LOOP_S)) * self._rate_hz
 
     @property
     def late_frames(self) -> float:

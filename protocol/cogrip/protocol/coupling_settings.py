@@ -9,6 +9,7 @@ import msgspec
 from cogrip.protocol import decimation
 from cogrip.protocol import felt_stiffness as felt
 from cogrip.protocol import setting_types as types
+from cogrip.protocol.coupling_kinds import COUPLING_KINDS, CouplingKind
 from cogrip.protocol.line.delays import Direction, PlayoutDelay, line_delay
 from cogrip.protocol.line_tuning import USUAL_NSPM, corner_hz, filter_lag_s, tuning
 from cogrip.protocol.rates import Rates
@@ -33,6 +34,11 @@ class CouplingBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         0.02  # of the axes that turn, where there are six
     )
     grip_impedance_nspm: types.Impedance | msgspec.UnsetType = msgspec.UNSET  # of a gripper, where there is one
+
+    @property
+    def traits(self) -> CouplingKind:
+        """Properties of its kind."""
+        return COUPLING_KINDS[self.kind]
 
 
 class CouplingSection(CouplingBase, frozen=True, forbid_unknown_fields=True):
@@ -99,9 +105,8 @@ def of_seat(
         found = tuning(round_trip_s(playout, directions, rates) + rates.frame_s, prefer)
         b = found.impedance_nspm if auto[0] else b
         corner = corner_hz(found.filter_lag_s) if auto[1] else corner
-    live = (
-        asked.kind in ("wave", "local") and asked.server_step == "passive"
-    )  # the other schemes keep what they begin with
+    # the other schemes keep what they begin with
+    live = asked.traits.waves and asked.server_step == "passive"
     return Coupling(impedance_nspm=b, **values), LineTuning(corner, auto[0] and live, auto[1] and live, prefer)
 
 

@@ -376,7 +376,8 @@ def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
     return b"".join([_POSE.pack(body, *pose) for body, pose in poses])
 
 
-Frame = Waves | State | Power  # what couplings send, one a frame
+Latest = State | Power  # frames of which the newest wins
+Frame = Waves | Latest  # what couplings send, one a frame
 Observed = Person | Bodies | Geom | Mark | Effects  # what observers are sent beside views
 AnyMessage = (
     Hello | Welcome | Refuse | Frame | Edges | Heartbeat | Leave | Farewell | View | Observed | SetHand | Redirect

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 def unfit_object(settings: "Settings", compensated: Sequence[str]) -> str:
     """Return why settings do not fit their kind of object, with the cure; "" where they do. compensated: who asks for that."""
     given, coupling = settings.object, settings.coupling
+    local = coupling.traits.local
     if why := unfit(settings.task, given.kind == "scene"):
         return why
     if why := unfit_kind(given.kind):
@@ -28,9 +29,9 @@ def unfit_object(settings: "Settings", compensated: Sequence[str]) -> str:
                 return f'{key} = {value!r} is for object.kind = "scene", not "{given.kind}"; leave one of them out'
         if given.axes > PLACES and given.kind in KINDS:
             return f'object.axes = {given.axes}, but object.kind = "{given.kind}" has at most {PLACES}; lower it'
-    if coupling.kind == "local" and given.kind not in LOCAL_KINDS:
+    if local and given.kind not in LOCAL_KINDS:
         return (
-            f'coupling.kind = "local" renders contact, and with object.kind = "{given.kind}" a client knows none; '
+            f'coupling.kind = "{coupling.kind}" renders contact, and with object.kind = "{given.kind}" a client knows none; '
             'set object.kind to "wall", "faces" or "scene", or coupling.kind = "wave"'
         )
     if kind_of(given.kind).spring:
@@ -38,9 +39,7 @@ def unfit_object(settings: "Settings", compensated: Sequence[str]) -> str:
     scene, step = given.kind == "scene", coupling.server_step
     grips = any(user.grips for user in settings.users)
     axes = GRIP_AXES if grips else given.axes
-    proxy = (
-        PLACES if coupling.kind == "local" and axes == POSE_AXES else 0
-    )  # in the room of as many waves (SPEC.md 3.6)
+    proxy = PLACES if local and axes == POSE_AXES else 0  # in the room of as many waves (SPEC.md 3.6)
     refused = [
         (scene and not given.file, 'object.file = "" names no scene', 'give an MJCF or URDF file, such as "lift.xml"'),
         (
@@ -74,7 +73,7 @@ def unfit_object(settings: "Settings", compensated: Sequence[str]) -> str:
             f"set it to at most {(MOST_WAVES - proxy) // axes}",
         ),
         (
-            scene and given.axes == POSE_AXES and coupling.kind not in ("wave", "local"),
+            scene and given.axes == POSE_AXES and not coupling.traits.waves,
             f'coupling.kind = "{coupling.kind}" has no poses',
             'set coupling.kind = "wave" or "local", or object.axes = 3',
         ),

@@ -6,7 +6,7 @@ value, the bound and the cure. `seat_settings` returns what one user's client an
 
 from collections import Counter
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, assert_never
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec.structs import replace
@@ -191,7 +191,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     @property
     def asked_npm(self) -> float | None:
         """K that was asked for, at the hand; None where no spring stands between a person and the object."""
-        spring = self.coupling.kind == "local" or kind_of(self.object.kind).spring
+        spring = self.coupling.traits.local or kind_of(self.object.kind).spring
         return self.force_scale * self.coupling.stiffness_npm if spring else None
 
     @property
@@ -202,7 +202,7 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     @property
     def local_contact(self) -> str | None:
         """Kind of object with which the client renders contact itself; None where the line does it all."""
-        return self.object.kind if self.coupling.kind == "local" else None
+        return self.object.kind if self.coupling.traits.local else None
 
     @property
     def copy_kg(self) -> float:
@@ -213,13 +213,13 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     def holds_still(self) -> bool:
         """True where a hand can press on what nobody moves: the stiffness that it feels is measured there."""
         kind = self.object.kind
-        return kind_of(kind).fixed or (self.coupling.kind == "local" and kind == "scene")
+        return kind_of(kind).fixed or (self.coupling.traits.local and kind == "scene")
 
     @property
     def adapts_stiffness(self) -> bool:
         """True where the server adapts the spring to the measured loop (docs/decisions/0012-measured-delay.md)."""
         coupling = self.coupling
-        return coupling.compensate and coupling.kind == "wave" and coupling.server_step == "passive"
+        return coupling.compensate and coupling.traits.felt_through_waves and coupling.server_step == "passive"
 
     @property
     def loop_s(self) -> float:
@@ -240,9 +240,9 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         late_frames: age of the device's samples, and the line's position deficit [frames of its wave]: both make the line
         softer, and no server knows of them.
         """
-        if self.coupling.kind == "local" and kind_of(self.object.kind).fixed:
+        if self.coupling.traits.local and kind_of(self.object.kind).fixed:
             return self.force_scale * self.coupling.stiffness_npm
-        if self.coupling.kind != "wave" or not kind_of(self.object.kind).spring:
+        if not self.coupling.traits.felt_through_waves or not kind_of(self.object.kind).spring:
             return None
         rendered = self.rendered_npm
         if self.adapts_stiffness:
@@ -312,12 +312,10 @@ def tuned_coupling(settings: Settings, user: User) -> tuple[Coupling, LineTuning
 def not_passive(settings: Settings) -> str:
     """Return the settings by which a room is not passive, "" if none does that."""
     coupling = settings.coupling
-    if coupling.kind == "coupling":
-        return 'coupling.kind = "coupling"'
-    if coupling.kind == "tdpa":
+    if not coupling.traits.passive:
+        return f'coupling.kind = "{coupling.kind}"'
+    if not coupling.traits.waves:
         return ""
-    if coupling.kind != "wave" and coupling.kind != "local":
-        assert_never(coupling.kind)
     active = ['coupling.server_step = "paper"'] if coupling.server_step == "paper" else []
     decimators = {coupling_of(settings, user).decimator for user in settings.users}
     return ", ".join(active + [f'decimator = "{each}"' for each in ("lowpass", "none") if each in decimators])
@@ -346,7 +344,7 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
     if why := unfit_line(coupling, line):
         raise SettingsError(f"users.{seat} ({user.name}): {why}")
     rendered = coupling.stiffness_npm
-    if coupling.compensate and coupling.kind == "wave":
+    if coupling.compensate and coupling.traits.felt_through_waves:
         compliance = line_compliance(coupling, line, rates, round_trip_s(settings.playout, (up, down), rates))
         try:
             rendered = felt.compensated_stiffness(coupling.stiffness_npm, coupling.impedance_nspm, compliance)

@@ -53,7 +53,7 @@ class RoomEffects:
         return self._of[user]
 
 
-class ToldEffects:
+class EffectSender:
     """Effects that one seat session is told. An effect is repeated until the client has answered that it knows it.
 
     refused  why effects were refused since its owner emptied it

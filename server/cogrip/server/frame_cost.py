@@ -36,7 +36,7 @@ class StillHand:
         self._message, self._session = message, session
         self._sender, self._number = LineSender(axes, seat.playout.redundancy), 0
         self._zero = (0.0,) * axes
-        proxy = min(axes, PLACES) if seat.coupling.kind == "local" else 0
+        proxy = min(axes, PLACES) if seat.coupling.traits.local else 0
         self._state = (0.0,) * (2 * axes + PLACES * (axes == POSE_AXES) + proxy)
 
     def frame(self, now_ns: int) -> bytes:

@@ -11,13 +11,13 @@ from cogrip.protocol.messages import Edges, Frame, Stamp
 from cogrip.protocol.session import LOST_NS, QUIET_NS, SEAT
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.checkpoint import SeatCheckpoint
-from cogrip.server.effects import ToldEffects
+from cogrip.server.effects import EffectSender
+from cogrip.server.geometry_sender import GeometrySender
 from cogrip.server.hand_changes import HandChanges
 from cogrip.server.port import Port
 from cogrip.server.rate_limit import HELLOS, Buckets
 from cogrip.server.seat_limits import Record, SeatLimits
 from cogrip.server.stiffness_adaptation import StiffnessAdapter
-from cogrip.server.told_geometry import ToldGeometry
 
 MOST_EARLIER = 8  # seat sessions before the last one that a seat keeps the accounts of
 
@@ -79,11 +79,11 @@ class Seat(Participant):
         self.rtt_ns: int | None = None  # newest measured round trip
         self.port: Port | None = None
         self.adapter: StiffnessAdapter | None = None
-        self.geometry: ToldGeometry | None = None  # where its client renders contact
+        self.geometry: GeometrySender | None = None  # where its client renders contact
         self.hand = HandChanges(settings, settings.rates.network_hz)
-        self.effects: ToldEffects | None = None  # once there are any
+        self.effects: EffectSender | None = None  # once there are any
         self.on_object = False
-        self.line_margin_j = 0.0
+        self.line_margin_j = 0.0  # of both directions of the line together, as `line_reserve`
         self.line_reserve = EnergyReserve(settings.rates.network_hz)
         self.account: ClientAccount | None = None  # reported by the client when it left
         self.last: SeatAccount | None = None  # of this end, at that time

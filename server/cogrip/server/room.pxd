@@ -23,7 +23,7 @@ cdef class Room:
     cdef public ObserverSlots observer_slots
     cdef public Markers markers
     cdef public RoomEffects effects
-    cdef public object _shown_effects
+    cdef public object _observer_effects
     cdef public list refused_effects
     cdef public long long steps
     cdef public object ticks
@@ -39,14 +39,14 @@ cdef class Room:
     cpdef list tick(self, long long now_ns, long long frames=*)
     @cython.locals(places=Py_ssize_t, before=tuple, here=tuple, failed=bint)
     cdef _advance(self, rows)
-    @cython.locals(port=Port, axes=Py_ssize_t, left_j=double, reserve_j=double, seen=tuple)
-    cdef _answer(self, Seat seat, tuple answer, double work_j, tuple state, long long frames, long long now_ns)
+    @cython.locals(port=Port, axes=Py_ssize_t, port_out_j=double, reserve_j=double, seen=tuple)
+    cdef _message_of(self, Seat seat, tuple answer, double work_j, tuple state, long long frames, long long now_ns)
     @cython.locals(
         seat=Seat, port=Port, number=Py_ssize_t, rows=list, row=tuple, next_step_ns="long long", missed="long long",
     )
     cdef list _pop(self, long long frames, long long now_ns)
     cdef _effects_of(self, Py_ssize_t number)
-    cdef bint _told_of(self, Seat seat) except -1
+    cdef bint _has_effects(self, Seat seat) except -1
     cdef _give_handle(self, number, EdgeReceiver handle)
     @cython.locals(seat=Seat)
     cpdef list silent(self, long long now_ns)

@@ -21,7 +21,8 @@ from cogrip.protocol.session import LOST_NS
 from cogrip.protocol.settings import Settings, seat_settings
 from cogrip.protocol.settings_digest import digest
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint
-from cogrip.server.effects import RoomEffects, ToldEffects
+from cogrip.server.effects import EffectSender, RoomEffects
+from cogrip.server.geometry_sender import GeometrySender
 from cogrip.server.hand_changes import HandChanges
 from cogrip.server.markers import Markers
 from cogrip.server.observers import ObserverSlots
@@ -31,14 +32,13 @@ from cogrip.server.schemes import SCHEMES, make_room_world
 from cogrip.server.seat_limits import BURST_S, Record, SeatLimits, limits_of
 from cogrip.server.seat_state import account_of, place_again, put_back
 from cogrip.server.stiffness_adaptation import StiffnessAdapter
-from cogrip.server.told_geometry import ToldGeometry
 from cogrip.server.worlds.world import WorldError
 
 RESERVED_NS = 5_000_000_000  # a restored seat is reserved so long for its ticket's holder
 
 
 class Room:
-    """Seats and world of one settings file.
+    """Seats and world of one settings file. In a step the world takes a row of each seat, and gives an answer to each.
 
     travel_m  path length of the object so far
     diverged  how the object left the workspace, "" if it has not
@@ -60,7 +60,7 @@ class Room:
         self.observer_slots = ObserverSlots(settings.admission.observers, settings.rates.network_hz)
         self.markers = Markers(settings.rates.network_hz)
         self.effects = RoomEffects(settings)
-        self._shown_effects: ToldEffects | None = None  # to observers
+        self._observer_effects: EffectSender | None = None  # to observers
         self.refused_effects: list[str] = []  # why, since its owner emptied it
         self.steps = 0
         self.ticks: Callable[[], TickCount] = lambda: TickCount(due=self.steps, run=self.steps)
@@ -109,7 +109,7 @@ class Room:
     def _tell_geometry(self, number: int) -> None:
         """Begin to send a player the shapes with which its client renders contact."""
         shapes = self.world.local_shapes(number)
-        self.seats[number].geometry = ToldGeometry(shapes, self.settings.rates.network_hz) if shapes else None
+        self.seats[number].geometry = GeometrySender(shapes, self.settings.rates.network_hz) if shapes else None
 
     def leave_seat(self, number: int, event: str) -> SeatAccount | None:
         """End a seat session by `leave`, `silence`, `kick` or `stop`; only after `silence` the ticket still resumes it.
@@ -233,16 +233,16 @@ class Room:
             seat = self.seats[number]
             if seat.port is None:
                 continue
-            if told := seat.hand.due(seat.session, self.steps):
-                out += [(seat.address, messages.encode(each)) for each in told]
+            if changes := seat.hand.due(seat.session, self.steps):
+                out += [(seat.address, messages.encode(each)) for each in changes]
             if seat.geometry is not None:
                 out += [(seat.address, messages.encode(geom)) for geom in seat.geometry.next(seat.session)]
             if not seat.on_object:  # its device is being opened: frames before its first one would only come late
                 out.append((seat.address, messages.encode(Heartbeat(seat.session, seat.clock.stamp(now_ns)))))
                 continue
-            if self._told_of(seat):
+            if self._has_effects(seat):
                 out += self._tell_effects(seat)
-            message = self._answer(seat, tuple(answers[number]), work[number], state, frames, now_ns)
+            message = self._message_of(seat, tuple(answers[number]), work[number], state, frames, now_ns)
             out.append((seat.address, messages.encode(message)))
         if self.observer_slots.observers:
             out += self.observer_slots.views(self.steps, world, self.seats, now_ns) + self._show_effects()
@@ -251,7 +251,7 @@ class Room:
         return out
 
     def _advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
-        """Step the world; put an object back that nobody can reach. Return the row to send to each seat."""
+        """Step the world by the row of each seat; put an object back that nobody can reach. Return the answer to each."""
         world, places = self.world, self._places
         before = world.motion()[:places]
         if not self.anybody_holds():
@@ -272,39 +272,39 @@ class Room:
         self.travel_m += dist(here, before)
         return answers
 
-    def _answer(self, seat: Seat, answer: Row, work_j: float, state: Row, frames: int, now_ns: int) -> Frame:
+    def _message_of(self, seat: Seat, answer: Row, work_j: float, state: Row, frames: int, now_ns: int) -> Frame:
         """Push a step's answer into a seat's line, update its energy reserve and margin, and return the message."""
         port, axes = seat.port, self._axes
         assert port is not None
         port.push(answer if port.axes == axes else answer[: port.axes])
-        port_in_j, left_j = port.port_in_j(), work_j + port.absorbed_j
+        port_in_j, port_out_j = port.port_in_j(), work_j + port.absorbed_j
         seat.line_reserve.elapse(frames)
         if port_in_j is not None:
-            reserve_j = port_in_j - left_j + port.rounding_j
+            reserve_j = port_in_j - port_out_j + port.rounding_j
             seat.line_reserve.update(reserve_j)
             if reserve_j < seat.line_margin_j:
                 seat.line_margin_j = reserve_j
         seen = state if port.axes == axes else state[: port.axes] + state[axes : axes + port.axes]
         if engaged := self.world.engaged_at(seat.number):
             seen = seen + engaged
-        return port.message(seat.session, seat.clock.stamp(now_ns), seen, -left_j)
+        return port.message(seat.session, seat.clock.stamp(now_ns), seen, -port_out_j)
 
     def _effects_of(self, number: int) -> Sequence[Effect]:
         settled, own = self.effects.of(number), self.world.effects_of(number)
         return settled if not own else own if not settled else (*settled, *own)
 
-    def _told_of(self, seat: Seat) -> bool:
+    def _has_effects(self, seat: Seat) -> bool:
         """Return whether a person's client has been sent effects, or is to be."""
         return seat.effects is not None or bool(self._effects_of(seat.number))
 
-    def _told_effects(self) -> ToldEffects:
-        return ToldEffects(self.settings.rates.network_hz, self.world.axes, self.settings.effect_tank_mj)
+    def _effect_sender(self) -> EffectSender:
+        return EffectSender(self.settings.rates.network_hz, self.world.axes, self.settings.effect_tank_mj)
 
     def _show_effects(self) -> list[tuple[Address, bytes]]:
         """Return the messages to observers about everybody's effects, in turn, as observers acknowledge nothing."""
         if not any(seat.effects for seat in self.seats):
             return []
-        shown = self._shown_effects = self._shown_effects or self._told_effects()
+        shown = self._observer_effects = self._observer_effects or self._effect_sender()
         each = {id(effect): effect for seat in self.seats if seat.on_object for effect in self._effects_of(seat.number)}
         shown.follow(tuple(each.values()), (), self.steps)
         shown.refused.clear()  # as each person's own have said
@@ -315,17 +315,17 @@ class Room:
 
     def _tell_effects(self, seat: Seat) -> list[tuple[Address, bytes]]:
         """Return the message to a person's client about the effects that it is to render."""
-        given, told = self._effects_of(seat.number), seat.effects
-        if told is None:
+        given, sender = self._effects_of(seat.number), seat.effects
+        if sender is None:
             if not given:
                 return []
-            told = seat.effects = self._told_effects()
+            sender = seat.effects = self._effect_sender()
         offset = self.world.offset[seat.number, : self.world.places].tolist()
-        told.follow(given, offset, self.steps)
-        if told.refused:
-            self.refused_effects += told.refused
-            told.refused = []
-        message = told.next(seat.session, self.steps)
+        sender.follow(given, offset, self.steps)
+        if sender.refused:
+            self.refused_effects += sender.refused
+            sender.refused = []
+        message = sender.next(seat.session, self.steps)
         return [] if message is None else [(seat.address, messages.encode(message))]
 
     def _marks(self, marks: Sequence[Mark]) -> list[tuple[Address, bytes]]:

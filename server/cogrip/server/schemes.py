@@ -1,14 +1,14 @@
 """Coupling schemes at the server: which message carries a frame, which port takes it in, which world it moves.
 
-A new scheme is a row of `SCHEMES` here and one at the client: docs/design.md, "How is a coupling scheme added?". Worlds for
-waves are in `cogrip.server.worlds.registry`.
+A new scheme is a row of `SCHEMES` here, one at the client and more: docs/design.md, "Add a coupling scheme". Worlds for waves
+are in `cogrip.server.worlds.registry`.
 """
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from cogrip.protocol.messages import Power, State, Waves
+from cogrip.protocol.messages import Frame, Power, State, Waves
 from cogrip.protocol.object_kinds import KINDS
 from cogrip.protocol.setting_types import Kind
 from cogrip.protocol.settings import SeatSettings, Settings
@@ -44,7 +44,7 @@ def make_wave_world(seats: Sequence[SeatSettings]) -> World:
 class Scheme(NamedTuple):
     """One coupling scheme."""
 
-    frame: type[Waves | State | Power]
+    frame: type[Frame]
     make_port: Callable[[SeatSettings, SeatLimits, float], Port]
     make_world: MakeWorld
 

@@ -16,7 +16,7 @@ from math import inf, sqrt
 
 import msgspec
 
-from cogrip.protocol.messages import NO_BOUND, SHORT, Hello, Power, State
+from cogrip.protocol.messages import NO_BOUND, SHORT, Hello, Latest
 from cogrip.protocol.settings import REMOTE, Settings
 from cogrip.protocol.tool_frame import ToolFrame
 from cogrip.protocol.waves import wave_of
@@ -240,7 +240,7 @@ class StateLimiter:
         self._frame_s = frame_s
         self._most_frames = round(MOST_S / frame_s)
         self._speed_mps = limits.speed_mps
-        self._last: State | Power | None = None
+        self._last: Latest | None = None
         self._frames_left = float(self._most_frames)  # for which a hand may have moved, by the server's steps
         self.counts: Counter[str] = Counter()
 
@@ -252,7 +252,7 @@ class StateLimiter:
         """Count the frames of one server step, whatever numbers a client gives to its states."""
         self._frames_left = min(float(self._most_frames), self._frames_left + FASTER * frames)
 
-    def fits(self, state: State | Power) -> bool:
+    def fits(self, state: Latest) -> bool:
         """Return whether a state is plausible. The place of a late one is not judged, as it is not applied."""
         if self._speed_mps == inf:
             return True
@@ -268,7 +268,7 @@ class StateLimiter:
             return False
         return True
 
-    def took(self, state: State | Power) -> None:
+    def took(self, state: Latest) -> None:
         """Judge the next state from this one, which was received."""
         if self._last is None:
             self._last = state

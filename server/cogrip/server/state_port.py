@@ -3,12 +3,12 @@
 from typing import Generic, TypeVar
 
 from cogrip.protocol.latest_state import StateReceiver
-from cogrip.protocol.messages import Power, Stamp, State
+from cogrip.protocol.messages import Latest, Stamp, State
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.port import Port, Row
 from cogrip.server.seat_limits import SeatLimits, StateLimiter
 
-M = TypeVar("M", State, Power)
+M = TypeVar("M", bound=Latest)
 
 
 class LatestStatePort(Port, Generic[M]):

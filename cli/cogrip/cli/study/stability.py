@@ -10,12 +10,10 @@ from cogrip.cli.terminal.parameters import Config
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
 from cogrip.devices.device import DeviceError
-from cogrip.sim.analysis.linear_session import ModelError
+from cogrip.sim.analysis.linear_session import FORMS, ModelError
 from cogrip.sim.analysis.stability import largest_stable, verdict
 
 stability = App(name="stability")
-
-_SCHEMES = {"passive": "passive scheme", "paper": "the paper's scheme", "coupling": "virtual coupling"}
 
 
 @stability.command
@@ -34,7 +32,7 @@ def radius(config: Config, /, *, query: ModelQuery = AS_IT_STANDS) -> int:
         write_json(answer, query.json)
         return 0
     console = make_console()
-    say(console, f"{_SCHEMES[found.scheme]}: {'stable' if found.stable else 'NOT stable'}")
+    say(console, f"{FORMS[found.scheme].title}: {'stable' if found.stable else 'NOT stable'}")
     say(console, f"spectral radius {found.spectral_radius:.6g}; without structural eigenvalues {found.decaying:.6g}")
     say(console, f"{found.states} states; structural eigenvalues at 1: {', '.join(found.structural) or 'none'}")
     say(console, f"({query.conditions})")
@@ -63,7 +61,7 @@ def limit(config: Config, /, *, query: ModelQuery = AS_IT_STANDS) -> int:
     if found.stable_again:
         text += ", and again at some stiffness beyond"
     console = make_console()
-    say(console, f"{_SCHEMES[model.session.scheme]}: {text}")
+    say(console, f"{FORMS[model.session.scheme].title}: {text}")
     say(console, f"({query.conditions})")
     return 0
 

@@ -67,7 +67,7 @@ def _cases(world: str) -> dict[str, Subject]:
     """Return what is tried, by number of seats and axes. Raises BadInput."""
     if world.endswith(SUFFIX) or (world in shipped_names() and world not in KINDS):
         settings = load(Path(world))
-        if settings.coupling.kind != "wave":
+        if not settings.coupling.traits.felt_through_waves:
             raise BadInput(f'{world}: coupling.kind = "{settings.coupling.kind}": only worlds for waves are checked')
         return dict([_case(settings)])
     if world == "scene":

@@ -23,7 +23,7 @@ from cogrip.client.effects.springs import ForbiddenZone, GuidingPath, Magnet
 from cogrip.client.effects.tank import EnergyTank
 from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.hand_aids import part_of
-from cogrip.client.hand_frame import HandFrame
+from cogrip.client.hand_map import HandMap
 from cogrip.client.safety import Safety
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import EffectAccount
@@ -169,13 +169,13 @@ class EffectForce:
         velocity_mps: Row,
         gain: float,
         carried: tuple[float, float],
-        frame: HandFrame | None = None,
+        hand_map: HandMap | None = None,
     ) -> Row | None:
         """Return the force of all effects [N] until the next tick, shape (axes,), before the ramp; None for none.
 
         gain      of that ramp, as it will be in this tick
         carried   impedance [N s/m] and stiffness [N/m] that the device carries, at the tool
-        frame     between hand and tool: places and velocities are the tool's, the force is the hand's
+        hand_map  between hand and tool: places and velocities are the tool's, the force is the hand's
         """
         self._held, self.asked_n, self.reduced = _NO_ROWS, None, False
         if not self._entries:
@@ -186,11 +186,13 @@ class EffectForce:
         for entry in self._entries.values():
             if tick - entry.begun >= entry.left_ticks:
                 entry.ended = True
-        per_tool = frame.frame.force_scale / frame.frame.position_scale if frame else 1.0
+        per_tool = hand_map.tool.force_scale / hand_map.tool.position_scale if hand_map else 1.0
         active = self._active(tick, position_m, gain, carried[1], per_tool)
-        spring, damper = self._passive(position_m, velocity_mps, gain, carried, frame.weight if frame else 1.0)
-        if frame is not None:
-            active, spring, damper = [frame.hand_force(row) for row in (active, spring, damper)]
+        spring, damper = self._passive(
+            position_m, velocity_mps, gain, carried, hand_map.power_ratio if hand_map else 1.0
+        )
+        if hand_map is not None:
+            active, spring, damper = [hand_map.hand_force(row) for row in (active, spring, damper)]
         total = [a + s + d for a, s, d in zip(active, spring, damper, strict=True)]
         self.active_n, self.local_n = active, [s + d for s, d in zip(spring, damper, strict=True)]
         self._held = total, active, damper
@@ -200,23 +202,23 @@ class EffectForce:
     def added(
         self,
         tick: int,
-        law_n: Sequence[float] | None,
+        coupling_n: Sequence[float] | None,
         hand_m: Row,
         hand_mps: Row,
         safety: Safety,
         port: DevicePort,
-        frame: HandFrame | None,
+        hand_map: HandMap | None,
     ) -> Sequence[float] | None:
         """Return the coupling's law with all effects. Without one the last force fades, and what springs held is lost."""
-        if law_n is None:
+        if coupling_n is None:
             self.begin_anew()
             return None
         carried = port.carried_nspm
-        if frame is not None:
-            hand_m, hand_mps, carried = frame.place(hand_m), frame.shown(hand_mps), carried / frame.stiffest
+        if hand_map is not None:
+            hand_m, hand_mps, carried = hand_map.place(hand_m), hand_map.shown(hand_mps), carried / hand_map.stiffest
         most_npm = carried / port.lag_s if port.lag_s else inf
-        more = self.step(tick, hand_m, hand_mps, safety.coming_gain(), (carried, most_npm), frame)
-        self._law = law_n if more is None else [a + b for a, b in zip(law_n, more, strict=True)]
+        more = self.step(tick, hand_m, hand_mps, safety.coming_gain(), (carried, most_npm), hand_map)
+        self._law = coupling_n if more is None else [a + b for a, b in zip(coupling_n, more, strict=True)]
         return self._law
 
     def begin_anew(self) -> None:
@@ -279,7 +281,7 @@ class EffectForce:
         return max(0.0, self.tank.level_j - sum(self._reserved))
 
     def _passive(
-        self, position_m: Row, velocity_mps: Row, gain: float, carried: tuple[float, float], weight: float
+        self, position_m: Row, velocity_mps: Row, gain: float, carried: tuple[float, float], power_ratio: float
     ) -> tuple[list[float], list[float]]:
         """Return the forces of springs and dampers; what springs cost is paid."""
         springs, dampers = [0.0] * self._axes, [0.0] * self._axes
@@ -297,7 +299,7 @@ class EffectForce:
         self.stored_j = 0.0
         for entry, felt in found:
             goal = 0.0 if entry.ended else gain * most_k
-            self._pay(entry, goal, gain, weight * felt.stored_j, felt.spring_n)
+            self._pay(entry, goal, gain, power_ratio * felt.stored_j, felt.spring_n)
             self.stored_j += entry.stored_j
             if not entry.share or not gain:
                 continue

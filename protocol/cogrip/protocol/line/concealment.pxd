@@ -5,8 +5,8 @@ cdef double _clamped(double value, double least, double most)
 
 
 cdef class Concealment:
-    cdef public double quality
-    cdef public double least_gain
+    cdef public double line_quality
+    cdef public double yielding_gain
     cdef list _zero
 
     cpdef fill(self, last, limit, answer, late=*, bint silent=*)
@@ -35,6 +35,7 @@ cdef class ElasticConcealment(Concealment):
     cdef _recover(self)
     @cython.locals(
         smoothing=double, fraction=double, dissipation=double, after_gap=bint, axis=Py_ssize_t, value=double,
-        missing=double, held=double, before=double, target=double, square=double, reach=double, most=double, p=double,
+        axis_deficit=double, reserve_w=double, before=double, target=double, square=double, reach=double, most=double,
+        p=double,
     )
     cpdef compensate(self, row, deficit, reserve, last, bint gap)

@@ -35,20 +35,20 @@ SMOOTHING = 1.0 / 12.0  # of the difference between p and its target, in one fra
 DEFICIT_FRACTION = 1.0 / 64.0  # of the deficit, in one frame
 DISSIPATION_FRACTION = 1.0 / 16.0  # of the deficit, in one frame, where p lowers the energy of the wave
 ELASTIC_LIMIT = 0.1  # sqrt(W), largest p where it raises the energy of the wave
-LEAST_GAIN = 0.4  # factor on sqrt(b) at an end whose wave is missing, at quality 0
-FULL_QUALITY = 0.99  # a quality above this is set to 1
+YIELDING_GAIN = 0.4  # factor on sqrt(b) of the yielding end, at line_quality 0
+FULL_QUALITY = 0.99  # a line_quality above this is set to 1
 MOVING_FRACTION = 1.0 / 8.0  # of the wave: a hand with sqrt(2b) velocity above this has stillness 0
 
 
 class Concealment:
     """Strategy of one receiver. This base class is `zero`: a matched termination in a gap, without compensation.
 
-    quality     1 while every wave comes, falling to 0 while waves are missing
-    least_gain  factor on sqrt(b) that an end keeps at quality 0
+    line_quality   1 while every wave comes, falling to 0 while waves are missing
+    yielding_gain  factor on sqrt(b) of the yielding end (`WaveCoupling`) at line_quality 0; 1: the end does not yield
     """
 
     def __init__(self, axes: int, frame_s: float) -> None:
-        self.quality = self.least_gain = 1.0
+        self.line_quality = self.yielding_gain = 1.0
         self._zero = [0.0] * axes
 
     def fill(
@@ -94,8 +94,8 @@ class FadingConcealment(DeficitCompensation):
     def compensate(self, row: PerAxis, deficit: PerAxis, reserve: PerAxis, last: PerAxis, gap: bool) -> PerAxis:
         out = []
         wanted = DeficitCompensation.compensate(self, row, deficit, reserve, last, gap)
-        for value, p, held, wave in zip(row, wanted, reserve, last, strict=True):
-            reach = sqrt(value * value + max(0.0, held - RESERVE_FRAMES * wave * wave))
+        for value, p, reserve_w, wave in zip(row, wanted, reserve, last, strict=True):
+            reach = sqrt(value * value + max(0.0, reserve_w - RESERVE_FRAMES * wave * wave))
             out.append(max(-value - reach, min(reach - value, p)))
         return out
 
@@ -111,7 +111,7 @@ class ElasticConcealment(Concealment):
     def __init__(self, axes: int, frame_s: float) -> None:
         super().__init__(axes, frame_s)
         frames = frame_s * BASE_HZ
-        self.least_gain = LEAST_GAIN
+        self.yielding_gain = YIELDING_GAIN
         self._fade = ELASTIC_FADE**frames
         self._smoothing = 1.0 - (1.0 - SMOOTHING) ** frames
         self._deficit_fraction = min(1.0, DEFICIT_FRACTION * frames)
@@ -129,7 +129,7 @@ class ElasticConcealment(Concealment):
         if late is not None:  # the other end still sends
             self._recover()
         elif silent:
-            self.quality *= fade
+            self.line_quality *= fade
         steady = [fade * (wave - added) for wave, added in zip(last, self._compensation, strict=True)]
         reach = [self._limit_fraction * most for most in limit]
         return [max(-most, min(most, x)) for x, most in zip(late or steady, reach, strict=True)]
@@ -149,8 +149,8 @@ class ElasticConcealment(Concealment):
         return max(0.0, 1.0 - sqrt(sum([each * each for each in speed]) / square) / MOVING_FRACTION)
 
     def _recover(self) -> None:
-        quality = self.quality + self._smoothing * (1.0 - self.quality)
-        self.quality = quality if quality <= FULL_QUALITY else 1.0
+        quality = self.line_quality + self._smoothing * (1.0 - self.line_quality)
+        self.line_quality = quality if quality <= FULL_QUALITY else 1.0
 
     def compensate(self, row: PerAxis, deficit: PerAxis, reserve: PerAxis, last: PerAxis, gap: bool) -> PerAxis:
         smoothing, fraction, dissipation = self._smoothing, self._deficit_fraction, self._dissipation_fraction
@@ -158,18 +158,20 @@ class ElasticConcealment(Concealment):
         self._was_gap = gap
         added: list[float] = []
         for axis in range(len(row)):
-            value, missing, held, before = row[axis], deficit[axis], reserve[axis], self._compensation[axis]
+            value, axis_deficit, reserve_w, before = row[axis], deficit[axis], reserve[axis], self._compensation[axis]
             target, square = 0.0, value * value
-            if not gap:  # what the end writes off in a gap (`LineReceiver.write_off`) is not compensated before its end
-                reach = sqrt(square + 0.25 * smoothing * held)  # leaves energy for p to decay as slowly as it grew
-                target = _clamped(fraction * missing, -ELASTIC_LIMIT, ELASTIC_LIMIT)
+            if (
+                not gap
+            ):  # else p fades: while a gap lasts, the yielding end may write deficit off (`LineReceiver.write_off`)
+                reach = sqrt(square + 0.25 * smoothing * reserve_w)  # leaves energy for p to decay as slowly as it grew
+                target = _clamped(fraction * axis_deficit, -ELASTIC_LIMIT, ELASTIC_LIMIT)
                 target = _clamped(target, -value - reach, reach - value)
-                if missing * value < 0.0:  # p lowers the energy of this wave, so that it needs no reserve
-                    most = min(abs(value), dissipation * abs(missing))
-                    target = copysign(max(most, abs(target)), missing)
+                if axis_deficit * value < 0.0:  # p lowers the energy of this wave, so that it needs no reserve
+                    most = min(abs(value), dissipation * abs(axis_deficit))
+                    target = copysign(max(most, abs(target)), axis_deficit)
             p = last[axis] - value if after_gap else before
             p += smoothing * (target - p)
-            reach = sqrt(square + held)
+            reach = sqrt(square + reserve_w)
             added.append(_clamped(p, -value - reach, reach - value))
         self._compensation = added
         if not gap:

@@ -116,7 +116,7 @@ class LineReceiver:
     def gain(self) -> float:
         """Gain of sqrt(b) that the end is to keep now: below 1 where its wave is missing (docs/decisions/0003-gaps.md)."""
         concealment = self._concealment
-        return concealment.least_gain + (1.0 - concealment.least_gain) * concealment.quality
+        return concealment.yielding_gain + (1.0 - concealment.yielding_gain) * concealment.line_quality
 
     def receive(
         self, first: int, waves: Frame, total: Frame, squares: Frame, metadata: FrameMetadata = (0.0, 0.0, 0),

@@ -23,7 +23,7 @@ from cogrip.sim.analysis.decimation_passivity import filter_of, largest_gain
 from cogrip.sim.analysis.effect_advice import effect_advice
 from cogrip.sim.analysis.feel import no_contact, on_wall, slow_feel
 from cogrip.sim.analysis.lifted_model import LiftedModel
-from cogrip.sim.analysis.linear_session import LinearSession, linear_session, seat_session
+from cogrip.sim.analysis.linear_session import FORMS, LinearSession, Scheme, linear_session, seat_session
 from cogrip.sim.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, largest_stable, optimistic_limit, verdict
 from cogrip.sim.runs.felt_as_intended import STIFFNESS_JND
 
@@ -33,10 +33,15 @@ LITTLE_FELT = 0.25  # of the stiffness asked for: a felt stiffness below it warn
 HEAVY_KG = 0.25  # added to free motion by a line: a mug of coffee
 _TINY = 1e-9
 _NEAR = 1e-4  # of a stiffness
-_TOO_MUCH = {
+TOO_MUCH: dict[Scheme, str] = {
     "passive": "the damper that a device renders is too much for it",
-    "coupling": "the damper that a device renders is too much for it, or acts too late over this delay",
     "paper": "the paper's server step uses a force one frame old",
+    "coupling": "the damper that a device renders is too much for it, or acts too late over this delay",
+}
+INSTEAD: dict[Scheme, str] = {
+    "passive": "",
+    "paper": '; set coupling.server_step to "passive"',
+    "coupling": '; set coupling.kind to "wave"',
 }
 Level = Literal["ok", "note", "warning"]
 _HALVINGS = 12  # of a damper, to find one with which a session is stable
@@ -151,7 +156,7 @@ def overloads(settings: Settings) -> tuple[str, ...]:
 def unbounded(settings: Settings | SeatSettings) -> tuple[str, ...]:
     """Return why a scene may shake its hands, () where waves drive it: then its limiter bounds what comes out."""
     kind = settings.coupling.kind
-    if settings.object.kind != "scene" or kind in ("wave", "local"):
+    if settings.object.kind != "scene" or settings.coupling.traits.waves:
         return ()
     text = (
         f'coupling.kind = "{kind}": nothing bounds the energy that a scene makes under it, and no model tells whether it is '
@@ -185,7 +190,7 @@ def _advise(
 
 def _stability(session: LinearSession, found: Verdict, limit: Limit, stiffness_npm: float) -> Finding:
     if limit.stiffness_npm == 0.0:
-        text = f"NOT stable at any stiffness: {_TOO_MUCH[session.scheme]}; {_calmer(session)}"
+        text = f"NOT stable at any stiffness: {TOO_MUCH[session.scheme]}; {_calmer(session)}"
         return Finding("stability", text, "warning", refused=True)
     if not found.stable:
         reach = "" if limit.stiffness_npm is None else f"; it is up to {plain(limit.stiffness_npm)} N/m"
@@ -243,7 +248,7 @@ def _user(session: LinearSession, number: int, seat: SeatSettings, record: Capab
 
 def _calmer(session: LinearSession) -> str:
     """The largest damper with which the session is stable at some stiffness, as the cure of one that is at none."""
-    key = "damping_nspm" if session.scheme == "coupling" else "impedance_nspm"
+    key = FORMS[session.scheme].damper_key
     values = [getattr(person, key) for person in session.people]
 
     def stable(share: float) -> bool:
@@ -252,8 +257,7 @@ def _calmer(session: LinearSession) -> str:
 
     low = next((share for power in range(1, _HALVINGS) if stable(share := 0.5**power)), None)
     if low is None:
-        other = {"coupling": '; set coupling.kind to "wave"', "paper": '; set coupling.server_step to "passive"'}
-        return f"no {key} would do{other.get(session.scheme, '')}"
+        return f"no {key} would do{INSTEAD[session.scheme]}"
     high = 2.0 * low
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
@@ -302,8 +306,8 @@ def _line_text(name: str, seat: SeatSettings, impedance_nspm: float) -> str:
 
 def gaps(whom: str, seat: SeatSettings, impedance_nspm: float, wanted_n: float) -> Iterator[Finding]:
     """Say up to which force the credit holds a hand through missing frames (theory 3.5), and which holds all it can have."""
-    coupling, lossy = seat.coupling.kind, max(seat.up.loss, seat.down.loss) > 0.0
-    if coupling != "wave" or seat.playout.concealment != "elastic" or not lossy:
+    coupling, lossy = seat.coupling.traits, max(seat.up.loss, seat.down.loss) > 0.0
+    if not coupling.felt_through_waves or seat.playout.concealment != "elastic" or not lossy:
         return
     one_mj_n = held_force(impedance_nspm, 1e-3, seat.rates.frame_s, seat.object.axes)
     held_n, enough_mj = one_mj_n * sqrt(seat.playout.tank_mj), (wanted_n / one_mj_n) ** 2
@@ -329,7 +333,7 @@ def feel_level(felt_npm: float, asked_npm: float) -> Level:
 
 
 def _felt_text(user: UserAdvice, seat: SeatSettings, limit: Limit) -> str:
-    link = (seat.up, seat.down) if seat.coupling.kind != "local" else ()
+    link = (seat.up, seat.down) if not seat.coupling.traits.local else ()
     jitter = seat.playout.frames != "auto" and any(each.jitter_ms for each in link)  # "auto": in the playout delay
     left_out = [name for name, there in (("jitter", jitter), ("loss", any(each.loss for each in link))) if there]
     where = f" at rest, calculated without the link's {' and '.join(left_out)}" if left_out else " at rest"

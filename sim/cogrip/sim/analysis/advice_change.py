@@ -131,7 +131,7 @@ def score_of(advice: Advice, asked_npm: Sequence[float]) -> Score:
 def candidates_of(settings: Settings, now: Advice) -> Iterator[tuple[str, Any]]:
     """Yield changes worth trying, those that cost least first."""
     coupling = settings.coupling
-    if coupling.kind == "coupling":
+    if not coupling.traits.passive:
         yield "coupling.kind", "wave"
     if coupling.server_step == "paper":
         yield "coupling.server_step", "passive"

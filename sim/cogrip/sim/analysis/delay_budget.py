@@ -15,7 +15,7 @@ from math import expm1
 
 from cogrip.protocol.line.delays import OneWayDelay
 from cogrip.protocol.rates import Rates
-from cogrip.sim.analysis.linear_session import LinearSession, Person
+from cogrip.sim.analysis.linear_session import FORMS, LinearSession, Person
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ def budget(session: LinearSession, user: int) -> tuple[Stage, ...]:
         why = "the force of contact is held over a tick: half a tick on average"
         return (Stage("client", "hold", 0.5 * rates.tick_s, why),)
     hold = Stage("down", "hold", 0.5 * rates.frame_s, "an answer is held over a frame: half a frame on average")
-    if session.scheme == "coupling":
+    if not FORMS[session.scheme].waves:
         server = Stage("server", "step", rates.frame_s, "what a step has moved is seen after it")
         return (*_line("up", person.up, rates), server, *_line("down", person.down, rates), hold)
     return (

@@ -28,7 +28,7 @@ from cogrip.protocol.rates import Rates
 from cogrip.sim.analysis.client_blocks import booked_late, decimator_row
 from cogrip.sim.analysis.decimation_passivity import filter_of, lowpass_pole
 from cogrip.sim.analysis.lifted_model import KINDS
-from cogrip.sim.analysis.linear_session import LinearSession, Person
+from cogrip.sim.analysis.linear_session import FORMS, LinearSession, Person
 from cogrip.sim.analysis.state_space import Array, Complex
 
 LOWEST_HZ, HIGHEST_HZ, POINTS = 0.1, 64.0, 200
@@ -92,7 +92,7 @@ def impedance(session: LinearSession, user: int, omega_rad_s: Array) -> Complex:
         else:
             answer = kind.client(other, K[number], other.rates).response(z)
         G[:, mine, mine] = answer * (z**-frames * other.filtered(z) ** 2)[:, None, None]
-    port = _wave_port if session.scheme != "coupling" else _coupled_port
+    port = _wave_port if FORMS[session.scheme].waves else _coupled_port
     sent, law = port(person, rates, w)
     drive = np.zeros((len(w), width * N, 1), dtype=np.complex128)
     mine = slice(user * width, (user + 1) * width)

@@ -8,27 +8,55 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, assert_never
+from typing import Literal, NamedTuple, assert_never
 
 import numpy as np
 
-from cogrip.client.rendered_damper import impedance_on
+from cogrip.client.rendered_damper import damper_key, impedance_on
 from cogrip.client.velocity import MEMORY, memory_for
 from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.coupling_settings import Coupling
 from cogrip.protocol.line.delays import OneWayDelay, line_delay, one_way
 from cogrip.protocol.line_tuning import filter_lag_s
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rates import Rates
+from cogrip.protocol.setting_types import Decimator, Encoder, Kind, ServerStep
 from cogrip.protocol.settings import SeatSettings, Settings, User, seat_axes, seat_settings
 from cogrip.sim.analysis.state_space import Complex
 
 Scheme = Literal["passive", "paper", "coupling"]
 MOST_FRAMES = 256
-SCHEMES: tuple[Scheme, ...] = ("passive", "paper", "coupling")
+
+
+class Form(NamedTuple):
+    """One form of linear model: its name in sentences, and the settings that ask for it (P's has P's filter and encoder)."""
+
+    title: str
+    kind: Kind
+    step: ServerStep = "passive"
+    decimator: Decimator | None = None
+    encoder: Encoder | None = None
+
+    @property
+    def waves(self) -> bool:
+        """True where the lines of the model carry waves, else positions and forces."""
+        return COUPLING_KINDS[self.kind].waves
+
+    @property
+    def damper_key(self) -> str:
+        """Key of [coupling], and field of `Person`, of the damper that a device renders."""
+        return damper_key(self.kind)
+
+
+FORMS: dict[Scheme, Form] = {
+    "passive": Form("passive scheme", "wave"),
+    "paper": Form("the paper's scheme", "wave", "paper", "lowpass", "velocity"),
+    "coupling": Form("virtual coupling", "coupling"),
+}
 """passive: waves and theory section 3's server step; paper: P eq. 12-18; coupling: theory section 5."""
 
 
@@ -134,10 +162,10 @@ def scheme_of(coupling: Coupling) -> Scheme:
 
 
 def scheme_overrides(scheme: Scheme) -> dict[str, str]:
-    """Return the settings of a `scheme`; P's has P's filter and encoder too."""
-    kind, step = "coupling" if scheme == "coupling" else "wave", "paper" if scheme == "paper" else "passive"
-    of_paper = {"coupling.decimator": "lowpass", "coupling.encoder": "velocity"} if scheme == "paper" else {}
-    return {"coupling.kind": kind, "coupling.server_step": step, **of_paper}
+    """Return the settings that ask for a `scheme`."""
+    form = FORMS[scheme]
+    keys = {"kind": form.kind, "server_step": form.step, "decimator": form.decimator, "encoder": form.encoder}
+    return {f"coupling.{key}": value for key, value in keys.items() if value is not None}
 
 
 def linear_session(
@@ -185,7 +213,7 @@ def _person(seat: SeatSettings, capability: Capability, delay_frames: float | No
         estimated=not capability.gives_velocity,
         memory=memory_for(capability, seat.rates.tick_s),
         latency_ticks=capability.latency_ticks,
-        filter_lag_s=filter_lag_s(seat.line.wave_filter_hz) if coupling.kind == "wave" else 0.0,
+        filter_lag_s=filter_lag_s(seat.line.wave_filter_hz) if coupling.traits.felt_through_waves else 0.0,
     )
 
 
@@ -195,7 +223,7 @@ def _session(seat: SeatSettings, people: Sequence[Person]) -> LinearSession:
         raise ModelError(
             f'object.kind = "{kind}" has no linear model: its world alone says how it moves; try it with `cogrip lab`'
         )
-    local = seat.coupling.kind == "local"
+    local = seat.coupling.traits.local
     if kind == "faces" and scheme != "passive" and not local:
         raise ModelError(
             f'scheme "{scheme}" does not fit object.kind = "faces": there contact comes and goes, and for a step that is '
@@ -228,14 +256,14 @@ def _simulated(person: Person, user: User, device: Device, hands: bool, estimate
 
 def line_delays(seat: SeatSettings, delay_frames: float | None = None) -> tuple[OneWayDelay, OneWayDelay]:
     """Return the delays up and down; virtual coupling has no playout. Raises ModelError for a delay below 0."""
-    if seat.coupling.kind == "local":
+    if seat.coupling.traits.local:
         return one_way(0.0, 0, seat.rates), one_way(0.0, 0, seat.rates)
     if delay_frames is not None:
         if not 0.0 <= delay_frames <= MOST_FRAMES:
             raise ModelError(f"delay of {delay_frames:g} frames each way is out of 0 to {MOST_FRAMES}")
         delay = one_way(delay_frames * seat.rates.frame_s * 1e3, 0, seat.rates)
         return delay, delay
-    if seat.coupling.kind == "wave":
+    if seat.coupling.traits.felt_through_waves:
         return line_delay(seat.playout, seat.up, seat.rates), line_delay(seat.playout, seat.down, seat.rates)
     return one_way(seat.up.delay_ms, 0, seat.rates), one_way(seat.down.delay_ms, 0, seat.rates)
 

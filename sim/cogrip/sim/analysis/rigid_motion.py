@@ -28,7 +28,7 @@ import numpy as np
 
 from cogrip.sim.analysis.client_blocks import gliding, kept_waves, sent_later
 from cogrip.sim.analysis.lifted_model import LiftedModel
-from cogrip.sim.analysis.linear_session import Person
+from cogrip.sim.analysis.linear_session import FORMS, Person
 from cogrip.sim.analysis.state_space import Array
 
 
@@ -50,7 +50,7 @@ class Rigid:
     def __init__(self, model: LiftedModel, stiffness_npm: Array | None = None) -> None:
         K = np.array(model.session.stiffness_npm) if stiffness_npm is None else stiffness_npm
         some = tuple(K.reshape(-1, model.users)[0].tolist())
-        waves = model.session.scheme != "coupling"
+        waves = FORMS[model.session.scheme].waves
         found = [*_of_waves(model, some), *_tensions(model, K)] if waves else _of_coupling(model, some)
         self.names = tuple(freedom.name for freedom in found)
         vectors = np.broadcast_arrays(np.zeros(model.states), *(freedom.vector for freedom in found))

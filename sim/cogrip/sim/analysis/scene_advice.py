@@ -24,8 +24,8 @@ def scene_findings(settings: Settings) -> list[Finding]:
     seats = [seat_settings(settings, number) for number in range(len(settings.users))]
     given = settings.object
     scene = load_scene(Path(given.file), held_by(settings), seats[0].rates.frame_s / given.substeps)
-    felt = [_felt(scene, seat) for seat in seats if seat.coupling.kind == "wave"]
-    local = [each for seat in seats if seat.coupling.kind == "local" for each in _local(scene, seat)]
+    felt = [_felt(scene, seat) for seat in seats if seat.coupling.traits.felt_through_waves]
+    local = [each for seat in seats if seat.coupling.traits.local for each in _local(scene, seat)]
     grips = [each for seat in seats if seat.object.axes == GRIP_AXES for each in _grip(settings, scene, seat)]
     return [*_contact(scene), *felt, *grips, *local, *_drawn(scene), *_loads(settings)]
 

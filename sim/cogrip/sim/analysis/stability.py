@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cogrip.sim.analysis.lifted_model import LiftedModel
+from cogrip.sim.analysis.linear_session import Scheme
 from cogrip.sim.analysis.rigid_motion import Rigid
 from cogrip.sim.analysis.state_space import Array
 
@@ -31,7 +32,7 @@ class Verdict:
     `decaying`: of the other eigenvalues.
     """
 
-    scheme: str
+    scheme: Scheme
     spectral_radius: float
     decaying: float
     structural: tuple[str, ...]

@@ -19,9 +19,9 @@ from cogrip.protocol.accounts import (
     SeatAccount,
     TickCount,
 )
+from cogrip.protocol.coupling_kinds import lent_mj
 from cogrip.protocol.hand_settings import HandChange, of_seat
 from cogrip.protocol.messages import Farewell
-from cogrip.protocol.passivity_control import lent_mj
 from cogrip.protocol.setting_types import GRIP_AXES
 from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
 from cogrip.protocol.texts import shown
@@ -155,7 +155,8 @@ def _of_settings(
     dropped: Mapping[str, int], claims: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
     return summarise(
-        name=name, seed=settings.seed, seconds=seconds, tank_mj=lent_mj(settings.coupling, settings.playout), users=users,
+        name=name, seed=settings.seed, seconds=seconds, users=users,
+        tank_mj=lent_mj(settings.coupling.kind, settings.playout.tank_mj),
         room=room, dropped=dropped, playout_frames=settings.playout.frames, claims=claims,
     )  # fmt: skip
 

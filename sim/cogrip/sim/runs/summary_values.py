@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from cogrip.protocol.passivity_control import LENT_J
+from cogrip.protocol.coupling_kinds import COUPLING_KINDS, CouplingKind
 
 Summary = dict[str, Any]
 UNKNOWN = "not known"
@@ -125,11 +125,17 @@ def least_reserve(users: list[dict[str, Any]], key: str) -> tuple[float, str] | 
     return min(found, default=None)
 
 
+def traits_of(settings: Any) -> CouplingKind | None:
+    """Return the properties of the coupling of a run, by its settings; None where they do not tell."""
+    kind = dig(settings, "coupling", "kind")
+    return COUPLING_KINDS.get(kind) if isinstance(kind, str) else None  # type: ignore[call-overload]
+
+
 def lent_j(settings: Any) -> float | None:
     """Return what each direction of a line may lend itself [J], by the settings of a run; None where they do not tell."""
-    fixed_j = {"tdpa": LENT_J, "coupling": 0.0}.get(dig(settings, "coupling", "kind"))
-    if fixed_j is not None:
-        return fixed_j
+    traits = traits_of(settings)
+    if traits is not None and traits.lent_j is not None:
+        return traits.lent_j
     tank_mj = dig(settings, "playout", "tank_mj")
     return tank_mj * 1e-3 if is_number(tank_mj) else None
 

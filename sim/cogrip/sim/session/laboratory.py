@@ -274,7 +274,7 @@ class Laboratory:
                 person.supervised.write(core.act(now_ns))
             if core.session.state == "resuming" or person.migration.newer is not None:
                 person.migrate(now_ns, not self.alive)
-            if person.going and core.released:
+            if person.going and core.may_leave:
                 self._say_goodbye(person, tick)
 
     def _say_goodbye(self, person: Person, ticks: int) -> None:

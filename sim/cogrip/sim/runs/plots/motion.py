@@ -30,7 +30,7 @@ from cogrip.sim.runs.plots.style import (
     draw,
     title,
 )  # fmt: skip
-from cogrip.sim.runs.summary_values import dig
+from cogrip.sim.runs.summary_values import traits_of
 from cogrip.sim.runs.traces import Run, Trace
 
 _TURNING = {"mm": "mrad", "N": "N m"}
@@ -61,7 +61,8 @@ def waves(run: Run) -> Figure:
     if not up:
         raise NotDrawnError("no client's trace is here")
     if not any(np.any(line.values) for _, line in up + down):
-        waves = dig(run.settings, "coupling", "kind") in (None, "wave")
+        traits = traits_of(run.settings)
+        waves = traits is None or traits.waves
         raise NotDrawnError("every wave was 0" if waves else "this coupling sends no waves")
     rows = 1 + max(axis for axis, _ in up)
     sheet = Sheet(rows, 2, row_in=2.7 if rows == 1 else 1.8)

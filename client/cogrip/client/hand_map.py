@@ -22,42 +22,40 @@ from cogrip.protocol.tool_frame import ToolFrame
 Row = tuple[float, ...]
 
 
-class HandFrame:
+class HandMap:
     """The map of one seat of `axes` axes: lengths on all of them (`pose_axes`).
 
-    weight    s / g^2: power at the hand by power at the tool
-    stiffest  impedance, or stiffness, at the hand by that of the tool: s; behind the places s / g^2, the larger one counts
-    turns     whether the hand turns its tool
-    held      whether the clutch is held: the tool stands still; `asked` whether it is to be, whatever its button does
-    button    bit of that button in `Sample.buttons`
+    power_ratio  s / g^2: power at the hand by power at the tool
+    stiffest     impedance, or stiffness, at the hand by that of the tool: s; behind the places s / g^2, the larger counts
+    turns        whether the hand turns its tool
+    held         whether the clutch is held: the tool stands still; `asked` whether it is to be, whatever its button does
+    button       bit of that button in `Sample.buttons`
     """
 
-    def __init__(self, frame: ToolFrame, axes: int) -> None:
+    def __init__(self, tool: ToolFrame, axes: int) -> None:
         self._axes = axes
         self.turns = axes == POSE_AXES
         self._hand_m: Row = (0.0,) * axes
         self._tool_m: Row = self._hand_m
         self._turn: Quaternion = UNTURNED  # orientation of the tool where the hand's is none
         self.held = self.asked = False
-        self.begin(frame)
+        self.begin(tool)
 
-    def begin(self, frame: ToolFrame) -> None:
-        """Go by this frame, about the origin."""
-        self.frame = frame
-        g, s, places = frame.position_scale, frame.force_scale, min(self._axes, PLACES)
-        columns = [
-            turned(frame.rotation, [float(axis == column) for axis in range(PLACES)]) for column in range(places)
-        ]
+    def begin(self, tool: ToolFrame) -> None:
+        """Go by these settings, about the origin."""
+        self.tool = tool
+        g, s, places = tool.position_scale, tool.force_scale, min(self._axes, PLACES)
+        columns = [turned(tool.rotation, [float(axis == column) for axis in range(PLACES)]) for column in range(places)]
         self._rows = [[columns[column][row] for column in range(places)] for row in range(places)]  # R
         self._columns = [list(column[:places]) for column in columns]  # R^T
-        self._g, self.weight = g, s / (g * g)
-        self.stiffest = frame.stiffest(self._axes)
-        self.button = 1 << frame.clutch_button >> 1
+        self._g, self.power_ratio = g, s / (g * g)
+        self.stiffest = tool.stiffest(self._axes)
+        self.button = 1 << tool.clutch_button >> 1
 
-    def change(self, frame: ToolFrame, hand_m: Row, pose: Row) -> None:
-        """Go by this frame from now on, with hand and tool where they are. pose: the hand's [m, rad]."""
+    def change(self, tool: ToolFrame, hand_m: Row, pose: Row) -> None:
+        """Go by these settings from now on, with hand and tool where they are. pose: the hand's [m, rad]."""
         self._freeze(hand_m, pose)
-        self.begin(frame)
+        self.begin(tool)
         if not self.held:
             self._thaw(hand_m, pose)
 
@@ -85,7 +83,7 @@ class HandFrame:
 
     def _orientation(self, rotation_rad: Sequence[float]) -> Quaternion:
         """Return the tool's orientation for the hand's rotation vector."""
-        return product(exp(turned(self.frame.rotation, rotation_rad)), self._turn)
+        return product(exp(turned(self.tool.rotation, rotation_rad)), self._turn)
 
     def rotation(self, rotation_rad: Sequence[float]) -> Row:
         """Return the tool's rotation vector for the hand's [rad]."""
@@ -113,19 +111,19 @@ class HandFrame:
 
     def hand_force(self, force_n: Sequence[float]) -> list[float]:
         """Return the force on the hand for that on the tool."""
-        weight = self.weight
-        x = [weight * self._g * part for part in _times(self._columns, force_n)]
-        return x + [weight * part for part in self._behind(self._columns, force_n)] if self._axes > PLACES else x
+        ratio = self.power_ratio
+        x = [ratio * self._g * part for part in _times(self._columns, force_n)]
+        return x + [ratio * part for part in self._behind(self._columns, force_n)] if self._axes > PLACES else x
 
     def tool_force(self, force_n: Sequence[float]) -> Row:
         """Return the force on the tool for that on the hand."""
-        per = 1.0 / self.weight
+        per = 1.0 / self.power_ratio
         x = [per / self._g * part for part in _times(self._rows, force_n)]
         return (*x, *[per * part for part in self._behind(self._rows, force_n)]) if self._axes > PLACES else tuple(x)
 
     def record(self, record: Capability, tick_s: float) -> Capability:
         """Return a device's record as the tool's coupling sees it: speed, force, and the impedance that it carries."""
-        per_force = 1.0 / (self.weight * min(self._g, 1.0) if self._axes > PLACES else self.weight * self._g)
+        per_force = 1.0 / (self.power_ratio * min(self._g, 1.0) if self._axes > PLACES else self.power_ratio * self._g)
         carried = largest_impedance(record, tick_s).impedance_nspm / self.stiffest
         return replace(
             record, speed_mps=record.speed_mps * (max(self._g, 1.0) if self._axes > PLACES else self._g),

@@ -10,7 +10,7 @@ MOST_A_FRAME = 2
 AGAIN_HZ = 16  # messages a second, later
 
 
-class ToldGeometry:
+class GeometrySender:
     """One for a seat session. A shape that was lost comes again, and a client that begins anew gets all of them."""
 
     def __init__(self, shapes: Sequence[Shape], network_hz: int) -> None:
