@@ -275,8 +275,8 @@ def notes(summary: Mapping[str, Any], worst: str = "worst in brackets") -> list[
             f"Median over {seeds} seed{'s' if seeds > 1 else ''} ({worst}). created: energy that came out and no hand had put "
             "in, encoders included; peak, step: largest force, and largest change of it in one tick; views: distance between "
             "the object's positions as reported to two people, rms and max over time; rest: distance left between hands that "
-            f"hold still at the end; swing: of a force then; {own}; to clean, to ideal: rms force difference to the same method "
-            f"on a clean link, and to {ideal}. Sessions that diverged are measured up to then."
+            f"hold still at the end; swing: of a force then; {own}; to clean, to ideal: rms force difference to the same "
+            f"method on a clean link, and to {ideal}. Sessions that diverged are measured up to then."
         ),
     ]
 
