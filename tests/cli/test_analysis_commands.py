@@ -190,7 +190,7 @@ def test_advice_in_words_and_in_numbers(cogrip: Cogrip) -> None:
     assert "20.48 device ticks" in err
     found = cogrip.answer("advise", DEMO, "--set", "coupling.kind=coupling", "--no-laboratory")
     assert not found["stable"]
-    assert found["warnings"][0].startswith("NOT stable: spectral radius 1.13")
+    assert "predicts growth" in found["warnings"][0]
     assert found["change"]["set"] == 'coupling.kind="wave"'
     assert found["users"][0]["delay_ms"]["up link"] == pytest.approx(20.0)
     assert found["users"][0]["largest_impedance_nspm"] == pytest.approx(25.6)

@@ -360,7 +360,7 @@ def test_runs_side_by_side(width: int, many: int) -> None:
 @pytest.mark.parametrize("width", WIDTHS)
 def test_methods(width: int) -> None:
     numbers = {"runs": 20, "failed": 0, "diverged": 3, "diverged_s": {"median": 1.3, "first": 0.2}, "oscillates": 2}
-    more = {"active": 1, "not_passive": 4, "not_felt": 5, "felt": None, "errors": {}, "reasons": {}}
+    more = {"active": 1, "not_passive": 4, "not_felt": 5, "felt": None, "credit_mj": 1.0, "errors": {}, "reasons": {}}
     spread = {"median": 12345.6, "worst": 1e9, "low": 0.0, "high": 1e9, "n": 20, "of": 20}
     rows = [
         {"network": network, "method": method, **numbers, **more, **{column.measure: spread for column in TABLE}}

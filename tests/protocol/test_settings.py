@@ -103,6 +103,7 @@ def test_a_wrong_name_is_answered_with_the_right_ones(path: str, values: tuple[s
         ({"link": {"up": {"los": 0.1}}}, "link.up.los: there is no such setting; did you mean link.up.loss?"),
         ({"users": [{"nam": "a"}]}, "users.0.nam: there is no such setting; did you mean users.0.name?"),
         ({"copling": {}}, "copling: there is no such setting; did you mean coupling?"),
+        ({"session": {"seconds": 4}}, "session: there is no such setting; did you mean seconds?"),
         ({"stiffness_npm": 1}, "stiffness_npm: there is no such setting; did you mean coupling.stiffness_npm?"),
         ({"playout": {"zzz": 1}}, "playout.zzz: there is no such setting; known here: frames, late, redundancy, tank_mj"),
         ({"coupling": {"stiffness_npm": "stiff"}}, "coupling.stiffness_npm: expects a number, in N/m; got 'stiff'"),

@@ -37,5 +37,6 @@ def row_of(network: str = "wan", method: str = "wave", **changes: Any) -> dict[s
     """Return a row of the table of results: twenty stable sessions."""
     numbers = {column.measure: {"median": 1.0, "q1": 1.0, "q3": 1.0, "worst": 2.0, "n": 5, "of": 5} for column in TABLE}
     counts = dict.fromkeys(("failed", "diverged", "oscillates", "not_passive", "not_felt"), 0)
-    known = {"network": network, "method": method, "runs": 20, "errors": {}, "diverged_s": None, "felt": []}
+    known = {"network": network, "method": method, "runs": 20, "errors": {}, "diverged_s": None, "felt": [],
+             "credit_mj": 1.0}  # fmt: skip
     return {**known, **counts, **numbers, **changes}

@@ -10,7 +10,7 @@ from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.analysis import advice_change
-from cogrip.sim.analysis.advice import AMPLE, HEAVY_KG, Advice, advise, advise_seat, feel_level
+from cogrip.sim.analysis.advice import AMPLE, HEAVY_KG, Advice, advise, advise_seat, feel_level, growth
 from cogrip.sim.analysis.advice_change import Change, ranked_changes
 from cogrip.sim.analysis.linear_session import ModelError, scheme_overrides
 
@@ -49,9 +49,20 @@ def test_a_margin_below_ample_warns_and_one_above_does_not(scheme: str, limit: f
 
 def test_an_unstable_session_says_up_to_where_it_is_stable() -> None:
     advice = advise(settings_of("paper", coupling__stiffness_npm=2500.0))
-    assert "NOT stable: spectral radius 1." in advice.warnings[0]
-    assert "up to 1978 N/m" in advice.warnings[0]
+    assert "the linear model predicts growth, twofold every " in advice.warnings[0]
+    assert "at K = 2500 N/m (spectral radius 1." in advice.warnings[0]
+    assert "none up to 1978 N/m" in advice.warnings[0]
     assert not advice.verdict.stable
+
+
+@pytest.mark.parametrize(
+    ("each_second", "words"),
+    [(1.0, "growth of 0 % per second"), (1.042, "growth of 4.2 % per second"), (1.999, "growth of 100 % per second"),
+     (2.1, "growth, twofold every 930 ms,"), (2.0**50, "growth, twofold every 20 ms,")],
+)  # fmt: skip
+def test_growth_is_said_by_the_second_while_it_is_slow(each_second: float, words: str) -> None:
+    for frame_s in (1 / 128, 1 / 64):
+        assert growth(each_second**frame_s, frame_s) == words
 
 
 def test_the_device_bound_from_both_sides() -> None:

@@ -19,10 +19,12 @@ from cogrip.sim.experiments.methods.table import TABLE as COLUMNS_SHOWN
 from cogrip.sim.experiments.methods.table import (
     gather,
     markdown,
+    notes,
     of_probes,
     ours_failed,
     shown,
     spread,
+    tone,
     unstable,
     verdict,
 )
@@ -30,7 +32,7 @@ from cogrip.sim.experiments.runner import run_experiment
 from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.folder import SUMMARY
 
-from tests.sim.compared_methods import InProcess, row_of, small
+from tests.sim.compared_methods import TWO, InProcess, row_of, small
 from tests.sim.session_measures import allowed
 
 pytestmark = pytest.mark.usefixtures("felt_once", "blank")
@@ -176,26 +178,57 @@ def test_another_comparison_is_not_touched(whole: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "words", "bad"),
+    ("changes", "words", "bad", "marked"),
     [
-        ({}, "stable", False),
-        ({"diverged": 20, "diverged_s": {"median": 1.3, "first": 1.1}}, "diverged 20/20 at 1.3 s", True),
-        ({"oscillates": 9}, "oscillates 9/20", False),
-        ({"oscillates": 10}, "oscillates 10/20", True),
-        ({"not_passive": 20}, "stable, not passive 20/20", False),
+        ({}, "stable", False, "good"),
+        ({"diverged": 20, "diverged_s": {"median": 1.3, "first": 1.1}}, "diverged 20/20 (median 1.3 s)", True, "bad"),
+        ({"oscillates": 9}, "oscillates 9/20", False, "bad"),
+        ({"oscillates": 10}, "oscillates 10/20", True, "bad"),
+        ({"not_passive": 1}, "stable, not passive 1/20", False, "bad"),
         ({"diverged": 2, "diverged_s": {"median": 0.35, "first": 0.35}, "oscillates": 3, "not_passive": 5},
-         "diverged 2/20 at 0.35 s, oscillates 3/20, not passive 5/20", False),
+         "diverged 2/20 (median 0.35 s), oscillates 3/20, not passive 5/20", False, "bad"),
         ({"diverged": 1, "diverged_s": {"median": 0.35, "first": 0.35}, "oscillates": 10, "failed": 2},
-         "diverged 1/20 at 0.35 s, oscillates 10/20, not run 2", True),
-        ({"runs": 0}, "–", False),
-        ({"not_passive": 4, "not_felt": 5}, "stable, not passive 4/20, not as intended 5/20", False),
-        ({"not_felt": 5, "failed": 1}, "stable, not as intended 5/20, not run 1", False),
+         "diverged 1/20 at 0.35 s, oscillates 10/20, not run 2", True, "bad"),
+        ({"runs": 0}, "–", False, "good"),
+        ({"not_passive": 4, "not_felt": 5}, "stable, not passive 4/20, not felt as intended 5/20", False, "bad"),
+        ({"not_felt": 5, "failed": 1}, "stable, not felt as intended 5/20, not run 1", False, "warn"),
     ],
 )  # fmt: skip
-def test_verdicts_in_words(changes: dict[str, Any], words: str, bad: bool) -> None:
+def test_verdicts_in_words(changes: dict[str, Any], words: str, bad: bool, marked: str) -> None:
+    """Of a row, `unstable` is what half of the sessions are; one session is enough for it to be marked."""
     row = row_of(**changes)
     assert verdict(row) == words
     assert unstable(row) == bad
+    assert tone(row) == marked
+
+
+@pytest.mark.parametrize(
+    ("method", "changes", "marked"),
+    [
+        ("coupling", {"not_passive": 1}, "bad"), ("tdpa", {"oscillates": 1}, "bad"), ("wave", {"not_felt": 1}, "warn"),
+        ("tuned", {}, "good"),
+    ],
+)  # fmt: skip
+def test_a_page_marks_the_table_and_the_list_alike(
+    whole: Path, method: str, changes: dict[str, Any], marked: str
+) -> None:
+    summary = json.loads((whole / SUMMARY).read_text())
+    summary["asked"]["methods"] = {method: {}}
+    page = render({**summary, "rows": [row_of(method=method, **changes)]}, [])
+    assert f'<td class="text {marked}">' in page
+    assert f"<li class={marked}>" in page
+
+
+def test_what_each_method_may_lend_and_is_called_stands_below_the_table() -> None:
+    asked = small(("wave", "paper", "coupling", "tdpa"))
+    summary = gather(asked, {})
+    assert [row["credit_mj"] for row in summary["rows"][:4]] == [1.0, 1.0, 0.0, 0.1]
+    said = " ".join(notes(summary))
+    assert "wave 1 mJ, paper 1 mJ, coupling 0 mJ, tdpa 0.1 mJ." in said
+    assert "tdpa (time-domain passivity)" in said
+    assert "Not felt as intended" in said
+    asked = prepare(resolve({**TWO, "playout": {"tank_mj": 2.5}}), ("wave", "tdpa"), ("wifi",), 1)
+    assert [row["credit_mj"] for row in gather(asked, {})["rows"][:2]] == [2.5, 0.1]
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from matplotlib.mathtext import MathTextParser
 
 from cogrip.sim.experiments.methods.latex import latex
 from cogrip.sim.experiments.methods.query import FELT_SEEDS
-from cogrip.sim.experiments.methods.table import TABLE, note
+from cogrip.sim.experiments.methods.table import TABLE, notes
 
 from tests.sim.compared_methods import row_of as row
 
@@ -148,7 +148,7 @@ def test_a_felt_stiffness_is_that_of_more_than_half_of_the_probes(rested: int, s
 def test_the_caption_says_with_how_many_seeds_a_stiffness_was_felt(seeds: int, said: bool) -> None:
     text = table(row("wan", "wave"), seeds=seeds)
     assert (f"with the largest (first {FELT_SEEDS} seeds);" in text) == said
-    assert ("first" in note({"asked": {"seeds": range(seeds)}})) == said
+    assert ("first" in " ".join(notes({"asked": {"seeds": range(seeds)}, "rows": [row()]}))) == said
 
 
 def test_the_clean_link_is_not_held_against_itself() -> None:

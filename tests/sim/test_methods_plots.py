@@ -15,7 +15,7 @@ from cogrip.sim.experiments.methods.measures import COLUMNS
 from cogrip.sim.experiments.methods.plots import draw_all
 from cogrip.sim.experiments.methods.query import Comparison, prepare
 from cogrip.sim.experiments.methods.table import gather, verdict
-from cogrip.sim.runs.plots.style import COLOURS, NotDrawnError, colour
+from cogrip.sim.runs.plots.style import ALARM, COLOURS, INK, NotDrawnError, colour
 
 from tests.extent import long
 
@@ -75,7 +75,10 @@ def test_everybody_is_named_or_said_to_be_left_out(people: int, named: int) -> N
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts[:named] == [f"p{number}" for number in range(named)]
     more = [f"and {people - named} more, in the same shades again"] if people > named else []
-    assert texts[named:] == [*more, "band: from the least to the largest", "diverged"]
+    assert texts[named:] == [
+        *more, "band: from the least to the largest", "diverged", "a panel without a verdict: stable and passive",
+        "wave: cogrip's waves", "coupling: virtual coupling",
+    ]  # fmt: skip
     looks = {(line.get_color(), line.get_marker()) for line in figure.legends[0].get_lines()[:named]}
     assert len(looks) == named
 
@@ -136,6 +139,22 @@ def test_what_is_less_than_the_axis_stands_on_its_edge_and_the_axis_says_so() ->
     assert marks.min() == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize(
+    ("least", "most", "labels"),
+    [
+        (0.0012, 0.5, ["$10^{-3}$", r"$3{\cdot}10^{-3}$", "0.01", "0.03", "0.1", "0.3"]),
+        (0.0025, 0.1, [r"$2{\cdot}10^{-3}$", r"$5{\cdot}10^{-3}$", "0.01", "0.02", "0.05", "0.1"]),
+        (110.0, 6e3, ["100", "200", "500", "$10^{3}$", r"$2{\cdot}10^{3}$", r"$5{\cdot}10^{3}$"]),
+    ],
+)
+def test_every_tick_has_its_own_label(least: float, most: float, labels: list[str]) -> None:
+    asked = made_up()
+    panel = draw(asked, results_of(asked, force_step_n=(least, most)), "forces").axes[1]
+    texts = [label.get_text() for label in panel.get_yticklabels()]
+    assert texts[: len(labels)] == labels
+    assert len(set(texts)) == len(texts)
+
+
 def test_everybodys_felt_stiffness_is_a_share_of_their_own() -> None:
     felt = [
         {
@@ -152,18 +171,23 @@ def test_everybodys_felt_stiffness_is_a_share_of_their_own() -> None:
     panel = draw(asked, results_of(asked, felt=[felt, none]), "felt").axes[0]
     shares = [line.get_ydata() for line in panel.get_lines() if line.get_marker() == "o"]
     assert [list(each) for each in shares] == [[50.0, 25.0]] * 2
-    assert sum(line.get_marker() == "x" for line in panel.get_lines()) == 2
+    assert sum(line.get_marker() == "_" for line in panel.get_lines()) == 2
     assert [text.get_text() for text in panel.texts] == ["500"] * 2
     for text, marks in zip(panel.texts, (line for line in panel.get_lines() if line.get_marker() == "o"), strict=True):
         assert text.xy == (marks.get_xdata()[1], 25.0)  # at the lowest mark
     one = [felt[0], none[1]]
     panel = draw(asked, results_of(asked, felt=[one, one]), "felt").axes[0]
-    crosses = [line for line in panel.get_lines() if line.get_marker() == "x"]
-    assert [len(line.get_xdata()) for line in crosses] == [1] * 4  # who feels none has a place
+    dashes = [line for line in panel.get_lines() if line.get_marker() == "_"]
+    assert [len(line.get_xdata()) for line in dashes] == [1] * 4  # who feels none has a place
     assert [list(line.get_ydata()) for line in panel.get_lines() if line.get_marker() == "o"] == [[50.0]] * 2
     much = [{**felt[0], "felt_npm": 1300.0}, felt[1]]
     assert draw(asked, results_of(asked, felt=[much, much]), "felt").axes[0].get_ylim()[1] > 130.0
     assert draw(asked, results_of(asked, felt=[none, none]), "felt") is None
+    figure = draw(asked, results_of(asked, felt=[felt, felt], oscillates=[False, True]), "felt")
+    crosses = [line for line in figure.axes[0].get_lines() if line.get_marker() == "x"]
+    assert [len(line.get_xdata()) for line in crosses] == [1] * 2  # what is unstable has a mark of its own
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words[2:4] == ["unstable", "not measured, or no rest"]
 
 
 # What figure and table say alike
@@ -176,10 +200,12 @@ def test_a_figure_has_the_verdicts_of_the_table() -> None:
     assert [verdict(row) for row in gather(asked, results)["rows"]] == ["stable", "stable, not passive 2/2"] * 2
     figure = draw(asked, results, "stability")
     words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert {"diverged", "oscillates", "unstable", "stable, not passive", "stable and passive"} <= set(words)
+    assert {"diverged, not passive", "oscillates, passive", "unstable, not passive", "unstable, passive"} <= set(words)
+    assert {"stable, not passive", "stable and passive"} <= set(words)
     shares, energy = figure.axes
-    pale = figure.legends[0].get_patches()[2]
-    assert words[len(METHODS) + 2] == "stable, not passive"
+    assert [text.get_text() for text in shares.texts] == ["2"] * 2
+    pale = figure.legends[0].get_patches()[4]
+    assert words[len(METHODS) + 5] == "stable, not passive"
     assert [(bar.get_height(), bar.get_alpha()) for bar in shares.patches] == [(100.0, pale.get_alpha())] * 2
     assert all(colour_of(bar.get_facecolor()) == colour_of(style_of("coupling")["color"]) for bar in shares.patches)
     fills = {line.get_marker(): line.get_fillstyle() for line in energy.get_lines() if line.get_marker() in ("o", "v")}
@@ -189,6 +215,7 @@ def test_a_figure_has_the_verdicts_of_the_table() -> None:
         ["seed 1"],
         ["stable, not passive", "seed 1"],
     ] * 2
+    assert panels[1].texts[0].get_color() == looks.WARNING != ALARM
 
 
 def test_what_is_unstable_is_hollow_and_has_a_share_of_its_own() -> None:
@@ -200,7 +227,23 @@ def test_what_is_unstable_is_hollow_and_has_a_share_of_its_own() -> None:
     shares, energy = draw(asked, results, "stability").axes
     assert [(bar.get_y(), bar.get_height()) for bar in shares.patches] == [(0.0, 100.0), (0.0, 50.0), (50.0, 50.0)]
     hollow = [line for line in energy.get_lines() if line.get_marker() == "v"]
-    assert {line.get_markerfacecolor() for line in hollow} == {"none"}
+    assert {(line.get_fillstyle(), line.get_markerfacecolor()) for line in hollow} == {("full", "white")}
+    medians = [line for line in energy.get_lines() if line.get_marker() == "None"]
+    assert max(line.get_zorder() for line in medians) < min(line.get_zorder() for line in hollow), "marks are above"
+
+
+def test_what_is_unstable_and_passive_is_told_from_what_is_not_passive() -> None:
+    asked = made_up(methods=("coupling", "tdpa"))
+    results = results_of(asked, passive=[False, True], oscillates=[True, True], created_mj=(90.0, 1.0))
+    shares, energy = draw(asked, results, "stability").axes
+    white = [colour_of(bar.get_facecolor()) == colour_of("white") for bar in shares.patches]
+    assert white == [False, True] * 2
+    marks = {line.get_marker(): line for line in energy.get_lines() if line.get_marker() in ("v", "<")}
+    assert marks["v"].get_markerfacecolor() == "white"
+    assert marks["<"].get_markerfacecolor() == style_of("tdpa")["color"]
+    assert marks["<"].get_markeredgecolor() == INK
+    captions = [plot.caption for plot in draw_all(asked, results, gather(asked, results)) if plot.name == "stability"]
+    assert "coupling 0 mJ, tdpa 0.1 mJ." in captions[0]
 
 
 @pytest.mark.parametrize("methods", [("wave", "coupling"), ("coupling", "tdpa"), ("tdpa", "coupling")])

@@ -63,7 +63,7 @@ def refuse_unknown(
     for key, value in table.items():
         path = f"{where}{key}"
         if key not in fields:
-            near = _nearest(str(key), fields, where, root)
+            near = _nearest(str(key), value, fields, where, root)
             cure = f"did you mean {near}?" if near else f"known here: {', '.join(fields)}"
             raise SettingsError(f"{path}: there is no such setting; {cure}")
         kind = fields[key]
@@ -83,8 +83,14 @@ def _item_struct(kind: Any) -> type[msgspec.Struct] | None:
     return None
 
 
-def _nearest(key: str, here: Iterable[str], where: str, root: type[msgspec.Struct]) -> str:
-    """Return the path of the setting that `key` probably means: the most similar of `here`, else the same name elsewhere."""
+def _nearest(key: str, value: Any, here: Iterable[str], where: str, root: type[msgspec.Struct]) -> str:
+    """Return the path of the setting that `key` probably means: the most similar of `here`, else the same name elsewhere.
+
+    A section that is not there may be one of no section: of `session.seconds` that is `seconds`.
+    """
+    top = root.__struct_fields__
+    if not where and isinstance(value, dict) and (inner := next((name for name in value if name in top), "")):
+        return inner
     near = difflib.get_close_matches(key, here, n=1, cutoff=0.5)
     if near:
         return f"{where}{near[0]}"

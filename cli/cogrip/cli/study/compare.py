@@ -30,13 +30,14 @@ from cogrip.sim.experiments.methods.method import (
     session_settings,
 )
 from cogrip.sim.experiments.methods.query import Comparison, prepare
-from cogrip.sim.experiments.methods.table import cells, columns_of, note, ours_failed, unstable
+from cogrip.sim.experiments.methods.table import cells, columns_of, notes, ours_failed, tone
 from cogrip.sim.experiments.runner import run_experiment
 from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.folder import finite
 
 SEEDS = 20
 _PIPED_WIDTH = 160
+_STYLES = {"good": "", "warn": "yellow", "bad": "red"}  # of a verdict, by its tone
 _PRINT_EVERY = 0.1  # of the whole, where there is no terminal to draw a bar on
 
 
@@ -62,7 +63,7 @@ def compare(
     forces.
 
     The same command with --out continues where the last one ended. Exit code 0 once it has run, whatever the other methods
-    do; 1 if `wave` or `tuned` diverged or was not passive, or if a session could not be run; 130 if interrupted.
+    do; 1 if `wave` or `tuned` diverged, oscillated or was not passive, or if a session could not be run; 130 if interrupted.
 
     Parameters
     ----------
@@ -71,7 +72,8 @@ def compare(
     profiles
         Network profiles, with commas between: names of link.profile, or `own` for [link] as the settings have it.
     methods
-        Methods, with commas between: wave and tuned (ours), paper, coupling, tdpa; else all, in a scene all but paper.
+        Methods, with commas between: wave and tuned (ours), paper, coupling, tdpa, and local for walls, faces and scenes; else
+        all that the object has: paper has no scenes, local no object that is held.
     seeds
         How many sessions of each: a seed is that of the network's losses and of hand tremor, the same for all methods.
     out
@@ -177,12 +179,15 @@ def _failed(summary: Mapping[str, Any], console: Console) -> int:
 
 
 def methods_table(summary: Mapping[str, Any]) -> Group:
-    """Return a row a method, a group a network; unstable ones are red. Where it is narrow verdicts have their own table."""
+    """Return a row a method, a group a network; a verdict is red where any session was unstable or not passive.
+
+    Where it is narrow verdicts have their own table.
+    """
     tables = Fitted(
         lambda: [_table(summary, verdicts=True, numbers=True)],
         lambda: [_table(summary, verdicts=True, numbers=False), _table(summary, verdicts=False, numbers=True)],
     )
-    return Group(tables, Text(""), Text(note(summary, "the worst are in table.md"), style="dim"))
+    return Group(tables, Text(""), Text("\n".join(notes(summary, "the worst are in table.md")), style="dim"))
 
 
 def _table(summary: Mapping[str, Any], *, verdicts: bool, numbers: bool) -> Table:
@@ -197,8 +202,7 @@ def _table(summary: Mapping[str, Any], *, verdicts: bool, numbers: bool) -> Tabl
             last = row["network"]
             table.add_row(Text(last, style="bold"))
         verdict, *values = cells(row, worst_too=False, columns=shown)
-        bad = unstable(row)
-        judged = [Text(verdict, style="red" if bad else "")] if verdicts else []
+        judged = [Text(verdict, style=_STYLES[tone(row)])] if verdicts else []
         measured = map(Text, values) if numbers else ()
-        table.add_row(Text(f"  {row['method']}"), *judged, *measured, style="dim" if bad else "")
+        table.add_row(Text(f"  {row['method']}"), *judged, *measured)
     return table

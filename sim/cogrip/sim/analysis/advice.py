@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import expm1, log, sqrt
 from typing import Literal
 
 from cogrip.client.rendered_damper import bound_words, damper_key, damper_on, refusal, rounded_down
@@ -106,6 +106,15 @@ def plain(value: float, digits: int = 4) -> str:
     return f"{float(f'{value:.{digits}g}'):g}"
 
 
+def growth(radius: float, frame_s: float) -> str:
+    """Return in words how fast a motion grows whose amplitude is `radius` times as large after each frame; radius > 1."""
+    rate = log(radius) / frame_s  # 1/s
+    if rate < log(2.0):
+        return f"growth of {plain(100.0 * expm1(rate), 2)} % per second"
+    double_s = log(2.0) / rate
+    return f"growth, twofold every {plain(1e3 * double_s, 2)} ms,"
+
+
 def largest(model: LiftedModel) -> Limit:
     """Return up to which stiffness a session is stable."""
     return largest_stable(model, relative=_NEAR, beyond=False)
@@ -190,11 +199,16 @@ def _advise(
 
 def _stability(session: LinearSession, found: Verdict, limit: Limit, stiffness_npm: float) -> Finding:
     if limit.stiffness_npm == 0.0:
-        text = f"NOT stable at any stiffness: {TOO_MUCH[session.scheme]}; {_calmer(session)}"
+        why = f"{TOO_MUCH[session.scheme]}; {_calmer(session)}"
+        text = f"NOT stable at any stiffness, by the linear model with free hands: {why}"
         return Finding("stability", text, "warning", refused=True)
     if not found.stable:
-        reach = "" if limit.stiffness_npm is None else f"; it is up to {plain(limit.stiffness_npm)} N/m"
-        text = f"NOT stable: spectral radius {found.decaying:.6g} at {plain(stiffness_npm)} N/m with nobody holding on{reach}"
+        reach = "" if limit.stiffness_npm is None else f", and none up to {plain(limit.stiffness_npm)} N/m"
+        text = (
+            f"the linear model predicts {growth(found.decaying, session.frame_s)} with free hands at K = "
+            f"{plain(stiffness_npm)} N/m (spectral radius {found.decaying:.6g} a frame){reach}; hands may damp it, and a short "
+            "session need not show it"
+        )
         return Finding("stability", text, "warning")
     if limit.stiffness_npm is None:
         return Finding("stability", "stable, and at any stiffness" if limit.searched_to_npm else "stable")

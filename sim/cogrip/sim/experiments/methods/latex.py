@@ -17,6 +17,7 @@ from cogrip.sim.experiments.methods.table import (
     TABLE,
     Column,
     columns_of,
+    credits_of,
     decimals,
     feels,
     first_seeds,
@@ -93,7 +94,8 @@ def _caption(summary: Mapping[str, Any]) -> str:
         f"{numbers}. {symbols}. Bold: least in absolute value of the methods that are stable on that network. "
         f"--: not measured, or at least half of the sessions diverged; of ${_SYMBOLS[FELT]}$ also where at least half diverged "
         "or oscillate, or at least half of the probes never came to rest. div.: sessions that diverged, and when (median); "
-        f"osc.: sessions that oscillate; n.p.: sessions that are not passive. {_escaped(BOUNDS)}."
+        f"osc.: sessions that oscillate; n.p.: sessions that are not passive. {_escaped(BOUNDS)}. "
+        f"{_escaped(credits_of(summary, lambda method: METHODS[method].title))}"
     )
 
 

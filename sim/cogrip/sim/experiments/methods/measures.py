@@ -29,6 +29,7 @@ SWING_MJ = 5.0  # and energy created meanwhile: a long line that only rings make
 ACTIVE_MJ = 5.0  # created beyond what ledgers account for; and beyond
 ACTIVE_SHARE = 0.1  # of what hands have put in
 State = Literal["diverged", "oscillates", "not_passive", "passive"]  # of a session; the last two are stable
+Mark = Literal["unstable", "unstable_passive", "not_passive", "passive"]  # both verdicts of a session in one
 
 
 def furthest_from_0(values: Sequence[float]) -> float:
@@ -181,6 +182,14 @@ def state_of(measures: Mapping[str, Any]) -> State:
     if measures["oscillates"]:
         return "oscillates"
     return "not_passive" if measures["passive"] is False else "passive"
+
+
+def mark_of(measures: Mapping[str, Any]) -> Mark:
+    """Return a session's two verdicts: `unstable` alone is not passive either."""
+    state = state_of(measures)
+    if state in ("not_passive", "passive"):
+        return state
+    return "unstable" if measures["passive"] is False else "unstable_passive"
 
 
 def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Array | None) -> dict[str, Any]:

@@ -28,10 +28,15 @@ class ChoiceError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A coupling scheme: its title in tables, and its overrides of settings by their path."""
+    """A coupling scheme: its title in words, and its overrides of settings by their path."""
 
     title: str
     overrides: Mapping[str, Any]
+
+
+def named(method: str) -> str:
+    """Return a method's name, as it is typed and stands in tables, and its title: `tdpa: time-domain passivity`."""
+    return f"{method}: {METHODS[method].title}"
 
 
 _WAVE: Mapping[str, Any] = {

@@ -13,30 +13,37 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cogrip.sim.experiments.experiment import Result
-from cogrip.sim.experiments.methods.looks import FILLS, LOOKS, WORDS, style_of
-from cogrip.sim.experiments.methods.measures import MEASURES
-from cogrip.sim.experiments.methods.method import METHODS
+from cogrip.sim.experiments.methods.looks import FILLS, MARK_WORDS, WORDS, bar_look, style_of
+from cogrip.sim.experiments.methods.measures import MEASURES, Mark, State
+from cogrip.sim.experiments.methods.method import named
 from cogrip.sim.experiments.methods.query import DRAWN_SEEDS, FELT_SEEDS, Comparison
 from cogrip.sim.experiments.methods.rows import WIDTH, Rows
-from cogrip.sim.experiments.methods.table import BOUNDS, feels, first_seeds
+from cogrip.sim.experiments.methods.table import BOUNDS, credits_of, feels, first_seeds
 from cogrip.sim.experiments.methods.table import unstable as unstable_row
 from cogrip.sim.experiments.methods.trace_plot import draw_traces
-from cogrip.sim.runs.plots.style import FAINT, INK, NotDrawnError, Sheet, Style
+from cogrip.sim.runs.plots.style import ALARM, FAINT, INK, NotDrawnError, Sheet, Style
 
-_DOT_SIZE = 4.6
+_DOT_SIZE = 5.4
 _LOG_FROM, _LOG_SPAN = 1e-3, 30.0  # values that spread more than this get a logarithmic axis
 _MEDIAN: Style = {"color": INK, "lw": 1.6}
-_DOT: Style = {"color": INK, "marker": "o", "ms": 6, "lw": 0}
-_NONE: Style = {"marker": "x", "color": FAINT, "ms": 5, "lw": 0}
+_DOT: Style = {"color": FAINT, "marker": "o", "ms": 6, "lw": 0}
+_UNSTABLE: Style = {"marker": "x", "color": ALARM, "ms": 6, "lw": 0, "mew": 1.4}
+_NOT_MEASURED: Style = {"marker": "_", "color": FAINT, "ms": 8, "lw": 0, "mew": 1.6}
+_PARTS: tuple[tuple[State, Mark, str], ...] = (  # of a bar, from its foot
+    ("diverged", "unstable", f"{WORDS['diverged']}, not passive"),
+    ("diverged", "unstable_passive", f"{WORDS['diverged']}, passive"),
+    ("oscillates", "unstable", f"{WORDS['oscillates']}, not passive"),
+    ("oscillates", "unstable_passive", f"{WORDS['oscillates']}, passive"),
+    ("not_passive", "not_passive", WORDS["not_passive"]),
+)
 _DOT_LEGEND: list[tuple[str, Style]] = [
-    ("unstable", {**_DOT, **FILLS["oscillates"]}),
-    (WORDS["not_passive"], {**_DOT, **FILLS["not_passive"]}),
-    (WORDS["passive"], {**_DOT, **FILLS["passive"]}),
+    *((words, {**_DOT, **FILLS[mark]}) for mark, words in MARK_WORDS.items()),
     ("median", _MEDIAN),
 ]
 _MARKS = (
-    "A mark is a session: hollow if it is unstable (one that diverged is measured up to then), half full if it is stable "
-    "and not passive; a bar is the median of a method; methods stand beside each other in the order of the legend. "
+    "A mark is a session: full if it is passive, in a dark edge if it is unstable as well; half full if it is stable and not "
+    "passive; hollow if it is unstable and not passive (one that diverged is measured up to then). A line is the median of a "
+    "method; methods stand beside each other in the order of the legend. "
     "On a logarithmic axis what is less than its first number "
     "stands on its edge."
 )
@@ -62,15 +69,17 @@ def draw_all(asked: Comparison, results: Mapping[int, Result], summary: Mapping[
 
     yield from drawn(
         "stability", "Stability and energy", partial(_stability, rows),
-        "Above, the share of sessions that diverged, oscillate, or are stable and not passive; below, the most energy that "
-        f"the network had given out beyond what the hands had put in. {BOUNDS}. {_MARKS}",
+        "Above, the share of sessions that diverged, oscillate, or are stable and not passive, with their number; what is "
+        "unstable and passive is white in a frame. Below, the most energy that the network had given out beyond what the hands "
+        f"had put in. {BOUNDS}. {credits_of(summary)} {_MARKS}",
     )  # fmt: skip
     yield from drawn(
         "traces", "Forces over time", partial(draw_traces, rows),
         f"The force on each hand, a row a network, a column a method, each in its median session over seeds{drawn_seeds}, by "
         "its verdict, then its peak force: panels say the seed. A shade and a mark a person, the line the middle of a short "
         "stretch, the band from its least to its largest: a broad band is a force that oscillates. What ends early, at the "
-        "dotted line, has diverged. A row is as high as its stable sessions need: others are cut off, and say how far they go.",
+        "dotted line, has diverged. A row is as high as its stable sessions need, so rows differ in scale: others are cut off, "
+        "and say how far they go. A panel that says no verdict is stable and passive.",
     )  # fmt: skip
     yield from drawn(
         "forces", "Forces", partial(_dots, rows, ("peak_force_n", "force_step_n")),
@@ -96,13 +105,13 @@ def draw_all(asked: Comparison, results: Mapping[int, Result], summary: Mapping[
         "felt", "Felt stiffness", partial(_felt, rows),
         "The stiffness that each person feels under a static load, as a share of the K asked for that person, the line: a "
         f"mark a person, in the order of the settings, the median over seeds{felt_seeds}; the number is that of the lowest "
-        "mark, in N/m. A grey cross in the middle: the method is unstable, or was not measured; in somebody's place: at "
-        "least half of that person's probes never came to rest.",
+        "mark, in N/m. A red cross: the method is unstable in half of its sessions or more, so nothing is shown. A grey dash: "
+        "not measured; in somebody's place: at least half of that person's probes never came to rest.",
     )  # fmt: skip
 
 
 def _legend(rows: Rows) -> list[tuple[str, Style]]:
-    return [(METHODS[name].title, {**style_of(name), "lw": 0, "ms": 7}) for name in rows.asked.methods]
+    return [(named(name), {**style_of(name), "lw": 0, "ms": 7}) for name in rows.asked.methods]
 
 
 def _across(panel: Axes, networks: tuple[str, ...]) -> None:
@@ -119,21 +128,26 @@ def _stability(rows: Rows) -> Figure:
     shares, energy = sheet.panels[:, 0]
     width = 0.8 * WIDTH / len(rows.asked.methods)
     for key, place in rows.places():
-        style, foot = style_of(key[1]), 0.0
-        for state, look in LOOKS.items():
-            if share := rows.share(key, state):
-                shares.bar(place, share, width, bottom=foot, color=style["color"], **look)
+        style, foot, counts = style_of(key[1]), 0.0, rows.counts(key)
+        for state, mark, _ in _PARTS:
+            if share := 100.0 * counts[state, mark] / max(1, counts.total()):
+                shares.bar(place, share, width, bottom=foot, **bar_look(state, mark, style["color"]))
                 foot += share
-        if rows.summary[key]["runs"] and not foot:
+        if flawed := counts.total() - counts["passive", "passive"]:
+            shares.annotate(
+                str(flawed), (place, foot), xytext=(0, 2), textcoords="offset points", ha="center", va="bottom", fontsize=8,
+                color=INK,
+            )  # fmt: skip
+        elif counts:
             shares.plot(place, 0.0, **style, ms=5, clip_on=False, zorder=3)
-    shares.set_ylim(0.0, 104.0)
+    shares.set_ylim(0.0, 110.0)
     _scatter(rows, energy, "created_mj")
     for panel in (shares, energy):
         _across(panel, rows.asked.networks)
     legend = [
         *_legend(rows),
-        *((WORDS[state], {"facecolor": INK, "lw": 0, **look}) for state, look in LOOKS.items()),
-        ("mark on the axis: all stable and passive", {"lw": 0}),
+        (f"number: sessions of {len(rows.asked.seeds)}; mark on the axis: none", {"lw": 0}),
+        *((words, bar_look(state, mark, INK)) for state, mark, words in _PARTS),
         *_DOT_LEGEND,
     ]
     return sheet.finish("network", ["unstable or not passive [%]", "energy created [mJ]"], legend)
@@ -154,20 +168,20 @@ def _dots(rows: Rows, measures: tuple[str, ...]) -> Figure:
 def _scatter(rows: Rows, panel: Axes, measure: str) -> None:
     """Draw a dot for each session, side by side in the order of their seeds, and the median."""
     floor = _scale(panel, rows.numbers(measure))
-    room = 0.7 * WIDTH / len(rows.asked.methods)
+    room = 0.75 * WIDTH / len(rows.asked.methods)
     for key, place in rows.places():
         judged = rows.judged(key, measure)
         if not judged:
             continue
         values = np.maximum(np.abs([value for value, _ in judged]), floor)
         places = place + _spread(len(values), room)
-        look: Style = {**style_of(key[1]), "ms": _DOT_SIZE, "lw": 0, "alpha": 0.8, "clip_on": False}
-        for state, fill in FILLS.items():
-            of = np.array([each == state for _, each in judged])
+        look: Style = {**style_of(key[1]), "ms": _DOT_SIZE, "lw": 0, "clip_on": False}
+        for depth, (mark, fill) in enumerate(FILLS.items()):
+            of = np.array([each == mark for _, each in judged])
             if of.any():
-                panel.plot(places[of], values[of], **look, **fill)
+                panel.plot(places[of], values[of], **look, **fill, zorder=3.0 + 0.1 * depth)
         middle = float(np.median(values))
-        panel.plot([place - 0.6 * room, place + 0.6 * room], [middle, middle], **_MEDIAN, zorder=3)
+        panel.plot([place - 0.64 * room, place + 0.64 * room], [middle, middle], **_MEDIAN, zorder=3.05, clip_on=False)
 
 
 def _spread(count: int, room: float) -> NDArray[np.float64]:
@@ -186,10 +200,10 @@ def _scale(panel: Axes, values: Sequence[float]) -> float:
     powers = range(first, last + 1, 1 + (last - first) // 7)
     span = most / min(positive)
     steps = (1, 2, 5) if span < 1e2 else (1, 3) if span < 1e3 else (1,)
-    ticks = [step * 10.0**power for power in powers for step in steps]
-    floor = max(tick for tick in ticks if tick <= min(positive))
-    ticks = [tick for tick in ticks if tick >= floor]
-    texts = [f"{tick:g}" if 1e-2 <= tick < 1e3 else f"$10^{{{round(np.log10(tick))}}}$" for tick in ticks]
+    known = [(step * 10.0**power, _tick(step, power)) for power in powers for step in steps]
+    floor = max(tick for tick, _ in known if tick <= min(positive))
+    ticks = [tick for tick, _ in known if tick >= floor]
+    texts = [text for tick, text in known if tick >= floor]
     if any(abs(value) < floor for value in values):
         texts[0] = f"≤ {texts[0]}"
     panel.set_yscale("log")
@@ -197,6 +211,13 @@ def _scale(panel: Axes, values: Sequence[float]) -> float:
     panel.set_ylim(floor, 1.4 * most)
     panel.minorticks_off()
     return floor
+
+
+def _tick(step: int, power: int) -> str:
+    """Return the label of step * 10^power, in digits where they are few."""
+    if -2 <= power < 3:
+        return f"{step * 10.0**power:g}"
+    return f"$10^{{{power}}}$" if step == 1 else f"${step}{{\\cdot}}10^{{{power}}}$"
 
 
 def _felt(rows: Rows) -> Figure:
@@ -217,7 +238,8 @@ def _felt(rows: Rows) -> Figure:
         felt = [(*found, float(at)) for found, at in zip(people, places, strict=True) if found]
         none = [float(at) for found, at in zip(people, places, strict=True) if not found] if people else [place]
         if none:
-            panel.plot(none, [0.04] * len(none), **_NONE, transform=panel.get_xaxis_transform())
+            look = _UNSTABLE if unstable_row(rows.summary[key]) else _NOT_MEASURED
+            panel.plot(none, [0.04] * len(none), **look, transform=panel.get_xaxis_transform())
         if not felt:
             continue
         lowest, stiffness, at = min(felt)
@@ -227,11 +249,14 @@ def _felt(rows: Rows) -> Figure:
         panel.plot([at for _, _, at in felt], heights, **style, ms=5, lw=0, mew=0, clip_on=False)
         panel.annotate(
             f"{stiffness:.{0 if stiffness >= 100.0 else 1}f}", (at, foot), xytext=(0, -6), textcoords="offset points",
-            ha="center", va="top", fontsize=8, color=INK,
+            ha="center", va="top", fontsize=7, color=INK,
         )  # fmt: skip
     panel.set_ylim(bottom=0.5 * floor if floor else -0.1 * panel.get_ylim()[1])  # room for crosses and numbers
     _across(panel, asked.networks)
-    legend = [*_legend(rows), ("unstable, or not measured", _NONE), ("number: the lowest mark's [N/m]", {"lw": 0})]
+    legend = [
+        *_legend(rows), ("unstable", _UNSTABLE), ("not measured, or no rest", _NOT_MEASURED),
+        ("number: the lowest mark's [N/m]", {"lw": 0}),
+    ]  # fmt: skip
     return sheet.finish("network", ["felt stiffness / K asked for [%]"], legend)
 
 

@@ -12,10 +12,10 @@ from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.folder import as_text
 from cogrip.sim.experiments.methods.latex import latex
 from cogrip.sim.experiments.methods.measures import FELT_MEASURES, MEASURES
-from cogrip.sim.experiments.methods.method import METHODS
+from cogrip.sim.experiments.methods.method import METHODS, named
 from cogrip.sim.experiments.methods.plots import draw_all
 from cogrip.sim.experiments.methods.query import Comparison
-from cogrip.sim.experiments.methods.table import cells, columns_of, gather, headings, markdown, note, unstable
+from cogrip.sim.experiments.methods.table import cells, columns_of, gather, headings, markdown, notes, tone
 from cogrip.sim.runs.folder import SUMMARY, summary_text
 from cogrip.sim.runs.judgement import Tone
 from cogrip.sim.runs.plots.style import png
@@ -69,9 +69,7 @@ def render(summary: Mapping[str, Any], pictures: list[Picture]) -> str:
         Row(each.heading, "", [Cell(each.unit), Cell(each.what, "prose")]) for each in MEASURES.values()
     ]  # fmt: skip
     methods = [
-        row(
-            METHODS[name].title, [", ".join(f"{key} = {plain(value)}" for key, value in overrides.items())], css="prose"
-        )
+        row(named(name), [", ".join(f"{key} = {plain(value)}" for key, value in overrides.items())], css="prose")
         for name, overrides in asked["methods"].items()
     ]
     return render_page(
@@ -82,7 +80,7 @@ def render(summary: Mapping[str, Any], pictures: list[Picture]) -> str:
         verdict=[_verdict(method, summary) for method in asked["methods"]],
         notes=_notes(summary),
         table=_table(summary),
-        table_note=note(summary),
+        table_notes=notes(summary),
         pictures=pictures,
         measures=Table(["", "unit", "what"], measures),
         methods=Table(["", "settings"], methods),
@@ -108,7 +106,7 @@ def _verdict(method: str, summary: Mapping[str, Any]) -> tuple[Tone, str]:
         if count := sum(row[key] for row in rows):
             text += f"; {words} {count}: on {', '.join(row['network'] for row in rows if row[key])}"
             tone = "bad" if "bad" in (tone, severity) else "warn"
-    return tone, f"{METHODS[method].title}: {text}."
+    return tone, f"{method}, {METHODS[method].title}: {text}."
 
 
 _ALSO: tuple[tuple[str, str, Tone], ...] = (
@@ -138,8 +136,7 @@ def _table(summary: Mapping[str, Any]) -> Table:
             network = each["network"]
             rows.append(str(network))
         verdict, *numbers = cells(each, columns=columns)
-        css = "text bad" if unstable(each) else "text"
-        rows.append(Row(METHODS[each["method"]].title, "", [Cell(verdict, css), *map(Cell, numbers)]))
+        rows.append(Row(each["method"], "", [Cell(verdict, f"text {tone(each)}"), *map(Cell, numbers)]))
     return Table(["", *headings(columns)[2:]], rows)
 
 

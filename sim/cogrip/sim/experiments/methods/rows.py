@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.methods.looks import WORDS
-from cogrip.sim.experiments.methods.measures import State, state_of
+from cogrip.sim.experiments.methods.measures import Mark, State, mark_of, state_of
 from cogrip.sim.experiments.methods.query import Comparison
 from cogrip.sim.runs.summary_values import is_number
 
@@ -24,6 +25,10 @@ class Session(NamedTuple):
     @property
     def state(self) -> State:
         return state_of(self.measures)
+
+    @property
+    def mark(self) -> Mark:
+        return mark_of(self.measures)
 
     @property
     def seconds(self) -> float:
@@ -62,15 +67,14 @@ class Rows:
         kept = [session for session in self._sessions[key] if session.measures.get("trace")]
         return sorted(kept, key=_severity)[(len(kept) - 1) // 2] if kept else None
 
-    def share(self, key: Key, state: State) -> float:
-        """Return the share of sessions in that state [%]."""
-        states = [session.state for session in self._sessions[key]]
-        return 100.0 * states.count(state) / len(states) if states else 0.0
+    def counts(self, key: Key) -> Counter[tuple[State, Mark]]:
+        """Return the number of sessions of each stability and passivity."""
+        return Counter((session.state, session.mark) for session in self._sessions[key])
 
-    def judged(self, key: Key, measure: str) -> list[tuple[float, State]]:
-        """Return each number, and its session's state."""
+    def judged(self, key: Key, measure: str) -> list[tuple[float, Mark]]:
+        """Return each number, and its session's verdicts."""
         return [
-            (float(session.measures[measure]), session.state)
+            (float(session.measures[measure]), session.mark)
             for session in self._sessions[key]
             if is_number(session.measures[measure])
         ]

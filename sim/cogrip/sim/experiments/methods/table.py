@@ -16,9 +16,10 @@ from cogrip.sim.experiments.methods.measures import (
     MEASURES,
     furthest_from_0,
 )
-from cogrip.sim.experiments.methods.method import OURS
+from cogrip.sim.experiments.methods.method import METHODS, OURS
 from cogrip.sim.experiments.methods.query import FELT_SEEDS, Comparison
-from cogrip.sim.runs.summary_values import dig, is_number
+from cogrip.sim.runs.judgement import Tone
+from cogrip.sim.runs.summary_values import dig, is_number, lent_j
 
 FELT = "felt_error_percent"
 NONE = "–"
@@ -28,6 +29,10 @@ BOUNDS = (
     "Unstable: a session that diverged, or oscillates: between hands at rest, or so that a client let the force go. Not "
     "passive, stable or not: more energy came out than had gone in, by the ledger of a line or device beyond its credit, or by "
     f"more than {ACTIVE_MJ:g} mJ and {100 * ACTIVE_SHARE:g} % of what the hands had put in"
+)
+NOT_FELT = (
+    "Not felt as intended: a stable session in which, for longer than hands should feel it, a limit of the device held the "
+    "force, the device port changed it, or frames were replaced"
 )
 
 
@@ -74,7 +79,7 @@ def gather(asked: Comparison, results: Mapping[int, Result]) -> dict[str, Any]:
         for method in asked.methods:
             wanted = {"network": network, "method": method}
             found = [result for case, result in sorted(results.items()) if wanted.items() <= asked.values(case).items()]
-            rows.append({**wanted, **_gathered(found)})
+            rows.append({**wanted, "credit_mj": credit_mj(asked.base, method), **_gathered(found)})
     return {
         "name": asked.base["name"],
         "sessions": asked.cases,
@@ -84,6 +89,23 @@ def gather(asked: Comparison, results: Mapping[int, Result]) -> dict[str, Any]:
         "asked": asked.query,
         "rows": rows,
     }
+
+
+def credit_mj(base: Mapping[str, Any], method: str) -> float | None:
+    """Return what each direction of a person's line may lend under a method [mJ]: its energy credit."""
+    lent = lent_j({**base, "coupling": {"kind": METHODS[method].overrides["coupling.kind"]}})
+    return None if lent is None else round(1e3 * lent, 9)
+
+
+def credits_of(summary: Mapping[str, Any], name: Callable[[str], str] = str) -> str:
+    """Return the sentences on the methods' energy credits. name: what to call a method."""
+    lent = {name(row["method"]): row["credit_mj"] for row in summary["rows"]}
+    words = ", ".join(f"{method} {'not known' if value is None else f'{value:g} mJ'}" for method, value in lent.items())
+    return (
+        f"Energy credit, what each direction of a person's line may give out before as much has come in: {words}. So a method "
+        "may have created more than another, and be passive, where what it created was lent, or is the leak of the devices' "
+        "sampled dampers."
+    )
 
 
 def _gathered(results: Sequence[Result]) -> dict[str, Any]:
@@ -149,14 +171,22 @@ def unstable(row: Mapping[str, Any]) -> bool:
     return bool(row["runs"]) and 2 * (row["diverged"] + row["oscillates"]) >= row["runs"]
 
 
-def verdict(row: Mapping[str, Any]) -> str:
-    """Return the verdict in words, first the stability: `stable`, or `diverged 20/20 at 1.3 s, oscillates 3/20`.
+def tone(row: Mapping[str, Any]) -> Tone:
+    """Return how a row is marked: bad if any session was unstable or not passive, warn if any was not felt as intended."""
+    if row["diverged"] or row["oscillates"] or row["not_passive"]:
+        return "bad"
+    return "warn" if row["not_felt"] else "good"
 
-    Then passivity, `not passive 3/20`; `not as intended 3/20` (the felt verdict: limits, replaced frames); `not run 1`.
+
+def verdict(row: Mapping[str, Any]) -> str:
+    """Return the verdict in words, first the stability: `stable`, or `diverged 20/20 (median 1.3 s), oscillates 3/20`.
+
+    Then passivity, `not passive 3/20`; `not felt as intended 3/20` (limits, replaced frames: NOT_FELT); `not run 1`.
     """
-    words = judgements(row, UNSTABLE, NOT_PASSIVE, " at {:.2g} s")
+    when = " (median {:.2g} s)" if row["diverged"] > 1 else " at {:.2g} s"
+    words = judgements(row, UNSTABLE, NOT_PASSIVE, when)
     if row["not_felt"]:
-        words.append(f"not as intended {row['not_felt']}/{row['runs']}")
+        words.append(f"not felt as intended {row['not_felt']}/{row['runs']}")
     if row["failed"]:
         words.append(f"not run {row['failed']}")
     return ", ".join(words) or NONE
@@ -220,8 +250,8 @@ def headings(columns: Sequence[Column] = TABLE) -> list[str]:
     return ["profile", "method", "verdict", *(f"{column.heading} [{column.unit}]" for column in columns)]
 
 
-def note(summary: Mapping[str, Any], worst: str = "worst in brackets") -> str:
-    """Return the note under the table."""
+def notes(summary: Mapping[str, Any], worst: str = "worst in brackets") -> list[str]:
+    """Return the paragraphs under the table: methods, verdicts, credits, columns."""
     seeds = len(summary["asked"]["seeds"])
     own = (
         f"felt{first_seeds(seeds)}: stiffness felt under a static load against the K asked for, where more than half of the "
@@ -234,14 +264,21 @@ def note(summary: Mapping[str, Any], worst: str = "worst in brackets") -> str:
             "lifted, lifted for: how far, and for how long (the least in brackets)"
         )
         ideal = "tools on springs K and dampers B at the device rate"
-    return (
-        f"{BOUNDS}. Median over {seeds} seed{'s' if seeds > 1 else ''} ({worst}). created: energy that came out and no hand "
-        "had put in, "
-        "encoders included; peak, step: largest force, and largest change of it in one tick; views: distance between the "
-        "object's positions as reported to two people, rms and max over time; rest: distance left between hands that hold "
-        f"still at the end; {own}; to clean, to ideal: rms force difference to the same method on a clean link, and to {ideal}"
-        ". Sessions that diverged are measured up to then."
+    methods = ", ".join(
+        f"{method} ({METHODS[method].title})" for method in dict.fromkeys(row["method"] for row in summary["rows"])
     )
+    return [
+        f"Methods: {methods}.",
+        f"{BOUNDS}. {NOT_FELT}.",
+        credits_of(summary),
+        (
+            f"Median over {seeds} seed{'s' if seeds > 1 else ''} ({worst}). created: energy that came out and no hand had put "
+            "in, encoders included; peak, step: largest force, and largest change of it in one tick; views: distance between "
+            "the object's positions as reported to two people, rms and max over time; rest: distance left between hands that "
+            f"hold still at the end; swing: of a force then; {own}; to clean, to ideal: rms force difference to the same "
+            f"method on a clean link, and to {ideal}. Sessions that diverged are measured up to then."
+        ),
+    ]
 
 
 def first_seeds(seeds: int, most: int = FELT_SEEDS) -> str:
@@ -254,7 +291,7 @@ def markdown(summary: Mapping[str, Any]) -> str:
     columns = columns_of(summary)
     lines = [_bars(headings(columns)), _bars(["---", "---", "---", *["---:"] * len(columns)])]
     lines += [_bars([row["network"], row["method"], *cells(row, columns=columns)]) for row in summary["rows"]]
-    return "\n".join([*lines, "", note(summary), ""])
+    return "\n".join([*lines, "", "\n\n".join(notes(summary)), ""])
 
 
 def _bars(texts: Sequence[str]) -> str:

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cogrip.sim.experiments.methods.looks import WORDS, person_look, style_of
-from cogrip.sim.experiments.methods.method import METHODS
+from cogrip.sim.experiments.methods.looks import WARNING, WORDS, person_look, style_of
+from cogrip.sim.experiments.methods.method import named
 from cogrip.sim.experiments.methods.query import Comparison
 from cogrip.sim.experiments.methods.rows import Rows, Session
 from cogrip.sim.runs.plots.style import (
@@ -31,6 +31,7 @@ _MARGIN = 1.2  # above the largest force of a row's stable sessions
 _TRACE_LEGEND: list[tuple[str, Style]] = [
     ("band: from the least to the largest", {"facecolor": FAINT, "alpha": 0.35, "lw": 0}),
     ("diverged", {"color": ALARM, "lw": 1.0, "ls": DOTTED}),
+    ("a panel without a verdict: stable and passive", {"lw": 0}),
 ]
 
 
@@ -53,10 +54,10 @@ def draw_traces(rows: Rows) -> Figure:
     if not found:
         raise NotDrawnError("no forces were kept")
     for method, panel in zip(asked.methods, sheet.panels[0], strict=True):
-        title(panel, METHODS[method].title, style_of(method)["color"])
-    return sheet.finish(
-        "time [s]", [f"{network}\nforce [N]" for network in asked.networks], [*_people(asked), *_TRACE_LEGEND]
-    )
+        title(panel, method, style_of(method)["color"])
+    methods = [(named(method), {"color": style_of(method)["color"], "lw": 1.5}) for method in asked.methods]
+    legend = [*_people(asked), *_TRACE_LEGEND, *methods]
+    return sheet.finish("time [s]", [f"{network}\nforce [N]" for network in asked.networks], legend)
 
 
 def _height(sessions: Sequence[Session]) -> float:
@@ -82,7 +83,8 @@ def _trace(panel: Axes, session: Session, tint: str, whole_s: float, height: flo
         words = [f"diverged at {seconds:.2g} s"]
     if (most := _largest(session.forces)) > height:
         words.append(f"up to {most:.3g} N")
-    for text, at, tint in ("\n".join(words), "top", ALARM), (f"seed {session.seed}", "bottom", INK):
+    alarm = WARNING if session.state == "not_passive" else ALARM
+    for text, at, tint in ("\n".join(words), "top", alarm), (f"seed {session.seed}", "bottom", INK):
         if text:
             panel.text(
                 0.985, 0.95 if at == "top" else 0.05, text, transform=panel.transAxes, ha="right", va=at, fontsize=8,
