@@ -26,6 +26,7 @@ DIRECTIVES = {
     "language_level": 3,
     "annotation_typing": False,  # a float in an annotation would turn 2 into 2.0; types stand in .pxd files alone
     "binding": False,
+    "nonecheck": True,  # an attribute of None raises, as it does interpreted, and does not end the process
 }
 
 

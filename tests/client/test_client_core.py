@@ -224,7 +224,19 @@ AXES = Waves(7, 0, (0.1, 0.1), (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0, Stamp(1), (0
 STATE, POWER = State(7, 0, (0.0,), (0.0,), 0.0, 0, Stamp(1)), Power(7, 0, *[(0.0,)] * 5, 0.0, 0, Stamp(1))
 
 
-@pytest.mark.parametrize(("kind", "message"), [("wave", AXES), ("wave", STATE), ("coupling", POWER), ("tdpa", STATE)])
+SPEEDS = State(7, 0, (0.0,), (0.0, 0.0), 0.0, 0, Stamp(1))  # of one place
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("wave", AXES),
+        ("wave", STATE),
+        ("coupling", POWER),
+        ("coupling", SPEEDS),
+        ("tdpa", STATE),
+    ],
+)
 def test_a_message_that_does_not_fit_the_seat_is_counted(kind: str, message: messages.AnyMessage) -> None:
     client = Client(kind=kind)
     client.tick(0, 0.0)

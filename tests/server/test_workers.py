@@ -2,24 +2,34 @@
 
 import socket
 import sys
+import threading
 import time
 from collections import deque
+from collections.abc import Iterator
 from contextlib import suppress
+from itertools import count
 
 import pytest
 
 from cogrip.protocol.io.stop import Stop
-from cogrip.server.admission import Grant
+from cogrip.protocol.messages import padded
+from cogrip.server.admission import AdmissionServices, Grant
+from cogrip.server.core import ServerCore
 from cogrip.server.io.control import Answer, Kick, Who
+from cogrip.server.io.datagram_path import DatagramPath
 from cogrip.server.io.platform import message_pair
 from cogrip.server.io.workers.administration import merged
+from cogrip.server.io.workers.channel import WorkerChannel
 from cogrip.server.io.workers.front import shares
-from cogrip.server.io.workers.link import MOST_BYTES, Ask, Link, LinkEndedError, Path, Say
+from cogrip.server.io.workers.link import MOST_BYTES, Ask, Asked, Forget, Link, LinkEndedError, Path, Say
 from cogrip.server.io.workers.orders import LinkOrders
 from cogrip.server.io.workers.paths import WorkerPort
 from cogrip.server.io.workers.steering import open_path, open_public
 from cogrip.server.io.workers.verdicts import FrontVerdicts
+from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.roster import RosterEntry
+
+from tests.protocol.two_ends import SETTINGS, hello
 
 HOST = "127.0.0.1"
 PEERS = 20
@@ -119,6 +129,110 @@ def test_a_port_that_another_program_has_is_not_shared() -> None:
             open_public(HOST, first.getsockname()[1])
     finally:
         first.close()
+
+
+def test_a_port_that_is_free_within_the_time_is_had() -> None:
+    first = open_public(HOST, 0)
+    place = first.getsockname()
+    closing = threading.Timer(0.1, first.close)
+    closing.start()
+    with open_public(HOST, place[1], wait_s=10.0) as second:
+        assert second.getsockname() == place
+    closing.join()
+
+
+class Served:
+    """A worker's end of a link, with a room of two seats, and the front's end."""
+
+    def __init__(self) -> None:
+        self.front, self.link = (Link(end) for end in message_pair())
+        self.verdicts = FrontVerdicts(self.link)
+        self.port = WorkerPort(self.link, Stop(), self.verdicts, LinkOrders(self.link))
+        services = AdmissionServices(count(100).__next__, self.verdicts, lambda: "ticket", lambda ticket: ticket)
+        self.core = ServerCore([SETTINGS], "test", services)
+        limiter = RateLimiter(bytes(16))
+        self.channel = WorkerChannel(self.link, self.port, limiter, self.core.knows)
+        self.path = DatagramPath(self.port, self.channel, self.core, 10**9)
+
+    def turn(self) -> None:
+        """Take in what has come, step, and send."""
+        now_ns = time.monotonic_ns()
+        self.path.drain(now_ns)
+        for room in self.core.rooms:
+            self.core.tick(room, now_ns)
+        self.path.send()
+
+    def said(self) -> list[object]:
+        """Return what the front has been told."""
+        found: list[object] = []
+        with suppress(BlockingIOError):
+            while True:
+                found.append(self.front.take_at_front())
+        return found
+
+    def close(self) -> None:
+        self.port.close()
+        self.front.close()
+        self.link.close()
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    made = Served()
+    yield made
+    made.close()
+
+
+def test_who_has_no_address_any_more_ends_no_worker(served: Served) -> None:
+    served.front.send(Ask((HOST, 5), padded(hello(nonce=1)), Grant("player", "0b9ee21b"), time.monotonic_ns()))
+    served.turn()
+    assert served.core.knows((HOST, 5))
+    served.front.send(Forget((HOST, 5)))
+    served.front.send(
+        Ask((HOST, 6), padded(hello(nonce=2, name="ben")), Grant("player", "0b9ee21b"), time.monotonic_ns())
+    )
+    for _ in range(3):
+        served.turn()
+    assert served.core.dropped["no address"] == 3, "the seat is kept for who comes back"
+    assert served.core.knows((HOST, 6))
+    assert not served.channel.send(b"message", None)
+
+
+def test_a_verdict_is_of_its_own_message_alone(served: Served) -> None:
+    again = padded(hello(nonce=1))
+    for _ in range(2):  # the second one is answered without a look at the verdict
+        served.front.send(Ask((HOST, 5), again, Grant("player", "0b9ee21b"), time.monotonic_ns()))
+    served.turn()
+    peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    public = open_public(HOST, 0)
+    try:
+        peer.bind((HOST, 0))
+        path = open_path(public, peer.getsockname())
+        served.front.send(Path(peer.getsockname(), None), [path.fileno()])
+        path.close()
+        served.turn()
+        peer.sendto(padded(hello(nonce=3, name="ben")), public.getsockname())
+        until = time.monotonic() + 10.0
+        while not any(isinstance(each, Asked) for each in served.said()):  # the front is asked
+            assert time.monotonic() < until
+            served.turn()
+        while served.link.send(Say((HOST, 5), bytes(1000))):  # until the link is full
+            pass
+        peer.sendto(padded(hello(nonce=3, name="ben")), public.getsockname())
+        full = served.link.dropped.total()
+        while served.link.dropped.total() == full:
+            assert time.monotonic() < until
+            served.path.drain(time.monotonic_ns())
+        for _ in range(5):
+            served.turn()
+        peer.setblocking(False)
+        with pytest.raises(BlockingIOError):  # no refusal either: it is repeated, and asked about then
+            peer.recv(2000)
+        assert [seat.state for room in served.core.rooms for seat in room.seats] == ["seated", "free"]
+        assert served.verdicts.newest is None
+    finally:
+        for each in (peer, public):
+            each.close()
 
 
 def test_a_link_carries_messages_and_descriptors_and_counts_what_it_cannot() -> None:

@@ -195,7 +195,7 @@ def test_another_comparison_is_not_touched(whole: Path) -> None:
     ],
 )  # fmt: skip
 def test_verdicts_in_words(changes: dict[str, Any], words: str, bad: bool, marked: str) -> None:
-    """Of a row, `unstable` is what half of the sessions are; one session is enough for it to be marked."""
+    """A row is `unstable` where half of the sessions are; one session is enough for it to be marked."""
     row = row_of(**changes)
     assert verdict(row) == words
     assert unstable(row) == bad

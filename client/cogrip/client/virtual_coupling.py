@@ -112,6 +112,6 @@ class VirtualCoupling(LatestStateCoupling[State]):
         return State(session, self._number, position_m, tuple(velocity_mps), self.port_j, acknowledged, stamp)
 
     def receive(self, message: State) -> bool:
-        if 2 * len(message.position_m) != len(self.object_state):
+        if not 2 * len(message.position_m) == 2 * len(message.velocity_mps) == len(self.object_state):
             return False
         return self._receiver.receive(message)

@@ -31,6 +31,8 @@ from cogrip.server.io.workers.front import DYING, Front, FrontChannel, shares
 from cogrip.server.io.workers.pool import START_LIMIT_S, WorkerPool
 from cogrip.server.io.workers.steering import open_public
 
+ORPHANS_S = 1.0  # for which workers of a front that was killed may still have the port
+
 
 class FrontJob(NamedTuple):
     """Parts and settings of a front. runs: folder of this run."""
@@ -56,18 +58,18 @@ class FrontServer:
         self._job, self._stop, self._lines = job, stop, lines
         with Problem.of(ServeError), BadInput.of(HostError):
             try:
-                self._public = stack.enter_context(open_public(job.host, job.port))
+                self._public = stack.enter_context(open_public(job.host, job.port, ORPHANS_S))
             except OSError as error:
                 raise cannot_listen(job.host, job.port, error) from None
         self.bound: tuple[str, int] = self._public.getsockname()[:2]
         self._job_file = -1
         names = [room.name for room in job.rooms]
-        self._pool = WorkerPool(shares(names, job.workers), self._start, job.fresh)
+        self._pool = WorkerPool(shares(names, job.workers), self._start, job.fresh, self._public.fileno())
 
     def _start(self, number: int, link_end: int) -> subprocess.Popen[bytes]:
         """Start a worker; what it says goes where this process says its own."""
         environ = {name: value for name, value in os.environ.items() if name != "NOTIFY_SOCKET"}
-        handles = (link_end, self._job_file, self._public.fileno())
+        handles = (link_end, self._job_file)
         return subprocess.Popen(
             [sys.executable, "-P", "-m", "cogrip.cli.session.worker", *map(str, handles), str(number)],
             stdin=subprocess.DEVNULL, env=environ, **system.own_session(*handles),

@@ -1,7 +1,6 @@
 """Process of one worker: an ordinary server of its rooms, whose people a front process hands over.
 
-Started by `cogrip.cli.session.serve_workers` with three descriptors: its end of the link, a file with the job, and the front's
-socket.
+Started by `cogrip.cli.session.serve_workers` with two descriptors: its end of the link, and a file with the job.
 """
 
 import os
@@ -50,27 +49,28 @@ class Job(msgspec.Struct, frozen=True):
 
 def main(arguments: list[str]) -> int:
     """Serve the rooms that the front assigns. Return the exit code."""
-    link_end, job_file, public_end, number = map(int, arguments)
+    link_end, job_file, number = map(int, arguments)
     for each in (*system.END_SIGNALS, system.HANGUP_SIGNAL):
         if each is not None:
             signal.signal(each, signal.SIG_IGN)  # they reach the front, and it ends this process by the link
     job = msgspec.json.decode(content_of(job_file), type=Job)
     os.close(job_file)
-    link, public = Link(socket.socket(fileno=link_end)), socket.socket(fileno=public_end)
+    link = Link(socket.socket(fileno=link_end))
     for kind in {room.object.kind: room for room in job.rooms}.values():
         Room(kind)  # all that is imported for such rooms is there before they are assigned
     try:
-        return _serve(link, public, job, number)
+        return _serve(link, job, number)
     except LinkEndedError:
         return 1
 
 
-def _serve(link: Link, public: socket.socket, job: Job, number: int) -> int:
+def _serve(link: Link, job: Job, number: int) -> int:
     """Serve until the front says so. Raises LinkEndedError: then people resume at the next server, by the checkpoints."""
     select.select([link.socket], [], [])
-    first, _ = link.take_at_worker()
+    first, descriptors = link.take_at_worker()
     if not isinstance(first, Assign):  # the end, of one that was never needed
         return 0
+    public = socket.socket(fileno=descriptors[0]) if descriptors else None
     rooms = [room for room in job.rooms if room.name in first.rooms]
     lines, stop = LogLines(job.log), Stop()
     verdicts, orders = FrontVerdicts(link), LinkOrders(link)

@@ -38,7 +38,9 @@ def compiled_modules() -> Mapping[str, bool]:
         for types in folder.rglob("*.p[xy][dx]"):
             if types.stem not in LINUX_ONLY or system.LINUX:
                 name = ".".join(("cogrip", *types.relative_to(folder).with_suffix("").parts))
-                found[name] = any(types.with_name(types.stem + suffix).exists() for suffix in EXTENSION_SUFFIXES)
+                found.setdefault(
+                    name, any(types.with_name(types.stem + suffix).exists() for suffix in EXTENSION_SUFFIXES)
+                )
     return found
 
 

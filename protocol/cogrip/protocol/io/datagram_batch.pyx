@@ -113,9 +113,9 @@ cdef class BatchArrivals:
     cdef int _fd
     cdef msghdr _in
     cdef iovec _part
+    cdef unsigned long long _control[CONTROL // 8]  # aligned as its headers are
     cdef unsigned char _buffer[BUFFER]
     cdef unsigned char _name[NAME]
-    cdef unsigned char _control[CONTROL]
     cdef long long _newest_ns
     cdef bytes _known  # sockaddr of the newest sender
     cdef tuple _address
@@ -278,12 +278,16 @@ cdef class DatagramBatch:
             held.clear()
             while outbox and count < MOST:
                 address, datagram = outbox.popleft()
+                if datagram is None:
+                    raise TypeError("a datagram is None")
                 name = self._name_of(address)
                 if name is None:
                     try:
                         self._socket.sendto(datagram, address)
                     except OSError as error:
                         refused.append(str(error.strerror))
+                    except (OverflowError, TypeError, ValueError) as error:
+                        refused.append(f"{address!r} is no address: {error}")
                     continue
                 held.append((name, datagram))
                 self._out[count].msg_hdr.msg_name = PyBytes_AS_STRING(name)

@@ -61,7 +61,9 @@ class WorkerChannel:
         """Send a message: by the peer's path, or through the front."""
         path = self._port.paths.get(address)
         if path is None:
-            assert isinstance(address, tuple)
+            if not isinstance(address, tuple):
+                self._counts["no address"] += 1
+                return False
             return self._link.send(Say(address, message))
         self.outbox.append((address, message if path.session is None else path.session.send(message)))
         return True
@@ -95,10 +97,11 @@ class WorkerChannel:
         return self._rate_limiter.peer(address, now_ns)
 
     def _is_for_front(self, path: OpenPath, message: bytes) -> bool:
-        """Ask the front about a hello: it alone knows the tokens."""
+        """Ask the front about a hello: it alone knows the tokens. One that finds no room in the link is lost, and repeated."""
         if not looks_like_hello(message):
             return False
-        return self._link.send(Asked(path.address, message, self._port.arrived_ns))
+        self._link.send(Asked(path.address, message, self._port.arrived_ns))
+        return True
 
     def _release(self, path: OpenPath) -> None:
         self._port.drop(path.address)

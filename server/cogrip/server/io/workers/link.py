@@ -29,7 +29,10 @@ class ToWorker(msgspec.Struct, frozen=True, array_like=True, tag_field="kind"):
 
 
 class Assign(ToWorker, frozen=True, tag="assign"):
-    """Serve these rooms. fresh: whatever checkpoints there are. revoked, expired: ids of tokens, of all so far."""
+    """Serve these rooms, and send by the socket that is sent with this.
+
+    fresh: whatever checkpoints there are; revoked, expired: ids of tokens, of all so far
+    """
 
     rooms: tuple[str, ...]
     fresh: bool

@@ -73,6 +73,7 @@ class WorkerPort:
 
     def receive(self, most_bytes: int, now_ns: int) -> tuple[bytes, Address, int]:
         """Return one datagram of each path that has some, in turn, and what the front has sent."""
+        self._verdicts.newest = None  # it is of the message before, which nothing else may use it for
         if not self._waiting:
             self._waiting = self._readable.ready()
         while self._waiting:

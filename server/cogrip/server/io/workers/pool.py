@@ -39,8 +39,8 @@ class WorkerPool:
     replaced count of workers that died
     """
 
-    def __init__(self, groups: Sequence[Sequence[str]], start: Start, fresh: bool) -> None:
-        """fresh: what `--fresh` says, for the first workers."""
+    def __init__(self, groups: Sequence[Sequence[str]], start: Start, fresh: bool, public: int | None = None) -> None:
+        """fresh: what `--fresh` says, for the first workers; public: descriptor of the front's socket, to send by."""
         self.workers: list[Worker] = []
         self.replaced = 0
         self._start = start
@@ -48,6 +48,7 @@ class WorkerPool:
         self._voided: tuple[set[str], set[str]] = (set(), set())
         self._groups = [tuple(group) for group in groups]
         self._fresh = fresh
+        self._public = () if public is None else (public,)
 
     def begin(self) -> None:
         """Start all workers. Raises OSError."""
@@ -75,7 +76,7 @@ class WorkerPool:
         """Let a spare serve these rooms."""
         worker.rooms, worker.state = rooms, "assigned"
         revoked, expired = self._voided
-        worker.link.send(Assign(rooms, fresh, tuple(sorted(revoked)), tuple(sorted(expired))))
+        worker.link.send(Assign(rooms, fresh, tuple(sorted(revoked)), tuple(sorted(expired))), self._public)
 
     def void(self, revoked: set[str], expired: set[str]) -> None:
         """Note void tokens, of which a worker that is assigned later must know."""

@@ -8,7 +8,7 @@ NO_VERDICT = Denied("token", "the server has not looked at this token; join agai
 
 
 class FrontVerdicts:
-    """`Authenticator` of a worker. newest: verdict on the hello that is answered now."""
+    """`Authenticator` of a worker. newest: verdict on the message that the port returned last."""
 
     def __init__(self, link: Link) -> None:
         self.newest: Grant | Denied | None = None
