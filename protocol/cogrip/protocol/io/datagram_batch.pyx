@@ -52,6 +52,7 @@ cdef enum:
     BUFFER = 1280  # bytes of one, at least one more than may come
     NAME = 28  # of a sockaddr_in6
     CONTROL = 64
+    CONTROL_WORDS = 8  # of eight bytes
     SO_TIMESTAMPNS = 35
     MOST_KNOWN = 4096  # addresses that are kept: a flood from forged ones takes no more memory
 
@@ -113,7 +114,7 @@ cdef class BatchArrivals:
     cdef int _fd
     cdef msghdr _in
     cdef iovec _part
-    cdef unsigned long long _control[CONTROL // 8]  # aligned as its headers are
+    cdef unsigned long long _control[CONTROL_WORDS]  # aligned as its headers are
     cdef unsigned char _buffer[BUFFER]
     cdef unsigned char _name[NAME]
     cdef long long _newest_ns
