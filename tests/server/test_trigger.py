@@ -147,8 +147,8 @@ def test_port_in_use_is_refused(wire: Wire) -> None:
 
 
 def test_measured_without_anything_coming_back(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cogrip.server.io.trigger.WRITE_LIMIT_S", 0.01)
     line = TriggerLine(f"byte:{wire.path}")
+    monkeypatch.setattr("cogrip.server.io.trigger.WRITE_LIMIT_S", 0.01)  # for what comes back: the port's own stays
     writes, loops = measure(line, 3)
     line.close()
     assert (len(writes), loops) == (3, [])
