@@ -42,8 +42,8 @@ def ended(pid: int) -> bool:
         return True
 
 
-@fairly
-def test_the_head_is_killed_and_seated_people_go_on_without_ray(start, tmp_path, apart):
+def headless(start, tmp_path, apart):
+    """Return a cluster whose head was killed, its fronts, and a person in each room."""
     first = apart()
     fronts = Fronts(start, tmp_path, first.address)
     people = {room: fronts.join(number, room) for number, room in enumerate(fronts.rooms)}
@@ -51,6 +51,12 @@ def test_the_head_is_killed_and_seated_people_go_on_without_ray(start, tmp_path,
     for process in fronts.processes:
         process.hear("the directory of the cluster is silent: rooms and their people go on")
     until(lambda: ended(first.raylet), "the other raylet ends without its head")
+    return first, fronts, people
+
+
+@fairly
+def test_the_head_is_killed_and_seated_people_go_on_without_ray(start, tmp_path, apart):
+    _, fronts, people = headless(start, tmp_path, apart)
     announced = [fronts.shared / f"room-{room}.json" for room in fronts.rooms]
     until(lambda: all(b'"alone"' in path.read_bytes() for path in announced), "both rooms go on alone")
     for person in people.values():
@@ -69,13 +75,7 @@ def test_the_head_is_killed_and_seated_people_go_on_without_ray(start, tmp_path,
 
 @fairly
 def test_a_head_that_is_started_again_gets_the_rooms_with_their_people(start, tmp_path, apart):
-    first = apart()
-    fronts = Fronts(start, tmp_path, first.address)
-    people = {room: fronts.join(number, room) for number, room in enumerate(fronts.rooms)}
-    kill(first.head)
-    for process in fronts.processes:
-        process.hear("the directory of the cluster is silent: rooms and their people go on")
-    until(lambda: ended(first.raylet), "the other raylet ends without its head")
+    first, fronts, people = headless(start, tmp_path, apart)
     first.stop()
     again = apart(int(first.address.rpartition(":")[2]))
     assert again.address == first.address
