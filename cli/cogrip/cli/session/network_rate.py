@@ -11,7 +11,8 @@ from cogrip.protocol.network_rate import OUTSIDE_S, RATES_HZ, RateChoice, stated
 from cogrip.protocol.settings import Settings, best_network_hz, for_remote_clients
 from cogrip.protocol.settings_digest import digest
 from cogrip.server.checkpoint import CheckpointError, decode
-from cogrip.server.io.state_folder import StateError, StateFolder, read_private
+from cogrip.server.io import checkpoint_file
+from cogrip.server.io.state_folder import StateError, StateFolder
 
 FILE = "network_rate.json"
 Choose = Callable[[Settings], RateChoice]
@@ -41,8 +42,9 @@ def kept(settings: Settings, folder: Path | None) -> RateChoice | None:
     if folder is None:
         return None
     try:
-        found = decode(read_private(StateFolder(folder).checkpoint(settings.name))).digest
-    except (OSError, StateError, CheckpointError):
+        data = checkpoint_file.read(StateFolder(folder).checkpoint(settings.name))
+        found = decode(data).digest if data else None
+    except (StateError, CheckpointError):
         return None  # whoever restores it says what is wrong
     for hz in RATES_HZ:
         tried = replace(settings, rates=replace(settings.rates, network_hz=hz))

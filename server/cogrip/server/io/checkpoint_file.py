@@ -1,18 +1,29 @@
 """Checkpoint files: a kill at any moment leaves the newest whole version, or the one before.
 
 A loss of power leaves a whole version, too, perhaps one of some seconds before.
+
+A file has three slots of SLOT_BYTES, each a header (magic, number of the version, length and CRC-32 of the content) and the
+content. One write of WHOLE_EVERY replaces the file, with the first slot alone, and waits for the disk. Those in between
+overwrite the other two in turns, which takes a thirtieth of the time and leaves the two versions before as they are. The
+version is the whole one with the highest number.
 """
 
+import struct
 import threading
+import zlib
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from cogrip.server.io.state_folder import read_private, write_private
+from cogrip.server.io.state_folder import MOST_BYTES, StateError, overwrite_private, read_private, write_private
 
 END_LIMIT_S = 5.0
 STACK_BYTES = 1 << 18
+WHOLE_EVERY = 10
+SLOTS, SLOT_BYTES = 3, MOST_BYTES // 4
+MAGIC = b"cogripCP"
+HEADER = struct.Struct("<8sQLL")
 
 
 class WriterThread:
@@ -67,12 +78,18 @@ class CheckpointWriter:
     written, overtaken, failures  counts of what was put
     say                           reports the first failure, in the thread that puts
     thread                        which others share; its own if not given
+    whole_every                   one write of so many replaces the file: 1 where other hosts read it
     """
 
     def __init__(
-        self, path: Path, say: Callable[[str], None] = lambda text: None, thread: WriterThread | None = None
+        self,
+        path: Path,
+        say: Callable[[str], None] = lambda text: None,
+        thread: WriterThread | None = None,
+        whole_every: int = WHOLE_EVERY,
     ) -> None:
         self.path = path
+        self._whole_every = whole_every
         self.written = self.overtaken = self.failures = 0
         self._say = say
         self._trouble = ""
@@ -108,11 +125,19 @@ class CheckpointWriter:
         self.overtaken += number - self._taken - 1
         self._taken = number
         try:
-            write_private(self.path, data, durable=False)
+            self._write_slot(self.written % self._whole_every, _slot(self.written, data))
             self.written += 1
         except Exception as error:  # noqa: BLE001 - whatever it is: the thread goes on, for other rooms and for this one
             self.failures += 1
             self._trouble = f"a server that is started again will not find the object where it is: {error}"
+
+    def _write_slot(self, turn: int, slot: bytes) -> None:
+        """Write a version: as a new file at turn 0 or where there is none, else into the slot of this turn."""
+        if turn:
+            with suppress(FileNotFoundError):
+                overwrite_private(self.path, slot, SLOT_BYTES * (1 + turn % (SLOTS - 1)))
+                return
+        write_private(self.path, slot, durable=False)
 
     def read(self) -> bytes | None:
         """Return what is there, None for nothing. Raises StateError."""
@@ -129,12 +154,37 @@ class CheckpointWriter:
         self._report()
 
 
+def _slot(number: int, data: bytes) -> bytes:
+    """Return a slot with this version. Raises StateError where it has no room for it."""
+    if HEADER.size + len(data) > SLOT_BYTES:
+        raise StateError(f"a checkpoint of {len(data)} bytes is too long: {SLOT_BYTES - HEADER.size} at most")
+    return HEADER.pack(MAGIC, number, len(data), _sum_of(number, data)) + data
+
+
+def _sum_of(number: int, data: bytes) -> int:
+    return zlib.crc32(data, number & 0xFFFFFFFF)
+
+
 def read(path: Path) -> bytes | None:
-    """Return the file's content, None where there is none. Raises StateError."""
+    """Return the newest whole version, None where there is no file. Raises StateError."""
     try:
-        return read_private(path)
+        content = read_private(path)
     except FileNotFoundError:
         return None
+    newest = max(filter(None, (_version_in(content, slot * SLOT_BYTES) for slot in range(SLOTS))), default=None)
+    if newest is None:
+        raise StateError(f"{path}: holds no whole checkpoint; it is damaged, or of another version of cogrip")
+    return newest[1]
+
+
+def _version_in(content: bytes, at: int) -> tuple[int, bytes] | None:
+    """Return the number and content of the version in a slot, None where there is none, or a torn one."""
+    if len(content) < at + HEADER.size:
+        return None
+    magic, number, length, total = HEADER.unpack_from(content, at)
+    data = content[at + HEADER.size :][:length]
+    whole = magic == MAGIC and len(data) == length <= SLOT_BYTES - HEADER.size and total == _sum_of(number, data)
+    return (number, data) if whole else None
 
 
 def remove(path: Path) -> None:

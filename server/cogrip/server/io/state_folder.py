@@ -3,6 +3,7 @@
 Linux and macOS. Every file is replaced as a whole, has mode 0600, and is not read if anyone else could.
 """
 
+import errno
 import os
 import stat
 import sys
@@ -54,7 +55,7 @@ class StateFolder:
         self.control, self.lock, self.server = path / "control", path / "lock", path / "server.json"
 
     def checkpoint(self, room: str) -> Path:
-        return self.shared / f"checkpoint-{room}.json"
+        return self.shared / f"checkpoint-{room}.bin"
 
 
 class ServerRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -164,6 +165,25 @@ def write_private(path: Path, content: bytes, *, durable: bool = True) -> None:
             os.fsync(folder)
         finally:
             os.close(folder)
+    except OSError as error:
+        raise StateError(f"{path}: cannot be written: {error.strerror}; make room or name another --state") from None
+
+
+def overwrite_private(path: Path, content: bytes, at: int) -> None:
+    """Overwrite a part of a file that is there, without waiting for the disk: whatever ends this, the rest stays as it is.
+
+    at: first byte of that part. Raises FileNotFoundError for no file, StateError.
+    """
+    try:
+        file = os.open(path, os.O_WRONLY | platform.NO_LINK)
+        try:
+            os.lseek(file, at, os.SEEK_SET)
+            if os.write(file, content) < len(content):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        finally:
+            os.close(file)
+    except FileNotFoundError:
+        raise
     except OSError as error:
         raise StateError(f"{path}: cannot be written: {error.strerror}; make room or name another --state") from None
 

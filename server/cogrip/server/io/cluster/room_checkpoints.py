@@ -21,7 +21,7 @@ class RoomCheckpoints:
     """
 
     def __init__(self, path: Path, say: Callable[[str], None], link: Link, given: bytes, in_memory: bool) -> None:
-        self._file = CheckpointWriter(path, say)
+        self._file = CheckpointWriter(path, say, whole_every=1)
         self._link, self._given, self._say = link, given, say
         self.path = path
         self.in_memory = in_memory
