@@ -136,7 +136,7 @@ def test_a_host_is_killed_and_its_people_resume_elsewhere_by_any_front(start, se
     homes = {room: home_of(fronts, room) for room in ROOMS}
     who = fronts.ask(1, "who")
     assert all(room in who for room in ROOMS), "each front sees all hosts"
-    kept = [fronts.shared / f"checkpoint-{room}.json" for room in ROOMS]
+    kept = [fronts.shared / f"checkpoint-{room}.bin" for room in ROOMS]
     if checkpoints == "folder":
         until(lambda: all(path.exists() for path in kept), "checkpoints are in the folder")
     assert [path.exists() for path in kept] == [checkpoints == "folder"] * 2

@@ -14,6 +14,8 @@ import pytest
 from cogrip.protocol.messages import HELLO_BYTES, PROTOCOL_VERSION
 from cogrip.protocol.recording.reader import Follower, RecordingError, open_recording
 from cogrip.protocol.recording.records import Step
+from cogrip.server.checkpoint import decode
+from cogrip.server.io import checkpoint_file
 from cogrip.server.recorder import step_topic
 from cogrip.sim.runs.replay.verify import Verdict, verify
 
@@ -197,8 +199,9 @@ def test_a_server_goes_on_after_a_kill_or_begins_fresh(run, tmp_path):
     person = run("join", f"127.0.0.1:{port}", "--device", "sim:phantom?hand=reach", *leaving(tmp_path / "a"))
 
     def place_m():
-        path = state / "checkpoint-demo.json"
-        return abs(json.loads(path.read_text())["position_m"][0]) if path.exists() else 0.0
+        path = state / "checkpoint-demo.bin"
+        kept = checkpoint_file.read(path)
+        return abs(decode(kept).position_m[0]) if kept else 0.0
 
     until(lambda: place_m() > 0.005, "the object moves, and is kept")
     server.signal(signal.SIGKILL)

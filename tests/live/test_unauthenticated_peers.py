@@ -23,7 +23,8 @@ import pytest
 from cogrip.protocol.join_link import JoinLink, parse_link
 from cogrip.protocol.messages import HELLO_BYTES
 from cogrip.protocol.recording.reader import RecordingError, open_recording
-from cogrip.server.checkpoint import RoomCheckpoint
+from cogrip.server.checkpoint import RoomCheckpoint, decode
+from cogrip.server.io import checkpoint_file
 from cogrip.server.io.state_folder import find_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
 from cogrip.server.recorder import step_topic
@@ -266,7 +267,7 @@ def test_after_a_kill_under_load_all_resume_and_nothing_jumps(start, encrypted, 
     people = [join(link, "--name", name, *PULL) for name in ("anna", "ben")]
     for person, name in zip(people, ("anna", "ben"), strict=True):
         person.hear(f"{name} holds cube")
-    path = encrypted.state / "checkpoint-demo.json"
+    path = encrypted.state / "checkpoint-demo.bin"
     until(lambda: path.exists() and all(seat.ticket for seat in checkpoint(path).seats), "both seats are kept")
     travel_m = checkpoint(path).travel_m
     until(lambda: checkpoint(path).travel_m > travel_m + 0.005, "the object moves, and is kept")
@@ -293,7 +294,7 @@ def test_after_a_kill_under_load_all_resume_and_nothing_jumps(start, encrypted, 
 
 
 def checkpoint(path: Path) -> RoomCheckpoint:
-    return msgspec.json.decode(path.read_bytes(), type=RoomCheckpoint)
+    return decode(checkpoint_file.read(path) or b"")
 
 
 def first_step(server: Server):
@@ -390,4 +391,4 @@ def test_another_port_resumes_the_seat_and_a_stop_is_told(start, encrypted, join
     assert verify(end.recording).exact
     dropped = encrypted.account()["server"]["dropped"]
     assert dropped["unauthenticated"] > 10, "what still came by the new port of the old association"
-    assert not (encrypted.state / "checkpoint-demo.json").exists(), "a stop is no crash: nobody resumes it"
+    assert not (encrypted.state / "checkpoint-demo.bin").exists(), "a stop is no crash: nobody resumes it"

@@ -13,6 +13,7 @@ import pytest
 
 from cogrip.protocol.join_link import parse_link
 from cogrip.server.checkpoint import decode
+from cogrip.server.io import checkpoint_file
 from cogrip.sim.runs.replay.verify import verify
 
 from tests.free_ports import free_port
@@ -85,8 +86,11 @@ def test_after_a_worker_is_killed_its_people_resume_and_nobody_else_notices(star
     ben = join(rooms.where("cellar"), "--name", "ben")
     for person in (anna, ben):
         person.hear(r"(anna|ben) holds cube in room")
-    kept = rooms.state / "checkpoint-cellar.json"
-    until(lambda: kept.exists() and any(seat.ticket for seat in decode(kept.read_bytes()).seats), "ben's seat is kept")
+    kept = rooms.state / "checkpoint-cellar.bin"
+    until(
+        lambda: kept.exists() and any(seat.ticket for seat in decode(checkpoint_file.read(kept) or b"").seats),
+        "ben's seat is kept",
+    )
     os.kill(rooms.worker(2), signal.SIGKILL)
     rooms.process.hear(
         "cellar: restored: the object is at .* seats are kept for ben"

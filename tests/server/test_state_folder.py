@@ -65,7 +65,7 @@ def test_it_is_made_for_this_user_alone_whatever_the_umask(tmp_path: Path) -> No
     assert mode(folder.path) == 0o700
     assert mode(folder.server) == mode(folder.lock) == 0o600
     assert make_folder(folder.path).path == find_folder(folder.path).path == folder.path
-    assert folder.checkpoint("demo") == tmp_path / "a" / "b" / "checkpoint-demo.json"
+    assert folder.checkpoint("demo") == tmp_path / "a" / "b" / "checkpoint-demo.bin"
 
 
 @pytest.mark.parametrize("open_to", [0o710, 0o701, 0o740, 0o720, 0o777])

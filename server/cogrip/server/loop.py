@@ -30,9 +30,9 @@ from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.io.call_limit import call_limit
 from cogrip.server.io.datagram_path import DatagramPath
 from cogrip.server.io.udp_port import DatagramPort, PortRange, ServerChannel, UdpPort
+from cogrip.server.paced_room import PacedRoom, next_due_ns
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer
-from cogrip.server.room import Room
 from cogrip.server.worlds.guarded import GuardedWorld
 
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
@@ -172,47 +172,37 @@ class LiveServer:
 
     def _loop(self, pacers: dict[str, Pacer]) -> None:
         core, clock, path = self.core, time.monotonic_ns, self._path
-        last = dict.fromkeys(pacers, -1)
-        work_us = dict.fromkeys(pacers, 0)
         end_ns = None if self.seconds is None else self._start_ns + round(self.seconds * 1e9)
-        awake, asleep = (
-            list(core.rooms),
-            deque[tuple[int, Room]](),
-        )  # those that are deserted, and when they were stepped
+        awake = [PacedRoom(room, pacers[room.name]) for room in core.rooms]
+        asleep = deque[tuple[int, PacedRoom]]()  # those that are deserted, and when they were stepped
         quiet_ns = min(NS_PER_S // pacer.rate_hz for pacer in pacers.values())  # between looks where all are
         now_ns, early_ns = self._start_ns, 0
         while not self.stop.reason:
             if end_ns is not None and clock() >= end_ns:
                 self.stop.reason = f"stopped ({SECONDS_OVER})"
-            due_ns = min([pacers[room.name].next_due_ns for room in awake], default=now_ns + quiet_ns)
+            due_ns = next_due_ns(awake) if awake else now_ns + quiet_ns
             now_ns, early_ns = self._wait(due_ns, early_ns)
-            ticks = {room.name: pacers[room.name].take(now_ns) for room in awake}
+            for each in awake:
+                each.take(now_ns)
             path.drain(now_ns, now_ns - due_ns)
             sent_ns = now_ns
-            for room in awake:
-                pacer, tick = pacers[room.name], ticks[room.name]
-                if tick is None:
-                    continue
-                core.timing[room.name] = (pacer.late_ns // 1000, work_us[room.name], pacer.skipped)
-                core.tick(room, now_ns, tick - last[room.name])
-                last[room.name] = tick
-                done_ns = clock()
+            for each in awake:
+                done_ns = each.step(core, now_ns, early_ns)
                 if done_ns - sent_ns >= TOGETHER_NS:
                     path.send()
                     sent_ns = done_ns
-                work_us[room.name] = (done_ns - now_ns + early_ns) // 1000
-                pacer.done(early_ns)
             path.send()
             if core.woken:
-                for room in [room for _, room in asleep if room in core.woken]:
-                    last[room.name] += pacers[room.name].pass_by(now_ns)
-                    awake.append(room)
-                asleep = deque(each for each in asleep if each[1] not in core.woken)
+                woken = [each for _, each in asleep if each.room in core.woken]
+                for each in woken:
+                    each.pass_by(now_ns)
+                asleep = deque(each for each in asleep if each[1] not in woken)
+                awake += woken
                 core.woken.clear()
-            self._step_deserted(asleep, last, now_ns)
-            for room in [room for room in awake if room.deserted and pacers[room.name].run]:
-                awake.remove(room)
-                asleep.append((now_ns, room))
+            self._step_deserted(asleep, now_ns)
+            for each in [each for each in awake if each.room.deserted and each.pacer.run]:
+                awake.remove(each)
+                asleep.append((now_ns, each))
             self._report()
             self.channel.poll(now_ns)
             path.flush()
@@ -237,17 +227,16 @@ class LiveServer:
             pass
         return now_ns, early_ns
 
-    def _step_deserted(self, asleep: "deque[tuple[int, Room]]", last: dict[str, int], now_ns: int) -> None:
+    def _step_deserted(self, asleep: "deque[tuple[int, PacedRoom]]", now_ns: int) -> None:
         """Step rooms where nobody is, each now and then by all the ticks that were due, a few at a time."""
         for _ in range(-(-len(asleep) // IDLE_TURNS)):
-            since_ns, room = asleep[0]
+            since_ns, each = asleep[0]
             if now_ns - since_ns < IDLE_NS:
                 return
             asleep.popleft()
-            if steps := self.pacers[room.name].pass_by(now_ns):
-                last[room.name] += steps
-                self.core.idle(room, steps)
-            asleep.append((now_ns, room))
+            if steps := each.pass_by(now_ns):
+                self.core.idle(each.room, steps)
+            asleep.append((now_ns, each))
 
     def _report(self) -> None:
         """Report events; of those that unauthenticated peers can cause a bounded number, then the count of the others."""

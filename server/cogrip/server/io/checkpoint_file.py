@@ -2,10 +2,10 @@
 
 A loss of power leaves a whole version, too, perhaps one of some seconds before.
 
-A file has three slots of SLOT_BYTES, each a header (magic, number of the version, length and CRC-32 of the content) and the
-content. One write of WHOLE_EVERY replaces the file, with the first slot alone, and waits for the disk. Those in between
-overwrite the other two in turns, which takes a thirtieth of the time and leaves the two versions before as they are. The
-version is the whole one with the highest number.
+A file has three slots of SLOT_BYTES, each a header (magic, number of the version, length and CRC-32) and the content. One
+write of WHOLE_EVERY replaces the file, with the first slot alone, and waits for the disk. Those in between overwrite the other
+two in turns, in a hundredth of the processor time, and leave the two versions before as they are. The newest version is the
+whole one with the highest number.
 """
 
 import struct
@@ -162,7 +162,7 @@ def _slot(number: int, data: bytes) -> bytes:
 
 
 def _sum_of(number: int, data: bytes) -> int:
-    return zlib.crc32(data, number & 0xFFFFFFFF)
+    return zlib.crc32(data, zlib.crc32(number.to_bytes(8, "little")))
 
 
 def read(path: Path) -> bytes | None:

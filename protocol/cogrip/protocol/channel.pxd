@@ -1,0 +1,1 @@
+# compiled as it is: an unencrypted end calls it for every datagram

@@ -1,0 +1,23 @@
+cimport cython
+
+from cogrip.protocol.io.pacing cimport Pacer
+from cogrip.server.recorder cimport RecordedServer
+from cogrip.server.room cimport Room
+
+
+cdef class PacedRoom:
+    cdef public Room room
+    cdef public Pacer pacer
+    cdef long long _last
+    cdef long long _steps
+    cdef long long _work_us
+
+    cpdef take(self, long long now_ns)
+    @cython.locals(room=Room, pacer=Pacer, done_ns="long long")
+    cpdef long long step(self, RecordedServer core, long long now_ns, long long early_ns) except -1
+    @cython.locals(steps="long long")
+    cpdef long long pass_by(self, long long now_ns) except -1
+
+
+@cython.locals(each=PacedRoom, due_ns="long long")
+cpdef long long next_due_ns(list rooms) except? -1

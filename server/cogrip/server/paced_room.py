@@ -1,0 +1,53 @@
+"""Room in the loop of a live server: its pacer, and what its last step took."""
+
+from collections.abc import Sequence
+
+from cogrip.protocol.io.pacing import Pacer
+from cogrip.protocol.io.platform import time
+from cogrip.server.recorder import RecordedServer
+from cogrip.server.room import Room
+
+
+class PacedRoom:
+    """A room that is stepped at its own rate. `take` before datagrams are received, then `step`."""
+
+    def __init__(self, room: Room, pacer: Pacer) -> None:
+        self.room, self.pacer = room, pacer
+        self._last = -1  # tick
+        self._steps = self._work_us = 0
+
+    def take(self, now_ns: int) -> None:
+        """Take the tick that is due, if one is."""
+        tick = self.pacer.take(now_ns)
+        self._steps = 0 if tick is None else tick - self._last
+        self._last += self._steps
+
+    def step(self, core: RecordedServer, now_ns: int, early_ns: int) -> int:
+        """Step the room by the tick taken. Returns when it was done, 0 where none was due.
+
+        early_ns: what was done ahead of the tick, which is work of this step, too.
+        """
+        if not self._steps:
+            return 0
+        room, pacer = self.room, self.pacer
+        core.timing[room.name] = (pacer.late_ns // 1000, self._work_us, pacer.skipped)
+        core.tick(room, now_ns, self._steps)
+        done_ns = time.monotonic_ns()
+        self._work_us = (done_ns - now_ns + early_ns) // 1000
+        pacer.done(early_ns)
+        return done_ns
+
+    def pass_by(self, now_ns: int) -> int:
+        """Let the ticks that are due pass, of a room where nobody is. Returns how many."""
+        steps = self.pacer.pass_by(now_ns)
+        self._last += steps
+        return steps
+
+
+def next_due_ns(rooms: Sequence[PacedRoom]) -> int:
+    """Return when the first of these rooms, one at least, is due."""
+    due_ns = rooms[0].pacer.next_due_ns
+    for each in rooms:
+        if each.pacer.next_due_ns < due_ns:
+            due_ns = each.pacer.next_due_ns
+    return due_ns
