@@ -1,6 +1,7 @@
 """The device end in whole sessions: calm beyond what the device carries, untouched within, let go where the law oscillates."""
 
 import tomllib
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -12,14 +13,16 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from cogrip.client.inputs import CloseLedger
 from cogrip.client.velocity import largest_impedance
-from cogrip.devices.device import Capability, Device, Sample
+from cogrip.devices.device import Device, Sample
+from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import make, stand_ins
 from cogrip.protocol.settings import Settings, resolve
+from cogrip.sim.session import laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import every, long
+from tests.sim.session_measures import account_of, by_tick
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 RATE_HZ = 1024
@@ -51,19 +54,13 @@ class Felt:
 
     @property
     def account(self) -> Any:
-        return self.core.handle(CloseLedger(self.laboratory.ticks(self.number)), self.core.now_ns)
+        return account_of(self.laboratory, self.number)
 
 
 def felt(settings: Settings) -> list[Felt]:
     laboratory = Laboratory(settings)
-    forces: list[list[Sequence[float]]] = [[] for _ in laboratory.people]
-
-    def watch(laboratory: Laboratory) -> None:
-        for number, person in enumerate(laboratory.people):
-            forces[number].append(person.core.force_n)
-
-    laboratory.run(each_tick=watch)
-    return [Felt(np.array(rows), laboratory, number) for number, rows in enumerate(forces)]
+    forces = np.array(by_tick(laboratory, lambda now: [person.core.force_n for person in now.people]))
+    return [Felt(forces[:, number], laboratory, number) for number in range(len(laboratory.people))]
 
 
 def room(seconds: float = 4.0, users: Sequence[dict[str, Any]] = HELD, device: str = "", **sections: Any) -> Settings:
@@ -110,39 +107,22 @@ class Unlike:
     """A device that is not as its record says: its samples are `late` ticks older, and the record claims something else."""
 
     def __init__(self, device: Device, late: int, **claims: Any) -> None:
-        self.device, self.late, self.claims = device, late, claims
-        self._samples: list[Sample | None] = []
+        self.device = device
+        self.capability = replace(device.capability, **claims)
+        self._samples: deque[Sample | None] = deque(maxlen=late + 1)
 
-    @property
-    def capability(self) -> Capability:
-        return replace(self.device.capability, **self.claims)
-
-    @property
-    def counts(self) -> Any:
-        return self.device.counts
-
-    def open(self, rate_hz: int) -> None:
-        self.device.open(rate_hz)
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.device, name)
 
     def read(self, tick: int) -> Sample | None:
         self._samples.append(self.device.read(tick))
-        return self._samples[max(0, len(self._samples) - 1 - self.late)]
-
-    def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
-        return self.device.write(force_n)
-
-    def close(self) -> None:
-        self.device.close()
+        return self._samples[0]
 
 
 @pytest.fixture
 def unlike(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    from cogrip.sim.session import laboratory
-
-    made = laboratory.make_for
-
     def use(late: int, **claims: Any) -> None:
-        monkeypatch.setattr(laboratory, "make_for", lambda user, axes: Unlike(made(user, axes), late, **claims))
+        monkeypatch.setattr(laboratory, "make_for", lambda user, axes: Unlike(make_for(user, axes), late, **claims))
 
     return use
 
@@ -169,50 +149,32 @@ def test_what_the_record_does_not_say_is_found_out(
     assert any(one.core.port.carried_nspm < 0.9 * impedance for one in people)
 
 
-GOOD: dict[str, Callable[[], Settings]] = {
-    **{
-        name: lambda name=name: replace_seconds(CONFIGS / f"{name}.toml")
-        for name in ("demo", "lan", "wan", "three-users", "five-users")
-    },
-    "wifi": lambda: room(link={"profile": "wifi"}, playout={"frames": "auto"}),
-    "lte": lambda: room(link={"profile": "lte"}, playout={"frames": "auto"}),
-    "3 axes": lambda: room(object={"axes": 3}),
-    "wall of 20000 N/m": lambda: room(object={"kind": "wall"}, coupling={"stiffness_npm": 2e4}),
-    "faces of 20000 N/m": lambda: room(
+OFTEN = {
+    "demo": CONFIGS / "demo.toml",
+    "wall of 20000 N/m": room(object={"kind": "wall"}, coupling={"stiffness_npm": 2e4}),
+    "virtual coupling": room(coupling={"kind": "coupling"}, link={"delay_ms": 0.0}, playout={"frames": 0}),
+    "a Pantograph": room(device="emulated:pantograph", coupling={"impedance_nspm": 1.9}),
+}
+SELDOM = {
+    **{name: CONFIGS / f"{name}.toml" for name in ("lan", "wan", "three-users", "five-users")},
+    **{name: room(link={"profile": name}, playout={"frames": "auto"}) for name in ("wifi", "lte")},
+    "3 axes": room(object={"axes": 3}),
+    "faces of 20000 N/m": room(
         users=({"hand": "reach"}, {"hand": "hold", "side": "right"}),
         object={"kind": "faces"},
         coupling={"stiffness_npm": 2e4},
     ),
-    "tremor": lambda: room(users=({"hand": "tremor"}, {"hand": "hold"})),
-    "virtual coupling": lambda: room(coupling={"kind": "coupling"}, link={"delay_ms": 0.0}, playout={"frames": 0}),
-    "a Phantom": lambda: room(device="emulated:vintage", coupling={"impedance_nspm": 7.9}),
-    "a Pantograph": lambda: room(device="emulated:pantograph", coupling={"impedance_nspm": 1.9}),
+    "tremor": room(users=({"hand": "tremor"}, {"hand": "hold"})),
+    "a Phantom": room(device="emulated:vintage", coupling={"impedance_nspm": 7.9}),
 }
 
 
-SELDOM = (
-    "five-users",
-    "three-users",
-    "lan",
-    "wan",
-    "wifi",
-    "lte",
-    "3 axes",
-    "faces of 20000 N/m",
-    "tremor",
-    "a Phantom",
-)
-
-
-def replace_seconds(path: Path) -> Settings:
-    return resolve({**tomllib.loads(path.read_text()), "seconds": 4.0})
-
-
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("name", [long(name) if name in SELDOM else name for name in GOOD])
-def test_within_what_devices_carry_the_port_is_idle(name: str) -> None:
+@pytest.mark.parametrize("within", [*OFTEN.values(), *map(long, SELDOM.values())], ids=[*OFTEN, *SELDOM])
+def test_within_what_devices_carry_the_port_is_idle(within: Settings | Path) -> None:
     """The port changes no force by a bit: nothing controlled, nothing deflected, the reserve hardly touched."""
-    for one in felt(structs.replace(GOOD[name](), seconds=1.2)):
+    settings = within if isinstance(within, Settings) else resolve(tomllib.loads(within.read_text()))
+    for one in felt(structs.replace(settings, seconds=1.2)):
         port = one.core.port
         assert one.account.device.controlled == 0.0
         assert port.carried_nspm == largest_impedance(one.core.capability, one.core.seat.rates.tick_s).impedance_nspm

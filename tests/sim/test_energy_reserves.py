@@ -29,6 +29,7 @@ from cogrip.sim.runs.verdict import passive
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.sim.reported_runs import printed
+from tests.sim.session_measures import MARGINS
 
 LEDGERS = ("up", "down", "line", "device")
 TANK_J = 5e-3
@@ -43,23 +44,18 @@ def session(kind: str = "wave", seconds: float = 1.5, **more: Any) -> Settings:
     return resolve({**table, **more})
 
 
-def pairs(laboratory: Laboratory) -> list[tuple[float | None, float | None]]:
-    """Return (reserve now, margin) of every ledger there is."""
-    found: list[tuple[float | None, float | None]] = []
+def watch(laboratory: Laboratory) -> None:
+    """Hold the law at one moment, for every ledger there is: the reserve of now is no less than the least so far."""
+    pairs: list[tuple[float | None, float | None]] = []
     for person in laboratory.people:
         coupling, port = person.core.coupling, person.core.port
-        found.append((coupling.down_reserve.now_j, person.core.coupling.down_margin_j))
-        found.append((port.balance_j + port.reserve_j, port.account().margin_j))
+        pairs.append((coupling.down_reserve.now_j, coupling.down_margin_j))
+        pairs.append((port.balance_j + port.reserve_j, port.account().margin_j))
     for seat in laboratory.room.seats:
         if seat.port is not None:
-            found.append((seat.port.up_reserve.now_j, seat.port.up_margin_j))
-            found.append((seat.line_reserve.now_j, seat.line_margin_j))
-    return found
-
-
-def watch(laboratory: Laboratory) -> None:
-    """Hold the law at one moment: the reserve of now is no less than the least so far."""
-    for now_j, margin_j in pairs(laboratory):
+            pairs.append((seat.port.up_reserve.now_j, seat.port.up_margin_j))
+            pairs.append((seat.line_reserve.now_j, seat.line_margin_j))
+    for now_j, margin_j in pairs:
         assert now_j is None or margin_j is None or now_j >= margin_j - ROUNDING_J
 
 
@@ -129,14 +125,11 @@ def test_a_verdict_counts_the_credit_of_lines_alone(kind: str, lent_j: float) ->
 
 @pytest.mark.long
 def test_virtual_coupling_that_gives_out_microjoules_is_not_passive() -> None:
-    laboratory = Laboratory(
-        load(Path(__file__).parents[2] / "configs" / "compare.toml", ("coupling.kind=coupling", "seconds=4"))
-    )
+    config = Path(__file__).parents[2] / "configs" / "compare.toml"
+    laboratory = Laboratory(load(config, ("coupling.kind=coupling", "seconds=4")))
     laboratory.run(watch)
     summary = of_laboratory(laboratory)
-    margins = [
-        user["energy"][key] for user in summary["users"] for key in ("up_margin_j", "down_margin_j", "line_margin_j")
-    ]
+    margins = [user["energy"][key] for user in summary["users"] for key in MARGINS]
     assert -1e-3 < min(margin for margin in margins if margin is not None) < -1e-8
     assert summary["passive"] is False
 
@@ -246,18 +239,6 @@ def test_the_recorded_reserves_lead_to_the_margins_and_to_the_least_in_the_summa
             assert np.nanmin(reserve_j) >= user["energy"][f"{ledger}_margin_j"] - ROUNDING_J
 
 
-def columns_without(run: Run, *names: str) -> Run:
-    """Return the same run as an older version would have recorded it."""
-
-    def older(columns: Any) -> dict[str, Any]:
-        return {
-            key: np.full_like(columns[key], np.nan) if key.endswith(names) else columns[key] for key in list(columns)
-        }
-
-    clients = {name: replace(trace, columns=older(trace.columns)) for name, trace in run.clients.items()}
-    return replace(run, clients=clients, room=replace(run.room, columns=older(run.room.columns)))
-
-
 def test_the_plots_draw_the_reserves_as_curves_above_their_border(run: Run) -> None:
     figure = energies(run)
     for left, right in zip(figure.axes[::2], figure.axes[1::2], strict=True):
@@ -271,7 +252,11 @@ def test_the_plots_draw_the_reserves_as_curves_above_their_border(run: Run) -> N
 
 
 def test_recordings_of_older_versions_have_no_empty_panel(run: Run) -> None:
-    old = columns_without(run, "reserve_j")
+    def without_reserves(columns: Any) -> dict[str, Any]:
+        return {key: columns[key] * (np.nan if key.endswith("reserve_j") else 1.0) for key in columns}
+
+    clients = {name: replace(trace, columns=without_reserves(trace.columns)) for name, trace in run.clients.items()}
+    old = replace(run, clients=clients, room=replace(run.room, columns=without_reserves(run.room.columns)))
     assert [len(panel.lines) for panel in energies(old).axes] == [3, 3]
     pair = compared.energies([compared.Side(old, "a", {"color": "C0"})], ["anna", "ben"])
     assert [len(panel.lines) for panel in pair.axes] == [2, 2]

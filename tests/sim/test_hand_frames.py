@@ -1,5 +1,6 @@
 """Scales, rotation and clutch in whole sessions in virtual time."""
 
+from itertools import pairwise
 from math import dist, hypot
 from pathlib import Path
 from typing import Any
@@ -8,15 +9,12 @@ import pytest
 
 from cogrip.client.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.hand_map import HandMap
-from cogrip.client.inputs import CloseLedger
-from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.settings import resolve
 from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.records import open_run
-from cogrip.sim.runs.replay.verify import verify
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import long
+from tests.sim.session_measures import MARGINS, account_of, assert_plays_again, by_tick
 
 K, B_LINE = 500.0, 10.0
 CREDIT_J = 1e-3
@@ -28,10 +26,6 @@ def at_wall(**user: Any) -> dict[str, Any]:
         "coupling": {"stiffness_npm": K, "impedance_nspm": B_LINE},
         "users": [{"name": "anna", "hand": "push&force_n=2", **user}],
     }  # fmt: skip
-
-
-def account_of(laboratory: Laboratory, number: int = 0) -> ClientAccount:
-    return laboratory.people[number].core.handle(CloseLedger(laboratory.ticks(number)), laboratory.now_ns)
 
 
 def frame_of(laboratory: Laboratory, number: int = 0) -> HandMap:
@@ -46,13 +40,10 @@ def frame_of(laboratory: Laboratory, number: int = 0) -> HandMap:
 )
 def test_a_hand_feels_the_wall_by_the_force_scale(scale: float, force: float) -> None:
     """K_hand = s K: force by s / g, way by 1 / g."""
-    laboratory = Laboratory(resolve(at_wall(position_scale=scale, force_scale=force)))
-    laboratory.run()
-    account = account_of(laboratory)
+    account = account_of(Laboratory(resolve(at_wall(position_scale=scale, force_scale=force))))
+    plain = account_of(Laboratory(resolve(at_wall())))
     assert account.felt_stiffness_npm == pytest.approx(account.predicted_stiffness_npm, rel=0.01)
-    plain = Laboratory(resolve(at_wall()))
-    plain.run()
-    assert account.predicted_stiffness_npm == pytest.approx(force * account_of(plain).predicted_stiffness_npm)
+    assert account.predicted_stiffness_npm == pytest.approx(force * plain.predicted_stiffness_npm)
     assert account.down_margin_j >= -CREDIT_J
     assert account.device.margin_j >= 0.0
 
@@ -107,16 +98,9 @@ def test_a_clutch_in_contact_lets_the_hand_go_without_a_step_of_force() -> None:
     press = "1@1.0+0.5,1@2.0+0.5,1@3.0+0.2"
     settings = resolve(at_wall(device=f"sim:phantom?press={press}", clutch_button=1, hand="approach&amplitude_m=0.006"))
     laboratory = Laboratory(settings)
-    states, steps, forces = set[str](), [0.0], [(0.0,) * 3]
-
-    def watch(_: Laboratory) -> None:
-        core = laboratory.people[0].core
-        states.add(core.safety.state)
-        steps.append(dist(core.force_n, forces[-1]))
-        forces.append(core.force_n)
-
-    laboratory.run(each_tick=watch)
-    assert max(steps) < SOFT_SLOPE_NPS / 1024
+    core = laboratory.people[0].core
+    states, forces = zip(*by_tick(laboratory, lambda _: (core.safety.state, core.force_n)), strict=True)
+    assert max(dist(after, before) for before, after in pairwise(forces)) < SOFT_SLOPE_NPS / 1024
     assert max(hypot(*forces[int(1024 * s)]) for s in (1.2, 1.49, 2.3, 3.15)) == 0.0, "while it is held"
     assert hypot(*forces[-1]) > 0.05, "the wall is felt again"
     assert not laboratory.diverged
@@ -145,14 +129,9 @@ def test_two_people_of_different_scales_are_passive_and_replay_exactly(tmp_path:
         ],
     })  # fmt: skip
     outcome = run_laboratory(settings, tmp_path)
-    run = open_run(tmp_path)
-    assert run.server is not None
-    for end in (*run.clients.values(), run.server):
-        found = verify(end.recording)
-        assert found.exact, found
+    assert_plays_again(tmp_path)
     for user in outcome.summary["users"]:
         energy = user["energy"]
-        margins = [energy[name] for name in ("up_margin_j", "down_margin_j", "line_margin_j")]
-        assert min(margins) >= -CREDIT_J, margins
+        assert min(energy[name] for name in MARGINS) >= -CREDIT_J, energy
         assert energy["device_margin_j"] >= 0.0
         assert user["state"] == "live", user["reason"]

@@ -1,6 +1,7 @@
 """Tests of whole sessions in virtual time against the numbers of theory sections 3 to 6."""
 
 import csv
+import itertools
 import json
 import math
 import os
@@ -13,14 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cogrip.protocol.settings import resolve
 from cogrip.sim.runs.folder import summary_text
 from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import every, long
 from tests.interpreted import needs_interpreted
-from tests.sim.session_measures import FRAME_MS, Table, least_margin, summary_of
+from tests.sim.session_measures import FRAME_MS, Table, by_frame, laboratory_of, least_margin, summary_of
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 
@@ -100,28 +99,6 @@ def test_the_papers_step_diverges_there() -> None:
     summary = stiff("paper")
     assert summary["diverged"]
     assert summary["seconds"] < 4.5
-
-
-@pytest.mark.sample(2)
-@pytest.mark.parametrize(
-    ("stiffness", "frames", "diverges"),
-    [long(3000.0, 0, False), (500.0, 1, False), long(4500.0, 0, True), (1500.0, 1, True)],
-)
-def test_virtual_coupling_holds_and_breaks_where_its_eigenvalues_say(
-    stiffness: float, frames: int, diverges: bool
-) -> None:
-    """Both sides of theory section 6's rows for 0 and 1 frames, with free devices pushed by a short force."""
-    loose = "hand_stiffness_npm=1&hand_damping_nspm=0"
-    summary = summary_of(
-        seconds=4,
-        coupling={"kind": "coupling", "stiffness_npm": stiffness},
-        link={"delay_ms": frames * FRAME_MS},
-        users=[
-            {"name": "a", "device": "sim:ideal", "hand": f"hold&{loose}"},
-            {"name": "b", "device": "sim:ideal", "hand": f"reach&amplitude_m=0.01&stop_s=1&{loose}"},
-        ],
-    )
-    assert summary["diverged"] is diverges
 
 
 # Bad links -----------------------------------------------------------------------------------------------------------
@@ -225,43 +202,26 @@ def test_one_seed_gives_one_summary_to_the_byte() -> None:
 # The counter-example -------------------------------------------------------------------------------------------------
 
 
-def aliasing(decimator: str) -> Table:
+@needs_interpreted
+@pytest.mark.parametrize("decimator", ["none", "boxcar"])
+def test_aliasing_creates_energy_without_a_filter_and_none_with_the_mean_of_a_frame(decimator: str) -> None:
     """A hand that trembles so that every last sample of a frame is at a crest: 128 Hz, the frame rate itself."""
-    hand = "hold&hand_stiffness_npm=300"
-    laboratory = Laboratory(
-        resolve(
-            {
-                "seconds": 2,
-                "coupling": {"decimator": decimator, "impedance_nspm": 2.0},
-                "users": [{"name": name, "device": "sim:ideal", "hand": hand} for name in "ab"],
-            }
-        )
-    )
-    person = laboratory.people[0]
-    write, tick = person.device.write, 0
+    users = [{"name": name, "device": "sim:ideal", "hand": "hold&hand_stiffness_npm=300"} for name in "ab"]
+    laboratory = laboratory_of(seconds=2, coupling={"decimator": decimator, "impedance_nspm": 2.0}, users=users)
+    device = laboratory.people[0].device
+    write, ticks = device.write, itertools.count(1)
 
     def shaken(force_n: tuple[float, ...]) -> None:
-        nonlocal tick
-        tick += 1
-        write((force_n[0] + 15.0 * math.sin(2.0 * math.pi * tick / 8.0),))
+        write((force_n[0] + 15.0 * math.sin(2.0 * math.pi * next(ticks) / 8.0),))
 
-    person.device.write = shaken
+    device.write = shaken
     laboratory.run()
-    return of_laboratory(laboratory)
-
-
-@needs_interpreted
-def test_without_a_filter_aliasing_creates_energy() -> None:
-    summary = aliasing("none")
-    assert summary["users"][0]["energy"]["up_margin_j"] < -1e-6
-    assert summary["passive"] is False
-
-
-@needs_interpreted
-def test_the_mean_of_a_frame_does_not() -> None:
-    summary = aliasing("boxcar")
-    assert least_margin(summary) >= -1e-12
-    assert summary["passive"] is True
+    summary = of_laboratory(laboratory)
+    assert summary["passive"] is (decimator == "boxcar")
+    if decimator == "boxcar":
+        assert least_margin(summary) >= -1e-12
+    else:
+        assert summary["users"][0]["energy"]["up_margin_j"] < -1e-6
 
 
 # Real hands ----------------------------------------------------------------------------------------------------------
@@ -280,24 +240,11 @@ def tue(name: str, run: str) -> str:
 
 def alone(hand: str, axes: int, seconds: float) -> tuple[Table, np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     """One recorded hand, one cube: summary, hand and object frame by frame, each (frames, axes)."""
-    laboratory = Laboratory(
-        resolve(
-            {
-                "seconds": seconds,
-                "object": {"axes": axes},
-                "link": {"delay_ms": 10},
-                "users": [{"name": "a", "device": "sim:ideal", "hand": hand}],
-            }
-        )
-    )
-    hands, objects = [], []
-
-    def watch(lab: Laboratory) -> None:
-        hands.append(lab.people[0].core.position_m)
-        objects.append(tuple(lab.room.world.position.tolist()))
-
-    laboratory.run(None, watch)
-    return of_laboratory(laboratory), np.array(hands), np.array(objects)
+    users = [{"name": "a", "device": "sim:ideal", "hand": hand}]
+    laboratory = laboratory_of(seconds=seconds, object={"axes": axes}, link={"delay_ms": 10}, users=users)
+    rows = by_frame(laboratory, lambda now: (now.people[0].core.position_m, tuple(now.room.world.position.tolist())))
+    hands, objects = np.array(rows).swapaxes(0, 1)
+    return of_laboratory(laboratory), hands, objects
 
 
 def correlation(one: np.ndarray[Any, Any], other: np.ndarray[Any, Any]) -> float:
