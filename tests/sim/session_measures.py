@@ -30,10 +30,10 @@ def summary_of(bare: bool = False, **tables: object) -> Table:
     return of_laboratory(laboratory)
 
 
-def run_frames(laboratory: Laboratory, count: int) -> None:
+def run_frames(laboratory: Laboratory, count: int, each_tick: Callable[[Laboratory], None] | None = None) -> None:
     """Run so many network frames."""
     for _ in range(count):
-        laboratory.frame()
+        laboratory.frame(each_tick)
 
 
 def by_tick(

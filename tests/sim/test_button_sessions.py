@@ -35,7 +35,7 @@ class Told:
         self.laboratory = laboratory
         self.edges: list[Edge] = []
         self.ticks: list[int] = []
-        laboratory.room.world.button = self._button  # type: ignore[method-assign]
+        laboratory.room.world.button = self._button
 
     def _button(self, user: int, button: int, down: bool) -> None:
         self.edges.append((user, button, down))
@@ -66,7 +66,7 @@ def waits(told: Told) -> list[int]:
     late = []
     for number, person in enumerate(told.laboratory.people):
         happened = sorted(
-            tick for press in person.device.presses  # type: ignore[attr-defined]
+            tick for press in person.device.presses
             for span in [press.ticks(1024)] for tick in (span.start, span.stop)
         )  # fmt: skip
         mine = [(down, tick) for (user, _, down), tick in zip(told.edges, told.ticks, strict=True) if user == number]
@@ -114,7 +114,6 @@ def test_edges_at_once_that_cannot_be_are_dropped_by_name_and_repeated_ones_give
     run_frames(laboratory, 32)
     person, server = laboratory.people[0], laboratory.server
     session, now_ns = person.core.session, laboratory.now_ns
-    assert session.welcome is not None
     number = session.welcome.session
 
     def edges(number: int, first: int) -> bytes:
@@ -158,7 +157,6 @@ class Turning:
 
     def read(self, tick: int) -> Sample | None:
         sample = self._device.read(tick)
-        assert sample is not None
         angle, bad = 1e-3 * tick, tick % 50 == 49
         turned = (nan if bad else cos(angle), 0.0, 0.0, sin(angle))
         return replace(sample, orientation=turned, grip_m=0.2 if bad else 0.05 - 1e-5 * tick)
@@ -176,13 +174,11 @@ def test_orientation_and_grip_come_to_world_and_observers_as_newest_values(turni
     """Readings that cannot be are counted, and the last one stands."""
     laboratory = Laboratory(turning)
     told: list[tuple[int, Any, Any]] = []
-    laboratory.room.world.handle = lambda *given: told.append(given)  # type: ignore[method-assign]
+    laboratory.room.world.handle = lambda *given: told.append(given)
     laboratory.run()
     seat = laboratory.room.seats[0]
-    assert seat.port is not None
     handle = seat.port.handle
     assert laboratory.people[0].core.session.dropped["implausible handle"] == 2 * (1017 // 50)
-    assert handle.orientation is not None
     w, x, y, z = handle.orientation
     tick = atan2(z, w) / 1e-3
     assert (x, y) == (0.0, 0.0)
@@ -215,7 +211,6 @@ class Closed(Turning):
 
     def read(self, tick: int) -> Sample | None:
         sample = self._device.read(tick)
-        assert sample is not None
         zero = -0.0 if tick % M == M - 1 else 0.0
         return None if tick % M == 0 else replace(sample, orientation=(1.0, zero, 0.0, 0.0), grip_m=zero)
 

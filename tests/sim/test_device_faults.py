@@ -3,9 +3,9 @@
 Whole sessions in virtual time: real drivers on emulated devices, two people on one cube, one of them with a fault.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from math import hypot
 from random import Random
@@ -19,7 +19,7 @@ from cogrip.devices.emulated.inverse_service import IDLE_NS
 from cogrip.sim.session.laboratory import Laboratory, Person
 
 from tests.extent import every, long
-from tests.sim.session_measures import allowed, laboratory_of
+from tests.sim.session_measures import allowed, laboratory_of, run_frames
 
 RATE_HZ = 1024
 HANDS = ("reach&amplitude_m=0.03&delay_s=0.3&stroke_s=0.3", "hold")
@@ -81,17 +81,26 @@ def firmware(person: Person) -> Firmware:
     return person.device.firmware
 
 
-def run(laboratory: Laboratory, each: Callable[[int], None]) -> Course:
-    course = Course()
+def run(
+    laboratory: Laboratory,
+    acts: Mapping[int, Callable[[], object]] | None = None,
+    each: Callable[[int], None] | None = None,
+) -> Course:
+    """Run a session; do what `acts` has for a tick, and `each` in every tick."""
+    course, acts = Course(), acts or {}
 
     def watch(lab: Laboratory) -> None:
         forces = [hypot(*firmware(person).mechanics.force_n) for person in lab.people]
         course.force.append((forces[0], forces[1]))
         course.state.append((lab.people[0].core.safety.state, lab.people[1].core.safety.state))
-        each(lab.tick)
+        if lab.tick in acts:
+            acts[lab.tick]()
+        if each is not None:
+            each(lab.tick)
 
-    for _ in range(laboratory.frames):  # also beyond what a session would call diverged: a force that sits at its limit
-        laboratory.frame(watch)
+    run_frames(
+        laboratory, laboratory.frames, watch
+    )  # also beyond what a session would call diverged: a force at its limit
     return course
 
 
@@ -102,7 +111,7 @@ def passive(laboratory: Laboratory) -> bool:
 @cache
 def undisturbed(wire: str) -> Course:
     """The same session, where nothing goes wrong."""
-    return run(session(wire, BEGIN_S + DEAF_S), lambda tick: None)
+    return run(session(wire, BEGIN_S + DEAF_S))
 
 
 NOT_FOUND = {  # wires on which a fault cannot be seen
@@ -138,15 +147,10 @@ def test_the_force_ends_and_the_other_goes_on(wire: str, verb: str) -> None:
     anna = laboratory.people[0]
     begin = round(BEGIN_S * RATE_HZ)
     lasting = [BRIEF_S[wire, verb]] if (wire, verb) in BRIEF_S else []
-
-    def each(tick: int) -> None:
-        if tick == begin:
-            if verb.startswith("slip"):
-                firmware(anna).mechanics.slip("abc".index(verb[-1]), JUMP_COUNTS)
-            else:
-                firmware(anna).fault(verb, *lasting)
-
-    course, whole = run(laboratory, each), undisturbed(wire)
+    act = partial(firmware(anna).fault, verb, *lasting)
+    if verb.startswith("slip"):
+        act = partial(firmware(anna).mechanics.slip, "abc".index(verb[-1]), JUMP_COUNTS)
+    course, whole = run(laboratory, {begin: act}), undisturbed(wire)
     assert course.force[begin - 1][0] > 0.3, "there was a force to end"
     assert course.kick_n(whole, 0, begin, held=verb == "deaf" and wire in HOLDS_ON) < KICK_N
     assert course.kick_n(whole, 1, begin) < KICK_N
@@ -174,12 +178,11 @@ def test_an_encoder_that_jumps_in_a_silence_is_found(wire: str, silence_s: float
     anna = laboratory.people[0]
     begin = round(begin_s * RATE_HZ)
 
-    def each(tick: int) -> None:
-        if tick == begin:
-            firmware(anna).fault("silence", silence_s)
-            firmware(anna).fault("jump")
+    def jump() -> None:
+        firmware(anna).fault("silence", silence_s)
+        firmware(anna).fault("jump")
 
-    course = run(laboratory, each)
+    course = run(laboratory, {begin: jump})
     assert anna.core.safety.state == "fault"
     assert "encoder a jumped by" in anna.core.safety.reason
     done = begin + round(AT_ONCE_S * RATE_HZ)
@@ -195,19 +198,17 @@ def test_re_arming_works_once_the_cause_is_gone(wire: str, verb: str) -> None:
     begin, mended, again = (round(at * RATE_HZ) for at in (BEGIN_S, BEGIN_S + 0.3, BEGIN_S + 0.6))
     refusals: list[str] = []
 
-    def each(tick: int) -> None:
-        if tick == begin:
-            firmware(anna).fault(verb)
-        elif tick == mended:
-            refusals.append(anna.supervised.rearm())
-            firmware(anna).mend()
-            refusals.append(anna.supervised.rearm() if verb in POSE_LOST[wire] else "")
-        elif tick == again:
-            if verb in POSE_LOST[wire]:
-                calibrate(anna)
-            refusals.append(anna.supervised.rearm())
+    def mend() -> None:
+        refusals.append(anna.supervised.rearm())
+        firmware(anna).mend()
+        refusals.append(anna.supervised.rearm() if verb in POSE_LOST[wire] else "")
 
-    course = run(laboratory, each)
+    def rearm() -> None:
+        if verb in POSE_LOST[wire]:
+            calibrate(anna)
+        refusals.append(anna.supervised.rearm())
+
+    course = run(laboratory, {begin: partial(firmware(anna).fault, verb), mended: mend, again: rearm})
     still_there, uncalibrated, good = refusals
     assert good == ""
     if verb in ("unplug", "model"):
@@ -244,13 +245,9 @@ def test_no_force_is_ever_above_the_limit_whatever_goes_wrong(seed: int, seconds
     wire = WIRES[seed % len(WIRES)]
     hands = ("reach&amplitude_m=0.04&stroke_s=0.3", "tremor&amplitude_m=0.02&seed=5")
     laboratory = session(wire, seconds, hands, pose=f"stored&peak_force_n={WEAK_N}")
+    lasting_s = (0.002, 0.01, 0.05, 0.3)
     plan = sorted(
-        (
-            random.uniform(0.5, seconds - 0.5),
-            random.choice(VERBS),
-            random.choice((0.002, 0.01, 0.05, 0.3)),
-            random.random(),
-        )
+        (random.uniform(0.5, seconds - 0.5), random.choice(VERBS), random.choice(lasting_s), random.random())
         for _ in range(count)
     )
     limits = [person.device.capability.peak_force_n for person in laboratory.people]
@@ -274,7 +271,7 @@ def test_no_force_is_ever_above_the_limit_whatever_goes_wrong(seed: int, seconds
                     calibrate(person)
                 person.supervised.rearm()
 
-    course = run(laboratory, each)
+    course = run(laboratory, each=each)
     assert not plan
     clipped = sum(person.core.safety.counts.get("force clipped", 0) for person in laboratory.people)
     assert clipped > 100, "the limit was reached"

@@ -29,7 +29,7 @@ from cogrip.sim.runs.verdict import passive
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.sim.reported_runs import printed
-from tests.sim.session_measures import MARGINS
+from tests.sim.session_measures import MARGINS, run_frames
 
 LEDGERS = ("up", "down", "line", "device")
 TANK_J = 5e-3
@@ -145,45 +145,38 @@ def run_until(laboratory: Laboratory, done: Callable[[], bool]) -> None:
     raise AssertionError("it takes too long")
 
 
-def frames(laboratory: Laboratory, count: int) -> None:
-    for _ in range(count):
-        laboratory.frame(watch)
-
-
 @pytest.mark.long
 def test_whoever_takes_a_seat_anew_has_a_first_second_anew() -> None:
     laboratory = Laboratory(session(seconds=60.0, rates=SLOW))
-    frames(laboratory, 150)
+    run_frames(laboratory, 150, watch)
     laboratory.leave(0)
     run_until(laboratory, lambda: laboratory.people[0].core.session.state == "closed")
     left = laboratory.room.seat_account(0)
-    assert left.line_reserve_j is not None
     laboratory.come(0)
-    frames(laboratory, 100)
+    run_frames(laboratory, 100, watch)
     lawful(summary := of_laboratory(laboratory))
     [before] = summary["users"][0]["earlier"]
     assert before["energy"]["line_reserve_j"] == left.line_reserve_j
     assert [summary["users"][0]["energy"][f"{ledger}_reserve_j"] for ledger in LEDGERS] == [None] * 4
     row = next(line for line in printed(summary, 80).splitlines() if line.startswith("anna (2)"))
     assert row.split()[5] == "-"
-    frames(laboratory, 100)
+    run_frames(laboratory, 100, watch)
     lawful(summary := of_laboratory(laboratory))
     assert all(summary["users"][0]["energy"][f"{ledger}_reserve_j"] is not None for ledger in LEDGERS)
 
 
 def test_a_resumed_seat_goes_on_and_a_kicked_one_keeps_what_was_known() -> None:
     laboratory = Laboratory(session(seconds=60.0, rates=SLOW))
-    frames(laboratory, 150)
+    run_frames(laboratory, 150, watch)
     seat, core = laboratory.room.seats[0], laboratory.people[0].core
     least_j = laboratory.room.seat_account(0).line_reserve_j
-    assert least_j is not None
     laboratory.lose_address(0)
     run_until(laboratory, lambda: core.session.resumed == 1)
-    frames(laboratory, 30)
+    run_frames(laboratory, 30, watch)
     resumed_j = laboratory.room.seat_account(0).line_reserve_j
     assert resumed_j <= least_j, "the same line"
     laboratory.server.handle(Kick("anna"), laboratory.now_ns)
-    frames(laboratory, 5)
+    run_frames(laboratory, 5, watch)
     assert seat.port is None
     kicked_j = laboratory.room.seat_account(0).line_reserve_j
     assert kicked_j <= resumed_j
@@ -194,17 +187,16 @@ def test_a_new_server_begins_a_new_line_and_the_client_keeps_the_least_of_all() 
     laboratory = Laboratory(
         session(seconds=60.0, rates=SLOW, link={"delay_ms": 10.0, "loss": 0.1}, playout={"tank_mj": 5.0})
     )
-    frames(laboratory, 150)
+    run_frames(laboratory, 150, watch)
     core = laboratory.people[0].core
     least_j, margin_j = core.ledger.down_reserve_j, core.coupling.down_margin_j
-    assert least_j is not None
     checkpoints = laboratory.kill()
-    frames(laboratory, 20)
+    run_frames(laboratory, 20, watch)
     laboratory.restart(checkpoints)
     while core.session.renewed == 0:
         least_j = core.ledger.down_reserve_j
         laboratory.frame(watch)
-    frames(laboratory, 20)
+    run_frames(laboratory, 20, watch)
     assert core.ledger.down_reserve_j == least_j, "the new line has no second yet"
     assert core.coupling.down_margin_j <= margin_j
     assert laboratory.room.seat_account(0).line_reserve_j is None

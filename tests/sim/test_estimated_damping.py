@@ -294,10 +294,9 @@ def test_how_far_sessions_go(memory: float, latency: int) -> None:
     """Cube and wall, one and four frames in each direction, K = 500 N/m: all stable 2 % below the limit, one not 2 % above."""
 
     def stable(share: float, kind: str, frames: int) -> bool:
-        users = [{"name": name, "device": "sim:phantom?hand=hold", "device_mass_kg": 0.075} for name in ("a", "b")]
-        keys = {"coupling.impedance_nspm": share * 0.075 / T_C, "coupling.stiffness_npm": 500.0, "object.kind": kind}
-        found = linear_session(resolve({"users": users}, keys), delay_frames=frames, estimated=True)
-        return verdict(LiftedModel(with_everybody(found, memory=memory, latency_ticks=latency))).stable
+        b, person = share * 0.075 / T_C, {"device_mass_kg": 0.075, "memory": memory}
+        found = late_session(latency, kind=kind, frames=frames, person=person, impedance_nspm=b, stiffness_npm=500.0)
+        return verdict(LiftedModel(found)).stable
 
     cases = [(kind, frames) for kind in ("cube", "wall") for frames in (1, 4)]
     end = SHARES[latency][memory]

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.settings import SettingsError, resolve
-from cogrip.server.wave_port import WavePort
 from cogrip.sim.runs.felt_as_intended import MOST_CONTROLLED
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.report.tables import people_table
@@ -19,7 +18,7 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import every, long
-from tests.sim.session_measures import assert_plays_again, by_tick, laboratory_of, least_margin
+from tests.sim.session_measures import assert_plays_again, by_frame, by_tick, laboratory_of, least_margin
 
 K_NPM, REST_M = 600.0, 0.02
 SPRING = f"""<mujoco><option gravity="0 0 0"/><worldbody>
@@ -77,18 +76,11 @@ def test_a_spring_between_the_fingers_is_in_series_with_the_line(
     coupling = {"impedance_nspm": 20.0, "grip_impedance_nspm": b_nspm}
     squeezing = {**PINCH, "device": f"{SQUEEZE}{FRICTIONLESS}{encoders}"}
     held = session(scene, squeezing, coupling=coupling, link=link, seconds=4.0)
-    felt: list[tuple[float, float]] = []
-
-    def each_frame(laboratory: Laboratory) -> None:
-        device: Any = laboratory.people[0].device
-        felt.append((device.force_n[3], device.position_m[3] - REST_M))
-
-    held.run(None, each_frame)
+    device: Any = held.people[0].device
+    felt = by_frame(held, lambda _: (device.force_n[3], device.position_m[3] - REST_M))
     seat = held.people[0].core.seated
-    assert seat is not None
     assert seat.safety.state == "live"
     loop_frames = seat.coupling.loop_frames()
-    assert loop_frames is not None
     loop_s = (loop_frames + sum(seat.deficit_frames) / len(seat.deficit_frames)) * seat.settings.rates.frame_s
     expected = 1.0 / (1.0 / K_NPM + loop_s / (2.0 * b_nspm))
     force_n, stretch_m = (sum(column) / 128 for column in zip(*felt[-128:], strict=True))
@@ -120,19 +112,14 @@ def test_what_both_lines_owe_is_all_by_which_a_lossy_network_softens_the_fingers
     device = SQUEEZE.replace("squeeze_m=0.008", f"squeeze_m={squeeze_m}")
     squeezing = {**PINCH, "device": f"{device}{FRICTIONLESS}{EXACT}"}
     held = session(scene, squeezing, coupling=coupling, link={"profile": network}, seed=seed, seconds=8.0)
-    rows: list[tuple[float, ...]] = []
+    core, device, room = held.people[0].core, held.people[0].device, held.room
 
-    def each_frame(laboratory: Laboratory) -> None:
-        device: Any = laboratory.people[0].device
-        seat, port = laboratory.people[0].core.seated, laboratory.room.seats[0].port
-        if laboratory.seconds >= 6.0 and seat is not None and isinstance(port, WavePort):
-            coupling: Any = seat.coupling
-            owed = coupling.deficit[3] - port.deficit[3]
-            rows.append((device.force_n[3], REST_M - device.position_m[3], coupling.loop_frames(), owed))
+    def row(_: Laboratory) -> tuple[float, ...]:
+        owed = core.coupling.deficit[3] - room.seats[0].port.deficit[3]
+        return device.force_n[3], REST_M - device.position_m[3], core.coupling.loop_frames(), owed
 
-    held.run(None, each_frame)
+    rows = by_frame(held, lambda now: row(now) if now.seconds >= 6.0 else None)[-256:]
     force_n, squeezed_m, loop_frames, owed = (sum(column) / len(rows) for column in zip(*rows, strict=True))
-    assert len(rows) > 250
     frame_s = 1.0 / 128.0
     bare_m = -force_n * (1.0 / K_NPM + loop_frames * frame_s / (2.0 * b_nspm))
     expected_m = bare_m + frame_s * owed / sqrt(2.0 * b_nspm)
@@ -193,7 +180,7 @@ def test_scales_limits_and_clutch_keep_the_energy_of_a_gripper(scene: dict[str, 
 def test_the_clutch_holds_the_opening(scene: dict[str, Any]) -> None:
     held = session(scene, {**PINCH, **MORE["clutched"], "device": f"{SQUEEZE}&press=1@0.1+3"}, seconds=1.0)
     held.run()
-    assert held.people[0].device.position_m[3] < 0.012  # type: ignore[attr-defined]
+    assert held.people[0].device.position_m[3] < 0.012
     assert held.room.world.proxy(0)[3] == pytest.approx(REST_M, abs=1e-4)
 
 
@@ -204,9 +191,8 @@ def test_an_impedance_that_is_chosen_takes_the_grippers_along(scene: dict[str, A
     )
     held.run()
     seat, world = held.people[0].core.seated, held.room.world
-    assert seat is not None
     ratio = 5.0 / seat.settings.coupling.impedance_nspm
-    assert world.further_impedance[0, 0] == pytest.approx(ratio * world.impedance[0, 0])  # type: ignore[attr-defined]
+    assert world.further_impedance[0, 0] == pytest.approx(ratio * world.impedance[0, 0])
     assert least(held) >= 0.0
 
 
@@ -226,8 +212,7 @@ def test_observers_are_told_the_opening_and_the_summary_the_largest_force(scene:
     held = session(scene, seconds=1.0)
     peak_n = max(by_tick(held, lambda now: abs(now.people[0].device.force_n[3])))
     port = held.room.seats[0].port
-    assert port is not None
-    assert port.handle.grip_m == pytest.approx(held.people[0].device.position_m[3], abs=5e-4)  # type: ignore[attr-defined]
+    assert port.handle.grip_m == pytest.approx(held.people[0].device.position_m[3], abs=5e-4)
     summary = of_laboratory(held)
     [user] = summary["users"]
     assert user["peak_grip_n"] == pytest.approx(peak_n)

@@ -29,9 +29,7 @@ def at_wall(**user: Any) -> dict[str, Any]:
 
 
 def frame_of(laboratory: Laboratory, number: int = 0) -> HandMap:
-    frame = laboratory.people[number].core._seat._hand_map
-    assert frame is not None
-    return frame
+    return laboratory.people[number].core._seat._hand_map
 
 
 @pytest.mark.long
