@@ -5,10 +5,10 @@ from math import dist, hypot
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cogrip.client.force_limits import SOFT_SLOPE_NPS
-from cogrip.client.hand_map import HandMap
 from cogrip.protocol.settings import resolve
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.session.laboratory import Laboratory
@@ -26,10 +26,6 @@ def at_wall(**user: Any) -> dict[str, Any]:
         "coupling": {"stiffness_npm": K, "impedance_nspm": B_LINE},
         "users": [{"name": "anna", "hand": "push&force_n=2", **user}],
     }  # fmt: skip
-
-
-def frame_of(laboratory: Laboratory, number: int = 0) -> HandMap:
-    return laboratory.people[number].core._seat._hand_map
 
 
 @pytest.mark.long
@@ -59,31 +55,19 @@ def test_clutches_of_50_mm_displace_nothing(times: int) -> None:
         }],
     })  # fmt: skip
     laboratory = Laboratory(settings)
-    tool, clutches, still = [0.0] * 3, 0, [0]
-    offsets: list[float] = []  # of the server's proxy from the tool: 0.12 mm since the hand began to move
-    last: list[Any] = [None, False]
-
-    def watch(_: Laboratory) -> None:
-        nonlocal clutches
-        seat = laboratory.people[0].core._seat
-        frame = frame_of(laboratory)
-        before, held = last
-        if before is not None and not held:
-            for axis in range(3):
-                tool[axis] += seat.hand.position_m[axis] - before[axis]
-        clutches += frame.held and not held
-        still[0] = still[0] + 1 if frame.held else 0
-        if still[0] > 300:  # the proxy of the server has come to rest
-            offsets.append(float(laboratory.room.world.hand[0][0]) - seat.tool_m()[0])
-        last[:] = [seat.hand.position_m, frame.held]
-
-    laboratory.run(each_tick=watch)
-    seat = laboratory.people[0].core._seat
+    core, world = laboratory.people[0].core, laboratory.room.world
+    rows = by_tick(
+        laboratory,
+        lambda _: (core._seat.hand.position_m, core._seat._hand_map.held, world.hand[0][0] - core._seat.tool_m()[0]),
+    )
+    places, held, offsets = map(np.array, zip(*rows, strict=True))
+    seat = core._seat
     assert not laboratory.diverged
-    assert clutches == times
-    begun = seat._origin_pose
-    assert dist(seat.tool_m(), [a + b for a, b in zip(begun, tool, strict=True)]) < 1e-9
-    assert max(offsets) - min(offsets) < 1e-5, "0.01 mm"
+    assert np.count_nonzero(held[1:] & ~held[:-1]) == times
+    moved = np.diff(places, axis=0)[~held[:-1]].sum(axis=0)
+    assert dist(seat.tool_m(), seat._origin_pose + moved) < 1e-9
+    at_rest = np.convolve(held, np.ones(301))[: len(held)] > 300.5  # the proxy of the server has come to rest
+    assert np.ptp(offsets[at_rest]) < 1e-5, "0.01 mm; 0.12 mm since the hand began to move"
     assert not seat.safety.counts["fault"]
     account = account_of(laboratory)
     assert account.down_margin_j >= 0.0
