@@ -28,6 +28,7 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 RATE_HZ = 1024
 TAKEN_HOLD = 400  # ticks, in which the force is ramped in
 HELD = {"hand": "reach&amplitude_m=0.012"}, {"hand": "hold"}
+APART = {"hand": "reach&amplitude_m=0.04"}, {"hand": "reach&amplitude_m=0.03&delay_s=0.25"}
 
 
 @dataclass
@@ -80,26 +81,24 @@ def assert_calm(one: Felt) -> None:
     assert np.abs(one.forces).max() > 0.1, "a force is felt"
 
 
+STAND_INS = sorted({address for addresses in stand_ins().values() for address in addresses if ":" in address})
+DEVICES = [address for address in STAND_INS if not address.startswith(("replay", "web"))]  # nobody moves these
+
+
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("impedance", "axes"), every(3, product((50.0, 100.0), (1, 3))))
 def test_an_impedance_far_beyond_what_the_device_carries_is_calm(impedance: float, axes: int) -> None:
     """Without the port, at 1 axis: +-8.5 N, 140 changes of sign a second, steps of 16 and 17 N."""
-    hands = ({"hand": "reach&amplitude_m=0.04"}, {"hand": "reach&amplitude_m=0.03&delay_s=0.25"})
-    for one in felt(room(1.8, users=hands, coupling={"impedance_nspm": impedance}, object={"axes": axes})):
+    for one in felt(room(1.8, users=APART, coupling={"impedance_nspm": impedance}, object={"axes": axes})):
         assert_calm(one)
         assert one.core.port.carried_nspm == largest_impedance(one.core.capability, 1.0 / RATE_HZ).impedance_nspm
-
-
-STAND_INS = sorted({address for addresses in stand_ins().values() for address in addresses if ":" in address})
-DEVICES = [address for address in STAND_INS if not address.startswith(("replay", "web"))]  # nobody moves these
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("device", "impedance"), every(21, product(DEVICES, (50.0, 100.0))))
 def test_ten_times_the_stiffness_and_any_impedance_is_calm_on_every_device(device: str, impedance: float) -> None:
     stiffness = 10.0 * min(2000.0, make(device).capability.stiffness_npm)
-    coupling = {"impedance_nspm": impedance, "stiffness_npm": stiffness}
-    for one in felt(room(1.5, device=device, coupling=coupling)):
+    for one in felt(room(1.5, device=device, coupling={"impedance_nspm": impedance, "stiffness_npm": stiffness})):
         assert_calm(one)
 
 
@@ -139,10 +138,7 @@ def test_what_the_record_does_not_say_is_found_out(
     Without, these sessions swing by +-8.5 N.
     """
     unlike(late, apparent_mass_kg=0.1, damping_nspm=50.0)
-    hands = [
-        {"hand": "reach&amplitude_m=0.04", "device_mass_kg": mass_kg},
-        {"hand": "reach&amplitude_m=0.03&delay_s=0.25", "device_mass_kg": mass_kg},
-    ]
+    hands = [{**hand, "device_mass_kg": mass_kg} for hand in APART]
     people = felt(room(2.0, users=hands, coupling={"impedance_nspm": impedance}))
     for one in people:
         assert_calm(one)
@@ -187,12 +183,8 @@ def test_a_law_that_oscillates_over_the_network_is_let_go_and_ends_in_a_fault_if
     stiffness: float, ends: str
 ) -> None:
     """Virtual coupling at 20 ms in each direction (theory section 6) is unstable with any port, and ends in a fault."""
-    settings = room(
-        8.0 if ends == "fault" else 4.0,
-        users=({"hand": "reach&amplitude_m=0.04"}, {"hand": "reach&amplitude_m=0.03&delay_s=0.25"}),
-        coupling={"kind": "coupling", "stiffness_npm": stiffness},
-    )
-    people = felt(settings)
+    coupling = {"kind": "coupling", "stiffness_npm": stiffness}
+    people = felt(room(8.0 if ends == "fault" else 4.0, users=APART, coupling=coupling))
     reasons = [one.core.safety.reason for one in people]
     assert any(one.account.device.let_go for one in people)
     assert any(one.core.safety.state == ends for one in people), reasons
@@ -208,9 +200,8 @@ def test_a_law_that_oscillates_over_the_network_is_let_go_and_ends_in_a_fault_if
 def test_virtual_coupling_keeps_its_spring_whatever_its_damping(damping: float) -> None:
     """K l T < b holds with what the device carries, not with the B that is asked for."""
     coupling = {"kind": "coupling", "stiffness_npm": 1000.0, "damping_nspm": damping}
-    [one] = felt(
-        room(1.0, users=({"hand": "hold"},), object={"kind": "wall"}, coupling=coupling, link={"delay_ms": 0.0})
-    )
+    thing, link = {"kind": "wall"}, {"delay_ms": 0.0}
+    [one] = felt(room(1.0, users=({"hand": "hold"},), object=thing, coupling=coupling, link=link))
     assert not one.core.coupling.reduced
 
 
@@ -237,8 +228,7 @@ def test_a_hand_that_overpowers_the_motors_gives_the_line_no_more_than_it_gave()
 def test_a_hand_that_pushes_from_the_start_is_not_thrown_back(kind: str, force_n: float) -> None:
     """The line takes what the hand gives while its force is ramped in, and 50 mJ; before, 2 N loaded it with 2.8 J."""
     hands = ({"hand": f"push&force_n={force_n}"}, {"hand": "hold"})
-    settings = room(2.0, users=hands, object={"kind": kind}, link={"delay_ms": 20.0}, playout={"frames": 1})
-    for one in felt(settings):
+    for one in felt(room(2.0, users=hands, object={"kind": kind})):
         assert one.core.safety.state == "live"
         assert one.account.device.margin_j > 0.0
         assert abs(one.core.position_m[0]) < 0.03

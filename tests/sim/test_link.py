@@ -50,7 +50,9 @@ def arrivals(link: LinkEmulator) -> list[tuple[int, bytes]]:
     """Return (time, datagram) of all that is under way."""
     found = []
     while (next_ns := link.next_ns) is not None:
-        found += [(next_ns, payload) for payload in link.due(next_ns)]
+        came = link.due(next_ns)
+        assert came, "next_ns is when something arrives"
+        found += [(next_ns, payload) for payload in came]
     return found
 
 
