@@ -1,7 +1,5 @@
 """Tests of S(w) against theory 3.2, against runs of the decimators, and of its worst input."""
 
-from math import pi
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -26,25 +24,8 @@ def decimator(kind, rates=RATES, cutoff=50.0):
     return make_decimator(kind, 1, rates.ticks_per_frame, rates.tick_s, cutoff)
 
 
-@pytest.mark.parametrize(
-    ("kind", "rad_s", "golden"),
-    [
-        ("boxcar", 50.0, "1.0000"),
-        ("lowpass", 50.0, "1.0125"),
-        ("lowpass", 2 * pi * 20, "1.078"),
-        ("lowpass", 2 * pi * 40, "1.296"),
-        ("lowpass", 2 * pi * 64, "1.691"),
-        ("none", 50.0, "8"),
-    ],
-)
-def test_largest_gains_of_theory_3_2(kind, rad_s, golden):
-    most, _ = largest_gain(filter_of(kind, RATES, rad_s), RATES.ticks_per_frame)
-    digits = len(golden.partition(".")[2])
-    assert f"{most:.{digits}f}" == golden
-
-
 def test_a_boxcar_has_gain_one_at_every_frequency():
-    gains = aliased_gain(filter_of("boxcar", RATES, 1.0), 8, np.linspace(-pi, pi, 999))
+    gains = aliased_gain(filter_of("boxcar", RATES, 1.0), 8, np.linspace(-np.pi, np.pi, 999))
     np.testing.assert_allclose(gains, 1.0, atol=1e-13)
 
 
@@ -58,21 +39,13 @@ def test_no_signal_gains_more_than_the_largest_gain(kind, ticks, cutoff, seed):
 
 
 @pytest.mark.parametrize(("kind", "cutoff"), [("boxcar", 50.0), ("none", 50.0), ("lowpass", 50.0), ("lowpass", 250.0)])
-def test_the_worst_input_comes_within_one_percent(kind, cutoff):
+def test_the_worst_input_comes_within_one_percent_and_only_the_boxcar_keeps_every_margin(kind, cutoff):
+    """P's own filter creates energy for its worst input, though its cut-off is far below pi / M."""
     which = filter_of(kind, RATES, cutoff)
     most, _ = largest_gain(which, 8)
     run = run_energy(decimator(kind, RATES, cutoff), worst_input(which, 8, 600), RATES)
     assert 0.99 * most <= run.gain <= most * (1.0 + 1e-12)
-
-
-def test_only_the_boxcar_keeps_every_margin():
-    """P's own filter creates energy for its worst input, though its cut-off is far below pi / M."""
-    for kind, least in (("boxcar", -1e-15), ("lowpass", None), ("none", None)):
-        run = run_energy(decimator(kind), worst_input(filter_of(kind, RATES, 50.0), 8, 600), RATES)
-        if least is None:
-            assert run.margin_j[-1] < 0.0
-        else:
-            assert run.margin_j.min() >= least
+    assert run.margin_j.min() >= -1e-15 if kind == "boxcar" else run.margin_j[-1] < 0.0
 
 
 def test_a_swept_sine_shows_aliasing_without_a_filter():
@@ -86,7 +59,7 @@ def test_a_swept_sine_shows_aliasing_without_a_filter():
 @given(st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=24), st.sampled_from((1, 2, 5, 8)))
 def test_mean_of_the_gain_is_m_times_the_sum_of_squared_taps(taps, ticks):
     """Parseval: the mean of S over w is M sum h^2, for taps of any length."""
-    angles = np.linspace(-pi, pi, 256, endpoint=False)
+    angles = np.linspace(-np.pi, np.pi, 256, endpoint=False)
     mean = aliased_gain(Filter(tuple(taps)), ticks, angles).mean()
     assert mean == pytest.approx(ticks * sum(tap * tap for tap in taps), rel=1e-9, abs=1e-12)
 
@@ -95,7 +68,7 @@ def test_a_recursive_filter_is_its_own_impulse_response():
     short = filter_of("lowpass", RATES, 300.0)
     pole = -short.poles[1]
     taps = Filter(tuple((1.0 - pole) * pole**k for k in range(300)))
-    angles = np.linspace(0.0, pi, 50)
+    angles = np.linspace(0.0, np.pi, 50)
     np.testing.assert_allclose(aliased_gain(short, 8, angles), aliased_gain(taps, 8, angles), rtol=1e-12)
 
 

@@ -10,7 +10,7 @@ from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.session.delay_trace import LOST_NS, DelayTrace, TraceError, read_trace
 from cogrip.sim.session.link import LinkEmulator
 
-from tests.sim.test_link import MS, Profile, S
+from tests.sim.test_link import MS, Profile, S, arrivals
 
 ROWS = [(10.0, 5.0), (11.0, 50.0), (11.5, None), (12.0, 10.0)]
 
@@ -24,9 +24,10 @@ def test_a_row_holds_until_the_next_and_the_trace_begins_again() -> None:
             assert trace.delay_ns(round((at_s + turn * 2.5) * S)) == delay_ms * MS
 
 
-def test_one_row_is_a_constant() -> None:
-    trace = DelayTrace([(0.0, 7.0)])
-    assert {trace.delay_ns(each) for each in (0, 1, S, 10**15)} == {7 * MS}
+@pytest.mark.parametrize("delay_ms", [7.0, 10_000.0])
+def test_one_row_is_a_constant_up_to_the_longest_delay(delay_ms: float) -> None:
+    trace = DelayTrace([(0.0, delay_ms)])
+    assert {trace.delay_ns(each) for each in (0, 1, S, 10**15)} == {delay_ms * MS}
 
 
 def test_a_link_adds_the_trace_by_the_time_of_sending_and_draws_nothing_for_it() -> None:
@@ -41,9 +42,8 @@ def test_a_link_adds_the_trace_by_the_time_of_sending_and_draws_nothing_for_it()
 
     def took(link: LinkEmulator) -> dict[bytes, list[int]]:
         found: dict[bytes, list[int]] = {}
-        while (next_ns := link.next_ns) is not None:
-            for payload in link.due(next_ns):
-                found.setdefault(payload, []).append(next_ns - sent_ns[payload])
+        for arrival_ns, payload in arrivals(link):
+            found.setdefault(payload, []).append(arrival_ns - sent_ns[payload])
         return found
 
     trace = DelayTrace(ROWS)
@@ -57,23 +57,14 @@ def test_a_link_adds_the_trace_by_the_time_of_sending_and_draws_nothing_for_it()
     assert traced.sent + traced.duplicated == traced.delivered + traced.lost
 
 
-def written(path: Path, text: str) -> Path:
-    path.write_text(text)
-    return path
-
-
-def test_a_file_is_read_once_its_columns_are_found(tmp_path) -> None:
-    file = written(tmp_path / "t.csv", "seq, delay_ms, t_s\n1,5.5,0\n\n2,lost,1\n3,,2\n4,6,3\n")
+def test_a_file_is_read_once_its_columns_are_found_and_a_byte_order_mark_is_passed_over(tmp_path) -> None:
+    file = tmp_path / "t.csv"
+    file.write_text("seq, delay_ms, t_s\n1,5.5,0\n\n2,lost,1\n3,,2\n4,6,3\n")
     trace = read_trace(file)
     assert [trace.delay_ns(each * S) for each in range(4)] == [5.5 * MS, LOST_NS, LOST_NS, 6 * MS]
     assert read_trace(file) is trace, "all links of a session have one"
-    written(file, "t_s,delay_ms\n0,1\n1,1\n")
-    assert read_trace(file) is not trace
-
-
-def test_a_byte_order_mark_is_passed_over(tmp_path) -> None:
-    (tmp_path / "t.csv").write_text("t_s,delay_ms\n0,4\n", encoding="utf-8-sig")
-    assert read_trace(tmp_path / "t.csv").delay_ns(0) == 4 * MS
+    file.write_text("t_s,delay_ms\n0,4\n", encoding="utf-8-sig")
+    assert read_trace(file).delay_ns(0) == 4 * MS
 
 
 @pytest.mark.parametrize(
@@ -95,7 +86,7 @@ def test_a_byte_order_mark_is_passed_over(tmp_path) -> None:
     ],
 )
 def test_what_is_said_of_a_file_that_is_no_trace(tmp_path, text: str, words: str) -> None:
-    file = written(tmp_path / "t.csv", text)
+    (file := tmp_path / "t.csv").write_text(text)
     with pytest.raises(TraceError, match=words) as caught:
         read_trace(file)
     assert str(file) in str(caught.value)
@@ -107,10 +98,6 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path) -> None:
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\n")
     with pytest.raises(TraceError, match="cannot be read"):
         read_trace(tmp_path / "bytes.csv")
-
-
-def test_the_longest_delay_is_taken() -> None:
-    assert DelayTrace([(0.0, 10_000.0)]).delay_ns(0) == 10_000 * MS
 
 
 # The example
@@ -138,12 +125,9 @@ def test_a_recorded_network_can_be_played(tmp_path, capsys, kind: str, direction
     link = LinkEmulator(Profile(), "", trace=read_trace(tmp_path / "trace.csv"))
     for number in range(len(delays)):
         link.send(number.to_bytes(1, "big"), 5 + number * FRAME_NS)
-    came = []
-    while (next_ns := link.next_ns) is not None:
-        for payload in link.due(next_ns):
-            came.append(payload[0])
-            assert next_ns == 5 + payload[0] * FRAME_NS + 31.25 * MS
-    assert came == [number for number, delay in enumerate(delays) if delay]
+    assert arrivals(link) == [
+        (5 + number * FRAME_NS + 31.25 * MS, bytes([number])) for number, delay in enumerate(delays) if delay
+    ]
 
 
 def test_bad_arguments_and_incomplete_runs_are_refused(tmp_path, capsys) -> None:

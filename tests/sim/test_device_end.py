@@ -1,6 +1,7 @@
 """The device end in whole sessions: calm beyond what the device carries, untouched within, let go where the law oscillates."""
 
 import tomllib
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -12,19 +13,22 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from cogrip.client.inputs import CloseLedger
 from cogrip.client.velocity import largest_impedance
-from cogrip.devices.device import Capability, Device, Sample
+from cogrip.devices.device import Device, Sample
+from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import make, stand_ins
 from cogrip.protocol.settings import Settings, resolve
+from cogrip.sim.session import laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import every, long
+from tests.sim.session_measures import account_of, by_tick
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 RATE_HZ = 1024
 TAKEN_HOLD = 400  # ticks, in which the force is ramped in
 HELD = {"hand": "reach&amplitude_m=0.012"}, {"hand": "hold"}
+APART = {"hand": "reach&amplitude_m=0.04"}, {"hand": "reach&amplitude_m=0.03&delay_s=0.25"}
 
 
 @dataclass
@@ -51,19 +55,13 @@ class Felt:
 
     @property
     def account(self) -> Any:
-        return self.core.handle(CloseLedger(self.laboratory.ticks(self.number)), self.core.now_ns)
+        return account_of(self.laboratory, self.number)
 
 
 def felt(settings: Settings) -> list[Felt]:
     laboratory = Laboratory(settings)
-    forces: list[list[Sequence[float]]] = [[] for _ in laboratory.people]
-
-    def watch(laboratory: Laboratory) -> None:
-        for number, person in enumerate(laboratory.people):
-            forces[number].append(person.core.force_n)
-
-    laboratory.run(each_tick=watch)
-    return [Felt(np.array(rows), laboratory, number) for number, rows in enumerate(forces)]
+    forces = np.array(by_tick(laboratory, lambda now: [person.core.force_n for person in now.people]))
+    return [Felt(forces[:, number], laboratory, number) for number in range(len(laboratory.people))]
 
 
 def room(seconds: float = 4.0, users: Sequence[dict[str, Any]] = HELD, device: str = "", **sections: Any) -> Settings:
@@ -83,26 +81,24 @@ def assert_calm(one: Felt) -> None:
     assert np.abs(one.forces).max() > 0.1, "a force is felt"
 
 
+STAND_INS = sorted({address for addresses in stand_ins().values() for address in addresses if ":" in address})
+DEVICES = [address for address in STAND_INS if not address.startswith(("replay", "web"))]  # nobody moves these
+
+
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("impedance", "axes"), every(3, product((50.0, 100.0), (1, 3))))
 def test_an_impedance_far_beyond_what_the_device_carries_is_calm(impedance: float, axes: int) -> None:
     """Without the port, at 1 axis: +-8.5 N, 140 changes of sign a second, steps of 16 and 17 N."""
-    hands = ({"hand": "reach&amplitude_m=0.04"}, {"hand": "reach&amplitude_m=0.03&delay_s=0.25"})
-    for one in felt(room(1.8, users=hands, coupling={"impedance_nspm": impedance}, object={"axes": axes})):
+    for one in felt(room(1.8, users=APART, coupling={"impedance_nspm": impedance}, object={"axes": axes})):
         assert_calm(one)
         assert one.core.port.carried_nspm == largest_impedance(one.core.capability, 1.0 / RATE_HZ).impedance_nspm
-
-
-STAND_INS = sorted({address for addresses in stand_ins().values() for address in addresses if ":" in address})
-DEVICES = [address for address in STAND_INS if not address.startswith(("replay", "web"))]  # nobody moves these
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("device", "impedance"), every(21, product(DEVICES, (50.0, 100.0))))
 def test_ten_times_the_stiffness_and_any_impedance_is_calm_on_every_device(device: str, impedance: float) -> None:
     stiffness = 10.0 * min(2000.0, make(device).capability.stiffness_npm)
-    coupling = {"impedance_nspm": impedance, "stiffness_npm": stiffness}
-    for one in felt(room(1.5, device=device, coupling=coupling)):
+    for one in felt(room(1.5, device=device, coupling={"impedance_nspm": impedance, "stiffness_npm": stiffness})):
         assert_calm(one)
 
 
@@ -110,39 +106,22 @@ class Unlike:
     """A device that is not as its record says: its samples are `late` ticks older, and the record claims something else."""
 
     def __init__(self, device: Device, late: int, **claims: Any) -> None:
-        self.device, self.late, self.claims = device, late, claims
-        self._samples: list[Sample | None] = []
+        self.device = device
+        self.capability = replace(device.capability, **claims)
+        self._samples: deque[Sample | None] = deque(maxlen=late + 1)
 
-    @property
-    def capability(self) -> Capability:
-        return replace(self.device.capability, **self.claims)
-
-    @property
-    def counts(self) -> Any:
-        return self.device.counts
-
-    def open(self, rate_hz: int) -> None:
-        self.device.open(rate_hz)
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.device, name)
 
     def read(self, tick: int) -> Sample | None:
         self._samples.append(self.device.read(tick))
-        return self._samples[max(0, len(self._samples) - 1 - self.late)]
-
-    def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
-        return self.device.write(force_n)
-
-    def close(self) -> None:
-        self.device.close()
+        return self._samples[0]
 
 
 @pytest.fixture
 def unlike(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    from cogrip.sim.session import laboratory
-
-    made = laboratory.make_for
-
     def use(late: int, **claims: Any) -> None:
-        monkeypatch.setattr(laboratory, "make_for", lambda user, axes: Unlike(made(user, axes), late, **claims))
+        monkeypatch.setattr(laboratory, "make_for", lambda user, axes: Unlike(make_for(user, axes), late, **claims))
 
     return use
 
@@ -159,60 +138,39 @@ def test_what_the_record_does_not_say_is_found_out(
     Without, these sessions swing by +-8.5 N.
     """
     unlike(late, apparent_mass_kg=0.1, damping_nspm=50.0)
-    hands = [
-        {"hand": "reach&amplitude_m=0.04", "device_mass_kg": mass_kg},
-        {"hand": "reach&amplitude_m=0.03&delay_s=0.25", "device_mass_kg": mass_kg},
-    ]
+    hands = [{**hand, "device_mass_kg": mass_kg} for hand in APART]
     people = felt(room(2.0, users=hands, coupling={"impedance_nspm": impedance}))
     for one in people:
         assert_calm(one)
     assert any(one.core.port.carried_nspm < 0.9 * impedance for one in people)
 
 
-GOOD: dict[str, Callable[[], Settings]] = {
-    **{
-        name: lambda name=name: replace_seconds(CONFIGS / f"{name}.toml")
-        for name in ("demo", "lan", "wan", "three-users", "five-users")
-    },
-    "wifi": lambda: room(link={"profile": "wifi"}, playout={"frames": "auto"}),
-    "lte": lambda: room(link={"profile": "lte"}, playout={"frames": "auto"}),
-    "3 axes": lambda: room(object={"axes": 3}),
-    "wall of 20000 N/m": lambda: room(object={"kind": "wall"}, coupling={"stiffness_npm": 2e4}),
-    "faces of 20000 N/m": lambda: room(
+OFTEN = {
+    "demo": CONFIGS / "demo.toml",
+    "wall of 20000 N/m": room(object={"kind": "wall"}, coupling={"stiffness_npm": 2e4}),
+    "virtual coupling": room(coupling={"kind": "coupling"}, link={"delay_ms": 0.0}, playout={"frames": 0}),
+    "a Pantograph": room(device="emulated:pantograph", coupling={"impedance_nspm": 1.9}),
+}
+SELDOM = {
+    **{name: CONFIGS / f"{name}.toml" for name in ("lan", "wan", "three-users", "five-users")},
+    **{name: room(link={"profile": name}, playout={"frames": "auto"}) for name in ("wifi", "lte")},
+    "3 axes": room(object={"axes": 3}),
+    "faces of 20000 N/m": room(
         users=({"hand": "reach"}, {"hand": "hold", "side": "right"}),
         object={"kind": "faces"},
         coupling={"stiffness_npm": 2e4},
     ),
-    "tremor": lambda: room(users=({"hand": "tremor"}, {"hand": "hold"})),
-    "virtual coupling": lambda: room(coupling={"kind": "coupling"}, link={"delay_ms": 0.0}, playout={"frames": 0}),
-    "a Phantom": lambda: room(device="emulated:vintage", coupling={"impedance_nspm": 7.9}),
-    "a Pantograph": lambda: room(device="emulated:pantograph", coupling={"impedance_nspm": 1.9}),
+    "tremor": room(users=({"hand": "tremor"}, {"hand": "hold"})),
+    "a Phantom": room(device="emulated:vintage", coupling={"impedance_nspm": 7.9}),
 }
 
 
-SELDOM = (
-    "five-users",
-    "three-users",
-    "lan",
-    "wan",
-    "wifi",
-    "lte",
-    "3 axes",
-    "faces of 20000 N/m",
-    "tremor",
-    "a Phantom",
-)
-
-
-def replace_seconds(path: Path) -> Settings:
-    return resolve({**tomllib.loads(path.read_text()), "seconds": 4.0})
-
-
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("name", [long(name) if name in SELDOM else name for name in GOOD])
-def test_within_what_devices_carry_the_port_is_idle(name: str) -> None:
+@pytest.mark.parametrize("within", [*OFTEN.values(), *map(long, SELDOM.values())], ids=[*OFTEN, *SELDOM])
+def test_within_what_devices_carry_the_port_is_idle(within: Settings | Path) -> None:
     """The port changes no force by a bit: nothing controlled, nothing deflected, the reserve hardly touched."""
-    for one in felt(structs.replace(GOOD[name](), seconds=1.2)):
+    settings = within if isinstance(within, Settings) else resolve(tomllib.loads(within.read_text()))
+    for one in felt(structs.replace(settings, seconds=1.2)):
         port = one.core.port
         assert one.account.device.controlled == 0.0
         assert port.carried_nspm == largest_impedance(one.core.capability, one.core.seat.rates.tick_s).impedance_nspm
@@ -225,12 +183,8 @@ def test_a_law_that_oscillates_over_the_network_is_let_go_and_ends_in_a_fault_if
     stiffness: float, ends: str
 ) -> None:
     """Virtual coupling at 20 ms in each direction (theory section 6) is unstable with any port, and ends in a fault."""
-    settings = room(
-        8.0 if ends == "fault" else 4.0,
-        users=({"hand": "reach&amplitude_m=0.04"}, {"hand": "reach&amplitude_m=0.03&delay_s=0.25"}),
-        coupling={"kind": "coupling", "stiffness_npm": stiffness},
-    )
-    people = felt(settings)
+    coupling = {"kind": "coupling", "stiffness_npm": stiffness}
+    people = felt(room(8.0 if ends == "fault" else 4.0, users=APART, coupling=coupling))
     reasons = [one.core.safety.reason for one in people]
     assert any(one.account.device.let_go for one in people)
     assert any(one.core.safety.state == ends for one in people), reasons
@@ -246,9 +200,8 @@ def test_a_law_that_oscillates_over_the_network_is_let_go_and_ends_in_a_fault_if
 def test_virtual_coupling_keeps_its_spring_whatever_its_damping(damping: float) -> None:
     """K l T < b holds with what the device carries, not with the B that is asked for."""
     coupling = {"kind": "coupling", "stiffness_npm": 1000.0, "damping_nspm": damping}
-    [one] = felt(
-        room(1.0, users=({"hand": "hold"},), object={"kind": "wall"}, coupling=coupling, link={"delay_ms": 0.0})
-    )
+    thing, link = {"kind": "wall"}, {"delay_ms": 0.0}
+    [one] = felt(room(1.0, users=({"hand": "hold"},), object=thing, coupling=coupling, link=link))
     assert not one.core.coupling.reduced
 
 
@@ -275,8 +228,7 @@ def test_a_hand_that_overpowers_the_motors_gives_the_line_no_more_than_it_gave()
 def test_a_hand_that_pushes_from_the_start_is_not_thrown_back(kind: str, force_n: float) -> None:
     """The line takes what the hand gives while its force is ramped in, and 50 mJ; before, 2 N loaded it with 2.8 J."""
     hands = ({"hand": f"push&force_n={force_n}"}, {"hand": "hold"})
-    settings = room(2.0, users=hands, object={"kind": kind}, link={"delay_ms": 20.0}, playout={"frames": 1})
-    for one in felt(settings):
+    for one in felt(room(2.0, users=hands, object={"kind": kind})):
         assert one.core.safety.state == "live"
         assert one.account.device.margin_j > 0.0
         assert abs(one.core.position_m[0]) < 0.03

@@ -3,9 +3,9 @@
 Whole sessions in virtual time: real drivers on emulated devices, two people on one cube, one of them with a fault.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from math import hypot
 from random import Random
@@ -15,32 +15,40 @@ import pytest
 
 from cogrip.devices.emulated.faults import VERBS
 from cogrip.devices.emulated.firmware import JUMP_COUNTS, Firmware
-from cogrip.protocol.settings import resolve
+from cogrip.devices.emulated.inverse_service import IDLE_NS
 from cogrip.sim.session.laboratory import Laboratory, Person
 
 from tests.extent import every, long
-from tests.sim.session_measures import allowed
+from tests.sim.session_measures import allowed, laboratory_of, run_frames
 
 RATE_HZ = 1024
 HANDS = ("reach&amplitude_m=0.03&delay_s=0.3&stroke_s=0.3", "hold")
 BEGIN_S = 0.48  # the hand is on its way, and pulls
 AFTER_S = 0.3  # a stroke
 DEAF_S = 0.9  # three strokes, and longer than any watchdog
+INVERSE = "emulated:inverse3"  # its client speaks with a service
 TOLERATED = ("split", "stale")  # the driver copes: they are counted, and the session goes on
+BRIEF_S = {(INVERSE, "stale"): 0.004, (INVERSE, "merge"): 0.004}  # here it copes while they are brief
 POSE_LOST = {  # the counters are wrong from then on; a report of HID has no checksum, so garbage reads as a jump
     "emulated:vintage": ("jump", "stuck", "unplug"),
     "emulated:woodenhaptics": ("jump", "stuck", "unplug", "garbage"),
     "emulated:2diy": ("jump", "unplug"),
+    INVERSE: (),
 }
 WIRES = ("emulated:vintage", "emulated:woodenhaptics", "emulated:2diy")
+INVERSE_VERBS = ("unplug", "slow", "jump", "stale", "merge", "silence", "garbage", "short", "model", "deaf")
 REARMED_S = 0.6
 AT_ONCE_S = 0.05
 KICK_N = 0.5
 WEAK_N = 0.4  # a limit that these hands reach
-# the firmware's own, which ends the force where nothing reaches it
-WATCHDOG_S = {"emulated:vintage": 0.1, "emulated:woodenhaptics": 0.5}
+# the firmware's or the service's own, which ends the force where nothing reaches it
+WATCHDOG_S = {"emulated:vintage": 0.1, "emulated:woodenhaptics": 0.5, INVERSE: 1e-9 * IDLE_NS}
 DEAF_FOR_EVER = ("emulated:2diy",)  # has none: when it hears again it is told to let go
-HOLDS_ON = ("emulated:woodenhaptics", "emulated:2diy")  # a stroke and longer while deaf: the force stays where it was
+HOLDS_ON = (
+    "emulated:woodenhaptics",
+    "emulated:2diy",
+    INVERSE,
+)  # a stroke and longer while deaf: the force stays where it was
 
 
 @dataclass
@@ -60,37 +68,39 @@ class Course:
         return max(mine[person] - max(theirs[person], least) for mine, theirs in both)
 
 
-def session(wire: str, seconds: float, hands: tuple[str, str], pose: str = "home") -> Laboratory:
-    users = [
-        {"name": name, "device": f"{wire}?pose={pose}", "hand": hand}
-        for name, hand in zip(("anna", "ben"), hands, strict=True)
-    ]
-    table = {
-        "seconds": seconds,
-        # what the lightest of these arms carries (docs/velocity.md)
-        "coupling": {"impedance_nspm": 5.0, "stiffness_npm": 300.0, "damping_nspm": 2.0},
-        "link": {"delay_ms": 7},
-        "playout": {"frames": 1},
-        "users": users,
-    }
-    return Laboratory(resolve(table))
+def session(wire: str, seconds: float, hands: tuple[str, str] = HANDS, pose: str = "home") -> Laboratory:
+    device = wire if wire == INVERSE else f"{wire}?pose={pose}"
+    users = [{"name": name, "device": device, "hand": hand} for name, hand in zip(("anna", "ben"), hands, strict=True)]
+    # what the lightest of these arms carries (docs/velocity.md)
+    carried_nspm = 4.0 if wire == INVERSE else 5.0
+    coupling = {"impedance_nspm": carried_nspm, "stiffness_npm": 300.0, "damping_nspm": 2.0}
+    return laboratory_of(seconds=seconds, coupling=coupling, link={"delay_ms": 7}, playout={"frames": 1}, users=users)
 
 
 def firmware(person: Person) -> Firmware:
     return person.device.firmware
 
 
-def run(laboratory: Laboratory, each: Callable[[int], None]) -> Course:
-    course = Course()
+def run(
+    laboratory: Laboratory,
+    acts: Mapping[int, Callable[[], object]] | None = None,
+    each: Callable[[int], None] | None = None,
+) -> Course:
+    """Run a session; do what `acts` has for a tick, and `each` in every tick."""
+    course, acts = Course(), acts or {}
 
     def watch(lab: Laboratory) -> None:
         forces = [hypot(*firmware(person).mechanics.force_n) for person in lab.people]
         course.force.append((forces[0], forces[1]))
         course.state.append((lab.people[0].core.safety.state, lab.people[1].core.safety.state))
-        each(lab.tick)
+        if lab.tick in acts:
+            acts[lab.tick]()
+        if each is not None:
+            each(lab.tick)
 
-    for _ in range(laboratory.frames):  # also beyond what a session would call diverged: a force that sits at its limit
-        laboratory.frame(watch)
+    run_frames(
+        laboratory, laboratory.frames, watch
+    )  # also beyond what a session would call diverged: a force at its limit
     return course
 
 
@@ -101,7 +111,7 @@ def passive(laboratory: Laboratory) -> bool:
 @cache
 def undisturbed(wire: str) -> Course:
     """The same session, where nothing goes wrong."""
-    return run(session(wire, BEGIN_S + DEAF_S, HANDS), lambda tick: None)
+    return run(session(wire, BEGIN_S + DEAF_S))
 
 
 NOT_FOUND = {  # wires on which a fault cannot be seen
@@ -130,28 +140,24 @@ SLIPS = [(wire, f"slip {joint}") for wire in WIRES for joint in "bc" if (wire, j
 
 
 @pytest.mark.sample(2)
-@pytest.mark.parametrize(("wire", "verb"), turns([*faults(), *SLIPS]))
+@pytest.mark.parametrize(("wire", "verb"), [*turns([*faults(), *SLIPS]), *every(5, product([INVERSE], INVERSE_VERBS))])
 def test_the_force_ends_and_the_other_goes_on(wire: str, verb: str) -> None:
     """A `jump` is a slip of encoder a; a 2diy has no encoder c."""
-    laboratory = session(wire, BEGIN_S + (DEAF_S if verb == "deaf" else AFTER_S), HANDS)
+    laboratory = session(wire, BEGIN_S + (DEAF_S if verb == "deaf" else AFTER_S))
     anna = laboratory.people[0]
     begin = round(BEGIN_S * RATE_HZ)
-
-    def each(tick: int) -> None:
-        if tick == begin:
-            if verb.startswith("slip"):
-                firmware(anna).mechanics.slip("abc".index(verb[-1]), JUMP_COUNTS)
-            else:
-                firmware(anna).fault(verb)
-
-    course, whole = run(laboratory, each), undisturbed(wire)
+    lasting = [BRIEF_S[wire, verb]] if (wire, verb) in BRIEF_S else []
+    act = partial(firmware(anna).fault, verb, *lasting)
+    if verb.startswith("slip"):
+        act = partial(firmware(anna).mechanics.slip, "abc".index(verb[-1]), JUMP_COUNTS)
+    course, whole = run(laboratory, {begin: act}), undisturbed(wire)
     assert course.force[begin - 1][0] > 0.3, "there was a force to end"
     assert course.kick_n(whole, 0, begin, held=verb == "deaf" and wire in HOLDS_ON) < KICK_N
     assert course.kick_n(whole, 1, begin) < KICK_N
     assert all(state == "live" for _, state in course.state[begin:]), "the other goes on"
     assert passive(laboratory)
     assert not laboratory.diverged
-    if verb in TOLERATED:
+    if verb in TOLERATED or lasting:
         assert anna.core.safety.state == "live"
         assert sum(anna.device.counts.values()) > 0 or verb == "split"
         return
@@ -168,16 +174,15 @@ def test_the_force_ends_and_the_other_goes_on(wire: str, verb: str) -> None:
 )
 def test_an_encoder_that_jumps_in_a_silence_is_found(wire: str, silence_s: float, begin_s: float) -> None:
     """Before, after 6 ms the pose was wrong by 9.6 to 17 mm and nobody noticed."""
-    laboratory = session(wire, begin_s + 0.2, HANDS)
+    laboratory = session(wire, begin_s + 0.2)
     anna = laboratory.people[0]
     begin = round(begin_s * RATE_HZ)
 
-    def each(tick: int) -> None:
-        if tick == begin:
-            firmware(anna).fault("silence", silence_s)
-            firmware(anna).fault("jump")
+    def jump() -> None:
+        firmware(anna).fault("silence", silence_s)
+        firmware(anna).fault("jump")
 
-    course = run(laboratory, each)
+    course = run(laboratory, {begin: jump})
     assert anna.core.safety.state == "fault"
     assert "encoder a jumped by" in anna.core.safety.reason
     done = begin + round(AT_ONCE_S * RATE_HZ)
@@ -186,30 +191,30 @@ def test_an_encoder_that_jumps_in_a_silence_is_found(wire: str, silence_s: float
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize(("wire", "verb"), every(15, faults(*TOLERATED)))
+@pytest.mark.parametrize(("wire", "verb"), [*every(15, faults(*TOLERATED)), long(INVERSE, "unplug")])
 def test_re_arming_works_once_the_cause_is_gone(wire: str, verb: str) -> None:
-    laboratory = session(wire, BEGIN_S + 0.6 + REARMED_S, HANDS, pose="stored")
+    laboratory = session(wire, BEGIN_S + 0.6 + REARMED_S, pose="stored")
     anna = laboratory.people[0]
     begin, mended, again = (round(at * RATE_HZ) for at in (BEGIN_S, BEGIN_S + 0.3, BEGIN_S + 0.6))
     refusals: list[str] = []
 
-    def each(tick: int) -> None:
-        if tick == begin:
-            firmware(anna).fault(verb)
-        elif tick == mended:
-            refusals.append(anna.supervised.rearm())
-            firmware(anna).mend()
-            refusals.append(anna.supervised.rearm() if verb in POSE_LOST[wire] else "")
-        elif tick == again:
-            if verb in POSE_LOST[wire]:
-                calibrate(anna)
-            refusals.append(anna.supervised.rearm())
+    def mend() -> None:
+        refusals.append(anna.supervised.rearm())
+        firmware(anna).mend()
+        refusals.append(anna.supervised.rearm() if verb in POSE_LOST[wire] else "")
 
-    course = run(laboratory, each)
+    def rearm() -> None:
+        if verb in POSE_LOST[wire]:
+            calibrate(anna)
+        refusals.append(anna.supervised.rearm())
+
+    course = run(laboratory, {begin: partial(firmware(anna).fault, verb), mended: mend, again: rearm})
     still_there, uncalibrated, good = refusals
     assert good == ""
     if verb in ("unplug", "model"):
         assert still_there, "its cause is still there"
+    if verb == "unplug":
+        assert "plug it in" in still_there
     if verb in POSE_LOST[wire]:
         assert "calibrate" in uncalibrated
     assert anna.core.safety.state == "live"
@@ -240,13 +245,9 @@ def test_no_force_is_ever_above_the_limit_whatever_goes_wrong(seed: int, seconds
     wire = WIRES[seed % len(WIRES)]
     hands = ("reach&amplitude_m=0.04&stroke_s=0.3", "tremor&amplitude_m=0.02&seed=5")
     laboratory = session(wire, seconds, hands, pose=f"stored&peak_force_n={WEAK_N}")
+    lasting_s = (0.002, 0.01, 0.05, 0.3)
     plan = sorted(
-        (
-            random.uniform(0.5, seconds - 0.5),
-            random.choice(VERBS),
-            random.choice((0.002, 0.01, 0.05, 0.3)),
-            random.random(),
-        )
+        (random.uniform(0.5, seconds - 0.5), random.choice(VERBS), random.choice(lasting_s), random.random())
         for _ in range(count)
     )
     limits = [person.device.capability.peak_force_n for person in laboratory.people]
@@ -270,7 +271,7 @@ def test_no_force_is_ever_above_the_limit_whatever_goes_wrong(seed: int, seconds
                     calibrate(person)
                 person.supervised.rearm()
 
-    course = run(laboratory, each)
+    course = run(laboratory, each=each)
     assert not plan
     clipped = sum(person.core.safety.counts.get("force clipped", 0) for person in laboratory.people)
     assert clipped > 100, "the limit was reached"

@@ -1,8 +1,10 @@
 """Sessions with haptic effects: felt as told on every network, passive, gone with seat and link, refused by name."""
 
 import tomllib
+from functools import partial
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -16,10 +18,12 @@ from cogrip.sim.runs.verdict import judgements
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import every
+from tests.sim.session_measures import account_of, by_tick, laboratory_of, run_frames
 
 ZONE: dict[str, Any] = {
     "kind": "zone", "place_m": (-0.03, 0.0, 0.0), "direction": (-1.0, 0.0, 0.0), "stiffness_npm": 600.0, "damping_nspm": 5.0,
 }  # fmt: skip
+INTO_ZONE = "waypoints&times_s=0,0.8,1.2,1.8&x_m=0,-0.06,-0.06,-0.02"
 BUZZ = Effect("vibration", direction=(1.0, 0.0, 0.0), amplitude_n=0.3, frequency_hz=80.0)
 HOLDING: dict[str, Any] = {
     "object": {"kind": "wall"},
@@ -30,8 +34,8 @@ HOLDING: dict[str, Any] = {
 
 def session(seconds: float, *effects: dict[str, Any], hand: str = "hold", **more: Any) -> Laboratory:
     """Return a session of one hand before a wall that it does not reach."""
-    table = {**HOLDING, "seconds": seconds, "effects": list(effects), "users": [{"name": "anna", "hand": hand}], **more}
-    return Laboratory(resolve(table))
+    users = [{"name": "anna", "hand": hand}]
+    return laboratory_of(**{**HOLDING, "seconds": seconds, "effects": list(effects), "users": users, **more})
 
 
 def core_of(laboratory: Laboratory) -> ClientCore:
@@ -41,27 +45,18 @@ def core_of(laboratory: Laboratory) -> ClientCore:
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("network", every(3, PROFILES))
 def test_zone_feels_as_stiff_as_asked_on_every_network(network: str) -> None:
-    hand = "waypoints&times_s=0,0.8,1.2,1.8&x_m=0,-0.06,-0.06,-0.02"
-    laboratory = session(3.2, ZONE, hand=hand, link={"profile": network, "loss": 0.05})
-    rested: list[tuple[float, float]] = []
-
-    def watch(now: Laboratory) -> None:
-        core = core_of(now)
-        if now.tick > 3100:
-            rested.append((core.position_m[0] + 0.03, core.force_n[0]))
-
-    laboratory.run(watch)
-    depth, force = np.mean(rested, axis=0)
+    laboratory = session(3.2, ZONE, hand=INTO_ZONE, link={"profile": network, "loss": 0.05})
+    core = core_of(laboratory)
+    depth, force = np.mean(by_tick(laboratory, lambda _: (core.position_m[0] + 0.03, core.force_n[0]))[3101:], axis=0)
     assert depth > 1e-3
     assert force / depth == pytest.approx(600.0, rel=0.03)
-    assert core_of(laboratory).port.account().margin_j >= 0.0  # type: ignore[operator]
+    assert account_of(laboratory).device.margin_j >= 0.0
 
 
 def test_all_six_at_once_are_passive_stable_and_felt() -> None:
     table = tomllib.loads(shipped("effects").read_text(encoding="utf-8"))
     laboratory = Laboratory(resolve(table))
-    laboratory.run()
-    laboratory.close_ledger()
+    account_of(laboratory)
     summary = of_laboratory(laboratory)
     assert [each.tone for each in judgements(summary)] == ["good"] * 3
     user = summary["users"][0]
@@ -76,31 +71,17 @@ def test_effects_come_through_heavy_loss_and_are_told_no_more_once_known() -> No
     effects = [{**ZONE, "stiffness_npm": 100.0 + place} for place in range(MOST_EFFECTS)]
     laboratory = session(3.0, *effects, link={"delay_ms": 40.0, "loss": 0.3})
     laboratory.run()
-    rendered, told = core_of(laboratory).seated, laboratory.room.seats[0].effects  # type: ignore[attr-defined]
-    assert rendered is not None
-    assert rendered.effects is not None
+    rendered, told = core_of(laboratory).seated, laboratory.room.seats[0].effects
     assert rendered.effects.known(range(1, 17)) == tuple(range(1, 17))
-    assert told is not None
     assert all(told.next(1, step) is None for step in range(1024))
 
 
 def test_world_begins_and_ends_effects_and_the_hand_feels_a_burst_in_its_time() -> None:
     laboratory = session(2.5)
-    burst = Effect("vibration", direction=(1.0, 0.0, 0.0), amplitude_n=0.3, frequency_hz=80.0, seconds=0.25)
-    felt: list[float] = []
-
-    def watch(now: Laboratory) -> None:
-        if now.tick == 1024:
-            now.room.world.effects = (burst,)
-        if now.tick == 1032:
-            now.room.world.effects = ()  # one that ends by itself goes on
-        if now.tick == 1800:
-            now.room.world.effects = (BUZZ,)
-        if now.tick == 2200:
-            now.room.world.effects = ()
-        felt.append(abs(core_of(now).force_n[0]))
-
-    laboratory.run(watch)
+    world, burst = laboratory.room.world, msgspec.structs.replace(BUZZ, seconds=0.25)
+    orders = {1024: (burst,), 1032: (), 1800: (BUZZ,), 2200: ()}  # one that ends by itself goes on
+    acts = {tick: partial(setattr, world, "effects", effects) for tick, effects in orders.items()}
+    felt = by_tick(laboratory, lambda now: abs(core_of(now).force_n[0]), acts)
     loud = [tick for tick, force in enumerate(felt) if force > 0.05]
     first = [tick for tick in loud if tick < 1700]
     assert 1024 <= first[0] <= 1060
@@ -121,26 +102,14 @@ def test_what_a_world_may_not_ask_for_is_refused_by_name_and_counted() -> None:
     laboratory.room.world.effects = tuple(wrong + many)
     laboratory.run()
     assert laboratory.server.dropped["effect refused"] == len(wrong) + 1000 - MOST_EFFECTS
-    seated = core_of(laboratory).seated
-    assert seated is not None
-    assert seated.effects is not None
-    assert len(seated.effects.known(range(2000))) == MOST_EFFECTS
+    assert len(core_of(laboratory).seated.effects.known(range(2000))) == MOST_EFFECTS
     assert not core_of(laboratory).session.dropped
 
 
 def test_effects_fade_with_the_link_and_with_the_seat() -> None:
-    laboratory = session(
-        2.5, {**ZONE, "place_m": (-0.1, 0.0, 0.0), "direction": (-1.0, 0.0, 0.0)}, link={"delay_ms": 5.0}
-    )
+    laboratory = session(2.5, {**ZONE, "place_m": (-0.1, 0.0, 0.0)}, link={"delay_ms": 5.0})
     laboratory.room.world.effects = (BUZZ,)
-    felt: list[float] = []
-
-    def watch(now: Laboratory) -> None:
-        if now.tick == 1024:
-            now.kill()
-        felt.append(core_of(now).force_n[0])
-
-    laboratory.run(watch)
+    felt = by_tick(laboratory, lambda now: core_of(now).force_n[0], {1024: laboratory.kill})
     assert max(map(abs, felt[800:1024])) > 0.2
     quiet = felt[1024 + 230 : 2048]  # silence of 0.1 s, then a ramp of 0.1 s
     assert not any(quiet)
@@ -150,15 +119,12 @@ def test_effects_fade_with_the_link_and_with_the_seat() -> None:
 @pytest.mark.long
 def test_effects_begin_anew_with_a_new_server() -> None:
     laboratory = session(4.0, {**ZONE, "place_m": (-0.005, 0.0, 0.0)}, link={"delay_ms": 5.0})
-    for _ in range(128):
-        laboratory.frame()
+    run_frames(laboratory, 128)
     before = laboratory.kill()
-    for _ in range(20):
-        laboratory.frame()
+    run_frames(laboratory, 20)
     laboratory.restart(before)
     laboratory.run()
-    effects = core_of(laboratory).seated.effects  # type: ignore[union-attr]
-    assert effects is not None
+    effects = core_of(laboratory).seated.effects
     assert len(effects._entries) == 1
     assert core_of(laboratory).safety.state == "live"
     assert effects.tank.overdrawn_j == 0.0
@@ -171,17 +137,13 @@ def test_effects_are_of_the_tool(frame: dict[str, Any]) -> None:
     scale, force = frame.get("position_scale", 1.0), frame.get("force_scale", 1.0)
     side = -1.0 if "rotation" in frame else 1.0
     hand = f"waypoints&times_s=0,1,1.5,2&x_m=0,{-0.05 * side / scale},{-0.05 * side / scale},{-0.02 * side / scale}"
-    zone = {**ZONE, "stiffness_npm": 300.0}
-    laboratory = session(3.2, zone, users=[{"name": "anna", "hand": hand, **frame}])
-    rested: list[tuple[float, float]] = []
-
-    def watch(now: Laboratory) -> None:
-        if now.tick > 3100:
-            core = core_of(now)
-            rested.append((core.seated.tool_pose()[0] + 0.03, side * core.force_n[0]))  # type: ignore[union-attr]
-
-    laboratory.run(watch)
-    depth, felt = np.mean(rested, axis=0)
+    users = [{"name": "anna", "hand": hand, **frame}]
+    laboratory = session(3.2, {**ZONE, "stiffness_npm": 300.0}, users=users)
+    core = core_of(laboratory)
+    rows = by_tick(
+        laboratory, lambda _: (core.seated.tool_pose()[0] + 0.03, side * core.force_n[0]) if core.seated else None
+    )
+    depth, felt = np.mean(rows[3101:], axis=0)
     assert felt / depth == pytest.approx(300.0 * force / scale, rel=0.03)
 
 

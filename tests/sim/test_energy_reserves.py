@@ -29,6 +29,7 @@ from cogrip.sim.runs.verdict import passive
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.sim.reported_runs import printed
+from tests.sim.session_measures import MARGINS, run_frames
 
 LEDGERS = ("up", "down", "line", "device")
 TANK_J = 5e-3
@@ -43,23 +44,18 @@ def session(kind: str = "wave", seconds: float = 1.5, **more: Any) -> Settings:
     return resolve({**table, **more})
 
 
-def pairs(laboratory: Laboratory) -> list[tuple[float | None, float | None]]:
-    """Return (reserve now, margin) of every ledger there is."""
-    found: list[tuple[float | None, float | None]] = []
+def watch(laboratory: Laboratory) -> None:
+    """Hold the law at one moment, for every ledger there is: the reserve of now is no less than the least so far."""
+    pairs: list[tuple[float | None, float | None]] = []
     for person in laboratory.people:
         coupling, port = person.core.coupling, person.core.port
-        found.append((coupling.down_reserve.now_j, person.core.coupling.down_margin_j))
-        found.append((port.balance_j + port.reserve_j, port.account().margin_j))
+        pairs.append((coupling.down_reserve.now_j, coupling.down_margin_j))
+        pairs.append((port.balance_j + port.reserve_j, port.account().margin_j))
     for seat in laboratory.room.seats:
         if seat.port is not None:
-            found.append((seat.port.up_reserve.now_j, seat.port.up_margin_j))
-            found.append((seat.line_reserve.now_j, seat.line_margin_j))
-    return found
-
-
-def watch(laboratory: Laboratory) -> None:
-    """Hold the law at one moment: the reserve of now is no less than the least so far."""
-    for now_j, margin_j in pairs(laboratory):
+            pairs.append((seat.port.up_reserve.now_j, seat.port.up_margin_j))
+            pairs.append((seat.line_reserve.now_j, seat.line_margin_j))
+    for now_j, margin_j in pairs:
         assert now_j is None or margin_j is None or now_j >= margin_j - ROUNDING_J
 
 
@@ -129,14 +125,11 @@ def test_a_verdict_counts_the_credit_of_lines_alone(kind: str, lent_j: float) ->
 
 @pytest.mark.long
 def test_virtual_coupling_that_gives_out_microjoules_is_not_passive() -> None:
-    laboratory = Laboratory(
-        load(Path(__file__).parents[2] / "configs" / "compare.toml", ("coupling.kind=coupling", "seconds=4"))
-    )
+    config = Path(__file__).parents[2] / "configs" / "compare.toml"
+    laboratory = Laboratory(load(config, ("coupling.kind=coupling", "seconds=4")))
     laboratory.run(watch)
     summary = of_laboratory(laboratory)
-    margins = [
-        user["energy"][key] for user in summary["users"] for key in ("up_margin_j", "down_margin_j", "line_margin_j")
-    ]
+    margins = [user["energy"][key] for user in summary["users"] for key in MARGINS]
     assert -1e-3 < min(margin for margin in margins if margin is not None) < -1e-8
     assert summary["passive"] is False
 
@@ -152,45 +145,38 @@ def run_until(laboratory: Laboratory, done: Callable[[], bool]) -> None:
     raise AssertionError("it takes too long")
 
 
-def frames(laboratory: Laboratory, count: int) -> None:
-    for _ in range(count):
-        laboratory.frame(watch)
-
-
 @pytest.mark.long
 def test_whoever_takes_a_seat_anew_has_a_first_second_anew() -> None:
     laboratory = Laboratory(session(seconds=60.0, rates=SLOW))
-    frames(laboratory, 150)
+    run_frames(laboratory, 150, watch)
     laboratory.leave(0)
     run_until(laboratory, lambda: laboratory.people[0].core.session.state == "closed")
     left = laboratory.room.seat_account(0)
-    assert left.line_reserve_j is not None
     laboratory.come(0)
-    frames(laboratory, 100)
+    run_frames(laboratory, 100, watch)
     lawful(summary := of_laboratory(laboratory))
     [before] = summary["users"][0]["earlier"]
     assert before["energy"]["line_reserve_j"] == left.line_reserve_j
     assert [summary["users"][0]["energy"][f"{ledger}_reserve_j"] for ledger in LEDGERS] == [None] * 4
     row = next(line for line in printed(summary, 80).splitlines() if line.startswith("anna (2)"))
     assert row.split()[5] == "-"
-    frames(laboratory, 100)
+    run_frames(laboratory, 100, watch)
     lawful(summary := of_laboratory(laboratory))
     assert all(summary["users"][0]["energy"][f"{ledger}_reserve_j"] is not None for ledger in LEDGERS)
 
 
 def test_a_resumed_seat_goes_on_and_a_kicked_one_keeps_what_was_known() -> None:
     laboratory = Laboratory(session(seconds=60.0, rates=SLOW))
-    frames(laboratory, 150)
+    run_frames(laboratory, 150, watch)
     seat, core = laboratory.room.seats[0], laboratory.people[0].core
     least_j = laboratory.room.seat_account(0).line_reserve_j
-    assert least_j is not None
     laboratory.lose_address(0)
     run_until(laboratory, lambda: core.session.resumed == 1)
-    frames(laboratory, 30)
+    run_frames(laboratory, 30, watch)
     resumed_j = laboratory.room.seat_account(0).line_reserve_j
     assert resumed_j <= least_j, "the same line"
     laboratory.server.handle(Kick("anna"), laboratory.now_ns)
-    frames(laboratory, 5)
+    run_frames(laboratory, 5, watch)
     assert seat.port is None
     kicked_j = laboratory.room.seat_account(0).line_reserve_j
     assert kicked_j <= resumed_j
@@ -201,17 +187,16 @@ def test_a_new_server_begins_a_new_line_and_the_client_keeps_the_least_of_all() 
     laboratory = Laboratory(
         session(seconds=60.0, rates=SLOW, link={"delay_ms": 10.0, "loss": 0.1}, playout={"tank_mj": 5.0})
     )
-    frames(laboratory, 150)
+    run_frames(laboratory, 150, watch)
     core = laboratory.people[0].core
     least_j, margin_j = core.ledger.down_reserve_j, core.coupling.down_margin_j
-    assert least_j is not None
     checkpoints = laboratory.kill()
-    frames(laboratory, 20)
+    run_frames(laboratory, 20, watch)
     laboratory.restart(checkpoints)
     while core.session.renewed == 0:
         least_j = core.ledger.down_reserve_j
         laboratory.frame(watch)
-    frames(laboratory, 20)
+    run_frames(laboratory, 20, watch)
     assert core.ledger.down_reserve_j == least_j, "the new line has no second yet"
     assert core.coupling.down_margin_j <= margin_j
     assert laboratory.room.seat_account(0).line_reserve_j is None
@@ -246,18 +231,6 @@ def test_the_recorded_reserves_lead_to_the_margins_and_to_the_least_in_the_summa
             assert np.nanmin(reserve_j) >= user["energy"][f"{ledger}_margin_j"] - ROUNDING_J
 
 
-def columns_without(run: Run, *names: str) -> Run:
-    """Return the same run as an older version would have recorded it."""
-
-    def older(columns: Any) -> dict[str, Any]:
-        return {
-            key: np.full_like(columns[key], np.nan) if key.endswith(names) else columns[key] for key in list(columns)
-        }
-
-    clients = {name: replace(trace, columns=older(trace.columns)) for name, trace in run.clients.items()}
-    return replace(run, clients=clients, room=replace(run.room, columns=older(run.room.columns)))
-
-
 def test_the_plots_draw_the_reserves_as_curves_above_their_border(run: Run) -> None:
     figure = energies(run)
     for left, right in zip(figure.axes[::2], figure.axes[1::2], strict=True):
@@ -271,7 +244,11 @@ def test_the_plots_draw_the_reserves_as_curves_above_their_border(run: Run) -> N
 
 
 def test_recordings_of_older_versions_have_no_empty_panel(run: Run) -> None:
-    old = columns_without(run, "reserve_j")
+    def without_reserves(columns: Any) -> dict[str, Any]:
+        return {key: columns[key] * (np.nan if key.endswith("reserve_j") else 1.0) for key in columns}
+
+    clients = {name: replace(trace, columns=without_reserves(trace.columns)) for name, trace in run.clients.items()}
+    old = replace(run, clients=clients, room=replace(run.room, columns=without_reserves(run.room.columns)))
     assert [len(panel.lines) for panel in energies(old).axes] == [3, 3]
     pair = compared.energies([compared.Side(old, "a", {"color": "C0"})], ["anna", "ben"])
     assert [len(panel.lines) for panel in pair.axes] == [2, 2]

@@ -1,42 +1,38 @@
 """The damper at the device works on an estimated velocity, of samples that may be old: what that costs (theory section 3.6)."""
 
-from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from itertools import pairwise, product
+from itertools import product
 from math import sqrt
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.client.inputs import DeviceOpened
 from cogrip.client.velocity import AlphaBeta, largest_impedance, memory_for
-from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make
-from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
-from cogrip.protocol.messages import Stamp, State
-from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.sim.analysis import client_blocks
-from cogrip.sim.analysis.client_blocks import coupled_frame, wave_frame
+from cogrip.sim.analysis.client_blocks import wave_frame
 from cogrip.sim.analysis.delay_budget import budget, total_s
 from cogrip.sim.analysis.feel import conditions, on_wall, reflected, slow_feel
 from cogrip.sim.analysis.lifted_model import LiftedModel
-from cogrip.sim.analysis.linear_session import LinearSession, Person, linear_session, seat_session
+from cogrip.sim.analysis.linear_session import LinearSession, linear_session, seat_session
 from cogrip.sim.analysis.rigid_motion import Rigid
 from cogrip.sim.analysis.stability import largest_stable, verdict
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.bench.velocity_trial.session import LOOSE, EstimatingPlant
+from tests.docs.pages import page, table
 from tests.extent import every, long
 from tests.interpreted import needs_interpreted
-from tests.sim.session_measures import FRAME_MS
+from tests.sim.session_measures import FRAME_MS, laboratory_of, run_frames
 
 T_C = 1.0 / 1024
 PHANTOM = make("sim:phantom").capability
@@ -49,9 +45,7 @@ def session(mass_kg: float, memory: float | None = None):
         {"name": "anna", "hand": "reach", "device_mass_kg": mass_kg},
         {"name": "ben", "hand": "reach&delay_s=0.15", "device_mass_kg": mass_kg},
     ]
-    laboratory = Laboratory(
-        resolve({"seconds": 2.5, "link": {"delay_ms": 20.0}, "playout": {"frames": 1}, "users": users}), bare=True
-    )
+    laboratory = laboratory_of(bare=True, seconds=2.5, link={"delay_ms": 20.0}, playout={"frames": 1}, users=users)
     for person in laboratory.people:
         own = memory_for(person.device.capability, T_C) if memory is None else memory
         person.device.plant = EstimatingPlant(person.device.plant, AlphaBeta(1, T_C, own), 0)
@@ -71,120 +65,6 @@ def test_a_slower_estimate_would_not_do() -> None:
 
 
 # Old samples in the lifted model --------------------------------------------------------------------------------------
-
-
-def alone(kind: str, **coupling: object) -> tuple[Person, SeatSettings]:
-    table = {"coupling": {"kind": kind, **coupling}, "users": [{"name": "a", "device": "sim:phantom?hand=hold"}]}
-    resolved = resolve(table)
-    return linear_session(resolved, estimated=False).people[0], seat_settings(resolved, 0)
-
-
-class Memory:
-    """The states of a client and its device at the start of a frame, in the order of the blocks' states."""
-
-    def __init__(self, person: Person, state: np.ndarray, rates: Rates) -> None:
-        late = person.latency_ticks
-        self.plant = IdealPlant(IdealSettings(mass_kg=person.device_mass_kg), 1)
-        self.plant.open(rates.device_hz, 0.0, 0.0, (state[0],))
-        self.plant.velocity_mps = [state[1]]
-        own = 2 if person.estimated else late
-        self.speeds = deque([*state[2 : 2 + late][::-1], state[1]] if not person.estimated else [])
-        places = [state[0]]
-        for speed in state[2 + own : 2 + own + late]:
-            places.append(places[-1] - speed * rates.tick_s)
-        self.places = deque(reversed(places), maxlen=late + 1)  # oldest first
-        self.estimator = AlphaBeta(1, rates.tick_s, person.memory)
-        if person.estimated:
-            self.estimator._position, self.estimator._velocity = [state[2] + self.places[0]], [state[3]]
-        self.late, self.rates, self.person = late, rates, person
-
-    def read(self) -> tuple[list[float], list[float]]:
-        velocity = self.estimator._velocity[0] if self.person.estimated else self.speeds[0]
-        return [self.places[0]], [velocity]
-
-    def step(self, force: list[float]) -> float:
-        """One tick; the displacement that the next sample shows."""
-        before = self.places[0]
-        self.plant.step((0.0,), force)
-        self.places.append(self.plant.position_m[0])
-        if self.person.estimated:
-            self.estimator.update([self.places[0]])
-        else:
-            self.speeds.append(self.plant.velocity_mps[0])
-            self.speeds.popleft()
-        return self.places[0] - before
-
-    def state(self) -> list[float]:
-        places = list(self.places)[::-1]
-        old = [(newer - older) * self.rates.device_hz for newer, older in pairwise(places)]
-        own = (
-            [self.estimator._position[0] - self.places[0], self.estimator._velocity[0]]
-            if self.person.estimated
-            else list(self.speeds)[:-1][::-1]
-        )
-        return [self.plant.position_m[0], self.plant.velocity_mps[0], *own, *old]
-
-
-def wave_of(
-    person: Person, seat: SeatSettings, rates: Rates, state: np.ndarray, inputs: np.ndarray
-) -> tuple[list[float], list[float]]:
-    client, memory = WaveCoupling(seat), Memory(person, state, rates)
-    client.returning = (float(inputs[0]),)
-    late = 0 if person.encoder == "velocity" else person.latency_ticks
-    client.set_latency(late)
-    for wave in state[len(state) - late :][::-1].tolist():
-        client.late.push(((wave,), 1.0, 1.0, None, client._b))
-    for _ in range(rates.ticks_per_frame):
-        place, velocity = memory.read()
-        client.elapse([memory.step(client.force(place, velocity)) * rates.device_hz], velocity)
-    waves = [
-        client.late.push(((0.0,), 1.0, 1.0, None, client._b))[0][0] for _ in range(client.late.ticks)
-    ]  # the oldest first
-    return [*memory.state(), *reversed(waves)], list(client.up.decimator.take())
-
-
-def coupled_of(
-    person: Person, seat: SeatSettings, rates: Rates, state: np.ndarray, inputs: np.ndarray
-) -> tuple[list[float], list[float]]:
-    client, memory = VirtualCoupling(seat), Memory(person, state, rates)
-    client.receive(State(1, 0, (float(inputs[0]),), (float(inputs[1]),), 0.0, 0, Stamp(0)))
-    client.start_frame()
-    (place,), (velocity,) = memory.read()
-    for _ in range(rates.ticks_per_frame):
-        memory.step(list(client.force(*memory.read())))
-    return memory.state(), [place, velocity]
-
-
-@given(
-    st.sampled_from(("wave", "coupling")),
-    st.integers(0, 3),
-    st.floats(0.0, 0.8),
-    st.booleans(),
-    st.sampled_from(("displacement", "velocity")),
-    st.floats(0.05, 1.0),
-)
-@settings(max_examples=100, deadline=None)
-def test_old_samples_in_the_model_are_those_of_the_actual_couplings(
-    kind: str, late: int, memory: float, estimated: bool, encoder: str, mass_kg: float
-) -> None:
-    """Each column of a client's frame is what one frame of the coupling, the estimator and the plant makes of a unit state."""
-    person, seat = alone(kind, encoder=encoder)
-    person = replace(person, latency_ticks=late, memory=memory, estimated=estimated, device_mass_kg=mass_kg)
-    rates = seat.rates
-    run: Callable[..., tuple[list[float], list[float]]]
-    if kind == "wave":
-        block, run = wave_frame(person, rates), wave_of
-    else:
-        block, run = coupled_frame(person, np.array(person.stiffness_npm), rates), coupled_of
-    A, B, C, D = (np.atleast_2d(part) for part in (block.A, block.B, block.C, block.D))
-    for column in range(block.states):
-        after, told = run(person, seat, rates, np.eye(block.states)[column], np.zeros(block.inputs))
-        np.testing.assert_allclose(after, A[:, column], atol=1e-9 * max(1.0, np.abs(A).max()))
-        np.testing.assert_allclose(told, C[:, column], atol=1e-9 * max(1.0, np.abs(C).max()))
-    for column in range(block.inputs):
-        after, told = run(person, seat, rates, np.zeros(block.states), np.eye(block.inputs)[column])
-        np.testing.assert_allclose(after, B[:, column], atol=1e-9 * max(1.0, np.abs(B).max()))
-        np.testing.assert_allclose(told, D[:, column], atol=1e-9 * max(1.0, np.abs(D).max()))
 
 
 def late_session(
@@ -238,8 +118,7 @@ def let_age(laboratory: Laboratory, latency: int, memory: float = 0.5) -> None:
 def test_a_session_feels_as_its_own_account_predicts(latency: int) -> None:
     """The actual cores, a wall, one frame each way: felt at rest, predicted from the measured loop, and theory with L T_c."""
     users = [{"name": "a", "device": "sim:ideal", "hand": "push"}]
-    table = {"seconds": 4, "object": {"kind": "wall"}, "link": {"delay_ms": FRAME_MS}, "users": users}
-    laboratory = Laboratory(resolve(table))
+    laboratory = laboratory_of(seconds=4, object={"kind": "wall"}, link={"delay_ms": FRAME_MS}, users=users)
     let_age(laboratory, latency)
     laboratory.run()
     (user,) = of_laboratory(laboratory)["users"]
@@ -287,31 +166,8 @@ def with_the_wave_of_now(patch: pytest.MonkeyPatch) -> None:
 
 
 LIGHT = {"device_mass_kg": 0.075, "memory": 0.5}
-SOFT_LINES = [(1000.0, 1.0, 1), (1000.0, 2.0, 4), (2000.0, 2.0, 1), (2000.0, 4.0, 1)]  # K, b, frames each way
-LARGEST_K = {
-    0.5: (378, 14900, 4530),
-    1.0: (572, 2740, 4830),
-    2.0: (912, 2540, 5430),
-    5.0: (1520, 2540, 5810),
-    10.0: (2180, 2600, 5860),
-    19.0: (2970, 2720, 5630),
-}
-"""b -> the largest stable K [N/m] with the wave of now, of then, and with fresh samples: the table of docs/velocity.md."""
-
-
-@needs_interpreted
-@pytest.mark.parametrize(("stiffness", "b", "frames"), every(3, SOFT_LINES))
-@pytest.mark.parametrize("latency", [1, 2])
-def test_displacement_and_wave_of_different_ticks_make_energy(
-    stiffness: float, b: float, frames: int, latency: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def stable() -> bool:
-        found = late_session(latency, frames=frames, impedance_nspm=b, stiffness_npm=stiffness, person=LIGHT)
-        return verdict(LiftedModel(found)).stable
-
-    assert stable()
-    with_the_wave_of_now(monkeypatch)
-    assert not stable()
+LARGEST_K = {float(b): tuple(map(float, row)) for b, *row in table(page("docs/velocity.md"), "b N s/m")}
+"""b -> the largest stable K [N/m] with the wave of now, of then, and with fresh samples."""
 
 
 @needs_interpreted
@@ -343,15 +199,14 @@ def test_sessions_of_the_cores_decay_with_the_wave_of_then_and_grow_with_that_of
         with_the_wave_of_now(monkeypatch)
     users = [{"name": name, "device": EXACT, "hand": "push&force_n=0", "device_mass_kg": 0.075} for name in ("a", "b")]
     keys = {"impedance_nspm": 2.0, "stiffness_npm": 2000.0}
-    laboratory = Laboratory(resolve({"coupling": keys, "users": users}, {"link.delay_ms": FRAME_MS}))
+    laboratory = laboratory_of(coupling=keys, users=users, link={"delay_ms": FRAME_MS})
     let_age(laboratory, 1)
     for person, sign in zip(laboratory.people, (1.0, -0.4), strict=True):
         person.device.plant.velocity_mps[0] = sign * 1e-6
     peaks = []
     for _ in range(6):
         laboratory.people[0].core.seated.peaks.force_n = 0.0
-        for _ in range(64):
-            laboratory.frame()
+        run_frames(laboratory, 64)
         peaks.append(laboratory.people[0].core.seated.peaks.force_n)
     growth = (peaks[-1] / peaks[1]) ** (1.0 / (4 * 64))
     assert growth == pytest.approx(0.9974 if paired else 1.0043, abs=6e-4)
@@ -395,8 +250,8 @@ def test_the_model_with_old_samples_ends_where_sessions_of_the_cores_end(mass_kg
 
     def quiet(b: float) -> bool:
         users = [{"name": name, "device": f"{EXACT}&hand={LOOSE}", "device_mass_kg": mass_kg} for name in ("a", "b")]
-        table = {"seconds": 3.0, "coupling": {"impedance_nspm": b}, "link": {"delay_ms": FRAME_MS}, "users": users}
-        laboratory = Laboratory(resolve(table), bare=True)
+        coupling, link = {"impedance_nspm": b}, {"delay_ms": FRAME_MS}
+        laboratory = laboratory_of(bare=True, seconds=3.0, coupling=coupling, link=link, users=users)
         let_age(laboratory, latency, memory)
         for person, sign in zip(laboratory.people, (1.0, -0.4), strict=True):
             person.device.plant.velocity_mps[0] = sign * 0.05
@@ -420,18 +275,9 @@ def test_the_model_with_old_samples_ends_where_sessions_of_the_cores_end(mass_kg
     assert not quiet(high * 1.08)
 
 
-@pytest.mark.parametrize(("memory", "stable"), [(0.6, False), (None, True)])
-def test_the_vintage_phantom_wants_less_memory_than_the_simulated_one(memory: float | None, stable: bool) -> None:
-    """One tick old, 0.075 kg, free, b = 20, four frames each way: unstable with 0.6, stable with its own 0.5."""
-    own = memory_for(device(0.075, 1), T_C) if memory is None else memory
-    found = late_session(1, frames=4, person={"device_mass_kg": 0.075, "memory": own})
-    assert verdict(LiftedModel(found)).stable is stable
-
-
 def test_seats_take_memory_and_age_from_the_record() -> None:
-    resolved = resolve({"users": [{"name": "a"}]})
     record = device(0.075, 1)
-    (person,) = seat_session(seat_settings(resolved, 0), record).people
+    (person,) = seat_session(seat_settings(resolve({"users": [{"name": "a"}]}), 0), record).people
     assert (person.memory, person.latency_ticks) == (memory_for(record, T_C), 1)
 
 
@@ -448,10 +294,9 @@ def test_how_far_sessions_go(memory: float, latency: int) -> None:
     """Cube and wall, one and four frames in each direction, K = 500 N/m: all stable 2 % below the limit, one not 2 % above."""
 
     def stable(share: float, kind: str, frames: int) -> bool:
-        users = [{"name": name, "device": "sim:phantom?hand=hold", "device_mass_kg": 0.075} for name in ("a", "b")]
-        keys = {"coupling.impedance_nspm": share * 0.075 / T_C, "coupling.stiffness_npm": 500.0, "object.kind": kind}
-        found = linear_session(resolve({"users": users}, keys), delay_frames=frames, estimated=True)
-        return verdict(LiftedModel(with_everybody(found, memory=memory, latency_ticks=latency))).stable
+        b, person = share * 0.075 / T_C, {"device_mass_kg": 0.075, "memory": memory}
+        found = late_session(latency, kind=kind, frames=frames, person=person, impedance_nspm=b, stiffness_npm=500.0)
+        return verdict(LiftedModel(found)).stable
 
     cases = [(kind, frames) for kind in ("cube", "wall") for frames in (1, 4)]
     end = SHARES[latency][memory]

@@ -13,11 +13,10 @@ from cogrip.sim.runs.felt_as_intended import MOST_LENT
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import every, long
-from tests.sim.session_measures import allowed
+from tests.sim.session_measures import MARGINS, allowed, laboratory_of
 
 PREDICTED = 0.1  # of the prediction: what losses may change while the credit pays
 Look = Callable[[Laboratory], Any]
-MARGINS = ("up_margin_j", "down_margin_j", "line_margin_j")
 
 
 def lossy(profile: str, seed: int, **playout: Any) -> Settings:
@@ -57,8 +56,8 @@ def probed(settings: Settings) -> list[tuple[float, float, dict[str, float]]]:
     for number, person in enumerate(laboratory.people):
         seat = laboratory.room.seat_account(number)
         margins = (seat.up_margin_j, person.core.coupling.down_margin_j, seat.line_margin_j)
-        values = {key: margin_j for key, margin_j in zip(MARGINS, margins, strict=True) if margin_j is not None}
-        assert len(values) == len(MARGINS)
+        values = dict(zip(MARGINS, margins, strict=True))
+        assert None not in margins
         found.append((measured[number].felt_npm or 0.0, 1.0 / mean(compliances[number]), values))
     return found
 
@@ -85,10 +84,9 @@ def test_without_a_credit_the_hand_feels_the_gaps() -> None:
 def test_the_account_of_who_has_left_predicts_what_was_felt_before(profile: str) -> None:
     """Once the object is released, hardly a wave plays: what is owed, over that, says nothing of the hand."""
     hand = "reach&amplitude_m=0.005&stroke_s=1&delay_s=0.5&stop_s=1.5"
-    laboratory = Laboratory(resolve({
-        "seed": 2, "seconds": 12.0, "object": {"kind": "wall"}, "link": {"profile": profile},
-        "users": [{"name": "anna", "hand": hand}],
-    }))  # fmt: skip
+    laboratory = laboratory_of(
+        seed=2, seconds=12.0, object={"kind": "wall"}, link={"profile": profile}, users=[{"name": "anna", "hand": hand}]
+    )
     while laboratory.seconds < 8.0:
         laboratory.frame()
     core = laboratory.people[0].core

@@ -9,7 +9,6 @@ from cogrip.cli.session.settings_file import load
 from cogrip.protocol import felt_stiffness, messages
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import Farewell, Heartbeat
-from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.settings_digest import digest
 from cogrip.server.admission import AdmissionServices
@@ -25,13 +24,12 @@ from cogrip.server.worlds.conformance import CHECKS, Subject
 from cogrip.server.worlds.guarded import GuardedWorld
 from cogrip.server.worlds.registry import ALLOWED
 from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.replay.verify import verify
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.runs.verdict import stable, succeeded
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import every, long
-from tests.sim.session_measures import least_margin
+from tests.sim.session_measures import assert_plays_again, least_margin, run_frames
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples" / "worlds"
 NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py"))
@@ -94,21 +92,15 @@ def test_an_example_keeps_every_promise(name: str) -> None:
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", every(2, NAMES))
 def test_an_example_is_held_and_replayed(name: str, tmp_path: Path) -> None:
-    settings = load(EXAMPLES / f"{name}.toml", ["seconds=1.5"])
-    outcome = run_laboratory(settings, tmp_path)
-    assert succeeded(outcome.summary)
-    assert least_margin(outcome.summary) >= 0.0
-    turned = name == "steering_wheel"
-    assert (
-        outcome.summary["users"][0]["peak_torque_nm"] > 0.005
-        if turned
-        else outcome.summary["object"]["travel_m"] > 0.005
-    )
-    ledger = outcome.summary["server"]["energy_limiter"]
+    summary = run_laboratory(load(EXAMPLES / f"{name}.toml", ["seconds=1.5"]), tmp_path).summary
+    assert succeeded(summary)
+    assert least_margin(summary) >= 0.0
+    moved = summary["object"]["travel_m"] if name != "steering_wheel" else summary["users"][0]["peak_torque_nm"]
+    assert moved > 0.005
+    ledger = summary["server"]["energy_limiter"]
     assert ledger["limited_frames"] == 0
     assert ledger["level_j"] >= 0.0
-    for path in tmp_path.glob("*.mcap"):
-        assert not verify(open_recording(path)).difference
+    assert_plays_again(tmp_path)
 
 
 @pytest.mark.long
@@ -129,8 +121,7 @@ def test_a_steering_wheel_feels_as_stiff_as_its_spring_and_the_line(
     loop_s = 1e-3 * 2.0 * delay_ms
     predicted = felt_stiffness.felt_stiffness(0.1, felt_stiffness.line_compliance(0.02, loop_s, 1.0 / 128.0))
     assert anna["force_n"][5] / anna["position_m"][5] == pytest.approx(predicted, rel=0.02)
-    for path in tmp_path.glob("*.mcap"):
-        assert not verify(open_recording(path)).difference
+    assert_plays_again(tmp_path)
 
 
 def test_a_world_that_raises_ends_its_session_by_name(tmp_path: Path) -> None:
@@ -141,8 +132,7 @@ def test_a_world_that_raises_ends_its_session_by_name(tmp_path: Path) -> None:
     assert laboratory.room.steps == 40
     summary = of_laboratory(laboratory)
     assert stable(summary).sentence.startswith(f"Diverged. The world has ended: {words}")
-    for _ in range(64):
-        laboratory.frame()
+    run_frames(laboratory, 64)
     for person in laboratory.people:
         assert words[:40] in person.core.session.failed
         assert person.core.act(laboratory.now_ns) == (0.0,)
@@ -184,8 +174,7 @@ def test_a_live_server_bounds_the_time_of_a_step() -> None:
 @pytest.mark.long
 def test_after_a_kill_the_next_server_goes_on_where_the_world_was() -> None:
     laboratory = Laboratory(load(EXAMPLES / "soft_line.toml", ["seconds=3"]))
-    for _ in range(200):
-        laboratory.frame()
+    run_frames(laboratory, 200)
     before = world_in(laboratory.room)
     (checkpoint,) = laboratory.kill()
     state = before.inner.save()

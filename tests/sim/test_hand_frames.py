@@ -1,22 +1,20 @@
 """Scales, rotation and clutch in whole sessions in virtual time."""
 
+from itertools import pairwise
 from math import dist, hypot
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cogrip.client.force_limits import SOFT_SLOPE_NPS
-from cogrip.client.hand_map import HandMap
-from cogrip.client.inputs import CloseLedger
-from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.settings import resolve
 from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.records import open_run
-from cogrip.sim.runs.replay.verify import verify
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import long
+from tests.sim.session_measures import MARGINS, account_of, assert_plays_again, by_tick
 
 K, B_LINE = 500.0, 10.0
 CREDIT_J = 1e-3
@@ -30,29 +28,16 @@ def at_wall(**user: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def account_of(laboratory: Laboratory, number: int = 0) -> ClientAccount:
-    return laboratory.people[number].core.handle(CloseLedger(laboratory.ticks(number)), laboratory.now_ns)
-
-
-def frame_of(laboratory: Laboratory, number: int = 0) -> HandMap:
-    frame = laboratory.people[number].core._seat._hand_map
-    assert frame is not None
-    return frame
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("scale", "force"), [(1.0, 1.0), long(2.0, 1.0), long(0.5, 0.5), long(3.0, 1.8), (0.5, 0.25), (10.0, 1.0)]
 )
 def test_a_hand_feels_the_wall_by_the_force_scale(scale: float, force: float) -> None:
     """K_hand = s K: force by s / g, way by 1 / g."""
-    laboratory = Laboratory(resolve(at_wall(position_scale=scale, force_scale=force)))
-    laboratory.run()
-    account = account_of(laboratory)
+    account = account_of(Laboratory(resolve(at_wall(position_scale=scale, force_scale=force))))
+    plain = account_of(Laboratory(resolve(at_wall())))
     assert account.felt_stiffness_npm == pytest.approx(account.predicted_stiffness_npm, rel=0.01)
-    plain = Laboratory(resolve(at_wall()))
-    plain.run()
-    assert account.predicted_stiffness_npm == pytest.approx(force * account_of(plain).predicted_stiffness_npm)
+    assert account.predicted_stiffness_npm == pytest.approx(force * plain.predicted_stiffness_npm)
     assert account.down_margin_j >= -CREDIT_J
     assert account.device.margin_j >= 0.0
 
@@ -70,31 +55,19 @@ def test_clutches_of_50_mm_displace_nothing(times: int) -> None:
         }],
     })  # fmt: skip
     laboratory = Laboratory(settings)
-    tool, clutches, still = [0.0] * 3, 0, [0]
-    offsets: list[float] = []  # of the server's proxy from the tool: 0.12 mm since the hand began to move
-    last: list[Any] = [None, False]
-
-    def watch(_: Laboratory) -> None:
-        nonlocal clutches
-        seat = laboratory.people[0].core._seat
-        frame = frame_of(laboratory)
-        before, held = last
-        if before is not None and not held:
-            for axis in range(3):
-                tool[axis] += seat.hand.position_m[axis] - before[axis]
-        clutches += frame.held and not held
-        still[0] = still[0] + 1 if frame.held else 0
-        if still[0] > 300:  # the proxy of the server has come to rest
-            offsets.append(float(laboratory.room.world.hand[0][0]) - seat.tool_m()[0])
-        last[:] = [seat.hand.position_m, frame.held]
-
-    laboratory.run(each_tick=watch)
-    seat = laboratory.people[0].core._seat
+    core, world = laboratory.people[0].core, laboratory.room.world
+    rows = by_tick(
+        laboratory,
+        lambda _: (core._seat.hand.position_m, core._seat._hand_map.held, world.hand[0][0] - core._seat.tool_m()[0]),
+    )
+    places, held, offsets = map(np.array, zip(*rows, strict=True))
+    seat = core._seat
     assert not laboratory.diverged
-    assert clutches == times
-    begun = seat._origin_pose
-    assert dist(seat.tool_m(), [a + b for a, b in zip(begun, tool, strict=True)]) < 1e-9
-    assert max(offsets) - min(offsets) < 1e-5, "0.01 mm"
+    assert np.count_nonzero(held[1:] & ~held[:-1]) == times
+    moved = np.diff(places, axis=0)[~held[:-1]].sum(axis=0)
+    assert dist(seat.tool_m(), seat._origin_pose + moved) < 1e-9
+    at_rest = np.convolve(held, np.ones(301))[: len(held)] > 300.5  # the proxy of the server has come to rest
+    assert np.ptp(offsets[at_rest]) < 1e-5, "0.01 mm; 0.12 mm since the hand began to move"
     assert not seat.safety.counts["fault"]
     account = account_of(laboratory)
     assert account.down_margin_j >= 0.0
@@ -107,16 +80,9 @@ def test_a_clutch_in_contact_lets_the_hand_go_without_a_step_of_force() -> None:
     press = "1@1.0+0.5,1@2.0+0.5,1@3.0+0.2"
     settings = resolve(at_wall(device=f"sim:phantom?press={press}", clutch_button=1, hand="approach&amplitude_m=0.006"))
     laboratory = Laboratory(settings)
-    states, steps, forces = set[str](), [0.0], [(0.0,) * 3]
-
-    def watch(_: Laboratory) -> None:
-        core = laboratory.people[0].core
-        states.add(core.safety.state)
-        steps.append(dist(core.force_n, forces[-1]))
-        forces.append(core.force_n)
-
-    laboratory.run(each_tick=watch)
-    assert max(steps) < SOFT_SLOPE_NPS / 1024
+    core = laboratory.people[0].core
+    states, forces = zip(*by_tick(laboratory, lambda _: (core.safety.state, core.force_n)), strict=True)
+    assert max(dist(after, before) for before, after in pairwise(forces)) < SOFT_SLOPE_NPS / 1024
     assert max(hypot(*forces[int(1024 * s)]) for s in (1.2, 1.49, 2.3, 3.15)) == 0.0, "while it is held"
     assert hypot(*forces[-1]) > 0.05, "the wall is felt again"
     assert not laboratory.diverged
@@ -145,14 +111,9 @@ def test_two_people_of_different_scales_are_passive_and_replay_exactly(tmp_path:
         ],
     })  # fmt: skip
     outcome = run_laboratory(settings, tmp_path)
-    run = open_run(tmp_path)
-    assert run.server is not None
-    for end in (*run.clients.values(), run.server):
-        found = verify(end.recording)
-        assert found.exact, found
+    assert_plays_again(tmp_path)
     for user in outcome.summary["users"]:
         energy = user["energy"]
-        margins = [energy[name] for name in ("up_margin_j", "down_margin_j", "line_margin_j")]
-        assert min(margins) >= -CREDIT_J, margins
+        assert min(energy[name] for name in MARGINS) >= -CREDIT_J, energy
         assert energy["device_margin_j"] >= 0.0
         assert user["state"] == "live", user["reason"]

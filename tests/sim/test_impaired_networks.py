@@ -51,10 +51,10 @@ def test_a_loose_cube_goes_as_its_eigenvalues_say(network: str, scheme: str, K: 
 
 def test_golden_eigenvalues_of_loose_cubes() -> None:
     """Theory section 6, d = 1 (a lan's delay waits for a border), with free hands: 1.0866 and 3.1487. These barely hold."""
-    assert radius(Job(0, "lan", 2, 1000.0, 0, 1.0, "coupling").settings()) == pytest.approx(1.0866, abs=2e-3)
-    assert radius(Job(0, "lan", 2, 5000.0, 0, 1.0, "paper", {"playout.frames": 0}).settings()) == pytest.approx(
-        3.1487, abs=5e-3
-    )
+    coupling = Job(0, "lan", 2, 1000.0, 0, 1.0, "coupling")
+    paper = Job(0, "lan", 2, 5000.0, 0, 1.0, "paper", {"playout.frames": 0})
+    assert radius(coupling.settings()) == pytest.approx(1.0866, abs=2e-3)
+    assert radius(paper.settings()) == pytest.approx(3.1487, abs=5e-3)
 
 
 @pytest.mark.parametrize(
@@ -117,9 +117,7 @@ def test_every_seed_is_another_room_and_the_same_every_time() -> None:
     ("arguments", "words"),
     [
         (["--people", "1"], "--people 1: from 2 to 16"),
-        (["--profiles", "lann"], "did you mean lan?"),
         (["--seeds", "0"], "at least one seed"),
-        (["--set", "playout.tank_mj=-1"], "playout.tank_mj"),
         (["--workers", "0"], "--workers 0"),
     ],
 )

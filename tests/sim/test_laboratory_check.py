@@ -126,9 +126,8 @@ def test_what_is_given_on_wifi_is_borne_out(wifi: tuple[Settings, Check]) -> Non
 
 @pytest.mark.usefixtures("no_load")
 def test_a_session_that_oscillates_is_a_warning() -> None:
-    found = check(
-        settings_of(SLOW | {"coupling.kind": "coupling", "link.delay_ms": 40.0, "coupling.stiffness_npm": 2000.0})
-    )
+    oscillating = {"coupling.kind": "coupling", "link.delay_ms": 40.0, "coupling.stiffness_npm": 2000.0}
+    found = check(settings_of(SLOW | oscillating))
     assert found.stable == "bad"
     assert found.session.level == "warning"
     assert "Not stable" in found.session.text or "Diverged" in found.session.text
@@ -137,17 +136,11 @@ def test_a_session_that_oscillates_is_a_warning() -> None:
 @pytest.mark.usefixtures("no_load")
 def test_hardware_has_a_stand_in_and_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     settings = settings_of({"coupling.impedance_nspm": 5.0})
-    real = settings_of({"coupling.impedance_nspm": 5.0, "seconds": 1.0}, device="serial:/dev/null?variant=vintage")
-    monkeypatch.setattr(laboratory_check, "make_for", lambda user, axes: laboratory_check_device(settings, axes))
+    real = settings_of({"coupling.impedance_nspm": 5.0}, device="serial:/dev/null?variant=vintage")
+    monkeypatch.setattr(laboratory_check, "make_for", lambda user, axes: make_for(settings.users[0], axes))
     found = check(real)
     assert found.stand_ins == ("anna", "ben")
     assert "a simulated device stood in for the hardware" in found.session.text
-
-
-def laboratory_check_device(settings: Settings, axes: int) -> Any:
-    from cogrip.devices.for_user import make_for
-
-    return make_for(settings.users[0], axes)
 
 
 @pytest.mark.parametrize(
@@ -201,12 +194,9 @@ def test_the_stiffest_is_stable_felt_in_a_session_and_better_than_its_neighbours
     key = next(iter(found.overrides))
     for share in (0.5, 0.8, 0.95):
         for stretch in (0.5, 0.9):
-            other = {
-                **found.overrides,
-                key: found.damper_nspm * share,
-                "coupling.stiffness_npm": found.stiffness_npm * stretch,
-            }
-            other |= {name: other["coupling.stiffness_npm"] for name in other if name.endswith("0.stiffness_npm")}
+            spring_npm = found.stiffness_npm * stretch
+            other = {**found.overrides, key: found.damper_nspm * share, "coupling.stiffness_npm": spring_npm}
+            other |= {name: spring_npm for name in other if name.endswith("0.stiffness_npm")}
             users = advise(settings_of({**overrides, **other}, **people)).users
             assert min(user.felt_npm for user in users) <= found.felt_npm
 
@@ -231,8 +221,7 @@ def test_a_stiffest_that_sessions_do_not_bear_out_comes_down(monkeypatch: pytest
 
     good = check(settings)
     monkeypatch.setattr(laboratory_check, "check", judged)
-    answer = checked_stiffest(settings)
-    found, checked = answer
+    found, checked = checked_stiffest(settings)
     assert seen == pytest.approx([first.stiffness_npm * share for share in (1.0, 0.7, 1.0, 0.6)], rel=0.02)
     assert (found.bounded, checked.stable, found.stiffness_npm) == ("sessions", "good", seen[-1])
     assert found.felt_npm < first.felt_npm
@@ -246,8 +235,7 @@ def test_a_stiffest_that_sessions_do_not_bear_out_comes_down(monkeypatch: pytest
 def test_over_a_satellite_the_stiffest_is_one_that_a_session_bears_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """The device carries b = 25.6 by its own bound; over a loop of 0.6 s its motors then give energy."""
     monkeypatch.setattr(laboratory_check, "SESSION_S", 6.0)
-    answer = checked_stiffest(settings_of({"link.profile": "satellite", "seconds": 6.0}))
-    found, checked = answer
+    found, checked = checked_stiffest(settings_of({"link.profile": "satellite", "seconds": 6.0}))
     assert (checked.passive, checked.stable) == ("good", "good")
     assert found.advice.verdict.stable
 
@@ -276,9 +264,8 @@ def test_a_session_reaches_what_begins_late_or_says_that_it_does_not(
 
 @pytest.mark.usefixtures("no_load")
 def test_outages_that_break_a_session_are_noted() -> None:
-    found = check(
-        settings_of({"seconds": 2.5, "link.delay_ms": 20.0, "link.outage_s": 1.0, "link.outage_every_s": 1.2})
-    )
+    outages = {"link.delay_ms": 20.0, "link.outage_s": 1.0, "link.outage_every_s": 1.2}
+    found = check(settings_of({"seconds": 2.5, **outages}))
     assert found.session.level == "note"
     assert "of the frames" in found.session.text
 

@@ -10,9 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from cogrip.cli.session.shipped_settings import shipped_scene
-from cogrip.client.inputs import DeviceFailed, Rearm
 from cogrip.client.local_contact import LENT_J, MOST_SAVED_J
-from cogrip.client.local_poses import LocalPoses
 from cogrip.protocol.messages import Geom, Waves, decode
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.recording.reader import open_recording
@@ -29,6 +27,7 @@ from cogrip.sim.runs.verdict import passive
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import every, long
+from tests.sim.session_measures import account_of, by_tick, laboratory_of
 
 PRESS = "waypoints&times_s=1,1.4,2&x_m=0,0.1,0.1&rz_rad=0,0.3,0.3"  # onto the wall, whose face meets the ball at 80 mm
 WALL_M = 0.08
@@ -38,81 +37,61 @@ LIFT = "waypoints&times_s=0.5,1.5,2,3,4,5&x_m=0,{0},{1},{1},{1},0&z_m=0,0,0,0.05
 
 def at_wall(
     network: str, stiffness_npm: float = 1000.0, hand: str = PRESS, file: Path | None = None, **more: object
-) -> Settings:
+) -> Laboratory:
     """Return a session in which a hand with a ball presses on a fixed wall, and turns."""
     thing = {"kind": "scene", "axes": 6, "file": str(file or shipped_scene("wall.xml"))}
     coupling = {"kind": "local", "stiffness_npm": stiffness_npm}
     users = [{"name": "anna", "tool": "ball", "device": "sim:phantom6", "hand": hand}]
     link = {"profile": network, "loss": 0.05}
-    return resolve({"seconds": 3.2, "object": thing, "coupling": coupling, "link": link, "users": users, **more})
+    table = {"seconds": 3.2, "object": thing, "coupling": coupling, "link": link, "users": users}
+    return laboratory_of(**{**table, **more})
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("stiffness_npm", [200.0, long(1000.0), 3000.0])
 @pytest.mark.parametrize("network", every(3, PROFILES))
 def test_wall_feels_as_stiff_as_asked_on_every_network(network: str, stiffness_npm: float) -> None:
-    settings = at_wall(network, stiffness_npm)
-    laboratory = Laboratory(settings)
-    laboratory.run()
-    laboratory.close_ledger()
-    core = laboratory.people[0].core
-    account = core.account
-    assert account is not None
+    laboratory = at_wall(network, stiffness_npm)
+    account, core = account_of(laboratory), laboratory.people[0].core
     assert account.felt_stiffness_npm == pytest.approx(stiffness_npm, rel=0.03)
     assert account.peak_force_n > 2.0
     assert not account.device.oscillates
-    assert account.device.margin_j is not None
     assert account.device.margin_j >= 0.0
     assert core.position_m[0] - WALL_M == pytest.approx(core.force_n[0] / stiffness_npm, rel=1e-6)
-    assert passive(of_laboratory(laboratory), settings.playout.tank_mj * 1e-3).tone == "good"
+    assert passive(of_laboratory(laboratory), laboratory.settings.playout.tank_mj * 1e-3).tone == "good"
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("network", every(4, PROFILES))
 def test_first_force_is_there_within_two_ticks_of_the_touch(network: str) -> None:
-    laboratory, touched, felt = Laboratory(at_wall(network)), [], []
-
-    def watch(now: Laboratory) -> None:
-        core = now.people[0].core
-        if core.position_m[0] > WALL_M:
-            touched.append(now.tick)
-        if any(core.force_n[:3]):
-            felt.append(now.tick)
-
-    laboratory.run(watch)
-    assert 0 <= felt[0] - touched[0] <= 2
+    laboratory = at_wall(network)
+    core = laboratory.people[0].core
+    rows = by_tick(laboratory, lambda _: (core.position_m[0] > WALL_M, any(core.force_n[:3])))
+    touched, felt = ([row[which] for row in rows].index(True) for which in (0, 1))
+    assert 0 <= felt - touched <= 2
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("network", every(4, PROFILES))
 def test_free_motion_feels_the_device_alone_and_turning_its_line(network: str) -> None:
     """No force at the places, so no mass; and the tool is where the hand is."""
-    laboratory = Laboratory(at_wall(network, hand=SWING, seconds=4.0))
-    world = laboratory.room.world
-    forces, torques, tool_m = set(), [], []
-
-    def watch(now: Laboratory) -> None:
-        force = now.people[0].core.force_n
-        forces.add(force[:3])
-        torques.append(hypot(*force[3:]))
-        tool_m.append(float(world.proxy(0)[0]))
-
-    laboratory.run(watch)
-    pose = laboratory.people[0].core.seated.pose  # type: ignore[union-attr]
-    assert forces == {(0.0, 0.0, 0.0)}
+    laboratory = at_wall(network, hand=SWING, seconds=4.0)
+    world, core = laboratory.room.world, laboratory.people[0].core
+    forces, tool_m = zip(*by_tick(laboratory, lambda _: (core.force_n, float(world.proxy(0)[0]))), strict=True)
+    assert {force[:3] for force in forces} == {(0.0, 0.0, 0.0)}
+    assert max(hypot(*force[3:]) for force in forces) > 0.01, "N/l of the line"
     assert isinstance(world, LocalScene)
     assert world.kinematic.all()
     assert max(tool_m) > 0.05
-    assert max(torques) > 0.01, "N/l of the line"
-    assert world.proxy(0)[:3] == pytest.approx(pose[:3], abs=1e-4)
+    assert world.proxy(0)[:3] == pytest.approx(core.seated.pose[:3], abs=1e-4)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("network", ["lan", long("wifi"), "wan", long("lte")])
 def test_a_clear_tool_is_turned_as_its_hand(network: str) -> None:
-    laboratory = Laboratory(at_wall(network, hand=SWING, seconds=5.0))
+    laboratory = at_wall(network, hand=SWING, seconds=5.0)
     laboratory.run()
-    turned = laboratory.people[0].core.seated.pose[3:]  # type: ignore[union-attr]
+    turned = laboratory.people[0].core.seated.pose[3:]
     assert hypot(*turned) > 0.2
     assert hypot(*between(exp(laboratory.room.world.proxy(0)[3:].tolist()), exp(turned))) < 0.01
 
@@ -126,68 +105,26 @@ def test_wall_that_jumps_into_the_hand_changes_the_force_little_and_gives_nothin
     hand = PRESS.replace("1,1.4,2&x_m=0,0.1,0.1", "1,1.4,3,3.5,4.5&x_m=0,0.1,0.1,0,0.07").replace(
         "0.3,0.3", "0.3,0.3,0.3,0.3"
     )
-    laboratory = Laboratory(at_wall("wan", file=file, hand=hand, seconds=5.0))
-    core, forces, works, before_m = laboratory.people[0].core, list[tuple[float, ...]](), [0.0], [0.0] * 3
+    laboratory = at_wall("wan", file=file, hand=hand, seconds=5.0)
+    core = laboratory.people[0].core
 
-    def watch(now: Laboratory) -> None:
-        if now.tick == 2400:
-            file.write_text(text.replace('pos=".08 0 0"', 'pos=".06 0 0"'))
-            (checkpoint,) = now.kill()
-            another = Room(now.settings)
-            scene, coordinates = another.world.coordinates()
-            now.restart([replace(checkpoint, digest=another.digest, scene=scene, coordinates=coordinates)])
-        if now.tick >= 2400:
-            place = list(core.position_m[:3])
-            if forces:
-                steps = [x - p for x, p in zip(place, before_m, strict=True)]
-                works.append(works[-1] + sum(force * step for force, step in zip(forces[-1][:3], steps, strict=True)))
-            forces.append(core.force_n)
-            before_m[:] = place
+    def move_wall() -> None:
+        file.write_text(text.replace('pos=".08 0 0"', 'pos=".06 0 0"'))
+        (checkpoint,) = laboratory.kill()
+        another = Room(laboratory.settings)
+        scene, coordinates = another.world.coordinates()
+        laboratory.restart([replace(checkpoint, digest=another.digest, scene=scene, coordinates=coordinates)])
 
-    laboratory.run(watch)
-    laboratory.close_ledger()
-    account = core.account
-    assert account is not None
+    places, forces = zip(
+        *by_tick(laboratory, lambda _: (core.position_m[:3], core.force_n[:3]), {2400: move_wall})[2400:], strict=True
+    )
+    account = account_of(laboratory)
     assert forces[0][0] > 3.0, "it pressed"
-    assert max(dist(after[:3], before[:3]) for before, after in pairwise(forces)) <= 1.0
-    assert min(works) >= -(MOST_SAVED_J + LENT_J)
-    assert account.device.margin_j is not None
+    assert max(dist(after, before) for before, after in pairwise(forces)) <= 1.0
+    works_j = np.cumsum((np.diff(places, axis=0) * forces[:-1]).sum(axis=1))
+    assert works_j.min() >= -(MOST_SAVED_J + LENT_J)
     assert account.device.margin_j >= 0.0
     assert core.position_m[0] - (WALL_M - 0.02) == pytest.approx(core.force_n[0] / 1000.0, rel=1e-3), "of the new wall"
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("how", ["rearmed", "resumed"])
-def test_a_hand_deep_inside_is_not_thrown_out(how: str) -> None:
-    """It sinks into the wall while there is no force."""
-    laboratory, forces = Laboratory(at_wall("lan", seconds=4.0)), list[tuple[float, ...]]()
-    core = laboratory.people[0].core
-    checkpoints: list[object] = []
-
-    def watch(now: Laboratory) -> None:
-        if now.tick == 1300:
-            if how == "rearmed":
-                core.handle(DeviceFailed("of the test"), now.now_ns)
-            else:
-                checkpoints[:] = now.kill()
-        if now.tick == 3000:
-            assert core.position_m[0] > WALL_M + 0.015
-            if how == "rearmed":
-                core.handle(Rearm(), now.now_ns)
-            else:
-                now.restart(checkpoints)  # type: ignore[arg-type]
-        if now.tick >= 3000:
-            forces.append(core.force_n[:3])
-
-    laboratory.run(watch)
-    laboratory.close_ledger()
-    assert isinstance(core.coupling, LocalPoses)
-    assert core.safety.state == "live"
-    assert max(hypot(*force) for force in forces) < 1.5
-    assert max(dist(after, before) for before, after in pairwise(forces)) < 0.2
-    account = core.account
-    assert account is not None
-    assert account.device.leak_j < 1e-3
 
 
 def lifting(network: str, seed: int = 1) -> Settings:
@@ -206,23 +143,18 @@ def lifting(network: str, seed: int = 1) -> Settings:
 @pytest.mark.parametrize(("network", "seed"), [("wan", 1), *[long(name, seed) for name in PROFILES for seed in (2, 3)]])
 def test_lines_that_take_hold_of_tools_are_passive(network: str, seed: int) -> None:
     settings = lifting(network, seed)
-    laboratory, seen, high_m = Laboratory(settings), set(), []
-
-    def watch(now: Laboratory) -> None:
-        world = now.room.world
-        assert isinstance(world, LocalScene)
-        seen.update(world.kinematic.tolist())
-        high_m.append(float(world.position[2]))
-
-    laboratory.run(watch)
-    laboratory.close_ledger()
+    laboratory = Laboratory(settings)
+    world = laboratory.room.world
+    assert isinstance(world, LocalScene)
+    rows = by_tick(laboratory, lambda _: (world.kinematic.tolist(), float(world.position[2])))
+    account_of(laboratory)
     summary = of_laboratory(laboratory)
-    assert seen == {False, True}
+    assert {each for kinematic, _ in rows for each in kinematic} == {False, True}
     assert passive(summary, settings.playout.tank_mj * 1e-3).tone == "good"
     assert summary["server"]["energy_limiter"]["limited_frames"] == 0
-    assert laboratory.room.world.balance_error_j <= 1e-14
+    assert world.balance_error_j <= 1e-14
     assert all(person.core.account and person.core.account.state == "live" for person in laboratory.people)
-    assert max(high_m) > 0.015
+    assert max(high_m for _, high_m in rows) > 0.015
 
 
 @pytest.mark.long
@@ -243,22 +175,13 @@ def test_a_session_of_clear_and_engaged_tools_replays_bit_by_bit(tmp_path: Path)
 def test_hands_of_three_and_of_six_axes_share_a_room() -> None:
     """A device without an orientation has a pad that does not turn; both are rendered at their hands."""
     thing = {"kind": "scene", "axes": 6, "file": str(shipped_scene("wall.xml"))}
-    pad = {
-        "name": "ben",
-        "tool": "pad",
-        "orientation": "fixed",
-        "device": "sim:phantom",
-        "hand": PRESS.partition("&rz")[0],
-    }
+    pad = {"name": "ben", "tool": "pad", "orientation": "fixed", "device": "sim:phantom"}
+    pad["hand"] = PRESS.partition("&rz")[0] + "&y_m=0.03,0.03,0.03"
     ball = {"name": "anna", "tool": "ball", "device": "sim:phantom6", "hand": PRESS + "&y_m=-0.05,-0.05,-0.05"}
-    pad["hand"] += "&y_m=0.03,0.03,0.03"
-    link = {"profile": "wan"}
-    laboratory = Laboratory(
-        resolve({"seconds": 3.5, "object": thing, "coupling": {"kind": "local"}, "link": link, "users": [ball, pad]})
-    )
-    laboratory.run()
-    laboratory.close_ledger()
-    stiff = [person.core.account.felt_stiffness_npm for person in laboratory.people if person.core.account]
+    coupling, link = {"kind": "local"}, {"profile": "wan"}
+    laboratory = laboratory_of(seconds=3.5, object=thing, coupling=coupling, link=link, users=[ball, pad])
+    account_of(laboratory)
+    stiff = [person.core.account.felt_stiffness_npm for person in laboratory.people]
     assert stiff == pytest.approx([1000.0, 1000.0], rel=0.03)
     world = laboratory.room.world
     assert [np.shape(world.force_of(user)) for user in (0, 1)] == [(6,), (6,)]

@@ -12,14 +12,14 @@ from cogrip.devices.simulated.hands import DirectedHand, ImpedanceSettings
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Playout, resolve
+from cogrip.protocol.settings import Playout
 from cogrip.sim.runs.report.tables import people_table
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory, Person
 from cogrip.sim.session.link import LinkEmulator
 
 from tests.extent import long
-from tests.sim.session_measures import FRAME_MS, Table, least_margin
+from tests.sim.session_measures import FRAME_MS, Table, laboratory_of, least_margin
 
 TICK_MS = 1000.0 / 1024.0
 
@@ -62,7 +62,7 @@ def test_both_ends_find_the_others_clock_up_to_half_the_difference_of_path_delay
     ahead_s: float, ppm: float, up_frames: int, down_ticks: int
 ) -> None:
     link = {"up": {"delay_ms": up_frames * FRAME_MS}, "down": {"delay_ms": down_ticks * TICK_MS}}
-    laboratory = Laboratory(resolve({"seconds": 3.0, "link": link}))
+    laboratory = laboratory_of(seconds=3.0, link=link)
     seat = laboratory.room.seats[0]
     core = with_clock(laboratory.people[0], lambda now_ns: now_ns + int(ahead_s * 1e9) + int(now_ns * ppm * 1e-6))
     laboratory.run()
@@ -81,7 +81,7 @@ def test_both_ends_find_the_others_clock_up_to_half_the_difference_of_path_delay
 
 def test_through_jitter_loss_repetition_and_disorder_the_clock_is_found_within_what_is_said() -> None:
     link = {"delay_ms": 15.0, "jitter_ms": 10.0, "loss": 0.3, "burst_frames": 4.0, "duplicate": 0.2, "reorder": 0.2}
-    laboratory = Laboratory(resolve({"seconds": 6.0, "link": link, "playout": {"frames": 4}}))
+    laboratory = laboratory_of(seconds=6.0, link=link, playout={"frames": 4})
     ahead_ns = 77 * 10**9
     core = with_clock(laboratory.people[0], lambda now_ns: now_ns + ahead_ns + now_ns // 5000)  # 200 ppm
     wrong_ms = []
@@ -144,11 +144,11 @@ class Felt:
             for number in range(people)
         ]
         coupling = {"impedance_nspm": 60.0, "stiffness_npm": K_NPM, "compensate": True, **tables.pop("coupling", {})}
-        self.laboratory = Laboratory(resolve({
-            "seconds": seconds, "rates": {"device_hz": device_hz},
-            "object": {"kind": kind, "axes": axes, "damping_nspm": 5.0}, "coupling": coupling,
-            "users": users, "link": {"delay_ms": delays[0][1]}, **tables,
-        }))  # fmt: skip
+        thing, link = {"kind": kind, "axes": axes, "damping_nspm": 5.0}, {"delay_ms": delays[0][1]}
+        rates = {"device_hz": device_hz}
+        self.laboratory = laboratory_of(
+            seconds=seconds, rates=rates, object=thing, coupling=coupling, users=users, link=link, **tables
+        )
         for number, person in enumerate(self.laboratory.people):
             hand = DirectedHand(
                 ImpedanceSettings(hand_stiffness_npm=500.0, hand_damping_nspm=10.0),
