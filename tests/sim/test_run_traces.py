@@ -22,7 +22,7 @@ from cogrip.sim.runs.traces import load_run
 
 from tests.extent import every
 from tests.recording_files import rewrite, written
-from tests.sim.reported_runs import text_of
+from tests.sim.reported_runs import spoil_chunk, text_of
 
 
 def test_trace_columns_are_those_of_the_run(folder: Path) -> None:
@@ -34,13 +34,9 @@ def test_trace_columns_are_those_of_the_run(folder: Path) -> None:
     assert trace.time_s == pytest.approx(np.arange(2048) / 1024, abs=1e-9)
     with pytest.raises(KeyError):
         trace.columns["nonsense"]
-
-
-def test_columns_are_what_the_recording_holds_bit_by_bit(folder: Path) -> None:
     recording = open_recording(folder / client_recording("anna"))
     topic = client_topics("anna").index("/anna/tick")
     ticks = [msgspec.json.decode(each.payload, type=Tick) for each in recording.messages() if each.topic == topic]
-    trace = load_run(folder).clients["anna"]
     for name in ("position_m", "velocity_mps", "force_n", "wave_up", "wave_down"):
         assert trace.columns[name].tolist() == [list(getattr(tick, name)) for tick in ticks]
 
@@ -60,26 +56,11 @@ def test_recording_that_is_cut_short_gives_what_is_whole(folder: Path, part: flo
     assert note in text_of(folder)
 
 
-def _chunks(body: bytes | bytearray) -> list[tuple[int, int]]:
-    """Return (offset, length) of every chunk record's content (MCAP: opcode u8, length u64)."""
-    found, offset = [], 8
-    while offset + 9 <= len(body):
-        opcode, length = body[offset], int.from_bytes(body[offset + 1 : offset + 9], "little")
-        if opcode == 6:
-            found.append((offset + 9, length))
-        offset += 9 + length
-    return found
-
-
 @pytest.mark.long
 def test_recording_with_a_damaged_chunk_gives_the_rest_and_names_the_gap(folder: Path) -> None:
     path = folder / client_recording("ben")
     whole = load_run(folder).clients["ben"].columns["time_s"]
-    body = bytearray(path.read_bytes())
-    chunks = _chunks(body)
-    offset, length = chunks[len(chunks) // 2]
-    body[offset + length // 2] ^= 0xFF
-    path.write_bytes(body)
+    spoil_chunk(path, 1)
     run = load_run(folder)
     kept = run.clients["ben"].columns["time_s"]
     lost = np.setdiff1d(whole, kept)
@@ -94,26 +75,15 @@ def test_recording_with_a_damaged_chunk_gives_the_rest_and_names_the_gap(folder:
     assert note in text_of(folder)
 
 
-def _header_end(body: bytes) -> int:
-    """Return the offset at which the metadata, which says what a recording is, ends."""
-    offset = 8
-    while True:
-        opcode, length = body[offset], int.from_bytes(body[offset + 1 : offset + 9], "little")
-        offset += 9 + length
-        if opcode == 12:
-            return offset
-
-
-@pytest.mark.parametrize("missing", [None, 700, 100, 1])
-def test_recording_without_a_whole_header_is_left_out(folder: Path, missing: int | None) -> None:
+@pytest.mark.parametrize(("size", "words"), [(0, "is not a"), (400, "ends before")])
+def test_recording_without_a_whole_header_is_left_out(folder: Path, size: int, words: str) -> None:
     path = folder / client_recording("ben")
-    body = path.read_bytes()
-    path.write_bytes(body[: _header_end(body) - missing] if missing else b"")
-    with pytest.raises(RecordingError, match=r"client-ben\.mcap (is not a|ends before)"):
+    path.write_bytes(path.read_bytes()[:size])
+    with pytest.raises(RecordingError, match=rf"client-ben\.mcap {words}"):
         open_recording(path)
     run = load_run(folder)
     assert set(run.clients) == {"anna"}
-    assert any(re.search(r"client-ben\.mcap (is not a|ends before)", note) for note in run.notes)
+    assert any(f"client-ben.mcap {words}" in note for note in run.notes)
 
 
 def test_recording_without_ticks_is_said(folder: Path) -> None:
@@ -129,9 +99,7 @@ SHORT = resolve({"name": "short", "users": [{"name": "anna"}]})
 
 
 def _client_header(who: str) -> Header:
-    hello = make_hello(
-        software="x", nonce=1, room="", name=who, digest="", device="sim", axes=1, rate_hz=1024.0
-    )  # fmt: skip
+    hello = make_hello(software="x", nonce=1, room="", name=who, digest="", device="sim", axes=1, rate_hz=1024.0)
     start = start_text(hello, make("sim:phantom", axes=1).capability)
     return Header("client", who, start, 10, 1, 0, False, versions_here(), client_topics(who))
 
@@ -153,9 +121,7 @@ def _person(folder: Path, who: str, start_ns: int) -> None:
 
 def _server(folder: Path, start_ns: int) -> None:
     topics = server_topics([SHORT.name])
-    header = Header(
-        "server", WHO, server_start_text([SHORT], "x"), 10, 1, 0, False, versions_here(), topics
-    )  # fmt: skip
+    header = Header("server", WHO, server_start_text([SHORT], "x"), 10, 1, 0, False, versions_here(), topics)
     with written(folder / SERVER_RECORDING, header) as writer:
         for number in range(20):
             step = Step(number, (0.0,), (0.0,), ())
