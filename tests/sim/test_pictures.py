@@ -2,9 +2,10 @@
 
 import json
 import re
-from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -64,30 +65,21 @@ def crowds(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Run]:
     for people in CROWDS:
         folder = tmp_path_factory.mktemp(f"people-{people}")
         users = [{"name": f"p{number}", "hand": "reach" if number % 2 else "sine"} for number in range(people)]
-        table = {
-            "name": "crowd",
-            "seconds": 0.3,
-            "rates": {"device_hz": 512},
-            "object": {"axes": 3 if people == 2 else 1},
-            "users": users,
-        }
+        object_ = {"axes": 3 if people == 2 else 1}
+        table = {"name": "crowd", "seconds": 0.3, "rates": {"device_hz": 512}, "object": object_, "users": users}
         run_laboratory(resolve(table), folder)
         found[people] = load_run(folder)
     return found
 
 
-def plots_of(run: Run) -> Iterator[tuple[str, Figure]]:
-    for plot in PLOTS:
-        try:
-            yield plot.name, plot.draw(run)
-        except NotDrawnError:
-            continue
-
-
 @pytest.fixture(scope="module")
 def drawn_of(crowds: dict[int, Run]) -> dict[int, dict[str, Figure]]:
     """Every plot of these runs, by its name."""
-    return {people: dict(plots_of(run)) for people, run in crowds.items()}
+    found: dict[int, dict[str, Figure]] = {people: {} for people in crowds}
+    for people, plot in product(crowds, PLOTS):
+        with suppress(NotDrawnError):
+            found[people][plot.name] = plot.draw(crowds[people])
+    return found
 
 
 def check(figure: Figure) -> None:
@@ -216,6 +208,9 @@ def grid_of(*vary: str) -> Grid:
     return Grid({"users": users}, [parse_axis(text) for text in vary])
 
 
+SMALL = grid_of("users.0.stiffness_npm=1:3:3", "users.1.stiffness_npm=1:4:4")
+
+
 def results(grid: Grid, measure: str, value: Any) -> dict[int, Result]:
     return {case: Result(case, {measure: value(case)}) for case in grid}
 
@@ -229,9 +224,8 @@ def meshes(figure: Figure) -> list[QuadMesh]:
 @pytest.mark.parametrize("order", ["100:4000:5", "4000,100,2000"])
 def test_a_heat_map_ends_where_the_cells_end(order: str) -> None:
     grid = grid_of("users.0.stiffness_npm=200:20000:4log", f"users.1.stiffness_npm={order}")
-    figure = draw_measure(
-        grid, results(grid, RADIUS, lambda case: 0.9 + 0.001 * grid.values(case)["users.1.stiffness_npm"]), RADIUS
-    )
+    radii = results(grid, RADIUS, lambda case: 0.9 + 0.001 * grid.values(case)["users.1.stiffness_npm"])
+    figure = draw_measure(grid, radii, RADIUS)
     check(figure)
     (mesh,) = meshes(figure)
     panel = mesh.axes
@@ -247,12 +241,11 @@ def test_a_heat_map_ends_where_the_cells_end(order: str) -> None:
 
 
 def test_what_was_not_computed_is_hatched_and_counted() -> None:
-    grid = grid_of("users.0.stiffness_npm=1:3:3", "users.1.stiffness_npm=1:4:4")
-    found = results(grid, RADIUS, float)
+    found = results(SMALL, RADIUS, float)
     del found[0], found[5]
     found[7] = Result(7, {}, "diverged")
     found[9] = Result(9, {RADIUS: None})
-    figure = draw_measure(grid, found, RADIUS)
+    figure = draw_measure(SMALL, found, RADIUS)
     check(figure)
     (mesh,) = meshes(figure)
     assert sorted(np.flatnonzero(np.ma.getmaskarray(mesh.get_array()).ravel())) == [0, 5, 7, 9]
@@ -263,8 +256,7 @@ def test_what_was_not_computed_is_hatched_and_counted() -> None:
 
 @pytest.mark.parametrize(("top", "drawn"), [(0.99, False), (1.01, True)])
 def test_a_map_of_radii_draws_the_limit_of_stability(top: float, drawn: bool) -> None:
-    grid = grid_of("users.0.stiffness_npm=1:3:3", "users.1.stiffness_npm=1:4:4")
-    figure = draw_measure(grid, results(grid, RADIUS, lambda case: 0.9 + (top - 0.9) * case / 11.0), RADIUS)
+    figure = draw_measure(SMALL, results(SMALL, RADIUS, lambda case: 0.9 + (top - 0.9) * case / 11.0), RADIUS)
     check(figure)
     texts = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
     assert ("limit of stability: radius 1" in texts) == drawn
@@ -276,8 +268,7 @@ def test_a_map_of_radii_draws_the_limit_of_stability(top: float, drawn: bool) ->
 
 @pytest.mark.parametrize(("value", "said"), [(1.0, "1"), (True, "yes")])
 def test_a_flat_map_says_its_value_in_place_of_a_scale(value: Any, said: str) -> None:
-    grid = grid_of("users.0.stiffness_npm=1:3:3", "users.1.stiffness_npm=1:4:4")
-    figure = draw_measure(grid, results(grid, "passive", lambda _: value), "passive")
+    figure = draw_measure(SMALL, results(SMALL, "passive", lambda _: value), "passive")
     check(figure)
     assert len(figure.axes) == 1  # no colour bar
     (text,) = (text.get_text() for text in figure.legends[0].get_texts())

@@ -1,6 +1,5 @@
 """Tests of the relay's core: flows, bounds, counters, and fates equal to the laboratory's, datagram by datagram."""
 
-from itertools import islice
 from random import Random
 
 import pytest
@@ -11,7 +10,7 @@ from cogrip.protocol.link_profile import Direction, Link
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.settings import resolve
 from cogrip.sim.session.laboratory import Laboratory
-from cogrip.sim.session.link import LinkEmulator, configured_link, fates
+from cogrip.sim.session.link import LinkEmulator, configured_link
 from cogrip.sim.session.relay import KEEPING_BYTES, Relay
 
 MS = 1_000_000
@@ -84,18 +83,6 @@ def test_its_fates_are_those_of_the_laboratorys_links(keys: dict) -> None:
         lane = flows[n].up if direction == "up" else flows[n].down
         assert lane.link.counters == each.counters
     assert relay.held_bytes == 0
-
-
-def test_fates_go_by_number_whatever_is_sent_when() -> None:
-    link = link_of(jitter_ms=30.0, loss=0.3, duplicate=0.2)
-    relay, chance, now_ns = relay_of(link), Random(1), 0
-    for number in range(300):
-        relay.from_client(number.to_bytes(2, "big") + bytes(chance.randrange(100)), "a", now_ns)
-        now_ns += chance.randrange(20 * MS)
-    got = [int.from_bytes(each[3][:2], "big") for each in drained(relay, 10**12)]
-    drawn = enumerate(islice(fates(link.direction("up"), "7/0/up"), 300))
-    expected = [number for number, fate in drawn if not fate.lost for _ in range(1 + (fate.copy_extra_ns is not None))]
-    assert sorted(got) == expected
 
 
 def test_what_is_not_delayed_is_due_at_once() -> None:

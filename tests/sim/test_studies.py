@@ -20,7 +20,7 @@ from cogrip.sim.runs.measures.registry import BY_NAME
 from cogrip.sim.runs.records import open_run
 
 from tests.extent import long
-from tests.sim.studies import SHIPPED, NoSessions, conducted, parsed, run_in_laboratory, shipped
+from tests.sim.studies import SHIPPED, parsed, run_in_laboratory, shipped
 
 LAG_S, DISTANCE_M = 0.2, 0.04  # of fitts.toml
 HAND_NSPM, COURSE_HZ = 20.0, 1.0  # of delay.toml
@@ -28,19 +28,6 @@ HAND_NSPM, COURSE_HZ = 20.0, 1.0  # of delay.toml
 
 def in_the_mean(table: StudyTable, name: str) -> dict[str, float]:
     return {key: interval(list(values.values()))[0] for key, values in by_condition(table.rows, BY_NAME[name]).items()}
-
-
-@pytest.mark.long
-def test_threshold_of_simulated_observers_is_estimated_within_a_tenth_without_sessions(tmp_path: Path) -> None:
-    """The whole study, four observers of 60 N/m, 400 trials; what they feel is what was asked for."""
-    study = shipped("stiffness")
-    outcome, folder = conducted(study, tmp_path / "study", NoSessions(), setting="stiffness_npm")
-    assert (outcome.finished, outcome.complete) == (400, True)
-    found = thresholds(study, [line for line in folder.trials if line.status == "finished"])
-    together = np.exp(np.mean([log(each.threshold) for each in found.values()]))
-    assert together == pytest.approx(study.simulated.threshold, rel=0.1)
-    assert len(found) == 4
-    assert all(0.6 < each.correct < 0.85 for each in found.values()), "two right answers in a row half of the time"
 
 
 @pytest.mark.long
@@ -57,6 +44,7 @@ def test_observers_answer_by_what_the_sessions_let_them_feel(tmp_path: Path) -> 
 
 @pytest.mark.long
 def test_threshold_of_simulated_observers_is_estimated_within_a_tenth_by_what_they_feel(tmp_path: Path) -> None:
+    """The whole study, four observers of 60 N/m, 400 trials with their sessions in virtual time."""
     study = shipped("stiffness")
     folder = run_in_laboratory(study, tmp_path / "study", range(4))
     rule = study.blocks[0].staircase
@@ -66,6 +54,9 @@ def test_threshold_of_simulated_observers_is_estimated_within_a_tenth_by_what_th
     found = estimate(rule, answers)
     assert found.trials == 400
     assert found.threshold == pytest.approx(study.simulated.threshold, rel=0.1)
+    each = thresholds(study, lines)
+    assert len(each) == 4
+    assert all(0.6 < one.correct < 0.85 for one in each.values()), "two right answers in a row half of the time"
 
 
 @pytest.mark.long
