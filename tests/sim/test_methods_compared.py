@@ -178,7 +178,7 @@ def test_a_stop_keeps_what_is_finished_and_other_workers_go_on_to_the_same_numbe
     ],
 )  # fmt: skip
 def test_verdicts_in_words(changes: dict[str, Any], words: str, bad: bool, marked: str) -> None:
-    """A row is `unstable` where half of the sessions are; one session is enough for it to be marked, and for ours to fail."""
+    """A row is `unstable` where half of the sessions are; one is enough for it to be marked, and for ours to fail."""
     row = row_of(**changes)
     assert verdict(row) == words
     assert unstable(row) == bad

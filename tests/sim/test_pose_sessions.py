@@ -173,7 +173,6 @@ def test_devices_that_do_not_turn_are_told_how_to_join(tmp_path: Path) -> None:
             'is for object.kind = "scene"',
         ),
         ({"users": [{"orientation": "free"}]}, "users.0.orientation = 'free' is for object.kind = \"scene\""),
-        ({"object": {"kind": "scene", "file": "x", "axes": 4}}, "object.axes = 4, but a scene has 3 .places. or 6"),
         (
             {"object": {"kind": "scene", "file": "x", "axes": 3}, "users": [{"orientation": "driven"}]},
             "set object.axes = 6",

@@ -10,18 +10,21 @@ import msgspec
 import pytest
 
 from cogrip.protocol.accounts import ClientAccount, DeviceAccount, LinkCount, Percentiles, SeatAccount, TickCount
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.server.participants import MOST_EARLIER, Seat, SeatSession
 from cogrip.sim.runs.folder import summary_text
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.listing import list_runs
-from cogrip.sim.runs.summary import UserRecord
+from cogrip.sim.runs.report.tables import people_table
+from cogrip.sim.runs.summary import UserRecord, of_laboratory, of_room
 from cogrip.sim.runs.summary_values import energy, number, share
 from cogrip.sim.runs.traces import load_run
 from cogrip.sim.runs.verdict import judgements, succeeded
 from cogrip.sim.runs.verdict_text import MANY_LATE, verdict
+from cogrip.sim.session.laboratory import Laboratory
 
 from tests.sim.reported_runs import printed
-from tests.sim.told_accounts import summarised
+from tests.sim.told_accounts import CLIENT, SEAT, summarised
 
 
 @pytest.fixture
@@ -218,3 +221,48 @@ def test_what_only_a_client_of_others_says_decides_no_verdict(summary: dict[str,
     summary["passive"] = False
     ben["energy"]["up_margin_j"] = -0.001
     assert "Not passive: the line up of ben gave out 1 mJ more than had been put in." in words(summary)
+
+
+# A person who took a seat twice ---------------------------------------------------------------------------------------
+
+
+def test_both_seat_sessions_of_a_person_are_in_its_summary() -> None:
+    laboratory = Laboratory(resolve({"seconds": 6.0, "users": [{"name": "anna"}, {"name": "ben", "side": "right"}]}))
+    first = laboratory.people[0]
+    while laboratory.seconds < 1.0:
+        laboratory.frame()
+    laboratory.leave(0)
+    while not first.gone or laboratory.seconds < 3.5:
+        laboratory.frame()
+    laboratory.come(0)
+    laboratory.run()
+    summary = of_laboratory(laboratory)
+    anna, ben = summary["users"]
+    [before] = anna["earlier"]
+    assert ben["earlier"] == []
+    assert before["name"] == "anna"
+    assert before["travel_m"] == pytest.approx(first.core.seated.peaks.travel_m)
+    assert before["link"]["up"]["sent"] < anna["link"]["up"]["sent"] + 128
+    assert before["state"] != anna["state"] == "live"
+    assert of_room(laboratory.room, 6.0, {})["users"][0]["earlier"][0]["link"] == before["link"]
+    people = people_table(json.loads(summary_text(summary)))
+    assert people.head == ["", "anna, seat session 1", "anna, seat session 2", "ben"]
+    rows = {row.label for row in people.rows if not isinstance(row, str)}
+    assert not {"peak torque", "peak force of the gripper"} & rows
+    table = printed(summary, 120)
+    assert "anna (1)" in table
+    assert "anna (2)" in table
+
+
+def test_of_many_seat_sessions_the_worst_is_kept() -> None:
+    seat = Seat(seat_settings(resolve({}), 0))
+    for sent in range(40):
+        margin_j = {5: -0.25, 7: math.nan}.get(sent, 0.0)
+        seat.account, seat.last = CLIENT, msgspec.structs.replace(SEAT, up_margin_j=margin_j, up=LinkCount(sent=sent))
+        seat.close_seat_session()
+        assert seat.account is None
+        assert seat.last is None
+    kept = [seat_session.seat.up.sent for seat_session in seat.earlier]
+    assert len(kept) == MOST_EARLIER
+    assert {5, 7} <= set(kept)
+    assert SeatSession(None, SEAT).least_margin() == 0.0
