@@ -10,8 +10,6 @@ import pytest
 from numpy.typing import ArrayLike
 
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.protocol.settings import resolve
-from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.measures.columns import Array, PersonColumns, RunColumns, _person, read_columns
 from cogrip.sim.runs.measures.goal import NO_GOAL, Goal, GoalWatch, course, unfit_goal
 from cogrip.sim.runs.measures.interaction import correlate, interaction_force, lead_s, synchrony
@@ -25,7 +23,8 @@ from cogrip.sim.runs.measures.motion import (
     tracking_rms_m,
 )
 from cogrip.sim.runs.measures.registry import MEASURES, measure
-from cogrip.sim.runs.records import End
+
+from tests.recording_files import rewrite
 
 RATE, FRAMES = 1024, 128
 
@@ -92,19 +91,15 @@ def test_ticks_that_were_left_out_change_no_measure() -> None:
         _person(end, {**ticks, "position_m": ticks["position_m"] * np.nan}, np.zeros((4 * FRAMES, 1)), 7.0)
 
 
-@pytest.mark.parametrize(("who", "says"), [("b", "no tick of b"), ("", "no step of the room")])
-def test_a_run_that_ended_before_somebody_held_on_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, who: str, says: str
-) -> None:
+@pytest.mark.parametrize(
+    ("file", "record", "says"), [("client-ben", "tick", "no tick of ben"), ("server", "step", "no step of the room")]
+)
+def test_a_run_that_ended_before_somebody_held_on_is_refused(folder: Path, file: str, record: str, says: str) -> None:
     """An operator may end a session at once: recordings are there, and empty."""
-    run_laboratory(resolve({"seconds": 0.1, "users": [{"name": "a"}, {"name": "b"}]}), tmp_path)
-    assert len(read_columns(tmp_path).people) == 2
-    chunks = End.chunks
-    monkeypatch.setattr(
-        End, "chunks", lambda end, kind: iter(()) if end.who == (who or "server") else chunks(end, kind)
-    )
+    assert len(read_columns(folder).people) == 2
+    rewrite(folder / f"{file}.mcap", lambda kind, message: None if kind == record else message.payload)
     with pytest.raises(RecordingError, match=says):
-        read_columns(tmp_path)
+        read_columns(folder)
 
 
 def test_smoothness_of_a_minimum_jerk_stroke_is_the_known_number() -> None:

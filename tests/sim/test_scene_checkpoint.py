@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from cogrip.cli.session.settings_file import load
-from cogrip.protocol.settings import Settings
 from cogrip.server.checkpoint import CheckpointError, RoomCheckpoint, decode, encode
 from cogrip.server.room import Room
 from cogrip.server.worlds.scene import SceneWorld
@@ -79,23 +78,19 @@ def test_a_checkpoint_of_an_earlier_version_begins_to_measure_anew(lifted: tuple
     assert scene(room).position[2] > 0.03
 
 
-def other_scene(tmp_path: Path) -> Settings:
-    """The same names and counts, and another box."""
-    text = (CONFIGS / "scenes" / "lift.xml").read_text().replace('mass=".2"', 'mass=".3"')
-    (tmp_path / "lift.xml").write_text(text)
-    return load(LIFT, [f"object.file={tmp_path / 'lift.xml'}"])
-
-
 def test_nothing_changes_for_a_checkpoint_of_another_scene(lifted: tuple[Room, RoomCheckpoint], tmp_path: Path) -> None:
     _, checkpoint = lifted
     broken = msgspec.structs.replace(checkpoint, coordinates=(float("nan"), *checkpoint.coordinates[1:]))
     short = msgspec.structs.replace(checkpoint, coordinates=checkpoint.coordinates[1:])
     less = msgspec.structs.replace(checkpoint, progress=checkpoint.progress[1:])
     endless = msgspec.structs.replace(checkpoint, progress=(float("inf"), *checkpoint.progress[1:]))
+    text = (CONFIGS / "scenes" / "lift.xml").read_text().replace('mass=".2"', 'mass=".3"')
+    (tmp_path / "lift.xml").write_text(text)
+    heavier = load(LIFT, [f"object.file={tmp_path / 'lift.xml'}"])  # the same names and counts, and another box
     cases = [
         (load(LIFT), less, "the saved state has"),
         (load(LIFT), endless, "not all finite"),
-        (other_scene(tmp_path), checkpoint, "with other settings"),
+        (heavier, checkpoint, "with other settings"),
         (load(LIFT), short, "its scene is another one"),
         (load(LIFT), broken, "not all finite"),
     ]

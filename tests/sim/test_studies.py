@@ -26,10 +26,6 @@ LAG_S, DISTANCE_M = 0.2, 0.04  # of fitts.toml
 HAND_NSPM, COURSE_HZ = 20.0, 1.0  # of delay.toml
 
 
-def in_the_mean(table: StudyTable, name: str) -> dict[str, float]:
-    return {key: interval(list(values.values()))[0] for key, values in by_condition(table.rows, BY_NAME[name]).items()}
-
-
 @pytest.mark.long
 def test_threshold_of_simulated_observers_is_estimated_within_a_tenth_by_what_they_feel(tmp_path: Path) -> None:
     """The whole study, four observers of 60 N/m, 400 trials with their sessions in virtual time."""
@@ -58,12 +54,13 @@ def test_two_people_follow_fitts_law_with_the_slope_of_their_hands(tmp_path: Pat
     table = read_table(tmp_path / "study")
     assert not table.notes
     assert {row["ended"] for row in table.rows} == {"goal"}
-    times = in_the_mean(table, "completion_s")
+    everybodys = by_condition(table.rows, BY_NAME["completion_s"])
+    times = {name: interval(list(each.values()))[0] for name, each in everybodys.items()}
     bits = [log2(DISTANCE_M / study.goal_of(study.changes(name)).within_m) for name in times]  # type: ignore[operator]
     assert sorted(f"{round(each)} bits" for each in bits) == sorted(times), "names say how difficult each is"
     slope, _ = np.polyfit(bits, list(times.values()), 1)
     assert slope == pytest.approx(LAG_S * log(2.0), rel=0.1)
-    assert all(len(set(each.values())) > 1 for each in by_condition(table.rows, BY_NAME["completion_s"]).values())
+    assert all(len(set(each.values())) > 1 for each in everybodys.values())
     leads = {row["participant"]: row["lead_s"] for row in table.rows}
     assert leads["P01"] > 0.01 > -0.01 > leads["P02"], "P02 begins later"
     assert all(1 <= row["answer_together"] <= 7 for row in table.rows if not row["practice"])

@@ -27,12 +27,6 @@ from tests.sim.reported_runs import printed
 from tests.sim.told_accounts import CLIENT, SEAT, summarised
 
 
-@pytest.fixture
-def summary(finished: Path) -> dict[str, Any]:
-    """The summary of a finished run, to be changed."""
-    return dict(json.loads((finished / "summary.json").read_text()))
-
-
 def words(summary: dict[str, Any]) -> str:
     return " ".join(sentence for _, sentence in verdict(summary))
 

@@ -123,16 +123,11 @@ def test_every_case_is_checked_before_any_is_run(vary: str, words: str) -> None:
         prepare(resolve(TWO), [parse_axis(vary)], [RADIUS])
 
 
-@pytest.fixture(scope="module")
-def example() -> dict[str, Any]:
-    return run_laboratory(resolve({**TWO, "seconds": 0.05})).summary
-
-
-def test_measures_by_path_by_star_and_by_name(example: dict[str, Any]) -> None:
-    columns = expanded(["passive", "users.*.peak_force_n", "users.0.position_m.0", RADIUS], example)
+def test_measures_by_path_by_star_and_by_name(summary: dict[str, Any]) -> None:
+    columns = expanded(["passive", "users.*.peak_force_n", "users.0.position_m.0", RADIUS], summary)
     assert columns == ("passive", "users.0.peak_force_n", "users.1.peak_force_n", "users.0.position_m.0", RADIUS)
-    assert read(example, "passive") is True
-    assert read(example, "users.1.nothing") is None
+    assert read(summary, "passive") is True
+    assert read(summary, "users.1.nothing") is None
     assert read({"a": [float("nan")]}, "a.0") is None
 
 
@@ -145,9 +140,9 @@ def test_measures_by_path_by_star_and_by_name(example: dict[str, Any]) -> None:
         ("lifted.spectral", "did you mean lifted.spectral_radius"),
     ],
 )
-def test_unknown_measures(example: dict[str, Any], measure: str, words: str) -> None:
+def test_unknown_measures(summary: dict[str, Any], measure: str, words: str) -> None:
     with pytest.raises(MeasureError, match=words):
-        expanded([measure], example)
+        expanded([measure], summary)
 
 
 def sweep_of(

@@ -85,12 +85,12 @@ def test_one_rate_for_all_is_that_rate_whoever_names_it() -> None:
 
 def test_another_persons_rate_is_hardly_felt() -> None:
     """The wire is the same, the object's rate too: what one feels changes by what a tick is late, no more."""
-    peaks = []
-    for other in (1024, 4096):
-        laboratory = Laboratory(resolve(world(128, [1024, other], seconds=0.8, link={"delay_ms": 15.625})))
-        laboratory.run()
-        peaks.append([laboratory.people[0].core.seated.peaks.force_n, laboratory.people[0].core.seated.peaks.travel_m])
-    assert peaks[1] == pytest.approx(peaks[0], rel=0.02)
+    alike, unlike = (
+        summary_of(**world(128, [1024, other], seconds=0.8, link={"delay_ms": 15.625}))["users"][0]
+        for other in (1024, 4096)
+    )
+    for peak in ("peak_force_n", "travel_m"):
+        assert unlike[peak] == pytest.approx(alike[peak], rel=0.02)
 
 
 # Passive at every rate -----------------------------------------------------------------------------------------------
