@@ -1,6 +1,8 @@
 """Settings and workers for tests of compared methods."""
 
+import csv
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 from cogrip.protocol.settings import resolve
@@ -31,6 +33,11 @@ def small(
     methods: Sequence[str] = ("wave", "coupling"), networks: Sequence[str] = ("wifi",), seeds: int = 2
 ) -> Comparison:
     return prepare(resolve(TWO), methods, networks, seeds)
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a table that an experiment has left."""
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
 
 
 def row_of(network: str = "wan", method: str = "wave", **changes: Any) -> dict[str, Any]:

@@ -1,8 +1,10 @@
 """Fixtures of a finished run, and of comparisons."""
 
+import json
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -25,6 +27,12 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def folder(finished: Path, tmp_path: Path) -> Path:
     """A copy to spoil."""
     return Path(shutil.copytree(finished, tmp_path / "run"))
+
+
+@pytest.fixture
+def summary(finished: Path) -> dict[str, Any]:
+    """The summary of the finished run, to be changed."""
+    return dict(json.loads((finished / "summary.json").read_text()))
 
 
 @pytest.fixture(scope="module")

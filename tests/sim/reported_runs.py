@@ -4,11 +4,13 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from html.parser import HTMLParser
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import pytest
 from matplotlib.figure import Figure
+from mcap.reader import make_reader
 from rich.console import Console
 
 from cogrip.cli.runs.summary_table import terminal_summary
@@ -60,6 +62,16 @@ def assert_self_contained(text: str, pictures: int) -> None:
     assert len(sources) == pictures
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     assert not any("href" in attributes for _, attributes in tags)
+
+
+def spoil_chunk(path: Path, number: int) -> None:
+    """Flip a byte in the middle of a chunk of a recording."""
+    body = bytearray(path.read_bytes())
+    summary = make_reader(BytesIO(bytes(body))).get_summary()
+    assert summary is not None
+    chunk = summary.chunk_indexes[number]
+    body[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0x55
+    path.write_bytes(body)
 
 
 def page_of(folder: Path) -> str:

@@ -1,7 +1,7 @@
 """Studies in memory for tests: sessions that leave no files, and participants who answer by what was asked for."""
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -80,26 +80,23 @@ class NoSessions:
 
 
 class Observers(SimulatedPeople):
-    """Simulated participants who feel a setting exactly as asked for."""
+    """Simulated participants who feel the damping exactly as asked for."""
 
-    def __init__(self, study: Study, sessions: NoSessions, setting: str) -> None:
+    def __init__(self, study: Study, sessions: NoSessions) -> None:
         super().__init__(study)
-        self._sessions, self._setting = sessions, setting
+        self._sessions = sessions
 
     def _felt(self, person: str, runs: Sequence[Path]) -> list[float]:
-        return [float(getattr(self._sessions.asked[run.name].coupling, self._setting)) for run in runs]
+        return [self._sessions.asked[run.name].coupling.damping_nspm for run in runs]
 
 
 def conducted(
-    study: Study, path: Path, sessions: NoSessions | None = None, groups: Sequence[int] | None = None,
-    setting: str = "damping_nspm", base: Mapping[str, Any] | None = None,
-) -> tuple[Conducted, StudyFolder]:  # fmt: skip
+    study: Study, path: Path, sessions: NoSessions | None = None, groups: Sequence[int] | None = None
+) -> tuple[Conducted, StudyFolder]:
     """Run a study without sessions."""
-    sessions = sessions or NoSessions()
-    folder = StudyFolder(path, study, base or {})
-    people = Observers(study, sessions, setting)
+    sessions, folder = sessions or NoSessions(), StudyFolder(path, study, {})
     groups = range(len(study.groups())) if groups is None else groups
-    return Conductor(study, base or {}, folder, sessions, people).run(groups), folder
+    return Conductor(study, {}, folder, sessions, Observers(study, sessions)).run(groups), folder
 
 
 def run_in_laboratory(study: Study, path: Path, groups: Sequence[int] = (0,)) -> StudyFolder:

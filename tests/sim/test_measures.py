@@ -10,8 +10,6 @@ import pytest
 from numpy.typing import ArrayLike
 
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.protocol.settings import resolve
-from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.measures.columns import Array, PersonColumns, RunColumns, _person, read_columns
 from cogrip.sim.runs.measures.goal import NO_GOAL, Goal, GoalWatch, course, unfit_goal
 from cogrip.sim.runs.measures.interaction import correlate, interaction_force, lead_s, synchrony
@@ -25,7 +23,8 @@ from cogrip.sim.runs.measures.motion import (
     tracking_rms_m,
 )
 from cogrip.sim.runs.measures.registry import MEASURES, measure
-from cogrip.sim.runs.records import End
+
+from tests.recording_files import rewrite
 
 RATE, FRAMES = 1024, 128
 
@@ -92,31 +91,25 @@ def test_ticks_that_were_left_out_change_no_measure() -> None:
         _person(end, {**ticks, "position_m": ticks["position_m"] * np.nan}, np.zeros((4 * FRAMES, 1)), 7.0)
 
 
-@pytest.mark.parametrize(("who", "says"), [("b", "no tick of b"), ("", "no step of the room")])
-def test_a_run_that_ended_before_somebody_held_on_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, who: str, says: str
-) -> None:
+@pytest.mark.parametrize(
+    ("file", "record", "says"), [("client-ben", "tick", "no tick of ben"), ("server", "step", "no step of the room")]
+)
+def test_a_run_that_ended_before_somebody_held_on_is_refused(folder: Path, file: str, record: str, says: str) -> None:
     """An operator may end a session at once: recordings are there, and empty."""
-    run_laboratory(resolve({"seconds": 0.1, "users": [{"name": "a"}, {"name": "b"}]}), tmp_path)
-    assert len(read_columns(tmp_path).people) == 2
-    chunks = End.chunks
-    monkeypatch.setattr(
-        End, "chunks", lambda end, kind: iter(()) if end.who == (who or "server") else chunks(end, kind)
-    )
+    assert len(read_columns(folder).people) == 2
+    rewrite(folder / f"{file}.mcap", lambda kind, message: None if kind == record else message.payload)
     with pytest.raises(RecordingError, match=says):
-        read_columns(tmp_path)
+        read_columns(folder)
 
 
 def test_smoothness_of_a_minimum_jerk_stroke_is_the_known_number() -> None:
     """With s = A (10 z^3 - 15 z^4 + 6 z^5): int jerk^2 = 720 A^2 / T^5, peak speed 1.875 A / T, so ln(720 / 1.875^2)."""
     z = T / T[-1]
     stroke = 0.1 * (10 * z**3 - 15 * z**4 + 6 * z**5)
-    assert smoothness(run(person(stroke)), 0) == pytest.approx(-log(720 / 1.875**2), abs=0.1)
+    smooth = smoothness(run(person(stroke)), 0)
+    assert smooth == pytest.approx(-log(720 / 1.875**2), abs=0.1)
     shaken = stroke + 0.0005 * np.sin(2 * pi * 8 * T)
-    rough, smooth = smoothness(run(person(shaken)), 0), smoothness(run(person(stroke)), 0)
-    assert rough is not None
-    assert smooth is not None
-    assert rough < smooth - 2
+    assert smoothness(run(person(shaken)), 0) < smooth - 2  # type: ignore[operator]
     assert smoothness(run(person(np.zeros(100))), 0) is None, "nobody moves"
 
 
@@ -158,11 +151,13 @@ def test_lead_is_the_lag_that_was_put_in() -> None:
 def test_felt_stiffness_is_force_by_way_at_rest_alone() -> None:
     inside = np.concatenate([np.linspace(-0.01, 0.004, 3 * RATE), np.full(RATE, 0.004)])
     force = 700.0 * np.maximum(0.0, inside)
-    assert felt_stiffness_npm(run(person(inside, force), wall_m=np.zeros(1)), 0) == pytest.approx(700.0)
-    assert felt_stiffness_npm(run(person(inside[: 3 * RATE], force[: 3 * RATE]), wall_m=np.zeros(1)), 0) is None, (
-        "it moves"
-    )
-    assert felt_stiffness_npm(run(person(inside, 0.0 * force), wall_m=np.zeros(1)), 0) is None
+
+    def at_the_wall(position_m: Array, force_n: Array) -> float | None:
+        return felt_stiffness_npm(run(person(position_m, force_n), wall_m=np.zeros(1)), 0)
+
+    assert at_the_wall(inside, force) == pytest.approx(700.0)
+    assert at_the_wall(inside[: 3 * RATE], force[: 3 * RATE]) is None, "it moves"
+    assert at_the_wall(inside, 0.0 * force) is None
     moved = run(person(inside, force), object_m=np.full(4 * FRAMES, 0.007))
     assert felt_stiffness_npm(moved, 0) == pytest.approx(2.8 / (0.014 - 0.007)), "from where it stood to the object"
 
@@ -199,9 +194,7 @@ def test_goals_that_cannot_be_are_refused() -> None:
     assert "go together" in unfit_goal(Goal(place_m=(0.1,)), 1)
     assert "above 0" in unfit_goal(Goal(place_m=(0.1,), within_m=0.0), 1)
     assert "dwell_s = -1" in unfit_goal(Goal(place_m=(0.1,), within_m=0.1, dwell_s=-1.0), 1)
-    assert "unknown hand" in unfit_goal(Goal(track="zigzag"), 1).lower() or "zigzag" in unfit_goal(
-        Goal(track="zigzag"), 1
-    )
+    assert "zigzag" in unfit_goal(Goal(track="zigzag"), 1)
 
 
 def test_every_measure_has_a_number_or_none_for_a_run_of_one_tick() -> None:

@@ -1,8 +1,8 @@
 """Tests of a whole comparison: equal numbers from any executor, its files, its table."""
 
-import csv
 import json
 from collections.abc import Iterator, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ from cogrip.sim.experiments.runner import run_experiment
 from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.folder import SUMMARY
 
-from tests.sim.compared_methods import TWO, InProcess, row_of, small
+from tests.sim.compared_methods import TWO, InProcess, row_of, rows_of, small
 from tests.sim.session_measures import allowed
 
 pytestmark = pytest.mark.usefixtures("felt_once", "blank")
@@ -64,19 +64,12 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.long
-def test_a_seed_changes_the_numbers(whole: Path) -> None:
-    with (whole / TABLE).open() as file:
-        rows = list(csv.DictReader(file))
+def test_ours_creates_no_more_than_its_devices_leak_and_a_seed_changes_the_numbers(whole: Path) -> None:
+    rows = rows_of(whole / TABLE)
     assert [row["error"] for row in rows] == [""] * 8
-    waves = [row for row in rows if row["method"] == "wave" and row["network"] == "wifi"]
-    assert waves[0]["error_clean_n"] != waves[1]["error_clean_n"]
-
-
-def test_ours_creates_no_more_than_its_devices_leak(whole: Path) -> None:
-    with (whole / TABLE).open() as file:
-        rows = [row for row in csv.DictReader(file) if row["method"] == "wave"]
-    for row in rows:
+    waves = [row for row in rows if row["method"] == "wave"]
+    assert len({row["error_clean_n"] for row in waves if row["network"] == "wifi"}) == 2
+    for row in waves:
         assert row["passive"] == "true"
         assert float(row["margin_mj"]) >= -1e3 * allowed("line_margin_j") - 1e-9
         assert float(row["created_mj"]) <= float(row["leak_mj"]) + 1e-9
@@ -102,14 +95,9 @@ def test_the_files_of_a_comparison(whole: Path) -> None:
 
 def test_everybodys_felt_stiffness_is_a_line(whole: Path) -> None:
     """The first seed is the only one here with a felt stiffness."""
-    with (whole / PEOPLE).open() as file:
-        rows = list(csv.DictReader(file))
-    assert [(row["seed"], row["method"], row["network"], row["person"]) for row in rows] == [
-        ("1", method, network, person)
-        for method in ("wave", "coupling")
-        for network in ("clean", "wifi")
-        for person in ("a", "b")
-    ]
+    rows = rows_of(whole / PEOPLE)
+    keys = [(row["seed"], row["method"], row["network"], row["person"]) for row in rows]
+    assert keys == list(product("1", ("wave", "coupling"), ("clean", "wifi"), "ab"))
     summary = json.loads((whole / SUMMARY).read_text())
     wave = next(row for row in summary["rows"] if (row["network"], row["method"]) == ("wifi", "wave"))
     assert [person["person"] for person in wave["felt"]] == ["a", "b"]
@@ -128,13 +116,15 @@ def test_a_recorded_hand_that_has_changed_makes_another_comparison(tmp_path: Pat
         "users": [{"name": "a", "hand": f"csv:{hand}&time=t_s&x=x_m"}, {"name": "b"}],
     }  # fmt: skip
 
-    def folder(networks: list[str]) -> ExperimentFolder:
-        asked = prepare(resolve(table), ["wave"], networks, 1)
+    def folder(networks: list[str], seeds: int = 1) -> ExperimentFolder:
+        asked = prepare(resolve(table), ["wave"], networks, seeds)
         return ExperimentFolder(tmp_path / "-".join(["out", *networks]), asked)
 
     for networks in (["own"], ["lan"]):
         folder(networks).close()
         folder(networks).close()
+    with pytest.raises(FolderError, match=r"holds another comparison .other seeds"):
+        folder(["own"], seeds=3)
     trace.write_text("t_s,delay_ms\n0,5\n1,8\n")
     folder(["lan"]).close()  # nobody asked for the settings' own link
     with pytest.raises(FolderError, match=rf"other files: {trace}\); name another"):
@@ -167,13 +157,6 @@ def test_a_stop_keeps_what_is_finished_and_other_workers_go_on_to_the_same_numbe
     assert (tmp_path / TABLE).read_bytes() == (whole / TABLE).read_bytes()
 
 
-def test_another_comparison_is_not_touched(whole: Path) -> None:
-    before = {path: path.read_bytes() for path in whole.rglob("*") if path.is_file()}
-    with pytest.raises(FolderError, match=r"holds another comparison .other seeds"):
-        ExperimentFolder(whole, small(seeds=3))
-    assert {path: path.read_bytes() for path in whole.rglob("*") if path.is_file()} == before
-
-
 # The table
 
 
@@ -195,11 +178,13 @@ def test_another_comparison_is_not_touched(whole: Path) -> None:
     ],
 )  # fmt: skip
 def test_verdicts_in_words(changes: dict[str, Any], words: str, bad: bool, marked: str) -> None:
-    """A row is `unstable` where half of the sessions are; one session is enough for it to be marked."""
+    """A row is `unstable` where half of the sessions are; one is enough for it to be marked, and for ours to fail."""
     row = row_of(**changes)
     assert verdict(row) == words
     assert unstable(row) == bad
     assert tone(row) == marked
+    assert ours_failed({"rows": [row_of(), row]}) == (marked == "bad")
+    assert not ours_failed({"rows": [row_of(), {**row, "method": "coupling"}]}), "that is a result"
 
 
 @pytest.mark.parametrize(
@@ -277,25 +262,17 @@ def test_a_felt_stiffness_says_of_how_many_probes_it_is() -> None:
     assert of_probes([None, None]) is None
 
 
+def test_an_error_inside_a_session_is_counted_as_not_run() -> None:
+    asked = small(seeds=1)
+    row = gather(asked, {case: Result(case, {}, "ArithmeticError: broken") for case in range(asked.cases)})["rows"][0]
+    assert (row["runs"], row["failed"], row["errors"]) == (0, 1, {"ArithmeticError: broken": 1})
+    assert verdict(row) == "not run 1"
+
+
 def test_spread_is_the_median_and_the_furthest_from_nothing() -> None:
     assert spread([1.0, None, -5.0, 3.0]) == {"median": 1.0, "q1": -2.0, "q3": 2.0, "worst": -5.0}
     assert spread([None, 4.0]) == {"median": 4.0, "q1": 4.0, "q3": 4.0, "worst": 4.0}
     assert spread([None, float("nan")]) is None
-
-
-@pytest.mark.parametrize(
-    ("row", "failed"),
-    [
-        (row_of(), False),
-        (row_of(diverged=1), True),
-        (row_of(not_passive=1), True),
-        (row_of(oscillates=1), True),
-        (row_of(not_felt=20), False),
-        (row_of(method="coupling", diverged=20, not_passive=20), False),  # that is a result
-    ],
-)
-def test_ours_alone_is_judged(row: dict[str, Any], failed: bool) -> None:
-    assert ours_failed({"rows": [row_of(), row]}) == failed
 
 
 def test_the_table_in_markdown(whole: Path) -> None:

@@ -130,8 +130,8 @@ def test_what_prints_alike_is_bold_alike_whatever_its_sign() -> None:
         row("wan", "tdpa", felt_error_percent=of(20.0), peak_force_n=of(10.0)),
         row("wan", "coupling", felt_error_percent=of(-30.0), peak_force_n=of(11.0)),
     )
-    for measure, bold in (("felt_error_percent", [True, True, False]), ("peak_force_n", [True, True, False])):
-        assert ["mathbf" in case(text, line, measure) for line in range(3)] == bold
+    for measure in ("felt_error_percent", "peak_force_n"):
+        assert ["mathbf" in case(text, line, measure) for line in range(3)] == [True, True, False]
 
 
 @pytest.mark.parametrize(("rested", "shown"), [(2, False), (3, True), (5, True)])

@@ -58,6 +58,11 @@ def trace(most_n: float, people: int, seconds: float = 4.0) -> dict[str, Any]:
     return {"seconds": seconds, "force_n": [[0.0, most_n, -most_n, 0.0]] * people}
 
 
+def felt_by(person: str, asked_npm: float) -> dict[str, Any]:
+    """Return what somebody felt: 500 N/m."""
+    return {"person": person, "asked_npm": asked_npm, "felt_npm": 500.0, "error_percent": 0.0, "added_mm_per_n": 0.0}
+
+
 def with_trace(result: Result) -> Result:
     return Result(result.case, {**result.measures, "trace": trace(1.0, 2)})
 
@@ -97,33 +102,31 @@ def test_a_row_is_as_high_as_its_stable_sessions_need() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "scale", "begins", "first"),
+    ("values", "scale", "begins", "labels"),
     [
-        ((1.0, 30.0), "linear", 0.0, "0"),
-        ((1.0, 31.0), "log", 1.0, "1"),
-        ((0.0, 8.5), "linear", 0.0, "0"),
-        ((0.0, 0.0), "linear", 0.0, "0"),
+        ((1.0, 30.0), "linear", 0.0, ["0"]),
+        ((1.0, 31.0), "log", 1.0, ["1"]),
+        ((0.0, 8.5), "linear", 0.0, ["0"]),
+        ((0.0, 0.0), "linear", 0.0, ["0.0"]),
+        ((0.97, 30.0), "log", 0.5, ["0.5"]),
+        ((0.078, 9.0), "log", 0.03, ["0.03"]),
+        ((2.5, 90.0), "log", 2.0, ["2"]),
+        ((0.0012, 0.5), "log", 1e-3, ["$10^{-3}$", r"$3{\cdot}10^{-3}$", "0.01", "0.03", "0.1", "0.3"]),
+        ((0.0025, 0.1), "log", 2e-3, [r"$2{\cdot}10^{-3}$", r"$5{\cdot}10^{-3}$", "0.01", "0.02", "0.05", "0.1"]),
+        ((110.0, 6e3), "log", 100.0, ["100", "200", "500", "$10^{3}$", r"$2{\cdot}10^{3}$", r"$5{\cdot}10^{3}$"]),
     ],
 )
-def test_an_axis_is_logarithmic_where_values_spread_far(
-    values: tuple[float, float], scale: str, begins: float, first: str
+def test_an_axis_is_logarithmic_where_values_spread_far_and_begins_just_below_the_least(
+    values: tuple[float, float], scale: str, begins: float, labels: list[str]
 ) -> None:
-    asked = made_up()
-    panel = draw(asked, results_of(asked, peak_force_n=values), "forces").axes[0]
+    panel = draw(asked := made_up(), results_of(asked, peak_force_n=values), "forces").axes[0]
     assert panel.get_yscale() == scale
     low, high = panel.get_ylim()
-    assert low == begins
+    assert low == pytest.approx(begins)
     assert high > max(values)
-    assert panel.get_yticklabels()[0].get_text().startswith(first)
-
-
-@pytest.mark.parametrize(("least", "begins", "first"), [(0.97, 0.5, "0.5"), (0.078, 0.03, "0.03"), (2.5, 2.0, "2")])
-def test_an_axis_begins_just_below_the_least_value(least: float, begins: float, first: str) -> None:
-    asked = made_up()
-    most = 90.0 if least > 2.0 else 9.0 if least < 0.1 else 30.0
-    panel = draw(asked, results_of(asked, force_step_n=(least, most)), "forces").axes[1]
-    assert panel.get_ylim()[0] == pytest.approx(begins)
-    assert panel.get_yticklabels()[0].get_text() == first
+    texts = [label.get_text() for label in panel.get_yticklabels()]
+    assert texts[: len(labels)] == labels
+    assert len(set(texts)) == len(texts), "every tick has its own label"
 
 
 def test_what_is_less_than_the_axis_stands_on_its_edge_and_the_axis_says_so() -> None:
@@ -139,35 +142,10 @@ def test_what_is_less_than_the_axis_stands_on_its_edge_and_the_axis_says_so() ->
     assert marks.min() == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(
-    ("least", "most", "labels"),
-    [
-        (0.0012, 0.5, ["$10^{-3}$", r"$3{\cdot}10^{-3}$", "0.01", "0.03", "0.1", "0.3"]),
-        (0.0025, 0.1, [r"$2{\cdot}10^{-3}$", r"$5{\cdot}10^{-3}$", "0.01", "0.02", "0.05", "0.1"]),
-        (110.0, 6e3, ["100", "200", "500", "$10^{3}$", r"$2{\cdot}10^{3}$", r"$5{\cdot}10^{3}$"]),
-    ],
-)
-def test_every_tick_has_its_own_label(least: float, most: float, labels: list[str]) -> None:
-    asked = made_up()
-    panel = draw(asked, results_of(asked, force_step_n=(least, most)), "forces").axes[1]
-    texts = [label.get_text() for label in panel.get_yticklabels()]
-    assert texts[: len(labels)] == labels
-    assert len(set(texts)) == len(texts)
-
-
 def test_everybodys_felt_stiffness_is_a_share_of_their_own() -> None:
-    felt = [
-        {
-            "person": f"p{n}",
-            "asked_npm": 1000.0 * (1 + n),
-            "felt_npm": 500.0,
-            "error_percent": 0.0,
-            "added_mm_per_n": 0.0,
-        }
-        for n in range(2)
-    ]
+    felt = [felt_by("p0", 1000.0), felt_by("p1", 2000.0)]
     asked = made_up()
-    none = [{**felt[0], "felt_npm": None}, {**felt[1], "felt_npm": None}]
+    none = [{**each, "felt_npm": None} for each in felt]
     panel = draw(asked, results_of(asked, felt=[felt, none]), "felt").axes[0]
     shares = [line.get_ydata() for line in panel.get_lines() if line.get_marker() == "o"]
     assert [list(each) for each in shares] == [[50.0, 25.0]] * 2
@@ -250,7 +228,7 @@ def test_what_is_unstable_and_passive_is_told_from_what_is_not_passive() -> None
 @pytest.mark.parametrize("name", ["stability", "forces", "felt", "traces"])
 def test_a_method_has_one_colour_whatever_it_is_compared_with(methods: tuple[str, str], name: str) -> None:
     asked = made_up(methods=methods)
-    felt = [{"person": "p0", "asked_npm": 1e3, "felt_npm": 5e2, "error_percent": -50.0, "added_mm_per_n": 1.0}]
+    felt = [felt_by("p0", 1000.0)]
     results = {case: with_trace(each) for case, each in results_of(asked, felt=[felt, felt]).items()}
     figure = draw(asked, results, name)
     known = [colour(tuple(looks.METHODS).index(method)) for method in methods]

@@ -15,6 +15,7 @@ from cogrip.sim.session.laboratory import Laboratory
 from tests.extent import every
 from tests.sim.session_measures import FRAME_MS, run_frames
 
+CONTROLLED = {"coupling": {"kind": "tdpa"}}
 TWO = [
     {"name": "anna", "hand": "reach&amplitude_m=0.04"},
     {"name": "ben", "hand": "reach&amplitude_m=0.03&delay_s=0.25"},
@@ -23,8 +24,7 @@ TWO = [
 
 def session(seconds: float, users: list[dict[str, Any]] = TWO, *, bare: bool = False, **overrides: Any) -> Laboratory:
     keys = {key.replace("__", "."): value for key, value in overrides.items()}
-    table = {"coupling": {"kind": "tdpa"}, "users": users, "seconds": seconds}
-    laboratory = Laboratory(resolve(table, keys), bare=bare)
+    laboratory = Laboratory(resolve({**CONTROLLED, "users": users, "seconds": seconds}, keys), bare=bare)
     laboratory.run()
     return laboratory
 
@@ -109,9 +109,7 @@ def test_hands_at_rest_find_their_proxies_again() -> None:
 
 
 def test_a_person_who_returns_begins_without_deficit() -> None:
-    laboratory = Laboratory(
-        resolve({"coupling": {"kind": "tdpa"}, "users": TWO, "seconds": 10.0}, {"link.delay_ms": 15.625})
-    )
+    laboratory = Laboratory(resolve({**CONTROLLED, "users": TWO}, {"link.delay_ms": 15.625}))
     run_frames(laboratory, 128)
     laboratory.leave(0)
     while not laboratory.people[0].gone:
@@ -130,7 +128,7 @@ def test_a_person_who_returns_begins_without_deficit() -> None:
 
 @pytest.mark.long
 def test_a_lost_address_and_a_new_server_are_survived() -> None:
-    laboratory = Laboratory(resolve({"coupling": {"kind": "tdpa"}, "users": TWO, "seconds": 10.0}))
+    laboratory = Laboratory(resolve({**CONTROLLED, "users": TWO}))
     run_frames(laboratory, 60)
     laboratory.lose_address(0)
     run_frames(laboratory, 200)
@@ -167,9 +165,8 @@ def test_e0_is_all_that_a_passive_session_may_have_lent_itself() -> None:
 
 
 def test_there_is_no_linear_model_of_it_and_the_error_says_what_to_do() -> None:
-    settings_ = resolve({"coupling": {"kind": "tdpa"}})
     with pytest.raises(ModelError, match=r"not linear, so there is no model of it; `cogrip lab`"):
-        linear_session(settings_, estimated=False)
+        linear_session(resolve(CONTROLLED), estimated=False)
     with pytest.raises(ModelError, match=r"coupling\.compensate has no effect"):
         linear_session(resolve({"coupling": {"kind": "tdpa", "compensate": True}}), estimated=False)
 

@@ -2,9 +2,10 @@
 
 import json
 import re
-from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from matplotlib.collections import PolyCollection, QuadMesh
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
+from scipy import signal  # type: ignore[import-untyped]
 
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.settings import resolve
@@ -36,6 +38,7 @@ from cogrip.sim.runs.plots.coherence import correlation
 from cogrip.sim.runs.plots.compared import compared_plots
 from cogrip.sim.runs.plots.motion import forces, positions
 from cogrip.sim.runs.plots.registry import PLOTS
+from cogrip.sim.runs.plots.spectra import correlation_near, cross_densities
 from cogrip.sim.runs.plots.style import COLOURS, NotDrawnError, colour, person_style
 from cogrip.sim.runs.report.compared import compare
 from cogrip.sim.runs.report.page import render
@@ -64,30 +67,21 @@ def crowds(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Run]:
     for people in CROWDS:
         folder = tmp_path_factory.mktemp(f"people-{people}")
         users = [{"name": f"p{number}", "hand": "reach" if number % 2 else "sine"} for number in range(people)]
-        table = {
-            "name": "crowd",
-            "seconds": 0.3,
-            "rates": {"device_hz": 512},
-            "object": {"axes": 3 if people == 2 else 1},
-            "users": users,
-        }
+        object_ = {"axes": 3 if people == 2 else 1}
+        table = {"name": "crowd", "seconds": 0.3, "rates": {"device_hz": 512}, "object": object_, "users": users}
         run_laboratory(resolve(table), folder)
         found[people] = load_run(folder)
     return found
 
 
-def plots_of(run: Run) -> Iterator[tuple[str, Figure]]:
-    for plot in PLOTS:
-        try:
-            yield plot.name, plot.draw(run)
-        except NotDrawnError:
-            continue
-
-
 @pytest.fixture(scope="module")
 def drawn_of(crowds: dict[int, Run]) -> dict[int, dict[str, Figure]]:
     """Every plot of these runs, by its name."""
-    return {people: dict(plots_of(run)) for people, run in crowds.items()}
+    found: dict[int, dict[str, Figure]] = {people: {} for people in crowds}
+    for people, plot in product(crowds, PLOTS):
+        with suppress(NotDrawnError):
+            found[people][plot.name] = plot.draw(crowds[people])
+    return found
 
 
 def check(figure: Figure) -> None:
@@ -216,6 +210,9 @@ def grid_of(*vary: str) -> Grid:
     return Grid({"users": users}, [parse_axis(text) for text in vary])
 
 
+SMALL = grid_of("users.0.stiffness_npm=1:3:3", "users.1.stiffness_npm=1:4:4")
+
+
 def results(grid: Grid, measure: str, value: Any) -> dict[int, Result]:
     return {case: Result(case, {measure: value(case)}) for case in grid}
 
@@ -229,9 +226,8 @@ def meshes(figure: Figure) -> list[QuadMesh]:
 @pytest.mark.parametrize("order", ["100:4000:5", "4000,100,2000"])
 def test_a_heat_map_ends_where_the_cells_end(order: str) -> None:
     grid = grid_of("users.0.stiffness_npm=200:20000:4log", f"users.1.stiffness_npm={order}")
-    figure = draw_measure(
-        grid, results(grid, RADIUS, lambda case: 0.9 + 0.001 * grid.values(case)["users.1.stiffness_npm"]), RADIUS
-    )
+    radii = results(grid, RADIUS, lambda case: 0.9 + 0.001 * grid.values(case)["users.1.stiffness_npm"])
+    figure = draw_measure(grid, radii, RADIUS)
     check(figure)
     (mesh,) = meshes(figure)
     panel = mesh.axes
@@ -247,12 +243,11 @@ def test_a_heat_map_ends_where_the_cells_end(order: str) -> None:
 
 
 def test_what_was_not_computed_is_hatched_and_counted() -> None:
-    grid = grid_of("users.0.stiffness_npm=1:3:3", "users.1.stiffness_npm=1:4:4")
-    found = results(grid, RADIUS, float)
+    found = results(SMALL, RADIUS, float)
     del found[0], found[5]
     found[7] = Result(7, {}, "diverged")
     found[9] = Result(9, {RADIUS: None})
-    figure = draw_measure(grid, found, RADIUS)
+    figure = draw_measure(SMALL, found, RADIUS)
     check(figure)
     (mesh,) = meshes(figure)
     assert sorted(np.flatnonzero(np.ma.getmaskarray(mesh.get_array()).ravel())) == [0, 5, 7, 9]
@@ -263,8 +258,7 @@ def test_what_was_not_computed_is_hatched_and_counted() -> None:
 
 @pytest.mark.parametrize(("top", "drawn"), [(0.99, False), (1.01, True)])
 def test_a_map_of_radii_draws_the_limit_of_stability(top: float, drawn: bool) -> None:
-    grid = grid_of("users.0.stiffness_npm=1:3:3", "users.1.stiffness_npm=1:4:4")
-    figure = draw_measure(grid, results(grid, RADIUS, lambda case: 0.9 + (top - 0.9) * case / 11.0), RADIUS)
+    figure = draw_measure(SMALL, results(SMALL, RADIUS, lambda case: 0.9 + (top - 0.9) * case / 11.0), RADIUS)
     check(figure)
     texts = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
     assert ("limit of stability: radius 1" in texts) == drawn
@@ -276,8 +270,7 @@ def test_a_map_of_radii_draws_the_limit_of_stability(top: float, drawn: bool) ->
 
 @pytest.mark.parametrize(("value", "said"), [(1.0, "1"), (True, "yes")])
 def test_a_flat_map_says_its_value_in_place_of_a_scale(value: Any, said: str) -> None:
-    grid = grid_of("users.0.stiffness_npm=1:3:3", "users.1.stiffness_npm=1:4:4")
-    figure = draw_measure(grid, results(grid, "passive", lambda _: value), "passive")
+    figure = draw_measure(SMALL, results(SMALL, "passive", lambda _: value), "passive")
     check(figure)
     assert len(figure.axes) == 1  # no colour bar
     (text,) = (text.get_text() for text in figure.legends[0].get_texts())
@@ -348,3 +341,26 @@ def test_a_hand_that_follows_correlates_at_its_lag() -> None:
         assert lag_s == sign * 51 / 1024.0
         assert best == pytest.approx(1.0, abs=0.05)
         assert abs(r) < 0.1
+
+
+# Spectra and correlation, against scipy's ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("samples", "segment"), [(1000, 200), (1001, 201), (64, 16), (257, 257)])
+def test_densities_and_coherence_are_scipys(samples: int, segment: int) -> None:
+    values = np.random.default_rng(samples).normal(size=(3, samples)).cumsum(axis=1)
+    frequency, densities = cross_densities(values, 128.0, segment)
+    expected_hz, powers = signal.welch(values, 128.0, nperseg=segment)
+    assert frequency == pytest.approx(expected_hz)
+    for row in range(3):
+        assert densities[row, row].real == pytest.approx(powers[row], rel=1e-9, abs=1e-18)
+        assert densities[row, row].imag == pytest.approx(0.0, abs=1e-12 * powers[row].max())
+    _, cross = signal.csd(values[0], values[2], 128.0, nperseg=segment)
+    assert np.allclose(densities[0, 2], cross, rtol=1e-9, atol=1e-12 * abs(cross).max())
+
+
+@pytest.mark.parametrize("reach", [1, 20, 299])
+def test_correlation_at_lags_is_scipys(reach: int) -> None:
+    first, second = np.random.default_rng(reach).normal(size=(2, 300))
+    expected = signal.correlate(second, first, method="direct")[299 - reach : 300 + reach]
+    assert correlation_near(first, second, reach) == pytest.approx(expected, abs=1e-9)

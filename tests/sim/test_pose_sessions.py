@@ -35,6 +35,8 @@ TUMBLING = "waypoints&" + "&".join(
         ("rz_rad", [(0.0, 1.0)[number % 2] for number in range(TURNS)]),
     )
 )
+TUMBLER = {"device": "sim:freeflyer", "hand": TUMBLING}
+TUMBLED: dict[str, object] = {"link": {"delay_ms": 20.0, "loss": 0.03}, "seconds": 2.0 + 0.7 * TURNS}
 
 
 class Turned:
@@ -65,12 +67,8 @@ class Turned:
         seats = [self.laboratory.room.seat_account(number) for number in range(len(self.laboratory.people))]
         ends = [person.core.port.account() for person in self.laboratory.people]
         lines = min(seat.line_margin_j for seat in seats) + allowed("line_margin_j") >= -1e-12
-        return (
-            lines
-            and min(end.margin_j or 0.0 for end in ends) >= 0.0
-            and limiter.limited == 0
-            and limiter.level_j >= 0.0
-        )
+        device_ends = min(end.margin_j or 0.0 for end in ends) >= 0.0
+        return lines and device_ends and limiter.limited == 0 and limiter.level_j >= 0.0
 
 
 def of_scene(folder: Path, body: str, *people: dict[str, object], **more: object) -> Settings:
@@ -87,7 +85,7 @@ def wheel(stop_s: float, *overrides: str) -> Settings:
     return load(Path("wheel"), (*stopped, f"seconds={stop_s + 4.0}", *overrides))
 
 
-@pytest.mark.parametrize(("stop_s", "overrides"), [(2.0, LOSSY), long(5.0, ())])
+@pytest.mark.parametrize(("stop_s", "overrides"), [(2.0, LOSSY), long(5.0, ()), long(30.0, LOSSY)])
 def test_two_people_turn_a_wheel(stop_s: float, overrides: tuple[str, ...]) -> None:
     session = Turned(wheel(stop_s, *overrides))
     assert not session.laboratory.diverged
@@ -103,20 +101,10 @@ def test_two_people_turn_a_wheel(stop_s: float, overrides: tuple[str, ...]) -> N
     )
 
 
-@pytest.mark.long
-def test_two_people_turn_a_wheel_for_half_a_minute_over_a_lossy_line() -> None:
-    session = Turned(wheel(30.0, *LOSSY))
-    assert session.drift.max() <= 0.01
-    assert session.apart[-1].max() <= 0.5
-    assert session.passive()
-
-
 @pytest.fixture(scope="module")
 def tumbled(tmp_path_factory: pytest.TempPathFactory) -> Turned:
-    person = {"device": "sim:freeflyer", "hand": TUMBLING}
     folder = tmp_path_factory.mktemp("tumbling")
-    link = {"delay_ms": 20.0, "loss": 0.03}
-    return Turned(of_scene(folder, BOX.format("0.3"), person, link=link, seconds=2.0 + 0.7 * TURNS))
+    return Turned(of_scene(folder, BOX.format("0.3"), TUMBLER, **TUMBLED))
 
 
 @pytest.mark.long
@@ -132,9 +120,7 @@ def test_so_does_one_in_a_world_of_another_author(tmp_path: Path, monkeypatch: p
     monkeypatch.setenv(ALLOWED, str(tmp_path))
     (tmp_path / "world.py").write_text("from tests.server.broken_worlds import Tumbling")
     thing = {"kind": f"python:{tmp_path / 'world.py'}:Tumbling", "axes": 6}
-    person = {"device": "sim:freeflyer", "hand": TUMBLING}
-    link = {"delay_ms": 20.0, "loss": 0.03}
-    session = Turned(resolve({"object": thing, "users": [person], "link": link, "seconds": 2.0 + 0.7 * TURNS}))
+    session = Turned(resolve({"object": thing, "users": [TUMBLER], **TUMBLED}))
     assert session.drift.max() <= 1.0
     assert session.apart[-1, 0] <= 0.1, "at rest"
     assert session.passive()
@@ -187,7 +173,6 @@ def test_devices_that_do_not_turn_are_told_how_to_join(tmp_path: Path) -> None:
             'is for object.kind = "scene"',
         ),
         ({"users": [{"orientation": "free"}]}, "users.0.orientation = 'free' is for object.kind = \"scene\""),
-        ({"object": {"kind": "scene", "file": "x", "axes": 4}}, "object.axes = 4, but a scene has 3 .places. or 6"),
         (
             {"object": {"kind": "scene", "file": "x", "axes": 3}, "users": [{"orientation": "driven"}]},
             "set object.axes = 6",

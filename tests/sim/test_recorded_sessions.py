@@ -6,10 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.reader import make_reader
 
 from cogrip.protocol.recording.derived import DERIVED
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import kind_of
+from cogrip.protocol.settings import resolve
+from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.replay.comparison import Comparison
 from cogrip.sim.runs.replay.verify import verify
 
@@ -37,9 +40,6 @@ def test_it_plays_again_bit_by_bit(path):
 
 def test_the_laboratory_still_comes_to_the_same_numbers(tmp_path):
     """The settings are run, not the record: devices, hands and links are the same as well."""
-    from cogrip.protocol.settings import resolve
-    from cogrip.sim.runs.laboratory_run import run_laboratory
-
     table = json.loads((RECORDINGS / "laboratory" / "settings.json").read_text())
     run_laboratory(resolve(table), tmp_path)
     for name in ("client-anna.mcap", "client-ben.mcap", "server.mcap"):
@@ -58,11 +58,6 @@ def test_the_laboratory_still_comes_to_the_same_numbers(tmp_path):
 def test_each_message_of_a_session_validates_against_the_schema_beside_it(tmp_path):
     """The reader and the validator are other projects'; each message holds every key of its schema."""
     jsonschema = pytest.importorskip("jsonschema")
-    from mcap.reader import make_reader
-
-    from cogrip.protocol.settings import resolve
-    from cogrip.sim.runs.laboratory_run import run_laboratory
-
     plain = jsonschema.Draft202012Validator
 
     def nullable(validator: Any, types: Any, value: Any, schema: dict[str, Any]) -> Any:

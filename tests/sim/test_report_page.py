@@ -77,15 +77,13 @@ def test_settings_that_are_not_the_default_are_marked(folder: Path) -> None:
     assert "<tr><th>redundancy</th><td>8</td></tr>" in text
 
 
-def test_a_long_reason_is_shown_whole(folder: Path) -> None:
-    summary = json.loads((folder / "summary.json").read_text())
+def test_a_long_reason_is_shown_whole(folder: Path, summary: dict[str, Any]) -> None:
     summary["users"][0] |= {"state": "fault", "reason": "because " * 30}
     (folder / "summary.json").write_text(json.dumps(summary))
     assert text_of(folder).count("because") == 60  # once in the verdict, once in the table
 
 
-def test_every_text_from_outside_is_escaped(folder: Path) -> None:
-    summary = json.loads((folder / "summary.json").read_text())
+def test_every_text_from_outside_is_escaped(folder: Path, summary: dict[str, Any]) -> None:
     settings = json.loads((folder / "settings.json").read_text())
     summary["name"] = settings["name"] = settings["object"]["kind"] = SCRIPT
     settings[SCRIPT] = {SCRIPT: SCRIPT}
@@ -165,8 +163,8 @@ def without(value: Any) -> Any:
     return [without(inner) for inner in value] if isinstance(value, list) else None
 
 
-def test_nulls_are_not_known(folder: Path) -> None:
-    summary = without(json.loads((folder / "summary.json").read_text()))
+def test_nulls_are_not_known(folder: Path, summary: dict[str, Any]) -> None:
+    summary = without(summary)
     (folder / "summary.json").write_text(json.dumps(summary))
     text = text_of(folder)
     assert "not known" in text

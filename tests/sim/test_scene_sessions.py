@@ -1,21 +1,22 @@
-"""Sessions around a scene of rigid bodies: two people lift a box by friction, and a scene that fails ends its session."""
+"""Sessions around scenes of rigid bodies: a box that two people lift, a scene that fails, those that come with cogrip."""
 
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from cogrip.cli.session.settings_file import load
-from cogrip.protocol.messages import Geom, Waves, decode
 from cogrip.protocol.recording.reader import RecordingError, open_recording
-from cogrip.protocol.recording.records import Datagram
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.sim.runs.folder import SERVER_RECORDING
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.replay.verify import verify
+from cogrip.sim.runs.summary import of_laboratory
+from cogrip.sim.runs.verdict import succeeded
 from cogrip.sim.session.laboratory import Laboratory
+
+from tests.extent import long
 
 Array = NDArray[np.float64]
 HZ = 128
@@ -99,22 +100,6 @@ def test_a_scene_that_fails_ends_the_session_by_name(kind: str) -> None:
     assert np.isfinite(laboratory.room.world.motion()).all()
 
 
-@pytest.mark.long
-def test_a_session_of_clear_and_engaged_tools_replays_bit_by_bit(tmp_path: Path) -> None:
-    """Two people lift a box on an impaired network; both ends of each line, and what both were told."""
-    changes = ["seconds=4", "coupling.kind=local", "link.profile=wan", "playout.frames=auto"]
-    run_laboratory(load(Path("lift"), changes), tmp_path)
-    for name in (SERVER_RECORDING, "client-anna.mcap", "client-ben.mcap"):
-        recording = open_recording(tmp_path / name)
-        assert verify(recording).exact, name
-    told = set()
-    for message in recording.messages():
-        if recording.topics[message.topic].endswith("datagram_in"):
-            heard = decode(msgspec.json.decode(message.payload, type=Datagram).data)
-            told.add(len(heard.state) if isinstance(heard, Waves) else type(heard))
-    assert told >= {6, 9, Geom}
-
-
 def test_a_recording_replays_with_its_own_scene_alone(tmp_path: Path) -> None:
     """Bit by bit with the file that was recorded; another one is named, and so is one that is gone."""
     settings = load(Path("lift"), ["seconds=0.5"])
@@ -132,3 +117,46 @@ def test_a_recording_replays_with_its_own_scene_alone(tmp_path: Path) -> None:
     file.unlink()
     with pytest.raises(RecordingError, match=r"box\.xml: there is no such file"):
         verify(recording)
+
+
+# Scenes that come with cogrip: each one's hands reach its task, and the limiter never acts ----------------------------
+
+SECONDS = {"wall": 2.5, "pinch": 8.5, "lift": 6.5, "pile": 10.0, "peg": 9.0, "table": 10.0, "valve": 8.5, "wheel": 13.0}
+"""Settings of scenes, and how much of them it takes to reach their task."""
+
+
+def ends_well(name: str, *overrides: str) -> None:
+    laboratory = Laboratory(load(Path(name), overrides))
+    laboratory.run()
+    summary = of_laboratory(laboratory)
+    assert succeeded(summary)
+    assert all(user["state"] == "live" for user in summary["users"])
+    assert summary["server"]["energy_limiter"]["limited_frames"] == 0
+    assert summary["server"]["energy_balance_error_j"] <= 1e-14
+    task = summary["task"]
+    assert task["reached"], task
+    assert all(goal["met"] for goal in task["goals"].values())
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("name", ["wall", "pinch", long("lift"), long("valve")])
+def test_a_scene_is_done_by_its_hands(name: str) -> None:
+    ends_well(name, f"seconds={SECONDS[name]}")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", SECONDS)
+@pytest.mark.parametrize("network", [(), ("link.jitter_ms=5", "link.loss=0.01", "playout.frames=3")])
+def test_a_whole_session_is_done_by_its_hands(name: str, network: tuple[str, ...]) -> None:
+    ends_well(name, *network)
+
+
+@pytest.mark.long
+def test_one_person_turns_the_valve_alone() -> None:
+    """The second never takes hold; friction of 0.3 N m is 5 N at one handle."""
+    laboratory = Laboratory(load(Path("valve"), ["seconds=9", "task.turned_rad=6.0"]))
+    laboratory.leave(1)
+    laboratory.run()
+    task = of_laboratory(laboratory)["task"]
+    assert task["reached"], task
+    assert laboratory.room.world.limiter_account()["limited_frames"] == 0

@@ -34,16 +34,10 @@ NAMED_IN = {  # modules that may compare a kind with a name: docs/design.md, "Ad
 }
 
 
-@pytest.mark.parametrize("table", [COUPLING_KINDS, client_schemes.SCHEMES, server_schemes.SCHEMES, MOST_ADVISED_FRAMES])
-def test_every_scheme_has_a_row(table: dict[str, object]) -> None:
-    assert tuple(table) == KINDS
-
-
-def test_every_scheme_is_compared() -> None:
+def test_every_scheme_and_every_form_of_linear_model_has_its_rows() -> None:
+    for table in (COUPLING_KINDS, client_schemes.SCHEMES, server_schemes.SCHEMES, MOST_ADVISED_FRAMES):
+        assert tuple(table) == KINDS
     assert {method.overrides["coupling.kind"] for method in METHODS.values()} == set(KINDS)
-
-
-def test_every_form_of_linear_model_has_its_rows() -> None:
     assert tuple(FORMS) == tuple(BLOCKS) == tuple(TOO_MUCH) == tuple(INSTEAD) == get_args(Scheme)
 
 
@@ -63,10 +57,9 @@ def test_the_client_in_c_reads_every_kind_of_a_welcome() -> None:
 def test_a_kind_is_named_in_tables_alone() -> None:
     name = f'"(?:{"|".join(KINDS)})"'
     asked = re.compile(rf'\bkind (?:[!=]= |in [(\[{{](?:"\w*", ?)*){name}|\{{{name}:[^\n]*\}}\.get\(')
-    packages = ("protocol", "client", "server", "sim", "view", "api", "cli")
     found = {
         str(path.relative_to(ROOT))
-        for package in packages
+        for package in ("protocol", "client", "server", "sim", "view", "api", "cli")
         for path in (ROOT / package).rglob("*.py")
         if asked.search(path.read_text())
     }

@@ -30,6 +30,10 @@ def settings_at(scheme: Any, frames: int, stiffness: float) -> Settings:
     return resolve(table, {**scheme_overrides(scheme), "coupling.stiffness_npm": stiffness})
 
 
+def model(settings: Settings) -> LiftedModel:
+    return LiftedModel(linear_session(settings, estimated=False))
+
+
 def growth(settings: Settings, frames: int) -> float:
     """Return the logarithm of the growth per frame of the force, from the slope of its envelope over `frames` frames."""
     laboratory = Laboratory(settings)
@@ -56,10 +60,10 @@ def long_enough(rate: float) -> int:
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("scheme", "frames"), every(5, product(("paper", "coupling"), (0, 1, 2, 4))))
 def test_a_session_grows_beyond_its_limit_and_decays_before(scheme: str, frames: int) -> None:
-    limit = largest_stable(LiftedModel(linear_session(settings_at(scheme, frames, 1.0), estimated=False))).stiffness_npm
+    limit = largest_stable(model(settings_at(scheme, frames, 1.0))).stiffness_npm
     for share, sign in ((0.98, -1.0), (1.02, 1.0)):
         settings = settings_at(scheme, frames, share * limit)
-        rate = float(np.log(verdict(LiftedModel(linear_session(settings, estimated=False))).decaying))
+        rate = float(np.log(verdict(model(settings)).decaying))
         assert np.sign(rate) == sign
         measured = growth(settings, long_enough(rate))
         assert np.sign(measured) == sign
@@ -70,7 +74,7 @@ def test_a_session_grows_beyond_its_limit_and_decays_before(scheme: str, frames:
 @pytest.mark.parametrize("stiffness", every(3, [1e2, 1e4, 1e6]))
 def test_the_passive_scheme_decays_as_predicted(stiffness: float) -> None:
     settings = settings_at("passive", 4, stiffness)
-    rate = float(np.log(verdict(LiftedModel(linear_session(settings, estimated=False))).decaying))
+    rate = float(np.log(verdict(model(settings)).decaying))
     assert rate < 0.0
     frames = min(12 * 128, max(4 * 128, int(6.0 / -rate)))
     assert growth(settings, frames) == pytest.approx(rate, rel=0.05)

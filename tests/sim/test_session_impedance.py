@@ -1,5 +1,6 @@
 """The lifted model's impedances and stiffness against sessions of the actual cores with a sinusoidal hand."""
 
+from collections.abc import Callable
 from itertools import product
 from math import pi
 from typing import Any
@@ -28,24 +29,16 @@ def base(scheme: Any, frames: int, kind: str, names: str = "a", **coupling: Any)
     return resolve(table, scheme_overrides(scheme))
 
 
-def case(condition: str, scheme: str, frames: int) -> tuple[Settings, float, LinearSession]:
-    """Return settings to measure, the hand's offset, and the same condition of the lifted model."""
-    if condition == "no contact":
-        settings = base(scheme, frames, "wall")
-        return settings, -2.0 * AMPLITUDE_M, no_contact(linear_session(settings, estimated=False), 0)
-    if condition == "on a wall":
-        settings = base(scheme, frames, "wall")
-        return settings, 10.0 * AMPLITUDE_M, on_wall(linear_session(settings, estimated=False), 0)
-    if condition == "alone":
-        settings = base(scheme, frames, "cube")
-        return settings, 0.0, alone(linear_session(settings, estimated=False), 0)
-    settings = base(scheme, frames, "cube", "ab")
-    return settings, 0.0, held(linear_session(settings, estimated=False), 0, 300.0, 5.0)
-
-
+CONDITIONS: dict[str, tuple[str, str, float, Callable[[LinearSession], LinearSession]]] = {
+    "no contact": ("wall", "a", -2.0 * AMPLITUDE_M, lambda session: no_contact(session, 0)),
+    "on a wall": ("wall", "a", 10.0 * AMPLITUDE_M, lambda session: on_wall(session, 0)),
+    "alone": ("cube", "a", 0.0, lambda session: alone(session, 0)),
+    "others hold on": ("cube", "ab", 0.0, lambda session: held(session, 0, 300.0, 5.0)),
+}
+"""Object, people, the hand's offset, and the same condition of the lifted model."""
 CASES = [
     (condition, scheme, frames)
-    for condition in ("no contact", "on a wall", "alone", "others hold on")
+    for condition in CONDITIONS
     for scheme, frames in (("passive", 0), ("passive", 3), ("paper", 1), ("coupling", 0))
     if not (condition == "no contact" and scheme == "coupling")  # nothing flows there at all
 ]
@@ -57,7 +50,9 @@ CASES = [
     every(18, [(*case, hz) for hz in (5.0, 1.0, 18.0) for case in CASES]),
 )
 def test_the_model_renders_what_a_session_does(condition: str, scheme: str, frames: int, frequency_hz: float) -> None:
-    settings, offset, session = case(condition, scheme, frames)
+    kind, names, offset, in_model = CONDITIONS[condition]
+    settings = base(scheme, frames, kind, names)
+    session = in_model(linear_session(settings, estimated=False))
     settle_s = 6.0 if frames == 3 else 3.0  # what a long line rings on for
     measured = measure(settings, 0, frequency_hz, amplitude_m=AMPLITUDE_M, offset_m=offset, settle_s=settle_s)
     model = impedance(session, 0, np.array([2.0 * pi * measured.frequency_hz]))[0]

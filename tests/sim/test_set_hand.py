@@ -1,7 +1,7 @@
 """Hand settings changed while a session runs: energy, replay, loss, times, clutches, the limit and the weight."""
 
 from collections.abc import Callable
-from itertools import count
+from itertools import count, pairwise, starmap
 from math import dist, hypot
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from cogrip.client.inputs import CloseLedger
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.hand_settings import UNCHANGED, parsed
 from cogrip.protocol.messages import SetHand as Message
-from cogrip.protocol.messages import decode, encode
+from cogrip.protocol.messages import encode
 from cogrip.protocol.settings import resolve
 from cogrip.server.checkpoint import decode as decode_checkpoint
 from cogrip.server.checkpoint import encode as encode_checkpoint
@@ -26,6 +26,8 @@ from cogrip.sim.runs.replay.verify import verify
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import long
+from tests.sim.felt_forces import Felt
+from tests.sim.session_measures import run_frames
 
 CREDIT_J = 1e-3
 NETWORKS = ("lan", "wifi", "wan", "lte", "satellite")
@@ -85,18 +87,10 @@ def test_changes_under_load_are_passive_as_well(profile: str, kind: str) -> None
     """A hand that presses with 10 times the way, then finds 100 times the force: whatever its limits let go is released."""
     table = session(profile, hand="sine&amplitude_m=0.02&frequency_hz=0.7")
     table["object"]["kind"] = kind
-    laboratory = Laboratory(resolve(table))
-    steps = [0.0]
-    last: list[Any] = [(0.0,) * 3]
-
-    def watch(_: Laboratory) -> None:
-        force = laboratory.people[0].core.force_n
-        steps[0] = max(steps[0], dist(force, last[0]))
-        last[0] = force
-
-    laboratory.run(each_tick=watch, each_frame=back_and_forth)
-    assert_passive(laboratory)
-    assert steps[0] <= 1000.0 / 1024 * (1.0 + 1e-9)
+    felt = Felt(Laboratory(resolve(table)))
+    felt.laboratory.run(each_tick=felt.tick, each_frame=back_and_forth)
+    assert_passive(felt.laboratory)
+    assert felt.step_n <= 1000.0 / 1024 * (1.0 + 1e-9)
 
 
 @pytest.mark.long
@@ -176,66 +170,20 @@ def test_no_change_is_lost_where_datagrams_are() -> None:
     assert set(held) >= set(seen[1:])
 
 
-@pytest.mark.long
-def test_twenty_clutches_by_order_displace_nothing() -> None:
-    """The hand goes 50 mm back and forth, held by order on its way forth."""
-    stroke_s = 0.4
-    settings = resolve({
-        "seconds": 2 * 20 * stroke_s + 1.5, "object": {"kind": "wall", "axes": 3}, "coupling": {"impedance_nspm": 5.0},
-        "users": [{"name": "anna", "hand": "sine&amplitude_m=0.025&frequency_hz=1.25&offset_m=-0.05"}],
-    })  # fmt: skip
-    laboratory = Laboratory(settings)
-    tool, last, clutches, offsets, still = [0.0] * 3, [None, False], [0], [], [0]  # type: ignore[var-annotated]
-
-    def watch(_: Laboratory) -> None:
-        seat = laboratory.people[0].core._seat
-        frame = seat._hand_map
-        before, held = last
-        if before is not None and not held:
-            for axis in range(3):
-                tool[axis] += seat.hand.position_m[axis] - before[axis]
-        now = frame is not None and frame.held
-        clutches[0] += now and not held
-        still[0] = still[0] + 1 if now else 0
-        if still[0] > 300:
-            offsets.append(float(laboratory.room.world.hand[0][0]) - seat.tool_m()[0])
-        last[:] = [seat.hand.position_m, now]
-
-    def each_frame(_: Laboratory) -> None:
-        at = laboratory._frame / 128 / stroke_s - 1.5
-        if 0 <= at < 40 and abs(at - round(at)) < 0.5 / 128 / stroke_s:
-            ordered(laboratory, f"clutch={'off' if round(at) % 2 else 'on'}")
-
-    laboratory.run(each_tick=watch, each_frame=each_frame)
-    seat = laboratory.people[0].core._seat
-    assert not laboratory.diverged
-    assert clutches[0] == 20
-    begun = seat._origin_pose
-    assert dist(seat.tool_m(), [a + b for a, b in zip(begun, tool, strict=True)]) < 1e-9
-    assert max(offsets) - min(offsets) < 1e-5, "0.01 mm"
-    account = account_of(laboratory)
-    assert account.down_margin_j >= 0.0
-    assert account.device.margin_j >= 0.0
-
-
 def test_a_change_in_contact_is_no_step_of_force() -> None:
     table = session(hand="approach&amplitude_m=0.006")
     table["object"]["kind"] = "wall"
     laboratory = Laboratory(resolve(table | {"seconds": 4.0}))
-    steps, forces = [0.0], [(0.0,) * 3]
+    forces = [(0.0,) * 3]
 
-    def watch(_: Laboratory) -> None:
-        force = laboratory.people[0].core.force_n
-        steps.append(dist(force, forces[-1]))
-        forces.append(force)
+    def change(second: int) -> None:
+        ordered(laboratory, f"force_scale={0.5 + second}")
 
     laboratory.run(
-        each_tick=watch,
-        each_frame=lambda _: each_second(
-            4.0, laboratory, lambda second: ordered(laboratory, f"force_scale={0.5 + second}")
-        ),
+        each_tick=lambda _: forces.append(laboratory.people[0].core.force_n),
+        each_frame=lambda _: each_second(4.0, laboratory, change),
     )
-    assert max(steps) <= SOFT_SLOPE_NPS / 1024 * (1.0 + 1e-9)
+    assert max(starmap(dist, pairwise(forces))) <= SOFT_SLOPE_NPS / 1024 * (1.0 + 1e-9)
     assert min(hypot(*force) for force in forces[1024 + 8 : 1024 + 60]) < 0.05, "it ramps in anew"
     assert hypot(*forces[-1]) > 1.0
     assert_passive(laboratory)
@@ -265,13 +213,9 @@ def test_a_device_that_names_no_handle_mass_is_not_carried() -> None:
 
 def test_reports_repeat_until_they_are_answered_and_no_longer() -> None:
     laboratory = Laboratory(resolve(session(hand=CALM) | {"seconds": 2.0}))
-    core, sent = laboratory.people[0].core, []
-
-    def watch(_: Laboratory) -> None:
-        sent.extend(each for each in map(decode, core.outbox) if isinstance(each, Message))
-
+    core = laboratory.people[0].core
     core.handle(client_inputs.SetHand(parsed(["position_scale=2"])), 0)
-    laboratory.run(each_tick=watch)
+    laboratory.run()
     assert laboratory.room.seats[0].hand.holds.position_scale == 2.0
     assert not core._seat.changes.pending
 
@@ -359,25 +303,20 @@ def test_a_hand_that_resumes_its_seat_keeps_the_bounds_of_its_scale(restart: boo
     table = session(hand="sine&amplitude_m=0.004&frequency_hz=0.7")
     laboratory = Laboratory(resolve({**table, "seconds": 9.0}))
     person = laboratory.people[0]
-
-    def frames(count: int) -> None:
-        for _ in range(count):
-            laboratory.frame()
-
-    frames(32)
+    run_frames(laboratory, 32)
     ordered(laboratory, "position_scale=10")
-    frames(96)
+    run_frames(laboratory, 96)
     wide = laboratory.room.limits(0)
     if restart:
         checkpoints = [decode_checkpoint(encode_checkpoint(each)) for each in laboratory.kill()]
-        frames(32)
+        run_frames(laboratory, 32)
         laboratory.restart(checkpoints)
     else:
         laboratory.alive = False
-        frames(5 * 128)
+        run_frames(laboratory, 5 * 128)
         laboratory.server.outbox.clear()
         laboratory.alive = True
-    frames(256)
+    run_frames(laboratory, 256)
     seat = laboratory.room.seats[0]
     assert seat.state == "seated"
     assert person.core.safety.state == "live"

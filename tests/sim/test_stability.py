@@ -1,6 +1,7 @@
 """Tests of limits and freedoms of the lifted model: both sides of each boundary, nothing hidden by what is removed."""
 
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -44,19 +45,19 @@ def test_just_below_the_limit_is_stable_and_just_above_is_not(scheme: str, delay
     assert below < 1.0 < above
 
 
-@pytest.mark.parametrize("ticks", range(0, 25, 3))
+@pytest.mark.parametrize(
+    ("decimator", "ticks"),
+    [*product(("boxcar", "lowpass"), (*range(0, 25, 3), 72)), *product(["none"], (0, 8, 32, 72))],
+)
 @pytest.mark.parametrize("users", [1, 2])
-def test_the_passive_scheme_has_no_limit_wherever_frames_begin(ticks: int, users: int) -> None:
-    which = session("passive", 0, users=users)
+def test_the_passive_scheme_has_no_limit_wherever_frames_begin(decimator: str, ticks: int, users: int) -> None:
+    """Samples that are not filtered have none where frames begin together: there nothing is aliased."""
+    which = session("passive", 0, {"coupling.decimator": decimator}, users)
     for number in range(users):
-        which = with_person(which, number, up=ticks_long(ticks), down=ticks_long(ticks // 2))
-    assert largest_stable(LiftedModel(which)).stiffness_npm is None
-
-
-@pytest.mark.parametrize("delay", [0, 1, 4, 9])
-@pytest.mark.parametrize("decimator", ["boxcar", "lowpass", "none"])
-def test_the_passive_scheme_has_no_limit(delay: int, decimator: str) -> None:
-    limit = largest_stable(LiftedModel(session("passive", delay, {"coupling.decimator": decimator})))
+        which = with_person(
+            which, number, up=ticks_long(ticks), down=ticks_long(ticks if decimator == "none" else ticks // 2)
+        )
+    limit = largest_stable(LiftedModel(which))
     assert limit.stiffness_npm is None
     assert limit.searched_to_npm == SEARCHED_TO_NPM == 1e7
 
@@ -158,23 +159,15 @@ def names(which: LinearSession) -> list[str]:
 
 
 def test_the_freedoms_of_two_people_on_a_cube() -> None:
-    free = session("passive")
-    assert names(free) == [
-        "device position of u0",
-        "device position of u1",
-        "object position",
-        "uniform motion of object and devices",
-    ]
+    free, devices = session("passive"), ["device position of u0", "device position of u1"]
+    assert names(free) == [*devices, "object position", "uniform motion of object and devices"]
     assert len(names(session("passive", overrides={"object.damping_nspm": 0.1}))) == 3
     assert len(names(with_person(free, 0, device_damping_nspm=0.1))) == 3
     assert names(with_person(free, 1, hand_stiffness_npm=300.0)) == ["device position of u0", "object position"]
     assert "stretch of u1" in names(with_person(free, 1, stiffness_npm=0.0))
     alone = with_person(free, 1, stiffness_npm=0.0, damping_nspm=0.0)
     assert names(alone)[-2:] == ["uniform motion of object and devices", "uniform motion of u1"]
-    assert names(session("passive", overrides={"object.kind": "wall"})) == [
-        "device position of u0",
-        "device position of u1",
-    ]
+    assert names(session("passive", overrides={"object.kind": "wall"})) == devices
 
 
 def test_virtual_coupling_has_one_freedom() -> None:
@@ -214,7 +207,8 @@ def any_session(draw: st.DrawFn) -> LinearSession:
 
 @given(any_session())
 @settings(max_examples=200, deadline=None)
-def test_removed_eigenvalues_lie_at_one_and_the_others_stay(which: LinearSession) -> None:
+def test_removed_eigenvalues_lie_at_one_and_of_the_others_none_does(which: LinearSession) -> None:
+    """An eigenvalue left there would make stability depend on rounding. Nothing here is slower than 1e-5 a frame."""
     model = LiftedModel(which)
     A, rigid = model.matrix(), Rigid(model)
     assert rigid.residual(A) < 1e-8
@@ -227,15 +221,7 @@ def test_removed_eigenvalues_lie_at_one_and_the_others_stay(which: LinearSession
         ones = (z - 1.0) ** len(rigid.names)
         assert left.logabsdet + np.log(abs(ones)) == pytest.approx(whole.logabsdet, abs=1e-6)
         assert abs(left.sign * ones / abs(ones) - whole.sign) < 1e-6
-
-
-@given(any_session())
-@settings(max_examples=200, deadline=None)
-def test_nothing_that_lies_at_one_by_structure_is_left(which: LinearSession) -> None:
-    """An eigenvalue left there would make stability depend on rounding. Nothing here is slower than 1e-5 a frame."""
-    model = LiftedModel(which)
-    rest = np.linalg.eigvals(Rigid(model).removed(model.matrix()))
-    assert np.abs(rest - 1.0).min(initial=1.0) > 1e-6
+    assert np.abs(np.linalg.eigvals(rest) - 1.0).min(initial=1.0) > 1e-6
 
 
 def test_hands_that_hold_springs_leave_a_tension() -> None:
@@ -252,12 +238,9 @@ def test_hands_that_hold_springs_leave_a_tension() -> None:
         assert verdict(model).stable
         assert largest_stable(model).stiffness_npm is None
         K = np.array([[30.0, 2000.0], [700.0, 5.0]])
-        each = [verdict(LiftedModel(with_stiffness(held, row))).decaying for row in K.tolist()]
-        np.testing.assert_allclose(radius(model, K), each, rtol=1e-9)
-
-
-def with_stiffness(which: LinearSession, K: list[float]) -> LinearSession:
-    return with_person(with_person(which, 0, stiffness_npm=K[0]), 1, stiffness_npm=K[1])
+        for (first, second), found in zip(K.tolist(), radius(model, K), strict=True):
+            alone = with_person(with_person(held, 0, stiffness_npm=first), 1, stiffness_npm=second)
+            assert found == pytest.approx(verdict(LiftedModel(alone)).decaying, rel=1e-9)
 
 
 def test_a_session_that_is_rigid_motion_alone_is_stable() -> None:
@@ -265,15 +248,6 @@ def test_a_session_that_is_rigid_motion_alone_is_stable() -> None:
     found = verdict(LiftedModel(loose))
     assert len(found.structural) == found.states == 4
     assert (found.spectral_radius, found.decaying, found.stable) == (1.0, 0.0, True)
-
-
-def test_an_unstable_session_stays_unstable() -> None:
-    for scheme in ("paper", "coupling"):
-        which = session(scheme, 2, {"coupling.stiffness_npm": 2000.0})
-        found = verdict(LiftedModel(which))
-        assert found.decaying == pytest.approx(found.spectral_radius, rel=1e-12)
-        assert found.spectral_radius > 1.2
-        assert not found.stable
 
 
 def test_free_motion_that_is_slow_to_end_is_not_taken_for_a_freedom() -> None:

@@ -20,43 +20,15 @@ from cogrip.sim.runs.measures.registry import BY_NAME
 from cogrip.sim.runs.records import open_run
 
 from tests.extent import long
-from tests.sim.studies import SHIPPED, NoSessions, conducted, parsed, run_in_laboratory, shipped
+from tests.sim.studies import run_in_laboratory, shipped
 
 LAG_S, DISTANCE_M = 0.2, 0.04  # of fitts.toml
 HAND_NSPM, COURSE_HZ = 20.0, 1.0  # of delay.toml
 
 
-def in_the_mean(table: StudyTable, name: str) -> dict[str, float]:
-    return {key: interval(list(values.values()))[0] for key, values in by_condition(table.rows, BY_NAME[name]).items()}
-
-
-@pytest.mark.long
-def test_threshold_of_simulated_observers_is_estimated_within_a_tenth_without_sessions(tmp_path: Path) -> None:
-    """The whole study, four observers of 60 N/m, 400 trials; what they feel is what was asked for."""
-    study = shipped("stiffness")
-    outcome, folder = conducted(study, tmp_path / "study", NoSessions(), setting="stiffness_npm")
-    assert (outcome.finished, outcome.complete) == (400, True)
-    found = thresholds(study, [line for line in folder.trials if line.status == "finished"])
-    together = np.exp(np.mean([log(each.threshold) for each in found.values()]))
-    assert together == pytest.approx(study.simulated.threshold, rel=0.1)
-    assert len(found) == 4
-    assert all(0.6 < each.correct < 0.85 for each in found.values()), "two right answers in a row half of the time"
-
-
-@pytest.mark.long
-def test_observers_answer_by_what_the_sessions_let_them_feel(tmp_path: Path) -> None:
-    """Three trials with their sessions in virtual time: large differences are found, and felt as asked for within 3 %."""
-    text = (SHIPPED / "stiffness.toml").read_text(encoding="utf-8")
-    study = parsed(text.replace("trials = 50", "trials = 3").replace("repetitions = 2", "repetitions = 1"))
-    run_in_laboratory(study, tmp_path / "study")
-    table = read_table(tmp_path / "study")
-    assert [row["correct"] for row in table.rows] == [1] * 6
-    for row in table.rows:
-        assert row["felt_stiffness_npm"] == pytest.approx(row["coupling.stiffness_npm"], rel=0.03)
-
-
 @pytest.mark.long
 def test_threshold_of_simulated_observers_is_estimated_within_a_tenth_by_what_they_feel(tmp_path: Path) -> None:
+    """The whole study, four observers of 60 N/m, 400 trials with their sessions in virtual time."""
     study = shipped("stiffness")
     folder = run_in_laboratory(study, tmp_path / "study", range(4))
     rule = study.blocks[0].staircase
@@ -66,6 +38,11 @@ def test_threshold_of_simulated_observers_is_estimated_within_a_tenth_by_what_th
     found = estimate(rule, answers)
     assert found.trials == 400
     assert found.threshold == pytest.approx(study.simulated.threshold, rel=0.1)
+    each = thresholds(study, lines)
+    assert len(each) == 4
+    assert all(0.6 < one.correct < 0.85 for one in each.values()), "two right answers in a row half of the time"
+    for row in read_table(tmp_path / "study").rows:
+        assert row["felt_stiffness_npm"] == pytest.approx(row["coupling.stiffness_npm"], rel=0.03)
 
 
 @pytest.mark.long
@@ -77,12 +54,13 @@ def test_two_people_follow_fitts_law_with_the_slope_of_their_hands(tmp_path: Pat
     table = read_table(tmp_path / "study")
     assert not table.notes
     assert {row["ended"] for row in table.rows} == {"goal"}
-    times = in_the_mean(table, "completion_s")
+    everybodys = by_condition(table.rows, BY_NAME["completion_s"])
+    times = {name: interval(list(each.values()))[0] for name, each in everybodys.items()}
     bits = [log2(DISTANCE_M / study.goal_of(study.changes(name)).within_m) for name in times]  # type: ignore[operator]
     assert sorted(f"{round(each)} bits" for each in bits) == sorted(times), "names say how difficult each is"
     slope, _ = np.polyfit(bits, list(times.values()), 1)
     assert slope == pytest.approx(LAG_S * log(2.0), rel=0.1)
-    assert all(len(set(each.values())) > 1 for each in by_condition(table.rows, BY_NAME["completion_s"]).values())
+    assert all(len(set(each.values())) > 1 for each in everybodys.values())
     leads = {row["participant"]: row["lead_s"] for row in table.rows}
     assert leads["P01"] > 0.01 > -0.01 > leads["P02"], "P02 begins later"
     assert all(1 <= row["answer_together"] <= 7 for row in table.rows if not row["practice"])

@@ -39,6 +39,12 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture
+def copy(whole: Path, tmp_path: Path) -> Path:
+    """The whole study, to be cut or spoiled."""
+    return Path(shutil.copytree(whole, tmp_path / "study"))
+
+
 def finished(path: Path) -> list[tuple[object, ...]]:
     return [
         (line.group, line.number, line.block, line.place, line.condition, line.level, line.correct)
@@ -63,25 +69,17 @@ def answered(path: Path) -> dict[tuple[object, ...], object]:
 
 
 @pytest.mark.parametrize("cut", every(5, range(0, 40, 2)))
-def test_study_that_was_killed_goes_on_as_if_it_had_not(whole: Path, tmp_path: Path, cut: int) -> None:
+def test_study_that_was_killed_goes_on_as_if_it_had_not(whole: Path, copy: Path, cut: int) -> None:
     """A kill leaves the lines so far, and a part of one: as they are written, answers come before their trial."""
-    path = tmp_path / "study"
-    shutil.copytree(whole, path)
-    lines = (path / TRIALS).read_bytes().splitlines(keepends=True)
-    kept = lines[:cut]
-    (path / TRIALS).write_bytes(b"".join(kept) + lines[cut][: len(lines[cut]) // 2])
-    over = {(line.group, line.block, line.place) for line in read_trials(path) if line.over}
-    answers = (path / ANSWERS).read_bytes().splitlines(keepends=True)
-    known = [
-        line
-        for line, read in zip(answers, read_answers(whole), strict=True)
-        if (read.group, read.block, read.place) in over
-    ]
-    (path / ANSWERS).write_bytes(b"".join(known) + b'{"group":0,"participant":"P')
-    outcome, _ = conducted(STUDY_OF_TWO, path)
-    assert outcome.complete
-    assert finished(path) == finished(whole)
-    assert answered(path) == answered(whole)
+    lines = (copy / TRIALS).read_bytes().splitlines(keepends=True)
+    (copy / TRIALS).write_bytes(b"".join(lines[:cut]) + lines[cut][: len(lines[cut]) // 2])
+    over = {(line.group, line.block, line.place) for line in read_trials(copy) if line.over}
+    answers = zip((copy / ANSWERS).read_bytes().splitlines(keepends=True), read_answers(whole), strict=True)
+    known = [line for line, read in answers if (read.group, read.block, read.place) in over]
+    (copy / ANSWERS).write_bytes(b"".join(known) + b'{"group":0,"participant":"P')
+    assert conducted(STUDY_OF_TWO, copy)[0].complete
+    assert finished(copy) == finished(whole)
+    assert answered(copy) == answered(whole)
 
 
 @pytest.mark.parametrize("left", [(), (f"{STUDY}.part",), (STUDY,)])
@@ -100,24 +98,19 @@ def test_study_that_was_killed_as_its_folder_was_made_begins(
 
 def test_study_makes_its_description_before_all_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A folder with something else in it is no study's, so a kill must not leave one like that."""
-    seen: list[list[str]] = []
-    monkeypatch.setattr(
-        journal, "_write", lambda path, query: seen.append([each.name for each in path.parent.iterdir()])
-    )
+    seen: list[list[Path]] = []
+    monkeypatch.setattr(journal, "_write", lambda path, query: seen.append(list(path.parent.iterdir())))
     StudyFolder(tmp_path / "study", STUDY_OF_TWO, {})
     assert seen == [[]]
 
 
-def test_answers_of_a_trial_that_was_killed_while_asking_do_not_count(whole: Path, tmp_path: Path) -> None:
-    path = tmp_path / "study"
-    shutil.copytree(whole, path)
-    lines = (path / TRIALS).read_bytes().splitlines(keepends=True)
-    (path / TRIALS).write_bytes(lines[0])  # begun: its answer is there, and is not finished
-    (path / ANSWERS).write_bytes((path / ANSWERS).read_bytes().splitlines(keepends=True)[0])
-    conducted(STUDY_OF_TWO, path)
-    assert finished(path) == finished(whole)
-    assert answered(path) == answered(whole)
-    assert [line.attempt for line in read_trials(path) if line.place == 0 and line.group == 0][:3] == [1, 2, 2]
+def test_answers_of_a_trial_that_was_killed_while_asking_do_not_count(whole: Path, copy: Path) -> None:
+    for name in (TRIALS, ANSWERS):  # begun: its answer is there, and is not finished
+        (copy / name).write_bytes((copy / name).read_bytes().splitlines(keepends=True)[0])
+    conducted(STUDY_OF_TWO, copy)
+    assert finished(copy) == finished(whole)
+    assert answered(copy) == answered(whole)
+    assert [line.attempt for line in read_trials(copy) if line.place == 0 and line.group == 0][:3] == [1, 2, 2]
 
 
 def test_question_that_stands_twice_is_asked_once(tmp_path: Path) -> None:
@@ -166,9 +159,8 @@ def test_trial_is_repeated_or_abandoned_by_order(tmp_path: Path) -> None:
     assert [(line.status, line.attempt) for line in first] == [("begun", 1), ("begun", 2), ("abandoned", 2)]
 
 
-def test_another_study_does_not_take_over_a_folder(whole: Path, tmp_path: Path) -> None:
-    path = tmp_path / "study"
-    shutil.copytree(whole, path)
+def test_another_study_does_not_take_over_a_folder(copy: Path, tmp_path: Path) -> None:
+    path = copy
     before = {each: each.read_bytes() for each in path.iterdir() if each.is_file()}
     with pytest.raises(StudyError, match=r"other study\.seed"):
         StudyFolder(path, parsed(PLAIN, seed=2), {})

@@ -6,6 +6,7 @@ from math import log, sqrt
 from random import Random
 
 import pytest
+from msgspec.structs import replace
 
 from cogrip.sim.experiments.study.orders import ordered, williams
 from cogrip.sim.experiments.study.plan import Done, next_trial, planned
@@ -87,50 +88,38 @@ def test_thresholds_of_known_observers_are_estimated_within_a_tenth(method: Meth
 
 def test_one_up_two_down_moves_as_its_name_says() -> None:
     answered: list[Answered] = []
-    levels = []
     for correct in (True, True, True, True, False, False, True, True):
-        level = next_level(RULE, answered)
-        assert level is not None
-        levels.append(level)
-        answered.append((level, correct))
-    ratios = [round(after / before, 3) for before, after in pairwise(levels)]
+        answered.append((next_level(RULE, answered) or 0.0, correct))
+    ratios = [round(after / before, 3) for (before, _), (after, _) in pairwise(answered)]
     down, up = round(1 / 1.5, 3), round(sqrt(1.5), 3)
     assert ratios == [1.0, down, 1.0, down, up, up, 1.0]
-    turned = Staircase(**{**_fields(RULE), "reversals": 2})
+    turned = replace(RULE, reversals=2)
     assert next_level(turned, answered) is None
 
 
 def test_pest_steps_halve_and_double() -> None:
-    rule = Staircase(**{**_fields(RULE), "method": "pest", "start": 600.0, "step": 1.5, "least_step": 1.3})
+    rule = replace(RULE, method="pest", start=600.0, step=1.5, least_step=1.3)
     answered: list[Answered] = []
-    levels = []
-    for _ in range(400):
-        level = next_level(rule, answered)
-        if level is None:
-            break
-        levels.append(level)
+    while (level := next_level(rule, answered)) is not None:
         answered.append((level, level > 50.0))
-    steps = [round(log(after / before) / log(1.5), 3) for before, after in pairwise(dict.fromkeys(levels))]
+    assert len(answered) < rule.trials, "it ends where steps are small"
+    levels = dict.fromkeys(level for level, _ in answered)
+    steps = [round(log(after / before) / log(1.5), 3) for before, after in pairwise(levels)]
     assert steps[:4] == [-1.0, -1.0, -2.0, -4.0], "the third of a run doubles, the fourth too"
     assert steps[4] == 2.0, "a reversal halves"
-    assert next_level(rule, answered) is None, "it ends where steps are small"
 
 
 def test_quest_presents_near_its_estimate() -> None:
-    rule = Staircase(**{**_fields(RULE), "method": "quest"})
+    rule = replace(RULE, method="quest")
     answered = run_track(rule, 60.0, 3)
-    level = next_level(Staircase(**{**_fields(rule), "trials": 61}), answered)
+    level = next_level(replace(rule, trials=61), answered)
     assert level == pytest.approx(1.3 * estimate(rule, answered).threshold)
-
-
-def _fields(rule: Staircase) -> dict[str, object]:
-    return {name: getattr(rule, name) for name in rule.__struct_fields__}
 
 
 def test_staircases_out_of_order_are_refused() -> None:
     assert unfit_staircase(RULE) == ""
-    assert "start = 200" in unfit_staircase(Staircase(**{**_fields(RULE), "most": 199.0}))
-    assert unfit_staircase(Staircase(**{**_fields(RULE), "most": 200.0})) == ""
+    assert "start = 200" in unfit_staircase(replace(RULE, most=199.0))
+    assert unfit_staircase(replace(RULE, most=200.0)) == ""
 
 
 def test_plan_is_a_function_of_what_is_done() -> None:
@@ -144,9 +133,8 @@ def test_plan_is_a_function_of_what_is_done() -> None:
             values = [each.changes["coupling.damping_nspm"] for each in trial.presentations]
             assert trial.right == values.index(max(values))
             assert max(values) - min(values) == pytest.approx(trial.level)
-        done.append(
-            Done(trial.block.name, trial.place, trial.track, trial.level, None if trial.level is None else True)
-        )
+        right = None if trial.level is None else True
+        done.append(Done(trial.block.name, trial.place, trial.track, trial.level, right))
     assert numbers == list(range(1, planned(study, 0) + 1))
     first, second = (next_trial(study, group, []) for group in (0, 1))
     assert first is not None

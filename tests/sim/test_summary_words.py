@@ -10,56 +10,50 @@ import msgspec
 import pytest
 
 from cogrip.protocol.accounts import ClientAccount, DeviceAccount, LinkCount, Percentiles, SeatAccount, TickCount
-from cogrip.protocol.settings import resolve
+from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.server.participants import MOST_EARLIER, Seat, SeatSession
 from cogrip.sim.runs.folder import summary_text
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.listing import list_runs
-from cogrip.sim.runs.summary import UserRecord, summarise
+from cogrip.sim.runs.report.tables import people_table
+from cogrip.sim.runs.summary import UserRecord, of_laboratory, of_room
 from cogrip.sim.runs.summary_values import energy, number, share
 from cogrip.sim.runs.traces import load_run
-from cogrip.sim.runs.verdict import succeeded
+from cogrip.sim.runs.verdict import judgements, succeeded
 from cogrip.sim.runs.verdict_text import MANY_LATE, verdict
+from cogrip.sim.session.laboratory import Laboratory
 
 from tests.sim.reported_runs import printed
+from tests.sim.told_accounts import CLIENT, SEAT, summarised
 
 
 def words(summary: dict[str, Any]) -> str:
     return " ".join(sentence for _, sentence in verdict(summary))
 
 
-@pytest.mark.parametrize("summary", [{}, {"users": None}, {"users": [None, 3, {}]}, {"server": 7, "object": []}])
-def test_strange_summaries_print(summary: dict[str, Any]) -> None:
-    assert printed(summary)
+@pytest.mark.parametrize("strange", [{}, {"users": None}, {"users": [None, 3, {}]}, {"server": 7, "object": []}])
+def test_strange_summaries_print(strange: dict[str, Any]) -> None:
+    assert printed(strange)
 
 
-def test_verdict_names_who_broke_passivity_and_by_how_much(finished: Path) -> None:
-    summary = json.loads((finished / "summary.json").read_text())
+def test_verdict_says_who_broke_passivity_why_it_diverged_and_which_ticks_did_not_run(summary: dict[str, Any]) -> None:
     assert "Passive" in words(summary)
     assert "nothing diverged" in words(summary)
-    summary["passive"] = False
-    summary["users"][1]["energy"]["down_margin_j"] = -0.0034
+    assert "Every loop ran every tick." in words(summary)
+    anna, ben = summary["users"]
+    anna["ticks"] = {"due": 1000, "run": 990, "late_us": {"p99": 312.4}}
+    assert "anna 99.00 %" in words(summary)
+    assert "within 312 µs" in words(summary)
+    summary["passive"], ben["energy"]["down_margin_j"] = False, -0.0034
     assert "Not passive: the line down of ben gave out 3.4 mJ more than had been put in." in words(summary)
-
-
-def test_verdict_says_why_it_diverged(finished: Path) -> None:
-    summary = json.loads((finished / "summary.json").read_text())
     summary["diverged"] = True
     assert "The object left the workspace" in words(summary)
-    summary["users"][0]["reason"] = "force at its limit"
+    anna["reason"] = "force at its limit"
     assert "Diverged. anna: force at its limit." in words(summary)
 
 
-def test_verdict_counts_ticks(finished: Path) -> None:
-    summary = json.loads((finished / "summary.json").read_text())
-    assert "Every loop ran every tick." in words(summary)
-    summary["users"][0]["ticks"] = {"due": 1000, "run": 990, "late_us": {"p99": 312.4}}
-    assert "anna 99.00 %" in words(summary)
-    assert "within 312 µs" in words(summary)
-
-
 @pytest.mark.parametrize("width", [80, 100])
-def test_terminal_table_fits(finished: Path, width: int) -> None:
-    summary = json.loads((finished / "summary.json").read_text())
+def test_terminal_table_fits(summary: dict[str, Any], width: int) -> None:
     for user in summary["users"]:
         user["position_m"] = [0.0123, -0.0123, 0.0]
         user["ticks"]["late_us"]["p99"] = 1234.5
@@ -97,12 +91,8 @@ def test_numbers_do_not_lie_by_rounding() -> None:
 def too_late(late: int, sent: int, frames: Any = 1, **changes: Any) -> list[str]:
     """Return the sentences where so many frames up came too late, and hardly any down."""
     link = {"up": {"late": late, "sent": sent}, "down": {"late": 1, "sent": sent}}
-    user = {
-        "name": "anna",
-        "link": link,
-        "playout": {"up": {"depth_frames": 1.0}, "down": {"depth_frames": 1.0}},
-        **changes,
-    }
+    playout = {key: {"depth_frames": 1.0} for key in ("up", "down")}
+    user = {"name": "anna", "link": link, "playout": playout, **changes}
     return [text for tone, text in verdict({"users": [user], "playout_frames": frames}) if "too late" in text]
 
 
@@ -136,11 +126,16 @@ def test_nothing_is_said_of_a_depth_that_follows_or_of_what_is_not_played_out() 
 
 
 def test_a_session_with_a_fixed_depth_says_so_and_one_that_follows_does_not() -> None:
-    table = {"seconds": 2.0, "link": {"delay_ms": 20.0, "jitter_ms": 20.0}, "users": [{"name": "anna"}]}
+    """Frames that come too late are not felt as intended."""
+    table = {"seconds": 2.0, "link": {"delay_ms": 20.0, "jitter_ms": 40.0}, "users": [{"name": "anna"}]}
     for frames, warns in ((0, True), ("auto", False)):
         summary = run_laboratory(resolve({**table, "playout": {"frames": frames}})).summary
         assert summary["playout_frames"] == frames
         assert any("came too late for playout.frames" in text for _, text in verdict(summary)) is warns
+        passive, stable, felt = judgements(summary)
+        assert (passive.tone, stable.tone, felt.tone == "warn") == ("good", "good", warns)
+        assert ("were missing and replaced" in felt.sentence) is warns
+        assert not warns or summary["users"][0]["predicted_stiffness_npm"] is None
 
 
 # What an end may say of itself: an account holds any float that there is ------------------------------------------------
@@ -154,18 +149,24 @@ def said(client_margin_j: float, seat_margin_j: float, other: float = 0.0) -> di
         TickCount(1, 1, some, some), False, "live", "", device=DeviceAccount(margin_j=0.0),
     )  # fmt: skip
     seat = SeatAccount((other,), seat_margin_j, seat_margin_j, LinkCount())
-    return summarise(
-        name="lab", seed=1, seconds=1.0, tank_mj=1.0, users=[UserRecord("anna", client, seat)], room=None, dropped={}
-    )
+    return summarised(UserRecord("anna", client, seat), tank_mj=1.0)
 
 
 @pytest.mark.parametrize(
-    ("margin_j", "passive"), [(-1e-3, True), (-1.01e-3, False), (0.0, True), (math.nan, False), (-math.inf, False)]
+    ("margin_j", "passive"),
+    [(-1e-3, True), (-1.01e-3, False), (0.0, True), (math.nan, False), (-math.inf, False), (math.inf, False)],
 )
-def test_a_margin_that_is_no_number_is_not_passive(margin_j: float, passive: bool) -> None:
-    assert said(margin_j, 0.0)["passive"] is passive
-    assert said(0.0, margin_j)["passive"] is passive
-    assert json.loads(summary_text(said(margin_j, 0.0)))["passive"] is passive, "null in the file is no excuse"
+def test_a_margin_that_is_no_number_is_not_passive_and_called_so(margin_j: float, passive: bool) -> None:
+    for summary in (said(margin_j, 0.0), said(0.0, margin_j)):
+        for told in (summary, json.loads(summary_text(summary))):
+            assert told["passive"] is passive, "null in the file is no excuse"
+            tone, words = verdict(told)[0]
+            assert passive or tone == "bad"
+            no_number = words.startswith(
+                "Not passive as far as can be told: an end reported an energy margin that is no number"
+            )
+            assert no_number == (not passive and not math.isfinite(margin_j))
+            assert not (no_number and "gave out" in words)
 
 
 @pytest.mark.parametrize("strange", [math.nan, math.inf, -math.inf])
@@ -203,8 +204,7 @@ def test_texts_of_a_run_folder_that_somebody_else_wrote_are_shown_clean(finished
     assert "why" in listed.verdict
 
 
-def test_what_only_a_client_of_others_says_decides_no_verdict(finished: Path) -> None:
-    summary = json.loads((finished / "summary.json").read_text())
+def test_what_only_a_client_of_others_says_decides_no_verdict(summary: dict[str, Any]) -> None:
     ben = summary["users"][1]
     ben["claimed"] = {"diverged": True, "down_margin_j": -0.0034}
     ben["energy"]["down_margin_j"] = -0.0034
@@ -215,3 +215,48 @@ def test_what_only_a_client_of_others_says_decides_no_verdict(finished: Path) ->
     summary["passive"] = False
     ben["energy"]["up_margin_j"] = -0.001
     assert "Not passive: the line up of ben gave out 1 mJ more than had been put in." in words(summary)
+
+
+# A person who took a seat twice ---------------------------------------------------------------------------------------
+
+
+def test_both_seat_sessions_of_a_person_are_in_its_summary() -> None:
+    laboratory = Laboratory(resolve({"seconds": 6.0, "users": [{"name": "anna"}, {"name": "ben", "side": "right"}]}))
+    first = laboratory.people[0]
+    while laboratory.seconds < 1.0:
+        laboratory.frame()
+    laboratory.leave(0)
+    while not first.gone or laboratory.seconds < 3.5:
+        laboratory.frame()
+    laboratory.come(0)
+    laboratory.run()
+    summary = of_laboratory(laboratory)
+    anna, ben = summary["users"]
+    [before] = anna["earlier"]
+    assert ben["earlier"] == []
+    assert before["name"] == "anna"
+    assert before["travel_m"] == pytest.approx(first.core.seated.peaks.travel_m)
+    assert before["link"]["up"]["sent"] < anna["link"]["up"]["sent"] + 128
+    assert before["state"] != anna["state"] == "live"
+    assert of_room(laboratory.room, 6.0, {})["users"][0]["earlier"][0]["link"] == before["link"]
+    people = people_table(json.loads(summary_text(summary)))
+    assert people.head == ["", "anna, seat session 1", "anna, seat session 2", "ben"]
+    rows = {row.label for row in people.rows if not isinstance(row, str)}
+    assert not {"peak torque", "peak force of the gripper"} & rows
+    table = printed(summary, 120)
+    assert "anna (1)" in table
+    assert "anna (2)" in table
+
+
+def test_of_many_seat_sessions_the_worst_is_kept() -> None:
+    seat = Seat(seat_settings(resolve({}), 0))
+    for sent in range(40):
+        margin_j = {5: -0.25, 7: math.nan}.get(sent, 0.0)
+        seat.account, seat.last = CLIENT, msgspec.structs.replace(SEAT, up_margin_j=margin_j, up=LinkCount(sent=sent))
+        seat.close_seat_session()
+        assert seat.account is None
+        assert seat.last is None
+    kept = [seat_session.seat.up.sent for seat_session in seat.earlier]
+    assert len(kept) == MOST_EARLIER
+    assert {5, 7} <= set(kept)
+    assert SeatSession(None, SEAT).least_margin() == 0.0

@@ -1,6 +1,5 @@
 """Tests of sweeps: grids, measures, folders, and what a kill, an interrupt or a dead worker costs."""
 
-import csv
 import json
 import multiprocessing
 import os
@@ -28,7 +27,7 @@ from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.plots.style import NotDrawnError
 
-from tests.sim.compared_methods import InProcess
+from tests.sim.compared_methods import InProcess, rows_of
 
 TWO: dict[str, Any] = {"name": "two", "seconds": 0.2, "users": [{"name": "a"}, {"name": "b"}]}
 RADIUS = "lifted.spectral_radius"
@@ -124,12 +123,11 @@ def test_every_case_is_checked_before_any_is_run(vary: str, words: str) -> None:
         prepare(resolve(TWO), [parse_axis(vary)], [RADIUS])
 
 
-def test_measures_by_path_by_star_and_by_name() -> None:
-    example = run_laboratory(resolve({**TWO, "seconds": 0.05})).summary
-    columns = expanded(["passive", "users.*.peak_force_n", "users.0.position_m.0", RADIUS], example)
+def test_measures_by_path_by_star_and_by_name(summary: dict[str, Any]) -> None:
+    columns = expanded(["passive", "users.*.peak_force_n", "users.0.position_m.0", RADIUS], summary)
     assert columns == ("passive", "users.0.peak_force_n", "users.1.peak_force_n", "users.0.position_m.0", RADIUS)
-    assert read(example, "passive") is True
-    assert read(example, "users.1.nothing") is None
+    assert read(summary, "passive") is True
+    assert read(summary, "users.1.nothing") is None
     assert read({"a": [float("nan")]}, "a.0") is None
 
 
@@ -142,10 +140,9 @@ def test_measures_by_path_by_star_and_by_name() -> None:
         ("lifted.spectral", "did you mean lifted.spectral_radius"),
     ],
 )
-def test_unknown_measures(measure: str, words: str) -> None:
-    example = run_laboratory(resolve({**TWO, "seconds": 0.05})).summary
+def test_unknown_measures(summary: dict[str, Any], measure: str, words: str) -> None:
     with pytest.raises(MeasureError, match=words):
-        expanded([measure], example)
+        expanded([measure], summary)
 
 
 def sweep_of(
@@ -155,27 +152,26 @@ def sweep_of(
     return sweep, ExperimentFolder(folder, sweep)
 
 
-def table(folder: Path) -> list[dict[str, str]]:
-    with (folder / TABLE).open() as file:
-        return list(csv.DictReader(file))
-
-
 def test_a_case_is_its_session(tmp_path: Path) -> None:
-    sweep, folder = sweep_of(resolve(TWO), tmp_path, "coupling.stiffness_npm=100:1000:2log", "link.loss=0,0.2")
-    report = run_experiment(sweep, folder, InProcess())
+    vary = "coupling.stiffness_npm=100:1000:2log", "link.loss=0,0.2"
+    report = run_experiment(*sweep_of(resolve(TWO), tmp_path, *vary), InProcess())
     assert (report.cases, report.computed, report.kept, report.failed) == (4, 4, 0, {})
-    rows = table(tmp_path)
+    rows = rows_of(tmp_path / TABLE)
     assert [row["cell"] for row in rows] == ["0", "1", "2", "3"]
     assert [(row["coupling.stiffness_npm"], row["link.loss"]) for row in rows][:2] == [("100", "0"), ("100", "0.2")]
     alone = run_laboratory(resolve(TWO, {"coupling.stiffness_npm": 1000.0, "link.loss": 0.2})).summary
     assert float(rows[3]["users.0.peak_force_n"]) == pytest.approx(alone["users"][0]["peak_force_n"], rel=1e-9)
+    asked = json.loads((tmp_path / MANIFEST).read_text())
+    assert asked["vary"][1] == {"key": "link.loss", "values": [0, 0.2], "log": False}
+    assert asked["settings"]["name"] == "two"
 
 
 def test_lifted_measures_need_no_session(tmp_path: Path) -> None:
     settings = resolve({**TWO, "seconds": 1e5})  # a session of this would never end
-    sweep, folder = sweep_of(settings, tmp_path, "coupling.stiffness_npm=100,2000", measures=tuple(LIFTED))
-    run_experiment(sweep, folder, InProcess())
-    rows = table(tmp_path)
+    run_experiment(
+        *sweep_of(settings, tmp_path, "coupling.stiffness_npm=100,2000", measures=tuple(LIFTED)), InProcess()
+    )
+    rows = rows_of(tmp_path / TABLE)
     assert rows[0]["lifted.stable"] == "true"
     assert float(rows[1]["lifted.felt_stiffness_npm"]) == pytest.approx(1.0 / (1.0 / 2000.0 + 7.8125e-3 / 40.0))
 
@@ -186,11 +182,10 @@ def test_a_case_that_fails_is_kept_as_failed_and_run_again(tmp_path: Path) -> No
             for job in jobs:
                 yield Result(job.case, {}, "broken") if job.case == 1 else run_case(measure, job)
 
-    sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:3:3", measures=[RADIUS])
-    assert run_experiment(sweep, folder, Failing()).failed == {"broken": 1}
-    assert table(tmp_path)[1]["error"] == "broken"
-    sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:3:3", measures=[RADIUS])
-    report = run_experiment(sweep, folder, InProcess())
+    report = run_experiment(*sweep_of(resolve(TWO), tmp_path, "seed=1:3:3", measures=[RADIUS]), Failing())
+    assert report.failed == {"broken": 1}
+    assert rows_of(tmp_path / TABLE)[1]["error"] == "broken"
+    report = run_experiment(*sweep_of(resolve(TWO), tmp_path, "seed=1:3:3", measures=[RADIUS]), InProcess())
     assert (report.kept, report.computed, report.failed) == (2, 1, {})
 
 
@@ -200,13 +195,11 @@ def test_an_error_inside_a_case_is_its_result() -> None:
 
 
 def test_a_torn_last_line_is_no_case(tmp_path: Path) -> None:
-    sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:4:4", measures=[RADIUS])
-    run_experiment(sweep, folder, InProcess())
+    run_experiment(*sweep_of(resolve(TWO), tmp_path, "seed=1:4:4", measures=[RADIUS]), InProcess())
     path = tmp_path / CELLS
     whole = path.read_text()
     path.write_text(whole[:-20])
-    sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:4:4", measures=[RADIUS])
-    report = run_experiment(sweep, folder, InProcess())
+    report = run_experiment(*sweep_of(resolve(TWO), tmp_path, "seed=1:4:4", measures=[RADIUS]), InProcess())
     assert (report.kept, report.computed) == (3, 1)
     assert path.read_text() == whole
 
@@ -215,8 +208,7 @@ def test_a_torn_last_line_is_no_case(tmp_path: Path) -> None:
 def test_a_foreign_folder_is_not_touched(tmp_path: Path, what: str) -> None:
     path = tmp_path / "folder"
     if what == "other":
-        sweep, folder = sweep_of(resolve(TWO), path, "seed=1:2:2", measures=[RADIUS])
-        run_experiment(sweep, folder, InProcess())
+        run_experiment(*sweep_of(resolve(TWO), path, "seed=1:2:2", measures=[RADIUS]), InProcess())
     elif what == "foreign":
         path.mkdir()
         (path / "thesis.txt").write_text("years of work")
@@ -279,7 +271,7 @@ def test_a_sweep_that_was_killed_goes_on_where_it_was(tmp_path: Path, capsys: py
     assert answer["kept"] == 3
     assert answer["computed"] == 6 - 3
     assert cases.read_text().splitlines(keepends=True)[:3] == kept
-    assert [row["cell"] for row in table(tmp_path / "out")] == [str(case) for case in range(6)]
+    assert [row["cell"] for row in rows_of(tmp_path / "out" / TABLE)] == [str(case) for case in range(6)]
 
 
 @pytest.mark.parametrize(
@@ -320,11 +312,3 @@ def test_the_content_of_files_is_part_of_the_query(tmp_path: Path) -> None:
     with pytest.raises(FolderError, match=rf"another sweep .other files: {second}."):
         sweep_of(resolve(TWO), tmp_path / "out", vary, "seed=1:2:2")
     assert prepare(resolve(TWO), [parse_axis(vary)], [RADIUS]).files == {}  # no session, no file
-
-
-def test_the_manifest_says_what_was_asked(tmp_path: Path) -> None:
-    _, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:2:2", measures=[RADIUS])
-    folder.close()
-    asked = json.loads((tmp_path / MANIFEST).read_text())
-    assert asked["vary"] == [{"key": "seed", "values": [1, 2], "log": False}]
-    assert asked["settings"]["name"] == "two"

@@ -24,7 +24,7 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import every, long
-from tests.sim.session_measures import least_margin
+from tests.sim.session_measures import least_margin, summary_of
 
 AUTO = {"impedance_nspm": "auto", "wave_filter_hz": "auto"}
 NOTHING_J = -1e-12
@@ -163,7 +163,5 @@ def test_numbers_stay_as_they_are(tmp_path: Path) -> None:
     """Without "auto" nothing follows, whatever the delay does."""
     table = switched(tmp_path, 2.0, 250.0, 5.0)
     table["coupling"] = {"stiffness_npm": 2000.0, "impedance_nspm": 15.0}
-    laboratory = Laboratory(resolve(table))
-    laboratory.run()
-    for user in of_laboratory(laboratory)["users"]:
+    for user in summary_of(**table)["users"]:
         assert set(user["line"].values()) == {15.0, 0.0}

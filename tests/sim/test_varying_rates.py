@@ -28,6 +28,7 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory, moments_of
 
 from tests.extent import long
+from tests.sim.felt_forces import Felt
 from tests.sim.measured_impedance import measure, static_stiffness
 from tests.sim.session_measures import allowed, least_margin, summary_of
 
@@ -78,22 +79,18 @@ def test_one_rate_for_all_is_that_rate_whoever_names_it() -> None:
     for user in common["users"]:
         del user["device_hz"]
     common["rates"]["device_hz"] = 2048
-    both = []
-    for table in (named, common):
-        laboratory = Laboratory(resolve(table))
-        laboratory.run()
-        both.append((of_laboratory(laboratory), digest(laboratory.settings)))
-    assert both[0] == both[1]
+    assert digest(resolve(named)) == digest(resolve(common))
+    assert summary_of(**named) == summary_of(**common)
 
 
 def test_another_persons_rate_is_hardly_felt() -> None:
     """The wire is the same, the object's rate too: what one feels changes by what a tick is late, no more."""
-    peaks = []
-    for other in (1024, 4096):
-        laboratory = Laboratory(resolve(world(128, [1024, other], seconds=0.8, link={"delay_ms": 15.625})))
-        laboratory.run()
-        peaks.append([laboratory.people[0].core.seated.peaks.force_n, laboratory.people[0].core.seated.peaks.travel_m])
-    assert peaks[1] == pytest.approx(peaks[0], rel=0.02)
+    alike, unlike = (
+        summary_of(**world(128, [1024, other], seconds=0.8, link={"delay_ms": 15.625}))["users"][0]
+        for other in (1024, 4096)
+    )
+    for peak in ("peak_force_n", "travel_m"):
+        assert unlike[peak] == pytest.approx(alike[peak], rel=0.02)
 
 
 # Passive at every rate -----------------------------------------------------------------------------------------------
@@ -149,30 +146,18 @@ def test_no_jolt_where_people_of_many_rates_come_and_go() -> None:
     for user, direction in zip(table["users"], ("1,0,0", "-1,0,0", "0,1,0"), strict=True):
         user["hand"] = f"sine&amplitude_m=0.02&frequency_hz=1&direction={direction}"
     laboratory = Laboratory(resolve(table))
-    steps, last = [0.0] * 2, [(0.0, 0.0, 0.0)] * 2
-
-    def watch(lab: Laboratory) -> None:
-        for number in range(2):
-            force = lab.people[number].core.force_n
-            steps[number] = max(steps[number], math.dist(force, last[number]))
-            last[number] = force
-
-    def run(frames: int) -> None:
-        for _ in range(frames):
-            laboratory.frame(watch)
-
-    run(80)
+    felt = Felt(laboratory, 0, 1)
+    felt.run(80)
     leaver = laboratory.people[2]
     laboratory.leave(2)
-    run(120)
+    felt.run(120)
     assert leaver.core.session.state == "closed"
     assert leaver.core.coupling.down_margin_j + allowed("down_margin_j") >= NOTHING_J
     laboratory.come(2)
-    run(60)
+    felt.run(60)
     assert laboratory.people[2].core.safety.state == "live"
     assert laboratory.people[2].core.tick == 60 * 16 - 1, "their own clock begins anew"
-    assert laboratory.diverged == ""
-    assert max(steps) < 0.5
+    assert felt.step_n < 0.5
     assert least_margin(of_laboratory(laboratory)) >= NOTHING_J
 
 
