@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -16,7 +15,7 @@ from cogrip.server.io import checkpoint_file
 from cogrip.server.io.checkpoint_file import CheckpointWriter, WriterThread, read, remove
 from cogrip.server.io.state_folder import StateError
 
-LIMIT_S = 30.0
+from tests.server.patience import LIMIT_S, until
 
 ENDLESS = """
 import hashlib, sys, threading
@@ -47,8 +46,9 @@ def path(tmp_path) -> Path:
     return tmp_path / "checkpoint-lab.json"
 
 
-def slow_disk(patch: pytest.MonkeyPatch) -> tuple[threading.Event, threading.Event]:
-    """Let writes wait. Returns what lets them go on once it is set, and what is set once one has begun."""
+@pytest.fixture
+def disk(monkeypatch) -> tuple[threading.Event, threading.Event]:
+    """Writes wait. What lets them go on once it is set, and what is set once one has begun."""
     held, begun = threading.Event(), threading.Event()
     whole = checkpoint_file.write_private
 
@@ -57,7 +57,7 @@ def slow_disk(patch: pytest.MonkeyPatch) -> tuple[threading.Event, threading.Eve
         assert held.wait(LIMIT_S)
         whole(there, data, durable=durable)
 
-    patch.setattr(checkpoint_file, "write_private", slow)
+    monkeypatch.setattr(checkpoint_file, "write_private", slow)
     return held, begun
 
 
@@ -67,7 +67,9 @@ def number_in(data: bytes) -> int:
     return int(data[64:].split()[0])
 
 
-def test_what_was_put_is_read(path):
+def test_what_was_put_is_read_and_nothing_else_is_left(path):
+    CheckpointWriter(path).close()
+    assert list(path.parent.iterdir()) == []
     assert read(path) is None
     writer = CheckpointWriter(path)
     writer.put(b"one")
@@ -76,15 +78,14 @@ def test_what_was_put_is_read(path):
     assert path.stat().st_mode & 0o777 == 0o600
     assert (writer.written, writer.overtaken, writer.failures) == (1, 0, 0)
     assert list(path.parent.iterdir()) == [path]
+    path.with_name(f"{path.name}.new").write_bytes(b"half")
+    for _ in range(2):
+        remove(path)
+        assert list(path.parent.iterdir()) == []
 
 
-def test_a_writer_that_had_nothing_leaves_nothing(path):
-    CheckpointWriter(path).close()
-    assert list(path.parent.iterdir()) == []
-
-
-def test_the_newest_wins_and_every_version_has_a_fate(path, monkeypatch):
-    held, begun = slow_disk(monkeypatch)
+def test_the_newest_wins_and_every_version_has_a_fate(path, disk):
+    held, begun = disk
     writer = CheckpointWriter(path)
     writer.put(b"0")
     assert begun.wait(LIMIT_S)
@@ -103,8 +104,7 @@ def test_failures_are_counted_and_said_once_by_whoever_puts(path, monkeypatch):
     for number in range(5):
         before = writer.failures
         writer.put(b"x")
-        while writer.failures == before:
-            pass
+        until(lambda before=before: writer.failures > before)
         assert writer.failures == number + 1
     folder.mkdir(0o700)  # a disk that has room again
     writer.put(b"y")
@@ -132,15 +132,6 @@ def test_a_file_that_others_can_read_is_not_believed(path):
         read(path)
 
 
-def test_removed_with_what_was_half_written(path):
-    half = path.with_name(f"{path.name}.new")
-    for each in (path, half):
-        each.write_bytes(b"x")
-    remove(path)
-    assert list(path.parent.iterdir()) == []
-    remove(path)
-
-
 def test_killed_at_any_moment_it_leaves_a_whole_version(path):
     """And never one older than what was known to be written."""
     chance, last = random.Random(6), 0
@@ -161,12 +152,11 @@ def test_killed_at_any_moment_it_leaves_a_whole_version(path):
     assert beside <= {f"{path.name}.new"}, "one at most, however often"
 
 
-def test_writers_share_a_thread_and_each_keeps_its_newest(tmp_path, monkeypatch):
+def test_writers_share_a_thread_and_each_keeps_its_newest(path, disk):
     """A disk that hangs in one of them holds up no loop, and costs no other writer what it was given last."""
-    tmp_path.chmod(0o700)
-    held, begun = slow_disk(monkeypatch)
+    held, begun = disk
     before, thread = threading.active_count(), WriterThread()
-    writers = [CheckpointWriter(tmp_path / f"{number}.json", thread=thread) for number in range(20)]
+    writers = [CheckpointWriter(path.with_name(f"{number}.json"), thread=thread) for number in range(20)]
     writers[0].put(b"0")
     assert begun.wait(LIMIT_S)
     for number in range(50):
@@ -183,11 +173,10 @@ def test_writers_share_a_thread_and_each_keeps_its_newest(tmp_path, monkeypatch)
     assert read(writers[3].path) == b"again"
 
 
-def test_whatever_a_write_raises_the_thread_goes_on(tmp_path, monkeypatch):
+def test_whatever_a_write_raises_the_thread_goes_on(path, monkeypatch):
     """It writes for all rooms: without it no checkpoint would be written any more, and nobody would say so."""
-    tmp_path.chmod(0o700)
     whole, said, thread = checkpoint_file.write_private, [], WriterThread()
-    one, other = [CheckpointWriter(tmp_path / f"{name}.json", said.append, thread) for name in ("one", "other")]
+    one, other = [CheckpointWriter(path.with_name(name), said.append, thread) for name in ("one", "other")]
 
     def failing(there: Path, data: bytes, *, durable: bool) -> None:
         if data == b"too much":
@@ -205,20 +194,12 @@ def test_whatever_a_write_raises_the_thread_goes_on(tmp_path, monkeypatch):
     assert read(other.path) == b"of the other"
 
 
-def test_what_waits_for_a_slow_disk_does_not_come_back_after_its_removal(tmp_path, monkeypatch):
+def test_what_waits_for_a_slow_disk_does_not_come_back_after_its_removal(path, disk, monkeypatch):
     """Writes of other rooms may take longer than an end waits for them."""
-    tmp_path.chmod(0o700)
-    whole, held, begun = checkpoint_file.write_private, threading.Event(), threading.Event()
-
-    def slow(there: Path, data: bytes, *, durable: bool) -> None:
-        begun.set()
-        assert held.wait(LIMIT_S)
-        whole(there, data, durable=durable)
-
-    monkeypatch.setattr(checkpoint_file, "write_private", slow)
+    held, begun = disk
     monkeypatch.setattr(checkpoint_file, "END_LIMIT_S", 0.05)
     thread = WriterThread()
-    one, other, last = [CheckpointWriter(tmp_path / f"{name}.json", thread=thread) for name in ("one", "other", "last")]
+    one, other, last = [CheckpointWriter(path.with_name(name), thread=thread) for name in ("one", "other", "last")]
     one.put(b"of one")
     assert begun.wait(LIMIT_S)
     for writer in (other, last):
@@ -230,9 +211,6 @@ def test_what_waits_for_a_slow_disk_does_not_come_back_after_its_removal(tmp_pat
     monkeypatch.setattr(checkpoint_file, "END_LIMIT_S", LIMIT_S)
     last.put(b"later")
     last.close()
-    for _ in range(1000):  # until the first thread has done its part
-        if one.written and last.written:
-            break
-        time.sleep(0.01)
+    until(lambda: one.written and last.written)
     assert read(one.path) == b"of one"
     assert read(other.path) is None

@@ -18,7 +18,7 @@ from cogrip.server.io.cluster.room_checkpoints import newest as newest_checkpoin
 from cogrip.server.io.state_folder import StateFolder, make_folder
 from cogrip.server.io.udp_port import PortRange, ServeError, UdpPort
 
-LIMIT_S = 60.0
+from tests.server.patience import until
 
 
 def line(number: int) -> ServerEvent:
@@ -79,18 +79,18 @@ def test_a_room_that_nobody_directs_is_claimed_and_handed_over(folder: StateFold
     before = Guard(folder, "attic", 1)
     before.serve("10.0.0.1:1")
     file = AnnouncementFile(folder, "attic")
-    wait(lambda: file.read() is not None)
+    until(lambda: file.read() is not None)
     before.note_directory(answers=False)
-    wait(lambda: (found := file.read()) is not None and found.state == "alone")
+    until(lambda: (found := file.read()) is not None and found.state == "alone")
     after = Guard(folder, "attic", 1)
     assert after.number == 2, "a directory that has just begun counts from 1"
     claiming = threading.Thread(target=after.claim)
     claiming.start()
-    wait(lambda: before.claimed == "hand over")
+    until(lambda: before.claimed == "hand over")
     before.ended()
     claiming.join()
     after.serve("10.0.0.2:2")
-    wait(lambda: (found := file.read()) is not None and (found.place, found.state) == ("10.0.0.2:2", "served"))
+    until(lambda: (found := file.read()) is not None and (found.place, found.state) == ("10.0.0.2:2", "served"))
     before.close(remove=False)
     after.close(remove=True)
     assert file.read() is None
@@ -101,7 +101,7 @@ def test_a_process_that_is_cut_off_ends_once_another_serves(folder: StateFolder)
     before.serve("10.0.0.1:1")
     before.note_directory(answers=False)
     AnnouncementFile(folder, "attic").write(2, "10.0.0.2:2", "served")
-    wait(lambda: before.claimed == "lost")
+    until(lambda: before.claimed == "lost")
     before.close(remove=False)
     found = AnnouncementFile(folder, "attic").read()
     assert found is not None
@@ -136,13 +136,3 @@ def test_a_room_begins_from_the_later_checkpoint() -> None:
     assert newest_checkpoint(b"{", early) == early
     assert newest_checkpoint(None, b"{") == b"{", "its trouble is reported"
     assert newest_checkpoint(None, None) is None
-
-
-def wait(good) -> None:  # type: ignore[no-untyped-def]
-    """Wait until it is so."""
-    pause = threading.Event()
-    for _ in range(round(LIMIT_S / 0.01)):
-        if good():
-            return
-        pause.wait(0.01)
-    pytest.fail("never")

@@ -34,7 +34,6 @@ from tests.server.recorded_rooms import scripted
 
 FRAME_NS = 7_812_500
 PHANTOM = Record("sim:phantom", 1, 1024.0, 10.0, 2.0)
-LIMIT_S = 60.0  # for anything a process is waited for
 
 
 def a_room(name: str = "lab", people: tuple[str, ...] = ("anna", "ben")) -> Room:

@@ -8,7 +8,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 
 import pytest
@@ -17,9 +17,8 @@ from cogrip.server.io import metrics_process
 from cogrip.server.io.metrics_feed import START_AGAIN_NS, MetricsError, MetricsFeed, open_metrics
 from cogrip.server.io.metrics_process import MOST_AT_ONCE
 
+from tests.server.patience import LIMIT_S, until
 from tests.server.test_metrics import samples_in, state
-
-LIMIT_S = 60.0  # for anything a process is waited for
 
 
 class Site:
@@ -66,12 +65,6 @@ def threads_of(pid: int) -> int:
     return len(os.listdir(f"/proc/{pid}/task"))
 
 
-def until(holds: Callable[[], bool]) -> None:
-    limit_s = time.monotonic() + LIMIT_S
-    while not holds():
-        assert time.monotonic() < limit_s, "it never came true"
-
-
 @pytest.fixture
 def site() -> Iterator[Site]:
     there = Site()
@@ -81,7 +74,7 @@ def site() -> Iterator[Site]:
     there.feed.close()
 
 
-def test_it_serves_metrics_and_health_and_nothing_else(site):
+def test_it_serves_metrics_and_health_and_nothing_else_to_this_machine_alone(site):
     status, content, body = site.ask("/healthz")
     assert (status, content) == (503, "application/json")
     assert json.loads(body) == {"status": "the server has said nothing yet"}
@@ -114,9 +107,6 @@ def test_it_serves_metrics_and_health_and_nothing_else(site):
         assert (status, content, body) == (*site.ask(path)[:2], "")
     assert site.ask("/metrics", host="elsewhere.example")[0] == 421, "a page that has its name point here"
     assert site.ask("/metrics", host="localhost")[0] == 200
-
-
-def test_it_listens_on_this_machine_alone(site):
     with socket.socket() as other, pytest.raises(ConnectionRefusedError):
         other.connect(("127.0.0.2", site.feed.port))
 
