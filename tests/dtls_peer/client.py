@@ -32,6 +32,8 @@ class PeerError(AssertionError):
 class DtlsPeer:
     """`outbox` holds what is to be sent. fingerprint: of the server's certificate; "" takes any."""
 
+    halted = False  # stands where it was left, on purpose
+
     def __init__(self, fingerprint: str = "", suites: Sequence[wire.Suite] = wire.SUITES) -> None:
         self.outbox: deque[tuple[Address, bytes]] = deque()
         self.dropped: dict[str, int] = {}

@@ -12,7 +12,7 @@ from cogrip.protocol.io.dtls import NOT_TRUSTED
 from cogrip.protocol.io.dtls_client import NO_ANSWER_CURE, DtlsClient
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, MAX_MESSAGE_BYTES, Refuse
 from cogrip.protocol.session import make_hello
-from cogrip.server.io.dtls_channel import HELLO_WAITS_NS, MOST_ASKED, MOST_LEFT, MOST_UNSEATED, REPORTED, WAITS_NS
+from cogrip.server.io.dtls_channel import HELLO_WAITS_NS, MOST_ASKED, MOST_LEFT, REPORTED, WAITS_NS
 from cogrip.server.io.dtls_peer import COOKIE_NS
 from cogrip.server.rate_limit import LIMITS, Budget
 
@@ -248,16 +248,6 @@ def test_a_cookie_belongs_to_an_address_and_a_time(wire: Wire) -> None:
     assert wire.listener.counts() == {"open": 0, "half open": 0}
 
 
-def test_handshakes_that_are_not_finished_are_bounded_and_the_oldest_goes_first(wire: Wire) -> None:
-    for number in range(MOST_UNSEATED + 10):
-        half_open(wire, ("10.0.1.1", number))
-    assert wire.listener.counts() == {"open": 0, "half open": MOST_UNSEATED}
-    assert wire.listener.dropped["too many without a seat"] == 10
-    wire.seal(ANNA)
-    wire.step(WAITS_NS)
-    assert wire.listener.counts() == {"open": 1, "half open": 0}
-
-
 def test_associations_are_bounded(folder: Path) -> None:
     wire = Wire(folder, most=2)
     wire.seal(ANNA)
@@ -281,15 +271,21 @@ def test_two_last_places_taken_at_once(folder: Path) -> None:
     assert sum(bool(call.failed) for call in calls) == 1
 
 
-def test_an_association_without_a_seat_is_closed_and_one_with_a_seat_is_not(wire: Wire) -> None:
+@pytest.mark.parametrize(
+    ("asks", "waits_ns", "why"), [(True, WAITS_NS, "no seat in time"), (False, HELLO_WAITS_NS, "no hello in time")]
+)
+def test_an_association_without_a_seat_is_closed_and_sooner_without_a_message(
+    wire: Wire, asks: bool, waits_ns: int, why: str
+) -> None:
     wire.seats.discard(BEN)
     anna, ben = wire.seal(ANNA), wire.seal(BEN)
-    ben.send(b"may I?", PEER)
-    wire.rest(WAITS_NS / 1e9 - 0.5)
+    if asks:
+        ben.send(b"may I?", PEER)
+    wire.rest(waits_ns / 1e9 - 0.6)
     assert wire.listener.counts()["open"] == 2
-    wire.rest(1.1)
+    wire.rest(1.2)
     assert wire.listener.counts()["open"] == 1
-    assert wire.listener.dropped["no seat in time"] == 1
+    assert wire.listener.dropped[why] == 1
     assert ben.failed == "the other end closed the DTLS association"
     assert anna.ready(PEER)
     wire.seats.discard(ANNA)  # Anna left: some seconds for what remains to be said, then it is over
@@ -297,17 +293,6 @@ def test_an_association_without_a_seat_is_closed_and_one_with_a_seat_is_not(wire
     wire.rest(WAITS_NS / 1e9 + 0.6)
     assert wire.listener.counts()["open"] == 0
     assert anna.failed
-
-
-def test_an_association_without_any_message_is_closed_sooner(wire: Wire) -> None:
-    wire.seats.discard(BEN)
-    ben = wire.seal(BEN)
-    wire.rest(HELLO_WAITS_NS / 1e9 - 0.6)
-    assert wire.listener.counts()["open"] == 1
-    wire.rest(1.2)
-    assert wire.listener.counts()["open"] == 0
-    assert wire.listener.dropped["no hello in time"] == 1
-    assert ben.failed == "the other end closed the DTLS association"
 
 
 def test_who_has_no_seat_may_ask_so_often_and_who_had_one_may_finish(wire: Wire) -> None:
