@@ -1,14 +1,9 @@
-"""A million unauthenticated peers: seeded mutations of real traffic against unencrypted and encrypted channel.
-
-    python -m tests.server.fuzzed_channels sealed 1000000
+"""Unauthenticated peers without number: seeded mutations of real traffic against unencrypted and encrypted channel.
 
 Each of the `DOORS` raises AssertionError where something passes, where anything grows, or where somebody else is disturbed.
 """
 
 import random
-import sys
-import tempfile
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -202,26 +197,3 @@ DOORS: dict[str, Callable[[int, Path, int], dict[str, int]]] = {
     "plain": fuzz_unencrypted,
     "call": fuzz_call,  # the client's side of the sealed one
 }
-
-
-def resident_bytes() -> int:
-    """Return the resident memory of this process."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * 4096
-
-
-def main(door: str, datagrams: int) -> None:
-    """Run by hand: time, memory, and what was dropped why."""
-    with tempfile.TemporaryDirectory() as folder:
-        DOORS[door](20_000, Path(folder), 0)
-        before, begun_ns = resident_bytes(), time.perf_counter_ns()
-        dropped = DOORS[door](datagrams, Path(folder), 1)
-        took_s = (time.perf_counter_ns() - begun_ns) * 1e-9
-        grown_kib = (resident_bytes() - before) / 1024
-    print(f"{door}: {datagrams} datagrams in {took_s:.1f} s, {grown_kib:+.0f} KiB of {before / 2**20:.1f} MiB")
-    for reason, number in sorted(dropped.items(), key=lambda item: -item[1]):
-        print(f"{number:10d}  {reason}")
-
-
-if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]))
