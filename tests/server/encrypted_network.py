@@ -87,7 +87,7 @@ class Wire:
         self.listener.poll(self.now_ns)
         self.move()
 
-    def until(self, done: Callable[[], bool], within_s: float = 4.0) -> None:
+    def until(self, done: Callable[[], object], within_s: float = 4.0) -> None:
         end_ns = self.now_ns + round(within_s * 1e9)
         while not done():
             assert self.now_ns < end_ns, (self.listener.dropped, [(c.failed, c.dropped) for c in self.calls.values()])

@@ -184,7 +184,7 @@ def test_revoked_ids_are_reported_once_and_all_at_the_start(bench: Bench) -> Non
 
 
 @pytest.mark.parametrize("harm", ["damaged", "readable", "gone"])
-def test_a_broken_book_puts_nobody_out_and_is_read_and_said_once_without_a_token(
+def test_a_broken_book_puts_nobody_out_and_is_said_once(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, harm: str
 ) -> None:
     token, ident = bench.new()

@@ -117,14 +117,6 @@ def test_failures_are_counted_and_said_once_by_whoever_puts(path, monkeypatch):
     assert (writer.written, writer.failures) == (1, 5)
 
 
-def test_a_failure_at_the_end_is_said_as_well(path):
-    words: list[str] = []
-    writer = CheckpointWriter(path.parent / "gone" / path.name, words.append)
-    writer.put(b"x")
-    writer.close()
-    assert (writer.failures, len(words)) == (1, 1)
-
-
 def test_a_file_that_others_can_read_is_not_believed(path):
     path.write_bytes(b"{}")
     path.chmod(0o644)

@@ -86,8 +86,8 @@ def test_only_this_user_may_ask_and_nobody_asking_costs_nothing(control: Control
 
 
 def test_the_largest_answer_comes_whole(control: Control, folder: StateFolder, people: ThreadPoolExecutor) -> None:
-    bare = len(b'{"ok":true,"text":""}\n')
-    for size, ok in ((MOST_ANSWER_BYTES - bare, True), (MOST_ANSWER_BYTES - bare + 1, False)):
+    fits = MOST_ANSWER_BYTES - len(b'{"ok":true,"text":""}\n')
+    for size, ok in ((fits, True), (fits + 1, False)):
         answer = people.submit(ask, folder, Status(), LIMIT_S)
         control.answer(next_request(control), "x" * size)
         until(lambda answer=answer: control.poll() or answer.done())
@@ -113,9 +113,7 @@ def test_the_largest_answer_comes_whole(control: Control, folder: StateFolder, p
         (b"x" * (MOST_REQUEST_BYTES + 1), "too long"),
     ],
 )
-def test_what_is_no_order_is_counted_and_answered(
-    control: Control, folder: StateFolder, said: bytes, reason: str
-) -> None:
+def test_no_order_is_counted_and_answered(control: Control, folder: StateFolder, said: bytes, reason: str) -> None:
     with call(folder, said) as caller:
         until(lambda: control.poll() or control.dropped)
         assert control.dropped == {reason: 1}
@@ -194,9 +192,7 @@ def test_a_missing_server_is_named(folder: StateFolder) -> None:
         ask(folder, Reload())
 
 
-def test_what_a_killed_server_left_is_no_server_and_in_nobodys_way(
-    folder: StateFolder, people: ThreadPoolExecutor
-) -> None:
+def test_what_a_killed_server_left_is_in_nobodys_way(folder: StateFolder, people: ThreadPoolExecutor) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as left:
         left.bind(os.fspath(folder.control))
     with pytest.raises(NotRunningError):
@@ -208,9 +204,7 @@ def test_what_a_killed_server_left_is_no_server_and_in_nobodys_way(
     control.close()
 
 
-def test_a_server_that_hangs_is_named_also_when_it_does_not_read_its_queue(
-    control: Control, folder: StateFolder
-) -> None:
+def test_a_server_that_hangs_is_named(control: Control, folder: StateFolder) -> None:
     words = r"did not answer within 0.01 s; if it is stopped or hangs, start it again"
     with pytest.raises(ControlError, match=words):
         ask(folder, Reload(), 0.01)

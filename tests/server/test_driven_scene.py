@@ -11,22 +11,17 @@ from cogrip.server.worlds.world import Array, WorldError
 from tests.server.scene_worlds import T
 
 EMPTY = (
-    '<mujoco><option gravity="0 0 0"/><worldbody><geom type="plane" size="1 1 .1" pos="0 0 -1"/></worldbody></mujoco>'
+    "<mujoco><option gravity='0 0 0'/><worldbody><geom type='plane' size='1 1 .1' pos='0 0 -1'/></worldbody></mujoco>"
 )
 K, B = 300.0, 5.0
 MASS_KG = 0.05
 
 
-def alone(world: type[DrivenScene], xml: str = EMPTY, **coupling: object) -> DrivenScene:
+def alone(world: type[DrivenScene], **coupling: object) -> DrivenScene:
     """Return a world with one tool, which a hand at (5, 0, 0) mm of its own frame has taken."""
-    thing = {"kind": "scene", "file": "x.xml", "axes": 3}
-    table = {
-        "object": thing,
-        "coupling": {"stiffness_npm": K, "damping_nspm": B, **coupling},
-        "users": [{"tool": "ball"}],
-    }
-    seats = [seat_settings(resolve(table), 0)]
-    made = world(seats, make_scene(xml, [Held("ball", "left", "")], T / 4), 4)
+    thing, springs = {"kind": "scene", "file": "x.xml", "axes": 3}, {"stiffness_npm": K, "damping_nspm": B, **coupling}
+    settings = resolve({"object": thing, "coupling": springs, "users": [{"tool": "ball"}]})
+    made = world([seat_settings(settings, 0)], make_scene(EMPTY, [Held("ball", "left", "")], T / 4), 4)
     made.join(0, np.array([0.005, 0.0, 0.0]))
     return made
 

@@ -95,9 +95,7 @@ def test_what_follows_a_record_in_its_datagram_is_inspected_by_itself(wire: Wire
 
 
 @pytest.mark.parametrize("handed_over", [False, True])
-def test_a_forged_number_behind_a_true_record_makes_a_seated_association_deaf_to_nothing(
-    wire: Wire, handed_over: bool
-) -> None:
+def test_a_forged_number_behind_a_true_record_makes_nobody_deaf(wire: Wire, handed_over: bool) -> None:
     wire.seats.clear()
     wire.seal(ANNA)
     true = wire.record(b"hello")
@@ -184,7 +182,7 @@ def test_a_failure_of_one_peer_disturbs_no_other(wire: Wire) -> None:
     wire.seal(BEN)
     for number in range(20):
         bad = wire.call(("10.2.0.1", number), fingerprint="1" * 64)
-        wire.until(lambda bad=bad: bool(bad.failed))  # type: ignore[misc]
+        wire.until(lambda bad=bad: bad.failed)  # type: ignore[misc]
         assert _lib.ERR_peek_error() == 0
         for datagram in FORGED[number::20]:
             wire.inject(datagram, BEN)

@@ -49,9 +49,7 @@ def test_two_administrators_at_once_are_both_told_what_holds(laboratory: Laborat
     assert all("position_scale=5 " in text for text, _ in said)
 
 
-def test_the_next_server_knows_the_scale_that_was_set_just_before_the_end(
-    laboratory: Laboratory, tmp_path: Path
-) -> None:
+def test_the_next_server_knows_the_scale_that_was_set_last(laboratory: Laboratory, tmp_path: Path) -> None:
     """Its checkpoint does not wait for its turn: else the client's waves would be clipped from then on."""
     folder = make_folder(tmp_path / "state")
     server = LiveServer(

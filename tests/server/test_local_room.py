@@ -107,29 +107,6 @@ def test_a_clear_tool_is_where_its_client_says_and_its_line_brings_nothing() -> 
     assert room.seats[0].line_margin_j > -1e-12
 
 
-@pytest.mark.long
-def test_near_the_box_it_is_told_where_the_line_takes_hold_and_far_from_it_no_more() -> None:
-    session = Session(room_of())
-    for frame in range(200):
-        session.step((min(0.001 * frame, 0.06), 0.0, 0.0), AWAY[1])
-    left, right = session.players
-    assert len(left.state) == 9
-    assert len(right.state) == 6
-    place = left.state[6:]
-    assert 0.03 < place[0] < 0.045  # the ball meets the box after 44 mm
-    for frame in range(200):
-        session.step((-0.0005 * frame, 0.0, 0.0), AWAY[1])
-    # a client whose proxy leaves sends waves that take the tool along
-    for _ in range(200):
-        tool = session.room.world.proxy_of(0)
-        session.step((-0.03, 0.0, 0.0), AWAY[1], wave=(max(-1.0, 3.0 * (-0.03 - tool[0])), 0.0, 0.0))
-    assert len(left.state) == 6
-    for frame in range(100):
-        session.step((-0.03 + min(0.001 * frame, 0.09), 0.0, 0.0), AWAY[1])
-    assert len(left.state) == 9
-    assert left.state[6:] != place
-
-
 @pytest.mark.parametrize("delay", [0, 3, 20])
 def test_waves_of_before_an_engagement_was_known_move_no_tool(delay: int) -> None:
     """A client that sends the same wave all the time, and hears of what the server does `delay` frames late."""
@@ -145,6 +122,7 @@ def test_waves_of_before_an_engagement_was_known_move_no_tool(delay: int) -> Non
         moved.append(session.room.world.proxy_of(0)[0])
     began = engaged.index(True)
     assert all(engaged[began:])
+    assert len(session.players[1].state) == 6
     place = left.state[6]
     moves = [number for number in range(began, 120) if abs(moved[number] - place) > 1e-6]
     assert moves[0] - began == pytest.approx(delay + 2, abs=1), (
@@ -158,9 +136,7 @@ def test_waves_of_before_an_engagement_was_known_move_no_tool(delay: int) -> Non
     ("scene", "place", "size"),
     [("wall", (0.08, 0.0, 0.0), (0.02, 0.1, 0.1)), ("lift", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))],
 )
-def test_all_shapes_are_told_in_the_hands_own_frame_in_half_a_second_and_again(
-    scene: str, place: Place, size: Place
-) -> None:
+def test_all_shapes_are_told_in_the_hands_own_frame_and_again(scene: str, place: Place, size: Place) -> None:
     session = Session(room_of(scene))
     session.step(*AWAY)
     assert max(session.step(*AWAY) for _ in range(62)) <= 2
@@ -216,13 +192,12 @@ def test_a_late_frame_takes_no_proxy_back_and_other_lengths_are_unfit() -> None:
     [
         (
             {"object.axes": 6, "playout.redundancy": 13},
-            "redundancy = 13 of 6 axes is more than a datagram holds; set it to at most 12",
+            "13 of 6 axes is more than a datagram holds; set it to at most 12",
         ),
         ({"coupling.server_step": "paper"}, 'with coupling.kind = "local" leave it "passive"'),
     ],
 )
 def test_settings_that_it_does_not_fit(tables: dict[str, object], words: str) -> None:
     thing = {"kind": "scene", "axes": 3, "file": str(shipped_scene("lift.xml"))}
-    with pytest.raises(SettingsError) as caught:
+    with pytest.raises(SettingsError, match=words):
         resolve({"object": thing, "coupling": {"kind": "local"}, "users": [{"name": "anna"}]}, tables)
-    assert words in str(caught.value)
