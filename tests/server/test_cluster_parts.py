@@ -21,6 +21,11 @@ from cogrip.server.io.udp_port import PortRange, ServeError, UdpPort
 from tests.server.patience import until
 
 
+@pytest.fixture
+def folder(tmp_path: Path) -> StateFolder:
+    return make_folder(tmp_path / "state")
+
+
 def line(number: int) -> ServerEvent:
     return ServerEvent("notice", f"line {number}")
 
@@ -55,12 +60,8 @@ def test_a_host_sends_what_another_does_not_have() -> None:
     replicas.keep({"attic": Kept(1, 2, b"2")})
     replicas.keep({"attic": first})
     assert replicas.to_send("c", ["attic"]) == {"attic": Kept(1, 2, b"2")}, "an older one replaces none"
-    assert replicas.get("cellar") == NOTHING
-
-
-def test_the_newest_is_of_the_latest_process() -> None:
-    assert newest([Kept(1, 900, b"a"), Kept(2, 1, b"b"), NOTHING]) == Kept(2, 1, b"b")
-    assert newest([]) == NOTHING
+    assert replicas.get("cellar") == NOTHING == newest([])
+    assert newest([Kept(1, 900, b"a"), Kept(2, 1, b"b"), NOTHING]) == Kept(2, 1, b"b"), "of the latest process"
 
 
 @pytest.mark.parametrize(
@@ -68,11 +69,6 @@ def test_the_newest_is_of_the_latest_process() -> None:
 )
 def test_checkpoints_go_round_a_ring_of_hosts(host: str, hosts: str, to: str) -> None:
     assert next_host(host, hosts) == to
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> StateFolder:
-    return make_folder(tmp_path / "state")
 
 
 def test_a_room_that_nobody_directs_is_claimed_and_handed_over(folder: StateFolder) -> None:
@@ -124,9 +120,7 @@ def test_a_room_takes_a_free_port_of_the_range_and_says_when_there_is_none() -> 
         there = UdpPort("127.0.0.1", 0, PortRange(port, min(port + 100, 65535)))
         assert port < there.place[1] <= port + 100
         there.close()
-        with pytest.raises(
-            ServeError, match=rf"none of the UDP ports {port}-{port} is free .*: give more --room-ports"
-        ):
+        with pytest.raises(ServeError, match=f"none of the UDP ports {port}-{port} is free .*: give more --room-ports"):
             UdpPort("127.0.0.1", 0, PortRange(port, port))
 
 

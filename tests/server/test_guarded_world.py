@@ -234,14 +234,11 @@ def test_a_tool_is_turned_to_its_hand_and_no_further_when_it_is_let_go() -> None
     assert room.turning.corrected(u, room.port_impedance, 1.0) == pytest.approx(u)
 
 
-def test_a_tool_that_is_turned_far_is_not_out_of_reach() -> None:
-    room = held(Tumbling, 6)
-    room.inner.place = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 3.0], (2, 1))  # type: ignore[attr-defined]
-    room.advance(np.zeros((2, 6)).tolist())
-    assert not room.out_of_reach
-
-
-def test_tools_out_of_reach_are_put_back_though_the_object_is_not() -> None:
+def test_tools_out_of_reach_and_not_turned_far_are_put_back_though_the_object_is_not() -> None:
+    turned = held(Tumbling, 6)
+    turned.inner.place = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 3.0], (2, 1))  # type: ignore[attr-defined]
+    turned.advance(np.zeros((2, 6)).tolist())
+    assert not turned.out_of_reach
     room = held(Springs)
     assert not room.out_of_reach
     room.inner.place = np.full((2, 2), 2.1)  # type: ignore[attr-defined]
