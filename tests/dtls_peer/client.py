@@ -39,7 +39,6 @@ class DtlsPeer:
         self.dropped = Counter[str]()
         self.failed = ""
         self.repeats = 0
-        self.alerts: list[bytes] = []
         self.cookie = b""
         self._fingerprint = fingerprint
         self._suites = {suite.number: suite for suite in suites}
@@ -104,10 +103,8 @@ class DtlsPeer:
                 self._seen.add(record.number)
             if record.type == APPLICATION_DATA and record.epoch:
                 messages.append(body)
-            elif record.type == ALERT:
-                self.alerts.append(body)
-                if body[:1] == b"\x02" or body == b"\x01\x00":
-                    self.failed = f"alert {body[1]}"
+            elif record.type == ALERT and (body[:1] == b"\x02" or body == b"\x01\x00"):
+                self.failed = f"alert {body[1]}"
             elif record.type == HANDSHAKE and not self._open:
                 for fragment in wire.decode_fragments(body):
                     self._hear(fragment)

@@ -94,23 +94,18 @@ def test_a_far_proxy_is_reached_in_steps(world: LocalScene) -> None:
 # Engaged -----------------------------------------------------------------------------------------------------------------
 
 
-def test_it_is_engaged_before_it_touches_at_rest_and_no_jump_takes_it_through() -> None:
-    for goal in (0.09, 0.11, 0.3):
+def test_it_is_engaged_before_it_touches_at_rest_and_no_jump_takes_it_through(world: LocalScene) -> None:
+    surface = 0.1 - 0.002 - 0.01
+    out = surface - NEAR_M - 2.5 * CLOSE_M
+    assert ball_at(world, np.array([out, 0.0, 0.0]), 30)[0] == pytest.approx(out), "it follows out of the margin"
+    assert world.engaged_at(0) == ()
+    for goal in (surface - NEAR_M, 0.09, 0.11, 0.3):
         world = join_all(local_world(GATE, ["ball"]))
         place = ball_at(world, np.array([goal, 0.0, 0.0]), 30)
-        surface = 0.1 - 0.002 - 0.01
         assert 0.4 * CLOSE_M < surface - place[0] - NEAR_M < CLOSE_M
         assert world.engaged_at(0) == pytest.approx(place)
         assert world.solid[0]
         assert not world.data.qvel.any()
-
-
-def test_it_follows_a_proxy_that_stays_out_of_the_margin(world: LocalScene) -> None:
-    edge = 0.1 - 0.002 - 0.01 - NEAR_M
-    assert ball_at(world, np.array([edge - 2.5 * CLOSE_M, 0.0, 0.0]), 30)[0] == pytest.approx(edge - 2.5 * CLOSE_M)
-    assert world.engaged_at(0) == ()
-    ball_at(world, np.array([edge, 0.0, 0.0]), 30)
-    assert world.engaged_at(0) != ()
 
 
 def test_it_is_engaged_earlier_where_a_body_comes_fast(world: LocalScene) -> None:
