@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from typing import Any
 
 import pytest
@@ -27,16 +28,14 @@ def hello(token: str, role: Any = "player", room: str = "") -> Hello:
 class Bench:
     """A folder, its file, and authenticators with a virtual clock."""
 
-    def __init__(self, folder: StateFolder) -> None:
-        self.folder = folder
+    def __init__(self, folder: StateFolder, after: ExitStack) -> None:
+        self.folder, self._after = folder, after
         self.file = TokenFile(folder)
         self.said: list[ServerEvent] = []
         self.now_s = NOW_S
-        self._doors: list[TokenAuthenticator] = []
 
     def authenticator(self) -> TokenAuthenticator:
-        self._doors.append(TokenAuthenticator(self.file, self.said.append, lambda: self.now_s))
-        return self._doors[-1]
+        return self._after.enter_context(closing(TokenAuthenticator(self.file, self.said.append, lambda: self.now_s)))
 
     def new(self, **terms: Any) -> tuple[str, str]:
         """Token and id."""
@@ -49,16 +48,12 @@ class Bench:
     def events(self) -> list[str]:
         return [each.event for each in self.said]
 
-    def close(self) -> None:
-        for authenticator in self._doors:
-            authenticator.close()
-
 
 @pytest.fixture
 def bench(tmp_path) -> Iterator[Bench]:
-    bench = Bench(make_folder(tmp_path / "state"))
-    yield bench
-    bench.close()
+    with ExitStack() as after:
+        bench = Bench(make_folder(tmp_path / "state"), after)
+        yield bench
     assert set(bench.events()) <= set(EVENTS)
 
 
@@ -191,12 +186,8 @@ def test_a_broken_book_puts_nobody_out_and_is_said_once(
     authenticator, path = bench.authenticator(), bench.folder.tokens
     kept, loads, load = path.read_bytes(), [], bench.file.load
     monkeypatch.setattr(bench.file, "load", lambda: loads.append(1) or load())
-    if harm == "damaged":
-        path.write_bytes(b"{")
-    elif harm == "readable":
-        path.chmod(0o644)
-    else:
-        path.unlink()
+    harms = {"damaged": lambda: path.write_bytes(b"{"), "readable": lambda: path.chmod(0o644), "gone": path.unlink}
+    harms[harm]()
     answers: list[Grant | Denied] = []
     for _ in range(3):
         answers += [authenticator.admit(hello(token)), authenticator.admit(hello(token + "x"))]
