@@ -60,7 +60,7 @@ def goes_on(wire: Wire, peer: DtlsPeer, address: Address = MALLORY) -> None:
     wire.talk(address)
 
 
-def put(wire: Wire, peer: DtlsPeer, *datagrams: bytes, address: Address = MALLORY) -> None:
+def put(wire: Wire, *datagrams: bytes, address: Address = MALLORY) -> None:
     for datagram in datagrams:
         wire.inject(datagram, address)
     wire.rest(0.03)
@@ -101,7 +101,7 @@ def test_a_last_flight_whose_records_come_in_another_order(wire: Wire, order: tu
     peer = halted(wire, ANNA)
     DtlsPeer.answer_server_hello(peer)
     apart = [record.encode() for record in decode_records(peer.outbox.pop()[1])]
-    put(wire, peer, *[apart[each] for each in order], address=ANNA)
+    put(wire, *[apart[each] for each in order], address=ANNA)
     peer._repeat_ns = wire.now_ns + 1_000_000_000
     goes_on(wire, peer, ANNA)  # by its flight once more, in order
 
@@ -160,7 +160,7 @@ def test_after_the_handshake_it_brings_nothing_about_but_counts(wire: Wire, atta
         wire.talk(MALLORY)
     heard, before = len(wire.heard), sum(wire.listener.dropped.values())
     datagrams = AFTER[attack](peer)
-    put(wire, peer, *datagrams[:20])
+    put(wire, *datagrams[:20])
     assert len(wire.heard) == heard
     assert sum(wire.listener.dropped.values()) >= before + len(datagrams[:20])
     assert _lib.ERR_peek_error() == 0
@@ -198,7 +198,7 @@ def test_amid_a_handshake_it_is_dropped_and_the_handshake_goes_on(wire: Wire, at
     peer = halted(wire)
     datagrams = BEFORE[attack](peer)
     before = sum(wire.listener.dropped.values())
-    put(wire, peer, *datagrams)
+    put(wire, *datagrams)
     assert sum(wire.listener.dropped.values()) >= before + len(datagrams)
     DtlsPeer.answer_server_hello(peer)
     goes_on(wire, peer)
@@ -210,8 +210,8 @@ def test_a_key_exchange_in_overlapping_parts_is_put_together(wire: Wire) -> None
     body = peer.key_exchange()[12:]
     for first, last in ((20, len(body)), (0, 25), (10, 22)):
         part = Fragment(CLIENT_KEY_EXCHANGE, len(body), 2, first, body[first:last])
-        put(wire, peer, peer.record(HANDSHAKE, part.encode(), 0))
-    put(wire, peer, peer.record(CHANGE_CIPHER_SPEC, b"\x01", 0) + peer.record(HANDSHAKE, peer.finished()))
+        put(wire, peer.record(HANDSHAKE, part.encode(), 0))
+    put(wire, peer.record(CHANGE_CIPHER_SPEC, b"\x01", 0) + peer.record(HANDSHAKE, peer.finished()))
     goes_on(wire, peer)
 
 
@@ -236,7 +236,7 @@ def test_what_is_no_finished_ends_the_handshake(wire: Wire, attack: Callable[[Dt
 def test_a_handshake_has_so_many_datagrams(wire: Wire) -> None:
     peer = halted(wire)
     assert wire.listener.counts()["half open"] == 1
-    put(wire, peer, *[peer.record(HANDSHAKE, bytes(20), 1, number) for number in range(MOST_SHAKING + 1)])
+    put(wire, *[peer.record(HANDSHAKE, bytes(20), 1, number) for number in range(MOST_SHAKING + 1)])
     assert wire.listener.counts()["half open"] == 0
     assert wire.listener.dropped["handshake too long"] == 1
 
