@@ -256,8 +256,8 @@ BUTTON, HANDLE = ("button", (0, 3, True)), ("handle", (1, (1.0, 0.0, 0.0, 0.0), 
 
 @pytest.mark.parametrize(("name", "given"), [("join", (0, np.zeros(2))), ("leave", (0,)), BUTTON, HANDLE])
 def test_one_that_fails_between_steps_ends_with_the_next(name: str, given: tuple[object, ...]) -> None:
-    room = held(Springs)
-    setattr(room.inner, name, lambda *given: 1 / 0)
+    room = held(type("Torn", (Springs,), {}))
+    setattr(type(room.inner), name, lambda *given: 1 / 0)
     getattr(room, name)(*given)
     with pytest.raises(WorldError, match=rf"division by zero \(line \d+\) in {name}"):
         room.advance([(0.0, 0.0)] * 2)
