@@ -16,6 +16,7 @@ from cogrip.sim.runs.replay.comparison import Difference
 
 from tests.client.recorded_person import SCRIPT as CLIENT
 from tests.client.recorded_person import Person
+from tests.extent import every
 from tests.recorded_end import RecordedEnd, flipped
 from tests.server.recorded_rooms import SCRIPT as SERVER
 from tests.server.recorded_rooms import Server
@@ -98,17 +99,27 @@ def test_two_messages_that_changed_places_are_found(end: RecordedEnd, data) -> N
     assert verdict.difference.time_ns >= one[1]
 
 
-@either
-@given(st.data(), st.binary(max_size=40) | st.sampled_from(STRANGE))
-def test_any_bytes_give_a_verdict_or_a_refusal_in_words(end: RecordedEnd, data, payload: bytes) -> None:
-    topics = [topic for topic, *_ in end.noted]
-    first = [topics.index(topic) for topic in sorted(set(topics))]
-    at = data.draw(st.sampled_from(first) | st.integers(0, len(topics) - 1))
+def judged_or_refused(end: RecordedEnd, at: int, payload: bytes) -> None:
     try:
         exact = end.altered(at, payload).exact
     except RecordingError as error:
         exact = f"{end.file} cannot be replayed" not in str(error)
     assert not exact
+
+
+@either
+@given(st.data(), st.binary(max_size=40) | st.sampled_from(STRANGE))
+def test_any_bytes_give_a_verdict_or_a_refusal_in_words(end: RecordedEnd, data, payload: bytes) -> None:
+    judged_or_refused(end, data.draw(st.integers(0, len(end.noted) - 1)), payload)
+
+
+@pytest.mark.sample(3)
+@either
+@pytest.mark.parametrize("payload", every(2, STRANGE))
+def test_what_is_no_message_gives_a_verdict_or_a_refusal_in_words(end: RecordedEnd, payload: bytes) -> None:
+    topics = [topic for topic, *_ in end.noted]
+    for topic in set(topics):
+        judged_or_refused(end, topics.index(topic), payload)
 
 
 @both
