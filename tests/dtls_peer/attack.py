@@ -1,10 +1,6 @@
-"""Attacks of unauthenticated peers on a running server, over loopback.
-
-python -m tests.dtls_peer.attack PORT ATTACK HANDSHAKES PER_SECOND
-"""
+"""Attacks of unauthenticated peers on a running server, over loopback."""
 
 import socket
-import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -13,7 +9,7 @@ from cogrip.protocol.channel import PEER
 
 from tests.dtls_peer import records
 from tests.dtls_peer.client import DtlsPeer
-from tests.dtls_peer.records import APPLICATION_DATA, CHANGE_CIPHER_SPEC, CLIENT_KEY_EXCHANGE, FINISHED, HANDSHAKE
+from tests.dtls_peer.records import CHANGE_CIPHER_SPEC, CLIENT_KEY_EXCHANGE, FINISHED, HANDSHAKE
 
 HOST = "127.0.0.1"
 ANNOUNCED = 100_000  # bytes of a handshake message that never comes
@@ -28,8 +24,6 @@ class HalfOpen(DtlsPeer):
 
     def answer_server_hello(self) -> None:
         self.halted = True
-
-    halted = False
 
 
 def encrypted_fragments(peer: DtlsPeer) -> None:
@@ -58,24 +52,11 @@ def plaintext_fragments(peer: DtlsPeer) -> None:
         peer.put(peer.fragment(CLIENT_KEY_EXCHANGE, seq, b"x" * 12, ANNOUNCED))
 
 
-def early_records(peer: DtlsPeer) -> None:
-    """Records of the next epoch, which a receiver may keep until it has keys (RFC 6347 4.1)."""
-    for number in range(100):
-        peer.put(peer.record(APPLICATION_DATA if number % 2 else HANDSHAKE, b"x" * 48, 1, number))
-
-
-def nothing(peer: DtlsPeer) -> None:
-    """Goes away without a word."""
-
-
 ATTACKS: dict[str, tuple[type[DtlsPeer], Callable[[DtlsPeer], None]]] = {
     "encrypted fragments": (DtlsPeer, encrypted_fragments),
     "encrypted before Finished": (HalfOpen, encrypted_before_finished),
     "one before Finished": (HalfOpen, one_before_finished),
     "plaintext fragments": (HalfOpen, plaintext_fragments),
-    "early records": (HalfOpen, early_records),
-    "open": (DtlsPeer, nothing),
-    "half open": (HalfOpen, nothing),
 }
 
 
@@ -99,7 +80,7 @@ class Attacker:
         with suppress(BlockingIOError, ConnectionRefusedError):
             while True:
                 peer.receive(self.socket.recv(4096), PEER, now_ns)
-        if not self.reached and (peer.ready() or getattr(peer, "halted", False)):
+        if not self.reached and (peer.ready() or peer.halted):
             self.reached = True
             self._act(peer)
         while peer.outbox:
@@ -129,7 +110,3 @@ def attack(port: int, kind: str, handshakes: int, per_second: float) -> int:
                 alive.remove(each)
         time.sleep(PAUSE_S)
     return reached
-
-
-if __name__ == "__main__":
-    print(attack(int(sys.argv[1]), sys.argv[2], int(sys.argv[3]), float(sys.argv[4])))

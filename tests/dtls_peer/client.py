@@ -6,7 +6,7 @@ It is a `Channel`, so it can take the place of `DtlsClient`. Each step of the ha
 """
 
 import os
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 
 from cryptography import x509
@@ -32,12 +32,13 @@ class PeerError(AssertionError):
 class DtlsPeer:
     """`outbox` holds what is to be sent. fingerprint: of the server's certificate; "" takes any."""
 
+    halted = False  # stands where it was left, on purpose
+
     def __init__(self, fingerprint: str = "", suites: Sequence[wire.Suite] = wire.SUITES) -> None:
         self.outbox: deque[tuple[Address, bytes]] = deque()
-        self.dropped: dict[str, int] = {}
+        self.dropped = Counter[str]()
         self.failed = ""
         self.repeats = 0
-        self.alerts: list[bytes] = []
         self.cookie = b""
         self._fingerprint = fingerprint
         self._suites = {suite.number: suite for suite in suites}
@@ -53,7 +54,7 @@ class DtlsPeer:
         self._master = self._pre_master = b""
         self._ours: Protection | None = None
         self._theirs: Protection | None = None
-        self._flight: list[Part] = []
+        self._flight: tuple[Part, ...] = ()
         self._repeat_ns: int | None = None
         self._next_seq = 0
         self._open = False
@@ -74,7 +75,7 @@ class DtlsPeer:
         if self.failed or self._open:
             return
         if not self._flight:
-            self._say([(HANDSHAKE, 0, self.client_hello().encode())])
+            self.put_flight((HANDSHAKE, 0, self.client_hello().encode()))
         elif self._repeat_ns is not None and now_ns >= self._repeat_ns:
             self.repeats += 1
             self.put_flight()
@@ -96,16 +97,14 @@ class DtlsPeer:
             # In the clear numbers may repeat: OpenSSL's ServerHello begins with 1 whatever the ClientHello's number was,
             # which a HelloVerifyRequest may have had (RFC 6347 4.2.1 says otherwise)
             if body is None or (record.epoch and record.number in self._seen):
-                self.dropped["record"] = self.dropped.get("record", 0) + 1
+                self.dropped["record"] += 1
                 continue
             if record.epoch:
                 self._seen.add(record.number)
             if record.type == APPLICATION_DATA and record.epoch:
                 messages.append(body)
-            elif record.type == ALERT:
-                self.alerts.append(body)
-                if body[:1] == b"\x02" or body == b"\x01\x00":
-                    self.failed = f"alert {body[1]}"
+            elif record.type == ALERT and (body[:1] == b"\x02" or body == b"\x01\x00"):
+                self.failed = f"alert {body[1]}"
             elif record.type == HANDSHAKE and not self._open:
                 for fragment in wire.decode_fragments(body):
                     self._hear(fragment)
@@ -136,12 +135,9 @@ class DtlsPeer:
         announced = len(body) if length is None else length
         return self.record(HANDSHAKE, Fragment(kind, announced, seq, offset, body).encode())
 
-    def _say(self, flight: list[Part]) -> None:
-        self._flight = flight
-        self.put_flight()
-
-    def put_flight(self) -> None:
-        """The last flight, in records with new numbers."""
+    def put_flight(self, *flight: Part) -> None:
+        """A flight, by default the last one, in records with new numbers."""
+        self._flight = flight or self._flight
         self.put(*[self.record(kind, body, epoch) for kind, epoch, body in self._flight])
 
     # the handshake
@@ -174,7 +170,7 @@ class DtlsPeer:
                 self._next_seq = 1
                 hello = self.client_hello().encode()
                 self._transcript = hello  # neither the first hello nor its answer count: RFC 6347 4.2.1
-                self._say([(HANDSHAKE, 0, hello)])
+                self.put_flight((HANDSHAKE, 0, hello))
                 continue
             if message.type == wire.FINISHED:
                 self._check_finished(message)
@@ -187,16 +183,15 @@ class DtlsPeer:
         """Check what the server has shown; send ClientKeyExchange, ChangeCipherSpec and Finished."""
         self.read_server()
         exchange = (HANDSHAKE, 0, self.key_exchange())
-        self._say([exchange, (wire.CHANGE_CIPHER_SPEC, 0, b"\x01"), (HANDSHAKE, 1, self.finished())])
+        self.put_flight(exchange, (wire.CHANGE_CIPHER_SPEC, 0, b"\x01"), (HANDSHAKE, 1, self.finished()))
 
     def read_server(self) -> None:
         """Check what the server has shown; find the shared secret. Raises PeerError, InvalidSignature."""
         hello, certificate = self._messages[wire.SERVER_HELLO], self._messages[wire.CERTIFICATE]
-        server_random, session_id = hello[2:34], hello[34]
-        if hello[:2] != wire.VERSION or session_id:
+        if hello[:2] != wire.VERSION or hello[34]:
             raise PeerError("another version, or a session that could be resumed")
         self._suite = self._suites[int.from_bytes(hello[35:37], "big")]
-        self._server_random = server_random
+        self._server_random = hello[2:34]
         if b"\x00\x17\x00\x00" not in hello[38:]:
             raise PeerError("no extended master secret")
         der = certificate[6 : 6 + int.from_bytes(certificate[3:6], "big")]
@@ -213,7 +208,7 @@ class DtlsPeer:
             raise PeerError("another curve than the one that was offered")
         key = shown.public_key()
         assert isinstance(key, ec.EllipticCurvePublicKey)
-        key.verify(signature, self._random + server_random + parameters, ec.ECDSA(hashes.SHA256()))
+        key.verify(signature, self._random + self._server_random + parameters, ec.ECDSA(hashes.SHA256()))
         self._pre_master = self._private.exchange(X25519PublicKey.from_public_bytes(parameters[4:]))
 
     def key_exchange(self) -> bytes:

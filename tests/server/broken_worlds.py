@@ -22,25 +22,33 @@ class Springs(ToolWorld):
     """Masses on springs, one for each seat: sound."""
 
     kept = ("place", "speed")
-    npm = 200.0
+    npm: float | Array = 200.0
+    friction_nspm: float | Array = 0.0
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         super().__init__(seats)
+        self.inertia = self.mass_kg
         self.place, self.speed = np.zeros_like(self.force), np.zeros_like(self.force)
 
     @property
     def tools(self) -> Array:
         return self.place
 
+    def energies_j(self) -> Array:
+        return 0.5 * (self.inertia * self.speed**2 + self.npm * self.place**2)
+
     @property
     def energy_j(self) -> float:
-        return 0.5 * float((self.mass_kg * self.speed**2 + self.npm * self.place**2).sum())
+        return float(self.energies_j().sum())
 
     def move(self, force_n: Array, damping_nspm: Array) -> None:
-        inertia = 2.0 * self.mass_kg / self.frame_s
-        resistance = inertia + damping_nspm + 0.5 * self.frame_s * self.npm
+        inertia = 2.0 * self.inertia / self.frame_s
+        resistance = inertia + damping_nspm + self.friction_nspm + 0.5 * self.frame_s * self.npm
         mean = (inertia * self.speed + force_n - self.npm * self.place) / resistance
-        self.place, self.speed = self.place + self.frame_s * mean, 2.0 * mean - self.speed
+        self.place, self.speed = self.moved(self.frame_s * mean), 2.0 * mean - self.speed
+
+    def moved(self, by: Array) -> Array:
+        return self.place + by
 
 
 class InPlace(Springs):
@@ -57,29 +65,18 @@ class Tumbling(Springs):
     """Bodies on springs that turn as they are turned, against friction: sound. Their inertia is the same about every axis."""
 
     axes_allowed = (6,)
-    inertia_kgm2 = 4e-4
-    friction_nms = 1e-3
+    npm = np.repeat((200.0, 0.0), 3)
+    inertia_kgm2, friction_nms = 4e-4, 1e-3
+    friction_nspm = np.repeat((0.0, friction_nms), 3)
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         super().__init__(seats)
         each = np.ones((1, 3))
         self.inertia = np.concatenate((self.mass_kg * each, self.inertia_kgm2 * each), axis=1)
-        self.stiffness_of_axes = np.concatenate((self.npm * each, 0.0 * each), axis=1)
-        self.friction = np.concatenate((0.0 * each, self.friction_nms * each), axis=1)
-
-    @property
-    def energy_j(self) -> float:
-        return 0.5 * float((self.inertia * self.speed**2 + self.stiffness_of_axes * self.place**2).sum())
-
-    def move(self, force_n: Array, damping_nspm: Array) -> None:
-        inertia, springs = 2.0 * self.inertia / self.frame_s, self.stiffness_of_axes
-        resistance = inertia + damping_nspm + self.friction + 0.5 * self.frame_s * springs
-        mean = (inertia * self.speed + force_n - springs * self.place) / resistance
-        self.place, self.speed = self.moved(self.frame_s * mean), 2.0 * mean - self.speed
 
     def moved(self, by: Array) -> Array:
         """Return the poses that are reached by displacements and rotation vectors."""
-        place = self.place + by
+        place = super().moved(by)
         place[:, 3:] = [log(product(exp(turn[3:]), exp(pose[3:]))) for turn, pose in zip(by, self.place, strict=True)]
         return place
 
@@ -92,11 +89,9 @@ class AddsRotationVectors(Tumbling):
 
 
 class ForgetsRotation(Tumbling):
-    """Counts no energy of rotation."""
-
     @property
     def energy_j(self) -> float:
-        return 0.5 * float((self.inertia * self.speed**2 + self.stiffness_of_axes * self.place**2)[:, :3].sum())
+        return float(self.energies_j()[:, :3].sum())
 
 
 class CreatesSlowly(Springs):
@@ -140,8 +135,6 @@ class HidesEnergy(Springs):
 
 
 class CountsTwice(Springs):
-    """Counts its springs twice."""
-
     @property
     def energy_j(self) -> float:
         return super().energy_j + 0.5 * float((self.npm * self.place**2).sum())
@@ -164,8 +157,6 @@ class HoldsMuch(Springs):
 
 
 class ForgetsSpeed(Springs):
-    """Does not save its speed."""
-
     @classmethod
     def _saved_names(cls) -> list[str]:
         return [name for name in super()._saved_names() if name != "speed"]
@@ -258,8 +249,6 @@ class MovesOthers(Springs):
 
 
 class HoldsForEver(Springs):
-    """Never lets go."""
-
     def leave(self, user: int) -> None:
         """Do nothing."""
 
@@ -272,8 +261,6 @@ class AddsWaves(Springs):
 
 
 class TakesAnything(Springs):
-    """Restores whatever it is given."""
-
     def restore(self, saved: Row) -> None:
         self.place = np.resize(np.array(saved or (0.0,)), self.place.shape)
 
@@ -305,8 +292,6 @@ class Raises(Springs):
 
 
 class Quits(Springs):
-    """Ends the whole program."""
-
     def move(self, force_n: Array, damping_nspm: Array) -> None:
         raise SystemExit(3)
 

@@ -9,6 +9,7 @@ from itertools import count
 from pathlib import Path
 
 from cogrip.protocol.channel import PEER, Address
+from cogrip.protocol.io.dtls import is_client_hello
 from cogrip.protocol.io.dtls_client import DtlsClient
 from cogrip.server.io.dtls_channel import DtlsListener
 from cogrip.server.rate_limit import Budget, Limits, RateLimiter
@@ -65,6 +66,20 @@ class Wire:
         self.until(lambda: call.ready(PEER) and self.listener.ready(address))
         return call
 
+    def hellos(self) -> list[bytes]:
+        """Return the client hellos that were put on the wire."""
+        return [datagram for *_, datagram in self.log if is_client_hello(datagram)]
+
+    def record(self, message: bytes, address: Address = ANNA) -> bytes:
+        """A client's message in a record that has not arrived yet."""
+        assert self.calls[address].send(message, PEER)
+        return self.calls[address].outbox.pop()[1]
+
+    def answer(self, message: bytes, address: Address = ANNA) -> bytes:
+        """The server's, likewise."""
+        assert self.listener.send(message, address)
+        return self.listener.outbox.pop()[1]
+
     def step(self, by_ns: int = STEP_NS) -> None:
         self.now_ns += by_ns
         for call in self.calls.values():
@@ -72,7 +87,7 @@ class Wire:
         self.listener.poll(self.now_ns)
         self.move()
 
-    def until(self, done: Callable[[], bool], within_s: float = 4.0) -> None:
+    def until(self, done: Callable[[], object], within_s: float = 4.0) -> None:
         end_ns = self.now_ns + round(within_s * 1e9)
         while not done():
             assert self.now_ns < end_ns, (self.listener.dropped, [(c.failed, c.dropped) for c in self.calls.values()])

@@ -1,17 +1,11 @@
-"""A million unauthenticated peers: seeded mutations of real traffic against unencrypted and encrypted channel.
+"""Unauthenticated peers without number: seeded mutations of real traffic against unencrypted and encrypted channel.
 
-    python -m tests.server.fuzzed_channels sealed 1000000
-
-`sealed` and `plain` are the doors, `open` the sealed one without budgets, `call` the client's side of it.
-
-Each function raises AssertionError where something passes, where anything grows, or where somebody else is disturbed.
+Each of the `DOORS` raises AssertionError where something passes, where anything grows, or where somebody else is disturbed.
 """
 
 import random
-import sys
-import tempfile
-import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from OpenSSL.SSL import _lib  # type: ignore[attr-defined]
@@ -84,7 +78,7 @@ def encrypted_traffic(wire: Wire) -> list[tuple[Address, bytes]]:
     return [(address, datagram) for _, address, datagram in wire.log]
 
 
-def fuzz_unencrypted(datagrams: int, seed: int) -> dict[str, int]:
+def fuzz_unencrypted(datagrams: int, folder: Path, seed: int) -> dict[str, int]:
     """Send to an unencrypted channel, also from the address of a seated peer. Returns the drops."""
     chance = random.Random(seed)
     seated: Address = ("10.0.0.1", 4001)
@@ -119,9 +113,8 @@ def fuzz_encrypted(datagrams: int, folder: Path, seed: int, *, limited: bool = T
     traffic, everything = standing, [datagram for _, datagram in standing]
     wire.heard.clear()
     for number in range(datagrams):
-        if (
-            number % VISITED_EVERY[limited] == 0
-        ):  # by guests who are gone again: their cookies and their seals are still fresh
+        if number % VISITED_EVERY[limited] == 0:
+            # by guests who are gone again: their cookies and their seals are still fresh
             guests = [_visit(wire, ("10.7.0.1", (number + each) % 60_000)) for each in range(2)]
             traffic = standing + guests[0] + guests[1]
             everything = [datagram for _, datagram in traffic]
@@ -198,32 +191,9 @@ def fuzz_call(datagrams: int, folder: Path, seed: int) -> dict[str, int]:
     return {**dropped, **anna.dropped}
 
 
-def resident_bytes() -> int:
-    """Return the resident memory of this process."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * 4096
-
-
-def main(authenticator: str, datagrams: int) -> None:
-    """Run by hand: time, memory, and what was dropped why."""
-    with tempfile.TemporaryDirectory() as folder:
-
-        def run(count: int, seed: int) -> dict[str, int]:
-            if authenticator == "plain":
-                return fuzz_unencrypted(count, seed)
-            if authenticator == "call":
-                return fuzz_call(count, Path(folder), seed)
-            return fuzz_encrypted(count, Path(folder), seed, limited=authenticator != "open")
-
-        run(20_000, 0)
-        before, begun_ns = resident_bytes(), time.perf_counter_ns()
-        dropped = run(datagrams, 1)
-        took_s = (time.perf_counter_ns() - begun_ns) * 1e-9
-        grown_kib = (resident_bytes() - before) / 1024
-    print(f"{authenticator}: {datagrams} datagrams in {took_s:.1f} s, {grown_kib:+.0f} KiB of {before / 2**20:.1f} MiB")
-    for reason, number in sorted(dropped.items(), key=lambda item: -item[1]):
-        print(f"{number:10d}  {reason}")
-
-
-if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]))
+DOORS: dict[str, Callable[[int, Path, int], dict[str, int]]] = {
+    "sealed": fuzz_encrypted,
+    "open": partial(fuzz_encrypted, limited=False),  # the sealed one without budgets
+    "plain": fuzz_unencrypted,
+    "call": fuzz_call,  # the client's side of the sealed one
+}

@@ -1,14 +1,16 @@
 """Scene worlds with local models for tests, and hands that report proxies at random."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from math import inf
 
 import numpy as np
 
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.worlds.local_scene import LocalScene
 from cogrip.server.worlds.scene_file import held_by, load_scene, make_scene
+from cogrip.server.worlds.scene_springs import springs_j
 
-from tests.server.scene_worlds import SCENES, SHIPPED, Array, T
+from tests.server.scene_worlds import SCENES, SHIPPED, Array, T, port_j
 
 
 def local_world(scene: str, tools: Sequence[str] = ("", ""), substeps: int = 4, axes: int = 3) -> LocalScene:
@@ -36,16 +38,10 @@ def report(world: LocalScene, proxies: Array) -> None:
 
 def wanderers(world: LocalScene, seed: int) -> Callable[[Array], tuple[Array, Array]]:
     """Return proxies and waves from the waves that came back: slow and fast ways about the object, jumps, and any waves."""
-    random = np.random.default_rng(seed)
+    random, turning = np.random.default_rng(seed), np.random.default_rng(seed)
     people = len(world.holding)
-    place = np.zeros((people, 3))
-    goal, speed, gain, mode, left = (
-        place.copy(),
-        np.full(people, 0.3),
-        np.ones(people),
-        np.zeros(people),
-        np.zeros(people),
-    )
+    place, goal = np.zeros((2, people, 3))
+    speed, gain, mode, left = np.full(people, 0.3), np.ones(people), np.zeros(people), np.zeros(people)
 
     def go_on(back: Array) -> tuple[Array, Array]:
         for user in np.flatnonzero(left <= 0).tolist():
@@ -64,6 +60,46 @@ def wanderers(world: LocalScene, seed: int) -> Callable[[Array], tuple[Array, Ar
         noise = random.normal(0.0, 0.3, (people, 3)) * gain[:, None]
         mirrored = np.clip(-back[:, :3], -2.0, 2.0) + 0.3 * drawn
         waves = np.select([(mode == each)[:, None] for each in (0, 1, 2)], [drawn, drawn + noise, mirrored], 0.0)
-        return place.copy(), waves
+        return place.copy(), np.hstack((waves, turning.normal(0.0, 0.1, (people, world.axes - 3))))
 
     return go_on
+
+
+def wander(world: LocalScene, seed: int, frames: int) -> Iterator[tuple[Array, Array, Array]]:
+    """Step with hands that wander; yield which tools were clear before, the waves that came and those that went back."""
+    hands, back = wanderers(world, seed), np.zeros((len(world.holding), world.axes))
+    for _ in range(frames):
+        proxies, waves = hands(back)
+        report(world, proxies)
+        clear = world.kinematic.copy()
+        back = world.step(waves)
+        yield clear, waves, back
+
+
+def holds_no_more(
+    world: LocalScene, seed: int, frames: int, worst_j: float, excess_j: float = inf
+) -> set[tuple[bool, bool]]:
+    """Check that the world has no more than came in, its springs included; return which tools were clear before and after."""
+    seen: set[tuple[bool, bool]] = set()
+    start, came, least = world.energy_j, 0.0, springs_j(world)
+    places = np.arange(world.axes) < 3  # of a clear tool these waves do not count
+    for clear, waves, back in wander(world, seed, frames):
+        came += port_j(np.where((world.kinematic & clear)[:, None] & places, 0.0, waves), back)
+        excess = world.energy_j - start - came
+        assert excess <= excess_j, seed
+        held = excess + springs_j(world)
+        assert held - least <= worst_j, seed
+        least = min(least, held)
+        assert world.limiter.level_j >= 0.0
+        seen |= set(zip(clear.tolist(), world.kinematic.tolist(), strict=True))
+    assert world.limiter.limited == 0, seed
+    assert world.balance_error_j <= 1e-14
+    return seen
+
+
+def course(world: LocalScene, seed: int, frames: int) -> list[object]:
+    """Return all that is seen of a world where hands wander, bit for bit."""
+    seen: list[object] = []
+    for _, _, back in wander(world, seed, frames):
+        seen.append((back.tobytes(), world.data.qpos.tobytes(), world.engaged_at(0), world.engaged_at(1)))
+    return [*seen, world.save()]

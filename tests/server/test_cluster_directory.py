@@ -34,6 +34,11 @@ class Cluster:
                     self.fenced.append(key)
                     del self.running[key]
 
+    def serve(self, *rooms: str) -> None:
+        """Let the rooms be offered, and five seconds pass."""
+        self.directory.offer(dict.fromkeys(rooms, b"job"))
+        self.pass_by(5.0)
+
     def where(self) -> dict[str, str]:
         return {room: home.place for room, home in self.directory.homes().items()}
 
@@ -44,8 +49,7 @@ def cluster() -> Cluster:
 
 
 def test_rooms_go_to_the_host_with_the_least_load(cluster: Cluster) -> None:
-    cluster.directory.offer({"full": b"", "b": b""})
-    cluster.pass_by(5.0)
+    cluster.serve("full", "b")
     assert {start.host for start in cluster.started} == {"aaaa1111", "bbbb2222"}
     crowded = next(start.host for start in cluster.started if start.room == "full")
     cluster.directory.offer({"c": b""})
@@ -55,18 +59,15 @@ def test_rooms_go_to_the_host_with_the_least_load(cluster: Cluster) -> None:
 
 def test_a_host_with_more_processors_takes_more_rooms() -> None:
     cluster = Cluster([Host("aaaa1111", "10.0.0.1", 1.0), Host("bbbb2222", "10.0.0.2", 3.0)])
-    cluster.directory.offer({f"room {number}": b"" for number in range(8)})
-    cluster.pass_by(5.0)
+    cluster.serve(*[f"room {number}" for number in range(8)])
     assert [start.host for start in cluster.started].count("bbbb2222") == 6
 
 
 def test_a_host_that_dies_loses_its_rooms_to_another(cluster: Cluster) -> None:
-    cluster.directory.offer({"attic": b"job", "cellar": b"job"})
-    cluster.pass_by(5.0)
-    dead, alive = cluster.started[0], cluster.started[1]
+    cluster.serve("attic", "cellar")
+    dead, alive = cluster.started
     cluster.living.remove(dead.host)
-    cluster.pass_by(LOST_S)
-    cluster.pass_by(2 * EVERY_S)
+    cluster.pass_by(LOST_S + 2 * EVERY_S)
     again = cluster.started[-1]
     assert (again.room, again.number, again.job, again.after) == (dead.room, 2, b"job", "")
     assert again.host == alive.host, "Ray may still list the dead one"
@@ -79,14 +80,13 @@ def test_a_host_that_dies_loses_its_rooms_to_another(cluster: Cluster) -> None:
 
 
 def test_a_drained_host_hands_its_rooms_over_and_gets_none(cluster: Cluster) -> None:
-    cluster.directory.offer({"attic": b"", "cellar": b""})
-    cluster.pass_by(5.0)
+    cluster.serve("attic", "cellar")
     text, ok = cluster.directory.drain("aaaa", HOSTS)
     assert ok
     moved = next(start.room for start in cluster.started if start.host == "aaaa1111")
     assert f"its rooms move: {moved}" in text
     cluster.pass_by(2.0)
-    assert cluster.started[-1] == Start(moved, 2, "bbbb2222", b"", f"{moved} 1")
+    assert cluster.started[-1] == Start(moved, 2, "bbbb2222", b"job", f"{moved} 1")
     assert (cluster.directory.moved, cluster.directory.lost) == (1, 0)
     assert set(cluster.where().values()) == {"bbbb2222:1", "bbbb2222:2"}
     cluster.directory.offer({"hall": b""})
@@ -114,8 +114,7 @@ def test_a_start_that_fails_is_tried_again_elsewhere(cluster: Cluster) -> None:
 
 
 def test_a_process_that_ends_is_replaced_at_once_and_one_that_cannot_begin_after_a_while(cluster: Cluster) -> None:
-    cluster.directory.offer({"attic": b""})
-    cluster.pass_by(5.0)
+    cluster.serve("attic")
     (key, report), *_ = cluster.running.items()
     del cluster.running[key]
     assert not cluster.directory.report(report._replace(place="", ended=True), cluster.now_s)
@@ -142,8 +141,7 @@ def test_a_directory_that_has_just_begun_waits_for_hosts_that_have_not_reported(
 
 
 def test_a_pause_of_the_directory_is_no_death_of_a_room(cluster: Cluster) -> None:
-    cluster.directory.offer({"attic": b""})
-    cluster.pass_by(5.0)
+    cluster.serve("attic")
     cluster.now_s += 100 * LOST_S
     cluster.pass_by(5.0)
     assert len(cluster.started) == 1
@@ -152,18 +150,17 @@ def test_a_pause_of_the_directory_is_no_death_of_a_room(cluster: Cluster) -> Non
 
 
 def test_a_directory_that_is_started_again_learns_where_the_rooms_are(cluster: Cluster) -> None:
-    cluster.directory.offer({"attic": b"job"})
-    cluster.pass_by(5.0)
+    cluster.serve("attic")
     cluster.directory = Directory()
-    assert cluster.directory.offer({"attic": b"job"}) == ()
-    cluster.pass_by(5.0)
+    cluster.serve("attic")
     assert len(cluster.started) == 1
     assert list(cluster.where()) == ["attic"]
+    assert cluster.directory.offer({"attic": b"job"}) == ()
     assert cluster.directory.offer({"attic": b"another"}) == ("attic",)
 
 
-def test_fronts_that_are_silent_are_forgotten(cluster: Cluster) -> None:
-    directory = cluster.directory
+def test_fronts_that_are_silent_are_forgotten() -> None:
+    directory = Directory()
     assert directory.keep_front("10.0.0.1:1", 0.0) == ("10.0.0.1:1",)
     assert directory.keep_front("10.0.0.2:1", 0.25) == ("10.0.0.1:1", "10.0.0.2:1")
     assert not directory.leave_front("10.0.0.2:1")

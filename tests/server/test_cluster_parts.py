@@ -18,7 +18,12 @@ from cogrip.server.io.cluster.room_checkpoints import newest as newest_checkpoin
 from cogrip.server.io.state_folder import StateFolder, make_folder
 from cogrip.server.io.udp_port import PortRange, ServeError, UdpPort
 
-LIMIT_S = 60.0
+from tests.server.patience import until
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> StateFolder:
+    return make_folder(tmp_path / "state")
 
 
 def line(number: int) -> ServerEvent:
@@ -55,12 +60,8 @@ def test_a_host_sends_what_another_does_not_have() -> None:
     replicas.keep({"attic": Kept(1, 2, b"2")})
     replicas.keep({"attic": first})
     assert replicas.to_send("c", ["attic"]) == {"attic": Kept(1, 2, b"2")}, "an older one replaces none"
-    assert replicas.get("cellar") == NOTHING
-
-
-def test_the_newest_is_of_the_latest_process() -> None:
-    assert newest([Kept(1, 900, b"a"), Kept(2, 1, b"b"), NOTHING]) == Kept(2, 1, b"b")
-    assert newest([]) == NOTHING
+    assert replicas.get("cellar") == NOTHING == newest([])
+    assert newest([Kept(1, 900, b"a"), Kept(2, 1, b"b"), NOTHING]) == Kept(2, 1, b"b"), "of the latest process"
 
 
 @pytest.mark.parametrize(
@@ -70,27 +71,22 @@ def test_checkpoints_go_round_a_ring_of_hosts(host: str, hosts: str, to: str) ->
     assert next_host(host, hosts) == to
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> StateFolder:
-    return make_folder(tmp_path / "state")
-
-
 def test_a_room_that_nobody_directs_is_claimed_and_handed_over(folder: StateFolder) -> None:
     before = Guard(folder, "attic", 1)
     before.serve("10.0.0.1:1")
     file = AnnouncementFile(folder, "attic")
-    wait(lambda: file.read() is not None)
+    until(lambda: file.read() is not None)
     before.note_directory(answers=False)
-    wait(lambda: (found := file.read()) is not None and found.state == "alone")
+    until(lambda: (found := file.read()) is not None and found.state == "alone")
     after = Guard(folder, "attic", 1)
     assert after.number == 2, "a directory that has just begun counts from 1"
     claiming = threading.Thread(target=after.claim)
     claiming.start()
-    wait(lambda: before.claimed == "hand over")
+    until(lambda: before.claimed == "hand over")
     before.ended()
     claiming.join()
     after.serve("10.0.0.2:2")
-    wait(lambda: (found := file.read()) is not None and (found.place, found.state) == ("10.0.0.2:2", "served"))
+    until(lambda: (found := file.read()) is not None and (found.place, found.state) == ("10.0.0.2:2", "served"))
     before.close(remove=False)
     after.close(remove=True)
     assert file.read() is None
@@ -101,7 +97,7 @@ def test_a_process_that_is_cut_off_ends_once_another_serves(folder: StateFolder)
     before.serve("10.0.0.1:1")
     before.note_directory(answers=False)
     AnnouncementFile(folder, "attic").write(2, "10.0.0.2:2", "served")
-    wait(lambda: before.claimed == "lost")
+    until(lambda: before.claimed == "lost")
     before.close(remove=False)
     found = AnnouncementFile(folder, "attic").read()
     assert found is not None
@@ -124,9 +120,7 @@ def test_a_room_takes_a_free_port_of_the_range_and_says_when_there_is_none() -> 
         there = UdpPort("127.0.0.1", 0, PortRange(port, min(port + 100, 65535)))
         assert port < there.place[1] <= port + 100
         there.close()
-        with pytest.raises(
-            ServeError, match=rf"none of the UDP ports {port}-{port} is free .*: give more --room-ports"
-        ):
+        with pytest.raises(ServeError, match=f"none of the UDP ports {port}-{port} is free .*: give more --room-ports"):
             UdpPort("127.0.0.1", 0, PortRange(port, port))
 
 
@@ -136,13 +130,3 @@ def test_a_room_begins_from_the_later_checkpoint() -> None:
     assert newest_checkpoint(b"{", early) == early
     assert newest_checkpoint(None, b"{") == b"{", "its trouble is reported"
     assert newest_checkpoint(None, None) is None
-
-
-def wait(good) -> None:  # type: ignore[no-untyped-def]
-    """Wait until it is so."""
-    pause = threading.Event()
-    for _ in range(round(LIMIT_S / 0.01)):
-        if good():
-            return
-        pause.wait(0.01)
-    pytest.fail("never")

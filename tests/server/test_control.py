@@ -4,9 +4,8 @@ import json
 import os
 import socket
 import stat
-import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 
 import pytest
@@ -29,7 +28,7 @@ from cogrip.server.io.control import (
 )
 from cogrip.server.io.state_folder import StateFolder, make_folder, write_private
 
-LIMIT_S = 60.0  # for anything that is waited for
+from tests.server.patience import LIMIT_S, until
 
 
 @pytest.fixture
@@ -48,16 +47,6 @@ def control(folder: StateFolder) -> Iterator[Control]:
 def people() -> Iterator[ThreadPoolExecutor]:
     with ThreadPoolExecutor(12) as pool:
         yield pool
-
-
-def until(condition: Callable[[], object]) -> None:
-    """Call it until it is true: a server's loop."""
-    pause = threading.Event()
-    for _ in range(int(LIMIT_S / 0.001)):
-        if condition():
-            return
-        pause.wait(0.001)
-    pytest.fail("never came true")
 
 
 def next_request(control: Control) -> Request:
@@ -90,19 +79,15 @@ def test_an_order_comes_as_it_was_given_and_is_answered(
     assert control.dropped == {}
 
 
-def test_only_this_user_may_ask(control: Control, folder: StateFolder) -> None:
-    assert stat.S_IMODE(folder.control.stat().st_mode) == 0o600
-    assert stat.S_ISSOCK(folder.control.stat().st_mode)
-
-
-def test_nobody_asking_costs_nothing(control: Control) -> None:
+def test_only_this_user_may_ask_and_nobody_asking_costs_nothing(control: Control, folder: StateFolder) -> None:
+    assert folder.control.stat().st_mode == stat.S_IFSOCK | 0o600
     assert control.poll() == []
     assert control.dropped == {}
 
 
 def test_the_largest_answer_comes_whole(control: Control, folder: StateFolder, people: ThreadPoolExecutor) -> None:
-    bare = len(b'{"ok":true,"text":""}\n')
-    for size, ok in ((MOST_ANSWER_BYTES - bare, True), (MOST_ANSWER_BYTES - bare + 1, False)):
+    fits = MOST_ANSWER_BYTES - len(b'{"ok":true,"text":""}\n')
+    for size, ok in ((fits, True), (fits + 1, False)):
         answer = people.submit(ask, folder, Status(), LIMIT_S)
         control.answer(next_request(control), "x" * size)
         until(lambda answer=answer: control.poll() or answer.done())
@@ -128,9 +113,7 @@ def test_the_largest_answer_comes_whole(control: Control, folder: StateFolder, p
         (b"x" * (MOST_REQUEST_BYTES + 1), "too long"),
     ],
 )
-def test_what_is_no_order_is_counted_and_answered(
-    control: Control, folder: StateFolder, said: bytes, reason: str
-) -> None:
+def test_no_order_is_counted_and_answered(control: Control, folder: StateFolder, said: bytes, reason: str) -> None:
     with call(folder, said) as caller:
         until(lambda: control.poll() or control.dropped)
         assert control.dropped == {reason: 1}
@@ -140,71 +123,59 @@ def test_what_is_no_order_is_counted_and_answered(
     assert control.poll() == []
 
 
-def test_the_longest_order_is_read(control: Control, folder: StateFolder) -> None:
-    with call(folder, b'{"verb":"reload"}'.ljust(MOST_REQUEST_BYTES - 1) + b"\n"):
+def test_the_longest_order_is_read_also_in_pieces(control: Control, folder: StateFolder) -> None:
+    order = b'{"verb":"reload"}'.ljust(MOST_REQUEST_BYTES - 1) + b"\n"
+    with call(folder, order):
+        assert next_request(control).order == Reload()
+    with call(folder, order[:10]) as caller:
+        assert control.poll() == []
+        assert control.poll() == []
+        caller.sendall(order[10:])
         assert next_request(control).order == Reload()
 
 
-def test_an_order_may_come_in_pieces(control: Control, folder: StateFolder) -> None:
-    with call(folder, b'{"verb":"re') as caller:
-        assert control.poll() == []
-        assert control.poll() == []
-        caller.sendall(b'load"}\n')
-        assert next_request(control).order == Reload()
-
-
-def test_who_breaks_off_is_counted(control: Control, folder: StateFolder) -> None:
+def test_who_breaks_off_and_who_asks_and_goes_is_counted(control: Control, folder: StateFolder) -> None:
     call(folder, b'{"verb":').close()
     until(lambda: control.poll() or control.dropped)
     assert control.dropped == {"cut short": 1}
-
-
-def test_who_asks_and_goes_is_counted(control: Control, folder: StateFolder) -> None:
     caller = call(folder, b'{"verb":"status"}\n')
     request = next_request(control)
     caller.close()
     control.answer(request, "done")
     control.answer(request, "twice")
-    assert control.dropped == {"nobody waits": 2}
+    assert control.dropped == {"cut short": 1, "nobody waits": 2}
 
 
 def test_who_stays_silent_makes_room_in_time_and_keeps_nobody_waiting(control: Control, folder: StateFolder) -> None:
-    silent = [call(folder) for _ in range(MOST_CALLERS)]
-    try:
+    with ExitStack() as callers:
+        silent = [callers.enter_context(call(folder)) for _ in range(MOST_CALLERS)]
         assert control.poll(0) == []
-        with call(folder, b'{"verb":"reload"}\n') as caller:  # in the socket's queue
-            assert control.poll(CALLER_LIMIT_NS) == []
-            assert control.dropped == {}
-            assert control.poll(CALLER_LIMIT_NS + 1) == []
-            assert control.dropped == {"silent": MOST_CALLERS}
-            (request,) = control.poll(CALLER_LIMIT_NS + 2)
-            assert request.order == Reload()
-            assert control.poll(2 * CALLER_LIMIT_NS + 2) == []
-            assert control.dropped == {"silent": MOST_CALLERS}
-            assert control.poll(2 * CALLER_LIMIT_NS + 3) == []
-            assert control.dropped == {"silent": MOST_CALLERS, "slow": 1}
-            for each in (*silent, caller):
-                assert each.recv(10) == b""
-    finally:
-        for each in silent:
-            each.close()
+        caller = callers.enter_context(call(folder, b'{"verb":"reload"}\n'))  # in the socket's queue
+        assert control.poll(CALLER_LIMIT_NS) == []
+        assert control.dropped == {}
+        assert control.poll(CALLER_LIMIT_NS + 1) == []
+        assert control.dropped == {"silent": MOST_CALLERS}
+        (request,) = control.poll(CALLER_LIMIT_NS + 2)
+        assert request.order == Reload()
+        assert control.poll(2 * CALLER_LIMIT_NS + 2) == []
+        assert control.dropped == {"silent": MOST_CALLERS}
+        assert control.poll(2 * CALLER_LIMIT_NS + 3) == []
+        assert control.dropped == {"silent": MOST_CALLERS, "slow": 1}
+        for each in (*silent, caller):
+            assert each.recv(10) == b""
 
 
 def test_many_may_ask_at_once(control: Control, folder: StateFolder, people: ThreadPoolExecutor) -> None:
-    answers: dict[str, Future[Answer]] = {
-        name: people.submit(ask, folder, Kick(name), LIMIT_S) for name in map(str, range(MOST_CALLERS + 4))
-    }
+    answers = [people.submit(ask, folder, Kick(str(number)), LIMIT_S) for number in range(MOST_CALLERS + 4)]
 
     def serve() -> bool:
         for request in control.poll():
             assert isinstance(request.order, Kick)
             control.answer(request, f"kicked {request.order.user}")
-        return all(answer.done() for answer in answers.values())
+        return all(answer.done() for answer in answers)
 
     until(serve)
-    assert {name: answer.result().text for name, answer in answers.items()} == {
-        name: f"kicked {name}" for name in answers
-    }
+    assert [answer.result().text for answer in answers] == [f"kicked {number}" for number in range(len(answers))]
 
 
 # --- where there is no answer -----------------------------------------------------------------------------------------
@@ -216,15 +187,12 @@ def test_a_missing_server_is_named(folder: StateFolder) -> None:
     )
     with pytest.raises(NotRunningError, match=words):
         ask(folder, Reload())
-    control = Control(folder)
-    control.close()
+    Control(folder).close()
     with pytest.raises(NotRunningError, match=words):
         ask(folder, Reload())
 
 
-def test_what_a_killed_server_left_is_no_server_and_in_nobodys_way(
-    folder: StateFolder, people: ThreadPoolExecutor
-) -> None:
+def test_what_a_killed_server_left_is_in_nobodys_way(folder: StateFolder, people: ThreadPoolExecutor) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as left:
         left.bind(os.fspath(folder.control))
     with pytest.raises(NotRunningError):
@@ -237,18 +205,16 @@ def test_what_a_killed_server_left_is_no_server_and_in_nobodys_way(
 
 
 def test_a_server_that_hangs_is_named(control: Control, folder: StateFolder) -> None:
-    with pytest.raises(ControlError, match=r"did not answer within 0.01 s; if it is stopped or hangs, start it again"):
+    words = r"did not answer within 0.01 s; if it is stopped or hangs, start it again"
+    with pytest.raises(ControlError, match=words):
         ask(folder, Reload(), 0.01)
-
-
-def test_a_server_that_does_not_read_its_queue_is_named(control: Control, folder: StateFolder) -> None:
     with ExitStack() as waiting:
         with suppress(BlockingIOError):
             while True:
                 each = waiting.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
                 each.setblocking(False)
                 each.connect(os.fspath(folder.control))
-        with pytest.raises(ControlError, match=r"did not answer within 0.01 s"):
+        with pytest.raises(ControlError, match=words):
             ask(folder, Reload(), 0.01)
 
 

@@ -1,6 +1,5 @@
 """Shapes and poses of a scene's bodies: those of the model, and what observers are told of them, when."""
 
-from collections.abc import Sequence
 from functools import partial
 
 import mujoco  # type: ignore[import-untyped]
@@ -67,25 +66,16 @@ def test_shapes_with_poses_are_where_the_model_has_its_geoms() -> None:
     assert len(poses) == 3
     start = np.array([0.01, 0.0, 0.03])
     for shape, geom in zip(shapes, seen, strict=True):
-        pose = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]) if shape.body is None else poses[shape.body]
+        pose = np.eye(1, 7, 3)[0] if shape.body is None else poses[shape.body]
         place, matrix = turned(pose, shape)
         assert place + start == pytest.approx(data.geom_xpos[geom], abs=1e-12)
         assert matrix == pytest.approx(data.geom_xmat[geom], abs=1e-12)
         assert list(shape.size_m) == model.geom_size[geom].tolist()
-    floor, table, capsule, cylinder, _, arm, ball = shapes
-    assert (floor.body, table.body, floor.rgba, table.rgba) == (None, None, None, (0.0, 0.0, 1.0, 0.5))
-    assert (capsule.rgba, cylinder.rgba) == ((1.0, 0.0, 0.0, 1.0), None)
-    assert [each.object for each in (capsule, cylinder, arm, ball, table)] == [True, True, False, False, False]
-    assert [each.seat for each in (capsule, arm, ball)] == [None, None, 0]
+    assert [each.body is None for each in shapes] == [True, True] + [False] * 5
+    assert [each.rgba for each in shapes[:4]] == [None, (0.0, 0.0, 1.0, 0.5), (1.0, 0.0, 0.0, 1.0), None]
+    assert [each.object for each in shapes] == [False, False, True, True, True, False, False]
+    assert [each.seat for each in shapes] == [None] * 6 + [0]
     assert poses[0, :3] == pytest.approx(world.position, abs=1e-15)
-
-
-def test_an_object_alone_has_neither_shapes_nor_messages() -> None:
-    world = world_of("lift")
-    drawn = DrawnBodies()
-    assert drawn.messages(2, world)
-    world.geoms = lambda: ()  # type: ignore[method-assign]
-    assert DrawnBodies().messages(2, world) == []
 
 
 class Placed:
@@ -93,21 +83,20 @@ class Placed:
 
     def __init__(self, bodies: int) -> None:
         self.poses = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (bodies, 1))
-
-    def geoms(self) -> Sequence[Shape]:
-        return [Shape("sphere", (0.01, 0.0, 0.0), body) for body in range(len(self.poses))]
-
-    def poses_of_bodies(self) -> Array:
-        return self.poses
+        self.geoms = lambda: [Shape("sphere", (0.01, 0.0, 0.0), body) for body in range(bodies)]
+        self.poses_of_bodies = lambda: self.poses
 
 
-def told(
-    drawn: DrawnBodies, world: SceneWorld | Placed, step: int = 2
-) -> tuple[dict[int, tuple[float, ...]], list[int]]:
+def test_an_object_alone_has_neither_shapes_nor_messages() -> None:
+    assert DrawnBodies().messages(2, Placed(1))  # type: ignore[arg-type]
+    assert DrawnBodies().messages(2, Placed(0)) == []  # type: ignore[arg-type]
+
+
+def told(drawn: DrawnBodies, world: SceneWorld | Placed) -> tuple[dict[int, tuple[float, ...]], list[int]]:
     """Return poses by body and numbers of shapes that are told after a view; every message fits a datagram."""
     poses: dict[int, tuple[float, ...]] = {}
     shapes: list[int] = []
-    for message in drawn.messages(step, world):  # type: ignore[arg-type]
+    for message in drawn.messages(2, world):  # type: ignore[arg-type]
         assert len(encode(message)) <= MAX_MESSAGE_BYTES
         assert decode(encode(message)) == message
         if isinstance(message, Geom):
@@ -148,12 +137,9 @@ def test_of_more_moving_bodies_than_fit_all_have_their_turn() -> None:
 
 def test_a_pose_out_of_bounds_takes_the_others_from_nobody() -> None:
     world = Placed(3)
-    world.poses[0] = np.nan
-    world.poses[1, 0] = 1e9
-    poses = told(DrawnBodies(), world)[0]
-    assert poses[0] == (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-    assert poses[1][0] == 1000.0
-    assert poses[2] == (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    rest = tuple(world.poses[2])
+    world.poses[0], world.poses[1, 0] = np.nan, 1e9
+    assert told(DrawnBodies(), world)[0] == {0: rest, 1: (1000.0, *rest[1:]), 2: rest}
 
 
 @pytest.mark.parametrize("scene", ["lift", pile(120)])
@@ -185,10 +171,7 @@ def test_messages_about_other_scenes_and_late_ones_are_dropped() -> None:
     world, drawn = Placed(1), DrawnBodies()
     (first, *_) = drawn.messages(4, world)  # type: ignore[arg-type]
     assert isinstance(first, Bodies)
-    at_five = Bodies(5, 4, first.poses)
-    assert observed.receive(at_five) == ""
-    assert observed.receive(at_five) == "late poses"
-    assert observed.receive(Bodies(5, 3, first.poses)) == "late poses"
+    assert [observed.receive(Bodies(5, step, first.poses)) for step in (4, 4, 3)] == ["", "late poses", "late poses"]
     assert observed.receive(replace(number=1, body=1)) == ""
     assert len(observed.shapes) == 2
     assert [np.isnan(pose[0]) for pose in observed.poses()] == [False, True]

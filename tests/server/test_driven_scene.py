@@ -11,22 +11,17 @@ from cogrip.server.worlds.world import Array, WorldError
 from tests.server.scene_worlds import T
 
 EMPTY = (
-    '<mujoco><option gravity="0 0 0"/><worldbody><geom type="plane" size="1 1 .1" pos="0 0 -1"/></worldbody></mujoco>'
+    "<mujoco><option gravity='0 0 0'/><worldbody><geom type='plane' size='1 1 .1' pos='0 0 -1'/></worldbody></mujoco>"
 )
 K, B = 300.0, 5.0
 MASS_KG = 0.05
 
 
-def alone(world: type[DrivenScene], xml: str = EMPTY, **coupling: object) -> DrivenScene:
+def alone(world: type[DrivenScene], **coupling: object) -> DrivenScene:
     """Return a world with one tool, which a hand at (5, 0, 0) mm of its own frame has taken."""
-    thing = {"kind": "scene", "file": "x.xml", "axes": 3}
-    table = {
-        "object": thing,
-        "coupling": {"stiffness_npm": K, "damping_nspm": B, **coupling},
-        "users": [{"tool": "ball"}],
-    }
-    seats = [seat_settings(resolve(table), 0)]
-    made = world(seats, make_scene(xml, [Held("ball", "left", "")], T / 4), 4)
+    thing, springs = {"kind": "scene", "file": "x.xml", "axes": 3}, {"stiffness_npm": K, "damping_nspm": B, **coupling}
+    settings = resolve({"object": thing, "coupling": springs, "users": [{"tool": "ball"}]})
+    made = world([seat_settings(settings, 0)], make_scene(EMPTY, [Held("ball", "left", "")], T / 4), 4)
     made.join(0, np.array([0.005, 0.0, 0.0]))
     return made
 
@@ -80,13 +75,15 @@ def test_it_comes_to_rest_at_the_hand_and_diverges_with_a_spring_too_stiff_for_t
         assert [stiff.step(goal) for _ in range(300)]
 
 
-def test_a_proxy_goes_as_it_is_asked_while_there_is_energy_for_it() -> None:
-    world = alone(PowerScene)
+def test_a_proxy_goes_as_it_is_asked_while_there_is_energy_for_it_and_for_its_client() -> None:
+    world, empty = alone(PowerScene), alone(PowerScene)
     pace = np.array([0.1, 0.0, 0.0])
     force, speed = lead(world, world.proxy(0) + T * pace, pace, energy_j=1.0)
     assert speed == pytest.approx(pace)
     assert force == pytest.approx(B * pace)
     assert world.port_work_j()[0] == pytest.approx(T * float(force @ speed))
+    _, yielded = lead(empty, empty.proxy(0) + T * pace, pace, 1.0, filled=0.0)
+    assert 0.0 < yielded[0] < speed[0], "with nothing to take it yields"
 
 
 @pytest.mark.parametrize("energy_j", [0.0, 1e-5, 1e-4])
@@ -104,14 +101,6 @@ def test_no_more_comes_out_than_may(energy_j: float) -> None:
         before = after
     if energy_j == 0.0:
         assert before <= 0.0
-
-
-def test_a_proxy_yields_while_its_client_has_nothing_to_take() -> None:
-    full, empty = alone(PowerScene), alone(PowerScene)
-    pace = np.array([0.1, 0.0, 0.0])
-    _, led = lead(full, full.proxy(0) + T * pace, pace, 1.0)
-    _, yielded = lead(empty, empty.proxy(0) + T * pace, pace, 1.0, filled=0.0)
-    assert 0.0 < yielded[0] < led[0]
 
 
 @pytest.mark.parametrize("world", [CoupledScene, PowerScene])

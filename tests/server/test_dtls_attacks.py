@@ -54,7 +54,13 @@ def halted(wire: Wire, address: Address = MALLORY) -> HalfOpen:
     return peer
 
 
-def put(wire: Wire, peer: DtlsPeer, *datagrams: bytes, address: Address = MALLORY) -> None:
+def goes_on(wire: Wire, peer: DtlsPeer, address: Address = MALLORY) -> None:
+    """It comes to an end with its handshake, and talks."""
+    wire.until(lambda: peer.ready() and wire.listener.ready(address))
+    wire.talk(address)
+
+
+def put(wire: Wire, *datagrams: bytes, address: Address = MALLORY) -> None:
     for datagram in datagrams:
         wire.inject(datagram, address)
     wire.rest(0.03)
@@ -95,10 +101,9 @@ def test_a_last_flight_whose_records_come_in_another_order(wire: Wire, order: tu
     peer = halted(wire, ANNA)
     DtlsPeer.answer_server_hello(peer)
     apart = [record.encode() for record in decode_records(peer.outbox.pop()[1])]
-    put(wire, peer, *[apart[each] for each in order], address=ANNA)
+    put(wire, *[apart[each] for each in order], address=ANNA)
     peer._repeat_ns = wire.now_ns + 1_000_000_000
-    wire.until(lambda: peer.ready() and wire.listener.ready(ANNA))  # by its flight once more, in order
-    wire.talk()
+    goes_on(wire, peer, ANNA)  # by its flight once more, in order
 
 
 def test_its_last_flight_is_answered_again_a_few_times_and_not_longer_than_it_is(folder: Path) -> None:
@@ -155,7 +160,7 @@ def test_after_the_handshake_it_brings_nothing_about_but_counts(wire: Wire, atta
         wire.talk(MALLORY)
     heard, before = len(wire.heard), sum(wire.listener.dropped.values())
     datagrams = AFTER[attack](peer)
-    put(wire, peer, *datagrams[:20])
+    put(wire, *datagrams[:20])
     assert len(wire.heard) == heard
     assert sum(wire.listener.dropped.values()) >= before + len(datagrams[:20])
     assert _lib.ERR_peek_error() == 0
@@ -193,49 +198,45 @@ def test_amid_a_handshake_it_is_dropped_and_the_handshake_goes_on(wire: Wire, at
     peer = halted(wire)
     datagrams = BEFORE[attack](peer)
     before = sum(wire.listener.dropped.values())
-    put(wire, peer, *datagrams)
+    put(wire, *datagrams)
     assert sum(wire.listener.dropped.values()) >= before + len(datagrams)
     DtlsPeer.answer_server_hello(peer)
-    wire.until(lambda: peer.ready() and wire.listener.ready(MALLORY))
-    wire.talk(MALLORY)
+    goes_on(wire, peer)
 
 
 def test_a_key_exchange_in_overlapping_parts_is_put_together(wire: Wire) -> None:
     peer = halted(wire)
     peer.read_server()
-    whole_message = peer.key_exchange()
-    body = whole_message[12:]
-    parts = [(20, body[20:]), (0, body[:25]), (10, body[10:22])]
-    put(wire, peer, *[
-        peer.record(HANDSHAKE, Fragment(CLIENT_KEY_EXCHANGE, len(body), 2, offset, part).encode(), 0) for offset, part in parts
-    ])  # fmt: skip
-    put(wire, peer, peer.record(CHANGE_CIPHER_SPEC, b"\x01", 0) + peer.record(HANDSHAKE, peer.finished()))
-    wire.until(lambda: peer.ready() and wire.listener.ready(MALLORY))
-    wire.talk(MALLORY)
+    body = peer.key_exchange()[12:]
+    for first, last in ((20, len(body)), (0, 25), (10, 22)):
+        part = Fragment(CLIENT_KEY_EXCHANGE, len(body), 2, first, body[first:last])
+        put(wire, peer.record(HANDSHAKE, part.encode(), 0))
+    put(wire, peer.record(CHANGE_CIPHER_SPEC, b"\x01", 0) + peer.record(HANDSHAKE, peer.finished()))
+    goes_on(wire, peer)
 
 
-def test_encrypted_parts_where_finished_must_be_end_the_handshake_at_once(wire: Wire) -> None:
-    peer = halted(wire)
-    ATTACKS["encrypted before Finished"][1](peer)
-    wire.rest(0.1)
-    assert wire.listener.counts() == {"open": 0, "half open": 0}
-    assert wire.listener.dropped[f"handshake failed: {sealed_channel.UNFINISHED}"] == 1
-
-
-def test_a_wrong_finished_opens_nothing(wire: Wire) -> None:
-    peer = halted(wire)
+def wrong_finished(peer: DtlsPeer) -> None:
     peer.read_server()
     flight = peer.record(HANDSHAKE, peer.key_exchange(), 0) + peer.record(CHANGE_CIPHER_SPEC, b"\x01", 0)
-    put(wire, peer, flight + peer.record(HANDSHAKE, whole(FINISHED, 3, bytes(12)).encode()))
+    peer.put(flight + peer.record(HANDSHAKE, whole(FINISHED, 3, bytes(12)).encode()))
+
+
+@pytest.mark.parametrize(
+    ("attack", "why"),
+    [(ATTACKS["encrypted before Finished"][1], sealed_channel.UNFINISHED), (wrong_finished, "")],
+    ids=["parts", "wrong"],
+)
+def test_what_is_no_finished_ends_the_handshake(wire: Wire, attack: Callable[[DtlsPeer], None], why: str) -> None:
+    attack(halted(wire))
     wire.rest(0.1)
-    assert not wire.listener.ready(MALLORY)
-    assert wire.listener.counts()["half open"] == 0
+    assert wire.listener.counts() == {"open": 0, "half open": 0}
+    assert any(name.startswith(f"handshake failed: {why}") for name in wire.listener.dropped)
 
 
 def test_a_handshake_has_so_many_datagrams(wire: Wire) -> None:
     peer = halted(wire)
     assert wire.listener.counts()["half open"] == 1
-    put(wire, peer, *[peer.record(HANDSHAKE, bytes(20), 1, number) for number in range(MOST_SHAKING + 1)])
+    put(wire, *[peer.record(HANDSHAKE, bytes(20), 1, number) for number in range(MOST_SHAKING + 1)])
     assert wire.listener.counts()["half open"] == 0
     assert wire.listener.dropped["handshake too long"] == 1
 
@@ -243,7 +244,7 @@ def test_a_handshake_has_so_many_datagrams(wire: Wire) -> None:
 def crowd(wire: Wire, addresses: list[Address]) -> None:
     """Handshakes of all of them, that stop half open or open."""
     peers = [call(wire, DtlsPeer() if number % 2 else HalfOpen(), at) for number, at in enumerate(addresses)]
-    wire.until(lambda: all(peer.ready() or getattr(peer, "halted", False) for peer in peers))
+    wire.until(lambda: all(peer.ready() or peer.halted for peer in peers))
     for address in addresses:
         del wire.calls[address], wire.answers[address]
 

@@ -12,21 +12,12 @@ from cogrip.protocol.io.dtls import Association, client_context, is_client_hello
 from cogrip.protocol.io.dtls_session import DtlsSession
 from cogrip.server.io.dtls_channel import WAITS_NS
 
+from tests.dtls_peer.records import CLIENT_HELLO, HANDSHAKE, Record, whole
+from tests.recorded_end import flipped
 from tests.server.encrypted_network import ANNA, BEN, Wire
-from tests.server.fuzzed_channels import fuzz_call, fuzz_encrypted, fuzz_unencrypted, mutated
+from tests.server.fuzzed_channels import DOORS, mutated
 
 MALLORY = ("10.66.6.6", 666)
-
-
-def sealed(wire: Wire, message: bytes) -> bytes:
-    """A record of Anna's that has not arrived yet."""
-    assert wire.calls[ANNA].send(message, PEER)
-    return wire.calls[ANNA].outbox.pop()[1]
-
-
-def answer(wire: Wire, message: bytes) -> bytes:
-    assert wire.listener.send(message, ANNA)
-    return wire.listener.outbox.pop()[1]
 
 
 def test_whole_sessions_played_again_deliver_nothing(wire: Wire) -> None:
@@ -72,13 +63,10 @@ def test_a_session_played_again_after_it_ended_begins_no_new_one(wire: Wire) -> 
     assert wire.listener.counts() == {"open": 0, "half open": 0}
 
 
-Feed = Callable[[bytes], Sequence[bytes]]
-
-
-def both_ways(wire: Wire) -> list[tuple[bytes, Feed]]:
+def both_ways(wire: Wire) -> list[tuple[bytes, Callable[[bytes], Sequence[bytes]]]]:
     """A record that each end has yet to see, and how to hand it over."""
     call = wire.calls[ANNA]
-    up, down = sealed(wire, b"m" * 60), answer(wire, b"m" * 60)
+    up, down = wire.record(b"m" * 60), wire.answer(b"m" * 60)
 
     def to_client(datagram: bytes) -> Sequence[bytes]:
         return call.receive(datagram, PEER, wire.now_ns)
@@ -86,76 +74,49 @@ def both_ways(wire: Wire) -> list[tuple[bytes, Feed]]:
     return [(up, lambda datagram: wire.inject(datagram, ANNA)), (down, to_client)]
 
 
-def test_a_bit_flipped_at_every_byte_of_a_record_delivers_nothing(wire: Wire) -> None:
+def test_a_record_with_any_bit_flipped_or_cut_at_any_length_delivers_nothing(wire: Wire) -> None:
     call = wire.seal(ANNA)
     for record, feed in both_ways(wire):
-        for at in range(len(record)):
-            for bit in range(8):
-                flipped = bytearray(record)
-                flipped[at] ^= 1 << bit
-                assert list(feed(bytes(flipped))) == []
+        changed = [flipped(record, at, 1 << bit) for at in range(len(record)) for bit in range(8)]
+        cut = [part for size in range(1, len(record)) for part in (record[:size], record[size:])]
+        assert not any(feed(datagram) for datagram in [*changed, b"", *cut])
         assert list(feed(record)) == [b"m" * 60]  # none of them took its place in the window
         assert list(feed(record)) == []
     assert not call.failed
     wire.talk(ANNA)
 
 
-def test_a_record_cut_at_any_length_delivers_nothing(wire: Wire) -> None:
-    call = wire.seal(ANNA)
-    for record, feed in both_ways(wire):
-        for size in range(len(record)):
-            assert list(feed(record[:size])) == []
-            assert size == 0 or list(feed(record[size:])) == []
-        assert list(feed(record)) == [b"m" * 60]
-    assert not call.failed
-    wire.talk(ANNA)
-
-
 def test_what_follows_a_record_in_its_datagram_is_inspected_by_itself(wire: Wire) -> None:
     wire.seal(ANNA)
-    one, two, three = sealed(wire, b"one"), sealed(wire, b"two"), sealed(wire, b"three")
+    one, two, three = wire.record(b"one"), wire.record(b"two"), wire.record(b"three")
     assert list(wire.inject(one + b"\x00junk", ANNA)) == [b"one"]
     assert list(wire.inject(two + one + three, ANNA)) == [b"two", b"three"]
     wire.talk(ANNA)
 
 
 @pytest.mark.parametrize("handed_over", [False, True])
-def test_a_forged_number_behind_a_true_record_makes_a_seated_association_deaf_to_nothing(
-    wire: Wire, handed_over: bool
-) -> None:
+def test_a_forged_number_behind_a_true_record_makes_nobody_deaf(wire: Wire, handed_over: bool) -> None:
     wire.seats.clear()
     wire.seal(ANNA)
-    true = sealed(wire, b"hello")
+    true = wire.record(b"hello")
     forged = true[:5] + b"\xff" * 6 + true[11:]
     assert list(wire.inject(true + forged, ANNA)) == [b"hello"]
     if handed_over:
         keys = wire.listener.hand_over(ANNA, b"welcome")
         assert keys is not None
-        assert DtlsSession(keys).receive(sealed(wire, b"next")) == [b"next"]
+        assert DtlsSession(keys).receive(wire.record(b"next")) == [b"next"]
     else:
         wire.seats.add(ANNA)
         wire.talk(ANNA)
 
 
+BODIES = (b"", b"\x01", b"\x02\x28", b"\x01\x00", bytes(8), b"\x0e" + bytes(11), b"\x14" + bytes(40), bytes(300))
 FORGED = [
-    bytes([kind, 0xFE, 0xFD])
-    + epoch.to_bytes(2, "big")
-    + number.to_bytes(6, "big")
-    + len(body).to_bytes(2, "big")
-    + body
+    Record(kind, epoch, number, body).encode()
     for kind in (20, 21, 22, 23, 24, 25)
     for epoch in (0, 1, 2, 0xFFFF)
     for number in (0, 1, 5, 2**47)
-    for body in (
-        b"",
-        b"\x01",
-        b"\x02\x28",
-        b"\x01\x00",
-        b"\x00" * 8,
-        b"\x0e" + bytes(11),
-        b"\x14" + bytes(40),
-        bytes(300),
-    )
+    for body in BODIES
 ]
 
 
@@ -209,8 +170,7 @@ def test_unauthenticated_peers_get_no_state_and_no_answer_longer_than_their_requ
 
 def test_shortest_hello_gets_no_more_than_it_brought(folder: Path) -> None:
     body = b"\xfe\xfd" + bytes(32) + b"\x00" + b"\x00" + b"\x00\x02\xc0\x2b" + b"\x01\x00"
-    message = b"\x01" + len(body).to_bytes(3, "big") + b"\x00\x00" + b"\x00" * 3 + len(body).to_bytes(3, "big") + body
-    hello = b"\x16\xfe\xfd" + bytes(8) + len(message).to_bytes(2, "big") + message
+    hello = Record(HANDSHAKE, 0, 0, whole(CLIENT_HELLO, 0, body).encode()).encode()
     wire = Wire(folder)
     wire.inject(hello, MALLORY)
     ((_, cookie),) = wire.listener.outbox
@@ -222,7 +182,7 @@ def test_a_failure_of_one_peer_disturbs_no_other(wire: Wire) -> None:
     wire.seal(BEN)
     for number in range(20):
         bad = wire.call(("10.2.0.1", number), fingerprint="1" * 64)
-        wire.until(lambda bad=bad: bool(bad.failed))  # type: ignore[misc]
+        wire.until(lambda bad=bad: bad.failed)  # type: ignore[misc]
         assert _lib.ERR_peek_error() == 0
         for datagram in FORGED[number::20]:
             wire.inject(datagram, BEN)
@@ -231,17 +191,8 @@ def test_a_failure_of_one_peer_disturbs_no_other(wire: Wire) -> None:
         wire.talk(BEN)
 
 
-def test_fuzzed_datagrams_to_an_encrypted_server(folder: Path) -> None:
-    fuzz_encrypted(25_000, folder, seed=1)
-
-
-def test_fuzzed_datagrams_to_an_encrypted_server_without_budgets(folder: Path) -> None:
-    fuzz_encrypted(5_000, folder, seed=2, limited=False)
-
-
-def test_fuzzed_datagrams_at_a_call(folder: Path) -> None:
-    fuzz_call(5_000, folder, seed=4)
-
-
-def test_fuzzed_datagrams_to_an_unencrypted_server() -> None:
-    fuzz_unencrypted(20_000, seed=3)
+@pytest.mark.parametrize(
+    ("door", "datagrams", "seed"), [("sealed", 25_000, 1), ("open", 5_000, 2), ("plain", 20_000, 3), ("call", 5_000, 4)]
+)
+def test_fuzzed_datagrams_bring_nothing_about(folder: Path, door: str, datagrams: int, seed: int) -> None:
+    DOORS[door](datagrams, folder, seed)

@@ -8,7 +8,7 @@ import pytest
 
 from cogrip.cli.session.network_rate import RateChoices, stated
 from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.session.shipped_settings import shipped_scene
 from cogrip.protocol.network_rate import OUTSIDE_S, PERSON_S, RATES_HZ, SERVER_SHARE, RateChoice
 from cogrip.protocol.settings import Settings, best_network_hz, for_remote_clients, resolve
 from cogrip.server import frame_cost as module
@@ -19,13 +19,14 @@ from cogrip.server.room import Room
 
 
 class VirtualClock:
-    """A clock that goes on by `step_ns` whenever it is read, and to where it is waited for."""
+    """A clock that goes on by `step_ns` whenever it is read, and to where it is waited for. One reading may be slow."""
 
-    def __init__(self, step_ns: int) -> None:
-        self.now_ns, self._step_ns = 0, step_ns
+    def __init__(self, step_ns: int, slow: int = 0) -> None:
+        self.now_ns, self.reads, self._step_ns, self._slow = 0, 0, step_ns, slow
 
     def read(self) -> int:
-        self.now_ns += self._step_ns
+        self.reads += 1
+        self.now_ns += 50_000_000 if self.reads == self._slow else self._step_ns
         return self.now_ns
 
     def wait(self, until_ns: int) -> None:
@@ -33,27 +34,22 @@ class VirtualClock:
 
 
 def room(kind: str, **tables: object) -> Settings:
+    lift = {"kind": "scene", "file": str(shipped_scene("lift.xml"))}
     things: dict[str, dict[str, object]] = {
-        "cube": {"kind": "cube", "axes": 3}, "wall": {"kind": "wall"}, "faces": {"kind": "faces"},
-        "scene": {"kind": "scene", "axes": 3, "file": str(shipped("lift").parent / "scenes" / "lift.xml")},
-        "poses": {"kind": "scene", "axes": 6, "file": str(shipped("lift").parent / "scenes" / "lift.xml")},
-    }  # fmt: skip
-    users = [{"name": name, "side": side, "tool": "ball" if kind in ("scene", "poses") else ""}
-             for name, side in (("anna", "left"), ("ben", "right"))]  # fmt: skip
-    return resolve({"object": things[kind], "users": users, **tables})
+        "cube": {"kind": "cube", "axes": 3},
+        "scene": lift | {"axes": 3},
+        "poses": lift | {"axes": 6},
+    }
+    tool = "ball" if kind in ("scene", "poses") else ""
+    users = [{"name": name, "side": side, "tool": tool} for name, side in (("anna", "left"), ("ben", "right"))]
+    return resolve({"object": things.get(kind, {"kind": kind}), "users": users, **tables})
 
 
 @pytest.fixture
 def rooms(monkeypatch: pytest.MonkeyPatch) -> list[Room]:
     """Rooms that are timed from now on."""
     made: list[Room] = []
-
-    class Kept(Room):
-        def __init__(self, settings: Settings) -> None:
-            super().__init__(settings)
-            made.append(self)
-
-    monkeypatch.setattr(module, "Room", Kept)
+    monkeypatch.setattr(module, "Room", lambda settings: made.append(Room(settings)) or made[-1])
     return made
 
 
@@ -86,16 +82,9 @@ def test_it_takes_a_bounded_time_whatever_a_frame_takes(step_ns: int) -> None:
 
 
 def test_one_slow_frame_does_not_count() -> None:
-    clock = VirtualClock(100_000)
-    reads = 0
-
-    def read() -> int:
-        nonlocal reads
-        reads += 1
-        clock.now_ns += 50_000_000 if reads == 20 else 0
-        return clock.read()
-
-    assert frame_cost(room("cube"), read, clock.wait).frame_s == pytest.approx(1e-4)
+    clock = VirtualClock(100_000, slow=20)
+    assert frame_cost(room("cube"), clock.read, clock.wait).frame_s == pytest.approx(1e-4)
+    assert clock.reads > 20
 
 
 def choose(frame_us: float) -> Callable[[Settings], RateChoice]:
@@ -119,9 +108,15 @@ def test_a_slower_machine_gets_a_lower_rate() -> None:
     assert rates == list(RATES_HZ[::-1])
 
 
-def test_what_is_chosen_at_the_start_is_in_the_settings_and_said_in_a_line(tmp_path: Path) -> None:
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """Settings whose rate is chosen at the start."""
     file = tmp_path / "room.toml"
     file.write_text('name = "box"\n[rates]\nnetwork_hz = "auto"\n[[users]]\nname = "anna"\n')
+    return file
+
+
+def test_what_is_chosen_at_the_start_is_in_the_settings_and_said_in_a_line(file: Path) -> None:
     slow, fast = RateChoices(choose(2500.0)), RateChoices(choose(50.0))
     assert load(file, rate=slow).rates.network_hz == 128
     assert load(file, rate=fast).rates.network_hz == 1024
@@ -130,7 +125,9 @@ def test_what_is_chosen_at_the_start_is_in_the_settings_and_said_in_a_line(tmp_p
         f"room box: rates.network_hz = 128: a frame takes the server 2600 µs (measured in {slow.found['box'].frames} frames), "
         "of 0.4 s a second that a room may take"
     )
-    assert load(file, ["rates.network_hz=256"], rate=slow).rates.network_hz == 256, "a number is left alone"
+    given = RateChoices(choose(50.0))
+    assert load(file, ["rates.network_hz=256"], rate=given).rates.network_hz == 256, "a number is left alone"
+    assert given.found == {}
     lab = RateChoices(stated)
     assert load(file, rate=lab).rates == load(file).rates
     assert lab.found["box"] == RateChoice(1024, "stated", PERSON_S)
@@ -138,10 +135,8 @@ def test_what_is_chosen_at_the_start_is_in_the_settings_and_said_in_a_line(tmp_p
 
 
 @pytest.mark.parametrize("encrypted", [False, True])
-def test_a_server_that_was_killed_goes_on_at_its_rate(tmp_path: Path, encrypted: bool) -> None:
+def test_a_server_that_was_killed_goes_on_at_its_rate(file: Path, tmp_path: Path, encrypted: bool) -> None:
     """However long a frame takes now: its checkpoint, and the seats that wait for their people, are of that rate."""
-    file = tmp_path / "room.toml"
-    file.write_text('name = "box"\n[rates]\nnetwork_hz = "auto"\n[[users]]\nname = "anna"\n')
     before = load(file, rate=RateChoices(choose(1000.0)))
     assert before.rates.network_hz == 256
     folder = make_folder(tmp_path / "state")
@@ -154,9 +149,3 @@ def test_a_server_that_was_killed_goes_on_at_its_rate(tmp_path: Path, encrypted:
     Room(for_remote_clients(settings) if encrypted else settings).restore(killed.checkpoint(), 0)
     other = RateChoices(choose(50.0), folder.path)
     assert load(file, ["object.mass_kg=0.7"], rate=other).rates.network_hz == 1024, "of other settings: none that fits"
-
-
-def test_nothing_is_chosen_where_a_number_is_given() -> None:
-    rates = RateChoices(choose(50.0))
-    load(Path("demo"), rate=rates)
-    assert rates.found == {}

@@ -39,12 +39,8 @@ def test_two_administrators_at_once_are_both_told_what_holds(laboratory: Laborat
     said: list[tuple[str, bool]] = []
     orders = HandOrders(laboratory.server, lambda request, text, ok: said.append((text, ok)))
     caller: Request = None  # type: ignore[assignment]  # goes back with the answer
-    for each in (
-        order("position_scale=3", "gravity_compensation=on"),
-        order("position_scale=3"),
-        order("position_scale=5"),
-    ):
-        orders.obey(caller, each, laboratory.now_ns)
+    for pairs in (("position_scale=3", "gravity_compensation=on"), ("position_scale=3",), ("position_scale=5",)):
+        orders.obey(caller, order(*pairs), laboratory.now_ns)
     for _ in range(32):
         laboratory.frame()
         orders.poll(laboratory.now_ns)
@@ -53,9 +49,7 @@ def test_two_administrators_at_once_are_both_told_what_holds(laboratory: Laborat
     assert all("position_scale=5 " in text for text, _ in said)
 
 
-def test_the_next_server_knows_the_scale_that_was_set_just_before_the_end(
-    laboratory: Laboratory, tmp_path: Path
-) -> None:
+def test_the_next_server_knows_the_scale_that_was_set_last(laboratory: Laboratory, tmp_path: Path) -> None:
     """Its checkpoint does not wait for its turn: else the client's waves would be clipped from then on."""
     folder = make_folder(tmp_path / "state")
     server = LiveServer(

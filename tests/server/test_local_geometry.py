@@ -9,10 +9,12 @@ from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.shipped_settings import shipped_scene
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.worlds.local_geometry import MOST_LOCAL, LocalGeometry
+from cogrip.server.worlds.local_scene import LocalScene
 from cogrip.sim.analysis.scene_advice import scene_findings
 
 from tests.server.local_worlds import join_all, local_world, report
 
+Place = tuple[float, float, float]
 SLIDES = "".join(f"<joint type='slide' axis='{axis}'/>" for axis in ("1 0 0", "0 1 0", "0 0 1"))
 BALL = "<geom name='ball' size='.01' mass='.05'/>"
 
@@ -20,6 +22,15 @@ BALL = "<geom name='ball' size='.01' mass='.05'/>"
 def scene(fixed: str = "", tool: str = SLIDES + BALL, more: str = "") -> str:
     body = f"<body name='hand' pos='.5 0 .1' gravcomp='1'>{tool}</body>"
     return f"<mujoco><worldbody>{fixed}{body}</worldbody>{more}</mujoco>"
+
+
+def led(text: str, place: Place, frames: int) -> LocalScene:
+    """Return the world of a scene whose hand has been led to a place."""
+    world = join_all(local_world(text, ["hand"]))
+    for _ in range(frames):
+        report(world, np.array([place]))
+        world.step(np.zeros((1, 3)))
+    return world
 
 
 def geometry(text: str) -> LocalGeometry:
@@ -91,23 +102,14 @@ SPRUNG = "<joint type='slide' axis='1 0 0' stiffness='9'/>" + SLIDES.partition("
     ],
 )  # fmt: skip
 def test_a_tool_that_cannot_be_put_anywhere_is_always_held_by_its_line(text: str, words: str) -> None:
-    world = local_world(text, ["hand"])
+    world = led(text, (0.1, 0.0, 0.0), frames=200)
     assert words in world.geometry[0].why
     assert world.local_shapes(0) == ()
-    join_all(world)
-    began = world.engaged_at(0)
-    assert began == pytest.approx((0.0, 0.0, 0.0))
-    for _ in range(200):
-        report(world, np.array([[0.1, 0.0, 0.0]]))
-        world.step(np.zeros((1, 3)))
-    assert world.engaged_at(0) == began
+    assert world.engaged_at(0) == pytest.approx((0.0, 0.0, 0.0)), "where it was taken"
 
 
 def test_a_fixed_shape_that_no_client_renders_engages_the_tool() -> None:
-    world = join_all(local_world(scene("<geom type='ellipsoid' size='.1 .2 .3' pos='.7 0 .1'/>"), ["hand"]))
-    for _ in range(60):
-        report(world, np.array([[0.15, 0.0, 0.0]]))
-        world.step(np.zeros((1, 3)))
+    world = led(scene("<geom type='ellipsoid' size='.1 .2 .3' pos='.7 0 .1'/>"), (0.15, 0.0, 0.0), frames=60)
     assert world.engaged_at(0)
     assert world.proxy(0)[0] == pytest.approx(0.2 - 0.1 - 0.01 - 0.005, abs=2e-4)
     u = np.array([[0.4, 0.0, 0.0]])
@@ -120,11 +122,8 @@ def test_a_fixed_shape_that_no_client_renders_engages_the_tool() -> None:
 def test_height_fields_are_kept_clear_of_by_a_ball_around_them() -> None:
     field = "<asset><hfield name='h' nrow='2' ncol='2' elevation='0 1 0 1' size='.1 .1 .1 .1'/></asset>"
     fixed = "<geom name='hills' type='hfield' hfield='h' pos='0 0 -1'/>"
-    world = join_all(local_world(scene(fixed, more=field), ["hand"]))
+    world = led(scene(fixed, more=field), (-0.5, 0.0, -1.1), frames=100)
     assert world.geometry[0].left_out == ("hills",)
-    for _ in range(100):
-        report(world, np.array([[-0.5, 0.0, -1.1]]))
-        world.step(np.zeros((1, 3)))
     assert world.engaged_at(0)
     distance = float(np.linalg.norm(world.proxy(0) - np.array([-0.5, 0.0, -1.1])))
     radius = float(world.scene.model.geom_rbound[world.geometry[0].obstacles[0]])
@@ -150,15 +149,17 @@ def test_advice_says_what_is_rendered_where(tmp_path: Path) -> None:
     ]
 
 
-def test_advice_refuses_a_tool_that_turns_and_is_no_ball() -> None:
-    table = {
-        "object": {"kind": "scene", "axes": 6, "file": str(shipped_scene("wall.xml"))},
-        "coupling": {"kind": "local"},
-    }
-    pad = scene_findings(resolve({**table, "users": [{"name": "anna", "tool": "pad", "device": "sim:phantom6"}]}))
-    assert [finding.refused for finding in pad if finding.topic == "local"] == [True]
-    fixed = scene_findings(resolve({**table, "users": [{"name": "anna", "tool": "pad", "orientation": "fixed"}]}))
-    ball = scene_findings(resolve({**table, "users": [{"name": "anna", "tool": "ball", "device": "sim:phantom6"}]}))
-    for found in (fixed, ball):
-        (text,) = [finding.text for finding in found if finding.topic == "local"]
-        assert text.startswith("anna: contact with 1 fixed shape is rendered at the hand")
+@pytest.mark.parametrize(
+    ("user", "refused"),
+    [
+        ({"tool": "pad", "device": "sim:phantom6"}, True),
+        ({"tool": "pad", "orientation": "fixed"}, False),
+        ({"tool": "ball", "device": "sim:phantom6"}, False),
+    ],
+)
+def test_advice_refuses_a_tool_that_turns_and_is_no_ball(user: dict[str, str], refused: bool) -> None:
+    thing = {"kind": "scene", "axes": 6, "file": str(shipped_scene("wall.xml"))}
+    table = resolve({"object": thing, "coupling": {"kind": "local"}, "users": [{"name": "anna", **user}]})
+    (finding,) = [finding for finding in scene_findings(table) if finding.topic == "local"]
+    assert finding.refused == refused
+    assert refused or finding.text.startswith("anna: contact with 1 fixed shape is rendered at the hand")

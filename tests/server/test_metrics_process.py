@@ -8,8 +8,9 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import closing, suppress
+from pathlib import Path
 
 import pytest
 
@@ -17,9 +18,8 @@ from cogrip.server.io import metrics_process
 from cogrip.server.io.metrics_feed import START_AGAIN_NS, MetricsError, MetricsFeed, open_metrics
 from cogrip.server.io.metrics_process import MOST_AT_ONCE
 
+from tests.server.patience import LIMIT_S, until
 from tests.server.test_metrics import samples_in, state
-
-LIMIT_S = 60.0  # for anything a process is waited for
 
 
 class Site:
@@ -35,13 +35,13 @@ class Site:
         return self.feed._process.pid
 
     def ask(self, path: str, host: str = "127.0.0.1", verb: str = "GET") -> tuple[int, str, str]:
-        connection = http.client.HTTPConnection("127.0.0.1", self.feed.port, timeout=LIMIT_S)
-        try:
+        with closing(http.client.HTTPConnection("127.0.0.1", self.feed.port, timeout=LIMIT_S)) as connection:
             connection.request(verb, path, headers={"Host": f"{host}:{self.feed.port}"})
             answer = connection.getresponse()
             return answer.status, answer.headers.get("Content-Type", ""), answer.read().decode()
-        finally:
-            connection.close()
+
+    def connection(self) -> socket.socket:
+        return socket.create_connection(("127.0.0.1", self.feed.port), timeout=LIMIT_S)
 
     def seen(self, name: str) -> float | None:
         """A sample without labels, as scraped now."""
@@ -54,22 +54,13 @@ class Site:
         except (OSError, http.client.HTTPException):
             return False
 
-    def await_uptime(self, uptime_s: float) -> None:
+    def tell(self, uptime_s: float, diverged: str = "") -> None:
+        """Put a snapshot in, and wait until it is served."""
+        self.feed.put(state(uptime_s, diverged=diverged))
         until(lambda: self.seen("uptime_seconds") == uptime_s)
 
 
 OWN_THREADS = 2  # of the process: one takes snapshots in, one listens
-
-
-def threads_of(pid: int) -> int:
-    """Return the number of threads of the metrics process."""
-    return len(os.listdir(f"/proc/{pid}/task"))
-
-
-def until(holds: Callable[[], bool]) -> None:
-    limit_s = time.monotonic() + LIMIT_S
-    while not holds():
-        assert time.monotonic() < limit_s, "it never came true"
 
 
 @pytest.fixture
@@ -81,14 +72,13 @@ def site() -> Iterator[Site]:
     there.feed.close()
 
 
-def test_it_serves_metrics_and_health_and_nothing_else(site):
+def test_it_serves_metrics_and_health_and_nothing_else_to_this_machine_alone(site):
     status, content, body = site.ask("/healthz")
     assert (status, content) == (503, "application/json")
     assert json.loads(body) == {"status": "the server has said nothing yet"}
     assert site.seen("healthy") == 0.0
 
-    site.feed.put(state(1.5))
-    site.await_uptime(1.5)
+    site.tell(1.5)
     status, content, body = site.ask("/healthz")
     assert status == 200
     told = json.loads(body)
@@ -101,8 +91,7 @@ def test_it_serves_metrics_and_health_and_nothing_else(site):
     assert samples_in(body)["cogrip_healthy"][0].value == 1.0
     assert samples_in(body)["cogrip_process_resident_memory_bytes"][0].value > 1e6, "of the server, not of the scraped"
 
-    site.feed.put(state(2.0, diverged="the object left"))
-    site.await_uptime(2.0)
+    site.tell(2.0, diverged="the object left")
     status, _, body = site.ask("/healthz")
     assert (status, json.loads(body)["status"]) == (200, "ok")
     assert json.loads(body)["rooms"] == {"lab": {"seated": 0, "observers": 0, "diverged": "the object left"}}
@@ -114,9 +103,6 @@ def test_it_serves_metrics_and_health_and_nothing_else(site):
         assert (status, content, body) == (*site.ask(path)[:2], "")
     assert site.ask("/metrics", host="elsewhere.example")[0] == 421, "a page that has its name point here"
     assert site.ask("/metrics", host="localhost")[0] == 200
-
-
-def test_it_listens_on_this_machine_alone(site):
     with socket.socket() as other, pytest.raises(ConnectionRefusedError):
         other.connect(("127.0.0.2", site.feed.port))
 
@@ -125,8 +111,7 @@ def test_it_ends_with_the_server_and_not_before(site):
     process = site.feed._process
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         os.kill(site.pid, number)
-    site.feed.put(state(3.5))
-    site.await_uptime(3.5)
+    site.tell(3.5)
     assert os.getsid(site.pid) == site.pid, "Ctrl-C at the server's terminal does not reach it"
     process.stdin.close()
     assert process.wait(LIMIT_S) == 0
@@ -141,9 +126,8 @@ def test_a_dead_process_is_named_once_and_started_again_after_a_minute(site):
     site.now_ns = START_AGAIN_NS - 1
     for number in range(10):
         site.feed.put(state(float(number)))
-    assert site.words == [
-        "/metrics and /healthz are not served: their process ended with code -9; tried again once a minute"
-    ]
+    not_served = "/metrics and /healthz are not served: their process ended with code -9; tried again once a minute"
+    assert site.words == [not_served]
     assert site.feed.not_taken == 10
     assert site.feed._process is first
 
@@ -175,16 +159,14 @@ def test_a_taken_port_is_named():
         other.listen()
         port = other.getsockname()[1]
         words: list[str] = []
-        with pytest.raises(
-            MetricsError, match=rf"127\.0\.0\.1:{port}: Address already in use; choose another --metrics"
-        ):
+        with pytest.raises(MetricsError, match=rf"\.0\.1:{port}: Address already in use; choose another --metrics"):
             open_metrics(port, words.append)
         assert words == []
 
 
 def test_an_asker_who_hangs_up_is_counted(site):
     site.feed.put(state())
-    with socket.create_connection(("127.0.0.1", site.feed.port)) as rude:
+    with site.connection() as rude:
         rude.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")  # its end is a reset
         rude.sendall(b"GET /metrics HTTP/1.0\r\n")
     until(lambda: site.seen("scrapes_broken_off_total") == 1.0)
@@ -193,17 +175,14 @@ def test_an_asker_who_hangs_up_is_counted(site):
 @pytest.mark.skipif(sys.platform != "linux", reason="counts the threads of another process in /proc")
 def test_so_many_connections_are_answered_at_once_and_no_more(site):
     """The others are closed at once; when there is room again everybody is answered."""
-    site.feed.put(state(1.0))
-    site.await_uptime(1.0)
-    held = [socket.create_connection(("127.0.0.1", site.feed.port), timeout=LIMIT_S) for _ in range(MOST_AT_ONCE)]
-    until(lambda: threads_of(site.pid) >= MOST_AT_ONCE)
+    site.tell(1.0)
+    threads = Path(f"/proc/{site.pid}/task")
+    held = [site.connection() for _ in range(MOST_AT_ONCE)]
+    until(lambda: len(os.listdir(threads)) >= MOST_AT_ONCE)
     for _ in range(20):
-        with (
-            socket.create_connection(("127.0.0.1", site.feed.port), timeout=LIMIT_S) as more,
-            suppress(ConnectionError),
-        ):
+        with site.connection() as more, suppress(ConnectionError):
             assert more.recv(1) == b""
-    assert threads_of(site.pid) <= MOST_AT_ONCE + OWN_THREADS
+    assert len(os.listdir(threads)) <= MOST_AT_ONCE + OWN_THREADS
     for each in held:
         each.close()
     until(site.answers)
