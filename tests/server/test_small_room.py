@@ -8,22 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.small_room import MOST, SmallGripWorld
 
-
-def seats(count: int, axes: int, random: np.random.Generator) -> list[SeatSettings]:
-    settings = resolve({
-        "object": {"axes": axes, "damping_nspm": random.uniform(0.0, 5.0), "mass_kg": 10.0 ** random.uniform(-2, 1)},
-        "coupling": {
-            "stiffness_npm": 10.0 ** random.uniform(0, 5), "damping_nspm": 10.0 ** random.uniform(-1, 2),
-            "impedance_nspm": 10.0 ** random.uniform(0, 2),
-        },
-        "users": [{"name": f"u{number}"} for number in range(count)],
-    })  # fmt: skip
-    return [seat_settings(settings, number) for number in range(count)]
+from tests.server.object_worlds import drawn_seats, seats
 
 
 def alike(one: ArrayLike, other: ArrayLike, least: float, fraction: float = 1e-9) -> None:
@@ -35,7 +24,7 @@ def alike(one: ArrayLike, other: ArrayLike, least: float, fraction: float = 1e-9
 def test_few_people_are_stepped_as_many_are(count: int, axes: int, seed: int) -> None:
     """They come, hold, and go at random moments, while their stiffness grows as well as after."""
     random = np.random.default_rng(seed)
-    people = seats(count, axes, random)
+    people = drawn_seats(random, count, axes)
     many, few = GripWorld(people), SmallGripWorld(people)
     for step in range(120):
         user = int(random.integers(count))
@@ -64,12 +53,12 @@ def test_few_people_are_stepped_as_many_are(count: int, axes: int, seed: int) ->
 
 def test_rooms_of_few_and_of_many() -> None:
     random = np.random.default_rng(1)
-    assert isinstance(make_world(seats(MOST // 3, 3, random)), SmallGripWorld)
-    assert isinstance(make_world(seats(MOST // 3 + 1, 3, random)), GripWorld)
+    assert isinstance(make_world(drawn_seats(random, MOST // 3, 3)), SmallGripWorld)
+    assert isinstance(make_world(drawn_seats(random, MOST // 3 + 1, 3)), GripWorld)
 
 
 def test_the_arrays_of_few_people_are_not_to_be_written_to() -> None:
-    world = SmallGripWorld(seats(2, 3, np.random.default_rng(1)))
+    world = SmallGripWorld(seats(2, axes=3))
     for name in ("position", "velocity", "stretch", "stiffness", "damping", "force", "port_work"):
         assert not getattr(world, name).flags.writeable, name
     world.position = np.array([0.1, 0.2, 0.3])
@@ -79,7 +68,7 @@ def test_the_arrays_of_few_people_are_not_to_be_written_to() -> None:
 @pytest.mark.parametrize("kind", [GripWorld, SmallGripWorld])
 def test_the_work_of_hours_is_within_two_roundings_of_the_true_one(kind: type[GripWorld]) -> None:
     """Small steps beside a large sum: a plain one is out by up to half its last digit each time."""
-    world, start = kind(seats(2, 1, np.random.default_rng(1))), 1e7 / 3.0
+    world, start = kind(seats(2)), 1e7 / 3.0
     for user in range(2):
         world.join(user, np.zeros(1))
     world.port_work = np.array([start, -start])

@@ -15,8 +15,9 @@ from cogrip.server.stiffness_adaptation import FOLLOW_S, REPORT_EVERY_S, REPORTS
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.push import PushWorld
 from cogrip.server.worlds.small_room import SmallGripWorld
-from cogrip.server.worlds.world import MOST_SAVED_J, World
+from cogrip.server.worlds.world import MOST_SAVED_J
 
+from tests.server.object_worlds import drawn_seats, stored_j
 from tests.server.test_small_room import alike
 
 FRAME_MS = 7.8125
@@ -187,28 +188,10 @@ def test_worlds_that_are_not_passive_refuse_to_change_a_spring() -> None:
 # Energy ----------------------------------------------------------------------------------------------------------------
 
 
-def people(count: int, axes: int, kind: str, follow: bool, random: np.random.Generator) -> list[SeatSettings]:
-    settings = resolve({
-        "object": {
-            "axes": axes, "kind": kind, "damping_nspm": random.uniform(0.0, 5.0), "mass_kg": 10.0 ** random.uniform(-2, 1),
-        },
-        "coupling": {
-            "stiffness_npm": 10.0 ** random.uniform(1, 4), "damping_nspm": 10.0 ** random.uniform(-1, 2),
-            "impedance_nspm": 10.0 ** random.uniform(3.0, 3.9), "compensate": follow,
-        },
-        "users": [{"name": f"u{number}", "side": "right" if number % 2 else "left"} for number in range(count)],
-    })  # fmt: skip
-    return [seat_settings(settings, number) for number in range(count)]
-
-
-def stored_j(world: World) -> float:
-    """Return the energy of object and springs."""
-    kinetic = 0.5 * world.mass_kg * float((world.velocity**2).sum())
-    if isinstance(world, PushWorld):
-        depth = np.maximum(0.0, world.side * (world.hand[:, 0] - world.position[0]))
-        return (0.0 if world.fixed else kinetic) + 0.5 * float((world.stiffness[:, 0] * depth**2).sum())
-    assert isinstance(world, GripWorld)
-    return kinetic + 0.5 * float((world.stiffness * world.stretch**2).sum())
+def people(kind: str, random: np.random.Generator, count: int = 1, axes: int = 1) -> list[SeatSettings]:
+    """Return seats that follow, at a world of KINDS."""
+    thing = "cube" if kind == "many" else kind
+    return drawn_seats(random, count, axes, thing, stiffness=(1.0, 4.0), impedance=(3.0, 3.9), compensate=True)
 
 
 KINDS = {"cube": SmallGripWorld, "many": GripWorld, "faces": PushWorld, "wall": PushWorld}
@@ -219,7 +202,7 @@ KINDS = {"cube": SmallGripWorld, "many": GripWorld, "faces": PushWorld, "wall": 
 def test_no_sequence_of_aims_makes_energy(kind: str, count: int, axes: int, seed: int) -> None:
     """All that came in through the lines is at least what is stored now, at every step, whatever is aimed at in between."""
     random = np.random.default_rng(seed)
-    seats = people(count, axes, "cube" if kind == "many" else kind, True, random)
+    seats = people(kind, random, count, axes)
     world = KINDS[kind](seats)
     for user in range(count):
         world.join(user, np.zeros(axes))
@@ -251,7 +234,7 @@ def test_energy_is_made_where_the_ledger_is_not_asked(kind: str) -> None:
     worst = 0.0
     for seed in range(6):
         random = np.random.default_rng(seed)
-        world = KINDS[kind](people(1, 1, "cube" if kind == "many" else kind, True, random))
+        world = KINDS[kind](people(kind, random))
         world.join(0, np.zeros(1))
         for step in range(400):
             if isinstance(world, SmallGripWorld):
@@ -269,7 +252,7 @@ def test_energy_is_made_where_the_ledger_is_not_asked(kind: str) -> None:
 @given(st.integers(1, 6), st.integers(1, 3), st.integers(0, 2**32 - 1))
 def test_few_people_follow_as_many_do(count: int, axes: int, seed: int) -> None:
     random = np.random.default_rng(seed)
-    seats = people(count, axes, "cube", True, random)
+    seats = people("cube", random, count, axes)
     many, few = GripWorld(seats), SmallGripWorld(seats)
     for step in range(150):
         user = int(random.integers(count))
@@ -290,7 +273,7 @@ def test_few_people_follow_as_many_do(count: int, axes: int, seed: int) -> None:
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_nothing_stretched_costs_nothing_and_what_is_lowered_can_be_raised_again(kind: str) -> None:
     random = np.random.default_rng(5)
-    [one] = people(1, 1, "cube" if kind == "many" else kind, True, random)
+    [one] = people(kind, random)
     K = one.rendered_npm
     world = KINDS[kind]([one])
     world.join(0, np.zeros(1))
