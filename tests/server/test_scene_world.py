@@ -81,18 +81,6 @@ def test_a_free_tool_loses_what_its_equation_says(seed: int, substeps: int, b: f
     assert world.limiter.limited == 0
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("scene", SHIPPED)
-def test_a_port_balances_at_every_frame_and_the_limiter_is_blind(scene: str) -> None:
-    world = hold(world_of(scene))
-    push = adversary(world, 5)
-    v = np.zeros((2, 3))
-    for _ in range(1000):
-        v = world.step(push(v))
-    assert world.balance_error_j <= 1e-14
-    assert world.limiter.limited == 0
-
-
 def test_contact_is_the_closed_form() -> None:
     """m (v+ - v)/h = sqrt(2b) u - b v+ - f,  f = max(0, D0 (v+ - v)/h + beta M v+ + kappa M (r + h v+)), r depth.
 
@@ -152,6 +140,7 @@ def holds_no_more(name: str, seeds: Iterable[int], frames: int) -> float:
         world = hold(world_of_settings(name))
         above, window = most_above_input_j(world, seed, frames)
         assert above <= 1e-9, seed
+        assert world.balance_error_j <= 1e-14, seed
         assert world.limiter.limited == 0, seed
         worst = max(worst, window)
     return worst
@@ -298,36 +287,6 @@ def test_a_tool_that_is_taken_inside_a_body_touches_it_once_it_has_left() -> Non
     for _ in range(300):
         world.step(np.array([[0.5, 0.0, -0.05]]))
     assert world.position[0] > 0.005, "now it is pushed"
-
-
-def test_hands_start_where_they_are_in_their_own_frames() -> None:
-    world = world_of("lift")
-    world.join(0, np.array([0.01, -0.02, 0.03]))
-    assert world.proxy(0) == pytest.approx([0.01, -0.02, 0.03], abs=1e-15)
-    world.step(np.zeros((2, 3)))
-    assert world.proxy(0) == pytest.approx([0.01, -0.02, 0.03], abs=1e-15)
-    assert world.orientation == pytest.approx([1, 0, 0, 0], abs=1e-6)
-    assert world.poses_of_bodies().shape == (3, 7)
-    assert world.stiffness_of(0) is None
-
-
-def test_people_coming_and_going_take_nothing() -> None:
-    world = world_of("pile")
-    random = np.random.default_rng(3)
-    push = adversary(world, 3)
-    start, came, v = world.energy_j, 0.0, np.zeros((2, 3))
-    for frame in range(600):
-        if frame % 40 == 0:
-            user = int(random.integers(2))
-            if world.holding[user]:
-                world.leave(user)
-            else:
-                world.join(user, random.uniform(-0.03, 0.03, 3))
-        u = np.where(world.holding[:, None], push(v), 0.0)
-        v = world.step(u)
-        came += port_j(u, v)
-        assert world.energy_j - start - came <= 1e-9
-    assert world.limiter.limited == 0
 
 
 # The same bits -------------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from cogrip.protocol.settings import (
     for_remote_clients,
     resolve,
 )
+from cogrip.protocol.waves import wave_of
 from cogrip.server.observers import VIEWS_HZ
 from cogrip.server.room import Room
 from cogrip.server.seat_limits import (
@@ -54,6 +55,21 @@ def test_the_largest_wave_of_a_device_passes_and_nothing_beyond() -> None:
     assert clipped == pytest.approx(-largest, rel=1e-12)
     assert bound.counts == {"wave clipped": 1}
     assert bound.taken_j == pytest.approx((1.01**2 - 1.0) * largest**2 * FRAME_S / 2)
+
+
+@pytest.mark.parametrize(("torque_nm", "speed_radps", "further"), [(8.5, 2.0, 8.0), (0.2, 20.0, 0.02)])
+def test_a_gripper_or_turning_is_limited_together_with_the_places(
+    torque_nm: float, speed_radps: float, further: float
+) -> None:
+    """By force and speed of the claimed record at both impedances; one that is cut keeps its direction."""
+    bound = WaveLimiter(20.0, FRAME_S, SeatLimits(8.5, 2.0, 1e6, torque_nm, speed_radps), 1.0, further)
+    for share in (1.0, 2.0):
+        bound.set_impedance(20.0 * share)
+        u = bound.limit((0.0, 100.0, 0.0, 100.0))
+        most = wave_of(20.0 * share, 2.0, 8.5) ** 2 + wave_of(further * share, speed_radps, torque_nm) ** 2
+        assert hypot(*u) ** 2 == pytest.approx(most)
+        assert u[1] == u[3]
+    assert bound.counts == {"wave clipped": 2}
 
 
 @given(st.lists(st.tuples(wave, wave, wave), min_size=1, max_size=30))
