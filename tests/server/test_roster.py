@@ -38,7 +38,7 @@ def test_an_observer_is_listed_behind_the_seats_and_who_lost_the_address_is_away
     core.handle(UnbindAddress("anna's"), 90 * S)
     first, second = roster_of(core.rooms, 90 * S)
     assert (first.name, first.seat, first.address) == ("anna", 0, "away")
-    assert second == RosterEntry("observer 1", "lab", "there", 90.0, None, second.device)
+    assert second == RosterEntry("observer 1", "lab", "there", 90.0)
 
 
 def test_a_list_as_long_as_may_be_has_room_in_an_answer() -> None:

@@ -5,6 +5,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from types import SimpleNamespace
 
 import msgspec
@@ -98,9 +99,8 @@ class Fronted:
 
 @pytest.fixture
 def fronted() -> Iterator[Fronted]:
-    made = Fronted()
-    yield made
-    made.close()
+    with closing(Fronted()) as made:
+        yield made
 
 
 def test_a_room_is_served_while_another_worker_still_starts_and_the_spare_comes_last(fronted: Fronted) -> None:
