@@ -11,7 +11,7 @@ from cogrip.server.worlds.scene_springs import springs_j
 from cogrip.server.worlds.scene_text import SceneError
 
 from tests.extent import every, long
-from tests.server.scene_worlds import NOTHING, SLIDES, Person, T, hold, port_j, world_of, world_of_settings
+from tests.server.scene_worlds import NOTHING, SLIDES, hold, port_j, world_of, world_of_settings
 
 B_R = 0.02
 FREE = '<body name="{}" pos="{} 0 0"><freejoint/><geom type="box" size=".02 .03 .01" mass=".1"/></body>'
@@ -53,23 +53,6 @@ def test_a_wave_that_turns_is_in_the_worlds_frame() -> None:
         turns.append(step.as_rotvec())
     assert turns[0][2] > 0.05
     assert np.allclose(turns, turns[0], atol=1e-9)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("delay", [0, long(1), 3])
-def test_a_free_tool_weighs_its_inertia_and_that_of_the_line(delay: int) -> None:
-    """A hand whose angular velocity grows steadily feels I + b_r (2 d + 1) T/2 (theory 8.4, with b_r for b)."""
-    inertia = 4e-4
-    ball = f'<body name="tool"><freejoint/><inertial pos="0 0 0" mass=".1" diaginertia="{inertia} {inertia} {inertia}"/></body>'
-    world = hold(poses(NOTHING.format(ball)))
-    person, torques, rate = Person(delay, B_R), [], 0.5
-    for frame in range(1200):
-        person.exchange(
-            rate * T * T * (frame + 0.5), lambda u: float(world.step(np.array([[0.0, 0.0, 0.0, 0.0, u, 0.0]]))[0, 4])
-        )
-        torques.append(person.force_n)
-    felt = np.mean(torques[200:]) / rate
-    assert felt == pytest.approx(inertia + B_R * (2 * delay + 1) * T / 2, rel=0.01)
 
 
 @pytest.mark.parametrize(
