@@ -199,11 +199,8 @@ OUTSIDE = "is outside of the scene's folder; put it beside the scene, or below"
         ("noise.stl", "", "scene.xml: does not load: "),
         ("large.stl", "", "its meshes have more than 8 MB together; make them coarser"),
         ("far.obj", "", r"scene.xml: reaches 1.73e\+30 m, more than 10000 m; give lengths in metres"),
-        (
-            'a/brick.obj"/><mesh name="other" file="b/brick.obj',
-            "",
-            r"two mesh files are called 'brick\.obj'",
-        ),  # MuJoCo would take one for the other
+        # MuJoCo would take one for the other
+        ('a/brick.obj"/><mesh name="other" file="b/brick.obj', "", "two mesh files are called 'brick.obj'"),
         ("brick.dae", "", r"refers to other files \(brick.dae\), which are not read"),
     ],
 )

@@ -87,18 +87,13 @@ def test_what_is_out_of_reach_is_said_once_with_what_would_do_and_as_much_as_can
     assert "1000 N/m is out of reach by the delay now measured (94 ms both ways together)" in words
     assert "984.6 N/m" in words
     assert "coupling.impedance_nspm above 50.78 would do" in words
-    assert (
-        seat(impedance_nspm=50.79).line_compliance(13) * 1000.0
-        < 1.0
-        < seat(impedance_nspm=50.77).line_compliance(13) * 1000.0
-    )
+    enough, little = (seat(impedance_nspm=b).line_compliance(13) for b in (50.79, 50.77))
+    assert enough < 1e-3 < little
     followed.adapter.reported = ""
     followed.hear(13, 1000)
     assert followed.adapter.reported == ""
-    felt_npm = followed.seat.predicted_stiffness(13)
-    assert felt_npm == pytest.approx(
-        1.0 / (1.0 / 1e5 + 1.0 / 984.615), rel=1e-4
-    )  # 975: as stiff as the line but for 1 %
+    felt_npm = 1.0 / (1.0 / 1e5 + 1.0 / 984.615)  # 975: as stiff as the line but for 1 %
+    assert followed.seat.predicted_stiffness(13) == pytest.approx(felt_npm, rel=1e-4)
     followed.hear(5, 2000)
     assert "1000 N/m is within reach again" in followed.adapter.reported
     assert followed.aims[-1] == pytest.approx(followed.seat.rendered_npm)
@@ -172,17 +167,13 @@ def test_whatever_loop_a_peer_makes_one_believe_the_aim_is_bounded_and_slow(said
     "other",
     [{"compensate": False}, {"kind": "coupling"}, {"kind": "tdpa"}, {"server_step": "paper", "decimator": "lowpass"}],
 )
-def test_no_other_seat_follows(other: dict[str, object]) -> None:
-    table = {"name": "lab", "coupling": {"impedance_nspm": 50.0, "compensate": True, **other}}
-    [room] = ServerCore([resolve(table)], "1", AdmissionServices(lambda: 1)).rooms
-    assert not room.seats[0].settings.adapts_stiffness
-
-
-def test_worlds_that_are_not_passive_refuse_to_change_a_spring() -> None:
-    world = make_world([seat(server_step="paper")])
-    assert not world.can_adapt_stiffness
-    with pytest.raises(NotImplementedError, match="PaperWorld"):
-        world.set_target_stiffness(0, 500.0)
+def test_no_other_seat_follows_and_only_passive_worlds_change_a_spring(other: dict[str, object]) -> None:
+    assert not seat(**other).adapts_stiffness
+    world = make_world([seat(**other)])
+    assert world.can_adapt_stiffness == ("compensate" in other)
+    if not world.can_adapt_stiffness:
+        with pytest.raises(NotImplementedError, match=type(world).__name__):
+            world.set_target_stiffness(0, 500.0)
 
 
 # Energy ----------------------------------------------------------------------------------------------------------------
