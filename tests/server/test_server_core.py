@@ -323,10 +323,11 @@ def test_stopping_says_farewell_to_everyone() -> None:
     assert not desk.core.outbox
 
 
-def test_rooms_do_not_feel_each_other() -> None:
-    desk = Desk(room("one"), room("two"))
-    first, second = desk.welcome("x", room="one"), desk.welcome("y", room="two")
+def test_a_hello_without_a_room_finds_a_seat_anywhere_and_rooms_do_not_feel_each_other() -> None:
+    desk = Desk(room("one", ("anna",)), room("two", ("ben",)))
+    first, second = desk.welcome("x"), desk.welcome("y")
     assert (first.settings.room, second.settings.room) == ("one", "two")
+    assert desk.refused("z").code == "full"
     for number in range(60):
         desk.core.receive(waves(first.session, number, 0.2), "x", desk.now_ns)
         desk.core.receive(waves(second.session, number, 0.0), "y", desk.now_ns)
@@ -336,13 +337,6 @@ def test_rooms_do_not_feel_each_other() -> None:
     assert one.world.position[0] > 1e-3
     assert two.world.position[0] == 0.0
     assert one.steps == two.steps == 60
-
-
-def test_a_hello_without_a_room_finds_a_seat_anywhere() -> None:
-    desk = Desk(room("one", ("anna",)), room("two", ("ben",)))
-    assert desk.welcome("x").settings.room == "one"
-    assert desk.welcome("y").settings.room == "two"
-    assert desk.refused("z").code == "full"
 
 
 def test_missed_steps_send_zeros_and_are_numbered_on(desk: Desk) -> None:

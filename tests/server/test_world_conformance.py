@@ -88,19 +88,11 @@ def subject_of_scene(name: str) -> Subject:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["valve", long("wheel"), long("table"), long("lift"), long("pinch"), long("pile")])
-def test_scenes_keep_every_promise(name: str) -> None:
+@pytest.mark.parametrize("name", ["valve", "peg", *map(long, ("wheel", "table", "lift", "pinch", "pile"))])
+def test_scenes_keep_every_promise(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    if name == "peg":  # it swings in its rack, and gains at most a thousandth of what it holds (docs/worlds.md)
+        monkeypatch.setattr(conformance, "MOST_MADE_J", 1e-4)
     assert found(subject_of_scene(name)) == {}
-
-
-@pytest.mark.long
-def test_a_peg_that_swings_in_its_rack_gains_a_little() -> None:
-    """At most a thousandth of what it holds (docs/worlds.md)."""
-    problems = found(subject_of_scene("peg"))
-    assert set(problems) <= {"makes_no_energy"}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(conformance, "MOST_MADE_J", 1e-4)
-        makes_no_energy(subject_of_scene("peg"))
 
 
 @pytest.mark.long
