@@ -10,6 +10,8 @@ from cogrip.server.worlds.push import PushWorld
 from cogrip.server.worlds.world import World
 
 Range = tuple[float, float]
+FOLLOWING: dict[str, Any] = {"stiffness": (1.0, 4.0), "impedance": (3.0, 3.9), "compensate": True}
+"""Of drawn seats whose stiffness can follow the delay."""
 
 
 def seats(
