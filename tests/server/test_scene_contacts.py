@@ -93,6 +93,8 @@ def test_lift_and_turn_are_those_of_the_object() -> None:
     for _ in range(SLIP_EVERY):
         world.step(np.zeros((2, 3)))
     assert world.scene_account()["turned_deg"] == pytest.approx(30.0, abs=0.1)
+    assert world.orientation == pytest.approx([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)], abs=1e-3)
+    assert world.poses_of_bodies().shape == (3, 7)
 
 
 def test_slip_while_lifted_counts_from_the_moment_of_the_lift() -> None:

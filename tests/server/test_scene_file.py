@@ -135,23 +135,6 @@ def test_urdf_is_read() -> None:
 # Scenes that cannot be used ------------------------------------------------------------------------------------------
 
 
-MESH = '<visual><geometry><mesh filename="package://arm.stl"/></geometry></visual></link>'
-LEVELS = "".join(f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 12))
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (URDF.replace("</link>", MESH, 1), r"refers to other files \(package://arm\.stl\)"),
-        (f'<!DOCTYPE mujoco [<!ENTITY e0 "spam">{LEVELS}]><mujoco model="&e11;"/>', "does not load: "),
-    ],
-    ids=["files of URDF", "entities that multiply"],
-)
-def test_what_a_text_brings_in_is_refused(text: str, words: str) -> None:
-    with pytest.raises(SceneError, match=words):
-        make_scene(text, SEAT, STEP)
-
-
 @pytest.mark.parametrize(
     ("bodies", "tools", "words"),
     [
@@ -181,6 +164,15 @@ def test_a_scene_that_cannot_be_used_has_its_line(bodies: str, tools: list[str],
     with pytest.raises(SceneError, match=words) as caught:
         make_scene(text, [Held(tool, "left", "") for tool in tools], STEP, "x.xml")
     assert "\n" not in str(caught.value)
+
+
+def test_files_of_urdf_and_entities_that_multiply_are_refused() -> None:
+    mesh = '<visual><geometry><mesh filename="package://arm.stl"/></geometry></visual></link>'
+    with pytest.raises(SceneError, match=r"refers to other files \(package://arm\.stl\)"):
+        make_scene(URDF.replace("</link>", mesh, 1), SEAT, STEP)
+    levels = "".join(f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 12))
+    with pytest.raises(SceneError, match="does not load: "):
+        make_scene(f'<!DOCTYPE mujoco [<!ENTITY e0 "spam">{levels}]><mujoco model="&e11;"/>', SEAT, STEP)
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:
