@@ -45,19 +45,9 @@ def laboratory(folder: Path) -> None:
 
 def live(folder: Path) -> None:
     runs = folder.with_suffix(".runs")
-    config = HERE.parents[1] / "configs" / "demo.toml"
-    command = [
-        sys.executable,
-        "-m",
-        "cogrip.cli",
-        "demo",
-        "--config",
-        str(config),
-        "--seconds",
-        "0.75",
-        "--runs",
-        str(runs),
-    ]
+    config = str(HERE.parents[1] / "configs" / "demo.toml")
+    demo = [sys.executable, "-m", "cogrip.cli", "demo"]
+    command = [*demo, "--config", config, "--seconds", "0.75", "--runs", str(runs)]
     # One second is too short to move the cube: exit code 1
     subprocess.run(command, check=False, stdout=subprocess.DEVNULL)
     (made,) = runs.iterdir()

@@ -111,6 +111,7 @@ class Server(RecordedEnd):
     def hellos(self, who: int, number: int) -> dict[str, Callable[[], bytes]]:
         """Return the hellos of people who may join and of people who may not."""
         names = [user.name for room in self.rooms for user in room.users]
+        ticket = self.tickets[-1 - number % len(self.tickets)]
         return {
             "hello": lambda: self.hello(who),
             "another hello": lambda: self.hello(who, nonce=number),
@@ -125,10 +126,8 @@ class Server(RecordedEnd):
             "short hello": lambda: self.hello(who)[:-1],
             "by token": lambda: self.hello(who, token=f"{'pow'[number % 3]}{TOKEN}", nonce=number + 50),
             "observes": lambda: self.hello(who, role="observer", token=f"p{TOKEN}"),
-            "comes back": lambda: self.hello(who, ticket=self.tickets[-1 - number % len(self.tickets)]),
-            "comes back with another device": lambda: self.hello(
-                who, ticket=self.tickets[-1 - number % len(self.tickets)], device="sim:phantom"
-            ),
+            "comes back": lambda: self.hello(who, ticket=ticket),
+            "comes back with another device": lambda: self.hello(who, ticket=ticket, device="sim:phantom"),
         }
 
     def hear(self, *words: Word) -> None:

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from itertools import zip_longest
 from math import sqrt
 from pathlib import Path
 
@@ -12,28 +13,33 @@ from cogrip.cli.session.settings_file import load
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.schemes import make_scene_world
 from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_file import Scene, held_by, load_scene, make_scene
+from cogrip.server.worlds.scene_file import held_by, load_scene, make_scene
 
 Array = NDArray[np.float64]
 T, B = 1 / 128, 20.0
+SLIDES = "".join(f"<joint type='slide' axis='{axis}'/>" for axis in ("1 0 0", "0 1 0", "0 0 1"))
 SCENES = Path(__file__).parents[2] / "configs" / "scenes"
+NOTHING = "<mujoco><option gravity='0 0 0'/><worldbody>{}</worldbody></mujoco>"
 SHIPPED = ("wall", "lift", "pile")
 WORST_J = {"wall": 1e-5, "lift": 1e-5, "pile": 1e-5, "peg": 1e-2, "table": 1e-2, "valve": 1e-2, "wheel": 1e-2}
 """Settings of scenes that come with cogrip: most energy that a window of any length may give back beyond what came in."""
 
 
-def world_of(scene: str | Path, tools: Sequence[str] = ("", ""), substeps: int = 4, b: float = B) -> SceneWorld:
+def world_of(
+    scene: str | Path, tools: Sequence[str] = ("", ""), substeps: int = 4, b: float = B, axes: int = 3,
+    orientations: Sequence[str] = (), **coupling: float,
+) -> SceneWorld:  # fmt: skip
     """Return the world of a scene: a name of those that come with cogrip, a path, or XML."""
-    people = [{"tool": tool, "side": ("left", "right")[number % 2]} for number, tool in enumerate(tools)]
-    thing = {"kind": "scene", "file": "x.xml", "axes": 3, "substeps": substeps}
-    settings = resolve({"object": thing, "coupling": {"impedance_nspm": b}, "users": people})
-    held = held_by(settings)
-    step_s = T / substeps
-    loaded: Scene
-    if isinstance(scene, Path) or scene in SHIPPED:
-        loaded = load_scene(SCENES / f"{scene}.xml" if isinstance(scene, str) else scene, held, step_s)
-    else:
-        loaded = make_scene(scene, held, step_s)
+    people = [
+        {"tool": tool, "side": ("left", "right")[number % 2], "orientation": orientation}
+        for number, (tool, orientation) in enumerate(zip_longest(tools, orientations, fillvalue=""))
+    ]
+    thing = {"kind": "scene", "file": "x.xml", "axes": axes, "substeps": substeps}
+    settings = resolve({"object": thing, "coupling": {"impedance_nspm": b, **coupling}, "users": people})
+    if scene in SHIPPED:
+        scene = SCENES / f"{scene}.xml"
+    load_it = load_scene if isinstance(scene, Path) else make_scene
+    loaded = load_it(scene, held_by(settings), T / substeps)  # type: ignore[operator]
     return SceneWorld([seat_settings(settings, number) for number in range(len(tools))], loaded, substeps)
 
 
@@ -45,10 +51,10 @@ def world_of_settings(name: str) -> SceneWorld:
     return world
 
 
-def hold(world: SceneWorld) -> SceneWorld:
-    """Let everybody take hold, each hand in the middle of its own frame."""
+def hold(world: SceneWorld, *opening_m: float) -> SceneWorld:
+    """Let everybody take hold, each hand in the middle of its own frame, and open so far where it has a gripper."""
     for user in range(len(world.holding)):
-        world.join(user, np.zeros(world.axes))
+        world.join(user, np.concatenate((np.zeros(world.axes - len(opening_m)), opening_m)))
     return world
 
 
@@ -94,9 +100,10 @@ def course(world: SceneWorld, seed: int, frames: int) -> str:
 
 
 class Person:
-    """An ideal device on one axis at a line of `delay` frames each way, one tick a frame."""
+    """An ideal device on one axis at a line of `delay` frames each way and of impedance b, one tick a frame."""
 
-    def __init__(self, delay: int) -> None:
+    def __init__(self, delay: int, b: float = B) -> None:
+        self.b = b
         self.up, self.down = deque([0.0] * delay), deque([0.0] * delay)
         self.arrived = 0.0
         self.force_n = 0.0
@@ -104,7 +111,7 @@ class Person:
     def exchange(self, moved_m: float, serve: Callable[[float], float]) -> None:
         """Move by moved_m in one frame: the force is from the wave that has arrived, held over the frame."""
         velocity = moved_m / T
-        self.force_n = B * velocity - sqrt(2.0 * B) * self.arrived
-        self.up.append(sqrt(2.0 * B) * velocity - self.arrived)
+        self.force_n = self.b * velocity - sqrt(2.0 * self.b) * self.arrived
+        self.up.append(sqrt(2.0 * self.b) * velocity - self.arrived)
         self.down.append(serve(self.up.popleft()))
         self.arrived = self.down.popleft()

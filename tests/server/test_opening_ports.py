@@ -1,7 +1,6 @@
 """Tools that are grippers: the opening is a port of its own impedance; energy, taking hold, saved states, scenes without."""
 
 from math import sqrt
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,34 +9,19 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.protocol.waves import wave_of
-from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 from cogrip.server.worlds.scene import SceneWorld
-from cogrip.server.worlds.scene_file import SceneError, held_by, make_scene
+from cogrip.server.worlds.scene_text import SceneError
 
-from tests.server.scene_worlds import B, T, port_j
+from tests.server.scene_worlds import NOTHING, SLIDES, B, T, hold, port_j, world_of
 
 GRIP_NSPM = 8.0
-EMPTY = '<mujoco><option gravity="0 0 0"/><worldbody>{}</worldbody></mujoco>'
 BLOCK = '<body name="block" pos="0 0 0"><freejoint/><geom type="box" size=".006 .006 .015" mass=".05"/></body>'
 FINGER = '<body name="finger">{}<geom size=".005" mass=".02"/></body>'
-SLIDES = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/><joint type="slide" axis="0 0 1"/>'
 HAND = f'<body name="hand">{SLIDES}<geom size=".005" mass=".03" pos="0 -.02 0"/>{{}}</body>'
 
 
-def world_of(bodies: str, *tools: str, grip_nspm: float = GRIP_NSPM, substeps: int = 4) -> SceneWorld:
-    people = [{"tool": tool, "side": ("left", "right")[number % 2]} for number, tool in enumerate(tools)]
-    thing = {"kind": "scene", "file": "x.xml", "axes": 3, "substeps": substeps}
-    coupling = {"impedance_nspm": B, "grip_impedance_nspm": grip_nspm}
-    table = resolve({"object": thing, "coupling": coupling, "users": people})
-    scene = make_scene(EMPTY.format(bodies), held_by(table), T / substeps)
-    return SceneWorld([seat_settings(table, number) for number in range(len(tools))], scene, substeps)
-
-
-def hold(world: SceneWorld, opening_m: float = 0.02) -> SceneWorld:
-    for user in range(len(world.holding)):
-        world.join(user, np.array([0.0, 0.0, 0.0, opening_m]))
-    return world
+def grippers(bodies: str, *tools: str, grip_nspm: float = GRIP_NSPM, substeps: int = 4) -> SceneWorld:
+    return world_of(NOTHING.format(bodies), tools, substeps, grip_impedance_nspm=grip_nspm)
 
 
 @settings(max_examples=15, deadline=None)
@@ -45,7 +29,7 @@ def hold(world: SceneWorld, opening_m: float = 0.02) -> SceneWorld:
 def test_a_free_finger_is_a_mass_at_its_own_impedance(seed: int, substeps: int, b: float) -> None:
     """m (q+ - q) = h (sqrt(2 b_g) u - b_g q+), v = sqrt(2 b_g) w - u, theory 8.1; the hand is as heavy as a rock."""
     body = HAND.format(FINGER.format('<joint type="slide" axis="0 1 0"/>')).replace('mass=".03"', 'mass="1e6"')
-    world = hold(world_of(body, "pinch:hand", grip_nspm=b, substeps=substeps))
+    world = hold(grippers(body, "pinch:hand", grip_nspm=b, substeps=substeps), 0.02)
     random, h, m, q = np.random.default_rng(seed), T / substeps, 0.02, 0.0
     for _ in range(30):
         u = np.array([[0.0, 0.0, 0.0, random.uniform(-1.0, 1.0)]])
@@ -64,7 +48,7 @@ def test_a_free_finger_is_a_mass_at_its_own_impedance(seed: int, substeps: int, 
 @given(st.integers(0, 2**32 - 1), st.floats(2.0, 40.0))
 def test_whatever_hands_do_no_gripper_gives_more_than_came_in(seed: int, b: float) -> None:
     """Two grippers and a hand without one squeeze, tear and throw a block."""
-    world = hold(world_of(BLOCK, "pinch", "pinch", "ball", grip_nspm=b))
+    world = hold(grippers(BLOCK, "pinch", "pinch", "ball", grip_nspm=b), 0.02)
     random = np.random.default_rng(seed)
     came, begun = 0.0, world.energy_j
     v = np.zeros((3, 4))
@@ -83,7 +67,7 @@ def test_whatever_hands_do_no_gripper_gives_more_than_came_in(seed: int, b: floa
 
 def test_fingers_hold_a_block_that_they_squeeze() -> None:
     """Theory 8.1 at rest: w = 0, F = sqrt(2 b_g) u, v = -u; the thumb takes what the finger presses; the hand feels none."""
-    world = world_of(BLOCK, "pinch")
+    world = grippers(BLOCK, "pinch")
     world.join(0, np.array([*(world.offset[0, :3] - (0.0, 0.007, 0.0)), 0.02]))
     u = np.array([[0.0, 0.0, 0.0, -0.5]])
     for _ in range(300):
@@ -97,7 +81,7 @@ def test_fingers_hold_a_block_that_they_squeeze() -> None:
 
 
 def test_one_that_is_parked_stays_open_as_it_was() -> None:
-    world = hold(world_of(BLOCK, "pinch"), 0.015)
+    world = hold(grippers(BLOCK, "pinch"), 0.015)
     world.step(np.array([[0.0, 0.0, 0.0, 1.0]]))
     world.leave(0)
     at = world.proxy(0)[3]
@@ -112,7 +96,7 @@ def test_one_that_is_parked_stays_open_as_it_was() -> None:
 
 
 def test_a_saved_state_goes_on_bit_for_bit() -> None:
-    world, other = (hold(world_of(BLOCK, "pinch", "ball")) for _ in range(2))
+    world, other = (hold(grippers(BLOCK, "pinch", "ball"), 0.02) for _ in range(2))
     random = np.random.default_rng(1)
     pushes = [random.uniform(-1.0, 1.0, (2, 4)) for _ in range(40)]
     for u in pushes[:20]:
@@ -124,7 +108,7 @@ def test_a_saved_state_goes_on_bit_for_bit() -> None:
 
 
 def test_an_impedance_that_changes_takes_that_of_the_gripper_along() -> None:
-    world = hold(world_of(BLOCK, "pinch"))
+    world = hold(grippers(BLOCK, "pinch"), 0.02)
     world.set_impedance(0, 2.0 * B)
     assert world.further_impedance[0, 0] == pytest.approx(2.0 * GRIP_NSPM)
     assert world.scene.model.dof_damping[world.openings.dofs[0]] == pytest.approx(2.0 * GRIP_NSPM)
@@ -148,28 +132,13 @@ def test_an_impedance_that_changes_takes_that_of_the_gripper_along() -> None:
 )
 def test_a_body_without_one_finger_is_no_gripper(finger: str, count: int) -> None:
     with pytest.raises(SceneError, match=f"'hand' cannot be a gripper: it needs one child .* and {count} have"):
-        world_of(HAND.format(finger), "pinch:hand")
+        grippers(HAND.format(finger), "pinch:hand")
 
 
 def test_the_digest_of_a_scene_tells_a_gripper_from_a_hand() -> None:
     body = HAND.format(FINGER.format('<joint type="slide" axis="0 1 0"/>'))
-    digests = {world_of(body, tool).scene.digest for tool in ("hand", "pinch:hand")}
+    digests = {grippers(body, tool).scene.digest for tool in ("hand", "pinch:hand")}
     assert len(digests) == 2
-
-
-def test_waves_of_four_axes_are_limited_together() -> None:
-    """By force and speed of the claimed record at both impedances; one that is cut keeps its direction."""
-    limits = SeatLimits(8.5, 2.0, 1e6, 8.5, 2.0)
-    limiter = WaveLimiter(B, T, limits, 1.0, GRIP_NSPM)
-    most = wave_of(B, 2.0, 8.5) ** 2 + wave_of(GRIP_NSPM, 2.0, 8.5) ** 2
-    wave = limiter.limit((0.0, 100.0, 0.0, 100.0))
-    assert np.dot(wave, wave) == pytest.approx(most)
-    assert wave[1] == wave[3]
-    limiter.set_impedance(2.0 * B)
-    wider: Any = limiter.limit((0.0, 100.0, 0.0, 100.0))
-    assert np.dot(wider, wider) == pytest.approx(
-        wave_of(2.0 * B, 2.0, 8.5) ** 2 + wave_of(2.0 * GRIP_NSPM, 2.0, 8.5) ** 2
-    )
 
 
 def test_a_seat_has_four_axes_and_an_impedance_of_its_gripper_or_neither() -> None:

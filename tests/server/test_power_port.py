@@ -11,7 +11,6 @@ from cogrip.protocol.messages import Power, Stamp
 from cogrip.protocol.passivity_control import CHARGE_DOWN_J, LENT_J
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.power_port import PowerPort
-from cogrip.server.room import Room
 from cogrip.server.seat_limits import BURST_S, SeatLimits
 from cogrip.server.worlds.power import PowerWorld
 
@@ -130,25 +129,13 @@ def test_where_no_message_came_the_proxy_is_asked_for_no_speed_but_still_for_its
     assert seat.port.receive(power(3, 0.01, 0.0, 0.5, taken=5e-4), 0)
     assert seat.port.pop(1)[3] == pytest.approx(5e-4 / CHARGE_DOWN_J)
     message = seat.port.message(9, Stamp(1), (0.1, 0.2), -0.25)
-    assert (message.number, message.force_n, message.entered_j, message.taken_j) == (
-        0,
-        (2.0,),
-        (pytest.approx(1e-3),),
-        (0.0,),
-    )
-    assert (message.position_m, message.velocity_mps, message.port_j, message.acknowledged) == (
-        (0.1,),
-        (0.2,),
-        -0.25,
-        4,
-    )
+    (entered_j,) = message.entered_j
+    assert (message.number, message.force_n, entered_j, message.taken_j) == (0, (2.0,), pytest.approx(1e-3), (0.0,))
+    assert (message.position_m, message.velocity_mps) == ((0.1,), (0.2,))
+    assert (message.port_j, message.acknowledged) == (-0.25, 4)
     assert (seat.port.lost, seat.port.count().sent) == (2, 4)
 
 
 def test_a_seat_that_is_taken_again_finds_no_fuller_bucket() -> None:
     port = PowerPort(seat_settings(settings_of(), 0), SeatLimits(8.0, 1.0, 1.0), 0.25)
     assert port.power_left == pytest.approx(0.25)
-
-
-def test_a_room_of_this_kind_has_this_world() -> None:
-    assert type(Room(settings_of()).world) is PowerWorld

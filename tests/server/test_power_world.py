@@ -8,20 +8,15 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.worlds.power import DRIFT_MPS, DRIFT_SHARE, GIVE_SHARE, Led, PowerWorld
-from cogrip.server.worlds.small_room import SmallGripWorld
+
+from tests.server.object_worlds import seats
 
 T = 1 / 128
 
 
 def world_of(users: int = 2, thing: str = "cube", axes: int = 1, damping: float = 0.0, **coupling: Any) -> PowerWorld:
-    people = [{"name": f"u{number}", "side": "left" if number % 2 == 0 else "right"} for number in range(users)]
-    settings = resolve({
-        "object": {"kind": thing, "axes": axes, "damping_nspm": damping}, "coupling": {"kind": "tdpa", **coupling},
-        "users": people,
-    })  # fmt: skip
-    world = PowerWorld([seat_settings(settings, number) for number in range(users)])
+    world = PowerWorld(seats(users, thing, axes, {"damping_nspm": damping}, kind="tdpa", **coupling))
     for number in range(users):
         world.join(number, np.zeros(axes))
     return world
@@ -124,28 +119,6 @@ def test_what_comes_out_is_paid_for_and_every_step_keeps_its_balance(
         turned += world.mass_kg * float((world.velocity**2).sum()) + float((speed**2).sum())
         turned += float((world.stiffness * (np.abs(world.hand - world.position) + 1.0) ** 2).sum())
     assert world.balance_error_j <= 1e-9 * turned
-
-
-def test_with_energy_enough_it_is_the_passive_step_of_a_stiff_line() -> None:
-    """b -> infinity turns theory 3.3 into this step: F_i and vbar are the same where c u is the velocity asked for."""
-    world = world_of(2, stiffness_npm=700.0, damping_nspm=7.0)
-    b = 1e4
-    settings = resolve({
-        "coupling": {"stiffness_npm": 700.0, "damping_nspm": 7.0, "impedance_nspm": b}, "users": [{"name": "a"}, {"name": "b"}],
-    })  # fmt: skip
-    stiff = SmallGripWorld([seat_settings(settings, number) for number in range(2)])
-    for number in range(2):
-        stiff.join(number, np.zeros(1))
-    stiff.stiffness = np.full((2, 1), 700.0)
-    c, places = math.sqrt(2.0 / b), [0.0, 0.0]
-    for step in range(40):
-        speeds = [0.2 * math.sin(0.3 * step), 0.1]
-        places = [place + speed * T for place, speed in zip(places, speeds, strict=True)]
-        world.advance([(place, speed, RICH, 1.0) for place, speed in zip(places, speeds, strict=True)])
-        stiff.advance([(speed / c,) for speed in speeds])
-        assert world.position[0] == pytest.approx(stiff.position[0], abs=2e-4)
-    assert abs(world.position[0]) > 0.01
-    assert world.force[0, 0] == pytest.approx(stiff.force[0, 0], rel=0.03)
 
 
 def test_a_proxy_without_energy_stands_still_or_gives_way() -> None:

@@ -21,17 +21,12 @@ KINDS = {
 }
 
 
-def seated(kind: str) -> Room:
-    room = Room(resolve({"users": [{"name": "anna"}], "coupling": KINDS[kind]}))
-    room.take_seat(0, 1, 1, 0, ANY)
-    return room
-
-
 class Line:
-    """Return what a person sends, frame by frame."""
+    """A room with one person, and what that person sends, frame by frame."""
 
-    def __init__(self, room: Room) -> None:
-        self.room = room
+    def __init__(self, kind: str) -> None:
+        self.room = Room(resolve({"users": [{"name": "anna"}], "coupling": KINDS[kind]}))
+        self.room.take_seat(0, 1, 1, 0, ANY)
         self.sender = LineSender(1, 8)
         self.frame = 0
         self.made_j = 0.0
@@ -41,14 +36,14 @@ class Line:
         """A wave [sqrt(W)], or a place [m], then a tick; what comes back is a message that a client can read."""
         port, now_ns = self.room.seats[0].port, self.frame * FRAME_NS
         assert port is not None
+        message: State | Waves
         if self.room.settings.coupling.kind == "coupling":
-            assert port.receive(State(1, self.frame, (value,), (0.0,), 0.0, 0, Stamp(1)), now_ns)
+            message = State(1, self.frame, (value,), (0.0,), 0.0, 0, Stamp(1))
         else:
             self.sender.push((value,))
-            first, waves, total, squares = self.sender.contents()
             self.made_j += 0.5e-9 * FRAME_NS * value * value
-            message = Waves(1, first, waves, total, squares, self.made_j, self.made_j, 0, Stamp(1), (0.0, 0.0))
-            assert port.receive(message, now_ns)
+            message = Waves(1, *self.sender.contents(), self.made_j, self.made_j, 0, Stamp(1), (0.0, 0.0))
+        assert port.receive(message, now_ns)
         self.sent = [messages.decode(datagram) for _, datagram in self.room.tick(now_ns)]
         self.frame += 1
 
@@ -60,8 +55,8 @@ class Line:
 def test_an_object_beyond_reach_is_put_back_and_every_number_stays_bounded(
     kind: str, values: tuple[float, float]
 ) -> None:
-    room = seated(kind)
-    line = Line(room)
+    line = Line(kind)
+    room = line.room
     for frame in range(4000):
         line.step(values[min(frame, 1)])
         (place,), (speed,) = room.world.position.tolist(), room.world.velocity.tolist()
@@ -75,8 +70,8 @@ def test_an_object_beyond_reach_is_put_back_and_every_number_stays_bounded(
 
 
 def test_where_it_is_put_back_everybody_holds_it_anew_without_a_force() -> None:
-    room = seated("passive")
-    line = Line(room)
+    line = Line("passive")
+    room = line.room
     while not room.put_back:
         line.step(1.0)
     assert room.world.motion() == (0.0, 0.0)
@@ -90,8 +85,8 @@ def test_where_it_is_put_back_everybody_holds_it_anew_without_a_force() -> None:
 
 
 def test_an_object_within_reach_stays_where_it_is_taken() -> None:
-    room = seated("passive")
-    line = Line(room)
+    line = Line("passive")
+    room = line.room
     for frame in range(400):
         line.step(1.0 if frame < 250 else 0.0)
         if abs(room.world.position[0]) > 0.9 * REACH_M:

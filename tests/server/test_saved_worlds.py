@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from cogrip.protocol.coupling_kinds import COUPLING_KINDS
-from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.schemes import make_world
-from cogrip.server.worlds.world import Row, World, WorldError
+from cogrip.server.worlds.world import Row, World
+
+from tests.server.object_worlds import seats
 
 SCHEMES: dict[str, dict[str, Any]] = {
     **{
@@ -22,9 +23,7 @@ SCHEMES: dict[str, dict[str, Any]] = {
 
 
 def made(kind: str, scheme: str) -> World:
-    users = [{"name": f"user{number}", "side": ("left", "right")[number % 2]} for number in range(3)]
-    settings = resolve({"object": {"kind": kind, "axes": 2}, "users": users, "coupling": SCHEMES[scheme]})
-    return make_world([seat_settings(settings, number) for number in range(3)])
+    return make_world(seats(3, kind, 2, **SCHEMES[scheme]))
 
 
 def course(world: World, seed: int) -> list[object]:
@@ -54,13 +53,3 @@ def test_a_world_goes_on_bit_for_bit_where_it_was_saved(kind: str, scheme: str) 
         again.restore(saved)
         assert again.save() == saved
         assert course(again, 2) == expected
-
-
-def test_a_saved_state_of_another_world_changes_nothing() -> None:
-    world, other = made("cube", "wave"), made("wall", "wave")
-    course(world, 1)
-    before = world.save()
-    for state in (other.save(), before[:-1], (*before[:-1], float("inf"))):
-        with pytest.raises(WorldError, match=r"numbers, not|not all finite"):
-            world.restore(state)
-        assert world.save() == before

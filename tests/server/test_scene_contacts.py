@@ -8,18 +8,19 @@ import pytest
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_contacts import LIFTED_M, SLIP_EVERY, Touch
 
-from tests.server.scene_worlds import B, T, hold, world_of
+from tests.server.scene_worlds import SLIDES, B, T, hold, world_of
 
-BLOCK = """<mujoco>{option}<worldbody>
+
+def block(geom: str, option: str = "", flags: str = "") -> str:
+    """Return a scene of a block and a ball beside it. geom, option: further attributes."""
+    return f"""<mujoco><option gravity="0 0 0" {option}>{flags}</option><worldbody>
     <geom type="box" size=".03 .2 .2" pos="0 0 0" {geom}/>
-    <body name="tool" pos="-.0401 0 0">
-      <joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/><joint type="slide" axis="0 0 1"/>
-      <geom type="sphere" size=".01" mass=".05" {geom}/>
-    </body>
+    <body name="tool" pos="-.0401 0 0">{SLIDES}<geom type="sphere" size=".01" mass=".05" {geom}/></body>
   </worldbody></mujoco>"""
-SMOOTH = BLOCK.format(option="<option gravity='0 0 0'/>", geom="friction='0 0 0'")
-ROUGH = BLOCK.format(option="<option gravity='0 0 0'/>", geom="friction='.5 0 0'")
-PYRAMID = BLOCK.format(option="<option gravity='0 0 0' cone='pyramidal'/>", geom="friction='.5 0 0'")
+
+
+SMOOTH, ROUGH = block("friction='0 0 0'"), block("friction='.5 0 0'")
+PYRAMID = block("friction='.5 0 0'", "cone='pyramidal'")
 
 
 def push(world: SceneWorld, force_n: tuple[float, float, float], seconds: float) -> None:
@@ -92,6 +93,8 @@ def test_lift_and_turn_are_those_of_the_object() -> None:
     for _ in range(SLIP_EVERY):
         world.step(np.zeros((2, 3)))
     assert world.scene_account()["turned_deg"] == pytest.approx(30.0, abs=0.1)
+    assert world.orientation == pytest.approx([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)], abs=1e-3)
+    assert world.poses_of_bodies().shape == (3, 7)
 
 
 def test_slip_while_lifted_counts_from_the_moment_of_the_lift() -> None:
@@ -117,18 +120,15 @@ def test_slip_while_lifted_counts_from_the_moment_of_the_lift() -> None:
     assert slid["lifted_slip_m"] <= slid["slip_m"]
 
 
-def test_sensors_of_the_scene_itself_stay_apart() -> None:
-    own = BLOCK.format(option="<option gravity='0 0 0'/>", geom="").replace(
-        "</mujoco>", "<sensor><framepos objtype='body' objname='tool'/><clock/></sensor></mujoco>"
-    )
-    world = hold(world_of(own, ("tool",)))
-    push(world, (3.0, 0.0, 0.0), 1.0)
-    assert world.contact_of(0).normal_n == pytest.approx(3.0, abs=1e-6)
-
-
-def test_a_scene_that_switches_sensors_off_is_measured_all_the_same() -> None:
-    world = hold(
-        world_of(BLOCK.format(option="<option gravity='0 0 0'><flag sensor='disable'/></option>", geom=""), ("tool",))
-    )
+@pytest.mark.parametrize(
+    ("flag", "own"),
+    [
+        ("", "<sensor><framepos objtype='body' objname='tool'/><clock/></sensor>"),
+        ("<flag sensor='disable'/>", ""),
+    ],
+)
+def test_a_scene_with_sensors_of_its_own_or_with_none_is_measured_all_the_same(flag: str, own: str) -> None:
+    xml = block("", flags=flag).replace("</mujoco>", f"{own}</mujoco>")
+    world = hold(world_of(xml, ("tool",)))
     push(world, (3.0, 0.0, 0.0), 1.0)
     assert world.contact_of(0).normal_n == pytest.approx(3.0, abs=1e-6)

@@ -10,11 +10,11 @@ import pytest
 from cogrip.server.worlds.scene_file import SPARSE_FROM, Held, load_scene, make_scene
 from cogrip.server.worlds.scene_text import MOST_BYTES, SceneError
 
-from tests.server.scene_worlds import SCENES, SHIPPED, hold, world_of
+from tests.server.scene_worlds import SCENES, SHIPPED, SLIDES, hold, world_of
 
 STEP = 1 / 512
+SEAT = [Held("", "left", "")]
 BALL = "<body name='ball'><freejoint/><geom size='.02' mass='.1'/></body>"
-SLIDES = "<joint type='slide' axis='1 0 0'/><joint type='slide' axis='0 1 0'/><joint type='slide' axis='0 0 1'/>"
 JOINT = "<joint name='j'/><geom size='.1'/>"
 MOTOR = "<intvelocity joint='j' kp='1' actrange='0 1'/>"
 URDF = """<robot name="r"><link name="base"/><link name="arm"><inertial><mass value="1"/>
@@ -50,7 +50,7 @@ def test_contact_that_a_scene_sets_is_kept_and_named() -> None:
 def test_pairs_have_contact_of_their_own() -> None:
     pair = "<contact><pair geom1='a' geom2='b'/></contact>"
     bodies = "<geom name='a' type='plane' size='1 1 1'/><body><freejoint/><geom name='b' size='.1'/></body>"
-    scene = make_scene(f"<mujoco><worldbody>{bodies}</worldbody>{pair}</mujoco>", [Held("", "left", "")], STEP)
+    scene = make_scene(f"<mujoco><worldbody>{bodies}</worldbody>{pair}</mujoco>", SEAT, STEP)
     assert scene.model.pair_solref[0].tolist() == [-360000.0, -1170.0]
     assert "pair solref" in scene.filled
 
@@ -127,7 +127,7 @@ def test_a_body_of_that_name_comes_before_the_word() -> None:
 
 
 def test_urdf_is_read() -> None:
-    scene = make_scene(URDF, [Held("", "left", "")], STEP)
+    scene = make_scene(URDF, SEAT, STEP)
     assert scene.model.body("arm").id > 0
     assert scene.object == -1
 
@@ -166,10 +166,13 @@ def test_a_scene_that_cannot_be_used_has_its_line(bodies: str, tools: list[str],
     assert "\n" not in str(caught.value)
 
 
-def test_files_of_urdf_are_not_read_either() -> None:
+def test_files_of_urdf_and_entities_that_multiply_are_refused() -> None:
     mesh = '<visual><geometry><mesh filename="package://arm.stl"/></geometry></visual></link>'
     with pytest.raises(SceneError, match=r"refers to other files \(package://arm\.stl\)"):
-        make_scene(URDF.replace("</link>", mesh, 1), [Held("", "left", "")], STEP)
+        make_scene(URDF.replace("</link>", mesh, 1), SEAT, STEP)
+    levels = "".join(f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 12))
+    with pytest.raises(SceneError, match="does not load: "):
+        make_scene(f'<!DOCTYPE mujoco [<!ENTITY e0 "spam">{levels}]><mujoco model="&e11;"/>', SEAT, STEP)
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:
@@ -186,12 +189,5 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         (raw, "cannot be read: 'utf-8' codec"),
     ):
         with pytest.raises(SceneError, match=words) as caught:
-            load_scene(path, [Held("", "left", "")], STEP)
+            load_scene(path, SEAT, STEP)
         assert str(path) in str(caught.value)
-
-
-def test_entities_that_multiply_are_refused() -> None:
-    levels = "".join(f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 12))
-    text = f'<!DOCTYPE mujoco [<!ENTITY e0 "spam">{levels}]><mujoco model="&e11;"/>'
-    with pytest.raises(SceneError, match="does not load: "):
-        make_scene(text, [Held("", "left", "")], STEP)

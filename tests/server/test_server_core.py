@@ -1,7 +1,9 @@
 """The server without I/O: who gets a seat, what is dropped and under which name, how people leave."""
 
 from itertools import count
+from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -29,10 +31,17 @@ def room(name: str = "lab", people: tuple[str, ...] = ("anna", "ben"), **tables:
 class Desk:
     """A server core and what it says to whom."""
 
-    def __init__(self, *rooms: Settings) -> None:
-        sessions = count(100)
-        self.core = ServerCore(rooms or (room(),), "test", AdmissionServices(lambda: next(sessions)))
+    token = ""
+
+    def __init__(self, *rooms: Settings, services: AdmissionServices | None = None) -> None:
+        services = services or AdmissionServices(count(100).__next__)
+        self.core = ServerCore(rooms or (room(),), "test", services)
         self.now_ns = 0
+
+    @property
+    def states(self) -> list[str]:
+        """Of each seat of the first room."""
+        return [seat.state for seat in self.core.rooms[0].seats]
 
     def say(self, datagram: bytes, address: Address) -> list[messages.AnyMessage]:
         self.core.receive(datagram, address, self.now_ns)
@@ -45,17 +54,18 @@ class Desk:
         self.core.outbox.extend(others)
         return mine
 
-    def hello(self, address: Address, name: str = "", nonce: int = 1, **changed: object) -> messages.AnyMessage:
-        (answer,) = self.say(messages.padded(hello(name=name, nonce=nonce, **changed)), address)
+    def hello(self, address: Address, **changed: object) -> messages.AnyMessage:
+        (answer,) = self.say(messages.padded(hello(**changed)), address)
         return answer
 
-    def seat(self, address: Address, name: str = "", nonce: int = 1) -> Welcome:
-        answer = self.hello(address, name, nonce)
-        assert isinstance(answer, Welcome)
+    def welcome(self, address: Address, **changed: object) -> Welcome:
+        token = "" if "ticket" in changed else self.token  # a ticket is enough
+        answer = self.hello(address, **{"token": token, **changed})
+        assert isinstance(answer, Welcome), answer
         return answer
 
     def refused(self, address: Address, **changed: object) -> Refuse:
-        answer = self.hello(address, **changed)  # type: ignore[arg-type]
+        answer = self.hello(address, **changed)
         assert isinstance(answer, Refuse)
         assert self.core.dropped[f"refused: {answer.code}"] >= 1
         return answer
@@ -64,13 +74,20 @@ class Desk:
         self.now_ns += FRAME_NS
         self.core.tick(self.core.rooms[number], self.now_ns)
 
+    def push(self, address: Address, session: int, frames: int, *values: float) -> None:
+        """Send so many frames of these waves, and step the first room after each."""
+        for number in range(frames):
+            self.core.receive(waves(session, number, *values), address, self.now_ns)
+            self.tick()
+
 
 def hello(**changed: object) -> Hello:
     given: dict[str, object] = {
         "software": "test", "nonce": 1, "room": "", "name": "", "digest": "", "device": "sim:ideal", "axes": 1,
         "rate_hz": 1024.0,
     }  # fmt: skip
-    return make_hello(**{**given, **changed})  # type: ignore[arg-type]
+    ticket = changed.pop("ticket", "")
+    return msgspec.structs.replace(make_hello(**{**given, **changed}), ticket=ticket)  # type: ignore[arg-type]
 
 
 def waves(session: int, number: int, *values: float, sent_ns: int = 1) -> bytes:
@@ -83,59 +100,35 @@ def desk() -> Desk:
     return Desk()
 
 
-def test_seats_are_given_in_order_and_by_name() -> None:
+def test_seats_are_given_in_order_and_by_name_until_all_are_taken() -> None:
     desk = Desk(room(people=("anna", "ben", "carl")))
-    assert desk.seat("x", name="ben").settings.user == "ben"
-    assert desk.seat("y").settings.user == "anna"
-    assert desk.seat("z").settings.user == "carl"
-    sessions = {desk.core.rooms[0].seats[number].session for number in range(3)}
-    assert sessions == {100, 101, 102}
+    given = [desk.welcome("x", name="ben"), desk.welcome("y"), desk.welcome("z")]
+    seats = [(each.settings.user, each.settings.seat, each.session) for each in given]
+    assert seats == [("ben", 1, 100), ("anna", 0, 101), ("carl", 2, 102)]
     assert [event.text.split(" joined")[0] for event in desk.core.events] == ["lab: ben", "lab: anna", "lab: carl"]
-
-
-def test_a_full_room_says_so(desk: Desk) -> None:
-    desk.seat("x")
-    desk.seat("y")
-    refuse = desk.refused("z")
-    assert refuse.code == "full"
-    assert "all 2 seats" in refuse.reason
-    assert refuse.nonce == 1
-
-
-def test_a_room_that_is_not_here() -> None:
-    refuse = Desk(room("one"), room("two")).refused("x", room="three")
-    assert refuse.code == "room"
-    assert "'three'" in refuse.reason
-    assert "one, two" in refuse.reason
-
-
-def test_a_name_that_no_seat_is_kept_for() -> None:
-    refuse = Desk().refused("x", name="zoe")
-    assert refuse.code == "name"
-    assert "anna, ben" in refuse.reason
-
-
-def test_a_seat_that_is_taken(desk: Desk) -> None:
-    desk.seat("x", name="anna")
-    assert desk.refused("y", name="anna").code == "taken"
-    assert desk.seat("y", name="ben").settings.seat == 1
+    assert desk.refused("w", name="ben").code == "taken"
+    refuse = desk.refused("w", nonce=9)
+    assert (refuse.code, refuse.nonce) == ("full", 9)
+    assert "all 3 seats" in refuse.reason
 
 
 @pytest.mark.parametrize(
     ("changed", "code", "words"),
     [
+        ({"room": "three"}, "room", "no room 'three' here; there is: lab, hall"),
+        ({"name": "zoe", "room": "lab"}, "name", "anna, ben"),
         ({"digest": "other"}, "settings", "use the same file"),
         ({"axes": 1}, "axes", "1 of the 2 axes"),
         ({"rate_hz": 1000.0}, "rate", "rates.device_hz = 1024"),
     ],
 )
 def test_a_client_that_does_not_fit(changed: dict[str, object], code: str, words: str) -> None:
-    desk = Desk(room(object={"axes": 2}))
+    desk = Desk(room(object={"axes": 2}), room("hall", object={"axes": 2}))
     refuse = desk.refused("x", **{"axes": 2, **changed})
     assert refuse.code == code
     assert words in refuse.reason
-    assert desk.core.rooms[0].seats[0].state == "free"
-    assert isinstance(desk.hello("x", axes=2, digest=digest(desk.core.rooms[0].settings)), Welcome)
+    assert desk.states == ["free", "free"]
+    desk.welcome("x", axes=2, digest=digest(desk.core.rooms[0].settings))
 
 
 def test_a_device_is_held_against_its_own_seats_rate() -> None:
@@ -145,13 +138,10 @@ def test_a_device_is_held_against_its_own_seats_rate() -> None:
     refuse = desk.refused("x", name="anna", rate_hz=4095.0)
     assert refuse.code == "rate"
     assert refuse.reason == ("device sim:ideal runs at 4095 Hz at most, the seat of 'anna' at users.0.device_hz = 4096")
-    welcome = desk.hello("y", rate_hz=1024.0)
-    assert isinstance(welcome, Welcome)
+    welcome = desk.welcome("y", rate_hz=1024.0)
     assert (welcome.settings.user, welcome.settings.rates) == ("ben", Rates(1024, 128))
     assert desk.refused("x", rate_hz=1024.0).code == "rate", "the seat that is left does not fit"
-    welcome = desk.hello("x", rate_hz=4096.0)
-    assert isinstance(welcome, Welcome)
-    assert welcome.settings.rates == Rates(4096, 128)
+    assert desk.welcome("x", rate_hz=4096.0).settings.rates == Rates(4096, 128)
 
 
 def test_another_protocol_version_is_refused_in_words(desk: Desk) -> None:
@@ -163,26 +153,21 @@ def test_another_protocol_version_is_refused_in_words(desk: Desk) -> None:
     assert "protocol 99" in answer.reason
 
 
-def test_a_repeated_hello_gets_the_same_welcome_and_no_second_seat(desk: Desk) -> None:
-    first = desk.seat("x", nonce=5)
+def test_a_repeated_hello_gets_the_same_welcome_and_a_client_that_starts_again_a_new_session(desk: Desk) -> None:
+    first = desk.welcome("x", nonce=5)
     desk.now_ns += 250_000_000
-    assert desk.seat("x", nonce=5) == first
-    assert [seat.state for seat in desk.core.rooms[0].seats] == ["seated", "free"]
+    assert desk.welcome("x", nonce=5) == first
+    assert desk.states == ["seated", "free"]
     assert len(desk.core.events) == 1
-
-
-def test_a_client_that_starts_again_at_its_address_loses_its_old_seat(desk: Desk) -> None:
-    first = desk.seat("x", nonce=5)
-    again = desk.seat("x", nonce=6)
-    assert again.session != first.session
-    assert [seat.state for seat in desk.core.rooms[0].seats] == ["seated", "free"]
+    assert desk.welcome("x", nonce=6).session != first.session
+    assert desk.states == ["seated", "free"], "its old seat is lost"
 
 
 def test_a_short_hello_is_not_answered(desk: Desk) -> None:
     """Else a forged address would get more than was sent."""
     assert desk.say(messages.encode(hello()), "x") == []
     assert desk.core.dropped == {"short hello": 1}
-    assert desk.core.rooms[0].seats[0].state == "free"
+    assert desk.states[0] == "free"
 
 
 def test_no_answer_to_an_unauthenticated_peer_is_longer_than_the_request() -> None:
@@ -199,14 +184,14 @@ def test_garbage_is_counted_and_changes_nothing(datagrams: list[bytes]) -> None:
     for datagram in datagrams:
         desk.core.receive(datagram, "x", 0)
     assert sum(desk.core.dropped.values()) == len(datagrams)
-    assert [seat.state for seat in desk.core.rooms[0].seats] == ["free", "free"]
+    assert desk.states == ["free", "free"]
 
 
 @given(st.data())
 def test_a_damaged_datagram_is_no_way_in(data: st.DataObject) -> None:
     """Any byte of a good datagram changed: the core goes on, its numbers stay finite."""
     desk = Desk()
-    session = desk.seat("x").session
+    session = desk.welcome("x").session
     for number in range(5):
         good = bytearray(waves(session, number, 0.1))
         good[data.draw(st.integers(0, len(good) - 1))] = data.draw(st.integers(0, 255))
@@ -217,7 +202,7 @@ def test_a_damaged_datagram_is_no_way_in(data: st.DataObject) -> None:
 
 def test_what_is_not_for_this_session(desk: Desk) -> None:
     assert desk.say(waves(1, 0, 0.1), "stranger") == []
-    session = desk.seat("x").session
+    session = desk.welcome("x").session
     for datagram in (waves(session + 1, 0, 0.1), messages.encode(Leave(session + 1, "forged"))):
         assert desk.say(datagram, "x") == []
     assert desk.say(messages.encode(Farewell(session, "forged")), "x") == []
@@ -235,13 +220,13 @@ def test_what_is_not_for_this_session(desk: Desk) -> None:
     ids=["axes", "kind", "number"],
 )
 def test_a_message_that_does_not_fit_the_room_is_unfit(desk: Desk, datagram: bytes) -> None:
-    assert desk.seat("x").session == 100
+    assert desk.welcome("x").session == 100
     desk.core.receive(datagram, "x", 0)
     assert desk.core.dropped == {"unfit": 1}
 
 
 def test_every_seated_person_gets_one_datagram_a_step(desk: Desk) -> None:
-    sessions = [desk.seat(address).session for address in "xy"]
+    sessions = [desk.welcome(address).session for address in "xy"]
     for number in range(3):
         desk.core.receive(waves(sessions[0], number, 0.1, sent_ns=desk.now_ns + 1), "x", desk.now_ns + 500)
         desk.tick()
@@ -255,29 +240,20 @@ def test_every_seated_person_gets_one_datagram_a_step(desk: Desk) -> None:
 
 
 def test_silence_frees_the_seat_after_two_seconds(desk: Desk) -> None:
-    desk.seat("x")
-    session = desk.seat("y").session
+    desk.welcome("x")
+    session = desk.welcome("y").session
     while desk.now_ns + FRAME_NS <= LOST_NS:
         desk.core.receive(messages.encode(Heartbeat(session, Stamp(desk.now_ns + 1))), "y", desk.now_ns)
         desk.tick()
-    assert [seat.state for seat in desk.core.rooms[0].seats] == ["seated", "seated"]
+    assert desk.states == ["seated", "seated"]
     desk.tick()
-    assert [seat.state for seat in desk.core.rooms[0].seats] == ["free", "seated"]
+    assert desk.states == ["free", "seated"]
     assert desk.core.dropped == {"seat timed out": 1}
     assert "anna has been silent" in desk.core.events[-1].text
     desk.heard("x")
     assert desk.say(waves(100, 0, 0.1), "x") == []
     assert desk.core.dropped["not seated"] == 1
-    assert desk.seat("z", name="anna").settings.seat == 0
-
-
-class CutLink:
-    """A cable somebody has stepped on."""
-
-    next_ns = None
-
-    def send(self, payload: bytes, now_ns: int) -> None:
-        pass
+    assert desk.welcome("z", name="anna").settings.seat == 0
 
 
 def test_the_others_go_on_without_a_kick_when_one_falls_silent() -> None:
@@ -293,7 +269,7 @@ def test_the_others_go_on_without_a_kick_when_one_falls_silent() -> None:
 
     def cut(_: Laboratory) -> None:
         if lab.room.steps == 256:
-            gone.up = CutLink()  # type: ignore[assignment]
+            gone.up = SimpleNamespace(next_ns=None, send=lambda payload, now_ns: None)  # type: ignore[assignment]
             held.append(staying.core.force_n[0])
 
     lab.run(watch, cut)
@@ -309,8 +285,8 @@ def test_the_others_go_on_without_a_kick_when_one_falls_silent() -> None:
 
 
 def test_leaving_is_answered_again_when_repeated(desk: Desk) -> None:
-    session = desk.seat("x").session
-    desk.seat("y")
+    session = desk.welcome("x").session
+    desk.welcome("y")
     desk.core.receive(waves(session, 0, 0.1), "x", 0)
     desk.tick()
     desk.heard("x")
@@ -328,14 +304,14 @@ def test_leaving_is_answered_again_when_repeated(desk: Desk) -> None:
     desk.tick()
     assert desk.heard("x") == []
     assert len(desk.heard("y")) == 2
-    assert desk.seat("z").settings.user == "anna"
+    assert desk.welcome("z").settings.user == "anna"
     assert desk.say(leave, "x") == [], "the seat is someone else's now"
 
 
 def test_stopping_says_farewell_to_everyone() -> None:
     desk = Desk(room("one"), room("two"))
-    desk.seat("x")
-    assert isinstance(desk.hello("y", room="two"), Welcome)
+    desk.welcome("x")
+    desk.welcome("y", room="two")
     desk.core.handle(Stop("closing time"), desk.now_ns)
     for address in "xy":
         (farewell,) = desk.heard(address)
@@ -347,17 +323,14 @@ def test_stopping_says_farewell_to_everyone() -> None:
     assert not desk.core.outbox
 
 
-def test_rooms_do_not_feel_each_other() -> None:
-    desk = Desk(room("one"), room("two"))
-    sessions = []
-    for address, name in (("x", "one"), ("y", "two")):
-        welcome = desk.hello(address, room=name)
-        assert isinstance(welcome, Welcome)
-        assert welcome.settings.room == name
-        sessions.append(welcome.session)
+def test_a_hello_without_a_room_finds_a_seat_anywhere_and_rooms_do_not_feel_each_other() -> None:
+    desk = Desk(room("one", ("anna",)), room("two", ("ben",)))
+    first, second = desk.welcome("x"), desk.welcome("y")
+    assert (first.settings.room, second.settings.room) == ("one", "two")
+    assert desk.refused("z").code == "full"
     for number in range(60):
-        desk.core.receive(waves(sessions[0], number, 0.2), "x", desk.now_ns)
-        desk.core.receive(waves(sessions[1], number, 0.0), "y", desk.now_ns)
+        desk.core.receive(waves(first.session, number, 0.2), "x", desk.now_ns)
+        desk.core.receive(waves(second.session, number, 0.0), "y", desk.now_ns)
         desk.tick(0)
         desk.tick(1)
     one, two = desk.core.rooms
@@ -366,15 +339,8 @@ def test_rooms_do_not_feel_each_other() -> None:
     assert one.steps == two.steps == 60
 
 
-def test_a_hello_without_a_room_finds_a_seat_anywhere() -> None:
-    desk = Desk(room("one", ("anna",)), room("two", ("ben",)))
-    assert desk.seat("x").settings.room == "one"
-    assert desk.seat("y").settings.room == "two"
-    assert desk.refused("z").code == "full"
-
-
 def test_missed_steps_send_zeros_and_are_numbered_on(desk: Desk) -> None:
-    session = desk.seat("x").session
+    session = desk.welcome("x").session
     desk.core.receive(waves(session, 0, 0.1), "x", desk.now_ns)
     desk.tick()
     for number in range(1, 5):
@@ -391,7 +357,7 @@ def test_missed_steps_send_zeros_and_are_numbered_on(desk: Desk) -> None:
 
 
 def test_an_object_that_leaves_the_room_has_diverged(desk: Desk) -> None:
-    session = desk.seat("x").session
+    session = desk.welcome("x").session
     for number in range(400):  # with true totals: a line whose sums say that nothing was sent plays ever less
         sums = ((3.0 * number,), (9.0 * number,))
         wave = Waves(session, number, (3.0,), *sums, 0.0, 0.0, 0, Stamp(1), (0.0, 0.0))

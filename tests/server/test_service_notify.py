@@ -4,31 +4,21 @@ import os
 import secrets
 import socket
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import pytest
 
 from cogrip.server.io.service_notify import ServiceNotifier
 
 
-class Manager:
-    """Stands in for systemd."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self.socket.bind("\0" + name[1:] if name.startswith("@") else name)
-        self.socket.settimeout(10.0)
-
-    def heard(self) -> str:
-        return self.socket.recv(4096).decode()
-
-
 @pytest.fixture(params=["file", "abstract"])
-def manager(request, tmp_path) -> Iterator[Manager]:
+def manager(request, tmp_path) -> Iterator[SimpleNamespace]:
+    """Stands in for systemd."""
     name = f"@cogrip-{secrets.token_hex(8)}" if request.param == "abstract" else str(tmp_path / "notify")
-    there = Manager(name)
-    yield there
-    there.socket.close()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as end:
+        end.bind("\0" + name[1:] if name.startswith("@") else name)
+        end.settimeout(10.0)
+        yield SimpleNamespace(name=name, socket=end)
 
 
 def test_everything_that_systemd_asks(manager):
@@ -39,7 +29,7 @@ def test_everything_that_systemd_asks(manager):
     notifier.reloading(12_345_678_901)
     notifier.watchdog()
     notifier.stopping()
-    assert [manager.heard() for _ in range(5)] == [
+    assert [manager.socket.recv(4096).decode() for _ in range(5)] == [
         "READY=1\nSTATUS=2 rooms READY=0 hold", "READY=1", "RELOADING=1\nMONOTONIC_USEC=12345678", "WATCHDOG=1", "STOPPING=1",
     ]  # fmt: skip
     notifier.close()

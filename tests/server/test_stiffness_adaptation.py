@@ -15,9 +15,9 @@ from cogrip.server.stiffness_adaptation import FOLLOW_S, REPORT_EVERY_S, REPORTS
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.push import PushWorld
 from cogrip.server.worlds.small_room import SmallGripWorld
-from cogrip.server.worlds.world import MOST_SAVED_J, World
+from cogrip.server.worlds.world import MOST_SAVED_J
 
-from tests.server.test_small_room import alike
+from tests.server.object_worlds import FOLLOWING, drawn_seats, stored_j
 
 FRAME_MS = 7.8125
 
@@ -48,8 +48,10 @@ def followed() -> Followed:
     return Followed()
 
 
-def test_what_the_settings_say_stands_while_the_delay_is_as_they_say(followed: Followed) -> None:
-    followed.hear(5, 1000)
+def test_what_the_settings_say_stands_while_the_median_of_the_delay_is_as_they_say(followed: Followed) -> None:
+    random = np.random.default_rng(1)
+    for _ in range(2000):
+        followed.hear(int(random.choice([4, 5, 5, 5, 6])), 1)
     assert set(followed.aims) == {followed.seat.rendered_npm}
     assert followed.seat.rendered_npm == pytest.approx(1000.0 / (1.0 - 5 * FRAME_MS * 1e-3 / 100.0 * 1000.0))
 
@@ -68,13 +70,6 @@ def test_another_delay_is_followed_slowly_both_ways_and_to_the_end(followed: Fol
     assert followed.adapter.reported == ""
 
 
-def test_a_jitter_that_leaves_the_median_moves_nothing(followed: Followed) -> None:
-    random = np.random.default_rng(1)
-    for _ in range(2000):
-        followed.hear(int(random.choice([4, 5, 5, 5, 6])), 1)
-    assert len(set(followed.aims)) == 1
-
-
 def test_what_is_out_of_reach_is_said_once_with_what_would_do_and_as_much_as_can_be_is_rendered(
     followed: Followed,
 ) -> None:
@@ -86,18 +81,13 @@ def test_what_is_out_of_reach_is_said_once_with_what_would_do_and_as_much_as_can
     assert "1000 N/m is out of reach by the delay now measured (94 ms both ways together)" in words
     assert "984.6 N/m" in words
     assert "coupling.impedance_nspm above 50.78 would do" in words
-    assert (
-        seat(impedance_nspm=50.79).line_compliance(13) * 1000.0
-        < 1.0
-        < seat(impedance_nspm=50.77).line_compliance(13) * 1000.0
-    )
+    enough, little = (seat(impedance_nspm=b).line_compliance(13) for b in (50.79, 50.77))
+    assert enough < 1e-3 < little
     followed.adapter.reported = ""
     followed.hear(13, 1000)
     assert followed.adapter.reported == ""
-    felt_npm = followed.seat.predicted_stiffness(13)
-    assert felt_npm == pytest.approx(
-        1.0 / (1.0 / 1e5 + 1.0 / 984.615), rel=1e-4
-    )  # 975: as stiff as the line but for 1 %
+    felt_npm = 1.0 / (1.0 / 1e5 + 1.0 / 984.615)  # 975: as stiff as the line but for 1 %
+    assert followed.seat.predicted_stiffness(13) == pytest.approx(felt_npm, rel=1e-4)
     followed.hear(5, 2000)
     assert "1000 N/m is within reach again" in followed.adapter.reported
     assert followed.aims[-1] == pytest.approx(followed.seat.rendered_npm)
@@ -171,44 +161,22 @@ def test_whatever_loop_a_peer_makes_one_believe_the_aim_is_bounded_and_slow(said
     "other",
     [{"compensate": False}, {"kind": "coupling"}, {"kind": "tdpa"}, {"server_step": "paper", "decimator": "lowpass"}],
 )
-def test_no_other_seat_follows(other: dict[str, object]) -> None:
-    table = {"name": "lab", "coupling": {"impedance_nspm": 50.0, "compensate": True, **other}}
-    [room] = ServerCore([resolve(table)], "1", AdmissionServices(lambda: 1)).rooms
-    assert not room.seats[0].settings.adapts_stiffness
-
-
-def test_worlds_that_are_not_passive_refuse_to_change_a_spring() -> None:
-    world = make_world([seat(server_step="paper")])
-    assert not world.can_adapt_stiffness
-    with pytest.raises(NotImplementedError, match="PaperWorld"):
-        world.set_target_stiffness(0, 500.0)
+def test_no_other_seat_follows_and_only_passive_worlds_change_a_spring(other: dict[str, object]) -> None:
+    assert not seat(**other).adapts_stiffness
+    world = make_world([seat(**other)])
+    assert world.can_adapt_stiffness == ("compensate" in other)
+    if not world.can_adapt_stiffness:
+        with pytest.raises(NotImplementedError, match=type(world).__name__):
+            world.set_target_stiffness(0, 500.0)
 
 
 # Energy ----------------------------------------------------------------------------------------------------------------
 
 
-def people(count: int, axes: int, kind: str, follow: bool, random: np.random.Generator) -> list[SeatSettings]:
-    settings = resolve({
-        "object": {
-            "axes": axes, "kind": kind, "damping_nspm": random.uniform(0.0, 5.0), "mass_kg": 10.0 ** random.uniform(-2, 1),
-        },
-        "coupling": {
-            "stiffness_npm": 10.0 ** random.uniform(1, 4), "damping_nspm": 10.0 ** random.uniform(-1, 2),
-            "impedance_nspm": 10.0 ** random.uniform(3.0, 3.9), "compensate": follow,
-        },
-        "users": [{"name": f"u{number}", "side": "right" if number % 2 else "left"} for number in range(count)],
-    })  # fmt: skip
-    return [seat_settings(settings, number) for number in range(count)]
-
-
-def stored_j(world: World) -> float:
-    """Return the energy of object and springs."""
-    kinetic = 0.5 * world.mass_kg * float((world.velocity**2).sum())
-    if isinstance(world, PushWorld):
-        depth = np.maximum(0.0, world.side * (world.hand[:, 0] - world.position[0]))
-        return (0.0 if world.fixed else kinetic) + 0.5 * float((world.stiffness[:, 0] * depth**2).sum())
-    assert isinstance(world, GripWorld)
-    return kinetic + 0.5 * float((world.stiffness * world.stretch**2).sum())
+def people(kind: str, random: np.random.Generator, count: int = 1, axes: int = 1) -> list[SeatSettings]:
+    """Return seats that follow, at a world of KINDS."""
+    thing = "cube" if kind == "many" else kind
+    return drawn_seats(random, count, axes, thing, **FOLLOWING)
 
 
 KINDS = {"cube": SmallGripWorld, "many": GripWorld, "faces": PushWorld, "wall": PushWorld}
@@ -219,7 +187,7 @@ KINDS = {"cube": SmallGripWorld, "many": GripWorld, "faces": PushWorld, "wall": 
 def test_no_sequence_of_aims_makes_energy(kind: str, count: int, axes: int, seed: int) -> None:
     """All that came in through the lines is at least what is stored now, at every step, whatever is aimed at in between."""
     random = np.random.default_rng(seed)
-    seats = people(count, axes, "cube" if kind == "many" else kind, True, random)
+    seats = people(kind, random, count, axes)
     world = KINDS[kind](seats)
     for user in range(count):
         world.join(user, np.zeros(axes))
@@ -251,7 +219,7 @@ def test_energy_is_made_where_the_ledger_is_not_asked(kind: str) -> None:
     worst = 0.0
     for seed in range(6):
         random = np.random.default_rng(seed)
-        world = KINDS[kind](people(1, 1, "cube" if kind == "many" else kind, True, random))
+        world = KINDS[kind](people(kind, random))
         world.join(0, np.zeros(1))
         for step in range(400):
             if isinstance(world, SmallGripWorld):
@@ -265,32 +233,10 @@ def test_energy_is_made_where_the_ledger_is_not_asked(kind: str) -> None:
     assert worst > 1e-3
 
 
-@settings(max_examples=25)
-@given(st.integers(1, 6), st.integers(1, 3), st.integers(0, 2**32 - 1))
-def test_few_people_follow_as_many_do(count: int, axes: int, seed: int) -> None:
-    random = np.random.default_rng(seed)
-    seats = people(count, axes, "cube", True, random)
-    many, few = GripWorld(seats), SmallGripWorld(seats)
-    for step in range(150):
-        user = int(random.integers(count))
-        if step % 25 == 0:
-            for world in (many, few):
-                world.join(user, np.zeros(axes))
-        if step % 4 == 0:
-            aim = seats[user].rendered_npm * 10.0 ** random.uniform(-1.0, 1.0)
-            for world in (many, few):
-                world.set_target_stiffness(user, aim)
-        waves = random.uniform(-0.5, 0.5, (count, axes))
-        rows = few.advance([tuple(row) for row in waves.tolist()])
-        alike(rows, many.step(waves), 1e-9, 1e-7)
-        alike(few.stiffness, many.stiffness, 0.0, 1e-7)
-        assert [few.stiffness_of(each) for each in range(count)] == few.stiffness[:, 0].tolist()
-
-
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_nothing_stretched_costs_nothing_and_what_is_lowered_can_be_raised_again(kind: str) -> None:
     random = np.random.default_rng(5)
-    [one] = people(1, 1, "cube" if kind == "many" else kind, True, random)
+    [one] = people(kind, random)
     K = one.rendered_npm
     world = KINDS[kind]([one])
     world.join(0, np.zeros(1))

@@ -9,6 +9,7 @@ import pytest
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Heartbeat, Stamp, Welcome, decode, encode, padded
 from cogrip.protocol.session import LOST_NS, QUIET_NS
+from cogrip.server.core import ServerCore
 from cogrip.server.io import datagram_path
 from cogrip.server.io.datagram_path import AWAY_NS, MOST_AT_ONCE, DatagramPath
 from cogrip.server.rate_limit import RateLimiter
@@ -19,7 +20,6 @@ from tests.server.test_resumption import Guarded
 from tests.server.test_server_core import room
 
 AWAY_S = 5
-HALF_FRAME_NS = 4 * MS
 S = 1000 * MS
 
 
@@ -47,6 +47,10 @@ class Waited:
     def close(self) -> None: ...
 
 
+def path_of(port: Waited, core: ServerCore) -> DatagramPath:
+    return DatagramPath(port, UnencryptedListener(RateLimiter(bytes(16)), core.listens_to), core, 4 * MS)
+
+
 @pytest.fixture(autouse=True)
 def still(monkeypatch: pytest.MonkeyPatch) -> None:
     """Taking datagrams in takes no time."""
@@ -65,7 +69,7 @@ def test_a_person_whose_server_stood_still_keeps_the_session_at_the_newest_addre
         *((b"noise", "an unauthenticated peer", ns) for ns in range(2 * MOST_AT_ONCE)),
         (again, "path 5", AWAY_S * S),
     )
-    path = DatagramPath(port, UnencryptedListener(RateLimiter(bytes(16)), core.listens_to), core, HALF_FRAME_NS)
+    path = path_of(port, core)
     path.drain(AWAY_S * S, AWAY_S * S)
     core.tick(room, AWAY_S * S)
     assert (seat.state, seat.session, seat.address) == ("seated", 100, "path 5")
@@ -80,7 +84,7 @@ def test_a_person_whose_server_stood_still_keeps_the_session_at_the_newest_addre
 def test_a_flood_is_cut_short_unless_the_loop_was_away(late_ns: int, taken: int) -> None:
     _, core = seated()
     port = Waited(*((b"noise", "an unauthenticated peer", 0) for _ in range(3000)))
-    path = DatagramPath(port, UnencryptedListener(RateLimiter(bytes(16)), core.listens_to), core, HALF_FRAME_NS)
+    path = path_of(port, core)
     path.drain(0, late_ns)
     assert (path.received, len(port.buffer)) == (taken, 3000 - taken)
 
@@ -90,7 +94,7 @@ def test_a_drain_ahead_of_a_step_leaves_to_that_at_the_step_what_it_has_no_time_
 ) -> None:
     _, core = seated()
     port = Waited(*((b"noise", "an unauthenticated peer", 0) for _ in range(100)))
-    path = DatagramPath(port, UnencryptedListener(RateLimiter(bytes(16)), core.listens_to), core, HALF_FRAME_NS)
+    path = path_of(port, core)
     readings = count(1)
     monkeypatch.setattr(datagram_path, "time", SimpleNamespace(monotonic_ns=lambda: next(readings) * MS))
     path.drain(0, 0, 3 * MS)

@@ -13,7 +13,7 @@ from cogrip.protocol.join_link import JoinLink
 from cogrip.server.io import token_file
 from cogrip.server.io.state_folder import StateError, StateFolder, make_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
-from cogrip.server.tokens import TokenBook, TokenError, why_not
+from cogrip.server.tokens import TokenBook, TokenError, encode_book, why_not
 
 WRITE = """
 import os, signal, sys
@@ -84,7 +84,6 @@ def test_its_stamp_tells_a_change_and_nothing_else(file: TokenFile) -> None:
 
 
 def test_two_programs_that_write_at_once_lose_nothing(file: TokenFile, folder: StateFolder) -> None:
-    names = ("left", "right")
     with writer(folder, "left") as left, writer(folder, "right") as right:
         for each in (left, right):
             assert each.stdout is not None
@@ -96,7 +95,7 @@ def test_two_programs_that_write_at_once_lose_nothing(file: TokenFile, folder: S
     assert left.returncode == right.returncode == 0
     written = notes(file)
     assert len(written) == 30
-    for name in names:
+    for name in ("left", "right"):
         assert [note for note in written if note.startswith(name)] == [f"{name} {number}" for number in range(15)]
 
 
@@ -136,29 +135,29 @@ def test_who_holds_the_lock_for_too_long_is_named(
     assert file.load() == TokenBook()
 
 
-@pytest.mark.parametrize("text", [b"", b"{", b'{"version": 2, "tokens": []}', b"\x00" * 100])
-def test_a_damaged_file_is_refused_with_the_cure_and_left_as_it_is(
-    file: TokenFile, folder: StateFolder, text: bytes
+CURE = "put back a good copy, or remove it together with server.key and server.crt: then all links are void"
+
+
+@pytest.mark.parametrize(
+    ("text", "mode", "words"),
+    [
+        (b"", 0o600, CURE),
+        (b"{", 0o600, CURE),
+        (b'{"version": 2, "tokens": []}', 0o600, CURE),
+        (b"\x00" * 100, 0o600, CURE),
+        (encode_book(TokenBook()), 0o640, "mode 0640, must be 0600"),
+        (encode_book(TokenBook()), 0o604, "mode 0604, must be 0600"),
+    ],
+)
+def test_a_file_that_is_damaged_or_that_others_may_read_is_refused_with_the_cure_and_left_as_it_is(
+    file: TokenFile, folder: StateFolder, text: bytes, mode: int, words: str
 ) -> None:
     folder.tokens.write_bytes(text)
-    folder.tokens.chmod(0o600)
-    cure = r"put back a good copy, or remove it together with server.key and server.crt: then all links are void"
-    with pytest.raises(StateError, match=cure):
-        file.load()
-    with pytest.raises(StateError, match=cure):
-        add(file, "one")
-    assert folder.tokens.read_bytes() == text
-
-
-@pytest.mark.parametrize("mode", [0o640, 0o604, 0o666])
-def test_a_file_that_others_may_read_is_refused(file: TokenFile, folder: StateFolder, mode: int) -> None:
-    add(file, "one")
     folder.tokens.chmod(mode)
-    for use in (file.load, lambda: add(file, "two")):
-        with pytest.raises(StateError, match=rf"mode {mode:04o}, must be 0600"):
+    for use in (file.load, lambda: add(file, "one")):
+        with pytest.raises(StateError, match=words):
             use()
-    folder.tokens.chmod(0o600)
-    assert notes(file) == ["one"]
+    assert folder.tokens.read_bytes() == text
 
 
 def test_what_was_written_by_a_clock_before_1970_is_read_again(folder: StateFolder) -> None:

@@ -3,7 +3,7 @@
 import os
 import select
 from collections.abc import Iterator
-from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 import serial
@@ -99,9 +99,15 @@ def test_line_rises_and_falls(wire: Wire, monkeypatch: pytest.MonkeyPatch, signa
     assert not any(mine[:-3])
 
 
-def test_port_that_is_lost_is_said_once_and_counted(wire: Wire) -> None:
-    trigger = Trigger(TriggerLine(f"byte:{wire.path}"))
-    wire.unplug()
+@pytest.mark.parametrize("draining", [False, True])
+def test_port_that_is_lost_is_said_once_and_counted_and_the_thread_goes_on(wire: Wire, draining: bool) -> None:
+    """While it drains, pyserial lets the terminal's own error through, which is no OSError."""
+    line = TriggerLine(f"byte:{wire.path}")
+    if draining:
+        line.line.flush = Mock(side_effect=RuntimeError("as termios.error"))  # type: ignore[method-assign]
+    else:
+        wire.unplug()
+    trigger = Trigger(line)
     trigger.fire("one")
     trigger.fire("two")
     trigger.close()
@@ -134,12 +140,9 @@ def test_address_that_is_no_port_is_refused(address: str, words: str) -> None:
     assert "\n" not in str(refused.value)
 
 
-def test_terminal_without_lines_is_refused(wire: Wire) -> None:
+def test_terminal_without_lines_and_port_in_use_are_refused(wire: Wire) -> None:
     with pytest.raises(TriggerError, match="has no line RTS; take byte:PORT"):
         TriggerLine(f"rts:{wire.path}")
-
-
-def test_port_in_use_is_refused(wire: Wire) -> None:
     line = TriggerLine(f"byte:{wire.path}")
     with pytest.raises(TriggerError, match="close the program that uses it"):
         TriggerLine(f"byte:{wire.path}")
@@ -154,37 +157,14 @@ def test_measured_without_anything_coming_back(wire: Wire, monkeypatch: pytest.M
     assert (len(writes), loops) == (3, [])
 
 
-@pytest.fixture
-def cogrip(capsys: pytest.CaptureFixture[str]) -> Cogrip:
-    return Cogrip(main, capsys)
-
-
-def test_doctor_prints_the_latency_of_a_line(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_measure_a_line_and_do_not_begin_without_it(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("cogrip.cli.session.trigger_line.MEASURED", 3)
+    cogrip = Cogrip(main, capsys)
     out, _ = cogrip.texts("doctor", "--trigger", "byte:pty")
     write, loop = out.splitlines()[1:]
     assert write.startswith("  write: p50 ")
     assert loop.startswith("  there and back: p50 ")
-
-
-def test_server_without_its_port_does_not_begin(cogrip: Cogrip, tmp_path: Path) -> None:
     words = cogrip.err("serve", "demo", "--trigger", "rts:nowhere")
     assert "--trigger rts:nowhere: No such file or directory" in words
-
-
-def test_a_port_that_is_pulled_out_while_it_drains_is_said_and_the_thread_goes_on(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """pyserial lets the terminal's own error through there, which is no OSError."""
-    line = TriggerLine(f"byte:{Wire().path}")
-
-    def drain() -> None:
-        raise RuntimeError("as termios.error")
-
-    monkeypatch.setattr(line.line, "flush", drain)
-    trigger = Trigger(line)
-    trigger.fire("one")
-    trigger.fire("two")
-    trigger.close()
-    assert trigger.counts["trigger not written"] == 2
-    assert "markers reach it no more" in trigger.trouble

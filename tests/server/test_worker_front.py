@@ -5,6 +5,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, suppress
 from types import SimpleNamespace
 
 import msgspec
@@ -83,13 +84,12 @@ class Fronted:
     def asked(self, number: int) -> list[tuple[str | int, ...]]:
         """Return the addresses about which a worker was asked since the last call, in their order."""
         found = []
-        try:
+        with suppress(BlockingIOError):
             while True:
                 given, _ = self.ends[number].take_at_worker()
                 if isinstance(given, Ask):
                     found.append(given.address)
-        except BlockingIOError:
-            return found
+        return found
 
     def close(self) -> None:
         for each in (self.public, self.person, *self.ends.values(), *(worker.link for worker in self.pool.workers)):
@@ -98,9 +98,8 @@ class Fronted:
 
 @pytest.fixture
 def fronted() -> Iterator[Fronted]:
-    made = Fronted()
-    yield made
-    made.close()
+    with closing(Fronted()) as made:
+        yield made
 
 
 def test_a_room_is_served_while_another_worker_still_starts_and_the_spare_comes_last(fronted: Fronted) -> None:
@@ -128,13 +127,12 @@ def test_a_room_is_served_while_another_worker_still_starts_and_the_spare_comes_
     assert fronted.pool.workers[-1].state == "spare"
 
 
-def test_a_room_that_is_not_there_yet_is_asked_for_again(fronted: Fronted) -> None:
+def test_a_room_that_is_not_there_yet_is_asked_for_again_and_a_start_that_is_stopped_ends_at_once(
+    fronted: Fronted,
+) -> None:
     fronted.front._take(fronted.ask("cellar"), (HOST, 1), 0)
     assert fronted.front.dropped == {"room not there yet": 1}
     assert fronted.asked(2) == []
-
-
-def test_a_start_that_is_stopped_ends_at_once(fronted: Fronted) -> None:
     fronted.stop.reason = "stopped"
     assert not fronted.front.await_ready(LIMIT_S)
 

@@ -6,8 +6,9 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, closing, suppress
 from itertools import count
+from typing import Any
 
 import pytest
 
@@ -49,110 +50,109 @@ def taken(end: socket.socket) -> int:
         count += 1
 
 
-def test_a_peer_with_a_path_is_steered_to_it_and_all_others_to_the_front() -> None:
-    public = open_public(HOST, 0)
-    place = public.getsockname()
-    peers = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(PEERS)]
-    for peer in peers:
+class Peers(ExitStack):
+    """Makes sockets of peers, and closes them and all else that is entered here."""
+
+    def new(self) -> socket.socket:
+        peer = self.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         peer.bind((HOST, 0))
-    paths = [open_path(public, peer.getsockname()) for peer in peers[::2]]
-    try:
-        for peer in peers:
-            peer.sendto(b"a datagram", place)
-        assert [taken(path) for path in paths] == [1] * len(paths)
-        assert taken(public) == PEERS // 2
-        for path in paths:  # its worker has ended
-            path.close()
-        for peer in peers:
-            peer.sendto(b"a datagram", place)
-        assert taken(public) == PEERS
-    finally:
-        for each in (public, *peers, *paths):
+        peer.settimeout(5.0)
+        return peer
+
+
+@pytest.fixture
+def peers() -> Iterator[Peers]:
+    with Peers() as made:
+        yield made
+
+
+@pytest.fixture
+def public(peers: Peers) -> socket.socket:
+    return peers.enter_context(open_public(HOST, 0))
+
+
+class Linked:
+    """A worker's port at its link, and the front's end of that. by_front: the public port, through which it sends."""
+
+    def __init__(self, by_front: socket.socket | None = None) -> None:
+        self.front, self.link = (Link(end) for end in message_pair())
+        self.verdicts = FrontVerdicts(self.link)
+        self.port = WorkerPort(self.link, Stop(), self.verdicts, LinkOrders(self.link), by_front)
+
+    def hand_over(self, public: socket.socket, peer: socket.socket) -> None:
+        """Hand over the path of a peer, as the front does."""
+        with open_path(public, peer.getsockname()) as path:
+            self.front.send(Path(peer.getsockname(), None), [path.fileno()])
+
+    def close(self) -> None:
+        for each in (self.port, self.front, self.link):
             each.close()
 
 
-def test_a_worker_drops_what_came_to_a_path_before_it_was_connected() -> None:
-    public = open_public(HOST, 0)
-    mine, other = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
-    path = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    path.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-    front, link = (Link(end) for end in message_pair())
-    port = WorkerPort(link, Stop(), FrontVerdicts(link), LinkOrders(link))
-    try:
-        for peer in (mine, other):
-            peer.bind((HOST, 0))
-        path.bind((HOST, 0))  # alone there: all of it comes to this path
-        other.sendto(b"forged", path.getsockname())
-        path.connect(mine.getsockname())
-        mine.sendto(b"a datagram", path.getsockname())
-        front.send(Path(mine.getsockname(), None), [path.fileno()])
-        came = []
-        for _ in range(4):
-            with suppress(BlockingIOError):
-                came.append(port.receive(100, time.monotonic_ns())[:2])
-        assert came == [(b"a datagram", mine.getsockname())]
-        assert port.dropped == {"of another peer": 1}
-    finally:
-        port.close()
-        for each in (public, mine, other, path, front, link):
-            each.close()
+def test_a_peer_with_a_path_is_steered_to_it_and_all_others_to_the_front(public: socket.socket, peers: Peers) -> None:
+    all_peers = [peers.new() for _ in range(PEERS)]
+    paths = [peers.enter_context(open_path(public, peer.getsockname())) for peer in all_peers[::2]]
+    for peer in all_peers:
+        peer.sendto(b"a datagram", public.getsockname())
+    assert [taken(path) for path in paths] == [1] * len(paths)
+    assert taken(public) == PEERS // 2
+    for path in paths:  # its worker has ended
+        path.close()
+    for peer in all_peers:
+        peer.sendto(b"a datagram", public.getsockname())
+    assert taken(public) == PEERS
+
+
+def test_a_worker_drops_what_came_to_a_path_before_it_was_connected(peers: Peers) -> None:
+    worker = peers.enter_context(closing(Linked()))
+    mine, other, path = peers.new(), peers.new(), peers.new()  # alone at its port: all of it comes to this path
+    other.sendto(b"forged", path.getsockname())
+    path.connect(mine.getsockname())
+    mine.sendto(b"a datagram", path.getsockname())
+    worker.front.send(Path(mine.getsockname(), None), [path.fileno()])
+    came = []
+    for _ in range(4):
+        with suppress(BlockingIOError):
+            came.append(worker.port.receive(100, time.monotonic_ns())[:2])
+    assert came == [(b"a datagram", mine.getsockname())]
+    assert worker.port.dropped == {"of another peer": 1}
 
 
 @pytest.mark.parametrize("by_front", [False, True])
-def test_what_a_worker_sends_comes_from_the_public_port(by_front: bool) -> None:
-    public = open_public(HOST, 0)
-    peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    front, link = (Link(end) for end in message_pair())
-    port = WorkerPort(link, Stop(), FrontVerdicts(link), LinkOrders(link), public if by_front else None)
-    try:
-        peer.bind((HOST, 0))
-        peer.settimeout(5.0)
-        path = open_path(public, peer.getsockname())
-        front.send(Path(peer.getsockname(), None), [path.fileno()])
-        path.close()
-        with suppress(BlockingIOError):
-            port.receive(100, time.monotonic_ns())
-        assert port.send_all(deque((peer.getsockname(), bytes([number])) for number in range(70))) == []
-        assert [peer.recvfrom(10) for _ in range(70)] == [
-            (bytes([number]), public.getsockname()) for number in range(70)
-        ]
-    finally:
-        port.close()
-        for each in (public, peer, front, link):
-            each.close()
+def test_what_a_worker_sends_comes_from_the_public_port(peers: Peers, public: socket.socket, by_front: bool) -> None:
+    worker, peer = peers.enter_context(closing(Linked(public if by_front else None))), peers.new()
+    worker.hand_over(public, peer)
+    with suppress(BlockingIOError):
+        worker.port.receive(100, time.monotonic_ns())
+    assert worker.port.send_all(deque((peer.getsockname(), bytes([number])) for number in range(70))) == []
+    assert [peer.recvfrom(10) for _ in range(70)] == [(bytes([number]), public.getsockname()) for number in range(70)]
 
 
-def test_a_port_that_another_program_has_is_not_shared() -> None:
-    first = open_public(HOST, 0)
-    try:
-        with pytest.raises(OSError, match="in use"):
-            open_public(HOST, first.getsockname()[1])
-    finally:
-        first.close()
-
-
-def test_a_port_that_is_free_within_the_time_is_had() -> None:
-    first = open_public(HOST, 0)
-    place = first.getsockname()
-    closing = threading.Timer(0.1, first.close)
-    closing.start()
-    with open_public(HOST, place[1], wait_s=10.0) as second:
+def test_a_port_that_another_program_has_is_not_shared_until_it_is_free(public: socket.socket) -> None:
+    place = public.getsockname()
+    with pytest.raises(OSError, match="in use"):
+        open_public(*place)
+    closing_soon = threading.Timer(0.1, public.close)
+    closing_soon.start()
+    with open_public(*place, wait_s=10.0) as second:
         assert second.getsockname() == place
-    closing.join()
+    closing_soon.join()
 
 
-class Served:
-    """A worker's end of a link, with a room of two seats, and the front's end."""
+class Served(Linked):
+    """A worker with a room of two seats."""
 
     def __init__(self) -> None:
-        self.front, self.link = (Link(end) for end in message_pair())
-        self.verdicts = FrontVerdicts(self.link)
-        self.port = WorkerPort(self.link, Stop(), self.verdicts, LinkOrders(self.link))
+        super().__init__()
         services = AdmissionServices(count(100).__next__, self.verdicts, lambda: "ticket", lambda ticket: ticket)
         self.core = ServerCore([SETTINGS], "test", services)
-        limiter = RateLimiter(bytes(16))
-        self.channel = WorkerChannel(self.link, self.port, limiter, self.core.knows)
+        self.channel = WorkerChannel(self.link, self.port, RateLimiter(bytes(16)), self.core.knows)
         self.path = DatagramPath(self.port, self.channel, self.core, 10**9)
+
+    def ask(self, port: int, **changed: Any) -> None:
+        """Let the front ask about somebody's hello, whose token is good."""
+        said = padded(hello(**changed))
+        self.front.send(Ask((HOST, port), said, Grant("player", "0b9ee21b"), time.monotonic_ns()))
 
     def turn(self) -> None:
         """Take in what has come, step, and send."""
@@ -170,27 +170,18 @@ class Served:
                 found.append(self.front.take_at_front())
         return found
 
-    def close(self) -> None:
-        self.port.close()
-        self.front.close()
-        self.link.close()
-
 
 @pytest.fixture
-def served() -> Iterator[Served]:
-    made = Served()
-    yield made
-    made.close()
+def served(peers: Peers) -> Served:
+    return peers.enter_context(closing(Served()))
 
 
 def test_who_has_no_address_any_more_ends_no_worker(served: Served) -> None:
-    served.front.send(Ask((HOST, 5), padded(hello(nonce=1)), Grant("player", "0b9ee21b"), time.monotonic_ns()))
+    served.ask(5, nonce=1)
     served.turn()
     assert served.core.knows((HOST, 5))
     served.front.send(Forget((HOST, 5)))
-    served.front.send(
-        Ask((HOST, 6), padded(hello(nonce=2, name="ben")), Grant("player", "0b9ee21b"), time.monotonic_ns())
-    )
+    served.ask(6, nonce=2, name="ben")
     for _ in range(3):
         served.turn()
     assert served.core.dropped["no address"] == 3, "the seat is kept for who comes back"
@@ -198,41 +189,33 @@ def test_who_has_no_address_any_more_ends_no_worker(served: Served) -> None:
     assert not served.channel.send(b"message", None)
 
 
-def test_a_verdict_is_of_its_own_message_alone(served: Served) -> None:
-    again = padded(hello(nonce=1))
+def test_a_verdict_is_of_its_own_message_alone(served: Served, public: socket.socket, peers: Peers) -> None:
     for _ in range(2):  # the second one is answered without a look at the verdict
-        served.front.send(Ask((HOST, 5), again, Grant("player", "0b9ee21b"), time.monotonic_ns()))
+        served.ask(5, nonce=1)
     served.turn()
-    peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    public = open_public(HOST, 0)
-    try:
-        peer.bind((HOST, 0))
-        path = open_path(public, peer.getsockname())
-        served.front.send(Path(peer.getsockname(), None), [path.fileno()])
-        path.close()
+    peer = peers.new()
+    served.hand_over(public, peer)
+    served.turn()
+    bens = padded(hello(nonce=3, name="ben"))
+    peer.sendto(bens, public.getsockname())
+    until = time.monotonic() + 10.0
+    while not any(isinstance(each, Asked) for each in served.said()):  # the front is asked
+        assert time.monotonic() < until
         served.turn()
-        peer.sendto(padded(hello(nonce=3, name="ben")), public.getsockname())
-        until = time.monotonic() + 10.0
-        while not any(isinstance(each, Asked) for each in served.said()):  # the front is asked
-            assert time.monotonic() < until
-            served.turn()
-        while served.link.send(Say((HOST, 5), bytes(1000))):  # until the link is full
-            pass
-        peer.sendto(padded(hello(nonce=3, name="ben")), public.getsockname())
-        full = served.link.dropped.total()
-        while served.link.dropped.total() == full:
-            assert time.monotonic() < until
-            served.path.drain(time.monotonic_ns())
-        for _ in range(5):
-            served.turn()
-        peer.setblocking(False)
-        with pytest.raises(BlockingIOError):  # no refusal either: it is repeated, and asked about then
-            peer.recv(2000)
-        assert [seat.state for room in served.core.rooms for seat in room.seats] == ["seated", "free"]
-        assert served.verdicts.newest is None
-    finally:
-        for each in (peer, public):
-            each.close()
+    while served.link.send(Say((HOST, 5), bytes(1000))):  # until the link is full
+        pass
+    peer.sendto(bens, public.getsockname())
+    full = served.link.dropped.total()
+    while served.link.dropped.total() == full:
+        assert time.monotonic() < until
+        served.path.drain(time.monotonic_ns())
+    for _ in range(5):
+        served.turn()
+    peer.setblocking(False)
+    with pytest.raises(BlockingIOError):  # no refusal either: it is repeated, and asked about then
+        peer.recv(2000)
+    assert [seat.state for room in served.core.rooms for seat in room.seats] == ["seated", "free"]
+    assert served.verdicts.newest is None
 
 
 def test_a_link_carries_messages_and_descriptors_and_counts_what_it_cannot() -> None:

@@ -7,28 +7,22 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.protocol.settings import SeatSettings
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.grip import RAMP_S, GripWorld
 from cogrip.server.worlds.lagged import CoupledWorld, LaggedWorld, PaperWorld
+from cogrip.server.worlds.power import PowerWorld
 from cogrip.server.worlds.push import PushWorld
 from cogrip.server.worlds.small_room import SmallGripWorld
 from cogrip.server.worlds.world import WORKSPACE_M, World
 
-Array = NDArray[np.float64]
-T = 1 / 128
+from tests.server.object_worlds import seats, stored_j
+from tests.server.scene_worlds import Array, T, port_j
 
 seeds = st.integers(0, 2**32 - 1)
 users = st.integers(1, 6)
 axes = st.integers(1, 3)
-
-
-def seats(count: int, thing: str = "cube", dimensions: int = 1, **coupling: object) -> list[SeatSettings]:
-    people = [{"name": f"u{number}", "side": ("left", "right")[number % 2]} for number in range(count)]
-    settings = resolve({"object": {"kind": thing, "axes": dimensions}, "coupling": coupling, "users": people})
-    return [seat_settings(settings, number) for number in range(count)]
 
 
 def spread(random: np.random.Generator, low: float, high: float, shape: tuple[int, ...]) -> Array:
@@ -55,7 +49,7 @@ def draw(world: World, random: np.random.Generator) -> None:
 
 def grip(count: int, dimensions: int, seed: int) -> tuple[GripWorld, Array]:
     random = np.random.default_rng(seed)
-    world = GripWorld(seats(count, dimensions=dimensions))
+    world = GripWorld(seats(count, axes=dimensions))
     draw(world, random)
     world.stretch = random.uniform(-0.02, 0.02, (count, dimensions))
     return world, random.uniform(-2.0, 2.0, (count, dimensions))
@@ -71,21 +65,6 @@ def push(count: int, dimensions: int, seed: int, kind: str = "faces") -> tuple[P
     world.hand = np.repeat(world.position[None, :], count, axis=0)
     world.hand[:, 0] += world.side * depth
     return world, random.uniform(-2.0, 2.0, (count, dimensions))
-
-
-def stored(world: World) -> float:
-    """Energy of springs and object [J]."""
-    if isinstance(world, GripWorld):
-        springs = world.stiffness * world.stretch**2
-    else:
-        assert isinstance(world, PushWorld)
-        springs = world.stiffness[:, 0] * np.maximum(0.0, world.side * (world.hand[:, 0] - world.position[0])) ** 2
-    return 0.5 * (float(springs.sum()) + world.mass_kg * float(world.velocity @ world.velocity))
-
-
-def came_in(inputs: Array, answers: Array) -> float:
-    """Energy out of the lines in one step [J]."""
-    return 0.5 * T * float((inputs**2 - answers**2).sum())
 
 
 # A free object held from all sides -----------------------------------------------------------------------------------
@@ -118,46 +97,14 @@ def test_grip_balances_exactly_at_every_step(count: int, dimensions: int, seed: 
     random = np.random.default_rng(seed + 1)
     for _ in range(steps):
         u = random.uniform(-2.0, 2.0, (count, dimensions))
-        before, e, x = stored(world), world.stretch, world.position
+        before, e, x = stored_j(world), world.stretch, world.position
         answers = world.step(u)
         mid, relative = (world.position - x) / T, (world.stretch - e) / T
         lost = T * (float((world.damping * relative**2).sum()) + world.object_damping * float(mid @ mid))
-        supplied = came_in(u, answers) + T * float(world.external_force @ mid)
-        size = before + stored(world) + lost + 0.5 * T * float((u**2 + answers**2).sum())
-        assert supplied == pytest.approx(stored(world) - before + lost, abs=1e-8 * size)
+        supplied = port_j(u, answers) + T * float(world.external_force @ mid)
+        size = before + stored_j(world) + lost + 0.5 * T * float((u**2 + answers**2).sum())
+        assert supplied == pytest.approx(stored_j(world) - before + lost, abs=1e-8 * size)
         assert world.balance_error_j <= 1e-11 * size + 1e-9
-
-
-@given(users, axes, seeds)
-def test_a_heavy_object_is_a_fixed_one(count: int, dimensions: int, seed: int) -> None:
-    """vbar = 0 in theory 3.3: every user for themselves, F_i = alpha_i."""
-    world, u = grip(count, dimensions, seed)
-    world.mass_kg, world.velocity = 1e15, np.zeros(dimensions)
-    G = world.stiffness * T / 2 + world.damping
-    alpha = (world.stiffness * world.stretch + G * world.wave_gain * u) / (1.0 + G / world.impedance)
-    before = world.position.copy()
-    world.step(u)
-    assert world.force == pytest.approx(alpha, rel=1e-9, abs=1e-9)
-    assert world.position == pytest.approx(before, abs=1e-12)
-
-
-def test_a_hand_at_a_fixed_object_meets_its_stiffness_at_rest() -> None:
-    """Steady u: w = 0, so F = b c u = K e."""
-    world = GripWorld(seats(1))
-    world.stiffness, world.damping, world.mass_kg = world.target_stiffness, world.target_damping, 1e15
-    for _ in range(2000):
-        world.step(np.array([[0.3]]))
-    assert world.force[0, 0] == pytest.approx(np.sqrt(2 * 20.0) * 0.3, rel=1e-9)
-    assert world.stretch[0, 0] == pytest.approx(world.force[0, 0] / 1000.0, rel=1e-9)
-
-
-@pytest.mark.parametrize(("stiffness", "damping", "expected"), [(0.0, 0.0, 1.0), (1e12, 0.0, -1.0), (0.0, 20.0, 0.0)])
-def test_grip_ends_of_the_line(stiffness: float, damping: float, expected: float) -> None:
-    """An open end reflects the wave, a rigid one inverts it, B = b absorbs it."""
-    world = GripWorld(seats(1))
-    world.mass_kg = 1e15
-    world.stiffness[:], world.damping[:] = stiffness, damping
-    assert world.step(np.array([[0.7]]))[0, 0] == pytest.approx(expected * 0.7, abs=1e-7)
 
 
 # Faces and walls -----------------------------------------------------------------------------------------------------
@@ -210,68 +157,25 @@ def test_push_at_a_break_point(count: int, seed: int, which: int, aside: float) 
     assert abs(push_n - share * max(0.0, -aside * s[user])) <= share * noise
 
 
-@pytest.mark.parametrize(("aside", "touches"), [(-1e-9, True), (1e-9, False)])
-def test_a_face_lets_go_exactly_at_its_break_point(aside: float, touches: bool) -> None:
-    """The face runs away from the hand at c u + K d / G: the velocity at which the force is 0."""
-    world = PushWorld(seats(1, "faces"))
-    world.join(0, np.zeros(1))
-    world.hand[0, 0] = 1e-3
-    G = 10.0 + 1000.0 * T
-    edge = np.sqrt(2 / 20.0) * 0.5 + 1000.0 * 1e-3 / G
-    world.velocity[0] = edge + aside
-    world.step(np.array([[0.5]]))
-    assert bool(world.force[0, 0] > 0.0) is touches
-    assert world.force[0, 0] <= G * 1e-9
-
-
 @given(users, axes, seeds, st.integers(1, 40), st.sampled_from(["faces", "wall"]))
 def test_push_never_creates_energy(count: int, dimensions: int, seed: int, steps: int, kind: str) -> None:
     """Stored energy never exceeds what was there and what came in, at every step."""
     world, _ = push(count, dimensions, seed, kind)
     random = np.random.default_rng(seed + 1)
-    budget = stored(world)
+    budget = stored_j(world)
     for _ in range(steps):
         u = random.uniform(-2.0, 2.0, (count, dimensions))
-        before, x = stored(world), world.position
+        before, x = stored_j(world), world.position
         answers = world.step(u)
         moved = world.position - x
-        supplied = came_in(u, answers) + float(world.external_force @ moved)
+        supplied = port_j(u, answers) + float(world.external_force @ moved)
         lost = world.object_damping * float(moved @ moved) / T
-        size = before + stored(world) + 0.5 * T * float((u**2 + answers**2).sum()) + abs(supplied) + lost
-        assert stored(world) - before + lost <= supplied + 1e-11 * size
+        size = before + stored_j(world) + 0.5 * T * float((u**2 + answers**2).sum()) + abs(supplied) + lost
+        assert stored_j(world) - before + lost <= supplied + 1e-11 * size
         budget += supplied
-        assert stored(world) <= budget + 1e-9 * (size + abs(budget))
-
-
-@given(users, axes, seeds)
-def test_a_wall_pushes_and_never_pulls(count: int, dimensions: int, seed: int) -> None:
-    world, _ = push(count, dimensions, seed, "wall")
-    random = np.random.default_rng(seed + 1)
-    for _ in range(20):
-        world.step(random.uniform(-2.0, 2.0, (count, dimensions)))
-        assert np.all(world.side * world.force[:, 0] >= 0.0)
-        assert np.all(world.force[:, 1:] == 0.0)
-        assert not world.position.any()
-        assert not world.velocity.any()
-
-
-def test_the_usual_depth_test_would_create_energy() -> None:
-    """The step in which a hand crosses the surface: neither a depth test nor the midpoint force pays for the spring."""
-    b, K, d, u = 20.0, 1000.0, -0.5e-3, 1.0
-    c = np.sqrt(2 / b)
-
-    def gained(force: float) -> float:
-        w, wave = c * u - force / b, u - c * force
-        return float(0.5 * K * max(0.0, d + T * w) ** 2 - 0.5 * T * (u * u - wave * wave))
-
-    midpoint = (K * d + K * T / 2 * c * u) / (1.0 + K * T / 2 / b)
-    assert midpoint > 0.0
-    assert gained(0.0) > 1e-3, "depth <= 0 at the start, so no force"
-    assert gained(midpoint) > 1e-4
-    world = PushWorld(seats(1, "wall", damping_nspm=0.0))
-    world.join(0, np.array([d]))
-    world.step(np.array([[u]]))
-    assert gained(float(world.force[0, 0])) < 0.0
+        assert stored_j(world) <= budget + 1e-9 * (size + abs(budget))
+        assert np.all(world.side * world.force[:, 0] >= 0.0), "it pushes and never pulls"
+        assert kind != "wall" or not (world.position.any() or world.velocity.any())
 
 
 # Joining and leaving -------------------------------------------------------------------------------------------------
@@ -280,7 +184,7 @@ def test_the_usual_depth_test_would_create_energy() -> None:
 @given(st.integers(2, 5), axes, seeds)
 def test_people_come_and_go_and_bring_no_energy(count: int, dimensions: int, seed: int) -> None:
     """Object and springs never hold more than what came in through the lines, stiffness ramps included."""
-    world = GripWorld(seats(count, dimensions=dimensions, stiffness_npm=5e4, damping_nspm=2.0))
+    world = GripWorld(seats(count, axes=dimensions, stiffness_npm=5e4, damping_nspm=2.0))
     random = np.random.default_rng(seed)
     budget = 0.0
     for _ in range(200):
@@ -291,8 +195,8 @@ def test_people_come_and_go_and_bring_no_energy(count: int, dimensions: int, see
             else:
                 world.join(user, random.uniform(-0.3, 0.3, dimensions))
         u = np.where(world.holding[:, None], random.uniform(-1.0, 1.0, (count, dimensions)), 0.0)
-        budget += came_in(u, world.step(u))
-        assert stored(world) <= budget + 1e-12 * (1.0 + abs(budget))
+        budget += port_j(u, world.step(u))
+        assert stored_j(world) <= budget + 1e-12 * (1.0 + abs(budget))
         assert np.all(world.stiffness <= world.target_stiffness * (1.0 + 1e-12))
         assert np.all(world.stiffness >= 0.0)
         assert np.all(world._ledger >= -1e-15)
@@ -324,18 +228,9 @@ def test_stiffness_grows_over_the_ramp_when_the_spring_is_slack() -> None:
     assert max(np.diff(grown)) <= 1000.0 * T / RAMP_S + 1e-9
 
 
-def test_a_stretched_spring_without_damper_cannot_grow() -> None:
-    world = GripWorld(seats(1, damping_nspm=0.0))
-    world.join(0, np.zeros(1))
-    world.stretch[0, 0] = 0.01
-    for _ in range(100):
-        world.step(np.zeros((1, 1)))
-    assert world.stiffness[0, 0] == 0.0
-
-
-@given(seeds)
-def test_the_damper_pays_for_a_spring_that_grows_under_tension(seed: int) -> None:
-    world = GripWorld(seats(1, stiffness_npm=1e5, damping_nspm=5.0))
+@given(seeds, st.sampled_from([0.0, 5.0]))
+def test_the_damper_pays_for_a_spring_that_grows_under_tension_and_without_one_none_grows(seed: int, B: float) -> None:
+    world = GripWorld(seats(1, stiffness_npm=1e5, damping_nspm=B))
     world.join(0, np.zeros(1))
     random = np.random.default_rng(seed)
     world.stretch[0, 0] = 0.02
@@ -347,11 +242,11 @@ def test_the_damper_pays_for_a_spring_that_grows_under_tension(seed: int) -> Non
         dissipated += T * float((world.damping * relative**2).sum())
         paid += 0.5 * float(((world.stiffness - K) * world.stretch**2).sum())
         assert paid <= dissipated * (1.0 + 1e-12)
-    assert world.stiffness[0, 0] > 0.0
+    assert (world.stiffness[0, 0] > 0.0) == (B > 0.0)
 
 
 @pytest.mark.parametrize("kind", ["cube", "faces"])
-def test_leaving_discards_the_spring_and_kicks_nobody(kind: str) -> None:
+def test_leaving_discards_the_spring_and_kicks_nobody_and_who_comes_back_starts_anew(kind: str) -> None:
     """Two people squeeze; one leaves. The object's velocity does not jump and the energy only falls."""
     world = make_world(seats(2, kind))
     for user in range(2):
@@ -359,31 +254,22 @@ def test_leaving_discards_the_spring_and_kicks_nobody(kind: str) -> None:
     squeeze = np.array([[0.4], [-0.4]])
     for _ in range(500):
         world.step(squeeze)
-    held, force, velocity = stored(world), world.force[0, 0], world.velocity.copy()
+    held, force, velocity = stored_j(world), world.force[0, 0], world.velocity.copy()
     assert held > 1e-3
     assert force == pytest.approx(0.4 * np.sqrt(40.0), rel=1e-6)
     world.leave(1)
     assert np.array_equal(world.velocity, velocity)
-    assert stored(world) == pytest.approx(held / 2, rel=1e-6), "their half of it is gone"
-    budget, u = stored(world), np.array([[0.4], [0.0]])
+    assert stored_j(world) == pytest.approx(held / 2, rel=1e-6), "their half of it is gone"
+    budget, u = stored_j(world), np.array([[0.4], [0.0]])
     for _ in range(200):
-        budget += came_in(u, world.step(u))
-        assert stored(world) <= budget + 1e-12
+        budget += port_j(u, world.step(u))
+        assert stored_j(world) <= budget + 1e-12
         assert abs(world.force[0, 0]) <= abs(force) * (1.0 + 1e-9), "never more than was held before"
     assert world.force[1, 0] == 0.0
-
-
-def test_who_comes_back_starts_anew() -> None:
-    world = GripWorld(seats(1))
-    world.join(0, np.zeros(1))
-    for _ in range(100):
-        world.step(np.array([[0.3]]))
-    world.leave(0)
-    assert not world.force.any()
-    world.join(0, np.array([0.2]))
-    assert world.proxy(0) == pytest.approx([0.2])
-    assert world.stiffness[0, 0] == 0.0
-    assert not world.stretch.any()
+    held = stored_j(world)
+    world.join(1, np.array([0.2]))
+    assert world.proxy(1) == pytest.approx([0.2])
+    assert (stored_j(world), world.stiffness_of(1)) == (held, 0.0 if kind == "cube" else 1000.0)
 
 
 # The schemes to compare with -----------------------------------------------------------------------------------------
@@ -391,8 +277,7 @@ def test_who_comes_back_starts_anew() -> None:
 
 @pytest.mark.parametrize("damping", [0.0, 0.7])
 def test_lagged_object_moves_as_a_free_mass_under_a_held_force(damping: float) -> None:
-    settings = resolve({"object": {"mass_kg": 0.2, "damping_nspm": damping}, "coupling": {"server_step": "paper"}})
-    world = PaperWorld([seat_settings(settings, 0)])
+    world = PaperWorld(seats(1, object_={"mass_kg": 0.2, "damping_nspm": damping}, server_step="paper"))
     world.velocity, world.external_force = np.array([0.3]), np.array([0.5])
     moved = world.move_object()
     fine, x, v = 200_000, 0.0, 0.3
@@ -438,6 +323,7 @@ def test_worlds_by_settings(kind: str, step: str) -> None:
     expected: type[World] = PaperWorld if step == "paper" else SmallGripWorld if kind == "cube" else PushWorld
     assert type(world) is expected
     assert type(make_world(seats(1, kind, kind="coupling"))) is CoupledWorld
+    assert type(make_world(seats(1, kind, kind="tdpa"))) is PowerWorld
 
 
 @pytest.mark.parametrize("make", [GripWorld, PushWorld, PaperWorld, CoupledWorld])
