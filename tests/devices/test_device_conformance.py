@@ -27,16 +27,15 @@ from cogrip.devices.conformance import (
 )  # fmt: skip
 from cogrip.devices.registry import axes_of, is_real, schemes, stand_ins
 
+from tests.devices.held_device import hold, opened
+from tests.devices.replayed_hands import replays
+from tests.devices.test_simulated_gripper import ADDRESS as FINGERS
 from tests.extent import every
 
 HANDS = ("hold", "push", "reach&direction=1", "sine", "tremor&seed=3")
-ELSEWHERE = {
-    "replay",
-    "openhaptics",
-    "forcedimension",
-}  # on recordings made below; on stub libraries, in their own tests
+ELSEWHERE = {"replay", "openhaptics", "forcedimension"}  # on recordings, below; on stub libraries, in their own tests
 FOUND = sorted({address for addresses in stand_ins().values() for address in addresses})
-EVERY = [
+EVERY = [(FINGERS, 4)] + [
     (held, axes)
     for address in FOUND
     for held in ([f"{address}?hand={hand}" for hand in HANDS] if address.startswith("sim:") else [address])
@@ -51,7 +50,9 @@ def acting(device: Device) -> tuple[float, ...]:
 
 
 def subject(address: str, axes: int) -> Subject:
-    clamps = not address.startswith("sim:")  # a simulated machine limits itself, in its plant
+    clamps = not address.startswith(
+        ("sim:", "replay:")
+    )  # a simulated machine limits itself, in its plant; a replay need not
     return Subject(lambda: make(address, axes=axes), acting=acting, push_n=float("inf") if clamps else 1.0)
 
 
@@ -78,14 +79,9 @@ def test_it_keeps_every_promise(address: str, axes: int) -> None:
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("kind", ["run", "run at another speed", "table"])
-def test_a_replayed_person_keeps_them(kind: str, run: Path, table: Path) -> None:
-    address = {
-        "run": f"replay:{run}#user=ben",
-        "run at another speed": f"replay:{run}#user=anna&speed=0.3&loop=1&start_s=0.2",
-        "table": f"replay:{table}#time=t_s&x=x_mm&y=y_mm&scale=0.001",
-    }[kind]
-    assert broken(Subject(lambda: make(address, axes=2))) == {}
+@pytest.mark.parametrize("kind", range(3))
+def test_a_replayed_person_keeps_them(kind: int, run: Path, table: Path) -> None:
+    assert broken(subject(replays(run, table)[kind], 2)) == {}
 
 
 SIMULATED = [address for address, axes in EVERY if axes == 1 and not is_real(address)]
@@ -93,50 +89,29 @@ SIMULATED = [address for address, axes in EVERY if axes == 1 and not is_real(add
 
 @pytest.mark.parametrize("address", every(3, SIMULATED))
 def test_same_calls_give_the_same_samples_again(address: str) -> None:
-    def run() -> list[Sample | None]:
-        device = make(address)
-        device.open(1024)
-        samples = []
-        for tick in range(300):
-            samples.append(device.read(tick))
-            device.write([0.3 if tick % 50 < 20 else -0.2])
-        device.close()
-        return samples
-
-    assert run() == run()
+    first, again = (hold(opened(address), 300, lambda tick: (0.3 if tick % 50 < 20 else -0.2,)) for _ in range(2))
+    assert first == again
 
 
 @pytest.mark.parametrize("address", every(3, SIMULATED))
 def test_skipped_ticks_hold_the_force(address: str) -> None:
     """An overrun that skips ticks ends where the same force written at each of them would have, within a count."""
-    slow, fast = make(address), make(address)
+    slow, fast = opened(address), opened(address)
     begin = 400  # what rises when a device is opened has risen
-    for device in (slow, fast):
-        device.open(1024)
-        for tick in range(begin):
-            device.read(tick)
-            device.write([0.0])
-        device.read(begin)
-        device.write([0.5])
-    for tick in range(begin + 1, begin + 40):
-        fast.read(tick)
-        fast.write([0.5])
-    slow.read(begin + 40)
-    fast.read(begin + 40)
-    assert slow.position_m == pytest.approx(fast.position_m, abs=2e-5)  # type: ignore[attr-defined]
+    for device, ticks in ((slow, 1), (fast, 40)):
+        hold(device, begin)
+        hold(device, range(begin, begin + ticks), (0.5,))
+        device.read(begin + 40)
+    assert slow.position_m == pytest.approx(fast.position_m, abs=2e-5)
 
 
 @pytest.mark.parametrize("address", SIMULATED)
 def test_positive_force_moves_the_device_towards_minus_x(address: str) -> None:
     """The sign of P eq. 9: m x'' = F_hand - F."""
-    loaded, free = make(address), make(address)
-    for tick in range(100):
-        for device, force in ((loaded, 2.0), (free, 0.0)):
-            if not tick:
-                device.open(1024)
-            device.read(tick)
-            device.write([force])
-    assert loaded.position_m[0] < free.position_m[0] - 1e-3  # type: ignore[attr-defined]
+    loaded, free = opened(address), opened(address)
+    hold(loaded, 100, (2.0,))
+    hold(free, 100)
+    assert loaded.position_m[0] < free.position_m[0] - 1e-3
 
 
 class Liar:
