@@ -176,18 +176,16 @@ def test_it_reads_as_the_firmware_s_loop_over_single_bytes(parts: list[bytes]) -
     assert errors(say(arm, ZERO)) == [0]
 
 
-@pytest.mark.parametrize(
-    ("ma", "given_ma", "pwm"),
-    [
-        (6000, 6000, 7371), (-6000, -6000, 819), (0, 0, 4095), (1, 1, 4096), (-1, -1, 4094), (3000, 3000, 5733),
-        (6001, 0, 4095), (-6001, 0, 4095), (99999, 0, 4095), (2**40, 0, 4095),
-    ],
-)  # fmt: skip
-def test_the_pwm_of_a_current_and_none_for_a_motor_that_is_asked_for_too_much(ma: int, given_ma: int, pwm: int) -> None:
+PWM = {6000: 7371, -6000: 819, 0: 4095, 1: 4096, -1: 4094, 3000: 5733}  # of currents [mA]
+
+
+@pytest.mark.parametrize("ma", [*PWM, 6001, -6001, 99999, 2**40])
+def test_the_pwm_of_a_current_and_none_for_a_motor_that_is_asked_for_too_much(ma: int) -> None:
     arm = firmware()
     assert errors(say(arm, b"[%d,6000,-6000]\n" % ma)) == [0]
-    assert arm.pwm == [pwm, 7371, 819]
-    assert arm.mechanics.currents_ma == (given_ma, MOST_MA, -MOST_MA)
+    assert arm.pwm == [PWM.get(ma, IDLE_PWM), 7371, 819]
+    assert arm.mechanics.currents_ma == (ma if ma in PWM else 0, MOST_MA, -MOST_MA)
+    assert PWM[0] == IDLE_PWM
 
 
 @pytest.mark.parametrize(
