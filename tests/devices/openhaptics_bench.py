@@ -3,6 +3,7 @@
 import ctypes
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tests.devices.vendor_bench import VendorBench
 
@@ -23,6 +24,13 @@ class Bench(VendorBench):
     def step(self, times: int = 1) -> None:
         for _ in range(times):
             self.lib.stub_step()
+
+    def pushed(self) -> Any:
+        """Device 0, which has been asked for 1 N along x for a frame."""
+        device = self.opened()
+        device.write((1.0, 0.0, 0.0))
+        self.step()
+        return device
 
     def place(self, x_m: float, y_m: float, z_m: float) -> None:
         """Device 0 is there, in the common axes."""

@@ -10,7 +10,7 @@ import select
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 from msgspec.structs import replace
@@ -215,26 +215,30 @@ def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(line, "PATIENCE_S", REPLY_S)
 
 
+Start = Callable[..., Driver]
+
+
 @pytest.fixture
-def drivers() -> Iterator[list[Driver]]:
+def start(board: PushedBoard) -> Iterator[Start]:
+    """Yield a function that starts a driver, which pushes by then in the modes in which it goes on pushing."""
     started: list[Driver] = []
-    yield started
+
+    def start(mode: str = "push", stall_ns: int = NEVER_NS) -> Driver:
+        started.append(Driver(board, mode, stall_ns))
+        started[-1].meet()
+        if mode in ("push", "fork"):
+            board.wait_for_push()
+        return started[-1]
+
+    yield start
     for driver in started:
         driver.close()
 
 
-def start(board: PushedBoard, drivers: list[Driver], mode: str, stall_ns: int = NEVER_NS) -> Driver:
-    driver = Driver(board, mode, stall_ns)
-    drivers.append(driver)
-    driver.meet()
-    return driver
-
-
 @pytest.mark.parametrize("stall_ns", [0, NEVER_NS])
-def test_killed_driver(board: PushedBoard, drivers: list[Driver], stall_ns: int) -> None:
+def test_killed_driver(board: PushedBoard, start: Start, stall_ns: int) -> None:
     """0: as the family makes it."""
-    driver = start(board, drivers, "push", stall_ns)
-    board.wait_for_push()
+    driver = start(stall_ns=stall_ns)
     driver.kill(signal.SIGKILL)
     board.wait_for_rest()
     assert driver.end() == ""
@@ -242,9 +246,8 @@ def test_killed_driver(board: PushedBoard, drivers: list[Driver], stall_ns: int)
     board.ends_at_rest()
 
 
-def test_killed_driver_whose_child_lives_on_with_the_pipe_open(board: PushedBoard, drivers: list[Driver]) -> None:
-    driver = start(board, drivers, "fork")
-    board.wait_for_push()
+def test_killed_driver_whose_child_lives_on_with_the_pipe_open(board: PushedBoard, start: Start) -> None:
+    driver = start("fork")
     driver.kill(signal.SIGKILL)
     try:
         board.wait_for_rest()
@@ -253,10 +256,9 @@ def test_killed_driver_whose_child_lives_on_with_the_pipe_open(board: PushedBoar
         os.kill(driver.other_pid, signal.SIGKILL)
 
 
-def test_interrupt_reaches_the_driver_alone(board: PushedBoard, drivers: list[Driver]) -> None:
+def test_interrupt_reaches_the_driver_alone(board: PushedBoard, start: Start) -> None:
     """A terminal's interrupt reaches the guard too, which does not end before its driver."""
-    driver = start(board, drivers, "push")
-    board.wait_for_push()
+    driver = start()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         os.kill(driver.guard_pid, number)
     os.killpg(driver.process.pid, signal.SIGINT)
@@ -266,8 +268,8 @@ def test_interrupt_reaches_the_driver_alone(board: PushedBoard, drivers: list[Dr
     board.ends_at_rest()
 
 
-def test_exception_in_the_driver(board: PushedBoard, drivers: list[Driver]) -> None:
-    driver = start(board, drivers, "raise")
+def test_exception_in_the_driver(board: PushedBoard, start: Start) -> None:
+    driver = start("raise")
     assert "no more" in driver.end()
     assert driver.guard_ended()
     assert any(map(any, board.history))
@@ -275,8 +277,8 @@ def test_exception_in_the_driver(board: PushedBoard, drivers: list[Driver]) -> N
 
 
 @pytest.mark.long
-def test_closed_device_has_no_torque_and_no_guard(board: PushedBoard, drivers: list[Driver]) -> None:
-    driver = start(board, drivers, "close")
+def test_closed_device_has_no_torque_and_no_guard(board: PushedBoard, start: Start) -> None:
+    driver = start("close")
     assert driver.line() == "closed"
     assert driver.guard_ended()
     board.wait_for_rest()
@@ -284,11 +286,8 @@ def test_closed_device_has_no_torque_and_no_guard(board: PushedBoard, drivers: l
     driver.process.kill()
 
 
-def test_stalled_driver_loses_its_torque_learns_of_it_and_can_be_armed_again(
-    board: PushedBoard, drivers: list[Driver]
-) -> None:
-    driver = start(board, drivers, "push", PATIENT_NS)
-    board.wait_for_push()
+def test_stalled_driver_loses_its_torque_learns_of_it_and_can_be_armed_again(board: PushedBoard, start: Start) -> None:
+    driver = start(stall_ns=PATIENT_NS)
     driver.kill(signal.SIGSTOP)
     board.wait_for_take_off()
     begin = len(board.history)
@@ -307,9 +306,8 @@ def test_stalled_driver_loses_its_torque_learns_of_it_and_can_be_armed_again(
     board.ends_at_rest()
 
 
-def test_guard_that_took_the_torque_off_goes_on_guarding(board: PushedBoard, drivers: list[Driver]) -> None:
-    driver = start(board, drivers, "push", PATIENT_NS)
-    board.wait_for_push()
+def test_guard_that_took_the_torque_off_goes_on_guarding(board: PushedBoard, start: Start) -> None:
+    driver = start(stall_ns=PATIENT_NS)
     driver.kill(signal.SIGSTOP)
     board.wait_for_rest()
     driver.kill(signal.SIGKILL)
@@ -318,8 +316,8 @@ def test_guard_that_took_the_torque_off_goes_on_guarding(board: PushedBoard, dri
 
 
 @pytest.mark.long
-def test_driver_that_pushes_nothing_may_take_its_time(board: PushedBoard, drivers: list[Driver]) -> None:
-    driver = start(board, drivers, "idle", PATIENT_NS)
+def test_driver_that_pushes_nothing_may_take_its_time(board: PushedBoard, start: Start) -> None:
+    driver = start("idle", PATIENT_NS)
     assert driver.line() == "idle"
     assert not driver.guard_ended(within_s=2.0 * PATIENT_NS * 1e-9)
     driver.go_on()
@@ -332,9 +330,8 @@ def test_driver_that_pushes_nothing_may_take_its_time(board: PushedBoard, driver
     assert driver.end() == ""
 
 
-def test_driver_without_its_guard_stops_pushing(board: PushedBoard, drivers: list[Driver]) -> None:
-    driver = start(board, drivers, "push")
-    board.wait_for_push()
+def test_driver_without_its_guard_stops_pushing(board: PushedBoard, start: Start) -> None:
+    driver = start()
     os.kill(driver.guard_pid, signal.SIGKILL)
     assert "has ended; nothing may be pushed without it" in driver.line()
     assert "'guard lost': 1" in driver.line()

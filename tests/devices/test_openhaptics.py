@@ -195,9 +195,7 @@ def test_each_frame_is_read_once(bench) -> None:
 
 
 def test_close_sends_zero_within_a_frame_of_its_own(bench) -> None:
-    device = bench.opened()
-    device.write((1.0, 0.0, 0.0))
-    bench.step()
+    device = bench.pushed()
     frames = bench.lib.stub_frames(0)
     device.close()
     assert bench.force() == (0.0, 0.0, 0.0)
@@ -297,9 +295,7 @@ def test_error_of_no_device_is_everybodys(bench) -> None:
 
 
 def test_a_frame_that_fails_is_reported_and_sends_zero(bench, monkeypatch) -> None:
-    device = bench.opened()
-    device.write((1.0, 0.0, 0.0))
-    bench.step()
+    device = bench.pushed()
     monkeypatch.setattr(device._mailbox, "frame", lambda *_: 1 / 0)
     bench.step(2)
     assert bench.force() == (0.0, 0.0, 0.0)
@@ -313,9 +309,7 @@ def test_a_frame_that_fails_is_reported_and_sends_zero(bench, monkeypatch) -> No
 
 
 def test_a_servo_that_does_not_answer_gets_its_zero_all_the_same(bench) -> None:
-    device = bench.opened()
-    device.write((1.0, 0.0, 0.0))
-    bench.step()
+    device = bench.pushed()
     bench.lib.stub_deaf(1)
     device.close()
     assert bench.force() == (0.0, 0.0, 0.0)

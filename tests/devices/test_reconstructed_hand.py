@@ -79,18 +79,19 @@ def positions(rows: list[tuple[int, Row, Row, Row]]) -> Numbers:
     return np.array([position for _, position, _, _ in rows])
 
 
+impedances = st.tuples(st.floats(0.0, 2000.0), st.floats(0.0, 50.0))
+
+
 @given(
     samples=st.lists(
         st.tuples(st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), st.floats(-8.0, 8.0)), min_size=2, max_size=WINDOW - 1
     ),
-    stiffness=st.floats(0.0, 2000.0),
-    damping=st.floats(0.0, 50.0),
+    impedance=impedances,
 )
 def test_the_drive_is_what_the_hand_must_have_exerted(
     tmp_path_factory: pytest.TempPathFactory,
     samples: list[tuple[float, float, float]],
-    stiffness: float,
-    damping: float,
+    impedance: tuple[float, float],
 ) -> None:
     """K_h x + B_h v + F at every tick, and K_h x of the last place ever after: there the hand rests.
 
@@ -98,7 +99,7 @@ def test_the_drive_is_what_the_hand_must_have_exerted(
     """
     path = tmp_path_factory.mktemp("drive") / "client-anna.mcap"
     write_recording(path, [(tick, (x,), (v,), (f,)) for tick, (x, v, f) in enumerate(samples)])
-    hand = reconstructed(path, stiffness, damping)
+    (stiffness, damping), hand = impedance, reconstructed(path, *impedance)
     assert (hand.stiffness_npm, hand.damping_nspm) == (stiffness, damping)
     assert hand.open(RATE_HZ, None) == (samples[0][0],)
     for tick, (x, v, f) in enumerate(samples):
@@ -114,8 +115,7 @@ def test_the_drive_is_what_the_hand_must_have_exerted(
     ticks=st.integers(WINDOW, 100),
     force=st.floats(-8.0, 8.0),
     mass_kg=st.floats(0.01, 2.0),
-    stiffness=st.floats(0.0, 2000.0),
-    damping=st.floats(0.0, 50.0),
+    impedance=impedances,
 )
 def test_the_drive_moves_the_mass_as_well(
     tmp_path_factory: pytest.TempPathFactory,
@@ -123,8 +123,7 @@ def test_the_drive_moves_the_mass_as_well(
     ticks: int,
     force: float,
     mass_kg: float,
-    stiffness: float,
-    damping: float,
+    impedance: tuple[float, float],
 ) -> None:
     """m x'' + B_h x' + K_h x + F, of a cubic exactly and at its ends too; m is the recorded device's."""
     path = tmp_path_factory.mktemp("cubic") / "client-anna.mcap"
@@ -134,7 +133,7 @@ def test_the_drive_moves_the_mass_as_well(
         (tick, (x,), (v,), (force,)) for tick, (x, v) in enumerate(zip(place.tolist(), speed.tolist(), strict=True))
     ]
     write_recording(path, rows, mass_kg=mass_kg)
-    hand = reconstructed(path, stiffness, damping)
+    (stiffness, damping), hand = impedance, reconstructed(path, *impedance)
     hand.open(RATE_HZ, None)
     drive = np.array([hand.drive(tick)[0] for tick in range(ticks)])
     expected = mass_kg * acceleration + damping * speed + stiffness * place + force
