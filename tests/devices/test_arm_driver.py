@@ -13,9 +13,7 @@ from cogrip.devices.arm.driver import GOODBYES, HEADROOM, SILENT_S
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.faults import VERBS
-from cogrip.devices.serial.family import family, make
 from cogrip.devices.serial.frames import MODELS as NUMBERS
-from cogrip.devices.settings import parse_address
 
 from tests.devices.arm_bench import NO_FORCE, RATE_HZ, Bench, least_force_n, opened
 from tests.devices.held_device import refused
@@ -176,19 +174,6 @@ def test_a_device_that_turns_into_another_one_gets_no_force_any_more(open_: bool
             bench.open(RATE_HZ)
         bench.arm.mend()
     bench.open(RATE_HZ)
-
-
-def test_unknown_keys_and_axes_are_refused_and_a_port_must_be_named() -> None:
-    for address, axes, words in (
-        ("serial:x?modell=vintage", 3, "unknown key 'modell'; did you mean 'model'"),
-        ("serial:x", 4, "axes=4 is out of 1 to 3"),
-        ("serial:x?model=omega", 3, "got 'omega'"),
-        ("serial:", 1, "name the port, such as serial:/dev/ttyACM0"),
-    ):
-        with refused(words):
-            make(parse_address(address), axes, {})
-    for address in family().examples:
-        assert make(parse_address(address), 3, {}).capability.axes == 3
 
 
 def test_a_device_that_is_silent_has_no_current_after_50_ms() -> None:

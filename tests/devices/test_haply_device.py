@@ -19,7 +19,7 @@ from cogrip.devices.emulated.haply_firmware import HaplyFirmware, Joint
 from cogrip.devices.emulated.mechanics import Body, Mechanics
 from cogrip.devices.emulated.port import EmulatedPort
 from cogrip.devices.haply.device import HaplyDevice
-from cogrip.devices.haply.family import drive, family
+from cogrip.devices.haply.family import drive
 from cogrip.devices.haply.frames import HaplyCodec
 from cogrip.devices.haply.models import MODELS, HaplySettings, model_of
 from cogrip.devices.settings import parse_address, read_settings
@@ -309,18 +309,3 @@ def test_no_sequence_of_faults_makes_more_force_than_was_asked_for(
     assert max(sizes) < 1.1
     device.close()
     assert bench.firmware.torque_nm == (0.0, 0.0)
-
-
-def test_addresses_that_are_wrong_are_refused() -> None:
-    found = family()
-    assert found.axes(parse_address(found.examples[0])) == 2
-    for text, match in [
-        ("haply:", "name the port"),
-        ("haply:/dev/x", "add model="),
-        ("haply:/dev/x?model=inverse3", "2diy"),
-        ("haply:/dev/x?model=2diy&limit_ma=1", "unknown key"),
-    ]:
-        with pytest.raises(DeviceError, match=match):
-            found.make(parse_address(text), 2, {})
-    with pytest.raises(DeviceError, match="axes=3 is out of 1 to 2"):
-        found.make(parse_address("haply:/dev/x?model=2diy"), 3, {})

@@ -176,24 +176,6 @@ def test_every_arm_of_the_family_is_made_without_touching_hardware() -> None:
         assert (record.family, record.axes, record.latency_ticks) == ("hid", 3, 1)
 
 
-@pytest.mark.parametrize(
-    ("address", "says"),
-    [
-        ("hid:woodnhaptics", "did you mean 'woodenhaptics'"),
-        ("hid:vintage", "unknown HID arm 'vintage'.*woodenhaptics"),
-        ("hid:", "unknown HID arm"),
-        ("hid:woodenhaptics?variant=mbed15", "variant: expects one of mbed14, teensy64, mbed8; got 'mbed15'"),
-        ("hid:woodenhaptics?backend=usb", "backend: expects one of auto, hidraw, libusb; got 'usb'"),
-        ("hid:woodenhaptics?pth=1", "did you mean 'path'"),
-        ("hid:woodenhaptics?limit_ma=9000,1,1", "limit_ma"),
-        ("hid:woodenhaptics?pose=sure", "pose: expects one of stored, home, none; got 'sure'"),
-    ],
-)
-def test_addresses_that_are_wrong_say_what_is_right(address: str, says: str) -> None:
-    with pytest.raises(DeviceError, match=says):
-        made(address)
-
-
 def test_the_read_only_variant_promises_no_force() -> None:
     record = made("hid:woodenhaptics?variant=mbed8").capability
     assert 0.0 < record.continuous_force_n == record.peak_force_n < 1e-6

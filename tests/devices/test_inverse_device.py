@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.devices import DeviceError, Sample, make
+from cogrip.devices import DeviceError, Sample
 from cogrip.devices.emulated.device import EmulatedDevice
 from cogrip.devices.emulated.inverse_service import InverseService
 from cogrip.devices.emulated.machines import make_firmware
@@ -231,15 +231,6 @@ def test_a_force_that_is_none_becomes_zero(wrong: tuple[float, ...]) -> None:
     assert service.mechanics.force_n == (0.0, 0.0, 0.0)
 
 
-def test_keys_are_checked() -> None:
-    for address, words in (
-        ("inverse:localhost:99999", "port '99999' is not a number from 1 to 65535"),
-        ("inverse:?centre_m=0,0,2", "centre_m"),
-        ("inverse:?command=force", "command"),
-        ("inverse:?peak_force_n=0", "peak_force_n"),
-        ("inverse:?devise=04BA", "did you mean 'device'"),
-    ):
-        with pytest.raises(DeviceError, match=words):
-            make(address, axes=3)
+def test_the_centre_is_where_the_address_puts_it() -> None:
     device, _ = opened(f"hand=hold&centre_m={CENTRE_M[0] + 0.01},0,0.16")
     assert hold(device, range(3))[-1].position_m == pytest.approx((-0.01, 0.0, 0.0), abs=1e-4)

@@ -6,9 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cogrip.devices import make
-from cogrip.devices.device import DeviceError
-
 from tests.devices.held_device import RATE_HZ, hold, opened
 
 
@@ -83,20 +80,6 @@ def test_any_hand_of_places_keeps_its_orientation() -> None:
     place, rates = opened("sim:phantom6?hand=reach", axes=6).hand.intended(400)
     assert place[0] > 0.001
     assert place[3:] == rates[3:] == (0.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("address", "axes", "said"),
-    [
-        ("sim:phantom6", 4, "axes=4 is out of 1 to 3"), ("sim:phantom", 6, "axes=6 is out of 1 to 3"),
-        ("sim:phantom6?hand=crank", 3, "this hand turns, and the device has 3 axes; take sim:freeflyer or sim:phantom6"),
-        ("sim:ideal?hand=waypoints&times_s=1&rx_rad=1", 3, "rx_rad is given, but the device has 3 axes"),
-        ("sim:freeflyer?inertia_kgm2=0", 6, "inertia_kgm2"), ("sim:freeflyer?hand=crank&axis=w", 6, "axis"),
-    ],
-)  # fmt: skip
-def test_what_cannot_turn_says_so(address: str, axes: int, said: str) -> None:
-    with pytest.raises(DeviceError, match=said):
-        make(address, axes=axes)
 
 
 @pytest.mark.parametrize("axes", [1, 2, 3])

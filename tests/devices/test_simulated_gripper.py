@@ -42,19 +42,6 @@ def test_the_arm_alone_is_a_phantom() -> None:
 
 
 @pytest.mark.parametrize(
-    ("address", "words"),
-    [
-        ("sim:gripper?open_m=0.04", "open_m=0.04 is out of 0 to 0.03 m"),
-        ("sim:gripper?grip_mass_kg=0", "grip_mass_kg"),
-        ("sim:gripper?squeze_m=0.01", "did you mean 'squeeze_m'"),
-    ],
-)
-def test_a_wrong_key_has_its_line(address: str, words: str) -> None:
-    with pytest.raises(DeviceError, match=words):
-        make(address, axes=4)
-
-
-@pytest.mark.parametrize(
     "name", ["peak_force_n", "continuous_force_n", "damping_nspm", "slew_nps", "speed_mps", "apparent_mass_kg"]
 )
 @pytest.mark.parametrize("value", [0.0, -1.0, nan, inf, 1e7])

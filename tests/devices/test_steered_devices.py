@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.devices import DeviceError, make
+from cogrip.devices import DeviceError
 from cogrip.devices.hid.enumeration import Found
 from cogrip.devices.io import event_file, hid_reports
 from cogrip.devices.io.event_file import EventFile, found_gamepads
@@ -385,17 +385,3 @@ def test_caps_are_found_among_hid_interfaces() -> None:
 )  # fmt: skip
 def test_input_only_is_known_by_the_address(address: str, only: bool) -> None:
     assert is_input_only(address) is only
-
-
-@pytest.mark.parametrize(
-    ("address", "words"),
-    [
-        ("spacemouse:idle?speed_mps=0.181", "speed_mps"),
-        ("gamepad:idle?dead=1", "dead"),
-        ("gamepad:idle?rumble=1.1", "rumble"),
-        ("gamepad:idle?rumbel=1", "did you mean 'rumble'"),
-    ],
-)
-def test_keys_are_checked(address: str, words: str) -> None:
-    with pytest.raises(DeviceError, match=words):
-        make(address, axes=3)

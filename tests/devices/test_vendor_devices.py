@@ -146,28 +146,6 @@ def test_a_jump_of_30_mm_is_no_kick(request: pytest.FixtureRequest, fixture: str
 
 
 @pytest.mark.parametrize(
-    ("address", "axes", "words"),
-    [
-        ("forcedimension:", 3, "'' is no number from 0 to 15: write forcedimension:0"),
-        ("forcedimension:16", 3, "'16' is no number from 0 to 15"),
-        ("forcedimension:-1", 3, "'-1' is no number"),
-        ("forcedimension:²", 3, "is no number"),
-        ("forcedimension:0?modle=omega3", 3, "unknown key 'modle'; did you mean 'model'"),
-        ("forcedimension:0?model=touch", 3, "model: expects one of falcon, omega3"),
-        ("forcedimension:0?peak_force_n=-1", 3, "peak_force_n: expects a number"),
-        ("openhaptics:x?modle=touch", 3, "unknown key 'modle'; did you mean 'model'"),
-        ("openhaptics:x?model=falcon", 3, "model: expects one of touch, omni"),
-        ("openhaptics:x?peak_force_n=0", 3, "peak_force_n: expects a number"),
-        ("openhaptics:x?peak_force_n=41", 3, "peak_force_n: expects a number"),
-        *[(address, axes, "is out of 1 to 3") for address in ("forcedimension:0", "openhaptics:x") for axes in (0, 4)],
-    ],
-)
-def test_addresses_that_are_wrong(address: str, axes: int, words: str) -> None:
-    with pytest.raises(DeviceError, match=words):
-        make(address, axes=axes)
-
-
-@pytest.mark.parametrize(
     ("address", "most_n"), [("forcedimension:0?model=omega3", 12.0), ("openhaptics:x?model=touch", 3.3)]
 )
 def test_peak_force_key_lowers_and_never_raises(address: str, most_n: float) -> None:
