@@ -1,7 +1,7 @@
 """Encoders that lie are found, and hands that do not lie are left alone. Counts of every model, 1024 readings a second."""
 
 import csv
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from math import dist, hypot, pi, sin, sqrt
 from pathlib import Path
@@ -31,9 +31,11 @@ every_model = pytest.mark.parametrize("name", NAMES)
 
 def watch(name: str) -> EncoderWatch:
     model = MODELS[name]
-    return EncoderWatch(
-        3, model.record.resolution_m, RATE_HZ, lambda raw: model.kinematics.forward(model.drive.angles(raw))
-    )
+    return EncoderWatch(3, model.record.resolution_m, RATE_HZ, partial(tip_at, model))
+
+
+def tip_at(model, raw) -> tuple[float, float, float]:
+    return model.kinematics.forward(model.drive.angles(raw))
 
 
 def counts(name: str, positions) -> list[tuple[int, ...]]:
@@ -95,19 +97,12 @@ def evenly(time_s: np.ndarray, place_m: np.ndarray) -> np.ndarray:
     return PchipInterpolator(time_s, fraction * place_m, axis=0)(grid)
 
 
-HANDS = {
-    **{
-        f"{file[9:11]} {run}": (lever, file, run)
-        for file, runs in (
-            ("tue_1dof_PF_kp15.csv", ("free", "spring", "foam2", "rigid")),
-            ("tue_1dof_PP_kp8.csv", ("free", "spring", "foam", "rigid")),
-        )
-        for run in runs
-    },
-    "stylus": (stylus,),
-    **{f"guided {rec}": (guided, rec) for rec in "024"},
+LEVERS = {
+    "tue_1dof_PF_kp15.csv": ("free", "spring", "foam2", "rigid"),
+    "tue_1dof_PP_kp8.csv": ("free", "spring", "foam", "rigid"),
 }
-
+HANDS = {f"{file[9:11]} {run}": (lever, file, run) for file, runs in LEVERS.items() for run in runs}
+HANDS |= {"stylus": (stylus,), **{f"guided {rec}": (guided, rec) for rec in "024"}}
 
 hand_and_model = pytest.mark.parametrize(("hand", "name"), every(13, product(HANDS, NAMES)))  # another model each time
 
@@ -245,19 +240,16 @@ def test_both_sides_of_what_counts_as_a_jump(name: str) -> None:
     model = MODELS[name]
     # a t^2 / 2, and the speed is 1.5 ticks old
     reach = 250.0 / RATE_HZ**2 * 2.0 + SLACK_COUNTS * model.record.resolution_m
-    middle = model.kinematics.forward(model.drive.angles(still))
+    middle = tip_at(model, still)
     for joint in range(3):
-
-        def tip(size: int, joint: int = joint) -> float:
-            return dist(model.kinematics.forward(model.drive.angles(slipped(still, joint, size))), middle)
-
-        least = next(size for size in range(1, 1000) if tip(size) > reach)
+        moved_m = [dist(tip_at(model, slipped(still, joint, size)), middle) for size in range(1000)]
+        least = next(size for size, moved in enumerate(moved_m) if moved > reach)
         for size, found in ((least - 1, False), (least + 1, True)):
             judge = watch(name)
             for _ in range(5):
                 judge.check(still, 1)
             assert bool(judge.check(slipped(still, joint, size), 1)) == found
-        assert tip(least) < 1e-3  # a millimetre at most goes by
+        assert moved_m[least] < 1e-3  # a millimetre at most goes by
 
 
 @pytest.mark.parametrize(("silence_s", "hand", "name"), every(5, product((0.001, 0.006, 0.011), QUIET, NAMES)))

@@ -379,9 +379,6 @@ def test_caps_are_found_among_hid_interfaces() -> None:
     assert found.text == f"SpaceMouse Compact at /dev/hidraw3: {INPUT_ONLY}"
 
 
-@pytest.mark.parametrize(
-    ("address", "only"), [("spacemouse:", True), ("gamepad:", True), ("web:pointer", True), ("inverse:", False),
-                          ("sim:phantom", False), ("nothing:", False)],
-)  # fmt: skip
-def test_input_only_is_known_by_the_address(address: str, only: bool) -> None:
-    assert is_input_only(address) is only
+def test_input_only_is_known_by_the_address() -> None:
+    assert all(map(is_input_only, ("spacemouse:", "gamepad:", "web:pointer")))
+    assert not any(map(is_input_only, ("inverse:", "sim:phantom", "nothing:")))

@@ -212,17 +212,11 @@ def test_a_page_that_is_gone_lets_go(linked: Linked) -> None:
 # The address ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("address", "shown"),
-    [
-        ("web:pointer?fd=7", "web:pointer"),
-        ("web:pointer?power_w=2&fd=7", "web:pointer?power_w=2"),
-        ("web:pointer", "web:pointer"),
-        ("sim:phantom?hand=csv:fd=7", "sim:phantom?hand=csv:fd=7"),
-    ],
-)
-def test_the_link_is_not_shown(address: str, shown: str) -> None:
-    assert public(address) == shown
+def test_the_link_is_not_shown() -> None:
+    assert public("web:pointer?fd=7") == "web:pointer"
+    assert public("web:pointer?power_w=2&fd=7") == "web:pointer?power_w=2"
+    for address in ("web:pointer", "sim:phantom?hand=csv:fd=7"):
+        assert public(address) == address
 
 
 @pytest.mark.parametrize(
