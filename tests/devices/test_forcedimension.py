@@ -1,7 +1,6 @@
 """`forcedimension:` through the real package `forcedimension_core`, on a stand-in for libdrd compiled here."""
 
 import os
-import subprocess
 import sys
 
 import pytest
@@ -11,6 +10,7 @@ from cogrip.devices.forcedimension.models import RECORDS, TYPES
 
 from tests.devices.forcedimension_bench import FORCE, PACKAGE, POWER, RATE_HZ, RESET, forget_package
 from tests.devices.held_device import opened, refused
+from tests.devices.vendor_bench import end_without_closing
 
 
 def test_order_of_use(sdk) -> None:
@@ -140,36 +140,24 @@ def test_lost_device_says_so_and_has_no_force(sdk, verb) -> None:
     device.close()
 
 
-@pytest.mark.parametrize("verb", ["stop", "close"])
-def test_close_never_raises(sdk, verb) -> None:
-    device = sdk.opened()
-    sdk.lib.stub_fail(verb.encode())
-    device.close()
-    assert device.counts == {"error at close": 1}
-    assert sdk.force() == (0.0, 0.0, 0.0)
-
-
-SCRIPT = """
-import atexit, ctypes, sys
-from cogrip.devices.forcedimension.family import family
-from cogrip.devices.settings import parse_address
-device = family().make(parse_address("forcedimension:0?model=omega3&sdk=" + sys.argv[1]), 3, {})
-lib = ctypes.CDLL(sys.argv[2])
-lib.stub_journal.restype = lib.stub_wrongs.restype = ctypes.c_char_p
-atexit.register(lambda: print(lib.stub_journal().split(), lib.stub_wrongs()))  # runs last
-device.open(1000)
-device.write((1.0, 0.0, 0.0))
-exec(sys.argv[3])
-"""
+def test_close_never_raises(sdk) -> None:
+    for verb in (b"stop", b"close"):
+        device = sdk.opened()
+        sdk.lib.stub_fail(verb)
+        device.close()
+        assert device.counts == {"error at close": 1}
+        assert sdk.force() == (0.0, 0.0, 0.0)
+        sdk.lib.stub_fail(b"")
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("end", ["pass", "raise KeyboardInterrupt"])
 def test_process_that_ends_without_closing(sdk, end) -> None:
     path = next(sdk.folder.rglob("libdrd.so.*"))
-    command = [sys.executable, "-c", SCRIPT, str(sdk.folder), str(path), end]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.stdout.endswith("b'stop', b'0', b'close', b'0'] b''\n")
+    said = end_without_closing(
+        sdk.address(0) + "&model=omega3", path, "print(lib.stub_journal().split(), lib.stub_wrongs())", end
+    )
+    assert said[-1].endswith("b'stop', b'0', b'close', b'0'] b''")
 
 
 def test_sdk_that_is_too_old(sdk, capfd) -> None:

@@ -42,7 +42,6 @@ class Bench:
     keys: str = ""
     start_m: tuple[float, ...] = CENTRE
     seed: int = 1
-    firmware: HaplyFirmware = field(init=False)
     notes: Notebook = field(default_factory=Notebook)
     at: int = 0
 
@@ -54,11 +53,15 @@ class Bench:
         a, b = (Joint(port, ccw) for port, ccw in zip(model.wiring.ports, model.wiring.ccw, strict=True))
         self.firmware = HaplyFirmware((a, b), Mechanics(model, Body(body)), Faults(self.seed), homed=self.homed)
 
+    def opened(self, pose: str = "home", **keys: int) -> HaplyDevice:
+        device = self.driver(pose, **keys)
+        device.open(RATE_HZ)
+        return device
+
     def driver(self, pose: str = "home", axes: int = 2, number: int = 0) -> HaplyDevice:
         address = parse_address(f"haply:bench?model={self.name}&pose={pose}{self.keys}")
-        return drive(
-            EmulatedPort("haply:bench", self.firmware), "haply:bench", self.notes, address, axes, number=number
-        )
+        port = EmulatedPort("haply:bench", self.firmware)
+        return drive(port, "haply:bench", self.notes, address, axes, number=number)
 
     def tick(self, device: HaplyDevice, force_n: tuple[float, ...] = (0.0, 0.0)):
         self.at += 1
@@ -78,8 +81,7 @@ WIRINGS = ("", "&motors=near", "&dir=-1,1", "&motor_dir=1,-1&dir=-1,-1", "&home_
 @pytest.mark.parametrize(("name", "keys"), every(3, product(sorted(MODELS), WIRINGS)))
 def test_positions_are_the_bodys_within_two_counts(name: str, keys: str) -> None:
     bench = Bench(name, "sine&amplitude_m=0.02&frequency_hz=1.5&direction=1,-0.7", keys=keys)
-    device = bench.driver()
-    device.open(RATE_HZ)
+    device = bench.opened()
     moved = before = 0.0
     for _ in range(1024):
         was = bench.tip_m
@@ -103,8 +105,7 @@ def test_positions_are_the_bodys_within_two_counts(name: str, keys: str) -> None
 @settings(max_examples=60)
 def test_the_hand_gets_minus_the_force(name: str, force: tuple[float, ...], at: tuple[float, ...], keys: str) -> None:
     bench = Bench(name, "hold&hand_stiffness_npm=100000&hand_damping_nspm=100", keys=keys, start_m=at)
-    device = bench.driver()
-    device.open(RATE_HZ)
+    device = bench.opened()
     for _ in range(4):
         bench.tick(device, force)
     pushed = bench.firmware.mechanics.force_n
@@ -120,8 +121,7 @@ def test_the_hand_gets_minus_the_force(name: str, force: tuple[float, ...], at: 
 @every_model
 def test_force_above_the_record_is_scaled_to_it_and_counted(name: str) -> None:
     bench = Bench(name, "hold&hand_stiffness_npm=100000&hand_damping_nspm=100")
-    device = bench.driver()
-    device.open(RATE_HZ)
+    device = bench.opened()
     for _ in range(10):
         bench.tick(device, (-30.0, 40.0))
     most = HEADROOM * device.capability.peak_force_n
@@ -139,8 +139,7 @@ def at_home(name: str = "2diy") -> Bench:
 @every_model
 def test_pose_home_is_where_the_arm_stands_at_the_first_opening_only(name: str) -> None:
     bench = at_home(name)
-    device = bench.driver("home")
-    device.open(RATE_HZ)
+    device = bench.opened("home")
     for _ in range(400):
         bench.tick(device)
     device.close()
@@ -154,21 +153,18 @@ def test_pose_home_is_where_the_arm_stands_at_the_first_opening_only(name: str) 
 def test_stored_calibration_holds_in_another_process_until_something_else_sets_the_board_up(name: str) -> None:
     bench = at_home(name)
     with pytest.raises(DeviceError, match="its pose is not known"):
-        bench.driver("stored").open(RATE_HZ)
+        bench.opened("stored")
     bench.notes.keep(bench.driver("stored", number=3).calibrate("today"))
     bench.firmware.advance(500_000_000)
     bench.at = 600
-    device = bench.driver("stored", number=8)
-    device.open(RATE_HZ)
+    device = bench.opened("stored", number=8)
     bench.tick(device, (0.3, 0.0))
     was = bench.tip_m
     sample = bench.tick(device, (0.3, 0.0))
     assert sample.position_m == pytest.approx(was[:2], abs=3.0 * device.capability.resolution_m)
     assert bench.firmware.torque_nm != (0.0, 0.0)
     device.close()
-    other = bench.driver("none")  # sets the board up anew, wherever the arm is
-    other.open(RATE_HZ)
-    other.close()
+    bench.opened("none").close()  # sets the board up anew, wherever the arm is
     for _ in range(2):  # and it is refused for good, not once
         with pytest.raises(DeviceError, match="does not answer to its setup"):
             device.open(RATE_HZ)
@@ -194,7 +190,7 @@ def test_calibration_of_another_program_is_refused() -> None:
     bench = at_home()
     bench.notes.keep(replace(bench.driver("stored").calibrate("today"), stamp="plugging 1 id 5"))
     with pytest.raises(DeviceError, match="was plugged in again since it was calibrated"):
-        bench.driver("stored").open(RATE_HZ)
+        bench.opened("stored")
 
 
 @pytest.mark.parametrize("pose", ["home", "stored"])
@@ -206,7 +202,7 @@ def test_torque_that_a_program_before_left_on_is_gone_also_where_the_pose_is_ref
         bench.firmware.receive(frame, 0)
     assert bench.firmware.torque_nm != (0.0, 0.0)
     with pytest.raises(DeviceError, match="does not answer") if pose == "stored" else nullcontext():
-        bench.driver(pose).open(RATE_HZ)
+        bench.opened(pose)
     assert bench.firmware.torque_nm == (0.0, 0.0)
 
 
@@ -240,8 +236,7 @@ def run(bench: Bench, device: HaplyDevice, ticks: int) -> tuple[str, list[float]
 )
 def test_fault_of_the_wire_is_counted_and_passes(verb: str, counted: set[str]) -> None:
     bench = Bench(hand="sine&amplitude_m=0.005")
-    device = bench.driver()
-    device.open(RATE_HZ)
+    device = bench.opened()
     run(bench, device, 50)
     bench.firmware.fault(verb, 0.3)
     failed, sizes = run(bench, device, 300)
@@ -275,8 +270,7 @@ FAST = "sine&amplitude_m=0.03&frequency_hz=3&ramp_s=0.1&direction=1,0.3"  # on i
 )
 def test_fault_that_loses_the_pose_is_an_error_until_it_is_set_right(verb: str, text: str, hand: str) -> None:
     bench = Bench(hand=hand)
-    device = bench.driver()
-    device.open(RATE_HZ)
+    device = bench.opened()
     run(bench, device, 180 if hand == FAST else 50)
     bench.firmware.fault(verb)
     failed, sizes = run(bench, device, 200)
@@ -300,8 +294,7 @@ def test_no_sequence_of_faults_makes_more_force_than_was_asked_for(
     faults: list[tuple[str, int, int]], seed: int
 ) -> None:
     bench = Bench(hand="sine&amplitude_m=0.01&direction=1,1", seed=seed)
-    device = bench.driver()
-    device.open(RATE_HZ)
+    device = bench.opened()
     sizes: list[float] = []
     for verb, lasts_ms, rest_ticks in faults:
         bench.firmware.fault(verb, lasts_ms * 1e-3)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.hd_library import SIGNATURES, ErrorInfo, load
 from cogrip.devices.openhaptics.errors import CURES, FORCE_ERRORS, OTHER_ERRORS, cure_for, name_of
-from cogrip.devices.openhaptics.mailbox import HOLD_FRAMES, ZERO, Mailbox, to_common, to_library
+from cogrip.devices.openhaptics.mailbox import HOLD_FRAMES, ZERO, Mailbox, to_library
 from cogrip.devices.openhaptics.models import RECORDS, Facts, lowered, model_of
 from cogrip.devices.registry import make
 
@@ -194,17 +194,18 @@ def test_each_frame_is_read_once(bench) -> None:
     device.close()
 
 
-def test_close_sends_zero_within_a_frame_of_its_own(bench) -> None:
+def test_close_sends_zero_within_a_frame_of_its_own_and_to_a_servo_that_does_not_answer_too(bench) -> None:
     device = bench.pushed()
     frames = bench.lib.stub_frames(0)
     device.close()
     assert bench.force() == (0.0, 0.0, 0.0)
     assert bench.lib.stub_frames(0) == frames + 1
-
-
-def test_axes_of_the_vectors() -> None:
-    assert to_common((10.0, -20.0, 30.0)) == pytest.approx((0.030, 0.010, -0.020))
-    assert to_library((1.0, 2.0, 3.0)) == (2.0, 3.0, 1.0)
+    device = bench.pushed()
+    bench.lib.stub_deaf(1)
+    device.close()
+    assert bench.force() == (0.0, 0.0, 0.0)
+    with pytest.raises(DeviceError, match="0x501"):
+        device.open(RATE_HZ)
 
 
 @given(st.lists(says | frames | once, max_size=30))
@@ -306,15 +307,6 @@ def test_a_frame_that_fails_is_reported_and_sends_zero(bench, monkeypatch) -> No
     bench.step()
     assert bench.force() == (0.0, 0.0, 0.0)
     device.close()
-
-
-def test_a_servo_that_does_not_answer_gets_its_zero_all_the_same(bench) -> None:
-    device = bench.pushed()
-    bench.lib.stub_deaf(1)
-    device.close()
-    assert bench.force() == (0.0, 0.0, 0.0)
-    with pytest.raises(DeviceError, match="0x501"):
-        device.open(RATE_HZ)
 
 
 def test_two_devices_come_and_go_while_the_servo_runs(bench) -> None:

@@ -1,7 +1,10 @@
 """A vendor's library in a test's hands: a stand-in compiled here, and devices on it, each at its number."""
 
 import ctypes
+import subprocess
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 from cogrip.devices.registry import make
@@ -36,3 +39,23 @@ class VendorBench:
 
     def journal(self) -> list[str]:
         return self.lib.stub_journal().decode().splitlines()
+
+
+SCRIPT = """
+import atexit, ctypes, sys
+from cogrip.devices.registry import make
+address, path, tell, end = sys.argv[1:]
+device = make(address, axes=3)
+lib = ctypes.CDLL(path)
+lib.stub_journal.restype = lib.stub_wrongs.restype = ctypes.c_char_p
+atexit.register(exec, tell, globals())  # runs last
+device.open(1000)
+device.write((1.0, 0.0, 0.0))
+exec(end)
+"""
+
+
+def end_without_closing(address: str, library: Path, tell: str, end: str) -> list[str]:
+    """Return the lines of a process that pushes and comes to this end. tell: what it does when all else is over."""
+    command = [sys.executable, "-c", SCRIPT, address, str(library), tell, end]
+    return subprocess.run(command, capture_output=True, text=True, check=False).stdout.splitlines()
