@@ -62,7 +62,7 @@ def servo(libhd: Path, tmp_path: Path) -> Iterator[Bench]:
     lib.stub_worst.restype = ctypes.c_double
     lib.stub_frames.restype = lib.stub_torn.restype = ctypes.c_long
     lib.stub_wait.argtypes = [ctypes.c_long]
-    yield Bench(path, lib)
+    yield Bench(lib, path)
     assert lib.stub_wrongs().decode() == ""
     assert lib.stub_running() == 0
     assert lib.stub_scheduled() == 0

@@ -4,26 +4,21 @@ import ctypes
 import importlib.util
 import platform
 import re
-import shutil
-import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from cogrip.devices.forcedimension.family import family
 from cogrip.devices.forcedimension.models import TYPES
-from cogrip.devices.settings import parse_address
 
-SOURCE = Path(__file__).parent / "stubs" / "libdrd.c"
+from tests.devices.compiled_stub import STUBS, compile_stub
+from tests.devices.vendor_bench import VendorBench
+
+SOURCE = STUBS / "libdrd.c"
 PACKAGE = "forcedimension_core"
 RATE_HZ = 1024
 POWER, RESET, FORCE = 0, 3, 5
-
-
-def make(address: str, axes: int = 3):
-    return family().make(parse_address(address), axes, {})
 
 
 def forget_package() -> None:
@@ -32,27 +27,15 @@ def forget_package() -> None:
 
 
 @dataclass
-class Sdk:
+class Sdk(VendorBench):
     """The SDK in the test's hands: device 0 is an omega.3, device 1 a Falcon."""
 
     folder: Path
-    lib: ctypes.CDLL
+    rate_hz = RATE_HZ
+    default_keys = "&model=omega3"
 
-    def device(self, number: int = 0, axes: int = 3, keys: str = "&model=omega3"):
-        return make(f"forcedimension:{number}?sdk={self.folder}{keys}", axes)
-
-    def opened(self, number: int = 0, axes: int = 3, keys: str = "&model=omega3"):
-        device = self.device(number, axes, keys)
-        device.open(RATE_HZ)
-        return device
-
-    def force(self, number: int = 0) -> tuple[float, ...]:
-        force = (ctypes.c_double * 3)()
-        self.lib.stub_force(number, force)
-        return tuple(force)
-
-    def move(self, number: int, *position_m: float) -> None:
-        self.lib.stub_position(number, *map(ctypes.c_double, position_m))
+    def address(self, number: int) -> str:
+        return f"forcedimension:{number}?sdk={self.folder}"
 
     def place(self, x_m: float, y_m: float, z_m: float) -> None:
         """Device 0 is there, in the common axes, which are the SDK's."""
@@ -68,18 +51,12 @@ class Sdk:
     def become(self, model: str) -> None:
         self.lib.stub_type(0, next(kind for kind, name in TYPES.items() if name == model))
 
-    def journal(self) -> list[str]:
-        return self.lib.stub_journal().decode().splitlines()
-
 
 @pytest.fixture(scope="session")
 def libdrd(tmp_path_factory) -> Sdk:
     """An SDK in the folders of the vendor's; a filler for every function that the package looks up and the stand-in has not."""
     if importlib.util.find_spec(PACKAGE) is None:
         pytest.skip("forcedimension-core is not installed")
-    compiler = shutil.which("gcc") or shutil.which("cc")
-    if compiler is None:
-        pytest.skip("no C compiler: the stand-in for libdrd cannot be made")
     if sys.platform != "linux":
         pytest.skip("the SDK's folders are laid out differently here")
     base = tmp_path_factory.mktemp("libdrd")
@@ -89,12 +66,10 @@ def libdrd(tmp_path_factory) -> Sdk:
     wanted = set(re.findall(r"_lib(?:dhd|drd)\.(\w+)", "".join(path.read_text() for path in root.rglob("*.py"))))
     fillers = wanted - set(re.findall(r"\b(d[hr]d\w+)\(", SOURCE.read_text()))
     (folder / "fillers.h").write_text("".join(f"int {name}(void) {{ return -1; }}\n" for name in sorted(fillers)))
-    flags = ["-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{folder}"]
-    path = folder / "libdrd.so.3.16.0"
-    subprocess.run([compiler, *flags, "-o", str(path), str(SOURCE), "-lm"], check=True)
+    path = compile_stub(SOURCE, folder / "libdrd.so.3.16.0", "-Werror", f"-I{folder}", "-lm")
     lib = ctypes.CDLL(str(path))
     lib.stub_journal.restype = lib.stub_wrongs.restype = ctypes.c_char_p
-    return Sdk(base, lib)
+    return Sdk(lib, base)
 
 
 @pytest.fixture(scope="module")

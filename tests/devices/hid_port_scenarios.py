@@ -5,14 +5,12 @@ from cogrip.devices.arm.models import MODELS
 from cogrip.devices.hid.frames import CODECS
 from cogrip.devices.io import hid_port
 
-from tests.devices.hid_bench import LONG_S, NOTHING, WAITED, Bench, Scenarios, fails, fails_at_last
+from tests.devices.hid_bench import LONG_S, NOTHING, WAITED, Bench, fails, fails_at_last
 
-scenario = Scenarios()
 MODEL = MODELS["woodenhaptics"]
 
 
-@scenario
-def a_request_has_one_reply(bench: Bench) -> None:
+def scenario_a_request_has_one_reply(bench: Bench) -> None:
     port, codec = bench.open(), CODECS["mbed14"]()
     bench.set(a=400, b=-300, c=6200, d=10030, e=12, f=-5, info=1)
     assert port.read() == b""
@@ -31,8 +29,7 @@ def a_request_has_one_reply(bench: Bench) -> None:
     assert port.counts.keys() <= {WAITED}
 
 
-@scenario
-def a_closed_port_says_so(bench: Bench) -> None:
+def scenario_a_closed_port_says_so(bench: Bench) -> None:
     port = bench.port()
     fails(port.read, "is closed; open it first")
     fails(lambda: port.write(NOTHING), "is closed")
@@ -43,32 +40,26 @@ def a_closed_port_says_so(bench: Bench) -> None:
     port.open()
     port.write(NOTHING)
     assert len(port.read(LONG_S)) == 14
-    port.close()
 
 
-@scenario
-def waits_are_whole_milliseconds_and_never_for_ever(bench: Bench) -> None:
+def scenario_waits_are_whole_milliseconds_and_never_for_ever(bench: Bench) -> None:
     port = bench.open()
     for wait_s, wait_ms in ((0.0, -2), (-1.0, -2), (1e-9, -2), (0.00024, -2), (0.000999, -2), (0.001, 1), (0.0029, 2)):
         bench.set(last_wait_ms=-2)
         assert port.read(wait_s) == b""
         assert bench["last_wait_ms"] == wait_ms, wait_s
-    port.close()
 
 
-@scenario
-def a_short_wait_sees_what_comes_meanwhile(bench: Bench) -> None:
+def scenario_a_short_wait_sees_what_comes_meanwhile(bench: Bench) -> None:
     port = bench.open()
     for _ in range(20):
         port.write(NOTHING)
         while not port.read(0.0009):
             pass
     assert port.counts.keys() <= {WAITED}
-    port.close()
 
 
-@scenario
-def of_several_reports_the_newest_is_read(bench: Bench) -> None:
+def scenario_of_several_reports_the_newest_is_read(bench: Bench) -> None:
     port = bench.open()
     bench.set(extra=4, a=100)
     port.write(NOTHING)
@@ -78,22 +69,18 @@ def of_several_reports_the_newest_is_read(bench: Bench) -> None:
     assert int.from_bytes(report[:2], "little") == 104
     assert port.counts == {"older report passed over": 4}
     assert port.read() == b""
-    port.close()
 
 
-@scenario
-def the_report_that_waited_is_thrown_away(bench: Bench) -> None:
+def scenario_the_report_that_waited_is_thrown_away(bench: Bench) -> None:
     bench.set(stale=1, a=5)
     port = bench.open()
     assert port.counts == {"old report thrown away": 1}
     assert port.read() == b""
     port.write(NOTHING)
     assert int.from_bytes(port.read(LONG_S)[:2], "little") == 5
-    port.close()
 
 
-@scenario
-def reports_of_another_length_are_another_firmware(bench: Bench) -> None:
+def scenario_reports_of_another_length_are_another_firmware(bench: Bench) -> None:
     bench.set(stale=1, stale_bytes=8)
     port = bench.port()
     fails(port.open, "its reports have 8 bytes, not 14; set the key variant")
@@ -102,18 +89,15 @@ def reports_of_another_length_are_another_firmware(bench: Bench) -> None:
     old.close()
 
 
-@scenario
-def a_longer_report_is_not_cut_to_a_right_one(bench: Bench) -> None:
+def scenario_a_longer_report_is_not_cut_to_a_right_one(bench: Bench) -> None:
     port, codec = bench.open(), CODECS["mbed14"]()
     bench.set(report_bytes=20)
     port.write(bytes(21))
     assert codec.feed(port.read(LONG_S)) == []
     assert codec.skipped == 1
-    port.close()
 
 
-@scenario
-def two_are_told_apart(bench: Bench) -> None:
+def scenario_two_are_told_apart(bench: Bench) -> None:
     bench.set(devices=2)
     fails(bench.open, "2 devices 1234:0006", "/dev/hidraw7 serial=0123456789", "serial=second", "choose by serial=")
     for asked, path in (({"serial": "second"}, "/dev/hidraw7-second"), ({"path": "/dev/hidraw7"}, "/dev/hidraw7")):
@@ -124,20 +108,17 @@ def two_are_told_apart(bench: Bench) -> None:
     fails(lambda: bench.open(path="/dev/hidraw8"), "has path=/dev/hidraw8")
 
 
-@scenario
-def a_link_is_followed(bench: Bench) -> None:
+def scenario_a_link_is_followed(bench: Bench) -> None:
     node, link = bench.folder / "hidraw3", bench.folder / "arm"
     node.touch()
     link.symlink_to(node)
     bench.say(path=str(node))
     bench.set(devices=2)
-    port = bench.open(path=str(link))
+    bench.open(path=str(link))
     assert bench.opened == str(node)
-    port.close()
 
 
-@scenario
-def the_one_interface_of_a_teensy(bench: Bench) -> None:
+def scenario_the_one_interface_of_a_teensy(bench: Bench) -> None:
     for tells_usage in (1, 0):
         bench.set(vendor=0x16C0, product=0x0486, interfaces=2, report_bytes=64, tells_usage=tells_usage, b=-7)
         bench.say(product="Teensyduino RawHID")
@@ -151,14 +132,12 @@ def the_one_interface_of_a_teensy(bench: Bench) -> None:
         port.close()
 
 
-@scenario
-def it_cannot_be_opened(bench: Bench) -> None:
+def scenario_it_cannot_be_opened(bench: Bench) -> None:
     bench.set(open_fails=1)
     fails(bench.open, "/dev/hidraw7 cannot be opened", "close the program that uses it", "99-cogrip.rules")
 
 
-@scenario
-def a_write_that_fails_or_is_short(bench: Bench) -> None:
+def scenario_a_write_that_fails_or_is_short(bench: Bench) -> None:
     for result in (-1, 7, 14, 16):
         port = bench.open()
         bench.set(write_result=result)
@@ -170,8 +149,7 @@ def a_write_that_fails_or_is_short(bench: Bench) -> None:
     assert bench["closed"] == 4
 
 
-@scenario
-def unplugged(bench: Bench) -> None:
+def scenario_unplugged(bench: Bench) -> None:
     port = bench.open()
     port.write(NOTHING)
     assert port.read(LONG_S)
@@ -182,8 +160,7 @@ def unplugged(bench: Bench) -> None:
     assert bench["is_open"] == 0
 
 
-@scenario
-def a_device_that_hangs_does_not_hold_up_the_loop(bench: Bench) -> None:
+def scenario_a_device_that_hangs_does_not_hold_up_the_loop(bench: Bench) -> None:
     """Were these writes to wait for the device, nobody would come to let it go on."""
     port, codec = bench.open(), CODECS["mbed14"]()
     bench.set(hangs=1)
@@ -205,8 +182,7 @@ def a_device_that_hangs_does_not_hold_up_the_loop(bench: Bench) -> None:
     assert port.counts["report replaced by a newer one"] == 2
 
 
-@scenario
-def a_port_that_hangs_can_be_closed(bench: Bench) -> None:
+def scenario_a_port_that_hangs_can_be_closed(bench: Bench) -> None:
     port = bench.open()
     bench.set(hangs=1)
     port.write(NOTHING)
@@ -222,8 +198,7 @@ def a_port_that_hangs_can_be_closed(bench: Bench) -> None:
         pass
 
 
-@scenario
-def the_last_report_goes_before_it_is_closed(bench: Bench) -> None:
+def scenario_the_last_report_goes_before_it_is_closed(bench: Bench) -> None:
     for number in range(1, 11):
         port = bench.open()
         port.write(CODECS["mbed14"]().encode((number, 0, 0)))
@@ -247,8 +222,7 @@ def step(bench: Bench, device: ArmDevice, tick: int, force=(0.0, 0.0, 0.0)):
     return sample
 
 
-@scenario
-def an_arm_is_opened_read_pushed_and_let_go(bench: Bench) -> None:
+def scenario_an_arm_is_opened_read_pushed_and_let_go(bench: Bench) -> None:
     bench.set(stale=1)
     bench.stand_at(centre())
     device = bench.device()

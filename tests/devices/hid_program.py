@@ -11,7 +11,11 @@ from cogrip.devices.io import hid_port
 from tests.devices import hid_port_scenarios
 from tests.devices.hid_bench import LONG_S, Bench
 
-SCENARIOS = hid_port_scenarios.scenario
+SCENARIOS = {
+    name.removeprefix("scenario_"): play
+    for name, play in vars(hid_port_scenarios).items()
+    if name.startswith("scenario_")
+}
 
 
 def main(stub: str, backend: str, folder: str) -> None:
@@ -21,12 +25,13 @@ def main(stub: str, backend: str, folder: str) -> None:
     for name, play in SCENARIOS.items():
         own = Path(folder) / name
         own.mkdir()
+        bench = Bench(library, backend, own)
+        outcomes[name] = ""
         try:
-            play(Bench(library, backend, own))
+            play(bench)
+            bench.close()
         except Exception:  # noqa: BLE001 - the test shows it
             outcomes[name] = traceback.format_exc()
-        else:
-            outcomes[name] = ""
     print(json.dumps(outcomes))
 
 

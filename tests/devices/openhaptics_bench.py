@@ -3,44 +3,34 @@
 import ctypes
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from cogrip.devices.openhaptics.family import family
-from cogrip.devices.settings import parse_address
+from tests.devices.vendor_bench import VendorBench
 
 RATE_HZ = 1000
 NAMES = ("Default Device", "Left Device", "Right Device")
 
 
-def make(address: str, axes: int = 3):
-    return family().make(parse_address(address), axes, {})
-
-
 @dataclass
-class Bench:
-    """The library in the test's hands. Devices are numbered as in NAMES; forces and positions are in the library's axes."""
+class Bench(VendorBench):
+    """The library in the test's hands. Devices are numbered as in NAMES."""
 
     path: Path
-    lib: ctypes.CDLL
+    rate_hz = RATE_HZ
 
-    def device(self, number: int = 0, axes: int = 3, keys: str = ""):
-        return make(f"openhaptics:{NAMES[number]}?library={self.path}{keys}", axes)
-
-    def opened(self, number: int = 0, axes: int = 3, keys: str = ""):
-        device = self.device(number, axes, keys)
-        device.open(RATE_HZ)
-        return device
+    def address(self, number: int) -> str:
+        return f"openhaptics:{NAMES[number]}?library={self.path}"
 
     def step(self, times: int = 1) -> None:
         for _ in range(times):
             self.lib.stub_step()
 
-    def force(self, number: int = 0) -> tuple[float, ...]:
-        force = (ctypes.c_double * 3)()
-        self.lib.stub_force(number, force)
-        return tuple(force)
-
-    def move(self, number: int, *position_mm: float) -> None:
-        self.lib.stub_position(number, *map(ctypes.c_double, position_mm))
+    def pushed(self) -> Any:
+        """Device 0, which has been asked for 1 N along x for a frame."""
+        device = self.opened()
+        device.write((1.0, 0.0, 0.0))
+        self.step()
+        return device
 
     def place(self, x_m: float, y_m: float, z_m: float) -> None:
         """Device 0 is there, in the common axes."""
@@ -51,9 +41,10 @@ class Bench:
         right, up, near = self.force()
         return (-near, -right, -up)[:axes]
 
+    def call_itself(self, name: str, *limits: float, number: int = 0) -> None:
+        """limits: peak and continuous force [N], stiffness [N/mm]."""
+        self.lib.stub_model(number, name.encode(), *map(ctypes.c_double, limits))
+
     def become(self, model: str) -> None:
         if model != "touch":
-            self.lib.stub_model(0, b"Phantom Premium 1.5", *map(ctypes.c_double, (8.5, 1.4, 3.5)))
-
-    def journal(self) -> list[str]:
-        return self.lib.stub_journal().decode().splitlines()
+            self.call_itself("Phantom Premium 1.5", 8.5, 1.4, 3.5)

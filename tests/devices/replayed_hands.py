@@ -16,13 +16,22 @@ from cogrip.protocol.recording.records import Tick, kind_of
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.session import make_hello
 
+from tests.devices.held_device import RATE_HZ, hold, opened
 from tests.recording_files import written
 
-RATE_HZ = 1024
 SECONDS = 1.5
 TICKS = round(SECONDS * RATE_HZ)
 Numbers = np.ndarray[Any, np.dtype[np.float64]]
 Place = Sequence[float] | None
+
+
+def replays(run: Path, table: Path) -> tuple[str, str, str]:
+    """Addresses of two axes: a person of a run, one at another speed and over and over, and one of a table."""
+    return (
+        f"replay:{run}#user=ben",
+        f"replay:{run}#user=anna&speed=0.3&loop=1&start_s=0.2",
+        f"replay:{table}#time=t_s&x=x_mm&y=y_mm&scale=0.001",
+    )
 
 
 def write_recording(
@@ -64,12 +73,5 @@ def recorded(path: Path) -> tuple[Numbers, Numbers]:
 
 def played(address: str, ticks: int, axes: int = 1, rate_hz: int = RATE_HZ) -> Numbers:
     """Positions of so many ticks, shape (ticks, axes)."""
-    device = make(address, axes=axes)
-    device.open(rate_hz)
-    rows = []
-    for tick in range(ticks):
-        sample = device.read(tick)
-        rows.append(sample.position_m)
-        device.write((0.5,) * axes)
-    device.close()
-    return np.array(rows)
+    samples = hold(opened(address, axes, rate_hz), ticks, (0.5,) * axes)
+    return np.array([sample.position_m for sample in samples])

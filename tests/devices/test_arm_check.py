@@ -2,19 +2,12 @@
 
 from dataclasses import replace
 from itertools import product
-from math import ceil
+from math import ceil, nan
 
 import pytest
 
-from cogrip.devices.arm.check import (
-    LEAST_MOVED_COUNTS,
-    LEAST_RATE_HZ,
-    MOST_LATENCY_US,
-    MOST_NOISE_COUNTS,
-    Measured,
-    Row,
-    verdict,
-)  # fmt: skip
+from cogrip.devices.arm import check as bounds
+from cogrip.devices.arm.check import LEAST_MOVED_COUNTS, MOST_NOISE_COUNTS, Measured, Row, verdict
 from cogrip.devices.arm.exchange import Exchange
 from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.hfab_firmware import HfabFirmware
@@ -29,6 +22,7 @@ from cogrip.devices.settings import parse_address
 
 from tests.extent import every, long
 
+SLOWEST_HZ, LATEST_US = bounds.LEAST_RATE_HZ, bounds.MOST_LATENCY_US
 WELL = Measured(
     requests=2000, missed=0, rate_hz=4000.0, latency_p50_us=200.0, latency_p99_us=300.0, noise=(0, 1, 0),
     forward=(60, 60, 60), backward=(-60, -60, -60), lowest=(-500, -500, -500), highest=(500, 500, 500),
@@ -53,8 +47,8 @@ def test_a_well_arm_has_a_line_for_everything_and_all_are_good() -> None:
     [
         ("requests answered", {"missed": 2}, {"missed": 3}),
         ("requests answered", {"requests": 1000, "missed": 1}, {"requests": 999, "missed": 1}),
-        ("rate, one request after the other", {"rate_hz": LEAST_RATE_HZ}, {"rate_hz": LEAST_RATE_HZ - 0.1}),
-        ("latency, 50 and 99 %", {"latency_p99_us": MOST_LATENCY_US}, {"latency_p99_us": MOST_LATENCY_US + 0.1}),
+        ("rate, one request after the other", {"rate_hz": SLOWEST_HZ}, {"rate_hz": SLOWEST_HZ - 0.1}),
+        ("latency, 50 and 99 %", {"latency_p99_us": LATEST_US}, {"latency_p99_us": LATEST_US + 0.1}),
         ("noise at rest, encoder b", {"noise": (0, MOST_NOISE_COUNTS, 0)}, {"noise": (0, MOST_NOISE_COUNTS + 1, 0)}),
         ("range seen, encoder c", {"highest": (9, 9, -499)}, {"highest": (9, 9, -500)}),
         ("sign, axis a", {"forward": (LEAST_MOVED_COUNTS, 9, 9)}, {"forward": (LEAST_MOVED_COUNTS - 1, 9, 9)}),
@@ -87,6 +81,10 @@ def test_what_is_wrong_with_a_sign(forward: int, backward: int, cure: str) -> No
     assert list(rows) == ["sign, axis b"]
     assert cure in rows["sign, axis b"].cure
     assert rows["sign, axis b"].found == f"{forward:+d}, {backward:+d} counts"
+
+
+LOOSE = "hold&hand_stiffness_npm=20&hand_damping_nspm=2&friction_n=0.01"
+ON_A_THREAD = f"{LOOSE}&x0_m=-0.0304,0,0.04877"  # which holds the weight of a Polhem at its centre
 
 
 class Clock:
@@ -130,7 +128,7 @@ class RealPort(EmulatedPort):
 
 
 def checked(
-    monkeypatch: pytest.MonkeyPatch, name: str = "vintage", hand: str = "push&force_n=0", current_ma: float = MOST_TEST_MA,
+    monkeypatch: pytest.MonkeyPatch, name: str = "vintage", hand: str = LOOSE, current_ma: float = MOST_TEST_MA,
     wire_s: float = 0.0002,
 ) -> tuple[ArmCheck, RealPort]:  # fmt: skip
     """Nobody holds it, and something like a cable pulls it back a little."""
@@ -141,11 +139,13 @@ def checked(
     return ArmCheck(Exchange(port, BracketCodec()), current_ma), port
 
 
-LOOSE = "hold&hand_stiffness_npm=20&hand_damping_nspm=2&friction_n=0.01"
-ON_A_THREAD = f"{LOOSE}&x0_m=-0.0304,0,0.04877"  # which holds the weight of a Polhem at its centre
+def begun(monkeypatch: pytest.MonkeyPatch, **keys) -> tuple[ArmCheck, RealPort]:
+    check, port = checked(monkeypatch, **keys)
+    check.begin()
+    return check, port
 
 
-def wrong(check: ArmCheck, moving_s: float) -> dict[str, Row]:
+def wrong(check: ArmCheck, moving_s: float = 0.2) -> dict[str, Row]:
     """The lines of a measurement that are not good."""
     check.begin()
     rows = bad(check.measured(lambda _: None, moving_s))
@@ -156,10 +156,9 @@ def wrong(check: ArmCheck, moving_s: float) -> dict[str, Row]:
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", NUMBERS.values())
 def test_a_well_arm_is_found_well(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    check, port = checked(monkeypatch, name, ON_A_THREAD if name == "polhem" else LOOSE)
+    check, port = begun(monkeypatch, name=name, hand=ON_A_THREAD if name == "polhem" else LOOSE)
     port.arm.mechanics.carry((0.0, 0.0, 0.0))
     said: list[str] = []
-    check.begin()
     measured = check.measured(said.append, 0.5)
     check.end()
     assert bad(measured) == {}
@@ -179,10 +178,8 @@ def test_a_well_arm_is_found_well(monkeypatch: pytest.MonkeyPatch, name: str) ->
 
 @pytest.mark.parametrize("current_ma", [50.0, long(200.0)])
 def test_only_one_axis_at_a_time_and_no_more_than_was_said(monkeypatch: pytest.MonkeyPatch, current_ma: float) -> None:
-    check, port = checked(monkeypatch, hand=LOOSE, current_ma=current_ma)
-    check.begin()
-    check.measured(lambda _: None, 0.0)
-    check.end()
+    check, port = checked(monkeypatch, current_ma=current_ma)
+    wrong(check, 0.0)
     seen = set()
     last = [0, 0, 0]
     for frame in port.sent:
@@ -200,7 +197,7 @@ def test_only_one_axis_at_a_time_and_no_more_than_was_said(monkeypatch: pytest.M
 def test_a_motor_that_is_wired_the_other_way_round_is_found(
     monkeypatch: pytest.MonkeyPatch, name: str, axis: int
 ) -> None:
-    check, port = checked(monkeypatch, name, LOOSE)
+    check, port = checked(monkeypatch, name)
     mechanics = port.arm.mechanics
     right = mechanics.drive
 
@@ -209,7 +206,7 @@ def test_a_motor_that_is_wired_the_other_way_round_is_found(
         mechanics.currents_ma = currents
 
     monkeypatch.setattr(mechanics, "drive", swapped)
-    rows = wrong(check, 0.2)
+    rows = wrong(check)
     assert list(rows) == [f"sign, axis {'abc'[axis]}"]
     assert "wired the other way round" in rows[f"sign, axis {'abc'[axis]}"].cure
 
@@ -225,11 +222,11 @@ def test_an_encoder_that_counts_the_other_way_or_not_at_all(
         return a, sense * b, c
 
     monkeypatch.setattr(Mechanics, "counters", property(turned))
-    assert list(wrong(checked(monkeypatch, hand=LOOSE)[0], 0.2)) == found
+    assert list(wrong(checked(monkeypatch)[0])) == found
 
 
 def test_an_amplifier_that_is_off_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    check, port = checked(monkeypatch, hand=LOOSE)
+    check, port = checked(monkeypatch)
     monkeypatch.setattr(port.arm.mechanics, "drive", lambda currents: None)
     rows = wrong(check, 0.0)
     assert [row for row in rows if row.startswith("sign")] == [f"sign, axis {axis}" for axis in "abc"]
@@ -237,42 +234,26 @@ def test_an_amplifier_that_is_off_is_found(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_hand_on_the_arm_is_noise(monkeypatch: pytest.MonkeyPatch) -> None:
-    check, _ = checked(monkeypatch, hand="tremor&tremor_m=0.001&direction=1,1,1")
-    check.begin()
-    noise = check.noise()
-    check.end()
-    assert min(noise) > MOST_NOISE_COUNTS
+    check, _ = begun(monkeypatch, hand="tremor&tremor_m=0.001&direction=1,1,1")
+    assert min(check.noise()) > MOST_NOISE_COUNTS
 
 
 def test_a_slow_wire_is_found_slow(monkeypatch: pytest.MonkeyPatch) -> None:
-    check, _ = checked(monkeypatch, hand=LOOSE, wire_s=0.0012)
-    check.begin()
-    rate_hz, latencies = check.speed(200)
-    check.end()
+    rate_hz, latencies = begun(monkeypatch, wire_s=0.0012)[0].speed(200)
     assert rate_hz == pytest.approx(1 / 0.0012, rel=0.01)
     assert latencies[0] == pytest.approx(1200.0, rel=0.01)
 
 
-def test_what_is_not_answered_is_missed_and_a_late_reply_is_not_taken_for_the_next(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    check, port = checked(monkeypatch, hand=LOOSE)
-    check.begin()
+def test_what_is_late_or_refused_is_missed_and_not_taken_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    check, port = begun(monkeypatch)
     port.arm.fault("slow", 0.001)  # one reply comes after 30 ms; it is waited for 20
     latencies = check.speed(100)[1]
-    check.end()
     assert len(latencies) == 99
     assert latencies[0] == pytest.approx(200.0, rel=0.01)
-
-
-def test_refused_requests_are_missed(monkeypatch: pytest.MonkeyPatch) -> None:
-    check, port = checked(monkeypatch, hand=LOOSE)
-    check.begin()
     right = port.arm._act
     answers = iter([512, 0, 512, 0])
     monkeypatch.setattr(port.arm, "_act", lambda frame: next(answers, 0) or right(frame))
     assert len(check.speed(100)[1]) == 98
-    check.end()
 
 
 @pytest.mark.parametrize("fault", ["", "silence", "unplug"])
@@ -293,14 +274,9 @@ def test_a_device_is_let_go_whatever_goes_wrong(monkeypatch: pytest.MonkeyPatch,
     port.open()
 
 
-@pytest.mark.parametrize(
-    ("current_ma", "good"),
-    [(200.0, True), (200.1, False), (0.0, False), (-1.0, False), (0.1, True), (float("nan"), False)],
-)
-def test_both_sides_of_the_test_current(monkeypatch: pytest.MonkeyPatch, current_ma: float, good: bool) -> None:
-    assert MOST_TEST_MA == 200.0
-    if good:
-        checked(monkeypatch, current_ma=current_ma)
-        return
-    with pytest.raises(DeviceError, match=r"test current .* mA is out of 0 to 200"):
-        checked(monkeypatch, current_ma=current_ma)
+def test_both_sides_of_the_test_current(monkeypatch: pytest.MonkeyPatch) -> None:
+    for good_ma in (0.1, 200.0):
+        checked(monkeypatch, current_ma=good_ma)
+    for bad_ma in (-1.0, 0.0, 200.1, nan):
+        with pytest.raises(DeviceError, match=r"test current .* mA is out of 0 to 200"):
+            checked(monkeypatch, current_ma=bad_ma)

@@ -6,6 +6,7 @@ Virtual time.
 
 from functools import cache
 from math import hypot, inf
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,6 @@ from cogrip.devices.arm import identification
 from cogrip.devices.arm.identification import Bounds, everywhere, fit, force_within, identify
 from cogrip.devices.arm.pose import OwnLosses
 from cogrip.devices.device import DeviceError
-from cogrip.devices.emulated.device import EmulatedDevice
 from cogrip.devices.registry import axes_of, make
 
 from tests.client.seated_client import DEVICE_HZ, Client
@@ -28,14 +28,12 @@ VINTAGE = "damping_nspm=0.3&friction_n=0.04"
 MOST_MA = 200.0
 
 
-def free_arm(name: str, keys: str, hand: str = FREE) -> EmulatedDevice:
+def free_arm(name: str, keys: str, hand: str = FREE) -> Any:
     address = f"emulated:{name}?{hand}&{keys}"
-    device = make(address, axes=axes_of(address))
-    assert isinstance(device, EmulatedDevice)
-    return device
+    return make(address, axes=axes_of(address))
 
 
-def identified(device: EmulatedDevice) -> tuple[Bounds, float]:
+def identified(device: Any) -> tuple[Bounds, float]:
     """The bounds, and the force that was allowed."""
     model = device.driver.model
     force_n = force_within(model, inf if model.record.family == "haply" else MOST_MA)
@@ -97,20 +95,15 @@ def watched_vintage() -> tuple[Bounds, float, list[float], list[float]]:
         sizes.append(hypot(*mechanics.force_n))
         currents.append(max(map(abs, currents_ma)))
 
-    mechanics.drive = watched  # type: ignore[method-assign]
+    mechanics.drive = watched
     return *identified(device), sizes, currents
 
 
 @pytest.mark.usefixtures("quick")
-def test_the_bounds_hold_and_are_worth_something_for_a_vintage_arm() -> None:
-    found = watched_vintage()[0]
+def test_the_bounds_hold_for_a_vintage_arm_whose_force_stays_within_its_own_and_ends_at_zero() -> None:
+    found, force_n, sizes, currents = watched_vintage()
     assert 0.2 * 0.3 < found.damping_nspm <= 0.3
     assert 0.5 * 0.04 < found.friction_n <= 0.04
-
-
-@pytest.mark.usefixtures("quick")
-def test_the_force_stays_within_its_bound_and_ends_at_zero() -> None:
-    _, force_n, sizes, currents = watched_vintage()
     assert 0.5 * force_n < max(sizes) < 1.05 * force_n
     assert max(currents) <= MOST_MA
     assert sizes[-1] == 0.0
@@ -144,14 +137,18 @@ def test_refusals_let_go(keys: str, hand: str, said: str) -> None:
 def test_missed_ticks_cost_nothing_and_too_many_end_it() -> None:
     """The force was held meanwhile. The device's time goes by the ticks, so that it is as late as the loop."""
     exact, force_n, *_ = watched_vintage()
-    device, most = free_arm("vintage", VINTAGE), 12
-    late = identify(device, device.driver.model, force_n, lambda tick: tick + (most if tick % 700 == 0 else 0))
+    device = free_arm("vintage", VINTAGE)
+
+    def late_by(ticks: int) -> Bounds:
+        return identify(device, device.driver.model, force_n, lambda tick: tick + ticks * (tick % 700 == 0))
+
+    late = late_by(12)
     assert late.damping_nspm == pytest.approx(exact.damping_nspm, rel=0.2)
     assert late.friction_n == pytest.approx(exact.friction_n, rel=0.1)
     assert late.friction_n <= 0.04
-    device, most = free_arm("vintage", VINTAGE), 60
+    device = free_arm("vintage", VINTAGE)
     with pytest.raises(DeviceError, match="the loop was away for 59 ms, above 50; see `cogrip doctor`"):
-        identify(device, device.driver.model, force_n, lambda tick: tick + (most if tick % 700 == 0 else 0))
+        late_by(60)
     assert not any(device.firmware.mechanics.currents_ma)
 
 
@@ -194,10 +191,10 @@ def test_a_frequency_with_too_little_motion_is_left_out() -> None:
         fit(S, y, path_m, 0.2, 0.004, 0.0)
 
 
-@given(
-    st.lists(st.floats(0.01, 1.0), min_size=3, max_size=3), st.lists(st.floats(0.01, 1.0), min_size=3, max_size=3),
-    st.integers(0, 1000),
-)  # fmt: skip
+in_each_joint = st.lists(st.floats(0.01, 1.0), min_size=3, max_size=3)
+
+
+@given(in_each_joint, in_each_joint, st.integers(0, 1000))
 def test_losses_in_the_joints_are_bounded_in_every_direction(b: list[float], c: list[float], seed: int) -> None:
     """P = sum of B q'^2 + C |q'| by itself, against what the directions of the joints alone say."""
     random = np.random.default_rng(seed)

@@ -8,6 +8,7 @@ from cogrip.devices.arm.pose import Calibration
 from cogrip.devices.device import DeviceError
 
 from tests.devices.arm_bench import NAME, NO_FORCE, RATE_HZ, Bench, opened
+from tests.devices.held_device import refused
 
 
 def kept(**changed) -> Calibration:
@@ -16,12 +17,21 @@ def kept(**changed) -> Calibration:
     return Calibration(device=NAME, **keys)
 
 
+def jumped(calibration: Calibration) -> Bench:
+    """An arm with this calibration whose encoder has jumped while it was open."""
+    bench = Bench(keys="pose=stored")
+    bench.notebook.keep(calibration)
+    bench.open(RATE_HZ)
+    bench.hold(NO_FORCE, 30)
+    bench.arm.fault("jump")
+    bench.fails(NO_FORCE, 3)
+    return bench
+
+
 def test_without_a_calibration_there_is_no_force() -> None:
     bench = Bench(keys="pose=stored")
-    with pytest.raises(DeviceError) as caught:
+    with refused("its pose is not known, so there would be no force", f"run `cogrip devices calibrate {NAME}`"):
         bench.open(RATE_HZ)
-    assert "its pose is not known, so there would be no force" in str(caught.value)
-    assert f"run `cogrip devices calibrate {NAME}`" in str(caught.value)
     bench.port.open()
 
 
@@ -57,24 +67,18 @@ def test_a_calibration_holds_until_it_is_plugged_in_again() -> None:
         bench.close()
     bench.arm.fault("unplug")
     bench.arm.mend()
-    with pytest.raises(
-        DeviceError, match=r"was plugged in again since it was calibrated on yesterday: put the arm in its home"
-    ):
+    with refused("was plugged in again since it was calibrated on yesterday: put the arm in its home"):
         bench.open(RATE_HZ)
     bench.go_home()
     bench.calibrate()
     bench.open(RATE_HZ)
 
 
-def test_a_calibration_of_another_model_is_not_taken() -> None:
+def test_a_calibration_of_another_model_or_where_pluggings_cannot_be_told_apart_is_not_taken() -> None:
     bench = Bench(keys="")
     bench.notebook.keep(kept(model="polhem"))
     with pytest.raises(DeviceError, match="was calibrated as polhem, but is vintage now"):
         bench.open(RATE_HZ)
-
-
-def test_a_system_that_cannot_tell_pluggings_apart_keeps_no_calibration() -> None:
-    bench = Bench(keys="")
     bench.port.stamp = lambda: ""  # type: ignore[method-assign]
     bench.go_home()
     bench.calibrate()
@@ -89,9 +93,7 @@ def test_pose_home_is_said_of_one_plugging_in() -> None:
     bench.arm.mend()
     assert "it was unplugged" in bench.fails(NO_FORCE, 2)[0]
     bench.close()
-    with pytest.raises(
-        DeviceError, match=r"was plugged in again, so its pose is not known any more: .* run `cogrip devices calibrate"
-    ):
+    with refused("was plugged in again, so its pose is not known any more: ", " run `cogrip devices calibrate"):
         bench.open(RATE_HZ)
 
 
@@ -151,28 +153,18 @@ def test_after_a_jump_it_must_be_calibrated(keys: str) -> None:
 
 
 def test_a_loss_that_cannot_be_kept_is_counted() -> None:
-    bench = Bench(keys="pose=stored")
-    bench.notebook.keep(kept())
+    bench = jumped(kept())
 
     def keep(calibration: Calibration) -> None:
         raise DeviceError("full")
 
     bench.notebook.keep = keep  # type: ignore[method-assign]
-    bench.open(RATE_HZ)
-    bench.hold(NO_FORCE, 30)
-    bench.arm.fault("jump")
-    bench.fails(NO_FORCE, 3)
     bench.close()
     assert bench.counts["loss of the pose not kept"] == 1
 
 
 def test_a_newer_calibration_is_not_overwritten_by_an_older_loss() -> None:
-    bench = Bench(keys="pose=stored")
-    bench.notebook.keep(kept())
-    bench.open(RATE_HZ)
-    bench.hold(NO_FORCE, 30)
-    bench.arm.fault("jump")
-    bench.fails(NO_FORCE, 3)
+    bench = jumped(kept())
     newer = kept(offset_counts=(-400, 7700, 0), made="after")
     bench.notebook.keep(newer)
     bench.close()
@@ -199,9 +191,7 @@ def test_both_sides_of_the_workspace(y_m: float, inside: bool) -> None:
         carry()
         assert bench.driver.read(bench.tick).position_m[1] == pytest.approx(y_m, abs=1e-4)
         return
-    with pytest.raises(
-        DeviceError, match=r"the tip is at \(.*0.100.*\) m, outside its workspace of 0.1 m; move it inside"
-    ):
+    with refused("the tip is at (", "0.100", ") m, outside its workspace of 0.1 m; move it inside"):
         carry()
     bench.close()
     with pytest.raises(DeviceError, match="outside its workspace"):

@@ -22,9 +22,8 @@ def steps(model, angles) -> list[float]:
 
 def test_resolution_at_home_per_count_is_the_printed_one() -> None:
     for model, printed_mm in ((WOODEN, (0.048, 0.054, 0.064)), (VINTAGE, (0.024, 0.028, 0.023))):
-        assert [1e3 * step for step in steps(model, model.drive.angles(model.home_counts))] == pytest.approx(
-            printed_mm, abs=5e-4
-        )
+        found_mm = np.multiply(1e3, steps(model, model.drive.angles(model.home_counts)))
+        assert found_mm == pytest.approx(printed_mm, abs=5e-4)
 
 
 def worst_force_n(model) -> float:
@@ -79,9 +78,9 @@ ROTORS = dict.fromkeys(MODELS, (RE30,) * 3) | {"woodenhaptics-v2019": (RE40,) * 
 """Rotor inertia [kg m^2], Maxon catalogue, nominal."""
 
 
-def centres(model, angles) -> list[tuple[float, float, float]]:
+def centres(arm, angles) -> list[tuple[float, float, float]]:
     """(mass [kg], distance from the turret's axis, height [m]) of every link."""
-    arm, (_, b, c) = model.kinematics, angles
+    _, b, c = angles
     if not isinstance(arm, Polhem):
         weights, upper = arm.weights, arm.links_m[0]
         x, z = upper * sin(b) + weights.c_m * sin(c), upper * cos(b) - weights.c_m * cos(c)
@@ -97,31 +96,21 @@ def centres(model, angles) -> list[tuple[float, float, float]]:
         (bodies.rod, crank, rod),
         (bodies.forearm, elbow, lam),
     )
-    return [
-        (
-            link.mass_kg,
-            at[0] + link.along_m * cos(t) - link.across_m * sin(t),
-            at[1] + link.along_m * sin(t) + link.across_m * cos(t),
-        )
-        for link, at, t in links
-    ]
+    turned = ((link, at, link.along_m, link.across_m, cos(t), sin(t)) for link, at, t in links)
+    return [(link.mass_kg, x + u * co - v * si, z + u * si + v * co) for link, (x, z), u, v, co, si in turned]
 
 
 def smallest_mass_kg(model, rotors) -> float:
     """1 / the largest eigenvalue of J M^-1 J^T at the centre, M of links as points and of rotors through the cables."""
     angles = model.kinematics.inverse((0.0, 0.0, 0.0))
     drive, step = model.drive, 1e-6
-    inertia = np.diag(
-        [j * (body / capstan) ** 2 for j, body, capstan in zip(rotors, drive.body_m, drive.capstan_m, strict=True)]
-    )
+    inertia = np.diag(np.multiply(rotors, np.divide(drive.body_m, drive.capstan_m) ** 2))
 
     def places(at) -> np.ndarray:
-        return np.array([(r * cos(at[0]), r * sin(at[0]), z) for _, r, z in centres(model, at)])
+        return np.array([(r * cos(at[0]), r * sin(at[0]), z) for _, r, z in centres(model.kinematics, at)])
 
-    rates = [
-        (places(np.add(angles, row)) - places(np.subtract(angles, row))) / (2.0 * step) for row in step * np.eye(3)
-    ]
-    for link, (mass, _, _) in enumerate(centres(model, angles)):
+    rates = [(places(angles + row) - places(angles - row)) / (2.0 * step) for row in step * np.eye(3)]
+    for link, (mass, _, _) in enumerate(centres(model.kinematics, angles)):
         speed = np.array([rate[link] for rate in rates])
         inertia += mass * speed @ speed.T
     jacobian = np.array(model.kinematics.jacobian(angles))

@@ -1,8 +1,8 @@
 """The Polhem's own weight, which its motors hold as with its maker's software: on the hand, in the limits, in the ledger."""
 
-from itertools import pairwise
 from math import hypot
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
@@ -19,15 +19,13 @@ HELD = RISE + 100  # and the hand has come to rest
 
 def felt(bench: Bench) -> tuple[float, ...]:
     """Return what the arm pushes the hand with, motors and weight [N]."""
-    mechanics = bench.arm.mechanics
-    return tuple(motors + weight for motors, weight in zip(mechanics.force_n, mechanics.weight_n, strict=True))
+    return tuple(np.add(bench.arm.mechanics.force_n, bench.arm.mechanics.weight_n))
 
 
 def test_it_rises_in_its_time_and_falls_in_its_time() -> None:
     weight = WeightCompensation(1000, active=True)
     shares = [weight.step(tick, failed=False) for tick in range(1, 400)]
-    assert shares[0] == pytest.approx(0.001 / RISE_S)
-    assert max(new - old for new, old in zip(shares[1:], shares, strict=False)) == pytest.approx(shares[0])
+    assert (shares[0], max(np.diff(shares))) == pytest.approx((0.001 / RISE_S,) * 2)
     assert shares[298] < 1.0 - 1e-9 < shares[299] <= shares[-1] == 1.0
     last = round(1000 * FALL_S)
     falling = [weight.step(399 + tick, failed=True) for tick in range(1, last + 1)]
@@ -55,8 +53,7 @@ def test_the_hand_does_not_carry_the_arm_unless_it_is_told_to() -> None:
         assert bench.write(NO_FORCE) is None  # what was asked for acts
         assert bench.counts == {}
     least = least_force_n(Bench("polhem").arm)
-    steps = [abs(new - old) for new, old in pairwise(sizes)]
-    assert max(steps) < 1.2 / RISE + least, "of 1.15 N, which do not come in one step"
+    assert np.abs(np.diff(sizes)).max() < 1.2 / RISE + least, "of 1.15 N, which do not come in one step"
     assert held.arm.mechanics.force_n == pytest.approx((-0.608, 0.0, 0.975), abs=least)
     assert felt(held) == pytest.approx(NO_FORCE, abs=least)
     assert hypot(*held.position_m) < 3e-4
@@ -90,9 +87,8 @@ def test_a_limit_below_what_it_weighs_holds_it_in_part_and_says_so() -> None:
 @hypothesis_settings(max_examples=40, deadline=None)
 def test_the_force_that_acts_is_the_one_that_is_told_whatever_the_weight_takes(force, limit_ma: int) -> None:
     """On the hand: motors less weight are the force that `write` answers, in the direction asked for; currents keep limits."""
-    bench = opened(
-        "polhem", f"pose=home&limit_ma={limit_ma},{limit_ma},{limit_ma}", hand="hold&hand_stiffness_npm=2000"
-    )
+    limits = f"limit_ma={limit_ma},{limit_ma},{limit_ma}"
+    bench = opened("polhem", f"pose=home&{limits}", hand="hold&hand_stiffness_npm=2000")
     bench.hold(NO_FORCE, RISE)
     for _ in range(40):
         bench.read(bench.tick)
@@ -102,7 +98,7 @@ def test_the_force_that_acts_is_the_one_that_is_told_whatever_the_weight_takes(f
     tolerance = least_force_n(Bench("polhem").arm) + 0.03  # the hand moves: the angles are a tick old
     assert [-part for part in felt(bench)] == pytest.approx(acting, abs=tolerance)
     assert hypot(*acting) <= hypot(*force) + 1e-9
-    assert sum(a * f for a, f in zip(acting, force, strict=True)) >= (1.0 - 1e-9) * hypot(*acting) * hypot(*force)
+    assert np.dot(acting, force) >= (1.0 - 1e-9) * hypot(*acting) * hypot(*force)
 
 
 @pytest.mark.sample(1)
@@ -112,11 +108,8 @@ def test_the_work_on_the_hand_is_what_the_ledger_books(gravity: str, booked_well
 
     With gravity=off the hand lifts the arm beside it: the difference is its potential energy, which it gives back.
     """
-    bench = opened(
-        "polhem",
-        f"pose=home&gravity={gravity}",
-        hand="reach&amplitude_m=0.04&direction=-0.5,0.4,0.8&delay_s=0.5&stop_s=2.1",
-    )
+    hand = "reach&amplitude_m=0.04&direction=-0.5,0.4,0.8&delay_s=0.5&stop_s=2.1"
+    bench = opened("polhem", f"pose=home&gravity={gravity}", hand=hand)
     bench.hold(NO_FORCE, 500)
     missing_j, most_j, last = 0.0, 0.0, bench.position_m
     for _ in range(3 * RATE_HZ):
@@ -125,9 +118,8 @@ def test_the_work_on_the_hand_is_what_the_ledger_books(gravity: str, booked_well
         acting = bench.write(load) or load
         bench.tick += 1
         bench.arm.advance(bench.tick * 10**9 // RATE_HZ)
-        moved = [new - old for new, old in zip(bench.position_m, last, strict=True)]
-        last = bench.position_m
-        missing_j += sum((-push - load) * sense for push, load, sense in zip(felt(bench), acting, moved, strict=True))
+        moved, last = np.subtract(bench.position_m, last), bench.position_m
+        missing_j += float(-np.add(felt(bench), acting) @ moved)
         most_j = max(most_j, abs(missing_j))
     assert (most_j < 2e-4) == booked_well
     assert most_j > 0.03 or booked_well
@@ -143,7 +135,7 @@ def test_a_device_that_has_failed_lets_go_of_the_weight_too() -> None:
     falling = round(FALL_S * RATE_HZ)
     assert sizes[falling // 2] > 0.3
     assert max(sizes[round(SILENT_S * RATE_HZ) :]) == 0.0
-    assert max(abs(new - old) for new, old in zip(sizes[1:], sizes, strict=False)) < 0.1
+    assert np.abs(np.diff(sizes)).max() < 0.1
     bench = opened("polhem")
     bench.hold(NO_FORCE, HELD)
     bench.close()

@@ -29,20 +29,17 @@ def test_a_request_is_filled_up_to_16_bytes_and_never_cut(commands, frame: bytes
 
 
 @pytest.mark.parametrize(
-    ("data", "reading"),
+    ("data", "model", "raw", "gimbal"),
     [
-        (b"[1,1,2,3,4,5,6,0]\n", Reading((1, 2, 3), model="polhem", gimbal=(4, 5, 6))),
-        (b"[1,1,2,3,4,5,6,0]\r\n", Reading((1, 2, 3), model="polhem", gimbal=(4, 5, 6))),
-        (b"[4,0,0,0,0,0,0,0]\n", Reading((0, 0, 0), model="number 4", gimbal=(0, 0, 0))),
-        (b"[0,-1,-0,007,0,0,0,0]\n", Reading((-1, 0, 7), model="number 0", gimbal=(0, 0, 0))),
-        (
-            b"[2,-2147483648,2147483647,0,0,0,0,0]\n",
-            Reading((-(2**31), 2**31 - 1, 0), model="vintage", gimbal=(0, 0, 0)),
-        ),
+        (b"[1,1,2,3,4,5,6,0]\n", "polhem", (1, 2, 3), (4, 5, 6)),
+        (b"[1,1,2,3,4,5,6,0]\r\n", "polhem", (1, 2, 3), (4, 5, 6)),
+        (b"[4,0,0,0,0,0,0,0]\n", "number 4", (0, 0, 0), (0, 0, 0)),
+        (b"[0,-1,-0,007,0,0,0,0]\n", "number 0", (-1, 0, 7), (0, 0, 0)),
+        (b"[2,-2147483648,2147483647,0,0,0,0,0]\n", "vintage", (-(2**31), 2**31 - 1, 0), (0, 0, 0)),
     ],
 )
-def test_other_good_replies(data: bytes, reading: Reading) -> None:
-    assert decode(data) == reading
+def test_other_good_replies(data: bytes, model: str, raw: tuple[int, ...], gimbal: tuple[int, ...]) -> None:
+    assert decode(data) == Reading(raw, model=model, gimbal=gimbal)
 
 
 @pytest.mark.parametrize(
@@ -93,10 +90,6 @@ def test_it_finds_its_place_again_at_the_next_bracket(noise: bytes) -> None:
     codec = BracketCodec()
     assert [one.raw for one in codec.feed(noise + b"[2,1,2,3,4,5,6,0]\n")] == [(1, 2, 3)]
     assert codec.skipped == len(noise)
-    parts = BracketCodec()
-    assert parts.feed(noise) == []
-    assert [one.raw for one in parts.feed(b"[2,1,2,3,4,5,6,0]\n")] == [(1, 2, 3)]
-    assert parts.skipped == len(noise)
 
 
 def test_a_part_is_kept_until_it_is_too_long() -> None:
@@ -122,12 +115,8 @@ def test_however_it_comes_the_whole_replies_are_found(parts: list[bytes], data: 
     whole, pieces = BracketCodec(), BracketCodec()
     expected = whole.feed(stream)
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=12)))
-    found = [
-        one
-        for begin, end in zip([0, *cuts], [*cuts, len(stream)], strict=True)
-        for one in pieces.feed(stream[begin:end])
-    ]
-    assert found == expected
+    pairs = zip([0, *cuts], [*cuts, len(stream)], strict=True)
+    assert [one for begin, end in pairs for one in pieces.feed(stream[begin:end])] == expected
     for codec in (whole, pieces):
         codec.reset()
     assert whole.skipped == pieces.skipped

@@ -11,32 +11,19 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cogrip.devices import Capability, Device, Sample, make
-from cogrip.devices.conformance import (
-    CHECKS,
-    Subject,
-    UnfitError,
-    ages_stay_small,
-    calls_do_not_block,
-    handle_is_as_the_record_says,
-    positions_do_not_jump,
-    raises_device_errors_alone,
-    samples_are_metres,
-    velocity_agrees_with_position,
-    write_tells_what_acts,
-)  # fmt: skip
+from cogrip.devices import Capability, Device, Sample, conformance, make
+from cogrip.devices.conformance import CHECKS, Subject, UnfitError
 from cogrip.devices.registry import axes_of, is_real, schemes, stand_ins
 
+from tests.devices.held_device import hold, opened
+from tests.devices.replayed_hands import replays
+from tests.devices.test_simulated_gripper import ADDRESS as FINGERS
 from tests.extent import every
 
 HANDS = ("hold", "push", "reach&direction=1", "sine", "tremor&seed=3")
-ELSEWHERE = {
-    "replay",
-    "openhaptics",
-    "forcedimension",
-}  # on recordings made below; on stub libraries, in their own tests
+ELSEWHERE = {"replay", "openhaptics", "forcedimension"}  # on recordings, below; on stub libraries, in their own tests
 FOUND = sorted({address for addresses in stand_ins().values() for address in addresses})
-EVERY = [
+EVERY = [(FINGERS, 4)] + [
     (held, axes)
     for address in FOUND
     for held in ([f"{address}?hand={hand}" for hand in HANDS] if address.startswith("sim:") else [address])
@@ -51,7 +38,8 @@ def acting(device: Device) -> tuple[float, ...]:
 
 
 def subject(address: str, axes: int) -> Subject:
-    clamps = not address.startswith("sim:")  # a simulated machine limits itself, in its plant
+    # a simulated machine limits itself, in its plant; a replay need not
+    clamps = not address.startswith(("sim:", "replay:"))
     return Subject(lambda: make(address, axes=axes), acting=acting, push_n=float("inf") if clamps else 1.0)
 
 
@@ -78,14 +66,9 @@ def test_it_keeps_every_promise(address: str, axes: int) -> None:
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("kind", ["run", "run at another speed", "table"])
-def test_a_replayed_person_keeps_them(kind: str, run: Path, table: Path) -> None:
-    address = {
-        "run": f"replay:{run}#user=ben",
-        "run at another speed": f"replay:{run}#user=anna&speed=0.3&loop=1&start_s=0.2",
-        "table": f"replay:{table}#time=t_s&x=x_mm&y=y_mm&scale=0.001",
-    }[kind]
-    assert broken(Subject(lambda: make(address, axes=2))) == {}
+@pytest.mark.parametrize("kind", range(3))
+def test_a_replayed_person_keeps_them(kind: int, run: Path, table: Path) -> None:
+    assert broken(subject(replays(run, table)[kind], 2)) == {}
 
 
 SIMULATED = [address for address, axes in EVERY if axes == 1 and not is_real(address)]
@@ -93,50 +76,29 @@ SIMULATED = [address for address, axes in EVERY if axes == 1 and not is_real(add
 
 @pytest.mark.parametrize("address", every(3, SIMULATED))
 def test_same_calls_give_the_same_samples_again(address: str) -> None:
-    def run() -> list[Sample | None]:
-        device = make(address)
-        device.open(1024)
-        samples = []
-        for tick in range(300):
-            samples.append(device.read(tick))
-            device.write([0.3 if tick % 50 < 20 else -0.2])
-        device.close()
-        return samples
-
-    assert run() == run()
+    first, again = (hold(opened(address), 300, lambda tick: (0.3 if tick % 50 < 20 else -0.2,)) for _ in range(2))
+    assert first == again
 
 
 @pytest.mark.parametrize("address", every(3, SIMULATED))
 def test_skipped_ticks_hold_the_force(address: str) -> None:
     """An overrun that skips ticks ends where the same force written at each of them would have, within a count."""
-    slow, fast = make(address), make(address)
+    slow, fast = opened(address), opened(address)
     begin = 400  # what rises when a device is opened has risen
-    for device in (slow, fast):
-        device.open(1024)
-        for tick in range(begin):
-            device.read(tick)
-            device.write([0.0])
-        device.read(begin)
-        device.write([0.5])
-    for tick in range(begin + 1, begin + 40):
-        fast.read(tick)
-        fast.write([0.5])
-    slow.read(begin + 40)
-    fast.read(begin + 40)
-    assert slow.position_m == pytest.approx(fast.position_m, abs=2e-5)  # type: ignore[attr-defined]
+    for device, ticks in ((slow, 1), (fast, 40)):
+        hold(device, begin)
+        hold(device, range(begin, begin + ticks), (0.5,))
+        device.read(begin + 40)
+    assert slow.position_m == pytest.approx(fast.position_m, abs=2e-5)
 
 
 @pytest.mark.parametrize("address", SIMULATED)
 def test_positive_force_moves_the_device_towards_minus_x(address: str) -> None:
     """The sign of P eq. 9: m x'' = F_hand - F."""
-    loaded, free = make(address), make(address)
-    for tick in range(100):
-        for device, force in ((loaded, 2.0), (free, 0.0)):
-            if not tick:
-                device.open(1024)
-            device.read(tick)
-            device.write([force])
-    assert loaded.position_m[0] < free.position_m[0] - 1e-3  # type: ignore[attr-defined]
+    loaded, free = opened(address), opened(address)
+    hold(loaded, 100, (2.0,))
+    hold(free, 100)
+    assert loaded.position_m[0] < free.position_m[0] - 1e-3
 
 
 class Liar:
@@ -181,39 +143,46 @@ class SlowClock:
         return sample
 
 
+def reads(change: Callable[[int, Sample], dict[str, object]], **keys: str) -> Callable[[], Liar]:
+    """A device whose samples are changed so, by tick and sample."""
+    return lambda: Liar(lambda tick, sample: msgspec.structs.replace(sample, **change(tick, sample)), **keys)
+
+
+def writes(write: Callable[[Sequence[float]], Sequence[float] | None]) -> Callable[[], Liar]:
+    return lambda: Liar(write=write)
+
+
 MILLIMETRES = "sim:ideal?hand=hold&x0_m=0.1"
-LIES: list[tuple[Callable[[Subject], None], str, Callable[[], Liar]]] = [
-    (samples_are_metres, "inside the workspace",
-     lambda: Liar(lambda t, s: Sample((1000.0 * s.position_m[0],), s.velocity_mps), address=MILLIMETRES)),
-    (handle_is_as_the_record_says, "0 buttons", lambda: Liar(lambda t, s: msgspec.structs.replace(s, buttons=1))),
-    (handle_is_as_the_record_says, "a plain int",
-     lambda: Liar(lambda t, s: msgspec.structs.replace(s, buttons=False))),
-    (handle_is_as_the_record_says, "a unit quaternion, or none",
-     lambda: Liar(lambda t, s: msgspec.structs.replace(s, orientation=(1.0, 0.0, 0.0, 0.0)))),
-    (handle_is_as_the_record_says, "a grip within None m, or none",
-     lambda: Liar(lambda t, s: msgspec.structs.replace(s, grip_m=0.0))),
-    (ages_stay_small, "an age of 0 or a few ticks", lambda: Liar(lambda t, s: Sample(s.position_m, s.velocity_mps, t))),
-    (ages_stay_small, "an age of 0 or a few ticks", lambda: Liar(lambda t, s: Sample(s.position_m, s.velocity_mps, -1000))),
-    (ages_stay_small, "newer than those before", lambda: Liar(lambda t, s: Sample(s.position_m, s.velocity_mps, t % 4))),
-    (positions_do_not_jump, "without jumps",
-     lambda: Liar(lambda t, s: Sample((s.position_m[0] + 0.03 * (t > 100),), s.velocity_mps))),
-    (velocity_agrees_with_position, "agree with the positions", lambda: Liar(lambda t, s: Sample((0.01,), (0.1,)))),
-    (velocity_agrees_with_position, "agree with the positions", lambda: Liar(lambda t, s: Sample((0.01,), (0.4 * (-1) ** t,)))),
-    (velocity_agrees_with_position, "agree with the positions",
-     lambda: Liar(lambda t, s: Sample(s.position_m, (1000.0 * s.velocity_mps[0],)))),  # type: ignore[index]
-    (write_tells_what_acts, "write tells a part of", lambda: Liar(write=lambda f: (-50.0 * f[0],))),
-    (write_tells_what_acts, "write tells a part of", lambda: Liar(write=lambda f: (nan,))),
-    (write_tells_what_acts, "write tells a part of", lambda: Liar(write=lambda f: (f[0], f[0]))),
-    (raises_device_errors_alone, "refused with DeviceError, not with IndexError", lambda: Liar(write=lambda f: [][0])),
-    (raises_device_errors_alone, "refused with DeviceError", lambda: Liar(write=lambda f: None)),
+LIES: list[tuple[str, str, Callable[[], Liar]]] = [
+    ("samples_are_metres", "inside the workspace",
+     reads(lambda t, s: {"position_m": (1000.0 * s.position_m[0],)}, address=MILLIMETRES)),
+    ("handle_is_as_the_record_says", "0 buttons", reads(lambda t, s: {"buttons": 1})),
+    ("handle_is_as_the_record_says", "a plain int", reads(lambda t, s: {"buttons": False})),
+    ("handle_is_as_the_record_says", "a unit quaternion, or none", reads(lambda t, s: {"orientation": (1.0, 0.0, 0.0, 0.0)})),
+    ("handle_is_as_the_record_says", "a grip within None m, or none", reads(lambda t, s: {"grip_m": 0.0})),
+    ("ages_stay_small", "an age of 0 or a few ticks", reads(lambda t, s: {"age_ticks": t})),
+    ("ages_stay_small", "an age of 0 or a few ticks", reads(lambda t, s: {"age_ticks": -1000})),
+    ("ages_stay_small", "newer than those before", reads(lambda t, s: {"age_ticks": t % 4})),
+    ("positions_do_not_jump", "without jumps", reads(lambda t, s: {"position_m": (s.position_m[0] + 0.03 * (t > 100),)})),
+    ("velocity_agrees_with_position", "agree with the positions",
+     reads(lambda t, s: {"position_m": (0.01,), "velocity_mps": (0.1,)})),
+    ("velocity_agrees_with_position", "agree with the positions",
+     reads(lambda t, s: {"position_m": (0.01,), "velocity_mps": (0.4 * (-1) ** t,)})),
+    ("velocity_agrees_with_position", "agree with the positions",
+     reads(lambda t, s: {"velocity_mps": (1000.0 * s.velocity_mps[0],)})),
+    ("write_tells_what_acts", "write tells a part of", writes(lambda f: (-50.0 * f[0],))),
+    ("write_tells_what_acts", "write tells a part of", writes(lambda f: (nan,))),
+    ("write_tells_what_acts", "write tells a part of", writes(lambda f: (f[0], f[0]))),
+    ("raises_device_errors_alone", "refused with DeviceError, not with IndexError", writes(lambda f: [][0])),
+    ("raises_device_errors_alone", "refused with DeviceError", writes(lambda f: None)),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("check", "words", "lying"), LIES, ids=map(str, range(len(LIES))))
-def test_a_driver_that_lies_is_found(check: Callable[[Subject], None], words: str, lying: Callable[[], Liar]) -> None:
+@pytest.mark.parametrize(("check", "words", "lying"), LIES)
+def test_a_driver_that_lies_is_found(check: str, words: str, lying: Callable[[], Liar]) -> None:
     with pytest.raises(UnfitError, match=re.escape(words)):
-        check(Subject(lying))  # type: ignore[arg-type]
-    check(Subject(Liar))  # type: ignore[arg-type]  # the same, without the lie
+        getattr(conformance, check)(Subject(lying))  # type: ignore[arg-type]
+    getattr(conformance, check)(Subject(Liar))  # type: ignore[arg-type]  # the same, without the lie
 
 
 @pytest.mark.parametrize(("took_ns", "fits"), [(970_000, True), (980_000, False), (30_000_000, False)])
@@ -221,7 +190,7 @@ def test_a_driver_whose_reads_block_is_found(took_ns: int, fits: bool) -> None:
     clock = SlowClock(took_ns)
     subject = Subject(lambda: Liar(clock.read), clock=lambda: clock.now_ns)  # type: ignore[arg-type, return-value]
     if fits:
-        calls_do_not_block(subject)
+        conformance.calls_do_not_block(subject)
     else:
         with pytest.raises(UnfitError, match=r"read and write within a tick of 0\.98 ms: "):
-            calls_do_not_block(subject)
+            conformance.calls_do_not_block(subject)

@@ -1,48 +1,35 @@
 """The wizard's trials: signs of axes and a weak spring, by their laws put back, on devices in virtual time."""
 
+from functools import partial
 from math import hypot
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.devices import Capability, Device, DeviceError, Sample, make
+from cogrip.devices import Capability, DeviceError, Sample, make, trial
 from cogrip.devices.registry import record_of
 from cogrip.devices.trial import (
     LEAST_MOVED_M,
     MOST_N,
     MOVED_M,
     RATE_HZ,
-    RISE_S,
-    SIGN_S,
-    SILENT_S,
-    SPRING_S,
     STIFFEST_NPM,
     Moved,
     Spring,
     feel,
     moved,
     watch,
-)  # fmt: skip
+)
 
+from tests.devices import held_device
 from tests.extent import long
 from tests.interpreted import needs_interpreted
 
-RISEN = round(RISE_S * RATE_HZ)
-
-
-def opened(address: str, axes: int = 3) -> Device:
-    device = make(address, axes=axes)
-    device.open(RATE_HZ)
-    return device
-
-
-def at_once(tick: int) -> int:
-    return tick
-
-
-def unseen(sample: Sample) -> None:
-    """Show nothing."""
+RISEN = round(trial.RISE_S * RATE_HZ)
+STILL = Sample((0.0, 0.0, 0.0), None)
+AT_ONCE = (lambda tick: tick, lambda sample: None)  # every tick is now, and nothing is shown
+opened = partial(held_device.opened, axes=3, rate_hz=RATE_HZ)
 
 
 @pytest.mark.parametrize(
@@ -57,12 +44,10 @@ def unseen(sample: Sample) -> None:
 )
 def test_the_axis_that_moved_most_is_found(now_m: tuple[float, ...], found: Moved | None) -> None:
     assert moved((0.0,) * len(now_m), now_m) == found
-
-
-def test_only_the_axis_itself_and_its_growth_are_right() -> None:
-    assert Moved(1, 1).is_right(1)
-    assert not Moved(1, -1).is_right(1)
-    assert not Moved(1, 1).is_right(0)
+    if found is not None:  # only the axis itself and its growth are right
+        assert [found.is_right(axis) for axis in range(3)] == [
+            found.sense > 0 and axis == found.axis for axis in range(3)
+        ]
 
 
 @pytest.mark.parametrize(
@@ -70,25 +55,20 @@ def test_only_the_axis_itself_and_its_growth_are_right() -> None:
 )
 @pytest.mark.parametrize("device", ["emulated:vintage", "emulated:inverse3", "sim:phantom"])
 def test_a_hand_s_motion_is_seen_on_a_device(device: str, direction: str, found: Moved) -> None:
-    assert watch(opened(f"{device}?hand=reach&amplitude_m=0.04&direction={direction}"), at_once, unseen) == found
+    assert watch(opened(f"{device}?hand=reach&amplitude_m=0.04&direction={direction}"), *AT_ONCE) == found
 
 
 def test_a_device_that_nobody_moves_is_watched_for_no_longer_than_said() -> None:
     ticks: list[int] = []
-
-    def clock(tick: int) -> int:
-        ticks.append(tick)
-        return tick
-
-    assert watch(opened("sim:ideal?hand=hold"), clock, unseen) is None
-    assert ticks[-1] == round(SIGN_S * RATE_HZ)
+    assert watch(opened("sim:ideal?hand=hold"), lambda tick: ticks.append(tick) or tick, AT_ONCE[1]) is None
+    assert ticks[-1] == round(trial.SIGN_S * RATE_HZ)
 
 
 def test_an_axis_wired_the_other_way_round_is_found() -> None:
     """The vintage arm's turret is its y."""
     address = "emulated:vintage?hand=reach&amplitude_m=0.04&direction=0,1,0"
-    assert watch(opened(address), at_once, unseen) == Moved(1, 1)
-    assert watch(opened(f"{address}&dir=1,1,1"), at_once, unseen) == Moved(1, -1)
+    assert watch(opened(address), *AT_ONCE) == Moved(1, 1)
+    assert watch(opened(f"{address}&dir=1,1,1"), *AT_ONCE) == Moved(1, -1)
 
 
 RECORD = record_of(make("sim:phantom", axes=3), "sim:phantom")
@@ -97,7 +77,7 @@ RECORD = record_of(make("sim:phantom", axes=3), "sim:phantom")
 def risen(record: Capability = RECORD) -> Spring:
     spring = Spring(record)
     for tick in range(RISEN + 1):
-        spring.force_n(tick, Sample((0.0, 0.0, 0.0), None))
+        spring.force_n(tick, STILL)
     return spring
 
 
@@ -121,8 +101,7 @@ def test_its_force_keeps_its_direction_at_its_limit(size_m: float, size_n: float
 
 def test_it_rises_and_is_never_more_than_half_of_what_the_device_has() -> None:
     spring = Spring(RECORD)
-    begun = spring.force_n(0, Sample((0.0, 0.0, 0.0), None))
-    assert not any(begun)
+    assert not any(spring.force_n(0, STILL))
     half = spring.force_n(RISEN // 2, Sample((0.001, 0.0, 0.0), None))
     assert half[0] == pytest.approx(0.5 * STIFFEST_NPM * 0.001, rel=0.01)
     weak = make("haply:/dev/x?model=2diy", axes=2).capability
@@ -141,7 +120,7 @@ def test_it_lets_go_of_a_tip_that_leaves_or_runs_or_is_not_heard_of() -> None:
     assert not any(force)
     spring = risen()
     spring.force_n(RISEN + 1, Sample((0.001, 0.0, 0.0), None))
-    silent = int(SILENT_S * RATE_HZ)
+    silent = int(trial.SILENT_S * RATE_HZ)
     assert any(spring.force_n(RISEN + 1 + silent, None))
     assert not any(spring.force_n(RISEN + 2 + silent, None))
     assert spring.ended == "no samples"
@@ -152,7 +131,7 @@ def test_it_lets_go_of_a_tip_that_leaves_or_runs_or_is_not_heard_of() -> None:
     "device", ["emulated:vintage", *map(long, ("emulated:inverse3", "emulated:woodenhaptics")), "sim:phantom"]
 )
 def test_a_spring_is_felt_as_stiff_as_it_was_asked_for(device: str) -> None:
-    felt = feel(opened(f"{device}?hand=reach&amplitude_m=0.01"), at_once, unseen)
+    felt = feel(opened(f"{device}?hand=reach&amplitude_m=0.01"), *AT_ONCE)
     assert felt.ended == ""
     assert felt.felt_npm == pytest.approx(felt.asked_npm, rel=0.03)
     assert LEAST_MOVED_M < felt.most_m < 0.01
@@ -165,12 +144,12 @@ def test_motors_that_give_half_are_felt_as_half() -> None:
     device = opened("sim:phantom?hand=reach&amplitude_m=0.01")
     write = device.write
     device.write = lambda force: write(half := [0.5 * part for part in force]) or half  # type: ignore[method-assign]
-    felt = feel(device, at_once, unseen)
+    felt = feel(device, *AT_ONCE)
     assert felt.felt_npm == pytest.approx(0.5 * felt.asked_npm)
 
 
 def test_a_device_that_is_held_still_tells_nothing() -> None:
-    felt = feel(opened("emulated:vintage?hand=hold"), at_once, unseen)
+    felt = feel(opened("emulated:vintage?hand=hold"), *AT_ONCE)
     assert felt.felt_npm == 0.0
     assert felt.most_m < LEAST_MOVED_M
 
@@ -178,6 +157,6 @@ def test_a_device_that_is_held_still_tells_nothing() -> None:
 def test_a_device_that_is_lost_meanwhile_is_an_error_with_no_force_left() -> None:
     device = opened("emulated:inverse3?hand=reach&amplitude_m=0.02&faults=unplug@1")
     with pytest.raises(DeviceError, match="lost: it was unplugged"):
-        feel(device, at_once, unseen)
+        feel(device, *AT_ONCE)
     assert device.firmware.mechanics.force_n == (0.0, 0.0, 0.0)  # type: ignore[attr-defined]
-    assert SPRING_S > 1.0
+    assert trial.SPRING_S > 1.0

@@ -1,9 +1,9 @@
 """Encoders that lie are found, and hands that do not lie are left alone. Counts of every model, 1024 readings a second."""
 
 import csv
-from functools import cache
+from functools import cache, partial
 from itertools import product
-from math import hypot, pi, sin, sqrt
+from math import dist, hypot, pi, sin, sqrt
 from pathlib import Path
 from random import Random
 
@@ -16,11 +16,10 @@ from hypothesis import strategies as st
 from cogrip.devices.arm.encoder_watch import QUICK_COUNTS, SLACK_COUNTS, STUCK_S, EncoderWatch
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.plausibility import GAP_S
-from cogrip.devices.registry import make
 
+from tests.devices.held_device import RATE_HZ, hold, opened
 from tests.extent import every
 
-RATE_HZ = 1024
 STUCK = round(STUCK_S * RATE_HZ)
 GAP_TICKS = round(GAP_S * RATE_HZ)
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -32,9 +31,11 @@ every_model = pytest.mark.parametrize("name", NAMES)
 
 def watch(name: str) -> EncoderWatch:
     model = MODELS[name]
-    return EncoderWatch(
-        3, model.record.resolution_m, RATE_HZ, lambda raw: model.kinematics.forward(model.drive.angles(raw))
-    )
+    return EncoderWatch(3, model.record.resolution_m, RATE_HZ, partial(tip_at, model))
+
+
+def tip_at(model, raw) -> tuple[float, float, float]:
+    return model.kinematics.forward(model.drive.angles(raw))
 
 
 def counts(name: str, positions) -> list[tuple[int, ...]]:
@@ -96,19 +97,12 @@ def evenly(time_s: np.ndarray, place_m: np.ndarray) -> np.ndarray:
     return PchipInterpolator(time_s, fraction * place_m, axis=0)(grid)
 
 
-HANDS = {
-    **{
-        f"{file[9:11]} {run}": (lever, file, run)
-        for file, runs in (
-            ("tue_1dof_PF_kp15.csv", ("free", "spring", "foam2", "rigid")),
-            ("tue_1dof_PP_kp8.csv", ("free", "spring", "foam", "rigid")),
-        )
-        for run in runs
-    },
-    "stylus": (stylus,),
-    **{f"guided {rec}": (guided, rec) for rec in "024"},
+LEVERS = {
+    "tue_1dof_PF_kp15.csv": ("free", "spring", "foam2", "rigid"),
+    "tue_1dof_PP_kp8.csv": ("free", "spring", "foam", "rigid"),
 }
-
+HANDS = {f"{file[9:11]} {run}": (lever, file, run) for file, runs in LEVERS.items() for run in runs}
+HANDS |= {"stylus": (stylus,), **{f"guided {rec}": (guided, rec) for rec in "024"}}
 
 hand_and_model = pytest.mark.parametrize(("hand", "name"), every(13, product(HANDS, NAMES)))  # another model each time
 
@@ -139,13 +133,10 @@ SIMULATED = (
 
 @pytest.mark.parametrize(("hand", "name"), every(3, product(SIMULATED, NAMES)))
 def test_simulated_hands_are_believed(name: str, hand: str) -> None:
-    device = make(f"sim:phantom?hand={hand}&resolution_m=0&mass_kg=0.075", axes=3)
-    device.open(RATE_HZ)
-    positions = []
-    for tick in range(3000):
-        positions.append(device.read(tick).position_m)
-        device.write((2.0, 1.0, -1.0) if tick % 512 < 256 else (-2.0, 0.0, 1.0))  # a force that comes and goes at once
-    assert alarms(name, counts(name, positions)) == []
+    device = opened(f"sim:phantom?hand={hand}&resolution_m=0&mass_kg=0.075", axes=3)
+    comes_and_goes = ((2.0, 1.0, -1.0), (-2.0, 0.0, 1.0))
+    samples = hold(device, 3000, lambda tick: comes_and_goes[tick % 512 // 256])
+    assert alarms(name, counts(name, [sample.position_m for sample in samples])) == []
 
 
 @every_model
@@ -197,29 +188,27 @@ def test_motions_that_begin_in_full_flight_are_believed(name: str) -> None:
         readings = counts(name, positions)
         assert alarms(name, readings) == []
         judge = watch(name)
-        for reading in readings[:20]:
-            assert judge.check(reading, 1) == ""
-        assert judge.check(readings[20 + GAP_TICKS], GAP_TICKS + 1) == ""
-        assert [judge.check(reading, 1) for reading in readings[21 + GAP_TICKS :]] == [""] * (39 - GAP_TICKS)
+        for tick, reading in enumerate(readings):
+            if not 20 <= tick < 20 + GAP_TICKS:
+                assert judge.check(reading, GAP_TICKS + 1 if tick == 20 + GAP_TICKS else 1) == ""
 
 
 @every_model
 @given(gaps=st.lists(st.integers(1, GAP_TICKS), min_size=5, max_size=60))
 def test_readings_that_are_missed_are_no_jumps(name: str, gaps: list[int]) -> None:
+    """And a reading that comes again says nothing."""
     judge = watch(name)
     tick = 0
     for gap in gaps:
         tick += gap
         place = 0.03 * sin(2.0 * pi * 2.0 * tick / RATE_HZ)
         [reading] = counts(name, [(place, 0.5 * place, 0.02 - place)])
-        assert judge.check(reading, gap) == ""
+        assert judge.check(reading, gap) == judge.check(reading, 0) == ""
 
 
-def test_a_reading_again_says_nothing() -> None:
-    judge = watch("vintage")
-    assert judge.check((0, 0, 0), 1) == ""
-    assert judge.check((0, 0, 0), 0) == ""
-    assert judge.check((0, 0, 0), 1) == ""
+def slipped(reading, joint: int, size: int) -> list[int]:
+    """The reading with one encoder so many counts off."""
+    return [count + size * (number == joint) for number, count in enumerate(reading)]
 
 
 @every_model
@@ -233,19 +222,15 @@ def test_a_reading_again_says_nothing() -> None:
 def test_a_jump_is_found_at_once(name: str, joint: int, size: int, at: int, hand: str) -> None:
     readings = simulated(name, hand)
     judge = watch(name)
-    for tick, reading in enumerate(readings[: at + 1]):
-        slipped = list(reading)
-        slipped[joint] += size * (tick >= at)
-        said = judge.check(slipped, 1)
-        assert said == "" or tick == at
+    assert [judge.check(reading, 1) for reading in readings[:at]] == [""] * at
+    said = judge.check(slipped(readings[at], joint, size), 1)
     assert said.startswith(f"encoder {'abc'[joint]} jumped by ")
 
 
 @cache
 def simulated(name: str, hand: str) -> list[tuple[int, ...]]:
-    device = make(f"sim:phantom?hand={hand}&resolution_m=0", axes=3)
-    device.open(RATE_HZ)
-    return counts(name, [device.read(tick).position_m for tick in range(1000)])
+    samples = hold(opened(f"sim:phantom?hand={hand}&resolution_m=0", axes=3), 1000)
+    return counts(name, [sample.position_m for sample in samples])
 
 
 @every_model
@@ -253,27 +238,18 @@ def test_both_sides_of_what_counts_as_a_jump(name: str) -> None:
     """A slip of an arm at rest in the middle, on the joint that moves the tip most."""
     [still] = counts(name, [(0.0, 0.0, 0.0)])
     model = MODELS[name]
-    reach = (
-        250.0 / RATE_HZ**2 * 2.0 + SLACK_COUNTS * model.record.resolution_m
-    )  # a t^2 / 2, and the speed is 1.5 ticks old
-    middle = model.kinematics.forward(model.drive.angles(still))
+    # a t^2 / 2, and the speed is 1.5 ticks old
+    reach = 250.0 / RATE_HZ**2 * 2.0 + SLACK_COUNTS * model.record.resolution_m
+    middle = tip_at(model, still)
     for joint in range(3):
-
-        def tip(size: int, joint: int = joint) -> float:
-            moved = list(still)
-            moved[joint] += size
-            place = model.kinematics.forward(model.drive.angles(moved))
-            return hypot(*(new - old for new, old in zip(place, middle, strict=True)))
-
-        least = next(size for size in range(1, 1000) if tip(size) > reach)
+        moved_m = [dist(tip_at(model, slipped(still, joint, size)), middle) for size in range(1000)]
+        least = next(size for size, moved in enumerate(moved_m) if moved > reach)
         for size, found in ((least - 1, False), (least + 1, True)):
             judge = watch(name)
             for _ in range(5):
                 judge.check(still, 1)
-            slipped = list(still)
-            slipped[joint] += size
-            assert bool(judge.check(slipped, 1)) == found
-        assert tip(least) < 1e-3  # a millimetre at most goes by
+            assert bool(judge.check(slipped(still, joint, size), 1)) == found
+        assert moved_m[least] < 1e-3  # a millimetre at most goes by
 
 
 @pytest.mark.parametrize(("silence_s", "hand", "name"), every(5, product((0.001, 0.006, 0.011), QUIET, NAMES)))
@@ -285,21 +261,18 @@ def test_a_jump_of_400_counts_in_a_silence_is_found(name: str, hand: str, silenc
             for size in (400, -400):
                 judge = watch(name)
                 assert all(judge.check(reading, 1) == "" for reading in readings[begin - 30 : begin])
-                slipped = list(readings[begin + gap - 1])
-                slipped[joint] += size
-                assert "jumped by" in judge.check(slipped, gap)
+                assert "jumped by" in judge.check(slipped(readings[begin + gap - 1], joint, size), gap)
 
 
 @hand_and_model
 def test_recorded_hands_are_believed_where_readings_are_missing(name: str, hand: str) -> None:
-    random, tick = Random(hand), 0
+    random, judge = Random(hand), watch(name)
     readings = counts(name, recorded(hand).tolist())
-    judge = watch(name)
+    tick = gap = 1
     while tick < len(readings):
+        assert judge.check(readings[tick], gap) == ""
         gap = random.choice((1, 1, 1, 3, 7, 12, GAP_TICKS, 2 * GAP_TICKS))
         tick += gap
-        for reading in readings[tick : tick + 1]:
-            assert judge.check(reading, gap) == ""
 
 
 def sliding(name: str, speed_counts: float, joint: int, ticks: int = 200) -> list[list[float]]:
@@ -329,29 +302,21 @@ def test_an_encoder_that_stands_still_on_the_way_is_found_within_20_ms(joint: in
 
 @pytest.mark.parametrize(("speed", "flicker"), [(4.0, 1), (4.0, -1), (0.3, 0), (0.7 * QUICK_COUNTS, 0)])
 def test_one_that_shows_a_count_or_hardly_moved_is_not_stuck(speed: float, flicker: int) -> None:
-    judge = watch("vintage")
     readings = sliding("vintage", speed, 1)
-    for tick, reading in enumerate(readings):
-        if tick > 100:
-            reading[1] = readings[100][1] + flicker * (tick // 15 % 2)
-        assert judge.check(reading, 1) == ""
+    for tick, reading in enumerate(readings[101:], 101):
+        reading[1] = readings[100][1] + flicker * (tick // 15 % 2)
+    assert alarms("vintage", readings) == []
 
 
 @pytest.mark.parametrize("milliseconds", [15, 40, 100])
 def test_one_that_slows_down_and_stops_is_not_stuck(milliseconds: int) -> None:
-    ticks = round(1e-3 * milliseconds * RATE_HZ)
-    place, speed, judge = 0.0, 6.0, watch("vintage")
-    for tick in range(400):
-        if tick > 100:
-            speed = max(0.0, speed - 6.0 / ticks)
-        place += speed
-        assert judge.check((0, round(place), round(0.3 * place)), 1) == ""
+    slowing = np.linspace(6.0, 0.0, round(1e-3 * milliseconds * RATE_HZ) + 1)[1:]
+    places = np.cumsum(np.r_[[6.0] * 101, slowing, [0.0] * (299 - len(slowing))])
+    assert alarms("vintage", [(0, round(place), round(0.3 * place)) for place in places]) == []
 
 
 def test_after_a_gap_it_is_judged_anew() -> None:
     judge = watch("vintage")
     readings = sliding("vintage", 4.0, 1)
-    for reading in readings[:50]:
-        judge.check(reading, 1)
-    for number in range(100):
-        assert judge.check(readings[50], GAP_TICKS + 1 if not number else 1) == ""
+    for number, reading in enumerate(readings[:50] + [readings[50]] * 100):
+        assert judge.check(reading, GAP_TICKS + 1 if number == 50 else 1) == ""

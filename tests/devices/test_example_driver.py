@@ -1,6 +1,7 @@
 """The driver that docs/devices.md teaches with is one that works, and another package's family is found and tried like ours."""
 
 import importlib.util
+import sys
 import textwrap
 import tomllib
 from collections.abc import Callable, Iterator
@@ -13,6 +14,8 @@ import pytest
 from cogrip.cli.main import main
 from cogrip.devices import DeviceError, make, registry
 from cogrip.devices.conformance import CHECKS, Subject
+
+from tests.devices.held_device import opened
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "wheel_driver.py"
 
@@ -28,11 +31,8 @@ def example() -> ModuleType:
 @pytest.fixture
 def installed(example: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Pretend that a package with this entry point, and one that claims a scheme of ours, were installed."""
-    monkeypatch.setitem(__import__("sys").modules, "wheel_driver", example)
-    points = [
-        EntryPoint("wheel", "wheel_driver:family", registry.GROUP),
-        EntryPoint("sim", "wheel_driver:family", registry.GROUP),
-    ]
+    monkeypatch.setitem(sys.modules, "wheel_driver", example)
+    points = [EntryPoint(scheme, "wheel_driver:family", registry.GROUP) for scheme in ("wheel", "sim")]
     monkeypatch.setattr(registry, "entry_points", lambda group: points if group == registry.GROUP else [])
     registry.schemes.cache_clear()
     yield
@@ -51,20 +51,15 @@ def test_the_example_keeps_every_promise(check: Callable[[Subject], None], examp
 
 
 @pytest.mark.usefixtures("installed")
-def test_a_family_of_another_package_is_found() -> None:
-    device = make("wheel:emulated")
-    device.open(1024)
+def test_a_family_of_another_package_is_found_and_cannot_replace_one_of_ours() -> None:
+    assert make("sim:ideal").capability.family == "sim"
+    device = opened("wheel:emulated")
     device.write((0.5,))
-    assert device.read(1).position_m == (0.005,)  # type: ignore[union-attr]
+    assert device.read(1).position_m == (0.005,)
     assert registry.stand_ins()["wheel"] == ("wheel:emulated",)
     assert "wheel" in registry.families()
     with pytest.raises(DeviceError, match="wheel"):
         make("wheels:emulated")
-
-
-@pytest.mark.usefixtures("installed")
-def test_it_cannot_replace_one_of_ours() -> None:
-    assert make("sim:ideal").capability.family == "sim"
 
 
 def test_it_is_as_short_as_the_docs_say() -> None:
@@ -77,23 +72,14 @@ def test_its_stand_in_is_held_in_virtual_time_and_its_hardware_is_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The way of docs/devices.md: `lab` said of the stand-in that it is hardware."""
-    lab = [
-        "lab",
-        "demo",
-        "--set",
-        "coupling.impedance_nspm=5",
-        "--set",
-        "seconds=0.3",
-        "--json",
-        str(tmp_path / "out.json"),
-    ]
+    given = "lab demo --set coupling.impedance_nspm=5 --set seconds=0.3 --json"
+    lab = [*given.split(), str(tmp_path / "out.json")]
     assert main([*lab, "--device", "wheel:emulated"]) == 0
     assert main([*lab, "--device", "wheel:/dev/ttyACM0"]) == 2
     assert "is hardware, and virtual time would not wait for it" in capsys.readouterr().err
     assert main(["demo", "--allow-unstable", "--device", "wheel:emulated"]) == 2
-    assert [registry.is_real(address) for address in ("wheel:emulated", "wheel:emulated?x=1", "wheel:x", "wheel:")] == [
-        False, False, True, True,
-    ]  # fmt: skip
+    assert not any(map(registry.is_real, ("wheel:emulated", "wheel:emulated?x=1")))
+    assert all(map(registry.is_real, ("wheel:x", "wheel:")))
     assert main(["devices", "conform", "wheel:emulated"]) == 0, "nobody is asked to press Enter"
 
 

@@ -1,6 +1,6 @@
 """`forcedimension:` through the real package `forcedimension_core`, on a stand-in for libdrd compiled here."""
 
-import subprocess
+import os
 import sys
 
 import pytest
@@ -8,7 +8,9 @@ import pytest
 from cogrip.devices.device import DeviceError
 from cogrip.devices.forcedimension.models import RECORDS, TYPES
 
-from tests.devices.forcedimension_bench import FORCE, PACKAGE, POWER, RATE_HZ, RESET, forget_package, make
+from tests.devices.forcedimension_bench import FORCE, PACKAGE, POWER, RATE_HZ, RESET, forget_package
+from tests.devices.held_device import opened, refused
+from tests.devices.vendor_bench import end_without_closing
 
 
 def test_order_of_use(sdk) -> None:
@@ -48,13 +50,11 @@ def test_another_device_is_refused(sdk, number, keys, words) -> None:
     assert not sdk.journal() or number == 5 or sdk.journal()[-1] == f"close {number}"
 
 
-@pytest.mark.parametrize(
-    ("kind", "words"), [(-1, "does not say what it is"), (77, "does not say"), (81, "type 81, which is not known")]
-)
-def test_unknown_devices_are_refused(sdk, kind, words) -> None:
-    sdk.lib.stub_type(0, kind)
-    with pytest.raises(DeviceError, match=words):
-        sdk.opened(keys="")
+def test_unknown_devices_are_refused(sdk) -> None:
+    for kind, words in ((-1, "does not say what it is"), (77, "does not say"), (81, "type 81, which is not known")):
+        sdk.lib.stub_type(0, kind)
+        with pytest.raises(DeviceError, match=words):
+            sdk.opened(keys="")
 
 
 def test_model_that_is_not_stated_has_the_limits_of_the_weakest(sdk) -> None:
@@ -140,36 +140,24 @@ def test_lost_device_says_so_and_has_no_force(sdk, verb) -> None:
     device.close()
 
 
-@pytest.mark.parametrize("verb", ["stop", "close"])
-def test_close_never_raises(sdk, verb) -> None:
-    device = sdk.opened()
-    sdk.lib.stub_fail(verb.encode())
-    device.close()
-    assert device.counts == {"error at close": 1}
-    assert sdk.force() == (0.0, 0.0, 0.0)
-
-
-SCRIPT = """
-import atexit, ctypes, sys
-from cogrip.devices.forcedimension.family import family
-from cogrip.devices.settings import parse_address
-device = family().make(parse_address("forcedimension:0?model=omega3&sdk=" + sys.argv[1]), 3, {})
-lib = ctypes.CDLL(sys.argv[2])
-lib.stub_journal.restype = lib.stub_wrongs.restype = ctypes.c_char_p
-atexit.register(lambda: print(lib.stub_journal().split(), lib.stub_wrongs()))  # runs last
-device.open(1000)
-device.write((1.0, 0.0, 0.0))
-exec(sys.argv[3])
-"""
+def test_close_never_raises(sdk) -> None:
+    for verb in (b"stop", b"close"):
+        device = sdk.opened()
+        sdk.lib.stub_fail(verb)
+        device.close()
+        assert device.counts == {"error at close": 1}
+        assert sdk.force() == (0.0, 0.0, 0.0)
+        sdk.lib.stub_fail(b"")
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("end", ["pass", "raise KeyboardInterrupt"])
 def test_process_that_ends_without_closing(sdk, end) -> None:
     path = next(sdk.folder.rglob("libdrd.so.*"))
-    command = [sys.executable, "-c", SCRIPT, str(sdk.folder), str(path), end]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.stdout.endswith("b'stop', b'0', b'close', b'0'] b''\n")
+    said = end_without_closing(
+        sdk.address(0) + "&model=omega3", path, "print(lib.stub_journal().split(), lib.stub_wrongs())", end
+    )
+    assert said[-1].endswith("b'stop', b'0', b'close', b'0'] b''")
 
 
 def test_sdk_that_is_too_old(sdk, capfd) -> None:
@@ -185,35 +173,27 @@ def test_sdk_that_is_not_there(monkeypatch) -> None:
     forget_package()
     monkeypatch.setenv("__fdsdkpy_unittest_runtime__", "True")  # it then finds none, wherever one may be installed
     with pytest.raises(DeviceError, match=r"the SDK cannot be loaded .*install the vendor's SDK, 3.16 or later"):
-        make("forcedimension:0").open(RATE_HZ)
+        opened("forcedimension:0")
     forget_package()
 
 
 def test_package_that_is_not_there(monkeypatch) -> None:
     forget_package()
     monkeypatch.setitem(sys.modules, PACKAGE, None)
-    with pytest.raises(
-        DeviceError, match=r"needs the package 'forcedimension_core.*pip install 'cogrip\[forcedimension\]'"
-    ):
-        make("forcedimension:0").open(RATE_HZ)
+    with refused("needs the package 'forcedimension_core", "pip install 'cogrip[forcedimension]'"):
+        opened("forcedimension:0")
 
 
 def test_another_sdk_than_the_one_loaded_is_refused(sdk, tmp_path) -> None:
     sdk.opened().close()
     with pytest.raises(DeviceError, match=r"sdk=.*other has no library, or .*libdrd.so.3.16.0 was loaded before"):
-        make(f"forcedimension:0?sdk={tmp_path}/other").open(RATE_HZ)
+        opened(f"forcedimension:0?sdk={tmp_path}/other")
 
 
-def test_environment_is_left_as_it_was(sdk, monkeypatch) -> None:
-    import os
-
+def test_types_are_those_of_the_package_and_the_environment_is_left_as_it_was(sdk, monkeypatch) -> None:
     monkeypatch.setenv("FDSDK", "/elsewhere")
     sdk.opened().close()
     assert os.environ["FDSDK"] == "/elsewhere"
-
-
-def test_types_are_those_of_the_package(sdk) -> None:
-    sdk.opened().close()
     kinds = {int(kind): kind.name for kind in sys.modules[f"{PACKAGE}.constants"].DeviceType}
     for number, model in TYPES.items():
         assert kinds[number].replace("_RIGHT", "").replace("_LEFT", "").lower() == model

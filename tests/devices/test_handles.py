@@ -13,15 +13,14 @@ from cogrip.devices import make
 from cogrip.devices.arm.gimbal import POLHEM, POLHEM_HID, VINTAGE, Gimbal
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.device import DeviceError
-from cogrip.devices.emulated.device import EmulatedDevice
 from cogrip.devices.simulated.presses import Press, read_presses
 from cogrip.protocol.rotations import exp, of_matrix, turned
 
-from tests.devices.arm_bench import Bench
+from tests.devices import arm_bench
 from tests.devices.forcedimension_bench import Sdk
+from tests.devices.held_device import RATE_HZ, hold, opened
 from tests.devices.openhaptics_bench import Bench as Hd
 
-RATE_HZ = 1024
 NO_FORCE = (0.0, 0.0, 0.0)
 counts = st.tuples(*[st.integers(-400, 400)] * 3)
 small = st.tuples(*[st.floats(-0.3, 0.3)] * 3)
@@ -72,60 +71,39 @@ def test_a_vintage_phantom_turns_as_its_maker_writes(
 
 @pytest.mark.parametrize(("name", "gimbal", "home"), [("vintage", VINTAGE, (0, 0, 0)), ("polhem", POLHEM, (0, 30, 0))])
 def test_a_serial_arm_reads_its_gimbal(name: str, gimbal: Gimbal, home: tuple[int, int, int]) -> None:
-    device = Bench(name)
+    device = arm_bench.opened(name)
     device.arm.gimbal = (100, -50, 25)
-    device.open(RATE_HZ)
     sample = device.hold(NO_FORCE, 5)[-1]
-    assert sample is not None
     assert device.driver.capability.gives_orientation
-    calibrated = [count + there for count, there in zip((100, -50, 25), home, strict=True)]
-    angles = device.driver.angles
-    assert sample.orientation == gimbal.orientation(MODELS[name].kinematics, angles, calibrated)
-    device.close()
+    calibrated = np.add((100, -50, 25), home).tolist()
+    assert sample.orientation == gimbal.orientation(MODELS[name].kinematics, device.driver.angles, calibrated)
 
 
 @pytest.mark.parametrize("pose", ["home", "stored"])
 def test_a_hid_arm_reads_gimbal_and_button(pose: str) -> None:
     """Counters that were loaded have the home counts in them; counters that began in the home pose have not."""
-    device = make(f"emulated:polhem-hid?pose={pose}&press=1@0.05+0.1", axes=3)
-    assert isinstance(device, EmulatedDevice)
-    device.open(RATE_HZ)
-    device.firmware.gimbal = [100, -50, 25]  # type: ignore[attr-defined]
-    down = []
-    for tick in range(300):
-        sample = device.read(tick)
-        if sample is not None:
-            down.append((tick, sample.buttons))
-        device.write(NO_FORCE)
-    first, last = [ticks for ticks, buttons in down if buttons][:: len([1 for _, b in down if b]) - 1]
-    assert abs(first - 0.05 * RATE_HZ) <= 3
-    assert abs(last - 0.15 * RATE_HZ) <= 3
+    device = opened(f"emulated:polhem-hid?pose={pose}&press=1@0.05+0.1", axes=3)
+    device.firmware.gimbal = [100, -50, 25]
+    samples = hold(device, 300)
+    down = [tick for tick, sample in enumerate(samples) if sample and sample.buttons]
+    assert (down[0], down[-1]) == pytest.approx((0.05 * RATE_HZ, 0.15 * RATE_HZ), abs=3)
+    assert len(down) == down[-1] - down[0] + 1
     home = 30 if pose == "home" else 0
-    model, angles = device.driver.model, device.driver.angles  # type: ignore[attr-defined]
-    assert sample is not None
-    assert sample.orientation == POLHEM_HID.orientation(model.kinematics, angles, (100, -50 + home, 25))
-    device.close()
+    model, angles = device.driver.model, device.driver.angles
+    assert samples[-1].orientation == POLHEM_HID.orientation(model.kinematics, angles, (100, -50 + home, 25))
 
 
 def test_a_gimbal_that_cannot_be_read_has_no_orientation() -> None:
-    device = Bench("vintage")
-    device.open(RATE_HZ)
+    device = arm_bench.opened("vintage")
     send = device.arm.faults.send
     device.arm.faults.send = lambda data, now_ns: send(data.replace(b",0]", b",2]"), now_ns)
-    samples = [sample for sample in device.hold(NO_FORCE, 9)[3:] if sample is not None]
-    assert samples
-    assert {sample.orientation for sample in samples} == {None}
-    device.close()
+    assert {sample.orientation for sample in device.hold(NO_FORCE, 9)[3:] if sample} == {None}
 
 
-@pytest.mark.parametrize(
-    ("text", "presses"),
-    [
-        ("", ()), ("1@2.0+0.3", (Press(1, 2.0, 0.3),)), ("32@0+1000000,1@1000000+0", (Press(32, 0, 1e6), Press(1, 1e6, 0))),
-    ],
-)  # fmt: skip
-def test_presses_by_schedule(text: str, presses: tuple[Press, ...]) -> None:
-    assert read_presses(text, "x") == presses
+def test_presses_by_schedule() -> None:
+    assert read_presses("", "x") == ()
+    assert read_presses("1@2.0+0.3", "x") == (Press(1, 2.0, 0.3),)
+    assert read_presses("32@0+1000000,1@1000000+0", "x") == (Press(32, 0, 1e6), Press(1, 1e6, 0))
 
 
 @pytest.mark.parametrize(
@@ -140,15 +118,9 @@ def test_presses_that_cannot_be_are_refused(text: str) -> None:
 @pytest.mark.parametrize("address", ["sim:phantom", "sim:ideal", "sim:freeflyer"])
 def test_a_simulated_hand_presses_at_its_ticks(address: str) -> None:
     axes = 6 if "freeflyer" in address else 2
-    device = make(f"{address}?press=3@0.01+0.02,1@0.02+0", axes=axes)
+    device = opened(f"{address}?press=3@0.01+0.02,1@0.02+0", axes, 1000)
     assert device.capability.buttons == 3
-    device.open(1000)
-    found = []
-    for tick in range(40):
-        sample = device.read(tick)
-        assert sample is not None
-        found.append(sample.buttons)
-        device.write((0.0,) * axes)
+    found = [sample.buttons for sample in hold(device, 40)]
     assert found == [4 * (10 <= tick < 30) + (tick == 20) for tick in range(40)]
     assert make(address, axes=axes).capability.buttons == 0
 

@@ -27,23 +27,32 @@ def ask(firmware: HaplyFirmware, frame: bytes, at_ms: int) -> bytes:
     return b"".join(firmware.due(at_ms * MS))
 
 
+def pushing() -> HaplyFirmware:
+    """A board that was set up, and asked for torques."""
+    firmware = board()
+    ask(firmware, SETUP, 1)
+    ask(firmware, TORQUES, 2)
+    return firmware
+
+
 def test_only_a_torque_frame_is_answered_with_id_and_angles_in_port_order() -> None:
     firmware = board()
     assert ask(firmware, b"\0\0", 1) == b""
     assert ask(firmware, SETUP, 2) == b""
     answer = ask(firmware, ZERO, 3)
     assert answer[0] == 5
-    assert struct.unpack("<ff", answer[1:]) == pytest.approx(
-        (360 * 162 / 4880, 360 * 2277 / 4880)
-    )  # cut to whole counts
+    # cut to whole counts
+    assert struct.unpack("<ff", answer[1:]) == pytest.approx((360 * 162 / 4880, 360 * 2277 / 4880))
 
 
-def test_torques_go_to_the_motors_of_their_ports_within_twelve_bits() -> None:
-    firmware = board()
-    ask(firmware, SETUP, 1)
-    ask(firmware, TORQUES, 2)
-    assert firmware.torque_nm == pytest.approx((-0.025, 0.05), abs=0.123 / 4095)
-    assert abs(firmware.torque_nm[0]) <= 0.025
+def test_torques_go_to_the_motors_of_their_ports_within_twelve_bits_and_there_is_no_watchdog() -> None:
+    firmware = pushing()
+    held = firmware.torque_nm
+    assert held == pytest.approx((-0.025, 0.05), abs=0.123 / 4095)
+    assert abs(held[0]) <= 0.025
+    firmware.advance(60_000 * MS)
+    assert firmware.torque_nm == held
+    assert firmware.mechanics.force_n != (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -60,20 +69,8 @@ def test_torque_is_clamped(asked_nm: float, given_nm: float) -> None:
     assert firmware.torque_nm == pytest.approx((0.0, given_nm))
 
 
-def test_there_is_no_watchdog() -> None:
-    firmware = board()
-    ask(firmware, SETUP, 1)
-    ask(firmware, TORQUES, 2)
-    held = firmware.torque_nm
-    firmware.advance(60_000 * MS)
-    assert firmware.torque_nm == held
-    assert firmware.mechanics.force_n != (0.0, 0.0, 0.0)
-
-
 def test_neither_reset_nor_setup_takes_the_torque_away_but_zero_does() -> None:
-    firmware = board()
-    ask(firmware, SETUP, 1)
-    ask(firmware, TORQUES, 2)
+    firmware = pushing()
     held = firmware.torque_nm
     assert ask(firmware, b"\0\5", 3) == b""
     assert firmware.torque_nm == held
@@ -150,9 +147,7 @@ def test_angles_follow_the_arm_from_where_the_setup_found_it() -> None:
 
 
 def test_with_the_power_setup_and_torque_go() -> None:
-    firmware = board()
-    ask(firmware, SETUP, 1)
-    ask(firmware, TORQUES, 2)
+    firmware = pushing()
     firmware.fault("unplug")
     assert firmware.torque_nm == (0.0, 0.0)
     assert ask(firmware, ZERO, 3) == b""

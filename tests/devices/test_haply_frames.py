@@ -25,9 +25,8 @@ def reply(device_id: int, first: int, second: int, turn: float = 4880.0) -> byte
 def test_frames_of_the_plastic_2diy_are_those_of_haplys_python_host() -> None:
     """The host states angles at setup; here the counters begin at zero."""
     assert reset_frame(0) == bytes.fromhex("00 00")
-    assert V3.setup(5) == SETUP_V3.replace(struct.pack("<f", 12.0), bytes(4)).replace(
-        struct.pack("<f", 168.0), bytes(4)
-    )
+    begins_at_zero = SETUP_V3.replace(struct.pack("<f", 12.0), bytes(4)).replace(struct.pack("<f", 168.0), bytes(4))
+    assert V3.setup(5) == begins_at_zero
     assert replace(V3, ports=(1, 2), ccw=(False, True)).setup(5)[2:8] == bytes((3, 0, 1, 3, 0, 1))
 
 
@@ -47,18 +46,12 @@ def test_reply_gives_the_counts_back(a: int, b: int, device_id: int, name: str) 
     assert codec.skipped == 0
 
 
-@given(a=counts, b=counts, cut=st.integers(1, 8))
-def test_reply_in_two_parts_is_one_reply(a: int, b: int, cut: int) -> None:
-    codec, data = HaplyCodec(V3, 7), reply(7, a, b)
+@given(pairs=st.lists(st.tuples(counts, counts), min_size=1, max_size=4), cut=st.integers(1, 8))
+def test_replies_at_once_and_one_in_two_parts_are_all_read_in_order(pairs: list[tuple[int, int]], cut: int) -> None:
+    codec, data = HaplyCodec(V3, 7), b"".join(reply(7, *pair) for pair in pairs)
     assert codec.feed(data[:cut]) == []
-    assert [reading.raw for reading in codec.feed(data[cut:])] == [(b, a, 0.0)]
+    assert [reading.raw for reading in codec.feed(data[cut:])] == [(b, a, 0.0) for a, b in pairs]
     assert codec.skipped == 0
-
-
-@given(pairs=st.lists(st.tuples(counts, counts), min_size=1, max_size=4))
-def test_replies_at_once_are_all_read_in_order(pairs: list[tuple[int, int]]) -> None:
-    readings = HaplyCodec(V3, 7).feed(b"".join(reply(7, *pair) for pair in pairs))
-    assert [reading.raw for reading in readings] == [(b, a, 0.0) for a, b in pairs]
 
 
 @given(chunks=st.lists(noise, max_size=6))

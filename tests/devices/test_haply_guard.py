@@ -6,23 +6,16 @@ at any moment, and the test holds for any.
 """
 
 import os
-import pty
 import select
 import signal
 import subprocess
 import sys
-import threading
-import tty
-from collections.abc import Iterator
-from itertools import count
+from collections.abc import Callable, Iterator
 
 import pytest
 from msgspec.structs import replace
 
-from cogrip.devices import DeviceError, make
-from cogrip.devices.emulated.faults import Faults
-from cogrip.devices.emulated.haply_firmware import HaplyFirmware, Joint
-from cogrip.devices.emulated.mechanics import Body, Mechanics
+from cogrip.devices import DeviceError
 from cogrip.devices.haply import line
 from cogrip.devices.haply.family import goodbye
 from cogrip.devices.haply.family import make as make_haply
@@ -33,12 +26,12 @@ from cogrip.devices.io.guard import GOOD, LOOK_S, STALL_NS, StallWatch, take_off
 from cogrip.devices.io.guarded_port import GuardedPort
 from cogrip.devices.settings import parse_address
 
+from tests.devices.haply_board import BOUND_S, Board
 from tests.extent import every
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="needs Linux: pseudo-terminals and pidfd")
 
 MODEL = MODELS["2diy"]
-BOUND_S = 60.0  # for anything that is waited for
 PATIENT_NS = 400_000_000  # a stall, where the test is about stalls
 NEVER_NS = 3600_000_000_000
 REPLY_S = 2.0  # for a board that always answers, if it gets the processor
@@ -136,68 +129,27 @@ device.close()
 """
 
 
-class Board:
-    """The emulated board at a pseudo-terminal, served by a thread that only wakes for bytes. Its time is a millisecond each."""
-
-    def __init__(self) -> None:
-        body = Body(make("sim:phantom", axes=3, hand="hold"))
-        joints = (Joint(2, True), Joint(1, True))
-        self.firmware = HaplyFirmware(joints, Mechanics(MODEL, body), Faults(), homed=True)
-        self.history: list[tuple[float, float]] = []
-        self._changed = threading.Condition()
-        self._master, self._slave = pty.openpty()
-        tty.setraw(self._slave)
-        self.path = os.ttyname(self._slave)
-        self._wake, self._stop = os.pipe()
-        self._thread = threading.Thread(target=self._serve)
-        self._thread.start()
-
-    def _serve(self) -> None:
-        for now_ns in count(step=1_000_000):
-            ready = select.select([self._master, self._wake], [], [])[0]
-            if self._wake in ready:
-                return
-            data = os.read(self._master, 4096)
-            with self._changed:
-                self.firmware.receive(data, now_ns)
-                replies = self.firmware.due(now_ns)
-                for reply in replies:
-                    os.write(self._master, reply)
-                self.history += max(1, len(replies)) * [
-                    self.firmware.torque_nm
-                ]  # several requests may come in one read
-                self._changed.notify_all()
-
+class PushedBoard(Board):
     def wait_for_push(self, since: int = 0) -> None:
         """Until it has pushed since it had a history of so many."""
-        with self._changed:
-            assert self._changed.wait_for(lambda: any(map(any, self.history[since:])), BOUND_S)
+        self.wait(lambda: any(map(any, self.history[since:])))
 
     def wait_for_rest(self) -> None:
         """Until it pushes no more."""
-        with self._changed:
-            assert self._changed.wait_for(lambda: not any(self.firmware.torque_nm), BOUND_S)
+        self.wait(lambda: not any(self.firmware.torque_nm))
 
     def wait_for_take_off(self) -> None:
         """Until a guard has asked as often for no torque as shows it that it was understood."""
-        with self._changed:
-            assert self._changed.wait_for(lambda: self.history[-GOOD:] == GOOD * [(0.0, 0.0)], BOUND_S)
+        self.wait(lambda: self.history[-GOOD:] == GOOD * [(0.0, 0.0)])
 
     def ends_at_rest(self) -> None:
         """The last that it was told, once all who could tell it something have ended, is no torque."""
-        with self._changed:
-            assert self._changed.wait_for(lambda: self.history[-1] == (0.0, 0.0), BOUND_S)
-
-    def close(self) -> None:
-        os.close(self._stop)
-        self._thread.join()
-        for end in (self._wake, self._master, self._slave):
-            os.close(end)
+        self.wait(lambda: self.history[-1] == (0.0, 0.0))
 
 
 @pytest.fixture
-def board() -> Iterator[Board]:
-    board = Board()
+def board() -> Iterator[PushedBoard]:
+    board = PushedBoard()
     yield board
     board.close()
 
@@ -205,7 +157,7 @@ def board() -> Iterator[Board]:
 class Driver:
     """A driver in a process group of its own, pushing."""
 
-    def __init__(self, board: Board, mode: str, stall_ns: int) -> None:
+    def __init__(self, board: PushedBoard, mode: str, stall_ns: int) -> None:
         self.process = subprocess.Popen(
             [sys.executable, "-c", DRIVER, board.path, mode, *map(str, (stall_ns, NEVER_NS, REPLY_S, BOUND_S))],
             stdin=subprocess.PIPE,
@@ -249,9 +201,8 @@ class Driver:
     def close(self) -> None:
         self.process.kill()
         self.process.wait()
-        for stream in (self.process.stdin, self.process.stdout, self.process.stderr):
-            if stream is not None:
-                stream.close()
+        with self.process:  # closes its streams
+            pass
         if self._guard >= 0:
             os.close(self._guard)
 
@@ -264,26 +215,30 @@ def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(line, "PATIENCE_S", REPLY_S)
 
 
+Start = Callable[..., Driver]
+
+
 @pytest.fixture
-def drivers() -> Iterator[list[Driver]]:
+def start(board: PushedBoard) -> Iterator[Start]:
+    """Yield a function that starts a driver, which pushes by then in the modes in which it goes on pushing."""
     started: list[Driver] = []
-    yield started
+
+    def start(mode: str = "push", stall_ns: int = NEVER_NS) -> Driver:
+        started.append(Driver(board, mode, stall_ns))
+        started[-1].meet()
+        if mode in ("push", "fork"):
+            board.wait_for_push()
+        return started[-1]
+
+    yield start
     for driver in started:
         driver.close()
 
 
-def start(board: Board, drivers: list[Driver], mode: str, stall_ns: int = NEVER_NS) -> Driver:
-    driver = Driver(board, mode, stall_ns)
-    drivers.append(driver)
-    driver.meet()
-    return driver
-
-
 @pytest.mark.parametrize("stall_ns", [0, NEVER_NS])
-def test_killed_driver(board: Board, drivers: list[Driver], stall_ns: int) -> None:
+def test_killed_driver(board: PushedBoard, start: Start, stall_ns: int) -> None:
     """0: as the family makes it."""
-    driver = start(board, drivers, "push", stall_ns)
-    board.wait_for_push()
+    driver = start(stall_ns=stall_ns)
     driver.kill(signal.SIGKILL)
     board.wait_for_rest()
     assert driver.end() == ""
@@ -291,9 +246,8 @@ def test_killed_driver(board: Board, drivers: list[Driver], stall_ns: int) -> No
     board.ends_at_rest()
 
 
-def test_killed_driver_whose_child_lives_on_with_the_pipe_open(board: Board, drivers: list[Driver]) -> None:
-    driver = start(board, drivers, "fork")
-    board.wait_for_push()
+def test_killed_driver_whose_child_lives_on_with_the_pipe_open(board: PushedBoard, start: Start) -> None:
+    driver = start("fork")
     driver.kill(signal.SIGKILL)
     try:
         board.wait_for_rest()
@@ -302,10 +256,9 @@ def test_killed_driver_whose_child_lives_on_with_the_pipe_open(board: Board, dri
         os.kill(driver.other_pid, signal.SIGKILL)
 
 
-def test_interrupt_reaches_the_driver_alone(board: Board, drivers: list[Driver]) -> None:
+def test_interrupt_reaches_the_driver_alone(board: PushedBoard, start: Start) -> None:
     """A terminal's interrupt reaches the guard too, which does not end before its driver."""
-    driver = start(board, drivers, "push")
-    board.wait_for_push()
+    driver = start()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         os.kill(driver.guard_pid, number)
     os.killpg(driver.process.pid, signal.SIGINT)
@@ -315,8 +268,8 @@ def test_interrupt_reaches_the_driver_alone(board: Board, drivers: list[Driver])
     board.ends_at_rest()
 
 
-def test_exception_in_the_driver(board: Board, drivers: list[Driver]) -> None:
-    driver = start(board, drivers, "raise")
+def test_exception_in_the_driver(board: PushedBoard, start: Start) -> None:
+    driver = start("raise")
     assert "no more" in driver.end()
     assert driver.guard_ended()
     assert any(map(any, board.history))
@@ -324,8 +277,8 @@ def test_exception_in_the_driver(board: Board, drivers: list[Driver]) -> None:
 
 
 @pytest.mark.long
-def test_closed_device_has_no_torque_and_no_guard(board: Board, drivers: list[Driver]) -> None:
-    driver = start(board, drivers, "close")
+def test_closed_device_has_no_torque_and_no_guard(board: PushedBoard, start: Start) -> None:
+    driver = start("close")
     assert driver.line() == "closed"
     assert driver.guard_ended()
     board.wait_for_rest()
@@ -333,11 +286,8 @@ def test_closed_device_has_no_torque_and_no_guard(board: Board, drivers: list[Dr
     driver.process.kill()
 
 
-def test_stalled_driver_loses_its_torque_learns_of_it_and_can_be_armed_again(
-    board: Board, drivers: list[Driver]
-) -> None:
-    driver = start(board, drivers, "push", PATIENT_NS)
-    board.wait_for_push()
+def test_stalled_driver_loses_its_torque_learns_of_it_and_can_be_armed_again(board: PushedBoard, start: Start) -> None:
+    driver = start(stall_ns=PATIENT_NS)
     driver.kill(signal.SIGSTOP)
     board.wait_for_take_off()
     begin = len(board.history)
@@ -356,9 +306,8 @@ def test_stalled_driver_loses_its_torque_learns_of_it_and_can_be_armed_again(
     board.ends_at_rest()
 
 
-def test_guard_that_took_the_torque_off_goes_on_guarding(board: Board, drivers: list[Driver]) -> None:
-    driver = start(board, drivers, "push", PATIENT_NS)
-    board.wait_for_push()
+def test_guard_that_took_the_torque_off_goes_on_guarding(board: PushedBoard, start: Start) -> None:
+    driver = start(stall_ns=PATIENT_NS)
     driver.kill(signal.SIGSTOP)
     board.wait_for_rest()
     driver.kill(signal.SIGKILL)
@@ -367,8 +316,8 @@ def test_guard_that_took_the_torque_off_goes_on_guarding(board: Board, drivers: 
 
 
 @pytest.mark.long
-def test_driver_that_pushes_nothing_may_take_its_time(board: Board, drivers: list[Driver]) -> None:
-    driver = start(board, drivers, "idle", PATIENT_NS)
+def test_driver_that_pushes_nothing_may_take_its_time(board: PushedBoard, start: Start) -> None:
+    driver = start("idle", PATIENT_NS)
     assert driver.line() == "idle"
     assert not driver.guard_ended(within_s=2.0 * PATIENT_NS * 1e-9)
     driver.go_on()
@@ -381,9 +330,8 @@ def test_driver_that_pushes_nothing_may_take_its_time(board: Board, drivers: lis
     assert driver.end() == ""
 
 
-def test_driver_without_its_guard_stops_pushing(board: Board, drivers: list[Driver]) -> None:
-    driver = start(board, drivers, "push")
-    board.wait_for_push()
+def test_driver_without_its_guard_stops_pushing(board: PushedBoard, start: Start) -> None:
+    driver = start()
     os.kill(driver.guard_pid, signal.SIGKILL)
     assert "has ended; nothing may be pushed without it" in driver.line()
     assert "'guard lost': 1" in driver.line()
@@ -397,7 +345,7 @@ def test_driver_without_its_guard_stops_pushing(board: Board, drivers: list[Driv
 @pytest.mark.parametrize(
     ("executable", "text"), [("/nowhere/python", "cannot be started"), ("/bin/false", "did not start")]
 )
-def test_no_guard_no_device(board: Board, monkeypatch: pytest.MonkeyPatch, executable: str, text: str) -> None:
+def test_no_guard_no_device(board: PushedBoard, monkeypatch: pytest.MonkeyPatch, executable: str, text: str) -> None:
     device = make_haply(parse_address(f"haply:{board.path}?model=2diy&pose=home"), 2, {})
     with monkeypatch.context() as patched:
         patched.setattr(sys, "executable", executable)
@@ -410,7 +358,7 @@ def test_no_guard_no_device(board: Board, monkeypatch: pytest.MonkeyPatch, execu
     assert not any(map(any, board.history))
 
 
-def test_system_that_cannot_share_a_port_is_refused(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_system_that_cannot_share_a_port_is_refused(board: PushedBoard, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guarded_port, "CAN_SHARE", False)
     device = make_haply(parse_address(f"haply:{board.path}?model=2diy&pose=home"), 2, {})
     with pytest.raises(DeviceError, match="use it on Linux or macOS"):
@@ -419,7 +367,7 @@ def test_system_that_cannot_share_a_port_is_refused(board: Board, monkeypatch: p
 
 
 @pytest.mark.parametrize("missing", every(3, range(10)))
-def test_frame_that_was_cut_off_in_the_middle_leaves_no_torque(board: Board, missing: int) -> None:
+def test_frame_that_was_cut_off_in_the_middle_leaves_no_torque(board: PushedBoard, missing: int) -> None:
     codec = HaplyCodec(MODEL.wiring, 20)
     port = GuardedPort(board.path, "haply", lambda: replace(goodbye(codec), stall_ns=NEVER_NS))
     port.open()

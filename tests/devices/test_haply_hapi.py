@@ -3,13 +3,10 @@
 import importlib.util
 import json
 import os
-import select
 import subprocess
 import sys
-import threading
-import tty
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import closing, suppress
 from math import degrees, sin
 from pathlib import Path
 from typing import Any
@@ -18,12 +15,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.devices.emulated.haply_firmware import HaplyFirmware
-from cogrip.devices.emulated.machines import make_firmware
 from cogrip.devices.haply.frames import STEP_NM
 from cogrip.devices.haply.models import MODELS
-from cogrip.devices.settings import parse_address
 
+from tests.devices.haply_board import BOUND_S, Board
 from tests.devices.haplyhapi_program import FORCES_N
 
 pytestmark = [
@@ -33,40 +28,9 @@ pytestmark = [
 every_model = pytest.mark.parametrize("name", sorted(MODELS))
 ROOT = Path(__file__).parents[2]
 EXCHANGES = 500  # each takes a millisecond of the board's time: the hand has come to rest long before
-BOUND_S = 60.0  # for a host that talks to it
 SMALL_RAD = 1e-6
 shares = st.floats(-1.0, 1.0)
 forces = st.floats(-0.8, 0.8)  # within what every model gives everywhere
-
-
-@contextmanager
-def served(name: str) -> Iterator[tuple[str, HaplyFirmware, list[tuple[float, ...]]]]:
-    """The board on a pseudo-terminal, a millisecond passing with every request; what it pushed with after each, and where."""
-    firmware = make_firmware(
-        name, parse_address("sim:phantom?hand=hold&hand_stiffness_npm=1000&hand_damping_nspm=20").query
-    )
-    assert isinstance(firmware, HaplyFirmware)
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    end, ended = os.pipe()
-    acted: list[tuple[float, ...]] = []
-
-    def serve() -> None:
-        while end not in (ready := select.select([master, end], [], [])[0]) and ready:
-            firmware.receive(os.read(master, 4096), firmware.now_ns + 1_000_000)
-            for reply in firmware.due(firmware.now_ns):
-                acted.append((*firmware.mechanics.body.position_m[:2], *firmware.mechanics.force_n[:2]))
-                os.write(master, reply)
-
-    thread = threading.Thread(target=serve, daemon=True)
-    thread.start()
-    try:
-        yield os.ttyname(slave), firmware, acted
-    finally:
-        os.write(ended, b".")
-        thread.join(BOUND_S)
-        for descriptor in (master, slave, end, ended):
-            os.close(descriptor)
 
 
 @pytest.mark.sample(1)
@@ -75,14 +39,14 @@ def test_the_maker_s_host_finds_the_tip_and_pushes_the_hand_with_the_force_it_as
     """In Haply's plane X goes to the left, Y toward the user: x = Y - Y0, y = X0 - X."""
     model = MODELS[name]
     x0, y0 = model.five_bar.origin_m
-    with served(name) as (path, _, acted):
-        host = [sys.executable, "-m", "tests.devices.haplyhapi_program", path, name, str(EXCHANGES)]
+    with closing(Board(name, "hold&hand_stiffness_npm=1000&hand_damping_nspm=20")) as board:
+        host = [sys.executable, "-m", "tests.devices.haplyhapi_program", board.path, name, str(EXCHANGES)]
         done = subprocess.run(host, cwd=ROOT, capture_output=True, timeout=BOUND_S, check=False)
     assert done.returncode == 0, done.stderr.decode()
     reported = json.loads(done.stdout)
     assert len(reported) == len(FORCES_N)
     for number, said in enumerate(reported, 1):
-        x, y, fx, fy = acted[number * EXCHANGES]  # the first was that to no force at all
+        x, y, fx, fy = board.acted[number * EXCHANGES]  # the first was that to no force at all
         hand_x, hand_y = said["force_n"]
         assert (fx, fy) == pytest.approx(
             (hand_y, -hand_x), abs=0.003

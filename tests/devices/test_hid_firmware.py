@@ -18,6 +18,7 @@ from cogrip.devices.registry import make
 from cogrip.devices.settings import parse_address
 
 from tests.devices.arm_bench import least_force_n
+from tests.devices.held_device import hold
 
 RATE_HZ = 1000
 NOTHING = bytes(15)
@@ -69,14 +70,14 @@ def test_each_request_has_one_report_of_the_same_length(variant: str) -> None:
     assert {len(report) for report in reports} == {BYTES[variant]}
 
 
-@pytest.mark.parametrize("data", [b"", bytes(14), bytes(16), bytes(65), b"\1" + bytes(14)])
-def test_other_lengths_and_report_numbers_are_ignored_and_feed_no_watchdog(data: bytes) -> None:
+def test_other_lengths_and_report_numbers_are_ignored_and_feed_no_watchdog() -> None:
     arm = firmware()
     arm.due(0)
-    arm.receive(data, 0)
-    assert arm.due(0) == []
-    assert not arm.enabled
-    assert arm.ignored == 1
+    for ignored, data in enumerate((b"", bytes(14), bytes(16), bytes(65), b"\1" + bytes(14)), 1):
+        arm.receive(data, 0)
+        assert arm.due(0) == []
+        assert not arm.enabled
+        assert arm.ignored == ignored
 
 
 def test_the_watchdog_lets_go_after_half_a_second() -> None:
@@ -121,12 +122,12 @@ def test_command_1_loads_the_counters_without_current_and_clears_the_button() ->
     assert answer(arm, NOTHING) == (8327, -10926, 27140, 10000, 30, 7, 0)
 
 
-@pytest.mark.parametrize(("count", "sent"), [(32767, 32767), (32768, -32768), (-32768, -32768), (-32769, 32767)])
-def test_both_ends_of_16_bits(count: int, sent: int) -> None:
+def test_both_ends_of_16_bits() -> None:
     arm = firmware()
     arm.due(0)
-    arm.mechanics.slip(1, count - arm.mechanics.counters[1])
-    assert answer(arm, NOTHING)[1] == sent
+    for count, sent in ((32767, 32767), (32768, -32768), (-32768, -32768), (-32769, 32767)):
+        arm.mechanics.slip(1, count - arm.mechanics.counters[1])
+        assert answer(arm, NOTHING)[1] == sent
 
 
 def test_the_firmware_of_2016_counts_the_other_way_round_and_numbers_its_reports() -> None:
@@ -153,21 +154,18 @@ def test_plugged_in_again_it_begins_anew() -> None:
     assert [unpack("<7h", report) for report in arm.due(0)] == [(0,) * 7]
 
 
-def hold(device: EmulatedDevice, force_n, ticks: int, begin: int = 0) -> list:
-    samples = []
-    for tick in range(begin, begin + ticks):
-        samples.append(device.read(tick))
-        device.write(force_n)
-    return samples
+def opened(arm: HidFirmware, name: str = "woodenhaptics") -> EmulatedDevice:
+    device = emulated(arm, name=name)
+    device.open(RATE_HZ)
+    return device
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_tip_is_where_it_is_read_and_the_hand_feels_what_was_asked_for(name: str) -> None:
     arm, force = firmware(name=name), (-0.5, 0.4, 0.3)
     least = least_force_n(arm)
-    device = emulated(arm, name=name)
-    device.open(RATE_HZ)
-    sample = hold(device, force, 400)[-1]  # until the weight of a Polhem is held too
+    device = opened(arm, name)
+    sample = hold(device, 400, force)[-1]  # until the weight of a Polhem is held too
     assert sample.position_m == pytest.approx(device.position_m, abs=MODEL.record.resolution_m)
     assert device.force_n == pytest.approx(force, abs=least + 1e-3)  # 1 mN: the sample is a tick old
     assert hypot(*force) > 10 * least
@@ -178,10 +176,9 @@ def test_the_report_from_power_up_is_not_where_the_arm_is() -> None:
     arm = firmware()
     arm.due(0)
     arm.faults.send(pack("<7h", 9000, 9000, 9000, 0, 0, 0, 0), 0)  # filled when the arm was elsewhere
-    device = emulated(arm)
-    device.open(RATE_HZ)
+    device = opened(arm)
     assert device.driver.reading.raw == arm.mechanics.counters
-    assert [sample and sample.age_ticks for sample in hold(device, (0.0, 0.0, 0.0), 3)] == [None, 1, 1]
+    assert [sample and sample.age_ticks for sample in hold(device, 3)] == [None, 1, 1]
 
 
 def test_a_device_that_was_closed_is_opened_again_where_it_is_now() -> None:
@@ -190,7 +187,7 @@ def test_a_device_that_was_closed_is_opened_again_where_it_is_now() -> None:
     device = emulated(arm)
     for begin in (0, 300):
         device.open(RATE_HZ)
-        hold(device, (0.0, 0.0, 0.0), 200, begin)
+        hold(device, range(begin, begin + 200))
         assert device.driver.reading.raw == pytest.approx(arm.mechanics.counters, abs=30)
         device.close()
     assert arm.due(arm.now_ns) != []
@@ -201,11 +198,10 @@ def test_a_device_that_was_closed_is_opened_again_where_it_is_now() -> None:
 )
 def test_reports_that_are_none_are_counted_and_take_the_force_off(verb: str, count: str) -> None:
     arm = firmware()
-    device = emulated(arm)
-    device.open(RATE_HZ)
-    hold(device, (1.0, 0.0, 0.0), 20)
+    device = opened(arm)
+    hold(device, 20, (1.0, 0.0, 0.0))
     arm.fault(verb)
-    samples = hold(device, (1.0, 0.0, 0.0), 700, 20)
+    samples = hold(device, range(20, 720), (1.0, 0.0, 0.0))
     assert samples[1:] == [None] * 699
     assert device.counts[count] >= 1
     assert arm.mechanics.force_n == (0.0, 0.0, 0.0)
@@ -213,44 +209,31 @@ def test_reports_that_are_none_are_counted_and_take_the_force_off(verb: str, cou
 
 def test_the_firmware_of_2016_is_followed_but_never_pushed() -> None:
     arm = firmware("mbed8", hand="tremor")
-    device = emulated(arm)
-    device.open(RATE_HZ)
-    samples = hold(device, (3.0, 3.0, 3.0), 100)
-    assert samples[-1].position_m == pytest.approx(device.position_m, abs=1e-3)
+    device = opened(arm)
+    sample = hold(device, 100, (3.0, 3.0, 3.0))[-1]
+    assert sample.position_m == pytest.approx(device.position_m, abs=1e-3)
     assert arm.mechanics.peak_force_n == 0.0
     assert device.counts["force limited to the motors"] >= 99
 
 
 def test_a_teensy_is_driven_alike() -> None:
-    arms = firmware(), firmware("teensy64")
-    ends = []
-    for arm in arms:
-        device = emulated(arm)
-        device.open(RATE_HZ)
-        hold(device, (1.0, 0.5, 0.0), 50)
-        ends.append((device.position_m, device.force_n))
-        device.close()
-    assert ends[0] == ends[1]
+    one, other = opened(firmware()), opened(firmware("teensy64"))
+    assert hold(one, 50, (1.0, 0.5, 0.0)) == hold(other, 50, (1.0, 0.5, 0.0))
+    assert (one.position_m, one.force_n) == (other.position_m, other.force_n)
 
 
 def test_calibration_of_a_polhem_loads_its_gimbal_s_home_counts_too() -> None:
     """Those of polhem_v3, 0, 30, 0: before, the gimbal's were made zero."""
-    arm = firmware(name="polhem")
-    arm.mechanics.carry(arm.mechanics.home_m)
-    arm.gimbal = [7, -11, 300]
-    sent: list[bytes] = []
-    device = emulated(arm, "pose=stored", name="polhem")
-    port = device.driver.exchange.port
-    write = port.write
-    port.write = lambda frame: (sent.append(frame), write(frame))
-    device.driver.calibrate("today")
-    assert arm.gimbal == [0, 30, 0]
-    assert arm.mechanics.counters == (8327, -10926, 27140)
-    assert [unpack("<B7h", frame) for frame in sent if frame[7]] == [(0, 0, 30, 0, 1, 8327, -10926, 27140)]
-    other = firmware()
-    other.gimbal = [7, -11, 300]
-    emulated(other, "pose=stored").driver.calibrate("today")
-    assert other.gimbal == [0, 0, 0], "of an arm without one they are made zero"
+    for name, gimbal, counters in (
+        ("polhem", [0, 30, 0], (8327, -10926, 27140)),
+        ("woodenhaptics", [0, 0, 0], MODEL.home_counts),  # of an arm without one they are made zero
+    ):
+        arm = firmware(name=name)
+        arm.mechanics.carry(arm.mechanics.home_m)
+        arm.gimbal = [7, -11, 300]
+        emulated(arm, "pose=stored", name=name).driver.calibrate("today")
+        assert arm.gimbal == gimbal
+        assert arm.mechanics.counters == counters
 
 
 def test_calibration_loads_the_home_counts_and_holds_until_it_is_unplugged() -> None:
@@ -262,10 +245,8 @@ def test_calibration_loads_the_home_counts_and_holds_until_it_is_unplugged() -> 
     with pytest.raises(DeviceError, match="its pose is not known"):
         device.open(RATE_HZ)
     calibration = device.driver.calibrate("today")
-    assert calibration == Calibration(
-        device="hid:woodenhaptics", model="woodenhaptics", offset_counts=(0, 0, 0), stamp="plugging 1", made="today",
-        home_counts=MODEL.home_counts,
-    )  # fmt: skip
+    there = {"device": "hid:woodenhaptics", "model": "woodenhaptics", "home_counts": MODEL.home_counts}
+    assert calibration == Calibration(**there, offset_counts=(0, 0, 0), stamp="plugging 1", made="today")
     assert arm.mechanics.counters == MODEL.home_counts
     notebook.keep(calibration)
     arm.fault("unplug")

@@ -5,11 +5,11 @@ from types import ModuleType
 
 import pytest
 
-from cogrip.devices.device import DeviceError
 from cogrip.devices.hid.enumeration import VARIANTS
 from cogrip.devices.io import platform
 from cogrip.devices.io.hid_port import HidPort, load_hidapi
 
+from tests.devices.held_device import refused
 from tests.devices.hid_bench import NAME
 
 
@@ -22,19 +22,17 @@ def put(monkeypatch: pytest.MonkeyPatch, **keys: object) -> None:
 
 
 @pytest.mark.parametrize("backend", ["auto", "hidraw", "libusb"])
-def test_the_other_package_of_the_same_name_is_told_apart(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    put(monkeypatch, Device=object)
+def test_without_the_package_its_name_is_said_and_another_of_that_name_is_told_apart(
+    backend: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(platform, "LINUX", True)
-    with pytest.raises(DeviceError, match=r"not of `hidapi`.*pip uninstall hid"):
-        HidPort(NAME, VARIANTS["mbed14"], backend).open()
-
-
-def test_without_the_package_its_name_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    port = HidPort(NAME, VARIANTS["mbed14"], backend)
     put(monkeypatch)
-    with pytest.raises(
-        DeviceError, match=r"hid:woodenhaptics: needs module .* of the package hidapi.*pip install hidapi"
-    ):
-        HidPort(NAME, VARIANTS["mbed14"]).open()
+    with refused("hid:woodenhaptics: needs module ", " of the package hidapi", "pip install hidapi"):
+        port.open()
+    put(monkeypatch, Device=object)
+    with refused("not of `hidapi`", "pip uninstall hid"):
+        port.open()
 
 
 @pytest.mark.parametrize(
@@ -48,9 +46,6 @@ def test_each_system_has_its_module(linux: bool, backend: str, module: str, monk
     put(monkeypatch, device=object)
     monkeypatch.setattr(platform, "LINUX", linux)
     assert load_hidapi(backend, NAME).__name__ == module
-
-
-def test_hidraw_is_linux_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(platform, "LINUX", False)
-    with pytest.raises(DeviceError, match="backend=hidraw is Linux's"):
-        load_hidapi("hidraw", NAME)
+    if not linux:
+        with refused("backend=hidraw is Linux's"):
+            load_hidapi("hidraw", NAME)

@@ -24,40 +24,27 @@ from cogrip.devices.device import Device, DeviceError, Sample
 from cogrip.devices.io.websocket_port import WebsocketPort
 from cogrip.devices.registry import make
 
-from tests.devices.test_pseudo_terminal import RATE_HZ, Emulator, Loop
+from tests.devices.held_device import RATE_HZ, opened
+from tests.devices.test_pseudo_terminal import Emulator, Loop, emulating
 
 PUSH = (0.4, 0.0, 0.0)
 
 
 @pytest.fixture
-def emulate() -> Iterator[Callable[..., tuple[Emulator, str]]]:
-    """Yield a function that starts one and gives it with its address; at the end whatever still runs is ended."""
-    started: list[Emulator] = []
-
-    def start(*arguments: str) -> tuple[Emulator, str]:
-        started.append(Emulator(*arguments, kind="inverse"))
-        return started[-1], f"inverse:{started[-1].hear(r'behind inverse:([^;]+);')[1]}"
-
-    yield start
-    for emulator in started:
-        if emulator.popen.poll() is None:
-            emulator.popen.kill()
-        emulator.popen.wait()
-        for pipe in (emulator.popen.stdin, emulator.popen.stdout):
-            assert pipe is not None
-            pipe.close()
+def emulate() -> Iterator[Callable[..., Emulator]]:
+    yield from emulating("", "inverse")
 
 
-def opened(address: str) -> tuple[Device, Loop]:
-    device = make(address, axes=3)
-    device.open(RATE_HZ)
-    return device, Loop(device)
+def held(emulate: Callable[..., Emulator]) -> tuple[Emulator, Device, Loop]:
+    emulator = emulate("--hand", "hold")
+    device = opened(f"inverse:{emulator.place}", axes=3)
+    return emulator, device, Loop(device)
 
 
-def test_another_program_s_websocket_gets_the_documented_messages(emulate: Callable[..., tuple[Emulator, str]]) -> None:
+def test_another_program_s_websocket_gets_the_documented_messages(emulate: Callable[..., Emulator]) -> None:
     """By the package's own client, as Haply's example does it: an inventory first, then one state update a message."""
-    _, address = emulate("--hand", "hold")
-    with connect(f"ws://{address.removeprefix('inverse:')}") as service:
+    place = emulate("--hand", "hold").place
+    with connect(f"ws://{place}") as service:
         first = json.loads(service.recv(10.0))
         (arm,) = first["inverse3"]
         assert {"config", "state", "status"} <= set(arm)
@@ -71,9 +58,8 @@ def test_another_program_s_websocket_gets_the_documented_messages(emulate: Calla
             service.recv(0.05)
 
 
-def test_a_driver_holds_it_at_1024_hz(emulate: Callable[..., tuple[Emulator, str]]) -> None:
-    emulator, address = emulate("--hand", "hold")
-    device, loop = opened(address)
+def test_a_driver_holds_it_at_1024_hz(emulate: Callable[..., Emulator]) -> None:
+    emulator, device, loop = held(emulate)
     sample = loop.run(PUSH, 500)
     assert sample.position_m[0] < -0.5e-3  # a load moves the hand against x: 0.4 N on 300 N/m
     assert emulator.status()["force_n"] == pytest.approx([-0.4, 0.0, 0.0], abs=2e-3)
@@ -87,18 +73,17 @@ def test_a_driver_holds_it_at_1024_hz(emulate: Callable[..., tuple[Emulator, str
 
 
 @pytest.mark.parametrize("how", ["unplug", "kill"])
-def test_a_killed_service_is_a_fault_by_name_and_is_opened_again(
-    emulate: Callable[..., tuple[Emulator, str]], how: str
-) -> None:
-    emulator, address = emulate("--hand", "hold")
-    device, loop = opened(address)
+def test_a_killed_service_is_a_fault_by_name_and_is_opened_again(emulate: Callable[..., Emulator], how: str) -> None:
+    emulator, device, loop = held(emulate)
     loop.run(PUSH, 50)
     if how == "kill":
         emulator.popen.send_signal(signal.SIGKILL)
         emulator.popen.wait()
     else:
         emulator.ask("unplug", "unplugged")
-    with pytest.raises(DeviceError, match=rf"{address}: lost the service: .*; start it again, then re-arm") as lost:
+    with pytest.raises(
+        DeviceError, match=rf"inverse:{emulator.place}: lost the service: .*; start it again, then re-arm"
+    ) as lost:
         # an answer that came before may be read first
         all(loop.turn(PUSH) for _ in range(3))
     with pytest.raises(DeviceError, match=re.escape(str(lost.value))):
@@ -107,17 +92,16 @@ def test_a_killed_service_is_a_fault_by_name_and_is_opened_again(
     with pytest.raises(DeviceError, match=r"no service at localhost:\d+ \(.*\); start Haply's Inverse service"):
         device.open(RATE_HZ)
     if how == "unplug":
-        emulator.ask("mend", "plugged in again: " + address.removeprefix("inverse:"))
+        emulator.ask("mend", "plugged in again: " + emulator.place)
         device.open(RATE_HZ)
         Loop(device).run(PUSH, 50)
         assert hypot(*emulator.status()["force_n"]) > 0.3
         device.close()
 
 
-def test_a_service_that_hangs_stops_no_loop(emulate: Callable[..., tuple[Emulator, str]]) -> None:
+def test_a_service_that_hangs_stops_no_loop(emulate: Callable[..., Emulator]) -> None:
     """Its process is stopped: every call still returns at once, without a sample; then it goes on from zero force."""
-    emulator, address = emulate("--hand", "hold")
-    device, loop = opened(address)
+    emulator, device, loop = held(emulate)
     loop.run(PUSH, 50)
     emulator.popen.send_signal(signal.SIGSTOP)
     samples: list[Sample | None] = [loop.turn(PUSH) for _ in range(200)]
@@ -131,9 +115,9 @@ def test_a_service_that_hangs_stops_no_loop(emulate: Callable[..., tuple[Emulato
     device.close()
 
 
-def test_it_keeps_every_promise_in_real_time(emulate: Callable[..., tuple[Emulator, str]]) -> None:
+def test_it_keeps_every_promise_in_real_time(emulate: Callable[..., Emulator]) -> None:
     """The conformance suite over the socket, as `cogrip devices conform` runs it, but for how long calls take."""
-    _, address = emulate("--hand", "hold")
+    address = f"inverse:{emulate('--hand', 'hold').place}"
     clock = Clock(RATE_HZ)
     subject = Subject(lambda: make(address, axes=3), RATE_HZ, clock.wait, push_n=0.2)
     for check in CHECKS:
@@ -211,12 +195,11 @@ def test_what_a_websocket_may_send(sent: bytes, read: bytes | str) -> None:
         port.close()
 
 
-def test_one_program_at_a_time(emulate: Callable[..., tuple[Emulator, str]]) -> None:
-    _, address = emulate()
-    device, loop = opened(address)
+def test_one_program_at_a_time(emulate: Callable[..., Emulator]) -> None:
+    emulator, device, loop = held(emulate)
     loop.run(PUSH, 5)
     with pytest.raises(DeviceError, match="no service at"):
-        make(address, axes=3).open(RATE_HZ)
+        opened(f"inverse:{emulator.place}", axes=3)
     loop.run(PUSH, 5)
     device.close()
     for attempt in count():  # until the service has seen that it closed

@@ -1,14 +1,12 @@
 """`openhaptics:` with the servo's own thread running: whole values, no deadlock, zero force however the process ends."""
 
-import subprocess
-import sys
-
 import pytest
 
 from cogrip.devices.conformance import CHECKS, Subject
 from cogrip.devices.openhaptics.mailbox import HOLD_FRAMES
 
 from tests.devices.openhaptics_bench import RATE_HZ
+from tests.devices.vendor_bench import end_without_closing
 from tests.extent import long
 
 
@@ -59,30 +57,15 @@ def test_servo_devices_come_and_go(servo) -> None:
     assert set(left.counts) <= {"force not renewed"}
 
 
-SCRIPT = """
-import atexit, ctypes, sys
-from cogrip.devices.openhaptics.family import family
-from cogrip.devices.settings import parse_address
-lib = ctypes.CDLL(sys.argv[1])
-lib.stub_wrongs.restype = ctypes.c_char_p
+TELL = """
 force = (ctypes.c_double * 3)()
-def tell():
-    lib.stub_force(0, force)
-    print([f + 0.0 for f in force], lib.stub_running(), lib.stub_wrongs())
-atexit.register(tell)  # runs last
-device = family().make(parse_address("openhaptics:Default Device?library=" + sys.argv[1]), 3, {})
-device.open(1000)
-device.write((1.0, 0.0, 0.0))
-lib.stub_wait(3)
-lib.stub_worst.restype = ctypes.c_double
-print(lib.stub_worst(0))
-exec(sys.argv[2])
+lib.stub_force(0, force)
+print([f + 0.0 for f in force], lib.stub_running(), lib.stub_wrongs())
 """
 
 
 @pytest.mark.parametrize("end", ["pass", long("raise RuntimeError"), "raise KeyboardInterrupt", long("sys.exit(3)")])
 def test_servo_of_a_process_that_ends_without_closing(servo, end) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, str(servo.path), end], capture_output=True, text=True, check=False
-    )
-    assert done.stdout.splitlines() == ["1.0", "[0.0, 0.0, 0.0] 0 b''"]
+    until_it_pushes = "lib.stub_wait(3)\nlib.stub_worst.restype = ctypes.c_double\nprint(lib.stub_worst(0))\n"
+    said = end_without_closing(servo.address(0), servo.path, TELL, until_it_pushes + end)
+    assert said == ["1.0", "[0.0, 0.0, 0.0] 0 b''"]

@@ -10,38 +10,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.devices import plausibility
 from cogrip.devices.device import Sample
 from cogrip.devices.forcedimension.models import RECORDS
-from cogrip.devices.plausibility import (
-    AGE,
-    DRIFT,
-    GAP_S,
-    HAND_MPS,
-    HAND_MPS2,
-    JUMP,
-    JUMPS,
-    OLD,
-    REPORT,
-    REPORT_S,
-    REPORTS,
-    SLACK_COUNTS,
-    WINDOW_S,
-    ForceReports,
-    Plausibility,
-    off_course_m,
-)  # fmt: skip
+from cogrip.devices.plausibility import AGE, DRIFT, HAND_MPS, HAND_MPS2, JUMP, OLD, REPORT, ForceReports, Plausibility
 from cogrip.devices.registry import make
 
-from tests.devices.test_encoder_watch import HANDS
+from tests.devices.held_device import RATE_HZ, hold, opened
+from tests.devices.test_encoder_watch import GAP_TICKS as GAP
+from tests.devices.test_encoder_watch import HANDS, recorded
 from tests.extent import every
 
-RATE_HZ = 1024
 TICK_S = 1.0 / RATE_HZ
-GAP = round(GAP_S * RATE_HZ)
 OMEGA, DELTA = RECORDS["omega3"], RECORDS["delta3"]
 TOUCH = make("openhaptics:Default Device?model=touch", axes=3).capability
 PHANTOM = make("sim:phantom", axes=3).capability
 IDEAL = make("sim:ideal", axes=1).capability
+STILL = (0.0, 0.0, 0.0)
 every_record = pytest.mark.parametrize("record", [OMEGA, DELTA, TOUCH, PHANTOM], ids=lambda record: record.model)
 
 
@@ -66,16 +51,16 @@ def test_the_bound_is_the_integral_of_the_speed_gained(rate_hz: int, time_s: flo
     tick_s, steps = 1.0 / rate_hz, 20_000
     grid = (np.arange(steps) + 0.5) * time_s / steps
     gained = np.minimum(HAND_MPS2 * (grid + 1.5 * tick_s), HAND_MPS)
-    assert off_course_m(time_s, 1.5 * tick_s, HAND_MPS2) == pytest.approx(gained.mean() * time_s, rel=1e-6)
+    off_m = plausibility.off_course_m(time_s, 1.5 * tick_s, HAND_MPS2)
+    assert off_m == pytest.approx(gained.mean() * time_s, rel=1e-6)
 
 
 @pytest.mark.sample(4)
 @every_record
 @pytest.mark.parametrize("hand", every(3, HANDS))
 def test_recorded_hands_are_believed(record, hand: str) -> None:
-    read, *arguments = HANDS[hand]
     count = record.resolution_m
-    positions = np.round(read(*arguments) / count) * count
+    positions = np.round(recorded(hand) / count) * count
     assert set(judged(Plausibility(record, TICK_S), positions.tolist())) == {""}
 
 
@@ -115,12 +100,8 @@ def test_motions_of_a_hand_are_believed(acceleration_mps2: float, amplitude_m: f
 def test_both_sides_of_a_jump(record, speed_mps: float) -> None:
     """Across the motion, where it may not be early or late."""
     motors = record.peak_force_n / record.apparent_mass_kg
-    most = (
-        off_course_m(TICK_S, 1.5 * TICK_S, HAND_MPS2)
-        + motors * TICK_S * 2.0 * TICK_S
-        + SLACK_COUNTS * record.resolution_m
-        + 1e-6
-    )
+    slack_m = plausibility.SLACK_COUNTS * record.resolution_m + 1e-6
+    most = plausibility.off_course_m(TICK_S, 1.5 * TICK_S, HAND_MPS2) + motors * TICK_S * 2.0 * TICK_S + slack_m
     assert most < 0.0015
     for size, said in ((0.999 * most, ""), (1.001 * most, JUMP)):
         judge = Plausibility(record, TICK_S)
@@ -133,12 +114,12 @@ def test_both_sides_of_a_jump(record, speed_mps: float) -> None:
 def test_a_jump_that_stays_is_a_fault_within_three_samples(record, jump_m: float) -> None:
     """And time makes it no more plausible."""
     judge = Plausibility(record, TICK_S)
-    judged(judge, [(0.0, 0.0, 0.0)] * 50)
+    judged(judge, [STILL] * 50)
     faults = []
     for tick in range(50, 60):
         assert judge.judge(tick, Sample((jump_m, 0.0, 0.0), None)) == JUMP
         faults.append(judge.fault)
-    assert [bool(fault) for fault in faults[: int(JUMPS)]] == [False, False, True]
+    assert [bool(fault) for fault in faults[: int(plausibility.JUMPS)]] == [False, False, True]
     assert faults[2].startswith(f"the position jumped: {abs(jump_m) * 1e3:.1f} mm in 2.9 ms")
     assert faults[2].endswith("then re-arm")
 
@@ -153,7 +134,7 @@ def test_one_odd_sample_is_left_out_and_forgiven() -> None:
 
 def test_after_a_restart_any_place_is_the_reference() -> None:
     judge = Plausibility(OMEGA, TICK_S)
-    judged(judge, [(0.0, 0.0, 0.0)] * 50)
+    judged(judge, [STILL] * 50)
     judge.restart()
     assert judged(judge, [(0.03, 0.0, 0.0)] * 50, 50) == [""] * 50
 
@@ -161,16 +142,14 @@ def test_after_a_restart_any_place_is_the_reference() -> None:
 def test_after_a_gap_the_speed_is_not_known() -> None:
     for ticks, jump_m, said in ((6, 0.008, JUMP), (2 * GAP, 0.05, ""), (2 * GAP, 0.2, JUMP)):
         judge = Plausibility(OMEGA, TICK_S)
-        judged(judge, [(0.0, 0.0, 0.0)] * 50)
+        judged(judge, [STILL] * 50)
         assert judge.judge(49 + ticks, Sample((jump_m, 0.0, 0.0), None)) == said
 
 
 def test_a_number_that_is_not_finite_is_somebody_elses() -> None:
     judge = Plausibility(OMEGA, TICK_S)
     for wrong in (nan, inf, -inf):
-        judged(judge, [(0.0, 0.0, 0.0)] * 5)
-        assert judge.judge(5, Sample((wrong, 0.0, 0.0), None)) == ""
-        assert judge.judge(6, Sample((0.0, 0.0, 0.0), None)) == ""
+        assert judged(judge, [*[STILL] * 5, (wrong, 0.0, 0.0), STILL]) == [""] * 7
         judge.restart()
 
 
@@ -179,40 +158,30 @@ def test_both_sides_of_an_age(latency: int) -> None:
     most = latency + GAP + 1
     for age, said in ((-1000, AGE), (-1, AGE), (0, ""), (most, ""), (most + 1, AGE), (10**9, AGE)):
         judge = Plausibility(replace(OMEGA, latency_ticks=latency), TICK_S)
-        judge.judge(100, Sample((0.0, 0.0, 0.0), None))
+        judge.judge(100, Sample(STILL, None))
         judge.restart()
-        assert judge.judge(101, Sample((0.0, 0.0, 0.0), None, age)) == said
+        assert judge.judge(101, Sample(STILL, None, age)) == said
 
 
 def test_an_age_that_grows_is_no_new_sample() -> None:
     """A growing age is found even while it is small."""
     judge = Plausibility(OMEGA, TICK_S)
-    said = [judge.judge(tick, Sample((0.0, 0.0, 0.0), None, tick)) for tick in range(100)]
+    said = [judge.judge(tick, Sample(STILL, None, tick)) for tick in range(100)]
     assert said == ["", *[OLD] * (GAP + 1), *[AGE] * (98 - GAP)]
 
 
-def test_a_request_made_before_skipped_ticks_is_as_old_as_they_are() -> None:
+def test_a_request_made_before_skipped_ticks_is_as_old_as_they_are_and_a_reading_again_says_nothing() -> None:
     judge = Plausibility(TOUCH, TICK_S)
-    judge.judge(10, Sample((0.0, 0.0, 0.0), None, 1))
-    assert judge.judge(90, Sample((0.0, 0.0, 0.0), None, 79)) == ""
-
-
-def test_a_reading_again_says_nothing() -> None:
-    judge = Plausibility(OMEGA, TICK_S)
-    assert judged(judge, [(0.0, 0.0, 0.0)] * 2) == ["", ""]
-    assert judge.judge(1, Sample((0.0, 0.0, 0.0), None)) == ""
+    asked = ((10, 1), (90, 79), (91, 0), (91, 0))
+    assert [judge.judge(tick, Sample(STILL, None, age)) for tick, age in asked] == [""] * 4
 
 
 def test_exact_velocities_are_believed() -> None:
     for hand in ("reach&amplitude_m=0.1&stroke_s=0.2", "tremor&tremor_m=0.002", "sine&amplitude_m=0.02&frequency_hz=8"):
-        device = make(f"sim:ideal?hand={hand}")
-        device.open(RATE_HZ)
+        device = opened(f"sim:ideal?hand={hand}")
         judge = Plausibility(device.capability, TICK_S)
-        for tick in range(2000):
-            sample = device.read(tick)
-            assert sample is not None
-            assert judge.judge(tick, sample) == ""
-            device.write((20.0,) if tick % 256 < 128 else (-20.0,))
+        samples = hold(device, 2000, lambda tick: (20.0,) if tick % 256 < 128 else (-20.0,))
+        assert {judge.judge(tick, sample) for tick, sample in enumerate(samples)} == {""}
 
 
 @pytest.mark.parametrize("lag_s", [0.001, 0.005, 0.02])
@@ -236,7 +205,7 @@ def test_a_position_that_freezes_while_a_velocity_goes_on(speed: float) -> None:
     positions = np.minimum(ticks, 500) * speed * TICK_S
     judge, said = reported(positions, np.full(1000, speed))
     assert said[:501] == [""] * 501
-    assert 0 < (said.index(DRIFT) - 500) * TICK_S <= 1.7 * WINDOW_S
+    assert 0 < (said.index(DRIFT) - 500) * TICK_S <= 1.7 * plausibility.WINDOW_S
     assert "its positions deny each other by" in judge.fault
 
 
@@ -244,7 +213,7 @@ def test_a_position_that_freezes_while_a_velocity_goes_on(speed: float) -> None:
 def test_a_velocity_that_shakes_where_nothing_moves(speed: float) -> None:
     """+-8 N a tick on a damper of 20 N s/m."""
     said = reported([0.0] * 200, [speed * (-1) ** tick for tick in range(200)])[1]
-    assert said.index(DRIFT) * TICK_S <= WINDOW_S
+    assert said.index(DRIFT) * TICK_S <= plausibility.WINDOW_S
 
 
 @pytest.mark.parametrize("fraction", [0.0, -1.0, 3.0, 1000.0])
@@ -287,7 +256,7 @@ def test_what_acts_is_a_part_of_what_was_asked(acting: tuple[float, ...], said: 
 
 
 def test_an_earlier_force_may_still_act_but_not_for_ever() -> None:
-    most = round(REPORT_S * RATE_HZ)
+    most = round(plausibility.REPORT_S * RATE_HZ)
     for ticks, said in ((most - 1, ""), (most, REPORT)):
         assert reports((3.0, 0.0, 0.0), *[(-1.0, 0.0, 0.0)] * ticks).judge((3.0, 0.0, 0.0)) == said
 
@@ -296,5 +265,5 @@ def test_a_report_that_goes_on_is_a_fault() -> None:
     found = reports((1.0, 0.0, 0.0))
     for number in range(1, 10):
         assert found.judge((-50.0, 0.0, 0.0)) == REPORT
-        assert bool(found.fault) == (number >= REPORTS)
+        assert bool(found.fault) == (number >= plausibility.REPORTS)
     assert found.fault.startswith("says that (-50.0, 0.0, 0.0) N acts where (1, 0, 0) N was asked")

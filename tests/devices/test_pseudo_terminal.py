@@ -10,6 +10,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -42,6 +43,7 @@ class Emulator:
         )  # fmt: skip
         forked.never_late(self.popen)
         self.said = b""
+        self.place = ""
         self._read_to = 0
 
     def hear(self, pattern: str) -> re.Match[str]:
@@ -70,23 +72,24 @@ class Emulator:
 
     def status(self) -> dict[str, list[float]]:
         found = self.ask("status", r"at \((.*)\) mm, counters \((.*)\), pushes with \((.*)\) N, most so far (.*) N")
-        names = ("at_mm", "counters", "force_n", "peak_n")
-        return {
-            name: [float(part) for part in text.split(",")] for name, text in zip(names, found.groups(), strict=True)
-        }
+        numbers = ([float(part) for part in text.split(",")] for text in found.groups())
+        return dict(zip(("at_mm", "counters", "force_n", "peak_n"), numbers, strict=True))
 
     def end(self) -> int:
         return self.popen.wait(LIMIT_S)
 
 
 def emulating(path: str, kind: str) -> Iterator[Callable[..., Emulator]]:
-    """Yield a function that starts one and gives it when it can be opened; at the end whatever still runs is ended."""
+    """Yield a function that starts one and gives it when it can be opened; at the end whatever still runs is ended.
+
+    path: of its link, or "" for none. The emulator's `place` is where it says that it is.
+    """
     started: list[Emulator] = []
 
     def start(*arguments: str) -> Emulator:
-        emulator = Emulator("--link", path, *arguments, kind=kind)
+        emulator = Emulator(*(("--link", path) if path else ()), *arguments, kind=kind)
         started.append(emulator)
-        emulator.hear(f"behind {kind}:")
+        emulator.place = emulator.hear(rf"behind {kind}:([^;]+)")[1]
         return emulator
 
     yield start
@@ -107,6 +110,15 @@ def path(tmp_path: Path) -> str:
 @pytest.fixture
 def emulate(path: str) -> Iterator[Callable[..., Emulator]]:
     yield from emulating(path, "serial")
+
+
+@pytest.fixture
+def wired(emulate: Callable[..., Emulator], path: str) -> Iterator[tuple[Emulator, SerialPort]]:
+    """An emulator whose hand holds, and an open port to it."""
+    emulator, port = emulate("--hand", "hold"), SerialPort(path, "serial")
+    port.open()
+    yield emulator, port
+    port.close()
 
 
 def line(port: SerialPort) -> bytes:
@@ -145,11 +157,9 @@ class Loop:
 # by hand
 
 
-def test_it_answers_as_the_device_does_and_says_how_it_stands(emulate: Callable[..., Emulator], path: str) -> None:
-    emulator = emulate("--hand", "hold")
+def test_it_answers_as_the_device_does_and_says_how_it_stands(wired: tuple[Emulator, SerialPort], path: str) -> None:
+    emulator, port = wired
     assert Path(path).is_symlink()
-    port = SerialPort(path, "serial")
-    port.open()
     port.write(ZERO)
     assert line(port) == HOME
     assert emulator.status() == {
@@ -172,11 +182,10 @@ def test_it_answers_as_the_device_does_and_says_how_it_stands(emulate: Callable[
 @pytest.mark.parametrize(("model", "number"), [("polhem", b"1"), ("woodenhaptics-serial", b"3")])
 def test_it_is_any_of_the_machines(emulate: Callable[..., Emulator], path: str, model: str, number: bytes) -> None:
     emulate("--model", model, "--hand", "hold", "--powered-at-m", "0.0", "0.0", "0.0")
-    port = SerialPort(path, "serial")
-    port.open()
-    port.write(ZERO)
-    assert line(port) == b"[%s,0,0,0,0,0,0,0]\n" % number
-    port.close()
+    with closing(SerialPort(path, "serial")) as port:
+        port.open()
+        port.write(ZERO)
+        assert line(port) == b"[%s,0,0,0,0,0,0,0]\n" % number
 
 
 NO_VERBS = (
@@ -196,10 +205,8 @@ def test_what_is_no_verb_is_said_and_does_nothing(emulate: Callable[..., Emulato
     assert b"fault " not in re.sub(rb"write a fault", b"", emulator.said)
 
 
-def test_a_fault_is_said_and_lasts_as_long_as_it_should(emulate: Callable[..., Emulator], path: str) -> None:
-    emulator = emulate("--hand", "hold")
-    port = SerialPort(path, "serial")
-    port.open()
+def test_a_fault_is_said_and_lasts_as_long_as_it_should(wired: tuple[Emulator, SerialPort]) -> None:
+    emulator, port = wired
     emulator.ask("silence", "fault silence")
     port.write(ZERO)
     assert emulator.status()["peak_n"] == [0.0]  # it heard the frame by then, or the terminal has not handed it on yet
@@ -214,13 +221,10 @@ def test_a_fault_is_said_and_lasts_as_long_as_it_should(emulate: Callable[..., E
             break
     else:
         pytest.fail("it never spoke again")
-    port.close()
 
 
-def test_unplugged_it_is_gone_and_mended_it_is_a_new_one(emulate: Callable[..., Emulator], path: str) -> None:
-    emulator = emulate("--hand", "hold")
-    port = SerialPort(path, "serial")
-    port.open()
+def test_unplugged_it_is_gone_and_mended_it_is_a_new_one(wired: tuple[Emulator, SerialPort], path: str) -> None:
+    emulator, port = wired
     stamp = port.stamp()
     emulator.ask("unplug", "^unplugged")
     assert not Path(path).is_symlink()
@@ -234,7 +238,6 @@ def test_unplugged_it_is_gone_and_mended_it_is_a_new_one(emulate: Callable[..., 
     assert port.stamp() != stamp
     port.write(ZERO)
     assert line(port) == b"[2,0,0,0,0,0,0,0]\n"
-    port.close()
 
 
 @pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGINT, "quit", "end of input"])
@@ -252,10 +255,8 @@ def test_however_it_ends_it_takes_its_link_along(emulate: Callable[..., Emulator
     assert b"Traceback" not in emulator.said
 
 
-def test_its_watchdog_lets_go_when_the_driver_is_killed(emulate: Callable[..., Emulator], path: str) -> None:
-    emulator = emulate("--hand", "hold")
-    port = SerialPort(path, "serial")
-    port.open()
+def test_its_watchdog_lets_go_when_the_driver_is_killed(wired: tuple[Emulator, SerialPort]) -> None:
+    emulator, port = wired
     port.write(b"[300,0,0]\n\0\0\0\0\0\0")
     assert line(port)
     port.close()  # without a goodbye
@@ -267,10 +268,8 @@ def test_its_watchdog_lets_go_when_the_driver_is_killed(emulate: Callable[..., E
     assert status["peak_n"][0] > 0.1
 
 
-def test_a_driver_that_does_not_read_does_not_stop_it(emulate: Callable[..., Emulator], path: str) -> None:
-    emulator = emulate("--hand", "hold")
-    port = SerialPort(path, "serial")
-    port.open()
+def test_a_driver_that_does_not_read_does_not_stop_it(wired: tuple[Emulator, SerialPort]) -> None:
+    emulator, port = wired
     for _ in range(200):
         for _ in range(10):
             port.write(ZERO)
@@ -295,9 +294,7 @@ def test_a_driver_on_it_sees_where_it_is_and_loads_the_hand(emulate: Callable[..
     assert device.capability.model == "vintage"
     device.open(RATE_HZ)
     loop = Loop(device)
-    for _ in range(
-        100
-    ):  # again where the machine was busy: the firmware's watchdog let go, or the driver missed a movement
+    for _ in range(100):  # again where the machine was busy: its watchdog let go, or the driver missed a movement
         try:
             loop.run((0.6, -0.2, 0.3), 300)
             status = emulator.status()

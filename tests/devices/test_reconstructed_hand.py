@@ -22,10 +22,10 @@ from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import RunRecords, open_run
 from cogrip.sim.runs.replay.what_if import what_if
 
+from tests.devices.held_device import RATE_HZ, hold, opened
 from tests.devices.replayed_hands import write_rows
 from tests.extent import every, long
 
-RATE_HZ = 1024
 DEMO = Path(__file__).resolve().parents[2] / "configs" / "demo.toml"
 K_NPM, B_NSPM, MASS_KG = 300.0, 5.0, 0.1  # of a hand and an ideal device that say nothing else
 WINDOW = 31  # samples: SMOOTH_S at RATE_HZ
@@ -54,14 +54,9 @@ def write_recording(path: Path, rows: list[tuple[int, Row, Row, Row]], axes: int
 def held(device: Device, force: Force, ticks: int) -> list[tuple[int, Row, Row, Row]]:
     """Ticks of a device under a force: (tick, position, velocity, force)."""
     device.open(RATE_HZ)
-    rows = []
-    for tick in range(ticks):
-        sample = device.read(tick)
-        assert sample.velocity_mps is not None
-        rows.append((tick, sample.position_m, sample.velocity_mps, force(tick)))
-        device.write(force(tick))
+    samples = hold(device, ticks, force)
     device.close()
-    return rows
+    return [(tick, sample.position_m, sample.velocity_mps, force(tick)) for tick, sample in enumerate(samples)]
 
 
 def twice(path: Path, hand: str, force_n: float, swing: float) -> tuple[list[tuple[int, Row, Row, Row]], ...]:
@@ -75,22 +70,28 @@ def twice(path: Path, hand: str, force_n: float, swing: float) -> tuple[list[tup
     return original, held(make(f"sim:ideal?hand=recording:{path}#user=anna", mass_kg=MASS_KG), force, RATE_HZ)
 
 
+def reconstructed(path: Path, stiffness: float, damping: float) -> ReconstructedHand:
+    settings = ImpedanceSettings(hand_stiffness_npm=stiffness, hand_damping_nspm=damping)
+    return ReconstructedHand(settings, 1, f"{path}#user=anna")
+
+
 def positions(rows: list[tuple[int, Row, Row, Row]]) -> Numbers:
     return np.array([position for _, position, _, _ in rows])
+
+
+impedances = st.tuples(st.floats(0.0, 2000.0), st.floats(0.0, 50.0))
 
 
 @given(
     samples=st.lists(
         st.tuples(st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), st.floats(-8.0, 8.0)), min_size=2, max_size=WINDOW - 1
     ),
-    stiffness=st.floats(0.0, 2000.0),
-    damping=st.floats(0.0, 50.0),
+    impedance=impedances,
 )
 def test_the_drive_is_what_the_hand_must_have_exerted(
     tmp_path_factory: pytest.TempPathFactory,
     samples: list[tuple[float, float, float]],
-    stiffness: float,
-    damping: float,
+    impedance: tuple[float, float],
 ) -> None:
     """K_h x + B_h v + F at every tick, and K_h x of the last place ever after: there the hand rests.
 
@@ -98,8 +99,7 @@ def test_the_drive_is_what_the_hand_must_have_exerted(
     """
     path = tmp_path_factory.mktemp("drive") / "client-anna.mcap"
     write_recording(path, [(tick, (x,), (v,), (f,)) for tick, (x, v, f) in enumerate(samples)])
-    settings = ImpedanceSettings(hand_stiffness_npm=stiffness, hand_damping_nspm=damping)
-    hand = ReconstructedHand(settings, 1, f"{path}#user=anna")
+    (stiffness, damping), hand = impedance, reconstructed(path, *impedance)
     assert (hand.stiffness_npm, hand.damping_nspm) == (stiffness, damping)
     assert hand.open(RATE_HZ, None) == (samples[0][0],)
     for tick, (x, v, f) in enumerate(samples):
@@ -115,8 +115,7 @@ def test_the_drive_is_what_the_hand_must_have_exerted(
     ticks=st.integers(WINDOW, 100),
     force=st.floats(-8.0, 8.0),
     mass_kg=st.floats(0.01, 2.0),
-    stiffness=st.floats(0.0, 2000.0),
-    damping=st.floats(0.0, 50.0),
+    impedance=impedances,
 )
 def test_the_drive_moves_the_mass_as_well(
     tmp_path_factory: pytest.TempPathFactory,
@@ -124,19 +123,17 @@ def test_the_drive_moves_the_mass_as_well(
     ticks: int,
     force: float,
     mass_kg: float,
-    stiffness: float,
-    damping: float,
+    impedance: tuple[float, float],
 ) -> None:
     """m x'' + B_h x' + K_h x + F, of a cubic exactly and at its ends too; m is the recorded device's."""
     path = tmp_path_factory.mktemp("cubic") / "client-anna.mcap"
     cubic = Polynomial(shape)
     place, speed, acceleration = (each(np.arange(ticks) / RATE_HZ) for each in (cubic, cubic.deriv(), cubic.deriv(2)))
-    rows: list[tuple[int, Row, Row, Row]] = [
-        (tick, (float(place[tick]),), (float(speed[tick]),), (force,)) for tick in range(ticks)
+    rows = [
+        (tick, (x,), (v,), (force,)) for tick, (x, v) in enumerate(zip(place.tolist(), speed.tolist(), strict=True))
     ]
     write_recording(path, rows, mass_kg=mass_kg)
-    settings = ImpedanceSettings(hand_stiffness_npm=stiffness, hand_damping_nspm=damping)
-    hand = ReconstructedHand(settings, 1, f"{path}#user=anna")
+    (stiffness, damping), hand = impedance, reconstructed(path, *impedance)
     hand.open(RATE_HZ, None)
     drive = np.array([hand.drive(tick)[0] for tick in range(ticks)])
     expected = mass_kg * acceleration + damping * speed + stiffness * place + force
@@ -147,9 +144,7 @@ def test_the_drive_moves_the_mass_as_well(
 def test_the_start_is_the_recorded_one_and_the_run_may_begin_late(tmp_path: Path) -> None:
     path = tmp_path / "client-anna.mcap"
     write_recording(path, [(tick, (0.02 + tick * 1e-6,), (0.0,), (0.0,)) for tick in range(5, 50)])
-    device = make(f"sim:ideal?hand=recording:{path}")
-    device.open(RATE_HZ)
-    assert device.read(0) == Sample((0.02 + 5e-6,), (0.0,))
+    assert opened(f"sim:ideal?hand=recording:{path}").read(0) == Sample((0.02 + 5e-6,), (0.0,))
 
 
 @given(
@@ -251,9 +246,7 @@ def test_it_gives_way_as_its_impedance_lets_it(tmp_path: Path, more_n: float, st
 def test_axes_give_way_by_themselves(tmp_path: Path) -> None:
     path = tmp_path / "client-anna.mcap"
     write_recording(path, held(make("sim:ideal?hand=hold", axes=3, mass_kg=MASS_KG), lambda _: (0.0,) * 3, 3000), 3)
-    other = held(
-        make(f"sim:ideal?hand=recording:{path}", axes=3, mass_kg=MASS_KG), lambda _: (0.0, 3.0, 0.0), 3000
-    )  # fmt: skip
+    other = held(make(f"sim:ideal?hand=recording:{path}", axes=3, mass_kg=MASS_KG), lambda _: (0.0, 3.0, 0.0), 3000)
     assert positions(other)[-2] == pytest.approx([0.0, -3.0 / K_NPM, 0.0], abs=1e-6)
 
 
@@ -288,21 +281,13 @@ def test_what_cannot_be_relived_is_named_with_the_cure(
     file: Path, axes: int, rate_hz: int, tail: str, words: str
 ) -> None:
     with pytest.raises(DeviceError, match=words):
-        make(f"sim:ideal?hand=recording:{file}{tail}", axes=axes).open(rate_hz)
-
-
-def test_the_run_must_be_named() -> None:
+        opened(f"sim:ideal?hand=recording:{file}{tail}", axes, rate_hz)
     with pytest.raises(DeviceError, match="write hand=recording:RUN"):
         make("sim:ideal?hand=recording")
 
 
-def test_fewer_axes_are_relived_alone(file: Path) -> None:
-    device = make(f"sim:ideal?hand=recording:{file}", axes=1)
-    device.open(RATE_HZ)
-    assert device.read(0) == Sample((0.01,), (0.0,))
-
-
-def test_the_same_again_after_reopening(file: Path) -> None:
+def test_the_same_again_after_reopening_and_fewer_axes_alone(file: Path) -> None:
     device = make(f"sim:ideal?hand=recording:{file}", axes=2)
     runs = [held(device, lambda tick: (0.2, -0.1), 200) for _ in range(2)]
     assert runs[0] == runs[1]
+    assert opened(f"sim:ideal?hand=recording:{file}").read(0) == Sample((0.01,), (0.0,))

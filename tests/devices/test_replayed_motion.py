@@ -1,6 +1,7 @@
 """Recorded people as devices: what was recorded comes out, at the tick at which it is due, whatever the force."""
 
 from itertools import product
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ from hypothesis import strategies as st
 from cogrip.devices import Sample, make
 from cogrip.protocol.rates import due_ns
 
-from tests.devices.replayed_hands import RATE_HZ, TICKS, played, recorded, write_recording
+from tests.devices.held_device import RATE_HZ, hold, opened
+from tests.devices.replayed_hands import TICKS, played, recorded, write_recording
 from tests.extent import every
 
 
@@ -19,26 +21,19 @@ from tests.extent import every
 def test_at_its_own_rate_the_samples_are_the_recorded_ones(run: Path, user: str, file: str) -> None:
     """A replayed motion is exact, by name and by number, the last sample too; after it the hand is at rest."""
     positions, velocities = recorded(run / f"client-{file}.mcap")
-    device = make(f"replay:{run}#user={user}", axes=2)
-    device.open(RATE_HZ)
-    for tick in range(TICKS):
-        sample = device.read(tick)
+    device = opened(f"replay:{run}#user={user}", axes=2)
+    for tick, sample in enumerate(hold(device, TICKS, (5.0, -5.0))):
         assert sample.position_m == tuple(positions[tick])
         assert sample.velocity_mps == (tuple(velocities[tick]) if file == "ben" else None)
-        device.write((5.0, -5.0))
     still = Sample(tuple(positions[-1].tolist()), (0.0, 0.0) if file == "ben" else None)
     assert device.read(TICKS) == device.read(TICKS + 1) == device.read(10 * TICKS) == still
 
 
 def test_the_record_is_that_of_the_device_that_was_recorded(run: Path) -> None:
+    same = attrgetter("model", "gives_velocity", "peak_force_n", "resolution_m")
     for number, address in ((0, "sim:phantom"), (1, "sim:ideal")):
-        there, original = make(f"replay:{run}#user={number}", axes=2).capability, make(address, axes=2).capability
-        assert (there.model, there.gives_velocity, there.peak_force_n, there.resolution_m) == (
-            original.model,
-            original.gives_velocity,
-            original.peak_force_n,
-            original.resolution_m,
-        )
+        there = make(f"replay:{run}#user={number}", axes=2).capability
+        assert same(there) == same(make(address, axes=2).capability)
         assert make(f"replay:{run}#user={number}", axes=1).capability == there.first(1)
 
 
@@ -68,27 +63,24 @@ def test_speed_start_stop_and_rate_are_places_in_the_recording(
     """Tick k shows what was recorded at start_s + k speed / rate, on a line between two samples, until stop_s."""
     stop_s = start_s + length_s
     positions, _ = recorded(run / "client-anna.mcap")
-    device = make(f"replay:{run}#user=anna&speed={speed!r}&start_s={start_s!r}&stop_s={stop_s!r}", axes=2)
-    device.open(rate_hz)
+    device = opened(f"replay:{run}#user=anna&speed={speed!r}&start_s={start_s!r}&stop_s={stop_s!r}", 2, rate_hz)
     end = min(stop_s * RATE_HZ, TICKS - 1)
     grid = np.arange(TICKS)
     largest_step = np.abs(np.diff(positions, axis=0)).max(axis=0) * max(1.0, speed * RATE_HZ / rate_hz)
     for tick in (0, 1, 2, 17, 100, 333, 1000, 3000, 200_000):
         sample = device.read(tick)
         place = start_s * RATE_HZ + tick * speed * RATE_HZ / rate_hz
+        expected = [np.interp(min(place, end), grid, axis) for axis in positions.T]
         if place <= end - 1e-6:
-            expected = [np.interp(place, grid, axis) for axis in positions.T]
             assert sample.position_m == pytest.approx(expected, abs=1e-9)
         else:  # rests on the last tick before the end: less than a step away
-            expected = [np.interp(end, grid, axis) for axis in positions.T]
             assert np.all(np.abs(np.subtract(sample.position_m, expected)) <= largest_step + 1e-12)
 
 
 @pytest.mark.parametrize("speed", [0.5, 2.0])
 def test_velocity_goes_with_the_speed(run: Path, speed: float) -> None:
     _, velocities = recorded(run / "client-ben.mcap")
-    device = make(f"replay:{run}#user=ben&speed={speed}", axes=2)
-    device.open(RATE_HZ)
+    device = opened(f"replay:{run}#user=ben&speed={speed}", axes=2)
     for row in range(0, TICKS - 2, 2):
         sample = device.read(round(row / speed))
         assert sample.velocity_mps == tuple(velocities[row] * speed)
@@ -106,8 +98,7 @@ def two_minutes(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_two_minutes_take_two_minutes(two_minutes: Path, rate_hz: int, speed: float) -> None:
     """The motion is a function of the tick, and tick k is due at k / rate: nothing can drift. To 0.1 % as promised."""
     seconds, samples = 120.0, 120 * RATE_HZ + 1
-    device = make(f"replay:{two_minutes}#speed={speed}")
-    device.open(rate_hz)
+    device = opened(f"replay:{two_minutes}#speed={speed}", rate_hz=rate_hz)
     last_m = (samples - 1) * 1e-6
     tick = round(seconds / speed * rate_hz)
     early = device.read(round(0.999 * tick))
@@ -163,13 +154,9 @@ def test_a_loop_goes_back_without_a_kick(run: Path, user: str, more: str) -> Non
 
 
 def test_loop_velocity_rests_at_both_ends_of_the_return(run: Path) -> None:
-    device = make(f"replay:{run}#user=ben&loop=1", axes=2)
-    device.open(RATE_HZ)
+    device = opened(f"replay:{run}#user=ben&loop=1", axes=2)
+    first = device.read(0)
     device.read(TICKS)
     before = device.read(TICKS + RATE_HZ - 2)
-    again = device.read(TICKS + RATE_HZ - 1)
-    assert again is not None
     assert before.velocity_mps == pytest.approx((0.0, 0.0), abs=1e-5)
-    device.close()
-    device.open(RATE_HZ)
-    assert device.read(0) == again
+    assert device.read(TICKS + RATE_HZ - 1) == first

@@ -136,13 +136,17 @@ def test_it_conforms_over_the_socket_as_a_process(emulate: Callable[..., Emulato
     assert done.returncode == (1 if broken else 0), said
 
 
-def test_without_a_link_it_makes_a_place_of_its_own_and_takes_it_away() -> None:
-    emulator = Emulator("--hand", "hold", kind="hid")
-    place = emulator.hear(r"behind hid:woodenhaptics\?path=(\S+);")[1]
+@pytest.fixture
+def emulate_unlinked() -> Iterator[Callable[..., Emulator]]:
+    yield from emulating("", "hid")
+
+
+def test_without_a_link_it_makes_a_place_of_its_own_and_takes_it_away(
+    emulate_unlinked: Callable[..., Emulator],
+) -> None:
+    emulator = emulate_unlinked("--hand", "hold")
+    place = emulator.place.partition("path=")[2]
     assert is_socket(place)
     emulator.tell("quit")
     assert emulator.end() == 0
     assert not Path(place).parent.exists()
-    for pipe in (emulator.popen.stdin, emulator.popen.stdout):
-        assert pipe is not None
-        pipe.close()

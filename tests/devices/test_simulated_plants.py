@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from cogrip.devices import make
 from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
 from cogrip.devices.simulated.phantom import WORKSPACE_M, PhantomPlant, PhantomSettings
+
+from tests.devices.held_device import opened
 
 
 def decimals(low: float, high: float) -> st.SearchStrategy[float]:
@@ -27,19 +28,17 @@ forces = st.floats(-20.0, 20.0)
 
 @given(
     mass=decimals(0.02, 2.0),
-    damping=decimals(0.0, 20.0),
-    hand_damping=decimals(0.0, 20.0),
+    dampings=st.tuples(*[decimals(0.0, 20.0)] * 2),
     stiffness=decimals(0.0, 3000.0),
-    drive=decimals(-20.0, 20.0),
-    force=decimals(-20.0, 20.0),
+    forces=st.tuples(*[decimals(-20.0, 20.0)] * 2),
     x=decimals(-0.2, 0.2),
     v=decimals(-2.0, 2.0),
     rate=st.sampled_from([128, 1000, 1024, 8000]),
 )
 @settings(max_examples=50, deadline=None)
-def test_ideal_step_solves_the_differential_equation(
-    mass, damping, hand_damping, stiffness, drive, force, x, v, rate
-) -> None:
+def test_ideal_step_solves_the_differential_equation(mass, dampings, stiffness, forces, x, v, rate) -> None:
+    """Damping of the machine and of the hand; drive of the hand and force of the device."""
+    (damping, hand_damping), (drive, force) = dampings, forces
     plant = IdealPlant(IdealSettings(mass_kg=mass, damping_nspm=damping), 1)
     plant.open(rate, stiffness, hand_damping, [x])
     plant.velocity_mps[0] = v
@@ -56,8 +55,7 @@ def test_ideal_step_solves_the_differential_equation(
 
 def test_golden_free_fall() -> None:
     """m = 0.1 kg under F = -0.981 N: x = g t^2 / 2, v = g t; 4.905 m and 9.81 m/s after one second."""
-    device = make("sim:ideal?hand=push&force_n=0&mass_kg=0.1")
-    device.open(1024)
+    device = opened("sim:ideal?hand=push&force_n=0&mass_kg=0.1")
     device.read(0)
     device.write([-0.981])
     sample = device.read(1024)
@@ -67,12 +65,10 @@ def test_golden_free_fall() -> None:
 
 def test_golden_viscous_start_and_compliance() -> None:
     """m = 0.1 kg, b = 2 N s/m pushed with 1 N: v = (1 - exp(-20 t)) / 2; a hand of 300 N/m sinks by F / 300."""
-    device = make("sim:ideal?hand=push&force_n=1&damping_nspm=2")
-    device.open(1000)
+    device = opened("sim:ideal?hand=push&force_n=1&damping_nspm=2", rate_hz=1000)
     device.read(100)
     assert device.velocity_mps[0] == pytest.approx((1.0 - exp(-2.0)) / 2.0, rel=1e-12)
-    device = make("sim:ideal?hand=hold&x0_m=0.01")
-    device.open(1024)
+    device = opened("sim:ideal?hand=hold&x0_m=0.01")
     device.write([3.0])
     device.read(4096)
     assert device.position_m[0] == pytest.approx(0.01 - 3.0 / 300.0, abs=1e-9)
@@ -113,8 +109,7 @@ def test_motors_saturate_and_count_it() -> None:
 
 
 def test_end_stops_hold_and_let_go() -> None:
-    device = make("sim:phantom?hand=push&force_n=0", axes=3)
-    device.open(1024)
+    device = opened("sim:phantom?hand=push&force_n=0", axes=3)
     device.write([-5.0, 5.0, -5.0])
     device.read(500)
     stops = (WORKSPACE_M[0][1], WORKSPACE_M[1][0], WORKSPACE_M[2][1])
@@ -126,8 +121,7 @@ def test_end_stops_hold_and_let_go() -> None:
 
 
 def test_encoder_reads_whole_counts_next_to_the_truth() -> None:
-    device = make("sim:phantom?hand=reach&amplitude_m=0.05", axes=1)
-    device.open(1024)
+    device = opened("sim:phantom?hand=reach&amplitude_m=0.05")
     for tick in range(1500):
         sample = device.read(tick)
         counts = sample.position_m[0] / 3e-5

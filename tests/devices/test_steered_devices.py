@@ -11,33 +11,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.devices import DeviceError, make
+from cogrip.devices import DeviceError
 from cogrip.devices.hid.enumeration import Found
 from cogrip.devices.io import event_file, hid_reports
 from cogrip.devices.io.event_file import EventFile, found_gamepads
 from cogrip.devices.io.platform import SEQUENCED
 from cogrip.devices.io.plugged_in import INPUT_ONLY, spacemice
 from cogrip.devices.registry import is_input_only
+from cogrip.devices.steered import gamepad
 from cogrip.devices.steered.device import MOST_MPS, Decoder, SteeredDevice, SteeredSettings
-from cogrip.devices.steered.gamepad import (
-    ABS_RY,
-    ABS_X,
-    ABS_Y,
-    BTN_GAMEPAD,
-    EV_ABS,
-    EV_FF,
-    EV_KEY,
-    EV_SYN,
-    EVENT_BYTES,
-    SYN_DROPPED,
-    GamepadDecoder,
-    play,
-    rumble_effect,
-)  # fmt: skip
+from cogrip.devices.steered.gamepad import ABS_RY, ABS_X, ABS_Y, BTN_GAMEPAD, EV_ABS, EV_KEY, EV_SYN, GamepadDecoder
 from cogrip.devices.steered.spacemouse import REPEAT_S, SpaceMouseDecoder
 from cogrip.devices.web.hand import STRETCH_N, PointerSettings
 
-RATE_HZ = 1024
+from tests.devices.held_device import RATE_HZ, hold, opened, refused
+
 RIGHT, TOWARD, DOWN = (350, 0, 0), (0, 350, 0), (0, 0, 350)
 RANGES = {ABS_X: (0, 255), ABS_Y: (-32768, 32767), ABS_RY: (-32768, 32767)}
 
@@ -82,10 +70,11 @@ def steered(decoder: Decoder, axes: int = 3, keys: SteeredSettings | None = None
     return device, link
 
 
-def run(device: SteeredDevice, ticks: range, load_n: float = 0.0) -> None:
-    for tick in ticks:
-        device.read(tick)
-        device.write((load_n,) * device.capability.axes)
+def steer(device: SteeredDevice, link: Held, ticks: int, message: bytes) -> None:
+    """So many ticks in each of which the device sends this."""
+    for tick in range(ticks):
+        link.waiting = [message]
+        hold(device, range(tick, tick + 1))
 
 
 @pytest.mark.parametrize(
@@ -125,7 +114,7 @@ def test_a_stick_s_axes_are_ours_over_the_range_that_the_system_tells() -> None:
     assert decoder.buttons == 1 << 3
     decoder.feed(event(EV_KEY, 30, 1) + event(EV_ABS, 0x10, 1))  # a keyboard's, a hat's
     assert decoder.buttons == 1 << 3
-    decoder.feed(event(EV_SYN, SYN_DROPPED, 0))
+    decoder.feed(event(EV_SYN, gamepad.SYN_DROPPED, 0))
     assert (decoder.deflection, decoder.buttons, decoder.dropped) == ((0.0, 0.0, 0.0), 0, 1)
     decoder.feed(event(EV_ABS, ABS_X, 255)[:-1])
     assert decoder.deflection == (0.0, 0.0, 0.0)
@@ -147,32 +136,29 @@ def test_the_mass_goes_as_fast_as_the_cap_says_and_stops_with_it(speed_mps: floa
     device, link = steered(SpaceMouseDecoder(), keys=SteeredSettings(speed_mps=speed_mps, dead=0.0))
     seconds = min(1.0, 0.05 / speed_mps + 0.25)
     ticks = round(seconds * RATE_HZ)
-    for tick in range(ticks):
-        link.waiting = [report(*TOWARD)]
-        run(device, range(tick, tick + 1))
+    steer(device, link, ticks, report(*TOWARD))
     assert device.velocity_mps[0] == pytest.approx(speed_mps, rel=0.03)
     assert device.velocity_mps[1:] == pytest.approx((0.0, 0.0), abs=1e-9)
     link.waiting = [report(0, 0, 0)]
-    run(device, range(ticks, ticks + 1024))
+    hold(device, range(ticks, ticks + 1024))
     assert hypot(*device.velocity_mps) < 1e-3
 
 
 @pytest.mark.parametrize(("part", "moves"), [(27, False), (29, True)])
 def test_less_than_the_dead_share_is_no_deflection(part: int, moves: bool) -> None:
     device, link = steered(SpaceMouseDecoder())
-    for tick in range(200):
-        link.waiting = [report(part, 0, 0)]
-        run(device, range(tick, tick + 1))
+    steer(device, link, 200, report(part, 0, 0))
     assert (hypot(*device.position_m) > 0.0) is moves
 
 
 def test_a_cap_that_falls_silent_while_it_is_deflected_stops_the_mass() -> None:
     device, link = steered(SpaceMouseDecoder())
     link.waiting = [report(*RIGHT)]
-    run(device, range(round(REPEAT_S * RATE_HZ) + 1))
+    silent = round(REPEAT_S * RATE_HZ) + 1
+    hold(device, silent)
     assert device.velocity_mps[1] > 0.1
     assert not device.counts
-    run(device, range(round(REPEAT_S * RATE_HZ) + 1, RATE_HZ))
+    hold(device, range(silent, RATE_HZ))
     assert hypot(*device.velocity_mps) < 1e-3
     assert device.counts == {"silent while deflected: stopped": 1}
 
@@ -180,7 +166,7 @@ def test_a_cap_that_falls_silent_while_it_is_deflected_stops_the_mass() -> None:
 def test_a_stick_that_is_held_still_says_nothing_and_steers_on() -> None:
     device, link = steered(GamepadDecoder(RANGES))
     link.waiting = [event(EV_ABS, ABS_Y, 16000)]
-    run(device, range(600))
+    hold(device, 600)
     assert device.velocity_mps[0] > 0.05
 
 
@@ -201,9 +187,8 @@ def test_whatever_the_cap_does_the_hand_is_passive(
         for _ in range(ticks):
             before_m = device.position_m
             device.read(tick)
-            out_j += (
-                load_n * sum(now - was for now, was in zip(device.position_m, before_m, strict=True)) if tick else 0.0
-            )
+            if tick:
+                out_j += load_n * sum(now - was for now, was in zip(device.position_m, before_m, strict=True))
             device.write((load_n,) * axes)
             tick += 1
             assert out_j <= device.pointer.entered_j + 1e-9
@@ -213,7 +198,7 @@ def test_whatever_the_cap_does_the_hand_is_passive(
 
 def test_an_unplugged_controller_is_a_fault_by_name() -> None:
     device, link = steered(SpaceMouseDecoder())
-    run(device, range(10))
+    hold(device, 10)
     link.gone = True
     with pytest.raises(DeviceError, match="unplugged; plug it in again, then re-arm"):
         device.read(10)
@@ -223,23 +208,23 @@ def test_an_unplugged_controller_is_a_fault_by_name() -> None:
 
 def test_a_load_is_rumbled_in_proportion_and_not_felt() -> None:
     device, link = steered(GamepadDecoder(RANGES), axes=1)
-    run(device, range(100))
+    hold(device, 100)
     assert link.shaken == []
-    run(device, range(100, 300), load_n=0.5 * STRETCH_N)
-    run(device, range(300, 500), load_n=4.0 * STRETCH_N)
-    run(device, range(500, 600))
+    hold(device, range(100, 300), (0.5 * STRETCH_N,))
+    hold(device, range(300, 500), (4.0 * STRETCH_N,))
+    hold(device, range(500, 600))
     assert link.shaken == pytest.approx([0.25, 0.5, 0.0])
     assert all(now != was for now, was in pairwise(link.shaken))
 
 
 def test_the_effect_and_its_play_have_the_kernel_s_layout() -> None:
     """struct ff_effect: type, id, direction, trigger, replay at 0 to 14; the union at 16, on 48 bytes."""
-    effect = rumble_effect(-1, 0.5)
+    effect = gamepad.rumble_effect(-1, 0.5)
     assert len(effect) == 48
     assert struct.unpack_from("@HhHHHHH", effect) == (0x50, -1, 0, 0, 0, 500, 0)
     assert struct.unpack_from("@HH", effect, 16) == (32768, 32768)
-    assert play(3, 1) == event(EV_FF, 3, 1).replace(struct.pack("@ll", 12, 34), bytes(16))
-    assert EVENT_BYTES == 24
+    assert gamepad.play(3, 1) == event(gamepad.EV_FF, 3, 1).replace(struct.pack("@ll", 12, 34), bytes(16))
+    assert gamepad.EVENT_BYTES == 24
 
 
 # --- links ------------------------------------------------------------------------------------------------------------
@@ -251,20 +236,15 @@ def test_a_cap_over_a_report_socket(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as bus:
         bus.bind(path)
         bus.listen()
-        device = make(f"spacemouse:{path}", axes=2)
-        device.open(RATE_HZ)
+        device = opened(f"spacemouse:{path}", axes=2)
         cap, _ = bus.accept()
     with cap:
         device.read(0)
         cap.send(report(*RIGHT))
         cap.send(bytes([3, 1]))
-        samples = []
-        for tick in range(1, 200):
-            samples.append(device.read(tick))
-            device.write((0.0, 0.0))
-    assert samples[-1] is not None
-    assert samples[-1].buttons == 1
-    assert samples[-1].position_m[1] > 0.005
+        last = hold(device, range(1, 200))[-1]
+    assert last.buttons == 1
+    assert last.position_m[1] > 0.005
     with pytest.raises(DeviceError, match=r"spacemouse:.*: unplugged \(.*\); plug it in again, then re-arm"):
         device.read(201)
     device.close()
@@ -313,13 +293,10 @@ CAP, MOUSE = (1, 8), (1, 2)
 def test_a_cap_by_hidapi_is_read_and_its_loss_told(monkeypatch: pytest.MonkeyPatch) -> None:
     hidapi = Hidapi(("/dev/hidraw4", "a", MOUSE), ("/dev/hidraw3", "a", CAP))
     monkeypatch.setattr(hid_reports, "load_hidapi", lambda *_: hidapi)
-    device = make("spacemouse:", axes=3)
-    device.open(RATE_HZ)
+    device = opened("spacemouse:", axes=3)
     assert hidapi.opened == [b"/dev/hidraw3"]
     hidapi.waiting = [list(report(*RIGHT)), [3, 2]]
-    sample = device.read(0)
-    assert sample is not None
-    assert sample.buttons == 2
+    assert device.read(0).buttons == 2
     hidapi.failure = "read error"
     with pytest.raises(DeviceError, match=r"spacemouse:: unplugged \(read error\); plug it in again, then re-arm"):
         device.read(1)
@@ -333,10 +310,10 @@ def test_one_of_several_caps_is_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
     hidapi = Hidapi(("/dev/hidraw3", "a", CAP), ("/dev/hidraw5", "b", CAP))
     monkeypatch.setattr(hid_reports, "load_hidapi", lambda *_: hidapi)
     with pytest.raises(DeviceError, match=r"2 are there: path=/dev/hidraw3 serial=a; .*choose by path= or serial="):
-        make("spacemouse:", axes=3).open(RATE_HZ)
+        opened("spacemouse:", axes=3)
     for address in ("spacemouse:?serial=b", "spacemouse:/dev/hidraw5"):
         hidapi.opened.clear()
-        make(address, axes=3).open(RATE_HZ)
+        opened(address, axes=3)
         assert hidapi.opened == [b"/dev/hidraw5"]
 
 
@@ -346,15 +323,10 @@ def test_a_gamepad_over_a_pipe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(event_file, "LINUX", True)
     path = tmp_path / "event5"
     os.mkfifo(path)
-    device = make(f"gamepad:{path}", axes=3)
-    device.open(RATE_HZ)
+    device = opened(f"gamepad:{path}", axes=3)
     with path.open("wb", buffering=0) as pad:
         pad.write(event(EV_ABS, ABS_Y, 32767) + event(EV_KEY, BTN_GAMEPAD + 1, 1))
-        for tick in range(300):
-            sample = device.read(tick)
-            device.write((4.0 * STRETCH_N, 0.0, 0.0))
-    assert sample is not None
-    assert sample.buttons == 2
+        assert hold(device, 300, (4.0 * STRETCH_N, 0.0, 0.0))[-1].buttons == 2
     device.close()
 
 
@@ -363,18 +335,14 @@ def test_no_gamepad_no_right_and_another_system_are_told(tmp_path: Path, monkeyp
     with pytest.raises(DeviceError, match=r"event5 cannot be opened \(No such file or directory\); plug it in"):
         EventFile("gamepad:", str(tmp_path / "event5")).open()
     monkeypatch.setattr(event_file, "found_gamepads", list)
-    with pytest.raises(
-        DeviceError, match="no gamepad is there; plug one in, or name its file: gamepad:/dev/input/event5"
-    ):
+    with refused("no gamepad is there; plug one in, or name its file: gamepad:/dev/input/event5"):
         EventFile("gamepad:", "").open()
 
     def refuse(*arguments: object) -> int:
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(event_file.os, "open", refuse)
-    with pytest.raises(
-        DeviceError, match=r"may not be opened; give yourself the right to it by a udev rule .*99-cogrip"
-    ):
+    with refused("may not be opened; give yourself the right to it by a udev rule ", "99-cogrip"):
         EventFile("gamepad:", str(tmp_path / "event5")).open()
     monkeypatch.setattr(event_file, "LINUX", False)
     with pytest.raises(DeviceError, match="read by Linux's event files"):
@@ -382,10 +350,8 @@ def test_no_gamepad_no_right_and_another_system_are_told(tmp_path: Path, monkeyp
 
 
 def test_a_cap_that_is_not_there_is_told() -> None:
-    with pytest.raises(
-        DeviceError, match=r"no SpaceMouse of this path and serial number is there, of none; .*99-cogrip"
-    ):
-        make("spacemouse:?serial=none-has-this", axes=3).open(RATE_HZ)
+    with refused("no SpaceMouse of this path and serial number is there, of none; ", "99-cogrip"):
+        opened("spacemouse:?serial=none-has-this", axes=3)
 
 
 LISTING = """I: Bus=0003 Vendor=046d Product=c31c Version=0110
@@ -413,23 +379,6 @@ def test_caps_are_found_among_hid_interfaces() -> None:
     assert found.text == f"SpaceMouse Compact at /dev/hidraw3: {INPUT_ONLY}"
 
 
-@pytest.mark.parametrize(
-    ("address", "only"), [("spacemouse:", True), ("gamepad:", True), ("web:pointer", True), ("inverse:", False),
-                          ("sim:phantom", False), ("nothing:", False)],
-)  # fmt: skip
-def test_input_only_is_known_by_the_address(address: str, only: bool) -> None:
-    assert is_input_only(address) is only
-
-
-@pytest.mark.parametrize(
-    ("address", "words"),
-    [
-        ("spacemouse:idle?speed_mps=0.181", "speed_mps"),
-        ("gamepad:idle?dead=1", "dead"),
-        ("gamepad:idle?rumble=1.1", "rumble"),
-        ("gamepad:idle?rumbel=1", "did you mean 'rumble'"),
-    ],
-)
-def test_keys_are_checked(address: str, words: str) -> None:
-    with pytest.raises(DeviceError, match=words):
-        make(address, axes=3)
+def test_input_only_is_known_by_the_address() -> None:
+    assert all(map(is_input_only, ("spacemouse:", "gamepad:", "web:pointer")))
+    assert not any(map(is_input_only, ("inverse:", "sim:phantom", "nothing:")))
