@@ -27,9 +27,13 @@ def filled(values: list[int]) -> DurationHistogram:
 
 
 @given(st.lists(durations, min_size=1, max_size=300), st.sampled_from([0, 1, 25, 50, 90, 99, 99.9, 100]))
-def test_percentiles_are_numpys_within_the_bin_error(values: list[int], q: float) -> None:
+def test_percentiles_are_numpys_and_maximum_and_mean_are_exact(values: list[int], q: float) -> None:
+    histogram = filled(values)
     expected = int(np.percentile(np.array(values, dtype=np.int64), q, method="inverted_cdf"))
-    assert abs(filled(values).percentile(q) - expected) <= RELATIVE_ERROR * expected
+    assert abs(histogram.percentile(q) - expected) <= RELATIVE_ERROR * expected
+    assert histogram.max_ns == max(values)
+    assert histogram.percentile(100) == float(max(values))
+    assert histogram.total_ns == sum(values)
 
 
 @given(st.lists(durations, min_size=1), st.lists(durations))
@@ -49,14 +53,6 @@ def test_bins_tile_the_values(values: list[int]) -> None:
     for each in bins:
         assert sum(each.low_ns <= value < each.high_ns for value in values) == each.counted
         assert each.high_ns - each.low_ns <= max(1, 2 * RELATIVE_ERROR * each.low_ns)
-
-
-@given(st.lists(durations, min_size=1))
-def test_maximum_and_mean_are_exact(values: list[int]) -> None:
-    histogram = filled(values)
-    assert histogram.max_ns == max(values)
-    assert histogram.percentile(100) == float(max(values))
-    assert histogram.total_ns == sum(values)
 
 
 def test_values_outside_the_range_are_kept_at_its_ends() -> None:
