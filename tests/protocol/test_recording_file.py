@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from random import Random
-from types import NoneType, UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any
 
 import msgspec
 import pytest
@@ -23,12 +22,13 @@ from cogrip.protocol.drawing import Shape
 from cogrip.protocol.recording import reader
 from cogrip.protocol.recording.header import CHECK, FORMAT, NAME, Header, checksum, versions_here
 from cogrip.protocol.recording.reader import MOST_PACKED, Message, Recording, RecordingError, open_recording
-from cogrip.protocol.recording.records import KINDS, Record, SeatStep
+from cogrip.protocol.recording.records import KINDS, Record
 from cogrip.protocol.recording.sink import encode, topics
 from cogrip.protocol.recording.writer import RecordingWriter
 
 from tests.extent import every
 from tests.protocol.test_recording_schema import fits
+from tests.protocol.valid_values import valid
 
 EPOCH_NS = 1_700_000_000_123_456_789
 KINDS_SMALL = ("event", "command")
@@ -107,36 +107,8 @@ def read_or_refused(path: Path, data: bytes) -> tuple[Recording | None, list[Mes
 # -- written and read -------------------------------------------------------------------------------------------------
 
 
-def values(hint: Any) -> st.SearchStrategy[Any]:
-    """Anything that a field of this type may hold."""
-    simple: dict[Any, st.SearchStrategy[Any]] = {
-        int: st.integers(-(2**63), 2**64 - 1),
-        float: st.floats(allow_nan=False, allow_infinity=False),  # others are written as null, which is here too
-        str: st.text(st.characters(exclude_categories=["Cs"]), max_size=20),
-        bytes: st.binary(max_size=60),
-        bool: st.booleans(),
-        NoneType: st.none(),
-    }
-    if hint in simple:
-        return simple[hint]
-    if get_origin(hint) in (Union, UnionType):
-        return st.one_of([values(each) for each in get_args(hint)])
-    if get_origin(hint) is tuple and get_args(hint)[-1] is ...:
-        return st.lists(values(get_args(hint)[0]), max_size=3).map(tuple)
-    if get_origin(hint) is tuple:
-        return st.tuples(*map(values, get_args(hint)))
-    if hint is Shape:
-        turned = Shape(
-            "capsule", (0.1, 0.2, 0.0), 3, (0.1, 0.0, -0.1), (0.5, -0.5, 0.5, 0.5), (1.0, 0.5, 0.0, 1.0), 1, True
-        )
-        return st.sampled_from([Shape("box", (0.1, 0.2, 0.3)), turned])
-    assert issubclass(hint, SeatStep), hint
-    return records(hint)
-
-
-def records(kind: type[Record]) -> st.SearchStrategy[Record]:
-    hints = get_type_hints(kind)
-    return st.builds(kind, **{name: values(hint) for name, hint in hints.items() if name in kind.__struct_fields__})
+turned = Shape("capsule", (0.1, 0.2, 0.0), 3, (0.1, 0.0, -0.1), (0.5, -0.5, 0.5, 0.5), (1.0, 0.5, 0.0, 1.0), 1, True)
+shapes = st.sampled_from([Shape("box", (0.1, 0.2, 0.3)), turned])
 
 
 @st.composite
@@ -144,7 +116,7 @@ def messages(draw: st.DrawFn) -> list[tuple[str, int, Record]]:
     """Some records of any kind, as (kind, time, record)."""
     kinds = draw(st.lists(st.sampled_from(sorted(KINDS)), max_size=12))
     times = st.integers(0, 2**63 - 1 - EPOCH_NS)
-    return [(kind, draw(times), draw(records(KINDS[kind]))) for kind in kinds]
+    return [(kind, draw(times), draw(valid(KINDS[kind], {Shape: shapes}))) for kind in kinds]
 
 
 @settings(max_examples=48)
