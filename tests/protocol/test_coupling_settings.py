@@ -78,12 +78,3 @@ def test_bad_input_says_what_to_do(coupling: dict[str, Any], words: str) -> None
         settings(**coupling)
     assert words in str(error.value)
     assert "\n" not in str(error.value)
-
-
-def test_compensation_counts_a_filter_of_a_fixed_corner() -> None:
-    """1/K' = 1/K - C_line, of which the filter has 2 S / 2b."""
-    plain, filtered = [
-        seat_settings(settings(compensate=True, stiffness_npm=200.0, wave_filter_hz=corner), 0).rendered_npm
-        for corner in (0.0, 10.0)
-    ]
-    assert 1.0 / plain - 1.0 / filtered == pytest.approx(1.0 / (3.141592653589793 * 10.0) / 40.0)

@@ -15,7 +15,7 @@ from cogrip.protocol.line.receiver import LATE, LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Playout, resolve, seat_settings
+from cogrip.protocol.settings import Playout, resolve
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.session.link import HOLD_MS
 
@@ -358,16 +358,3 @@ def test_what_is_set_is_what_is_expected() -> None:
         > line_delay(auto, jitter, rates).ticks
         > line_delay(loose, jitter, rates).ticks
     )
-
-
-def test_compensation_counts_the_ticks_that_auto_will_hold() -> None:
-    table = {
-        "coupling": {"compensate": True, "impedance_nspm": 40.0},
-        "link": {"delay_ms": 10.0, "jitter_ms": 6.0},
-        "users": [{"name": "anna"}],
-    }
-    seat = seat_settings(resolve(table), 0)
-    delays = [line_delay(seat.playout, seat.up, seat.rates).ticks for _ in "ud"]
-    compliance = (sum(delays) * seat.rates.tick_s + seat.rates.frame_s) / (2.0 * 40.0)
-    stiffness = seat.coupling.stiffness_npm
-    assert seat.rendered_npm == pytest.approx(stiffness / (1.0 - stiffness * compliance), rel=1e-12)

@@ -5,14 +5,7 @@ import pytest
 
 from cogrip.protocol import messages, session
 from cogrip.protocol.messages import HELLO_BYTES, Leave, Stamp, View, Waves, Welcome
-from cogrip.protocol.session import (
-    HELLO_EVERY_NS,
-    LOST_NS,
-    QUIET_NS,
-    RESUME_GIVE_UP_NS,
-    RESUME_MOST_NS,
-    ClientSession,
-)
+from cogrip.protocol.session import HELLO_EVERY_NS, LOST_NS, QUIET_NS, ClientSession
 from cogrip.server.core import ServerCore
 from cogrip.server.inputs import Kick, Restore
 
@@ -55,9 +48,9 @@ def test_half_a_second_of_silence_makes_a_client_ask_for_its_seat_again() -> Non
 @pytest.mark.parametrize(
     ("handshakes_ns", "end_ns", "failed"),
     [
-        ((), 5 + RESUME_GIVE_UP_NS, "no server for 10 s"),
-        ((5 + 3000 * MS,), 5 + 3000 * MS + RESUME_GIVE_UP_NS, "no server for 13 s"),
-        ((9000 * MS, 18000 * MS, 27000 * MS), 5 + RESUME_MOST_NS, "no server for 30 s"),
+        ((), 5 + session.RESUME_GIVE_UP_NS, "no server for 10 s"),
+        ((5 + 3000 * MS,), 5 + 3000 * MS + session.RESUME_GIVE_UP_NS, "no server for 13 s"),
+        ((9000 * MS, 18000 * MS, 27000 * MS), 5 + session.RESUME_MOST_NS, "no server for 30 s"),
     ],
 )
 def test_a_client_gives_up_ten_seconds_after_the_last_handshake(
