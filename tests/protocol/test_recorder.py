@@ -17,12 +17,11 @@ import msgspec
 import pytest
 
 from cogrip.protocol.io.recorder import RING_BYTES, Recorder, is_being_written, open_recorder, ring_for
-from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import Message, RecordingError, open_recording
 from cogrip.protocol.recording.records import Clock, Gap
-from cogrip.protocol.recording.sink import topics
 
 from tests.extent import long
+from tests.protocol.test_recording_file import header
 
 KINDS = ("event", "command", "gap", "clock")
 EVENT, COMMAND, GAP, CLOCK = range(4)
@@ -32,10 +31,6 @@ LIMIT_S, POLL_S = 600.0, 0.005
 
 Words = list[str]
 Start = Callable[..., Recorder]
-
-
-def header() -> Header:
-    return Header("client", "anna", "{}", 1024, 1, 10**18, False, versions_here(), topics("anna", KINDS))
 
 
 def text(number: int) -> bytes:
@@ -54,7 +49,7 @@ def start(words: Words, tmp_path: Path) -> Iterator[Start]:
     begun: list[Recorder] = []
 
     def begin(**arguments: int) -> Recorder:
-        recorder = open_recorder(tmp_path / "run" / "client-anna.mcap", header(), words.append, **arguments)
+        recorder = open_recorder(tmp_path / "run" / "client-anna.mcap", header(KINDS), words.append, **arguments)
         assert recorder is not None, words
         begun.append(recorder)
         return recorder
@@ -136,7 +131,7 @@ def test_everything_that_is_put_is_in_the_file(start, words):
         Message(COMMAND, 5000, b'{"verb":"leave"}'),
     ]
     assert (recording.complete, recording.cut) == (True, False)
-    assert recording.header == header()
+    assert recording.header == header(KINDS)
     assert (words, recorder.lost, recorder.trouble) == ([], 0, "")
 
 
@@ -157,7 +152,7 @@ def test_however_short_a_session_is_it_has_a_clock_anchor(start, messages, words
 def test_an_existing_file_is_never_overwritten(words, tmp_path):
     path = tmp_path / "client-anna.mcap"
     path.write_bytes(b"somebody's only copy")
-    assert open_recorder(path, header(), words.append) is None
+    assert open_recorder(path, header(KINDS), words.append) is None
     assert path.read_bytes() == b"somebody's only copy"
     (said,) = words
     assert f"{path} exists, and no recording is overwritten" in said
@@ -170,7 +165,7 @@ def test_where_nothing_can_be_written_the_session_goes_on_without(words, folder,
         folder.write_text("not a folder")
     elif not Path(folder).parents[-2].is_mount():
         pytest.skip(f"{Path(folder).parents[-2]} is not mounted here: a plain folder could be written to")
-    assert open_recorder(Path(folder) / "client-anna.mcap", header(), words.append) is None
+    assert open_recorder(Path(folder) / "client-anna.mcap", header(KINDS), words.append) is None
     (said,) = words
     assert said.startswith(f"this session is not recorded: {folder}/client-anna.mcap: ")
     assert said.endswith("choose another folder with --runs")
@@ -271,7 +266,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 def test_the_recording_of_a_killed_loop_is_closed_and_says_that_its_end_is_missing(tmp_path):
     path = tmp_path / "client-anna.mcap"
     loop = subprocess.run(
-        [sys.executable, "-c", KILLED_LOOP, str(path), json.dumps(header().metadata())],
+        [sys.executable, "-c", KILLED_LOOP, str(path), json.dumps(header(KINDS).metadata())],
         check=False, capture_output=True, timeout=LIMIT_S,
     )  # fmt: skip
     assert loop.returncode == -signal.SIGKILL, loop.stderr
@@ -381,9 +376,10 @@ def test_a_full_disk_is_said_once_and_what_was_written_stays_readable(tmp_path, 
     disk, kept = tmp_path / "disk", tmp_path / "kept"
     disk.mkdir()
     kept.mkdir()
+    metadata = json.dumps(header(KINDS).metadata())
     mount = f'mount -t tmpfs -o size=200k none "{disk}" && exec "$@"'
     done = subprocess.run(
-        [*command, "sh", "-c", mount, "sh", sys.executable, "-c", FULL_DISK, disk, json.dumps(header().metadata()), room, kept],
+        [*command, "sh", "-c", mount, "sh", sys.executable, "-c", FULL_DISK, disk, metadata, room, kept],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -16,10 +16,11 @@ from msgspec.msgpack import Ext
 
 from cogrip.protocol.io.recording_process import MOST_HELD_BYTES, Task
 from cogrip.protocol.io.ring import Ring, make_ring
-from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Event
-from cogrip.protocol.recording.sink import pack, topics
+from cogrip.protocol.recording.sink import pack
+
+from tests.protocol.test_recording_file import header
 
 KINDS = ("event", "gap", "clock")
 EVENT = 0
@@ -50,10 +51,9 @@ class Desk:
 def desk(tmp_path: Path) -> Iterator[Desk]:
     path = tmp_path / "run" / "client-anna.mcap"
     path.parent.mkdir()
-    header = Header("client", "anna", "{}", 1024, 1, 10**18, False, versions_here(), topics("anna", KINDS))
     fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL)
     ring = make_ring(8 * 2**20)
-    yield Desk(path, ring, Task(ring, fd, {"path": str(path), "header": header.metadata()}))
+    yield Desk(path, ring, Task(ring, fd, {"path": str(path), "header": header(KINDS).metadata()}))
     os.close(fd)
     ring.close()
 
