@@ -15,8 +15,7 @@ from cogrip.protocol.line.receiver import LATE, LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Playout, resolve
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings import Playout
 from cogrip.sim.session.link import HOLD_MS
 
 from tests.extent import long
@@ -326,22 +325,6 @@ def test_frames_are_a_number_or_auto() -> None:
     assert isinstance(make_jitter_buffer(0, FRAME_S, LATE, M, 1), jitter_buffer.FixedJitterBuffer)
     assert isinstance(make_jitter_buffer("auto", FRAME_S, LATE, M, 1), AdaptiveJitterBuffer)
     assert HELD_MS == HOLD_MS
-
-
-@pytest.mark.parametrize(
-    ("frames", "allowed"),
-    [
-        (-1, "expects a whole number of at least 0"),
-        (257, "expects a whole number of at most 256"),
-        ("fast", 'expects a whole number from 0 to 256 or "auto"'),
-        (1.5, 'expects a whole number from 0 to 256 or "auto"'),
-        (True, 'expects a whole number from 0 to 256 or "auto"'),
-    ],
-)
-def test_frames_that_cannot_be_set_are_told_what_can(frames: object, allowed: str) -> None:
-    with pytest.raises(SettingsError) as error:
-        resolve({"playout": {"frames": frames}})
-    assert str(error.value) == f"playout.frames: {allowed}; got {frames!r}"
 
 
 def test_what_is_set_is_what_is_expected() -> None:
