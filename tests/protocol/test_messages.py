@@ -223,13 +223,6 @@ def test_deep_nesting_is_malformed_too(nested: bytes) -> None:
     assert foreign_version(nested) is None
 
 
-@given(hellos)
-def test_a_padded_hello_has_exactly_its_length(hello: Hello) -> None:
-    datagram = padded(hello)
-    assert len(datagram) == HELLO_BYTES
-    assert msgspec.structs.replace(decode(datagram), padding=b"") == hello
-
-
 @pytest.mark.parametrize("letter", ["a", "é", WIDE])  # 1, 2 and 4 bytes
 @pytest.mark.parametrize("secret", ["", SECRET])
 def test_a_padded_hello_has_exactly_its_length_at_every_length_of_its_texts(letter: str, secret: str) -> None:

@@ -3,6 +3,8 @@
 import errno
 import json
 import os
+import random
+import resource
 import shutil
 import signal
 import subprocess
@@ -19,7 +21,6 @@ from cogrip.protocol.io.recorder import RING_BYTES, Recorder, is_being_written, 
 from cogrip.protocol.recording.reader import Message, RecordingError, open_recording
 from cogrip.protocol.recording.records import Clock, Gap
 
-from tests.extent import long
 from tests.protocol.test_recording_file import header
 
 KINDS = ("event", "command", "gap", "clock")
@@ -323,81 +324,29 @@ def test_a_folder_that_cannot_come_back_is_said(start, words):
     assert recorder.lost == first + 1000, "what had been written before too"
 
 
-# -- a full disk --------------------------------------------------------------------------------------------------------
-
-FULL_DISK = """
-import json, random, sys
-from pathlib import Path
-import msgspec
-from cogrip.protocol.io.recorder import open_recorder
-from cogrip.protocol.recording.header import header_of
-
-disk, header, room = Path(sys.argv[1]), header_of(json.loads(sys.argv[2])), sys.argv[3] == "room"
-words, chance = [], random.Random(1)
-if not room:
-    (disk / "full").open("wb", buffering=0).write(bytes(200 * 1024))
-recorder = open_recorder(disk / "run" / "client-anna.mcap", header, words.append)
-for number in range(600):
-    recorder.put(0, number, b'{"text":"%01024x"}' % chance.getrandbits(4096))
-    while room and number == 100 and recorder.path.stat().st_size < 50_000:
-        pass
-while not recorder.ring.said:
-    pass
-for number in range(1000):
-    recorder.put(0, 10**9 + number, b"{}")
-recorder.close()
-again = []
-other = open_recorder(disk / "run" / "client-ben.mcap", header, again.append)
-other.close()
-print(json.dumps({"words": words, "trouble": recorder.trouble, "again": again, "lost": recorder.lost}))
-for name in ("client-anna", "client-ben"):
-    Path(sys.argv[4], f"{name}.mcap").write_bytes((disk / "run" / f"{name}.mcap").read_bytes())
-"""
-
-
-def namespace() -> list[str] | str:
-    """Return a command prefix that gives a process mounts of its own, or why there is none."""
-    if not shutil.which("unshare"):
-        return "no `unshare` here"
-    for command in (["unshare", "--mount"], ["unshare", "--user", "--map-root-user", "--mount"]):
-        tried = subprocess.run(
-            [*command, "mount", "-t", "tmpfs", "none", "/mnt"], capture_output=True, text=True, check=False
-        )
-        if tried.returncode == 0:
-            return command
-    return f"mounting is not allowed here: {tried.stderr.strip()}"
-
-
-@pytest.mark.parametrize("room", ["room", long("no room")])
-def test_a_full_disk_is_said_once_and_what_was_written_stays_readable(tmp_path, room):
-    """A tmpfs of 200 kB, for about 600 kB; or one that is full before the first byte."""
-    command = namespace()
-    if isinstance(command, str):
-        pytest.skip(command)
-    disk, kept = tmp_path / "disk", tmp_path / "kept"
-    disk.mkdir()
-    kept.mkdir()
-    metadata = json.dumps(header(KINDS).metadata())
-    mount = f'mount -t tmpfs -o size=200k none "{disk}" && exec "$@"'
-    done = subprocess.run(
-        [*command, "sh", "-c", mount, "sh", sys.executable, "-c", FULL_DISK, disk, metadata, room, kept],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    full = os.strerror(errno.ENOSPC)
-    path = disk / "run" / "client-anna.mcap"
-    assert told["trouble"] == f"{path}: {full}; what was written before stays readable"
-    assert told["words"] == [f"recording of client-anna.mcap has stopped: {told['trouble']}"], "said once"
-    if room == "no room":
-        assert [full in words for words in told["again"]] == [True]
+@pytest.mark.parametrize("room_bytes", [200_000, 0])
+def test_a_full_disk_is_said_once_and_what_was_written_stays_readable(start, words, room_bytes):
+    """For about 600 kB the writer has room for 200 kB, or for none before the first byte."""
+    recorder, chance = start(), random.Random(1)
+    resource.prlimit(writer_of(recorder), resource.RLIMIT_FSIZE, (room_bytes, room_bytes))
+    for number in range(600):
+        recorder.put(EVENT, number, b'{"text":"%01024x"}' % chance.getrandbits(4096))
+        if room_bytes and number == 100:
+            wait_for(lambda: recorder.path.stat().st_size > 50_000)
+    wait_for(lambda: recorder.ring.said)
+    put(recorder, 10**9, 10**9 + 1000)
+    recorder.close()
+    assert recorder.trouble == f"{recorder.path}: {os.strerror(errno.EFBIG)}; what was written before stays readable"
+    assert words == [f"recording of client-anna.mcap has stopped: {recorder.trouble}"], "said once"
+    if not room_bytes:
+        assert recorder.lost == 1600
     else:
-        recording = open_recording(kept / "client-anna.mcap")
+        recording = open_recording(recorder.path)
         numbers = [message.time_ns for message in recording.messages() if message.topic == EVENT]
         assert len(numbers) > 100
         assert numbers == list(range(len(numbers)))
         assert not recording.damage, "no half a chunk is left"
-        assert told["lost"] == 1600 - len(numbers)
+        assert recorder.lost == 1600 - len(numbers)
 
 
 @pytest.mark.parametrize(
