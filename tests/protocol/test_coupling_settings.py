@@ -18,12 +18,6 @@ def settings(link: dict[str, Any] | None = None, users: list[dict[str, Any]] = T
     return resolve({"coupling": coupling, "link": link or {}, "users": users})
 
 
-def test_by_default_both_are_numbers_that_stay() -> None:
-    seat = seat_settings(settings(), 0)
-    assert (seat.coupling.impedance_nspm, seat.line) == (20.0, LineTuning())
-    assert not seat.line.live
-
-
 @pytest.mark.parametrize("delay_ms", [0.0, 60.0, 140.0, 300.0])
 @pytest.mark.parametrize("prefer", ["light", "balanced", "stiff"])
 def test_auto_begins_with_what_suits_the_delay_of_the_settings(delay_ms: float, prefer: Any) -> None:
@@ -43,7 +37,9 @@ def test_each_of_the_two_may_be_a_number_and_each_user_has_their_own() -> None:
 
 
 @pytest.mark.parametrize("scheme", [{"kind": "tdpa"}, {"kind": "coupling"}, {"server_step": "paper"}])
-def test_other_schemes_keep_what_they_begin_with(scheme: dict[str, str]) -> None:
+def test_by_default_and_in_other_schemes_both_stay_what_they_begin_with(scheme: dict[str, str]) -> None:
+    seat = seat_settings(settings(), 0)
+    assert (seat.coupling.impedance_nspm, seat.line, seat.line.live) == (20.0, LineTuning(), False)
     asked = settings({"delay_ms": 300.0}, **AUTO, **scheme)
     assert coupling_of(asked, asked.users[0]).impedance_nspm == pytest.approx(5.9, rel=0.02)
     assert not seat_settings(asked, 0).line.live

@@ -93,7 +93,9 @@ def test_a_peer_from_which_nothing_came_is_sent_to(form: str, sockets: tuple[soc
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_all_of_a_queue_is_sent(form: str, sockets: tuple[socket.socket, socket.socket]) -> None:
+def test_all_of_a_queue_is_sent_but_what_the_system_refuses_which_is_returned(
+    form: str, sockets: tuple[socket.socket, socket.socket]
+) -> None:
     own, other = sockets
     ends = ends_of(form, own)
     other.sendto(b"known", own.getsockname())
@@ -103,18 +105,7 @@ def test_all_of_a_queue_is_sent(form: str, sockets: tuple[socket.socket, socket.
         assert ends.send_all(outbox) == []
         assert not outbox
         assert [other.recv(16) for _ in range(130)] == [bytes([number]) for number in range(130)]
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_what_the_system_refuses_is_returned_and_the_rest_is_sent(
-    form: str, sockets: tuple[socket.socket, socket.socket]
-) -> None:
-    own, other = sockets
-    ends = ends_of(form, own)
-    other.sendto(b"known", own.getsockname())
-    ((_, address, _),) = received(ends, 1)
-    outbox: deque[tuple[Address, bytes]] = deque([(address, b"1"), (address, bytes(70_000)), (address, b"2")])
-    (refused,) = ends.send_all(outbox)
+    (refused,) = ends.send_all(deque([(address, b"1"), (address, bytes(70_000)), (address, b"2")]))
     assert "long" in refused.lower()
     assert [other.recv(16), other.recv(16)] == [b"1", b"2"]
 

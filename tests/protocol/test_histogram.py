@@ -55,17 +55,12 @@ def test_bins_tile_the_values(values: list[int]) -> None:
         assert each.high_ns - each.low_ns <= max(1, 2 * RELATIVE_ERROR * each.low_ns)
 
 
-def test_values_outside_the_range_are_kept_at_its_ends() -> None:
-    histogram = filled([-5, 1 << 80])
-    assert histogram.count == 2
-    assert histogram.percentile(50) == 0
-    assert histogram.max_ns == (1 << 62) - 1
-
-
-def test_empty_says_nan_not_zero() -> None:
+def test_empty_says_nan_not_zero_and_values_outside_the_range_are_kept_at_its_ends() -> None:
     histogram = DurationHistogram()
     assert all(math.isnan(value) for value in histogram.summary_us().values())
-    histogram.add(7)
+    for value in (-5, 1 << 80):
+        histogram.add(value)
+    assert (histogram.count, histogram.percentile(50), histogram.max_ns) == (2, 0, (1 << 62) - 1)
     histogram.clear()
     assert histogram.count == 0
     assert histogram.bins() == []

@@ -90,18 +90,13 @@ def test_a_loop_that_is_hardly_another_changes_nothing(share: float, follows: bo
     assert (found[-1] > found[0]) == follows
 
 
-def test_readings_that_do_not_agree_change_nothing() -> None:
-    follower = LoopFollower(0.3, "light", FRAME_S, FRAMES)
+def test_readings_that_do_not_agree_and_a_meter_that_is_not_full_change_nothing() -> None:
+    follower, few = LoopFollower(0.3, "light", FRAME_S, FRAMES), LoopMeter(128)
     for number in range(400):
         follower.update(metered((60, 90)[number // 4 % 2]))
-    assert follower.loop_s == 0.3
-
-
-def test_a_meter_that_is_not_full_says_nothing() -> None:
-    follower, meter = LoopFollower(0.3, "light", FRAME_S, FRAMES), LoopMeter(128)
     for _ in range(100):
-        meter.add(90)
-        follower.update(meter)
+        few.add(90)
+        follower.update(few)
     assert follower.loop_s == 0.3
 
 

@@ -1,12 +1,10 @@
 """Records on their way to the writer: MessagePack in the loop, JSON text in the file, the same to the byte."""
 
-import msgspec
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.drawing import Shape
-from cogrip.protocol.recording.records import KINDS, Event, Poses, Record
+from cogrip.protocol.recording.records import KINDS, Event, Record
 from cogrip.protocol.recording.sink import CoreRecorder, Held, Nowhere, encode, pack, text_of
 
 from tests.protocol.valid_values import valid
@@ -20,14 +18,6 @@ records = st.one_of([valid(each, {Shape: shapes}, free=numbers) for each in KIND
 def test_the_text_of_a_packed_record_is_the_records_own(record: Record) -> None:
     assert text_of(pack(record)) == encode(record)
     assert text_of(encode(record)) == encode(record)
-
-
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), -0.0, 5e-324, 1.7976931348623157e308, 0.1, 2])
-def test_numbers_at_their_ends(value: float) -> None:
-    record = Poses(1, (value,))
-    assert text_of(pack(record)) == encode(record)
-    (back,) = msgspec.json.decode(text_of(pack(record)), type=Poses).poses
-    assert back == (value if abs(value) < float("inf") else None)
 
 
 def test_what_was_held_is_text_and_what_follows_as_the_sink_wants_it() -> None:

@@ -234,17 +234,14 @@ def test_a_spool_gives_back_what_it_was_given(records, held_bytes):
         spool.close()
 
 
-def test_what_fits_in_memory_makes_no_file(tmp_path):
-    spool = Spool(tmp_path / "not there")
-    spool.append(bytes(HELD_BYTES))
-    assert spool.held_bytes == spool.length
-    assert list(spool.pieces()) == [bytes(HELD_BYTES)]
-
-
-def test_one_byte_more_makes_one_and_where_the_folder_is_gone_it_lies_elsewhere(tmp_path):
+def test_what_fits_in_memory_makes_no_file_one_byte_more_makes_one_and_where_the_folder_is_gone_it_lies_elsewhere(
+    tmp_path,
+):
     for folder in (tmp_path, tmp_path / "not there", None):
         spool = Spool(folder)
         spool.append(bytes(HELD_BYTES))
+        assert spool.held_bytes == spool.length
+        assert list(spool.pieces()) == [bytes(HELD_BYTES)]
         spool.append(b"x")
         assert spool.held_bytes == 0
         assert b"".join(spool.pieces()) == bytes(HELD_BYTES) + b"x"
