@@ -1,6 +1,7 @@
 """Clock offset and one-way delays by stamps: the error is within the stated bound, and half the asymmetry of the delays."""
 
 import heapq
+from itertools import count
 from random import Random
 
 import pytest
@@ -63,58 +64,50 @@ def test_the_least_way_there_and_the_least_way_back_need_not_be_of_one_round_tri
 class Ends:
     """Two ends that send once a frame, over ways with jitter; the far clock goes wrong by `ppm`."""
 
-    def __init__(self, ppm: float, there_ms: float, back_ms: float, jitter_ms: float, seed: int) -> None:
+    def __init__(self, ppm: float, way_ms: float, jitter_ms: float, seed: int) -> None:
         self.near, self.far = Clock(), Clock()
-        self.now_ns = 0
-        self._ppm = ppm
-        self._ways = (there_ms * MS, back_ms * MS)
-        self._jitter_ns = jitter_ms * MS
-        self._random = Random(seed)
-        self._flight: list[tuple[int, int, int, Stamp]] = []
-        self._sent = 0
-        self.loss = 0.0
-        self.twice = 0.0
+        self.loss = self.twice = 0.0
         self.errors_ns: list[float] = []
+        self._now_ns, self._ppm = 0, ppm
+        self._way_ns, self._jitter_ns = way_ms * MS, jitter_ms * MS
+        self._random, self._number = Random(seed), count()
+        self._flight: list[tuple[int, int, bool, Stamp]] = []
 
     def far_ns(self, now_ns: int) -> int:
         return now_ns + AHEAD_NS + int(now_ns * self._ppm * 1e-6)
 
     def run(self, seconds: float) -> None:
-        end_ns = self.now_ns + int(seconds * S)
-        while self.now_ns < end_ns:
-            for direction in (0, 1):
-                self._send(direction)
-            self.now_ns += FRAME_NS
-            while self._flight and self._flight[0][0] <= self.now_ns:
-                came_ns, _, direction, stamp = heapq.heappop(self._flight)
-                self._take(came_ns, direction, stamp)
+        draw, end_ns = self._random.random, self._now_ns + int(seconds * S)
+        while self._now_ns < end_ns:
+            for up, stamp in (
+                (True, self.near.stamp(self._now_ns)),
+                (False, self.far.stamp(self.far_ns(self._now_ns))),
+            ):
+                for _ in range(2 if draw() < self.twice else 1):
+                    if draw() >= self.loss:
+                        late_ns = int(self._way_ns + self._random.expovariate(1.0) * self._jitter_ns)
+                        heapq.heappush(self._flight, (self._now_ns + late_ns, next(self._number), up, stamp))
+            self._now_ns += FRAME_NS
+            while self._flight and self._flight[0][0] <= self._now_ns:
+                came_ns, _, up, stamp = heapq.heappop(self._flight)
+                if up:
+                    self.far.read(stamp, self.far_ns(came_ns))
+                elif self.near.read(stamp, came_ns) is not None:
+                    self._check(came_ns)
 
-    def _send(self, direction: int) -> None:
-        draw = self._random.random
-        stamp = self.near.stamp(self.now_ns) if direction == 0 else self.far.stamp(self.far_ns(self.now_ns))
-        for _ in range(2 if draw() < self.twice else 1):
-            if draw() >= self.loss:
-                late_ns = int(self._ways[direction] + self._random.expovariate(1.0) * self._jitter_ns)
-                self._sent += 1
-                heapq.heappush(self._flight, (self.now_ns + late_ns, self._sent, direction, stamp))
-
-    def _take(self, came_ns: int, direction: int, stamp: Stamp) -> None:
-        if direction == 0:
-            self.far.read(stamp, self.far_ns(came_ns))
-        elif self.near.read(stamp, came_ns) is not None:
-            assert self.near.offset_ns is not None
-            assert self.near.uncertainty_ns is not None
-            assert self.near.return_ns is not None
-            error_ns = self.near.offset_ns - (self.far_ns(came_ns) - came_ns)
-            # the readings themselves are whole ns of a clock that drifts
-            assert abs(error_ns) <= self.near.uncertainty_ns + 5_000
-            self.errors_ns.append(error_ns)
+    def _check(self, came_ns: int) -> None:
+        assert self.near.offset_ns is not None
+        assert self.near.uncertainty_ns is not None
+        error_ns = self.near.offset_ns - (self.far_ns(came_ns) - came_ns)
+        # the readings themselves are whole ns of a clock that drifts
+        assert abs(error_ns) <= self.near.uncertainty_ns + 5_000
+        self.errors_ns.append(error_ns)
 
 
 @pytest.mark.parametrize("ppm", [-500, -100, 0, 100, 500])
 def test_a_drift_is_followed(ppm: int) -> None:
     """10 s: a clock that is not followed would be 5 ms off at 500 ppm."""
-    ends = Ends(ppm, 20.0, 20.0, 2.0, 1)
+    ends = Ends(ppm, 20.0, 2.0, 1)
     ends.run(10.0)
     late = ends.errors_ns[len(ends.errors_ns) // 2 :]
     assert max(abs(error) for error in late) < 0.6 * MS
@@ -135,22 +128,22 @@ def test_a_drift_beyond_all_crystals_is_noticed_and_begun_anew() -> None:
 
 
 def test_an_outage_makes_it_less_certain_and_no_more() -> None:
-    ends = Ends(300.0, 20.0, 20.0, 1.0, 2)
+    ends = Ends(300.0, 20.0, 1.0, 2)
     ends.run(2.0)
     before_ns = ends.near.uncertainty_ns
     ends.loss = 1.0
     ends.run(8.0)
     ends.loss = 0.0
-    count = len(ends.errors_ns)
+    readings = len(ends.errors_ns)
     ends.run(0.2)
-    assert len(ends.errors_ns) > count  # each was held against what it says, there
+    assert len(ends.errors_ns) > readings  # each was held against what it says, there
     ends.run(3.0)
     assert before_ns is not None
     assert ends.near.uncertainty_ns == pytest.approx(before_ns, rel=0.1)
 
 
 def test_loss_repetition_and_disorder_change_nothing_but_how_often_it_is_told() -> None:
-    ends = Ends(100.0, 10.0, 10.0, 15.0, 3)
+    ends = Ends(100.0, 10.0, 15.0, 3)
     ends.loss, ends.twice = 0.5, 0.3
     ends.run(6.0)
     assert (ends.near.contradictions, ends.near.implausible) == (0, 0)

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from OpenSSL import SSL
 
-from cogrip.protocol.dtls_records import ALERT, RECORD_HEADER_BYTES
+from cogrip.protocol import dtls_records
+from cogrip.protocol.dtls_records import ALERT
 from cogrip.protocol.io import certificate, dtls
 from cogrip.protocol.io.certificate import Identity
 from cogrip.protocol.io.dtls import NO_CIPHER, NO_VERSION, OTHER_ERROR, WRONG_CERTIFICATE, cookie_in, error_text
@@ -98,12 +99,7 @@ def test_records_of_a_flight_one_by_one_and_the_certificate_s_in_reverse(identit
 
 
 def records(flight: bytes) -> list[bytes]:
-    apart = []
-    while flight:
-        size = RECORD_HEADER_BYTES + int.from_bytes(flight[11:13], "big")
-        apart.append(flight[:size])
-        flight = flight[size:]
-    return apart
+    return [flight[each.begin : each.end] for each in dtls_records.records(flight)]
 
 
 def test_early_messages_wait_for_a_last_flight_that_is_late(identity: Identity) -> None:
@@ -230,12 +226,12 @@ def test_no_session_is_resumed(identity: Identity) -> None:
 
 @pytest.mark.parametrize("sizes", [(100,), (700, 500), (700, 600), (13,) * 100, (1219, 14, 1219), (2000, 20)])
 def test_records_are_packed_whole(sizes: tuple[int, ...]) -> None:
-    flight = [bytes(11) + (size - 13).to_bytes(2, "big") + bytes(size - 13) for size in sizes]
+    flight = [b"\x16\xfe" + bytes(9) + (size - 13).to_bytes(2, "big") + bytes(size - 13) for size in sizes]
     datagrams = dtls.packed(b"".join(flight))
     assert b"".join(datagrams) == b"".join(flight)
     for datagram in datagrams:
         assert len(datagram) <= MAX_DATAGRAM_BYTES or datagram in flight
-        assert records(datagram)
+        assert b"".join(records(datagram)) == datagram
     for one, next_one in pairwise(datagrams):
         assert len(one) + len(records(next_one)[0]) > MAX_DATAGRAM_BYTES
 

@@ -1,5 +1,6 @@
 """Networks by name: what [link] makes of them, and that the page shows the numbers of the code."""
 
+import re
 from pathlib import Path
 from typing import get_args
 
@@ -10,6 +11,8 @@ from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.network_profiles import PROFILES, ProfileName
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
+
+from tests.protocol.spec_page import rows
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "networks.md"
 
@@ -100,18 +103,14 @@ def test_a_welcome_with_an_endless_outage_or_a_cap_that_lets_nothing_through_is_
 
 def test_the_page_shows_the_numbers_of_the_code() -> None:
     """docs/networks.md, the table of profiles: name, direction, then a column for each key; empty is the default."""
-    lines = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("|")]
-    head = next(index for index, line in enumerate(lines) if line.startswith("| profile | direction |"))
-    keys = [cell.strip(" `") for cell in lines[head].strip("|").split("|")][2:]
-    found = {}
-    for line in lines[head + 2 :]:
-        name, direction, *cells = [cell.strip(" `") for cell in line.strip("|").split("|")]
-        if name not in PROFILES:
-            break
-        found[name, direction] = {key: float(cell) for key, cell in zip(keys, cells, strict=True) if cell}
-    expected = {
+    text = PAGE.read_text(encoding="utf-8").replace("`", "")
+    (head,) = re.findall(r"^\| profile \| direction \|(.*)\|$", text, re.MULTILINE)
+    keys = [key.strip() for key in head.split("|")]
+    assert {
+        (name, direction): {key: float(cell) for key, cell in zip(keys, cells, strict=True) if cell}
+        for name, direction, *cells in rows(text, "profile | direction")
+    } == {
         (name, direction): dict(each.direction(direction))
         for name, each in PROFILES.items()
         for direction in ("up", "down")
     }
-    assert found == expected

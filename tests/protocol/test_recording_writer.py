@@ -46,6 +46,7 @@ class LibraryWriter:
     def __init__(self, stream: io.BytesIO, header: Header) -> None:
         self.writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._epoch_ns = header.epoch_ns
+        self.flush, self.finish = self.writer.flush, self.writer.finish
         self.writer.start(library=LIBRARY)
         self.writer.add_metadata(NAME, header.metadata())
         schemas: dict[str, int] = {}
@@ -60,12 +61,6 @@ class LibraryWriter:
     def put(self, topic: int, time_ns: int, payload: bytes) -> None:
         log_time = time_ns + self._epoch_ns
         self.writer.add_message(self._channels[topic], log_time, payload, log_time)
-
-    def flush(self) -> None:
-        self.writer.flush()
-
-    def finish(self) -> None:
-        self.writer.finish()
 
 
 # -- byte for byte ----------------------------------------------------------------------------------------------------

@@ -126,6 +126,18 @@ def saved(source: Path, data: bytes, folder: Path, cut: bool | None = None) -> R
     return found
 
 
+def write(path: Path, recording: Recording, messages: Sequence[Message], cut: bool | None) -> None:
+    """Write a file with these messages of a recording; cut: whether it is closed as cut, None: it is not closed."""
+    with path.open("wb") as file:
+        writer = RecordingWriter(file, recording.header)
+        for message in messages:
+            writer.put(*message)
+        if cut is None:
+            writer.flush()
+        else:
+            writer.finish(cut)
+
+
 # Cut off -------------------------------------------------------------------------------------------------------------
 
 
@@ -177,14 +189,7 @@ def test_no_cut_is_a_difference(source: Path, tmp_path: Path, end: str) -> None:
     found = []
     for place in (*outs[:2], *outs[len(outs) // 2 :][:2], *outs[-2:]):
         path = tmp_path / f"{place}.mcap"
-        with path.open("wb") as file:
-            writer = RecordingWriter(file, recording.header)
-            for message in messages[: place + 1]:
-                writer.put(*message)
-            if end == "closed as cut":
-                writer.finish(cut=True)
-            else:
-                writer.flush()
+        write(path, recording, messages[: place + 1], cut=True if end == "closed as cut" else None)
         found.append(played(recover(path).path if end == "recovered" else path))
     assert [verdict.difference for verdict in found] == [None] * len(found)
     assert all(verdict.exact and verdict.cut for verdict in found)
@@ -199,11 +204,7 @@ def test_a_recording_whose_loop_was_killed_before_a_tick_was_recorded_says_that_
     found = {}
     for cut in (False, True):
         path = tmp_path / f"{cut}.mcap"
-        with path.open("wb") as file:
-            writer = RecordingWriter(file, recording.header)
-            for message in messages[: place + 1]:
-                writer.put(*message)
-            writer.finish(cut)
+        write(path, recording, messages[: place + 1], cut)
         found[cut] = played(path)
         with path.open("rb") as file:
             summary = make_reader(file).get_summary()

@@ -13,7 +13,7 @@ from cogrip.protocol.settings_digest import digest
 from cogrip.server.core import ServerCore
 from cogrip.server.inputs import Kick, Stop
 
-from tests.protocol.two_ends import MS, SETTINGS, exchange, hello, seated, server, waves
+from tests.protocol.two_ends import MS, SETTINGS, answered, exchange, hello, seated, server, waves
 
 
 @pytest.mark.parametrize(("table", "start"), [(CLIENT, "idle"), (SEAT, "free")])
@@ -194,9 +194,8 @@ def both_print(client: ClientSession, core: ServerCore) -> str:
     ],
 )
 def test_a_refusal_has_a_reason_that_both_sides_print(change: dict[str, object], code: str, text: str) -> None:
-    client, core = ClientSession(hello(**change)), server()
-    client.connect(0)
-    exchange(client, core, 0)
+    core = server()
+    client = answered(hello(**change), core)
     reason = both_print(client, core)
     assert text in reason
     assert reason.endswith(f"[{code}]")
@@ -206,15 +205,11 @@ def test_a_refusal_has_a_reason_that_both_sides_print(change: dict[str, object],
 def test_a_taken_seat_and_a_full_room_are_refused() -> None:
     _, core = seated()
     core.events.clear()
-    second = ClientSession(hello(nonce=8))
-    second.connect(0)
-    exchange(second, core, 0, "ben's")
+    second = answered(hello(nonce=8), core, 0, "ben's")
     assert "the seat of 'anna' is taken" in both_print(second, core)
     for nonce in (9, 10):
         core.events.clear()
-        third = ClientSession(hello("", nonce))
-        third.connect(0)
-        exchange(third, core, 0, f"address {nonce}")
+        third = answered(hello("", nonce), core, 0, f"address {nonce}")
     assert "the room is full: all 2 seats are taken" in both_print(third, core)
 
 

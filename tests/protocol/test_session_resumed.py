@@ -9,7 +9,7 @@ from cogrip.protocol.session import HELLO_EVERY_NS, LOST_NS, QUIET_NS, ClientSes
 from cogrip.server.core import ServerCore
 from cogrip.server.inputs import Kick, Restore
 
-from tests.protocol.two_ends import MS, exchange, hello, seated, server, waves
+from tests.protocol.two_ends import MS, answered, exchange, hello, seated, server, waves
 
 
 def said(client: ClientSession) -> list[messages.AnyMessage]:
@@ -125,9 +125,7 @@ def test_one_who_was_kicked_does_not_come_back() -> None:
     client, core = quiet()
     core.handle(Kick("anna"), 5)
     core.outbox.clear()
-    second = ClientSession(hello(nonce=8))
-    second.connect(6)
-    exchange(second, core, 6, "another's")
+    answered(hello(nonce=8), core, 6, "another's")
     exchange(client, core, 5 + QUIET_NS, "another address")
     assert client.state == "closed"
     assert "the seat of 'anna' is taken" in client.failed
@@ -177,9 +175,7 @@ def view(session: int, number: int = 1) -> bytes:
 
 @pytest.mark.parametrize("role", ["player", "observer"])
 def test_views_are_for_observers_and_waves_are_not(role: str) -> None:
-    client, core = ClientSession(hello(role=role)), server(tickets=True)
-    client.connect(0)
-    exchange(client, core, 0)
+    client = answered(hello(role=role), server(tickets=True))
     assert client.welcome is not None
     session = client.welcome.session
     mine, others = (view, waves) if role == "observer" else (waves, view)
@@ -190,9 +186,8 @@ def test_views_are_for_observers_and_waves_are_not(role: str) -> None:
 
 
 def test_an_observer_comes_back_to_the_same_place() -> None:
-    client, core = ClientSession(hello("", role="observer")), server(tickets=True)
-    client.connect(0)
-    exchange(client, core, 0, "olaf's")
+    core = server(tickets=True)
+    client = answered(hello("", role="observer"), core, 0, "olaf's")
     client.poll(QUIET_NS)
     exchange(client, core, QUIET_NS, "another address")
     assert (client.state, client.resumed, client.renewed) == ("seated", 1, 0)

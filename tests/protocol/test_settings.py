@@ -1,15 +1,16 @@
 """The one schema: what is refused, with which words, on both sides of every bound; overrides; what the seats share."""
 
+from collections import Counter
 from collections.abc import Iterator
 from math import pi
 from pathlib import Path
-from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any
 
 import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import inspect
 
 from cogrip.protocol import settings as schema
 from cogrip.protocol.line.delays import line_delay
@@ -35,47 +36,43 @@ def nested(path: str, value: Any) -> dict[str, Any]:
     return {key: nested(rest, value) if rest else value}
 
 
-def leaves(struct: type[msgspec.Struct] = Settings, where: str = "") -> Iterator[tuple[str, Any]]:
-    """(path, annotated type) of every setting."""
-    for name, kind in get_type_hints(struct, include_extras=True).items():
-        if name == "users":
-            yield from leaves(schema.User, "users.0.")
-        elif isinstance(kind, type) and issubclass(kind, msgspec.Struct):
-            yield from leaves(kind, f"{where}{name}.")
-        else:
-            yield f"{where}{name}", kind
+def leaves(kind: inspect.Type, path: str = "") -> Iterator[tuple[str, inspect.Type]]:
+    """(path, type) of every setting; of a union, of each of its types."""
+    match kind:
+        case inspect.StructType(fields=fields):
+            for field in fields:
+                yield from leaves(field.type, f"{path}.{field.name}".lstrip("."))
+        case inspect.VarTupleType(item_type=inspect.StructType(cls=schema.User) as user):
+            yield from leaves(user, f"{path}.0")
+        case inspect.UnionType(types=types):
+            for each in types:
+                yield from leaves(each, path)
+        case _:
+            yield path, kind
 
 
-def parts(kind: Any) -> list[Any]:
-    """A type and, for a union, its members."""
-    return list(get_args(kind)) if get_origin(kind) in (Union, UnionType) else [kind]
+LEAVES = list(leaves(inspect.type_info(Settings)))
+NUMBERS = [(path, kind) for path, kind in LEAVES if isinstance(kind, inspect.IntType | inspect.FloatType)]
 
 
 def bounds() -> Iterator[tuple[str, float, bool]]:
     """(path, value, allowed) at and just beyond every bound of every number."""
-    for path, kind in leaves():
-        for part in parts(kind):
-            if get_origin(part) is not Annotated or get_args(part)[0] is str:
-                continue
-            step = 1 if get_args(part)[0] is int else 1e-9
-            [meta] = [extra for extra in get_args(part)[1:] if isinstance(extra, msgspec.Meta)]
-            if meta.ge is not None:
-                yield from ((path, meta.ge, True), (path, meta.ge - step, False))
-            if meta.gt is not None:
-                yield from ((path, meta.gt, False), (path, meta.gt + step, True))
-            if meta.le is not None:
-                yield from ((path, meta.le, True), (path, meta.le + max(step, abs(meta.le) * 1e-9 * (step < 1)), False))
+    for path, kind in NUMBERS:
+        step = 1 if isinstance(kind, inspect.IntType) else 1e-9
+        if kind.ge is not None:
+            yield from ((path, kind.ge, True), (path, kind.ge - step, False))
+        if kind.gt is not None:
+            yield from ((path, kind.gt, False), (path, kind.gt + step, True))
+        if kind.le is not None:
+            yield from ((path, kind.le, True), (path, kind.le + max(step, abs(kind.le) * 1e-9 * (step < 1)), False))
 
 
 BOUNDS = list(bounds())
 
 
 def test_every_number_has_a_bound_on_both_sides() -> None:
-    numbers = {path for path, kind in leaves() if any(get_args(part)[:1] in ((int,), (float,)) for part in parts(kind))}
-    plain = {path for path, kind in leaves() if {int, float} & set(parts(kind))}
-    assert plain == set()
-    assert {path for path, _, allowed in BOUNDS if not allowed} == numbers
-    assert all(sum(path == other and not allowed for other, _, allowed in BOUNDS) == 2 for path in numbers)
+    beyond = Counter(path for path, _, allowed in BOUNDS if not allowed)
+    assert beyond == dict.fromkeys([path for path, _ in NUMBERS], 2)
 
 
 @pytest.mark.parametrize(("path", "value", "allowed"), BOUNDS)
@@ -89,7 +86,7 @@ def test_both_sides_of_every_bound(path: str, value: float, allowed: bool) -> No
         assert allowed
 
 
-ENUMS = [(path, get_args(part)) for path, kind in leaves() for part in parts(kind) if get_origin(part) is Literal]
+ENUMS = [(path, kind.values) for path, kind in LEAVES if isinstance(kind, inspect.LiteralType)]
 
 
 @pytest.mark.parametrize(("path", "values"), ENUMS)
@@ -273,7 +270,7 @@ def test_users_without_a_name_are_numbered() -> None:
     assert [user.name for user in resolve({"users": [{}, {"name": "ben"}, {}]}).users] == ["user1", "ben", "user3"]
 
 
-keys = st.sampled_from([*(path.rpartition(".")[2] for path, _ in leaves()), "up", "users", "link"])
+keys = st.sampled_from([*(path.rpartition(".")[2] for path, _ in LEAVES), "up", "users", "link"])
 tables = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(keys, inner),
