@@ -14,7 +14,6 @@ from cogrip.protocol.handle import MOST_AGE, MOST_EDGES, Handle
 from cogrip.protocol.messages import MalformedError, State, decode
 
 ENOUGH = 400  # frames, after which the line loses nothing
-Row = tuple[int, ...]
 
 
 class Line:
@@ -189,11 +188,10 @@ def test_the_newest_orientation_and_grip_count() -> None:
         ((0, (1,) * 16, (0,) * 16), True), ((0, (1,) * 17, (0,) * 17), False), ((0, (True,), (0,)), False),
         ((0, (), (), (0.5, -0.5, 0.5, 0.5)), True), ((0, (), (), (1.0, 0.1, 0.0, 0.0)), False),
         ((0, (), (), (1.0, 0.0, 0.0)), False), ((0, (), (), (float("nan"), 0.0, 0.0, 1.0)), False),
-        ((0, (), (), None, 1.0), True), ((0, (), (), None, 1.1), False), ((0, (), (), None, float("nan")), False),
-        ((2**32 - 1, (), ()), True), ((2**32, (), ()), False), ((-1, (), ()), False),
+        ((0, (), (), None, float("nan")), False),
     ],
 )  # fmt: skip
-def test_both_sides_of_every_bound_of_a_handle(handle: tuple[object, ...], fine: bool) -> None:
+def test_both_sides_of_the_bounds_of_a_handle_beside_those_of_the_page(handle: tuple[object, ...], fine: bool) -> None:
     datagram = msgspec.msgpack.encode([5, 1, 0, [0.0], [0.0], 0.0, 0, [1], handle])
     if fine:
         message = decode(datagram)

@@ -59,11 +59,8 @@ def test_corners_within_bounds(corner: Any) -> None:
     ("coupling", "words"),
     [
         ({"wave_filter_hz": 0.9 * LEAST_FILTER_HZ}, "0.045 is below 0.05 Hz; give more, or 0 for no filter"),
-        ({"wave_filter_hz": 1000.1}, "wave_filter_hz: expects a number of at most 1000, in Hz; got 1000.1"),
-        ({"wave_filter_hz": -1.0}, "wave_filter_hz: expects a number of at least 0, in Hz; got -1.0"),
         ({"wave_filter_hz": "none"}, 'expects a number from 0.0 to 1000.0 or "auto", in Hz; got'),
         ({"impedance_nspm": "automatic"}, 'expects a number from 0.001 to 10000.0 or "auto", in N s/m; got'),
-        ({"impedance_nspm": 0.0}, "impedance_nspm: expects a number of at least 0.001"),
         ({"prefer": "soft"}, 'prefer: expects "light", "balanced" or "stiff"; got'),
         ({**AUTO, "compensate": True}, "compensate = true needs a line that stays as it is; give impedance_nspm"),
         ({"wave_filter_hz": "auto", "compensate": True}, "needs a line that stays as it is"),

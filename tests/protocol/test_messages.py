@@ -53,7 +53,6 @@ LONGEST: dict[str, Any] = {
 }  # fmt: skip
 LONGEST_SEAT = seat_settings(resolve(LONGEST), 255)
 
-LARGEST_EFFECT = Effect("vibration", ROW, ROW, ROW, (ROW,) * MOST_POINTS, *[0.1] * 8)
 LARGEST: dict[str, messages.AnyMessage] = {
     "hello": Hello(
         messages.MAGIC, MOST, WORDS, BIG, *[WORDS] * 4, 6, 1.1, 0.1, 0.1, "observer", *[SECRET] * 2, 0.1, 0.1
@@ -94,7 +93,9 @@ LARGEST: dict[str, messages.AnyMessage] = {
     "set hand": messages.SetHand(
         BIG, MOST, MOST, HandChange(0.3, 0.3, TURNED, True, WorkspaceLimit("box", (-(10**7), 10**7) * 3), True)
     ),
-    "effects": messages.Effects(BIG, MOST, (MOST,) * 16, 0.1, MOST, LARGEST_EFFECT),
+    "effects": messages.Effects(
+        BIG, MOST, (MOST,) * 16, 0.1, MOST, Effect("vibration", ROW, ROW, ROW, (ROW,) * MOST_POINTS, *[0.1] * 8)
+    ),
     "edges": messages.Edges(BIG, STAMP, HANDLE),
     "redirect": messages.Redirect(MOST, BIG, "p" * 60, ("f" * 60,) * messages.MOST_FRONTS),
 }

@@ -158,15 +158,6 @@ def test_however_short_a_session_is_it_has_a_clock_anchor(start, messages, words
         assert msgspec.json.decode(message.payload, type=Clock).monotonic_ns == message.time_ns
 
 
-def test_an_existing_file_is_never_overwritten(words, tmp_path):
-    path = tmp_path / "client-anna.mcap"
-    path.write_bytes(b"somebody's only copy")
-    assert open_recorder(path, header(KINDS), words.append) is None
-    assert path.read_bytes() == b"somebody's only copy"
-    (said,) = words
-    assert f"{path} exists, and no recording is overwritten" in said
-
-
 @pytest.mark.parametrize("folder", ["/proc/cogrip", "/sys/kernel", "a file"])
 def test_where_nothing_can_be_written_the_session_goes_on_without(words, folder, tmp_path):
     if folder == "a file":  # which is not called an existing recording
@@ -174,10 +165,15 @@ def test_where_nothing_can_be_written_the_session_goes_on_without(words, folder,
         folder.write_text("not a folder")
     elif not Path(folder).parents[-2].is_mount():
         pytest.skip(f"{Path(folder).parents[-2]} is not mounted here: a plain folder could be written to")
-    assert open_recorder(Path(folder) / "client-anna.mcap", header(KINDS), words.append) is None
-    (said,) = words
+    existing = tmp_path / "client-anna.mcap"
+    existing.write_bytes(b"somebody's only copy")
+    for path in (Path(folder) / "client-anna.mcap", existing):
+        assert open_recorder(path, header(KINDS), words.append) is None
+    said, exists = words
     assert said.startswith(f"this session is not recorded: {folder}/client-anna.mcap: ")
     assert said.endswith("choose another folder with --runs")
+    assert f"{existing} exists, and no recording is overwritten" in exists
+    assert existing.read_bytes() == b"somebody's only copy"
 
 
 def test_a_full_ring_costs_messages_that_are_counted_and_marked_at_their_place(start, words):

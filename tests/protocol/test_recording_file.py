@@ -180,33 +180,30 @@ def newest(messages: Sequence[Message]) -> dict[str, Message]:
 # -- cut --------------------------------------------------------------------------------------------------------------
 
 
-def check_cut(path: Path, file: File, size: int) -> None:
-    """Only RecordingError is raised, and all of what was whole is there, and nothing else."""
-    whole = [chunk for chunk, place in zip(file.content, file.places, strict=True) if place.stop <= size]
-    recording, found = read_or_refused(path, file.data[:size])
-    if recording is None:
-        assert size < file.places[0].start, f"{size} bytes hold the header, but it is refused"
-        return
-    assert found == [message for chunk in whole for message in chunk]
-    assert recording.complete == (size == len(file.data))
-    for damage in recording.damage:
-        assert damage.reason == "the end is cut off"
-        assert damage.offset + damage.length == size
-        assert damage.from_ns == (whole[-1][-1].time_ns if whole else None)
-        assert damage.to_ns is None
-    if any(place.start < size < place.stop for place in file.places):
-        assert len(recording.damage) == 1, "half a chunk is not passed over in silence"
-
-
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_cut_at_any_byte_gives_what_was_whole(path, name):
-    """At any byte of header and first chunk of the small one, beside any border, and all over the rest."""
-    file = FILES[name]
-    borders = {end + off for place in file.places for end in (place.start, place.stop) for off in (-1, 0, 1)}
-    first = range(file.places[0].stop if name == "small" else 0)
-    rest = range(file.places[1].start, len(file.data), 13 if name == "small" else len(file.data) // 500)
-    for size in {*first, *borders, *rest, *range(len(file.data) - 30, len(file.data) + 1)}:
-        check_cut(path, file, size)
+    """At any byte of header and first chunk of the small one, beside any border, and all over the rest.
+
+    Only RecordingError is raised, and all of what was whole is there, and nothing else.
+    """
+    data, content, places = FILES[name]
+    borders = {end + off for place in places for end in (place.start, place.stop) for off in (-1, 0, 1)}
+    first = range(places[0].stop if name == "small" else 0)
+    rest = range(places[1].start, len(data), 13 if name == "small" else len(data) // 500)
+    for size in {*first, *borders, *rest, *range(len(data) - 30, len(data) + 1)}:
+        whole = [chunk for chunk, place in zip(content, places, strict=True) if place.stop <= size]
+        recording, found = read_or_refused(path, data[:size])
+        if recording is None:
+            assert size < places[0].start, f"{size} bytes hold the header, but it is refused"
+            continue
+        assert found == [message for chunk in whole for message in chunk]
+        assert recording.complete == (size == len(data))
+        for damage in recording.damage:
+            assert damage.reason == "the end is cut off"
+            assert damage.offset + damage.length == size
+            assert (damage.from_ns, damage.to_ns) == (whole[-1][-1].time_ns if whole else None, None)
+        if any(place.start < size < place.stop for place in places):
+            assert len(recording.damage) == 1, "half a chunk is not passed over in silence"
 
 
 # -- damaged ----------------------------------------------------------------------------------------------------------

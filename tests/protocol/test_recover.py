@@ -60,7 +60,6 @@ def chunks_of(path: Path) -> list[Chunk]:
 
 CHUNKS = {path: chunks_of(path) for path in FILES}
 files = st.sampled_from(FILES)
-every_file = pytest.mark.parametrize("source", FILES, ids=lambda path: f"{path.parent.name}-{path.stem}")
 
 
 def messages_of(path: Path) -> list[Message]:
