@@ -80,9 +80,8 @@ TestAnyOrderCredit = AnyOrderCredit.TestCase
 def outage(name: Concealed, silent: int, rest: int = 600) -> tuple[list[float], CheckedLine]:
     """Return the waves played to a hand that moves on through `silent` lost frames, after an earlier gap, and then rests.
 
-    It moves at 0.1 m/s: at b = 20 that is 0.3 sqrt(W).
-
-    What compensation leaves of the credit pays for a fade of its wave to the end.
+    It moves at 0.1 m/s: at b = 20 that is 0.3 sqrt(W). What compensation leaves of the credit pays for a fade of its wave
+    to the end.
     """
     fade_j = 0.5 * FRAME_S * 0.3**2 / (1.0 - ELASTIC_FADE**2)
     checked = CheckedLine(delay=2, redundancy=4, concealment=name, credit_j=1.001 * fade_j / RESERVED_CREDIT)

@@ -8,7 +8,9 @@ from hypothesis import strategies as st
 from cogrip.protocol.loop_meter import MOST_LOOP_FRAMES, LoopMeter
 
 
-@given(st.integers(1, 9) | st.just(128), st.lists(st.integers(-3, MOST_LOOP_FRAMES + 3), max_size=200))
+@given(
+    st.integers(1, 9) | st.just(128), st.lists(st.integers(-3, MOST_LOOP_FRAMES + 3) | st.integers(1, 3), max_size=200)
+)
 def test_it_is_the_median_of_the_newest(window: int, loops: list[int]) -> None:
     meter = LoopMeter(window)
     kept: list[int] = []

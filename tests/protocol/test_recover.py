@@ -161,7 +161,10 @@ def test_of_a_file_that_was_cut_every_whole_chunk_is_saved(
 
 @settings(max_examples=25)
 @given(source=files, where=st.floats(0.0, 1.0))
+@example(source=FILES[0], where=1.0)
 @example(source=FILES[1], where=1.0)
+@example(source=FILES[2], where=1.0)
+@example(source=FILES[3], where=1.0)
 def test_it_plays_again_up_to_the_cut(tmp_path_factory: pytest.TempPathFactory, source: Path, where: float) -> None:
     """Every tick that is there, and that its end is missing is no difference."""
     data, chunks = source.read_bytes(), CHUNKS[source]
