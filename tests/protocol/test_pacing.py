@@ -79,26 +79,15 @@ def test_an_early_wake_sleeps_again_and_an_oversleep_is_late_by_what_is_beyond_t
     assert least_ns <= pacer.late_ns <= least_ns + READ_NS
 
 
-def test_exactly_one_period_late_runs_both_ticks() -> None:
-    clock = FakeClock()
-    pacer = paced(clock)
-    clock.now_ns = pacer.due_ns(1) - READ_NS
-    assert pacer.wait() == 0
-    assert pacer.late_ns == 1_000_000
-    assert pacer.wait() == 1
-    assert pacer.late_ns == READ_NS
-    assert (pacer.due, pacer.run, pacer.skipped) == (2, 2, 0)
-    assert clock.slept_ns == []
-
-
-def test_one_nanosecond_more_skips_to_the_newest() -> None:
-    clock = FakeClock()
-    pacer = paced(clock)
-    clock.now_ns = pacer.due_ns(1) - READ_NS + 1
-    assert pacer.wait() == 1
-    assert pacer.late_ns == 1
-    assert pacer.lateness.max_ns == 1_000_001, "lateness counts from the deadline that was missed"
-    assert (pacer.due, pacer.run, pacer.skipped) == (2, 1, 1)
+def test_exactly_one_period_late_runs_both_ticks_and_one_nanosecond_more_skips_to_the_newest() -> None:
+    for beyond_ns, ticks, late_ns, counts in ((0, [0, 1], [1_000_000, READ_NS], (2, 2, 0)), (1, [1], [1], (2, 1, 1))):
+        clock = FakeClock()
+        pacer = paced(clock)
+        clock.now_ns = pacer.due_ns(1) - READ_NS + beyond_ns
+        assert [(pacer.wait(), pacer.late_ns) for _ in ticks] == list(zip(ticks, late_ns, strict=True))
+        assert (pacer.due, pacer.run, pacer.skipped) == counts
+        assert pacer.lateness.max_ns == 1_000_000 + beyond_ns, "lateness counts from the deadline that was missed"
+        assert clock.slept_ns == []
 
 
 @given(st.sampled_from([128, 1024, 8192]), st.lists(st.integers(0, 30_000_000), max_size=60), st.integers(0, 100_000))

@@ -97,11 +97,8 @@ def ticks_in(source: Path, messages: Sequence[Message]) -> int:
     return idle + sum(kinds[message.topic] in ("tick", "step") for message in messages)
 
 
-def saved(source: Path, data: bytes, folder: Path, cut: bool | None = None) -> Recovered:
-    """Recover these bytes under the source's name. Whatever they are, they stay, and a whole file comes of them.
-
-    It says whether its end is missing: the last chunk is, or (`cut`) what stands behind that.
-    """
+def saved(source: Path, data: bytes, folder: Path) -> Recovered:
+    """Recover these bytes under the source's name. They stay, and a whole file comes of them that says whether it was cut."""
     path = folder / source.name
     path.write_bytes(data)
     found = recover(path)
@@ -111,8 +108,7 @@ def saved(source: Path, data: bytes, folder: Path, cut: bool | None = None) -> R
     messages = own(recording, recording.messages())
     assert recording.complete
     assert not recording.damage
-    if cut is None:
-        cut = len(data) < len(source.read_bytes()) or messages[-1:] != list(CHUNKS[source][-1].messages[-1:])
+    cut = len(data) < len(source.read_bytes()) or messages[-1:] != list(CHUNKS[source][-1].messages[-1:])
     assert recording.header == msgspec.structs.replace(open_recording(source).header, cut=cut)
     with found.path.open("rb") as file:  # and as the package that others read it with sees it
         summary = make_reader(file).get_summary()

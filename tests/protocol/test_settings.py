@@ -238,11 +238,6 @@ def test_overrides_reach_sections_users_and_directions() -> None:
     )
 
 
-def test_the_only_user_can_be_overridden_in_a_file_that_names_none() -> None:
-    settings = resolve({}, {"users.0.impedance_nspm": 30.0})
-    assert settings.users[0] == msgspec.structs.replace(resolve({}).users[0], impedance_nspm=30.0)
-
-
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
@@ -266,8 +261,10 @@ def test_overrides_are_split_at_the_first_equals_sign() -> None:
             parse_override(text)
 
 
-def test_users_without_a_name_are_numbered() -> None:
+def test_users_without_a_name_are_numbered_and_the_only_one_of_a_file_that_names_none_can_be_overridden() -> None:
     assert [user.name for user in resolve({"users": [{}, {"name": "ben"}, {}]}).users] == ["user1", "ben", "user3"]
+    settings = resolve({}, {"users.0.impedance_nspm": 30.0})
+    assert settings.users[0] == msgspec.structs.replace(resolve({}).users[0], impedance_nspm=30.0)
 
 
 keys = st.sampled_from([*(path.rpartition(".")[2] for path, _ in LEAVES), "up", "users", "link"])
