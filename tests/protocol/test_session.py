@@ -95,6 +95,7 @@ def test_a_silent_client_loses_its_seat() -> None:
 def test_goodbye_is_repeated_and_answered_every_time() -> None:
     client, core = seated()
     client.leave("done", None, 0)
+    assert client.outbox, "said at once"
     lost = []
     for now_ns in range(0, LEAVE_GIVE_UP_NS, 10 * MS):
         client.poll(now_ns)
@@ -145,7 +146,8 @@ def test_a_lost_welcome_is_said_again_for_the_same_session() -> None:
 
 def test_nothing_foreign_reaches_the_coupling() -> None:
     client, _ = seated()
-    for datagram in (waves(101), b"\xc1", messages.padded(hello()), session.refusal(8, "full", "no"), waves(100)):
+    refusals = [session.refusal(nonce, "full", "no") for nonce in (8, 7)]
+    for datagram in (waves(101), b"\xc1", messages.padded(hello()), *refusals, waves(100)):
         client.receive(datagram, 1)
     assert client.dropped == {"other session": 1, "malformed": 1, "unexpected": 1, "other nonce": 1}
     assert client.receive(waves(100), 2) == messages.decode(waves(100))
