@@ -3,6 +3,7 @@
 import socket
 import struct
 import sys
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,43 +17,33 @@ MS = 10**6
 ANYBODY = ("127.0.0.1", 4000)
 
 
-class StampedSocket:
-    """A socket with one datagram, stamped with this time [ns, UTC]; None: not stamped."""
+@pytest.fixture
+def stamped(monkeypatch: pytest.MonkeyPatch) -> tuple[Arrivals, SimpleNamespace]:
+    """Arrivals at a socket with one datagram, stamped with `stamp_ns` [UTC]; None: not stamped."""
 
-    stamp_ns: int | None = None
-
-    def setsockopt(self, *_: Any) -> None:
-        """Take any option."""
-
-    def recvmsg(self, *_: Any) -> tuple[bytes, list[tuple[int, int, bytes]], int, Any]:
-        if self.stamp_ns is None:
+    def received(*_: Any) -> tuple[bytes, list[tuple[int, int, bytes]], int, Any]:
+        if receiver.stamp_ns is None:
             return b"x", [], 0, ANYBODY
-        data = struct.pack("@ll", *divmod(self.stamp_ns, 10**9))
+        data = struct.pack("@ll", *divmod(receiver.stamp_ns, 10**9))
         return b"x", [(socket.SOL_SOCKET, module._SO_TIMESTAMPNS, data)], 0, ANYBODY
 
-    recvfrom = recvmsg
-
-
-@pytest.fixture
-def stamped(monkeypatch: pytest.MonkeyPatch) -> tuple[Arrivals, StampedSocket]:
-    class Clocks:
-        time_ns = staticmethod(lambda: UTC_NS)
-        monotonic_ns = staticmethod(lambda: MONOTONIC_NS)
-
-    monkeypatch.setattr(module, "time", Clocks)
+    receiver = SimpleNamespace(stamp_ns=None, setsockopt=lambda *_: None, recvmsg=received, recvfrom=received)
+    monkeypatch.setattr(module, "time", SimpleNamespace(time_ns=lambda: UTC_NS, monotonic_ns=lambda: MONOTONIC_NS))
     monkeypatch.setattr(system, "LINUX", True)
-    receiver = StampedSocket()
     return Arrivals(receiver), receiver  # type: ignore[arg-type]
 
 
-def test_a_stamp_is_read_on_the_loops_own_clock(stamped: tuple[Arrivals, StampedSocket]) -> None:
+def test_a_stamp_is_read_on_the_loops_own_clock_and_without_one_it_is_the_loops_time(
+    stamped: tuple[Arrivals, SimpleNamespace],
+) -> None:
     arrivals, receiver = stamped
+    assert arrivals.receive(100, 123) == (b"x", ANYBODY, 123)
     for age_ms in (7, 5, 5, 1):
         receiver.stamp_ns = UTC_NS - age_ms * MS
         assert arrivals.receive(100, MONOTONIC_NS) == (b"x", ANYBODY, MONOTONIC_NS - age_ms * MS)
 
 
-def test_no_arrival_is_before_an_earlier_one_or_after_the_loops_time(stamped: tuple[Arrivals, StampedSocket]) -> None:
+def test_no_arrival_is_before_an_earlier_one_or_after_the_loops_time(stamped: tuple[Arrivals, SimpleNamespace]) -> None:
     """Whatever is done to UTC meanwhile, and where a datagram comes while the loop is at it."""
     arrivals, receiver = stamped
     times = []
@@ -63,11 +54,6 @@ def test_no_arrival_is_before_an_earlier_one_or_after_the_loops_time(stamped: tu
         assert times[-1] <= now_ns
     assert times == sorted(times)
     assert [MONOTONIC_NS - at_ns for at_ns in times] == [5 * MS, 5 * MS, 4 * MS, 0, 0, 0]
-
-
-def test_without_a_stamp_it_is_the_loops_time(stamped: tuple[Arrivals, StampedSocket]) -> None:
-    arrivals, _ = stamped
-    assert arrivals.receive(100, 123) == (b"x", ANYBODY, 123)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the kernel gives no arrival times here")

@@ -14,7 +14,6 @@ from cogrip.protocol.handle import MOST_AGE, MOST_EDGES, Handle
 from cogrip.protocol.messages import MalformedError, State, decode
 
 ENOUGH = 400  # frames, after which the line loses nothing
-Row = tuple[int, ...]
 
 
 class Line:
@@ -64,33 +63,24 @@ delays = st.lists(st.one_of(st.none(), st.integers(0, 6)), max_size=120)
 courses = st.lists(st.integers(0, 2**32 - 1) | st.sampled_from([0, 1, 2, 3, 2**31]), min_size=1, max_size=60)
 
 
-@given(delays, delays, st.lists(st.sampled_from([0, 1, 2, 3]), max_size=MOST_EDGES // 2))
-@settings(max_examples=300)
-def test_none_is_lost_none_comes_twice_all_in_order(
-    up: list[int | None], down: list[int | None], course: list[int]
-) -> None:
-    """Any pattern of loss, delay and order, with as many edges as may be unacknowledged."""
-    line = Line(up, down)
-    for buttons in course:
-        line.run(buttons)
-    for _ in range(ENOUGH):
-        line.run(course[-1] if course else 0)
-    assert line.given == edges_of(course)
-    assert not line.dropped
+few = st.lists(st.sampled_from([0, 1, 2, 3]), min_size=1, max_size=MOST_EDGES // 2)
 
 
-@given(delays, delays, courses)
-@settings(max_examples=300)
-def test_of_too_many_those_that_are_left_out_come_in_pairs_and_are_counted(
+@given(delays, delays, few | courses)
+@settings(max_examples=600)
+def test_each_comes_once_in_order_and_of_too_many_pairs_are_left_out_and_counted(
     up: list[int | None], down: list[int | None], course: list[int]
 ) -> None:
+    """Any pattern of loss, delay and order. None is left out of as many edges as may be unacknowledged."""
     line = Line(up, down)
-    for buttons in course:
+    for buttons in [*course, *[course[-1]] * ENOUGH]:
         line.run(buttons)
-    for _ in range(ENOUGH):
-        line.run(course[-1])
+    happened = edges_of(course)
+    if len(happened) <= MOST_EDGES:
+        assert line.given == happened
+        assert not line.dropped
     assert line.receiver.buttons == course[-1]
-    assert len(line.given) + line.dropped[LEFT_OUT] == len(edges_of(course))
+    assert len(line.given) + line.dropped[LEFT_OUT] == len(happened)
     for bit in range(32):
         mine = [edge > 0 for edge in line.given if abs(edge) == bit + 1]
         assert mine == [number % 2 == 0 for number in range(len(mine))], "a press, a release, a press"
@@ -198,11 +188,10 @@ def test_the_newest_orientation_and_grip_count() -> None:
         ((0, (1,) * 16, (0,) * 16), True), ((0, (1,) * 17, (0,) * 17), False), ((0, (True,), (0,)), False),
         ((0, (), (), (0.5, -0.5, 0.5, 0.5)), True), ((0, (), (), (1.0, 0.1, 0.0, 0.0)), False),
         ((0, (), (), (1.0, 0.0, 0.0)), False), ((0, (), (), (float("nan"), 0.0, 0.0, 1.0)), False),
-        ((0, (), (), None, 1.0), True), ((0, (), (), None, 1.1), False), ((0, (), (), None, float("nan")), False),
-        ((2**32 - 1, (), ()), True), ((2**32, (), ()), False), ((-1, (), ()), False),
+        ((0, (), (), None, float("nan")), False),
     ],
 )  # fmt: skip
-def test_both_sides_of_every_bound_of_a_handle(handle: tuple[object, ...], fine: bool) -> None:
+def test_both_sides_of_the_bounds_of_a_handle_beside_those_of_the_page(handle: tuple[object, ...], fine: bool) -> None:
     datagram = msgspec.msgpack.encode([5, 1, 0, [0.0], [0.0], 0.0, 0, [1], handle])
     if fine:
         message = decode(datagram)

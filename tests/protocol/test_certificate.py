@@ -3,6 +3,7 @@
 import hashlib
 import os
 import ssl
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from stat import S_IMODE
@@ -32,42 +33,28 @@ def test_it_is_made_once_and_stays(tmp_path: Path) -> None:
     first.certificate.verify_directly_issued_by(first.certificate)
 
 
-def test_the_fingerprint_is_that_of_the_certificate_s_der(tmp_path: Path) -> None:
-    fingerprint = load(tmp_path).fingerprint
-    der = ssl.PEM_cert_to_DER_cert((tmp_path / "server.crt").read_text())  # another reader
-    assert fingerprint == hashlib.sha256(der).hexdigest() == fingerprint_of(der)
-
-
-def test_two_servers_differ(tmp_path: Path) -> None:
-    folders = [tmp_path / name for name in "ab"]
-    for folder in folders:
-        folder.mkdir()
-    assert load(folders[0]).fingerprint != load(folders[1]).fingerprint
-    assert secret_of(folders[0]) != secret_of(folders[1])
-
-
+@pytest.mark.parametrize("use", [load, secret_of])
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o644, 0o660, 0o610, 0o601])
-def test_a_key_that_others_could_read_is_refused(tmp_path: Path, mode: int) -> None:
+def test_a_key_that_others_could_read_is_refused(tmp_path: Path, mode: int, use: Callable[[Path], object]) -> None:
     load(tmp_path)
     key = tmp_path / "server.key"
     key.chmod(mode)
-    for use in (load, secret_of):
-        with pytest.raises(CertificateError, match=f"{key} has mode 0{mode:o}.*0600 is the most.*chmod 600"):
-            use(tmp_path)
+    with pytest.raises(CertificateError, match=f"{key} has mode 0{mode:o}.*0600 is the most.*chmod 600"):
+        use(tmp_path)
     key.chmod(0o400)
     load(tmp_path)
 
 
+@pytest.mark.parametrize("use", [load, secret_of])
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files have no owners here")
-def test_a_key_of_another_user_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_key_of_another_user_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, use: Callable[[Path], object]
+) -> None:
     load(tmp_path)
     mine = os.geteuid()
     monkeypatch.setattr(os, "geteuid", lambda: mine + 1)
-    for use in (load, secret_of):
-        with pytest.raises(
-            CertificateError, match=f"belongs to user {mine}, who knows it, and this is user {mine + 1}"
-        ):
-            use(tmp_path)
+    with pytest.raises(CertificateError, match=f"belongs to user {mine}, who knows it, and this is user {mine + 1}"):
+        use(tmp_path)
 
 
 @pytest.mark.parametrize(("lost", "kept", "name"), [("crt", "key", "certificate"), ("key", "crt", "key")])
@@ -140,11 +127,17 @@ def test_a_start_that_is_cut_off_leaves_nothing_half_written(tmp_path: Path, mon
     load(tmp_path)
 
 
-def test_the_secret_follows_from_the_key_and_does_not_give_it_away(tmp_path: Path) -> None:
+def test_fingerprint_and_secret_follow_from_the_key_and_do_not_give_it_away(tmp_path: Path) -> None:
     secret = secret_of(tmp_path)  # makes the key where there is none
     assert len(secret) == 32
     assert secret_of(tmp_path) == secret
     identity = load(tmp_path)
+    der = ssl.PEM_cert_to_DER_cert((tmp_path / "server.crt").read_text())  # another reader
+    assert identity.fingerprint == hashlib.sha256(der).hexdigest() == fingerprint_of(der)
     assert secret not in (tmp_path / "server.key").read_bytes()
     assert secret != identity.key.private_numbers().private_value.to_bytes(32, "big")
     assert secret.hex() not in identity.fingerprint
+    other = tmp_path / "other"
+    other.mkdir()
+    assert load(other).fingerprint != identity.fingerprint
+    assert secret_of(other) != secret

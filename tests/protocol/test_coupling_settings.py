@@ -18,12 +18,6 @@ def settings(link: dict[str, Any] | None = None, users: list[dict[str, Any]] = T
     return resolve({"coupling": coupling, "link": link or {}, "users": users})
 
 
-def test_by_default_both_are_numbers_that_stay() -> None:
-    seat = seat_settings(settings(), 0)
-    assert (seat.coupling.impedance_nspm, seat.line) == (20.0, LineTuning())
-    assert not seat.line.live
-
-
 @pytest.mark.parametrize("delay_ms", [0.0, 60.0, 140.0, 300.0])
 @pytest.mark.parametrize("prefer", ["light", "balanced", "stiff"])
 def test_auto_begins_with_what_suits_the_delay_of_the_settings(delay_ms: float, prefer: Any) -> None:
@@ -43,7 +37,9 @@ def test_each_of_the_two_may_be_a_number_and_each_user_has_their_own() -> None:
 
 
 @pytest.mark.parametrize("scheme", [{"kind": "tdpa"}, {"kind": "coupling"}, {"server_step": "paper"}])
-def test_other_schemes_keep_what_they_begin_with(scheme: dict[str, str]) -> None:
+def test_by_default_and_in_other_schemes_both_stay_what_they_begin_with(scheme: dict[str, str]) -> None:
+    seat = seat_settings(settings(), 0)
+    assert (seat.coupling.impedance_nspm, seat.line, seat.line.live) == (20.0, LineTuning(), False)
     asked = settings({"delay_ms": 300.0}, **AUTO, **scheme)
     assert coupling_of(asked, asked.users[0]).impedance_nspm == pytest.approx(5.9, rel=0.02)
     assert not seat_settings(asked, 0).line.live
@@ -63,11 +59,8 @@ def test_corners_within_bounds(corner: Any) -> None:
     ("coupling", "words"),
     [
         ({"wave_filter_hz": 0.9 * LEAST_FILTER_HZ}, "0.045 is below 0.05 Hz; give more, or 0 for no filter"),
-        ({"wave_filter_hz": 1000.1}, "wave_filter_hz: expects a number of at most 1000, in Hz; got 1000.1"),
-        ({"wave_filter_hz": -1.0}, "wave_filter_hz: expects a number of at least 0, in Hz; got -1.0"),
         ({"wave_filter_hz": "none"}, 'expects a number from 0.0 to 1000.0 or "auto", in Hz; got'),
         ({"impedance_nspm": "automatic"}, 'expects a number from 0.001 to 10000.0 or "auto", in N s/m; got'),
-        ({"impedance_nspm": 0.0}, "impedance_nspm: expects a number of at least 0.001"),
         ({"prefer": "soft"}, 'prefer: expects "light", "balanced" or "stiff"; got'),
         ({**AUTO, "compensate": True}, "compensate = true needs a line that stays as it is; give impedance_nspm"),
         ({"wave_filter_hz": "auto", "compensate": True}, "needs a line that stays as it is"),
@@ -78,12 +71,3 @@ def test_bad_input_says_what_to_do(coupling: dict[str, Any], words: str) -> None
         settings(**coupling)
     assert words in str(error.value)
     assert "\n" not in str(error.value)
-
-
-def test_compensation_counts_a_filter_of_a_fixed_corner() -> None:
-    """1/K' = 1/K - C_line, of which the filter has 2 S / 2b."""
-    plain, filtered = [
-        seat_settings(settings(compensate=True, stiffness_npm=200.0, wave_filter_hz=corner), 0).rendered_npm
-        for corner in (0.0, 10.0)
-    ]
-    assert 1.0 / plain - 1.0 / filtered == pytest.approx(1.0 / (3.141592653589793 * 10.0) / 40.0)

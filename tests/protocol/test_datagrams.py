@@ -6,23 +6,25 @@ import socket
 import time
 from collections import deque
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
 from cogrip.protocol.channel import Address
 from cogrip.protocol.io.arrivals import Arrivals
-from cogrip.protocol.io.datagrams import BATCH, DatagramEnds, Datagrams, open_arrivals, open_datagrams
+from cogrip.protocol.io.datagrams import BATCH, Datagrams, open_arrivals, open_datagrams
 
 FORMS = ["one by one", "batches"]
 LIMIT_S = 10.0
 
 
-def ends_of(form: str, own: socket.socket) -> DatagramEnds:
+def ends_of(form: str, own: socket.socket, few_peers: bool = False) -> Any:
     if form == "one by one":
-        return Datagrams(own)
+        return Arrivals(own) if few_peers else Datagrams(own)
     if importlib.util.find_spec(BATCH) is None:
         pytest.skip("datagram_batch is not compiled (`python3 dev.py compile`)")
-    made: DatagramEnds = importlib.import_module(BATCH).DatagramBatch(own)
+    made = open_arrivals(own) if few_peers else importlib.import_module(BATCH).DatagramBatch(own)
+    assert not isinstance(made, Arrivals)
     return made
 
 
@@ -40,7 +42,7 @@ def sockets(request: pytest.FixtureRequest) -> Iterator[tuple[socket.socket, soc
         yield own, other
 
 
-def received(ends: DatagramEnds | Arrivals, count: int) -> list[tuple[bytes, Address, int]]:
+def received(ends: Any, count: int) -> list[tuple[bytes, Address, int]]:
     found: list[tuple[bytes, Address, int]] = []
     end = time.monotonic() + LIMIT_S
     while len(found) < count and time.monotonic() < end:
@@ -51,55 +53,30 @@ def received(ends: DatagramEnds | Arrivals, count: int) -> list[tuple[bytes, Add
     return found
 
 
+@pytest.mark.parametrize("few_peers", [False, True])
 @pytest.mark.parametrize("form", FORMS)
 def test_datagrams_come_whole_and_in_order_with_their_sender(
-    form: str, sockets: tuple[socket.socket, socket.socket]
+    form: str, few_peers: bool, sockets: tuple[socket.socket, socket.socket]
 ) -> None:
     own, other = sockets
-    ends = ends_of(form, own)
-    begun_ns = time.monotonic_ns()
-    sent = [bytes([number]) * number for number in range(130)]
-    for datagram in sent:
-        other.sendto(datagram, own.getsockname())
-    found = received(ends, len(sent))
-    assert [datagram for datagram, _, _ in found] == sent
-    assert {address for _, address, _ in found} == {other.getsockname()}
+    ends = ends_of(form, own, few_peers)
+    with socket.socket(own.family, socket.SOCK_DGRAM) as third:
+        third.bind((own.getsockname()[0], 0))
+        begun_ns = time.monotonic_ns()
+        sent = [(each, bytes([number]) * number) for number in range(45) for each in (other, other, third)]
+        for sender, datagram in sent:
+            sender.sendto(datagram, own.getsockname())
+        found = received(ends, len(sent))
+        assert [(address, datagram) for datagram, address, _ in found] == [
+            (sender.getsockname(), datagram) for sender, datagram in sent
+        ]
     stamps = [arrived_ns for _, _, arrived_ns in found]
     assert stamps == sorted(stamps)
     assert begun_ns - 50_000_000 <= stamps[0] <= time.monotonic_ns()
     with pytest.raises(BlockingIOError):
         ends.receive(1233, time.monotonic_ns())
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_a_socket_with_few_peers_gives_datagrams_whole_with_their_sender(
-    form: str, sockets: tuple[socket.socket, socket.socket]
-) -> None:
-    own, other = sockets
-    if form == "one by one":
-        arrivals = Arrivals(own)
-    elif importlib.util.find_spec(BATCH) is None:
-        pytest.skip("datagram_batch is not compiled (`python3 dev.py compile`)")
-    else:
-        arrivals = open_arrivals(own)
-        assert not isinstance(arrivals, Arrivals)
-    with socket.socket(own.family, socket.SOCK_DGRAM) as third:
-        third.bind((own.getsockname()[0], 0))
-        begun_ns = time.monotonic_ns()
-        sent = [
-            (each.getsockname(), bytes([number]) * number) for number in range(40) for each in (other, other, third)
-        ]
-        for place, datagram in sent:
-            (third if place == third.getsockname() else other).sendto(datagram, own.getsockname())
-        found = received(arrivals, len(sent))
-        assert [(address, datagram) for datagram, address, _ in found] == sent
-    stamps = [arrived_ns for _, _, arrived_ns in found]
-    assert stamps == sorted(stamps)
-    assert begun_ns - 50_000_000 <= stamps[0] <= time.monotonic_ns()
-    with pytest.raises(BlockingIOError):
-        arrivals.receive(1233, time.monotonic_ns())
     other.sendto(bytes(1300), own.getsockname())
-    ((longest, _, _),) = received(arrivals, 1)
+    ((longest, _, _),) = received(ends, 1)
     assert len(longest) == 1233, "as much as was asked for"
 
 
@@ -116,7 +93,9 @@ def test_a_peer_from_which_nothing_came_is_sent_to(form: str, sockets: tuple[soc
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_all_of_a_queue_is_sent(form: str, sockets: tuple[socket.socket, socket.socket]) -> None:
+def test_all_of_a_queue_is_sent_but_what_the_system_refuses_which_is_returned(
+    form: str, sockets: tuple[socket.socket, socket.socket]
+) -> None:
     own, other = sockets
     ends = ends_of(form, own)
     other.sendto(b"known", own.getsockname())
@@ -126,18 +105,7 @@ def test_all_of_a_queue_is_sent(form: str, sockets: tuple[socket.socket, socket.
         assert ends.send_all(outbox) == []
         assert not outbox
         assert [other.recv(16) for _ in range(130)] == [bytes([number]) for number in range(130)]
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_what_the_system_refuses_is_returned_and_the_rest_is_sent(
-    form: str, sockets: tuple[socket.socket, socket.socket]
-) -> None:
-    own, other = sockets
-    ends = ends_of(form, own)
-    other.sendto(b"known", own.getsockname())
-    ((_, address, _),) = received(ends, 1)
-    outbox: deque[tuple[Address, bytes]] = deque([(address, b"1"), (address, bytes(70_000)), (address, b"2")])
-    (refused,) = ends.send_all(outbox)
+    (refused,) = ends.send_all(deque([(address, b"1"), (address, bytes(70_000)), (address, b"2")]))
     assert "long" in refused.lower()
     assert [other.recv(16), other.recv(16)] == [b"1", b"2"]
 

@@ -33,7 +33,9 @@ def handed_over(identity: certificate.Identity, suite: str = "") -> tuple[Associ
     assert server.feed(hello) == (b"hello",)
     welcome = server.send(b"welcome")
     assert client.feed(welcome) == (b"welcome",)
-    return client, server, DtlsSession(export_keys(server.connection, newest_number(welcome), newest_number(hello)))
+    keys = export_keys(server.connection, newest_number(welcome), newest_number(hello))
+    assert repr(keys) == f"SessionKeys(suite={keys.suite!r})", "the keys do not show"
+    return client, server, DtlsSession(keys)
 
 
 @pytest.mark.parametrize("suite", SUITES)
@@ -47,14 +49,6 @@ def test_the_client_does_not_notice(identity: certificate.Identity, suite: str) 
         assert client.feed(datagram) == (message,)
     client.feed(session.close())
     assert client.failed == CLOSED
-
-
-def test_closing_is_heard(identity: certificate.Identity) -> None:
-    client, _, session = handed_over(identity)
-    client.close()
-    for datagram in client.pop_datagrams():
-        assert session.receive(datagram) == []
-    assert session.closed
 
 
 def test_each_record_is_taken_once_in_any_order_and_none_from_before(identity: certificate.Identity) -> None:
@@ -89,18 +83,16 @@ def test_what_was_changed_is_dropped_and_changes_nothing(identity: certificate.I
     assert session.receive(good) == [b"a message"]
 
 
-def test_an_alert_of_somebody_else_closes_nothing(identity: certificate.Identity) -> None:
-    _, _, session = handed_over(identity)
+def test_closing_is_heard_and_an_alert_of_somebody_else_closes_nothing(identity: certificate.Identity) -> None:
+    client, _, session = handed_over(identity)
     forged = bytes([ALERT]) + b"\xfe\xfd" + b"\x00\x01" + bytes(5) + b"\x09" + b"\x00\x1a" + bytes(26)
     assert len(forged) == RECORD_HEADER_BYTES + 26
     session.receive(forged)
     assert not session.closed
-
-
-def test_the_keys_do_not_show(identity: certificate.Identity) -> None:
-    _, server, _ = handed_over(identity)
-    keys = export_keys(server.connection, 1, 1)
-    assert repr(keys) == f"SessionKeys(suite={keys.suite!r})"
+    client.close()
+    for datagram in client.pop_datagrams():
+        assert session.receive(datagram) == []
+    assert session.closed
 
 
 def test_prf_has_the_value_of_the_published_vector() -> None:

@@ -1,38 +1,45 @@
 """Seats of hands with a gripper on the wire: who gets one, what a welcome of one is as long as, wrong ones."""
 
+from typing import Any
+
 import msgpack  # type: ignore[import-untyped]
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from cogrip.protocol.coupling_settings import Coupling
 from cogrip.protocol.hello_padding import HELLO_BYTES
 from cogrip.protocol.messages import MalformedError, Welcome, decode, encode
-from cogrip.protocol.session import ClientSession, make_hello, unfit_axes
+from cogrip.protocol.session import ClientSession, unfit_axes
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.settings_digest import digest
 
 from tests.protocol.test_messages import LARGEST
+from tests.protocol.two_ends import hello
 
 GRIP = "grip_impedance_nspm"
 
 
-def largest_welcome() -> Welcome:
-    """The longest welcome to a seat with a gripper, which only a scene has."""
-    longest = LARGEST["welcome"]
-    assert isinstance(longest, Welcome)
-    coupling = msgspec.structs.replace(
-        longest.settings.coupling, grip_impedance_nspm=0.1, rotational_impedance_nms=msgspec.UNSET
+LONGEST = LARGEST["welcome"]
+assert isinstance(LONGEST, Welcome)
+
+
+def welcome_of(axes: int, **coupling: Any) -> Welcome:
+    """Return the longest welcome, to a seat of so many axes."""
+    seat = LONGEST.settings  # type: ignore[union-attr]
+    settings = replace(
+        seat, coupling=replace(seat.coupling, **coupling), object=replace(seat.object, kind="scene", axes=axes)
     )
-    given = msgspec.structs.replace(longest.settings.object, kind="scene", axes=4)
-    return msgspec.structs.replace(
-        longest, settings=msgspec.structs.replace(longest.settings, coupling=coupling, object=given)
-    )
+    return replace(LONGEST, settings=settings)  # type: ignore[return-value]
+
+
+WELCOME = welcome_of(4, grip_impedance_nspm=0.1, rotational_impedance_nms=msgspec.UNSET)
+"""The longest one to a seat with a gripper, which only a scene has."""
 
 
 def test_the_longest_welcome_of_a_gripper_is_no_longer_than_a_hello() -> None:
-    welcome = largest_welcome()
-    assert len(encode(welcome)) <= HELLO_BYTES
-    assert decode(encode(welcome)) == welcome
+    assert len(encode(WELCOME)) <= HELLO_BYTES
+    assert decode(encode(WELCOME)) == WELCOME
 
 
 def test_a_seat_without_a_gripper_has_no_word_of_one() -> None:
@@ -51,7 +58,7 @@ def test_a_seat_without_a_gripper_has_no_word_of_one() -> None:
 
 @pytest.mark.parametrize("axes", [1, 3, 6])
 def test_a_welcome_of_other_axes_with_a_gripper_is_malformed(axes: int) -> None:
-    whole = msgpack.unpackb(encode(largest_welcome()))
+    whole = msgpack.unpackb(encode(WELCOME))
     whole[6][8]["axes"] = axes
     with pytest.raises(MalformedError, match="of turning, alone"):
         decode(msgpack.packb(whole))
@@ -61,13 +68,9 @@ def test_a_welcome_of_other_axes_with_a_gripper_is_malformed(axes: int) -> None:
         decode(msgpack.packb(whole))
 
 
-def hello(axes: int) -> object:
-    return make_hello(software="x", nonce=7, room="", name="", digest="", device="sim:x", axes=axes, rate_hz=1024.0)
-
-
 @pytest.mark.parametrize(("device", "seat"), [(3, 3), (4, 3), (6, 3), (4, 4), (6, 6), (3, 2), (4, 1)])
 def test_a_device_takes_a_seat_of_its_axes_or_its_first_ones(device: int, seat: int) -> None:
-    assert unfit_axes(hello(device), seat) == ""  # type: ignore[arg-type]
+    assert unfit_axes(hello(device_axes=device), seat) == ""
 
 
 @pytest.mark.parametrize(
@@ -78,17 +81,11 @@ def test_a_device_takes_a_seat_of_its_axes_or_its_first_ones(device: int, seat: 
     ],
 )  # fmt: skip
 def test_a_seat_of_other_axes_is_refused_at_both_ends(device: int, seat: int, words: str) -> None:
-    asked = hello(device)
-    assert words in unfit_axes(asked, seat)  # type: ignore[arg-type]
-    session = ClientSession(asked)  # type: ignore[arg-type]
+    asked = hello(device_axes=device)
+    assert words in unfit_axes(asked, seat)
+    session = ClientSession(asked)
     session.connect(0)
-    welcome = msgspec.structs.replace(largest_welcome(), nonce=7, ticket="", role="player")
-    if seat != 4:
-        longest = LARGEST["welcome"]
-        assert isinstance(longest, Welcome)
-        given = msgspec.structs.replace(longest.settings.object, axes=seat)
-        settings = msgspec.structs.replace(longest.settings, object=given)
-        welcome = msgspec.structs.replace(welcome, settings=settings)
+    welcome = replace(WELCOME if seat == 4 else welcome_of(seat), nonce=7, ticket="", role="player")
     session.receive(encode(welcome), 1)
     assert session.welcome is None
     assert words in session.failed

@@ -27,9 +27,13 @@ def filled(values: list[int]) -> DurationHistogram:
 
 
 @given(st.lists(durations, min_size=1, max_size=300), st.sampled_from([0, 1, 25, 50, 90, 99, 99.9, 100]))
-def test_percentiles_are_numpys_within_the_bin_error(values: list[int], q: float) -> None:
+def test_percentiles_are_numpys_and_maximum_and_mean_are_exact(values: list[int], q: float) -> None:
+    histogram = filled(values)
     expected = int(np.percentile(np.array(values, dtype=np.int64), q, method="inverted_cdf"))
-    assert abs(filled(values).percentile(q) - expected) <= RELATIVE_ERROR * expected
+    assert abs(histogram.percentile(q) - expected) <= RELATIVE_ERROR * expected
+    assert histogram.max_ns == max(values)
+    assert histogram.percentile(100) == float(max(values))
+    assert histogram.total_ns == sum(values)
 
 
 @given(st.lists(durations, min_size=1), st.lists(durations))
@@ -51,25 +55,12 @@ def test_bins_tile_the_values(values: list[int]) -> None:
         assert each.high_ns - each.low_ns <= max(1, 2 * RELATIVE_ERROR * each.low_ns)
 
 
-@given(st.lists(durations, min_size=1))
-def test_maximum_and_mean_are_exact(values: list[int]) -> None:
-    histogram = filled(values)
-    assert histogram.max_ns == max(values)
-    assert histogram.percentile(100) == float(max(values))
-    assert histogram.total_ns == sum(values)
-
-
-def test_values_outside_the_range_are_kept_at_its_ends() -> None:
-    histogram = filled([-5, 1 << 80])
-    assert histogram.count == 2
-    assert histogram.percentile(50) == 0
-    assert histogram.max_ns == (1 << 62) - 1
-
-
-def test_empty_says_nan_not_zero() -> None:
+def test_empty_says_nan_not_zero_and_values_outside_the_range_are_kept_at_its_ends() -> None:
     histogram = DurationHistogram()
     assert all(math.isnan(value) for value in histogram.summary_us().values())
-    histogram.add(7)
+    for value in (-5, 1 << 80):
+        histogram.add(value)
+    assert (histogram.count, histogram.percentile(50), histogram.max_ns) == (2, 0, (1 << 62) - 1)
     histogram.clear()
     assert histogram.count == 0
     assert histogram.bins() == []

@@ -10,13 +10,12 @@ from hypothesis import strategies as st
 
 from cogrip.protocol.line import jitter_buffer
 from cogrip.protocol.line.delays import HELD_MS, line_delay
-from cogrip.protocol.line.jitter_buffer import AdaptiveJitterBuffer, make_jitter_buffer
+from cogrip.protocol.line.jitter_buffer import AdaptiveJitterBuffer
 from cogrip.protocol.line.receiver import LATE, LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import Playout, resolve, seat_settings
-from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.settings import Playout
 from cogrip.sim.session.link import HOLD_MS
 
 from tests.extent import long
@@ -273,18 +272,6 @@ def test_a_stall_that_is_let_go_all_at_once_leaves_the_depth_alone() -> None:
     assert scene.receiver.playout_account().most_frames == 0
 
 
-def test_the_depth_follows_the_jitter_up_and_down() -> None:
-    scene = Scene()
-    random = Random(1)
-    scene.run(15.0, lambda _: 0.03 + gamma(random, 0.020))
-    rough = scene.depth(5.0)
-    scene.run(20.0, lambda _: 0.03 + gamma(random, 0.002))
-    calm = scene.depth(5.0)
-    scene.run(15.0, lambda _: 0.03 + gamma(random, 0.020))
-    assert rough >= calm + 3.0 * M
-    assert scene.depth(5.0) >= calm + 2.0 * M
-
-
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("late", [0.0, long(0.01), 0.05])
 def test_the_late_rate_is_the_one_that_is_set(late: float) -> None:
@@ -322,29 +309,8 @@ def test_a_frame_that_is_overdue_is_played_for_what_is_left_of_its_time(ticks_la
     assert receiver.deficit[0] == pytest.approx(deficit, abs=1e-12)
 
 
-def test_frames_are_a_number_or_auto() -> None:
-    assert isinstance(make_jitter_buffer(0, FRAME_S, LATE, M, 1), jitter_buffer.FixedJitterBuffer)
-    assert isinstance(make_jitter_buffer("auto", FRAME_S, LATE, M, 1), AdaptiveJitterBuffer)
-    assert HELD_MS == HOLD_MS
-
-
-@pytest.mark.parametrize(
-    ("frames", "allowed"),
-    [
-        (-1, "expects a whole number of at least 0"),
-        (257, "expects a whole number of at most 256"),
-        ("fast", 'expects a whole number from 0 to 256 or "auto"'),
-        (1.5, 'expects a whole number from 0 to 256 or "auto"'),
-        (True, 'expects a whole number from 0 to 256 or "auto"'),
-    ],
-)
-def test_frames_that_cannot_be_set_are_told_what_can(frames: object, allowed: str) -> None:
-    with pytest.raises(SettingsError) as error:
-        resolve({"playout": {"frames": frames}})
-    assert str(error.value) == f"playout.frames: {allowed}; got {frames!r}"
-
-
 def test_what_is_set_is_what_is_expected() -> None:
+    assert HELD_MS == HOLD_MS
     rates, auto = Rates(1024, 128), Playout(frames="auto")
     assert line_delay(Playout(frames=7), LinkProfile(jitter_ms=50.0, loss=0.3), rates).frames == 7
     assert line_delay(auto, LinkProfile(delay_ms=33.0), rates).ticks == 34
@@ -358,16 +324,3 @@ def test_what_is_set_is_what_is_expected() -> None:
         > line_delay(auto, jitter, rates).ticks
         > line_delay(loose, jitter, rates).ticks
     )
-
-
-def test_compensation_counts_the_ticks_that_auto_will_hold() -> None:
-    table = {
-        "coupling": {"compensate": True, "impedance_nspm": 40.0},
-        "link": {"delay_ms": 10.0, "jitter_ms": 6.0},
-        "users": [{"name": "anna"}],
-    }
-    seat = seat_settings(resolve(table), 0)
-    delays = [line_delay(seat.playout, seat.up, seat.rates).ticks for _ in "ud"]
-    compliance = (sum(delays) * seat.rates.tick_s + seat.rates.frame_s) / (2.0 * 40.0)
-    stiffness = seat.coupling.stiffness_npm
-    assert seat.rendered_npm == pytest.approx(stiffness / (1.0 - stiffness * compliance), rel=1e-12)

@@ -1,6 +1,7 @@
 """The datagrams: round trip, sizes, and a decoder that lets nothing else through and raises nothing else."""
 
 import math
+from collections.abc import Iterator
 from typing import Any, get_args
 
 import msgpack
@@ -11,21 +12,22 @@ from hypothesis import strategies as st
 
 from cogrip.protocol import accounts, messages
 from cogrip.protocol.accounts import ClientAccount, DeviceAccount, PlayoutAccount, RoomAccount, SeatAccount, TickCount
-from cogrip.protocol.drawing import ShapeKind
-from cogrip.protocol.effects import MOST_EFFECTS, MOST_POINTS, Effect, EffectKind
+from cogrip.protocol.effects import MOST_POINTS, Effect
 from cogrip.protocol.hand_settings import HandChange, WorkspaceLimit
 from cogrip.protocol.messages import HELLO_BYTES, VIEWED_SEATS, Hello, MalformedError, decode, encode, padded
 from cogrip.protocol.session import ClientSession, foreign_version, make_hello, nonce_of
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
 from cogrip.protocol.texts import TEXT_BYTES, clipped
 
-BIG = 2**63 - 1
+from tests.protocol.valid_values import valid
+
+BIG, MOST, EDGES = 2**63 - 1, 2**53, 2**32 - 1
 WIDE = "\U0001f600"  # 4 bytes
 WORDS = WIDE * 40
 SECRET = "x" * 32
 COUNT = accounts.LinkCount(*[BIG] * 7)
 TIMES = accounts.Percentiles(0.1, 0.1, 0.1, 0.1)
-ROW = (0.1, 0.1, 0.1)
+ROW, DELAYS = (0.1, 0.1, 0.1), (1e5 + 0.1,) * 3
 POSE = ROW + ROW
 TURNED = (0.5, -0.5, 0.5, 0.5)
 HANDLE = messages.Handle(2**32 - 1, (-32,) * 16, (65535,) * 16, TURNED, 0.1)
@@ -52,163 +54,79 @@ LONGEST: dict[str, Any] = {
 }  # fmt: skip
 LONGEST_SEAT = seat_settings(resolve(LONGEST), 255)
 
-LARGEST_EFFECT = Effect("vibration", ROW, ROW, ROW, (ROW,) * MOST_POINTS, *[0.1] * 8)
 LARGEST: dict[str, messages.AnyMessage] = {
     "hello": Hello(
-        messages.MAGIC, 2**53, WORDS, BIG, *[WORDS] * 4, 6, 1.1, 0.1, 0.1, "observer", *[SECRET] * 2, 0.1, 0.1
+        messages.MAGIC, MOST, WORDS, BIG, *[WORDS] * 4, 6, 1.1, 0.1, 0.1, "observer", *[SECRET] * 2, 0.1, 0.1
     ),
-    "welcome": messages.Welcome(2**53, BIG, BIG, SECRET, WORDS, LONGEST_SEAT, SECRET, "observer"),
-    "refuse": messages.Refuse(2**53, BIG, WORDS, "r" * TEXT_BYTES),
+    "welcome": messages.Welcome(MOST, BIG, BIG, SECRET, WORDS, LONGEST_SEAT, SECRET, "observer"),
+    "refuse": messages.Refuse(MOST, BIG, WORDS, "r" * TEXT_BYTES),
     "waves": messages.Waves(
-        BIG,
-        2**53,
-        (0.1,) * 78,
-        POSE,
-        POSE,
-        0.1,
-        0.1,
-        2**53,
-        STAMP,
-        (0.1,) * 15,
-        -(2**31),
-        2**53,
-        0.1,
-        2**53,
-        HANDLE,
-        2**32 - 1,
+        BIG, MOST, (0.1,) * 78, POSE, POSE, 0.1, 0.1, MOST, STAMP, (0.1,) * 15, -(2**31), MOST, 0.1, MOST, HANDLE, EDGES
     ),
-    "state": messages.State(BIG, 2**53, POSE, POSE, 0.1, 2**53, STAMP, HANDLE, 2**32 - 1),
+    "state": messages.State(BIG, MOST, POSE, POSE, 0.1, MOST, STAMP, HANDLE, EDGES),
     "heartbeat": messages.Heartbeat(BIG, STAMP),
     "leave": messages.Leave(BIG, "r" * messages.LEAVE_TEXT_BYTES, CLIENT),
     "farewell": messages.Farewell(BIG, "r" * TEXT_BYTES, SEAT, ROOM),
     "view": messages.View(
-        BIG, 2**53, (0.1,) * 6, (255,) * VIEWED_SEATS, (0.1,) * (3 * VIEWED_SEATS), (0.1,) * (3 * VIEWED_SEATS), STAMP
+        BIG, MOST, (0.1,) * 6, (255,) * VIEWED_SEATS, (0.1,) * (3 * VIEWED_SEATS), (0.1,) * (3 * VIEWED_SEATS), STAMP
     ),
-    "power": messages.Power(BIG, 2**53, POSE, POSE, POSE, POSE, POSE, 0.1, 2**53, STAMP, HANDLE, 2**32 - 1),
+    "power": messages.Power(BIG, MOST, POSE, POSE, POSE, POSE, POSE, 0.1, MOST, STAMP, HANDLE, EDGES),
     "person": messages.Person(
         BIG,
-        2**53,
+        MOST,
         255,
         WORDS,
         "joining",
         ROW,
         ROW,
-        1e5 + 0.1,
-        1e5 + 0.1,
-        1e5 + 0.1,
-        *(2**53,) * 4,
-        *(0.1,) * 4,
-        2**32 - 1,
-        2**32 - 1,
+        *DELAYS,
+        *[MOST] * 4,
+        *[0.1] * 4,
+        EDGES,
+        EDGES,
         TURNED,
-        0.1,
-        0.3,
-        0.3,
+        *[0.3] * 3,
         True,
     ),
-    "bodies": messages.Bodies(BIG, 2**53, messages.pack_poses([(1023, (*ROW, *TURNED))] * messages.MOST_POSES)),
+    "bodies": messages.Bodies(BIG, MOST, messages.pack_poses([(1023, (*ROW, *TURNED))] * messages.MOST_POSES)),
     "geom": messages.Geom(BIG, 1024, 1023, "mesh", ROW, 1023, ROW, TURNED, (0.1,) * 4, 255, True, b"t" * 990),
-    "mark": messages.Mark(BIG, 2**53, "m" * messages.MARK_BYTES, 2**53, 255, 2**53),
+    "mark": messages.Mark(BIG, MOST, "m" * messages.MARK_BYTES, MOST, 255, MOST),
     "set hand": messages.SetHand(
-        BIG, 2**53, 2**53, HandChange(0.3, 0.3, TURNED, True, WorkspaceLimit("box", (-(10**7), 10**7) * 3), True)
+        BIG, MOST, MOST, HandChange(0.3, 0.3, TURNED, True, WorkspaceLimit("box", (-(10**7), 10**7) * 3), True)
     ),
-    "effects": messages.Effects(BIG, 2**53, (2**53,) * 16, 0.1, 2**53, LARGEST_EFFECT),
+    "effects": messages.Effects(
+        BIG, MOST, (MOST,) * 16, 0.1, MOST, Effect("vibration", ROW, ROW, ROW, (ROW,) * MOST_POINTS, *[0.1] * 8)
+    ),
     "edges": messages.Edges(BIG, STAMP, HANDLE),
-    "redirect": messages.Redirect(2**53, BIG, "p" * 60, ("f" * 60,) * messages.MOST_FRONTS),
+    "redirect": messages.Redirect(MOST, BIG, "p" * 60, ("f" * 60,) * messages.MOST_FRONTS),
 }
 
 short_texts = st.text(max_size=40)
-secrets = st.from_regex(r"[A-Za-z0-9_-]{0,32}", fullmatch=True)
-roles = st.sampled_from(["player", "observer"])
-bounds = st.floats(0.0, messages.NO_BOUND)
 texts = st.text(max_size=TEXT_BYTES)
-counters = st.integers(0, 2**53)
-sessions = st.integers(1, BIG)
-nanoseconds = st.integers(0, BIG)
-totals = st.floats(-1e15, 1e15)
-delays = st.none() | st.floats(-1e6, 1e6)
-counts = st.none() | counters
-stamps = st.builds(messages.Stamp, nanoseconds, nanoseconds, nanoseconds)
-
-
-def tuples(values: st.SearchStrategy[float], low: int, high: int) -> st.SearchStrategy[tuple[float, ...]]:
-    return st.lists(values, min_size=low, max_size=high).map(tuple)
-
-
-quaternions = tuples(st.floats(0.1, 1.0), 4, 4).map(lambda row: tuple(each / math.hypot(*row) for each in row))
+quaternions = st.tuples(*[st.floats(0.1, 1.0)] * 4).map(lambda row: tuple(each / math.hypot(*row) for each in row))
 poses = st.tuples(
-    st.integers(0, 1023), st.tuples(tuples(st.floats(-1e3, 1e3), 3, 3), quaternions).map(lambda two: two[0] + two[1])
+    st.integers(0, 1023), st.tuples(*[st.floats(-1e3, 1e3)] * 3, quaternions).map(lambda row: (*row[:3], *row[3]))
 )
-digests = st.from_regex(r"[A-Za-z0-9_-]{0,32}", fullmatch=True)
-edge_counts = st.integers(0, 2**32 - 1)
-openings = st.none() | st.floats(-1.0, 1.0)
-edges = st.lists(st.tuples(st.integers(1, 32), st.booleans(), st.integers(0, 65535)), max_size=16).map(
-    lambda rows: [tuple(button if down else -button for button, down, _ in rows), tuple(age for _, _, age in rows)]
-)
-handles = st.none() | st.builds(
-    lambda first, edges, *rest: messages.Handle(first, *edges, *rest),
-    edge_counts,
-    edges,
-    st.none() | quaternions,
-    openings,
-)
-hellos = st.builds(
-    Hello, st.just(messages.MAGIC), counters, short_texts, nanoseconds, short_texts, short_texts, short_texts, short_texts,
-    st.integers(1, 6), st.floats(1.0, 1e6), bounds, bounds, roles, secrets, secrets,
-    bounds, bounds,
+edges = st.lists(st.tuples(st.integers(1, 32) | st.integers(-32, -1), st.integers(0, 65535)), max_size=16)
+handles = st.builds(
+    lambda first, edges, *rest: messages.Handle(first, *map(tuple, zip(*edges, strict=True) if edges else [(), ()]), *rest),
+    st.integers(0, 2**32 - 1), edges, st.none() | quaternions, st.none() | st.floats(-1.0, 1.0),
 )  # fmt: skip
-triples = tuples(st.floats(-1e3, 1e3), 3, 3)
-effects = st.builds(
-    Effect, st.sampled_from(get_args(EffectKind)), triples, tuples(st.floats(0.0, 1e3), 3, 3), triples,
-    st.lists(triples, max_size=MOST_POINTS).map(tuple), st.floats(0.0, 1e5), st.floats(0.0, 1e3), st.floats(0.0, 40.0),
-    st.floats(0.0, 256.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 40.0), st.floats(0.0, 1e6),
-)  # fmt: skip
+given_structs: dict[type, st.SearchStrategy[Any]] = {
+    messages.Handle: handles,
+    SeatSettings: st.just(LONGEST_SEAT),
+    WorkspaceLimit: st.sampled_from([WorkspaceLimit("auto"), WorkspaceLimit("sphere", (0, -1, 2, 3))]),
+    HandChange: valid(HandChange, {WorkspaceLimit: st.just(WorkspaceLimit())}, rotation=st.none() | quaternions),
+}
+hellos = valid(Hello, padding=st.just(b""))
+whole_messages = {
+    Hello: hellos,
+    messages.Person: valid(messages.Person, orientation=st.none() | quaternions),
+    messages.Bodies: valid(messages.Bodies, poses=st.lists(poses, min_size=1, max_size=39).map(messages.pack_poses)),
+    messages.Geom: valid(messages.Geom, orientation=quaternions, triangles=st.just(b"")),
+}
 anything = st.one_of(
-    hellos,
-    st.builds(
-        messages.Welcome, counters, nanoseconds, sessions, digests, short_texts, st.just(LONGEST_SEAT), secrets, roles
-    ),
-    st.builds(messages.Refuse, counters, nanoseconds, short_texts, texts),
-    st.builds(
-        messages.Waves, sessions, counters, tuples(st.floats(-1e4, 1e4), 1, 78), tuples(totals, 1, 6), tuples(totals, 1, 6),
-        totals, totals, counters, stamps, tuples(st.floats(-1e4, 1e4), 2, 15), st.integers(-(2**31), 2**31), counters,
-        st.floats(0.0, 1e4), counters, handles, edge_counts,
-    ),
-    st.builds(
-        messages.State, sessions, counters, tuples(st.floats(-1e3, 1e3), 1, 6), tuples(st.floats(-1e4, 1e4), 1, 6), totals,
-        counters, stamps, handles, edge_counts,
-    ),
-    st.builds(
-        messages.Power, sessions, counters, tuples(st.floats(-1e3, 1e3), 1, 6), tuples(st.floats(-1e4, 1e4), 1, 6),
-        tuples(st.floats(-1e9, 1e9), 1, 6), tuples(st.floats(0.0, 1e15), 1, 6), tuples(st.floats(0.0, 1e15), 1, 6),
-        totals, counters, stamps, handles, edge_counts,
-    ),
-    st.builds(messages.Heartbeat, sessions, stamps),
-    st.builds(messages.Edges, sessions, stamps, handles.filter(bool)),
-    st.builds(messages.Leave, sessions, texts, st.sampled_from([None, CLIENT])),
-    st.builds(messages.Farewell, sessions, texts, st.sampled_from([None, SEAT]), st.sampled_from([None, ROOM])),
-    st.builds(
-        messages.View, sessions, counters, tuples(st.floats(-1e4, 1e4), 2, 6),
-        st.lists(st.integers(0, 255), max_size=VIEWED_SEATS).map(tuple), tuples(st.floats(-1e3, 1e3), 0, 3 * VIEWED_SEATS),
-        tuples(st.floats(-1e9, 1e9), 0, 3 * VIEWED_SEATS), stamps,
-    ),
-    st.builds(
-        messages.Person, sessions, counters, st.integers(0, 255), short_texts, st.sampled_from(["joining", "live", "silent"]),
-        tuples(st.floats(-1e3, 1e3), 0, 3), tuples(st.floats(-1e3, 1e3), 0, 3), delays, delays, delays,
-        st.none() | st.floats(0.0, 2.0**53), counts, counters, counters, *[st.none() | totals] * 4,
-        edge_counts, edge_counts, st.none() | quaternions, openings,
-    ),
-    st.builds(messages.Bodies, sessions, counters, st.lists(poses, min_size=1, max_size=39).map(messages.pack_poses)),
-    st.builds(
-        messages.Geom, sessions, st.integers(1, 1024), st.integers(0, 1023), st.sampled_from(get_args(ShapeKind)),
-        tuples(st.floats(0.0, 1e3), 3, 3), st.none() | st.integers(0, 1023), tuples(st.floats(-1e3, 1e3), 3, 3), quaternions,
-        st.none() | tuples(st.floats(0.0, 1.0), 4, 4), st.none() | st.integers(0, 255), st.booleans(),
-    ),
-    st.builds(
-        messages.Effects, sessions, counters, st.lists(counters, max_size=MOST_EFFECTS).map(tuple), st.floats(0.0, 1e3),
-        counters, st.none() | effects,
-    ),
-    st.builds(messages.Redirect, counters, sessions, short_texts, st.lists(short_texts, max_size=8).map(tuple)),
+    [whole_messages[each] if each in whole_messages else valid(each, given_structs) for each in get_args(messages.AnyMessage)]
 )  # fmt: skip
 
 
@@ -249,17 +167,11 @@ def assert_harmless(message: messages.AnyMessage | None) -> None:
         assert all(math.isfinite(number) and abs(number) <= 2**63 for number in numbers_of(message))
 
 
-@settings(max_examples=500)
-@given(st.binary(max_size=messages.MAX_DATAGRAM_BYTES + 10))
-def test_arbitrary_bytes_are_malformed_or_harmless(datagram: bytes) -> None:
-    assert_harmless(read(datagram))
-
-
-@settings(max_examples=500)
-@given(st.sampled_from(sorted(LARGEST)), st.data())
-def test_mutated_messages_are_malformed_or_harmless(name: str, data: st.DataObject) -> None:
-    datagram = bytearray(encode(LARGEST[name]))
-    for _ in range(data.draw(st.integers(1, 4))):
+@settings(max_examples=1000)
+@given(st.sampled_from([encode(each) for each in LARGEST.values()]) | st.binary(max_size=1240), st.data())
+def test_mutated_messages_and_any_bytes_are_malformed_or_harmless(begins: bytes, data: st.DataObject) -> None:
+    datagram = bytearray(begins)
+    for _ in range(data.draw(st.integers(0, 4))):
         place = data.draw(st.integers(0, len(datagram)))
         verb = data.draw(st.sampled_from(["set", "insert", "cut", "end"]))
         if verb == "set":
@@ -276,42 +188,28 @@ def test_mutated_messages_are_malformed_or_harmless(name: str, data: st.DataObje
 WRONG = [math.nan, math.inf, -math.inf, 2**64 - 1, -(2**63), 1e300, True, None, "x", "x" * 301, b"", [], [0] * 200, {}]
 
 
-def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    found = [path] if path else []
-    if isinstance(value, list):
-        items: Any = enumerate(value)
-    else:
-        items = value.items() if isinstance(value, dict) else ()
-    return found + [place for key, item in items for place in places(item, (*path, key))]
-
-
-def replaced(value: Any, path: tuple[Any, ...], new: Any) -> Any:
-    if not path:
-        return new
-    items = value.copy()
-    items[path[0]] = replaced(items[path[0]], path[1:], new)
-    return items
+def altered(value: Any, wrong: Any) -> Iterator[Any]:
+    """Yield a copy of a list or map for each place in it, at any depth, with the wrong value there."""
+    items: Any = enumerate(value) if isinstance(value, list) else value.items() if isinstance(value, dict) else ()
+    for key, item in items:
+        for new in (wrong, *altered(item, wrong)):
+            copy = value.copy()
+            copy[key] = new
+            yield copy
 
 
 @pytest.mark.parametrize("name", LARGEST)
 def test_a_wrong_value_in_any_place_is_malformed_or_harmless(name: str) -> None:
     good = msgpack.unpackb(encode(LARGEST[name]))
-    for path in places(good):
-        for wrong in WRONG:
-            assert_harmless(read(msgpack.packb(replaced(good, path, wrong))))
+    for wrong in WRONG:
+        for whole in altered(good, wrong):
+            assert_harmless(read(msgpack.packb(whole)))
 
 
 @pytest.mark.parametrize("nested", [b"\x91" * messages.MAX_DATAGRAM_BYTES, b"\x93\x01\xa6cogrip" + b"\x91" * 1200])
 def test_deep_nesting_is_malformed_too(nested: bytes) -> None:
     assert read(nested) is None
     assert foreign_version(nested) is None
-
-
-@given(hellos)
-def test_a_padded_hello_has_exactly_its_length(hello: Hello) -> None:
-    datagram = padded(hello)
-    assert len(datagram) == HELLO_BYTES
-    assert msgspec.structs.replace(decode(datagram), padding=b"") == hello
 
 
 @pytest.mark.parametrize("letter", ["a", "é", WIDE])  # 1, 2 and 4 bytes
@@ -323,18 +221,11 @@ def test_a_padded_hello_has_exactly_its_length_at_every_length_of_its_texts(lett
         assert len(padded(hello)) == HELLO_BYTES
 
 
-@pytest.mark.parametrize("name", LARGEST)
-def test_the_largest_legal_message_is_read(name: str) -> None:
-    message = LARGEST[name]
-    if isinstance(message, Hello):
-        message = decode(padded(message))
-    datagram = encode(message)
-    assert len(datagram) <= messages.MAX_MESSAGE_BYTES
-    assert decode(datagram) == message
-
-
-def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
+def test_the_largest_legal_messages_are_read_and_fit_a_datagram_when_they_are_encrypted() -> None:
     assert messages.MAX_MESSAGE_BYTES + messages.DTLS_BYTES == messages.MAX_DATAGRAM_BYTES
+    for message in LARGEST.values():
+        legal = decode(padded(message)) if isinstance(message, Hello) else message
+        assert decode(encode(legal)) == legal
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
         "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1194,
@@ -406,28 +297,6 @@ def test_a_diverged_account_still_arrives() -> None:
     assert math.isinf(farewell.room.energy_balance_error_j)
 
 
-def foreign(version: int) -> bytes:
-    """A hello of another version: the first five elements are ours, the rest is not."""
-    head = msgpack.packb([1, messages.MAGIC, version, "9.9", 77, {"new": "layout"}])
-    zeros = HELLO_BYTES - len(head) - 3
-    return b"\x97" + head[1:] + b"\xc5" + zeros.to_bytes(2, "big") + bytes(zeros)
-
-
-def test_a_hello_of_another_version_is_recognised_by_its_fixed_part() -> None:
-    datagram = foreign(messages.PROTOCOL_VERSION + 1)
-    assert len(datagram) == HELLO_BYTES
-    with pytest.raises(MalformedError):
-        decode(datagram)
-    assert (foreign_version(datagram), nonce_of(datagram)) == (messages.PROTOCOL_VERSION + 1, 77)
-    assert foreign_version(foreign(messages.PROTOCOL_VERSION)) is None
-
-
-def test_another_magic_is_no_hello() -> None:
-    datagram = padded(LARGEST["hello"]).replace(b"cogrip", b"gropic")
-    assert read(datagram) is None
-    assert foreign_version(datagram) is None
-
-
 @pytest.mark.parametrize(
     "pose",
     [
@@ -443,12 +312,6 @@ def test_a_pose_out_of_bounds_is_malformed(pose: tuple[int, tuple[float, ...]]) 
     if pose[1][3:] != TURNED:
         whole = msgpack.unpackb(encode(LARGEST["geom"]))
         assert read(msgpack.packb([*whole[:8], pose[1][3:], *whole[9:]])) is None
-
-
-def test_messages_of_the_two_ends_are_told_by_their_tag() -> None:
-    tags = {name: msgpack.unpackb(encode(message))[0] for name, message in LARGEST.items()}
-    assert list(tags.values()) == list(range(1, 19))
-    assert messages.encode is encode
 
 
 ADDRESSES = st.text(st.characters(exclude_categories=("Cs",), exclude_characters="\0"), max_size=300)

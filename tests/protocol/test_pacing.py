@@ -40,12 +40,6 @@ def test_tick_at_inverts_due(rate_hz: int, tick: int, offset_ns: int) -> None:
     assert pacer.due_ns(newest) <= now_ns < pacer.due_ns(newest + 1)
 
 
-def test_deadlines_do_not_drift() -> None:
-    pacer = Pacer(1024, T0_NS)
-    assert pacer.due_ns(1024 * 86_400 * 365) == T0_NS + 86_400 * 365 * 10**9
-    assert pacer.due_ns(8 * 12_345) == Pacer(128, T0_NS).due_ns(12_345)
-
-
 def test_every_tick_runs_in_order_within_a_clock_reading() -> None:
     clock = FakeClock(T0_NS - 3_000_000)
     pacer = paced(clock, 1024, spin_ns=1_000)
@@ -58,64 +52,42 @@ def test_every_tick_runs_in_order_within_a_clock_reading() -> None:
     assert pacer.lateness.max_ns <= READ_NS
 
 
-def test_sleeps_to_the_spin_and_spins_the_rest() -> None:
-    clock = FakeClock(T0_NS)
-    pacer = paced(clock, first=1)
-    pacer.wait()
-    assert clock.slept_ns == [1_000_000 - READ_NS - 50_000]
-    assert clock.now_ns == T0_NS + 1_000_000
-
-
-@pytest.mark.parametrize(("rate_hz", "spin_ns"), [(1024, 60_000), (4096, 60_000), (8192, 30_517), (20_000, 12_500)])
-def test_of_a_period_no_more_than_a_part_is_spun(rate_hz: int, spin_ns: int) -> None:
+@pytest.mark.parametrize(
+    ("rate_hz", "spin_ns"), [(1000, 60_000), (1024, 60_000), (4096, 60_000), (8192, 30_517), (20_000, 12_500)]
+)
+def test_sleeps_to_the_spin_and_spins_the_rest_which_is_no_more_than_a_part(rate_hz: int, spin_ns: int) -> None:
     """The rest is left to those of lower priority: its server, its recorder."""
     clock = FakeClock(T0_NS)
     pacer = paced(clock, rate_hz, spin_ns=60_000, first=1)
     assert pacer.spin_ns == spin_ns
     pacer.wait()
     assert clock.slept_ns == [pytest.approx(1e9 / rate_hz - READ_NS - spin_ns, abs=1)]
+    assert 0 <= clock.now_ns - pacer.due_ns(1) <= READ_NS
 
 
-def test_an_early_wake_sleeps_again() -> None:
+@pytest.mark.parametrize(
+    ("oversleep_ns", "least_ns", "again"), [(-200_000, 0, True), (40_000, 0, False), (80_000, 30_000, False)]
+)
+def test_an_early_wake_sleeps_again_and_an_oversleep_is_late_by_what_is_beyond_the_spin(
+    oversleep_ns: int, least_ns: int, again: bool
+) -> None:
     clock = FakeClock(T0_NS)
-    clock.oversleep_ns = -200_000
+    clock.oversleep_ns = oversleep_ns
     pacer = paced(clock, first=1)
     pacer.wait()
-    assert len(clock.slept_ns) > 1
-    assert 0 <= pacer.late_ns <= READ_NS
+    assert (len(clock.slept_ns) > 1) is again
+    assert least_ns <= pacer.late_ns <= least_ns + READ_NS
 
 
-def test_an_oversleep_within_the_spin_costs_nothing_and_beyond_it_is_lateness() -> None:
-    clock = FakeClock(T0_NS)
-    pacer = paced(clock, first=1)
-    clock.oversleep_ns = 40_000
-    pacer.wait()
-    assert pacer.late_ns <= READ_NS
-    clock.oversleep_ns = 80_000
-    pacer.wait()
-    assert 30_000 <= pacer.late_ns <= 30_000 + READ_NS
-
-
-def test_exactly_one_period_late_runs_both_ticks() -> None:
-    clock = FakeClock()
-    pacer = paced(clock)
-    clock.now_ns = pacer.due_ns(1) - READ_NS
-    assert pacer.wait() == 0
-    assert pacer.late_ns == 1_000_000
-    assert pacer.wait() == 1
-    assert pacer.late_ns == READ_NS
-    assert (pacer.due, pacer.run, pacer.skipped) == (2, 2, 0)
-    assert clock.slept_ns == []
-
-
-def test_one_nanosecond_more_skips_to_the_newest() -> None:
-    clock = FakeClock()
-    pacer = paced(clock)
-    clock.now_ns = pacer.due_ns(1) - READ_NS + 1
-    assert pacer.wait() == 1
-    assert pacer.late_ns == 1
-    assert pacer.lateness.max_ns == 1_000_001, "lateness counts from the deadline that was missed"
-    assert (pacer.due, pacer.run, pacer.skipped) == (2, 1, 1)
+def test_exactly_one_period_late_runs_both_ticks_and_one_nanosecond_more_skips_to_the_newest() -> None:
+    for beyond_ns, ticks, late_ns, counts in ((0, [0, 1], [1_000_000, READ_NS], (2, 2, 0)), (1, [1], [1], (2, 1, 1))):
+        clock = FakeClock()
+        pacer = paced(clock)
+        clock.now_ns = pacer.due_ns(1) - READ_NS + beyond_ns
+        assert [(pacer.wait(), pacer.late_ns) for _ in ticks] == list(zip(ticks, late_ns, strict=True))
+        assert (pacer.due, pacer.run, pacer.skipped) == counts
+        assert pacer.lateness.max_ns == 1_000_000 + beyond_ns, "lateness counts from the deadline that was missed"
+        assert clock.slept_ns == []
 
 
 @given(st.sampled_from([128, 1024, 8192]), st.lists(st.integers(0, 30_000_000), max_size=60), st.integers(0, 100_000))
@@ -134,25 +106,17 @@ def test_ticks_rise_and_none_is_lost_from_the_count(rate_hz: int, works_ns: list
     assert pacer.run == len(ticks) == pacer.work.count
 
 
-def test_work_is_from_the_ticks_start_to_the_first_done() -> None:
+@pytest.mark.parametrize("ahead_ns", [0, 456_000])
+def test_work_is_from_the_ticks_start_to_the_first_done_and_what_was_done_ahead(ahead_ns: int) -> None:
     clock = FakeClock()
     pacer = paced(clock)
     pacer.done()
     pacer.wait()
     clock.now_ns += 123_000
-    pacer.done()
+    pacer.done(ahead_ns)
     pacer.done()
     assert pacer.work.count == 1
-    assert pacer.work.max_ns == 123_000 + READ_NS
-
-
-def test_what_was_done_ahead_of_a_tick_is_its_work_too() -> None:
-    clock = FakeClock()
-    pacer = paced(clock)
-    pacer.wait()
-    clock.now_ns += 123_000
-    pacer.done(456_000)
-    assert pacer.work.max_ns == 123_000 + 456_000 + READ_NS
+    assert pacer.work.max_ns == 123_000 + ahead_ns + READ_NS
 
 
 def test_two_rooms_take_turns_in_one_thread() -> None:

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from cogrip.protocol.io import punctuality
-from cogrip.protocol.io.punctuality import ALL, PLAIN, Punctuality, advise
+from cogrip.protocol.io.punctuality import ALL, PLAIN, Machine, Punctuality, advise
 
 
 def found(p99_us, skipped=0, rate_hz=1024, setup=ALL, refused=None):
@@ -27,7 +27,7 @@ def test_advice_names_the_cure():
     machine = quiet(usable_cpus=1, governor="powersave", virtual=True, preemption="PREEMPT_DYNAMIC", load_1min=9.0)
     refused = {"fifo": "refused: priority 40 needs an rtprio limit"}
     advice = "\n".join(advise(machine, [found(2000.0, refused=refused), found(2000.0, setup=PLAIN)]))
-    for words in (
+    for words in [
         "rtprio 40",
         "out of reach",
         "Only one processor",
@@ -35,7 +35,7 @@ def test_advice_names_the_cure():
         "virtual machine",
         "PREEMPT_RT",
         "busy",
-    ):
+    ]:
         assert words in advice
 
 
@@ -45,7 +45,7 @@ def test_a_row_is_measured_in_a_child_process():
     assert set(row.lateness_us) == {"p50", "p99", "p999", "max"}
 
 
-def quiet(**changed: object) -> punctuality.Machine:
+def quiet(**changed: object) -> Machine:
     whole = {"usable_cpus": 2, "load_1min": 0.1, "virtual": False, "governor": None, **changed}
     return dataclasses.replace(punctuality.examine(), **whole)
 
@@ -59,12 +59,9 @@ def test_under_load_no_rate_is_judged_for_good(loads):
     assert "measured under load (load average 3.0)" in line
     assert not any("choose a lower device rate" in line for line in advice), "not both that and: measure again"
     assert "measure again when it is quiet" in advice[-1]
-
-
-def test_the_load_of_the_measuring_itself_is_no_load():
-    machine = quiet(load_after=1.9)
-    assert machine.busy is None
-    assert not any("load" in line for line in advise(machine, [found(10.0)]))
+    measured = quiet(load_after=1.9)
+    assert measured.busy is None, "the load of the measuring itself is no load"
+    assert not any("load" in line for line in advise(measured, [found(10.0)]))
 
 
 def test_no_rate_is_better_in_reach_than_a_slower_one():

@@ -51,7 +51,16 @@ def test_timer_slack_is_one_nanosecond_until_released() -> None:
 
 
 @linux
-def test_refused_fifo_names_the_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fifo_is_asked_for_without_inheritance_and_given_back_and_a_refusal_names_the_cure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[int] = []
+    before = os.sched_getscheduler(0)
+    monkeypatch.setattr(os, "sched_setscheduler", lambda _pid, policy, _param: asked.append(policy))
+    measures = realtime.engage(["fifo"], priority=7)
+    realtime.release(measures)
+    assert measures[0].detail == "priority 7"
+    assert asked == [os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, before]
     monkeypatch.setattr(os, "sched_setscheduler", raising(PermissionError(1, "Operation not permitted")))
     (measure,) = realtime.engage(["fifo"])
     assert not measure.granted
@@ -61,36 +70,23 @@ def test_refused_fifo_names_the_cure(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @linux
-def test_fifo_is_asked_for_without_inheritance_and_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[int] = []
-    before = os.sched_getscheduler(0)
-    monkeypatch.setattr(os, "sched_setscheduler", lambda _pid, policy, _param: asked.append(policy))
-    measures = realtime.engage(["fifo"], priority=7)
-    realtime.release(measures)
-    assert measures[0].detail == "priority 7"
-    assert asked == [os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, before]
-
-
-@linux
-def test_a_finite_memory_limit_is_refused_rather_than_met_later(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_is_locked_and_unlocked_but_not_where_a_finite_limit_would_be_met_later(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     import resource
 
-    monkeypatch.setattr(realtime, "has_capability", lambda _bit: False)
-    monkeypatch.setattr(resource, "getrlimit", lambda _which: (65536, 65536))
-    monkeypatch.setattr(realtime, "libc_call", raising(AssertionError("must not lock")))
-    (measure,) = realtime.engage(["memory-locked"])
-    assert not measure.granted
-    assert "64 KiB" in measure.detail
-    assert "memlock unlimited" in measure.detail
-
-
-@linux
-def test_memory_is_locked_and_unlocked(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[tuple[object, ...]] = []
-    monkeypatch.setattr(realtime, "has_capability", lambda _bit: True)
     monkeypatch.setattr(realtime, "libc_call", lambda *call: calls.append(call))
+    monkeypatch.setattr(realtime, "has_capability", lambda _bit: True)
     realtime.release(realtime.engage(["memory-locked"]))
     assert calls == [("mlockall", 3), ("munlockall",)]
+    monkeypatch.setattr(realtime, "has_capability", lambda _bit: False)
+    monkeypatch.setattr(resource, "getrlimit", lambda _which: (65536, 65536))
+    (measure,) = realtime.engage(["memory-locked"])
+    assert not measure.granted
+    assert len(calls) == 2, "nothing was locked"
+    assert "64 KiB" in measure.detail
+    assert "memlock unlimited" in measure.detail
 
 
 @linux

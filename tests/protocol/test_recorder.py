@@ -3,6 +3,8 @@
 import errno
 import json
 import os
+import random
+import resource
 import shutil
 import signal
 import subprocess
@@ -10,19 +12,16 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from itertools import pairwise
 from pathlib import Path
 
 import msgspec
 import pytest
 
 from cogrip.protocol.io.recorder import RING_BYTES, Recorder, is_being_written, open_recorder, ring_for
-from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import Message, RecordingError, open_recording
 from cogrip.protocol.recording.records import Clock, Gap
-from cogrip.protocol.recording.sink import topics
 
-from tests.extent import long
+from tests.protocol.test_recording_file import header
 
 KINDS = ("event", "command", "gap", "clock")
 EVENT, COMMAND, GAP, CLOCK = range(4)
@@ -32,10 +31,6 @@ LIMIT_S, POLL_S = 600.0, 0.005
 
 Words = list[str]
 Start = Callable[..., Recorder]
-
-
-def header() -> Header:
-    return Header("client", "anna", "{}", 1024, 1, 10**18, False, versions_here(), topics("anna", KINDS))
 
 
 def text(number: int) -> bytes:
@@ -54,7 +49,7 @@ def start(words: Words, tmp_path: Path) -> Iterator[Start]:
     begun: list[Recorder] = []
 
     def begin(**arguments: int) -> Recorder:
-        recorder = open_recorder(tmp_path / "run" / "client-anna.mcap", header(), words.append, **arguments)
+        recorder = open_recorder(tmp_path / "run" / "client-anna.mcap", header(KINDS), words.append, **arguments)
         assert recorder is not None, words
         begun.append(recorder)
         return recorder
@@ -114,6 +109,16 @@ def numbers_in(path: Path, *, complete: bool | None = None) -> list[int]:
     return numbers
 
 
+def ours(path: Path) -> list[Message]:
+    """Return all messages of the file but the clock's."""
+    return [message for message in open_recording(path).messages() if message.topic != CLOCK]
+
+
+def gaps(messages: list[Message]) -> list[int]:
+    """Return how many messages each gap stands for."""
+    return [msgspec.json.decode(each.payload, type=Gap).messages for each in messages if each.topic == GAP]
+
+
 def flushed(path: Path) -> list[int]:
     """Return `numbers_in` of a file that may not have its header yet; leave its writer time for more."""
     time.sleep(POLL_S)
@@ -128,15 +133,14 @@ def test_everything_that_is_put_is_in_the_file(start, words):
     put(recorder, 0, 5000)
     recorder.put(COMMAND, 5000, b'{"verb":"leave"}')
     recorder.close()
-    recording = open_recording(recorder.path)
-    found = list(recording.messages())
-    ours = [message for message in found if message.topic != CLOCK]
-    assert ours == [
+    assert ours(recorder.path) == [
         *(Message(EVENT, number, text(number)) for number in range(5000)),
         Message(COMMAND, 5000, b'{"verb":"leave"}'),
     ]
+    recording = open_recording(recorder.path)
+    list(recording.chunks())
     assert (recording.complete, recording.cut) == (True, False)
-    assert recording.header == header()
+    assert recording.header == header(KINDS)
     assert (words, recorder.lost, recorder.trouble) == ([], 0, "")
 
 
@@ -154,15 +158,6 @@ def test_however_short_a_session_is_it_has_a_clock_anchor(start, messages, words
         assert msgspec.json.decode(message.payload, type=Clock).monotonic_ns == message.time_ns
 
 
-def test_an_existing_file_is_never_overwritten(words, tmp_path):
-    path = tmp_path / "client-anna.mcap"
-    path.write_bytes(b"somebody's only copy")
-    assert open_recorder(path, header(), words.append) is None
-    assert path.read_bytes() == b"somebody's only copy"
-    (said,) = words
-    assert f"{path} exists, and no recording is overwritten" in said
-
-
 @pytest.mark.parametrize("folder", ["/proc/cogrip", "/sys/kernel", "a file"])
 def test_where_nothing_can_be_written_the_session_goes_on_without(words, folder, tmp_path):
     if folder == "a file":  # which is not called an existing recording
@@ -170,10 +165,15 @@ def test_where_nothing_can_be_written_the_session_goes_on_without(words, folder,
         folder.write_text("not a folder")
     elif not Path(folder).parents[-2].is_mount():
         pytest.skip(f"{Path(folder).parents[-2]} is not mounted here: a plain folder could be written to")
-    assert open_recorder(Path(folder) / "client-anna.mcap", header(), words.append) is None
-    (said,) = words
+    existing = tmp_path / "client-anna.mcap"
+    existing.write_bytes(b"somebody's only copy")
+    for path in (Path(folder) / "client-anna.mcap", existing):
+        assert open_recorder(path, header(KINDS), words.append) is None
+    said, exists = words
     assert said.startswith(f"this session is not recorded: {folder}/client-anna.mcap: ")
     assert said.endswith("choose another folder with --runs")
+    assert f"{existing} exists, and no recording is overwritten" in exists
+    assert existing.read_bytes() == b"somebody's only copy"
 
 
 def test_a_full_ring_costs_messages_that_are_counted_and_marked_at_their_place(start, words):
@@ -190,21 +190,16 @@ def test_a_full_ring_costs_messages_that_are_counted_and_marked_at_their_place(s
     fourth = put_until(recorder, third, lambda: recorder.lost >= kept)
     os.kill(writer_of(recorder), signal.SIGCONT)
     recorder.close()
-    lost = recorder.lost
-
-    found = [message for message in open_recording(recorder.path).messages() if message.topic != CLOCK]
-    gaps = [msgspec.json.decode(message.payload, type=Gap).messages for message in found if message.topic == GAP]
-    numbers = [message.time_ns for message in found if message.topic == EVENT]
-    assert len(numbers) + lost == fourth
-    assert sum(gaps) == lost
-    assert all(message.payload == text(message.time_ns) for message in found if message.topic == EVENT)
-    for before, after in pairwise(found):
-        if before.topic == after.topic == EVENT:
-            assert after.time_ns == before.time_ns + 1, "nothing is missing without a gap"
-    for before, gap, after in zip(found, found[1:], found[2:], strict=False):
-        if gap.topic == GAP:
-            missing = after.time_ns - before.time_ns - 1
-            assert missing == msgspec.json.decode(gap.payload, type=Gap).messages, "it stands where they are missing"
+    lost, found = recorder.lost, ours(recorder.path)
+    assert sum(message.topic == EVENT for message in found) + lost == fourth
+    assert sum(gaps(found)) == lost
+    number = 0
+    for message in found:
+        if message.topic == GAP:
+            number += gaps([message])[0]
+        else:
+            assert message == Message(EVENT, number, text(number)), "a gap stands where they are missing"
+            number += 1
     assert words == [TOO_SLOW], "said once"
 
 
@@ -214,12 +209,10 @@ def test_messages_lost_at_the_very_end_are_marked_too(start):
     last = put_until(recorder, 0, lambda: recorder.lost >= 70_000)  # more than two bytes count
     os.kill(writer_of(recorder), signal.SIGCONT)
     recorder.close()
-    found = [message for message in open_recording(recorder.path).messages() if message.topic != CLOCK]
-    numbers = [message.time_ns for message in found if message.topic == EVENT]
-    assert numbers == list(range(last - recorder.lost))
+    found = ours(recorder.path)
+    assert [message.time_ns for message in found if message.topic == EVENT] == list(range(last - recorder.lost))
     assert found[-1].topic == GAP
-    gaps = [msgspec.json.decode(each.payload, type=Gap).messages for each in found if each.topic == GAP]
-    assert sum(gaps) == recorder.lost
+    assert sum(gaps(found)) == recorder.lost
 
 
 def test_a_killed_writer_is_noticed_and_what_it_flushed_is_there(start, words):
@@ -271,7 +264,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 def test_the_recording_of_a_killed_loop_is_closed_and_says_that_its_end_is_missing(tmp_path):
     path = tmp_path / "client-anna.mcap"
     loop = subprocess.run(
-        [sys.executable, "-c", KILLED_LOOP, str(path), json.dumps(header().metadata())],
+        [sys.executable, "-c", KILLED_LOOP, str(path), json.dumps(header(KINDS).metadata())],
         check=False, capture_output=True, timeout=LIMIT_S,
     )  # fmt: skip
     assert loop.returncode == -signal.SIGKILL, loop.stderr
@@ -327,80 +320,29 @@ def test_a_folder_that_cannot_come_back_is_said(start, words):
     assert recorder.lost == first + 1000, "what had been written before too"
 
 
-# -- a full disk --------------------------------------------------------------------------------------------------------
-
-FULL_DISK = """
-import json, random, sys
-from pathlib import Path
-import msgspec
-from cogrip.protocol.io.recorder import open_recorder
-from cogrip.protocol.recording.header import header_of
-
-disk, header, room = Path(sys.argv[1]), header_of(json.loads(sys.argv[2])), sys.argv[3] == "room"
-words, chance = [], random.Random(1)
-if not room:
-    (disk / "full").open("wb", buffering=0).write(bytes(200 * 1024))
-recorder = open_recorder(disk / "run" / "client-anna.mcap", header, words.append)
-for number in range(600):
-    recorder.put(0, number, b'{"text":"%01024x"}' % chance.getrandbits(4096))
-    while room and number == 100 and recorder.path.stat().st_size < 50_000:
-        pass
-while not recorder.ring.said:
-    pass
-for number in range(1000):
-    recorder.put(0, 10**9 + number, b"{}")
-recorder.close()
-again = []
-other = open_recorder(disk / "run" / "client-ben.mcap", header, again.append)
-other.close()
-print(json.dumps({"words": words, "trouble": recorder.trouble, "again": again, "lost": recorder.lost}))
-for name in ("client-anna", "client-ben"):
-    Path(sys.argv[4], f"{name}.mcap").write_bytes((disk / "run" / f"{name}.mcap").read_bytes())
-"""
-
-
-def namespace() -> list[str] | str:
-    """Return a command prefix that gives a process mounts of its own, or why there is none."""
-    if not shutil.which("unshare"):
-        return "no `unshare` here"
-    for command in (["unshare", "--mount"], ["unshare", "--user", "--map-root-user", "--mount"]):
-        tried = subprocess.run(
-            [*command, "mount", "-t", "tmpfs", "none", "/mnt"], capture_output=True, text=True, check=False
-        )
-        if tried.returncode == 0:
-            return command
-    return f"mounting is not allowed here: {tried.stderr.strip()}"
-
-
-@pytest.mark.parametrize("room", ["room", long("no room")])
-def test_a_full_disk_is_said_once_and_what_was_written_stays_readable(tmp_path, room):
-    """A tmpfs of 200 kB, for about 600 kB; or one that is full before the first byte."""
-    command = namespace()
-    if isinstance(command, str):
-        pytest.skip(command)
-    disk, kept = tmp_path / "disk", tmp_path / "kept"
-    disk.mkdir()
-    kept.mkdir()
-    mount = f'mount -t tmpfs -o size=200k none "{disk}" && exec "$@"'
-    done = subprocess.run(
-        [*command, "sh", "-c", mount, "sh", sys.executable, "-c", FULL_DISK, disk, json.dumps(header().metadata()), room, kept],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    full = os.strerror(errno.ENOSPC)
-    path = disk / "run" / "client-anna.mcap"
-    assert told["trouble"] == f"{path}: {full}; what was written before stays readable"
-    assert told["words"] == [f"recording of client-anna.mcap has stopped: {told['trouble']}"], "said once"
-    if room == "no room":
-        assert [full in words for words in told["again"]] == [True]
+@pytest.mark.parametrize("room_bytes", [200_000, 0])
+def test_a_full_disk_is_said_once_and_what_was_written_stays_readable(start, words, room_bytes):
+    """For about 600 kB the writer has room for 200 kB, or for none before the first byte."""
+    recorder, chance = start(), random.Random(1)
+    resource.prlimit(writer_of(recorder), resource.RLIMIT_FSIZE, (room_bytes, room_bytes))
+    for number in range(600):
+        recorder.put(EVENT, number, b'{"text":"%01024x"}' % chance.getrandbits(4096))
+        if room_bytes and number == 100:
+            wait_for(lambda: recorder.path.stat().st_size > 50_000)
+    wait_for(lambda: recorder.ring.said)
+    put(recorder, 10**9, 10**9 + 1000)
+    recorder.close()
+    assert recorder.trouble == f"{recorder.path}: {os.strerror(errno.EFBIG)}; what was written before stays readable"
+    assert words == [f"recording of client-anna.mcap has stopped: {recorder.trouble}"], "said once"
+    if not room_bytes:
+        assert recorder.lost == 1600
     else:
-        recording = open_recording(kept / "client-anna.mcap")
+        recording = open_recording(recorder.path)
         numbers = [message.time_ns for message in recording.messages() if message.topic == EVENT]
         assert len(numbers) > 100
         assert numbers == list(range(len(numbers)))
         assert not recording.damage, "no half a chunk is left"
-        assert told["lost"] == 1600 - len(numbers)
+        assert recorder.lost == 1600 - len(numbers)
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from random import Random
-from types import NoneType, UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple
 
 import msgspec
 import pytest
@@ -23,12 +22,13 @@ from cogrip.protocol.drawing import Shape
 from cogrip.protocol.recording import reader
 from cogrip.protocol.recording.header import CHECK, FORMAT, NAME, Header, checksum, versions_here
 from cogrip.protocol.recording.reader import MOST_PACKED, Message, Recording, RecordingError, open_recording
-from cogrip.protocol.recording.records import KINDS, Record, SeatStep
+from cogrip.protocol.recording.records import KINDS, Record
 from cogrip.protocol.recording.sink import encode, topics
 from cogrip.protocol.recording.writer import RecordingWriter
 
 from tests.extent import every
 from tests.protocol.test_recording_schema import fits
+from tests.protocol.valid_values import valid
 
 EPOCH_NS = 1_700_000_000_123_456_789
 KINDS_SMALL = ("event", "command")
@@ -41,21 +41,30 @@ def header(kinds: Sequence[str] = KINDS_SMALL, **changes: Any) -> Header:
     return msgspec.structs.replace(whole, **changes)
 
 
-def written(header: Header, chunks: Sequence[Sequence[Message]], *, finished: bool = True) -> bytes:
-    """A file with these chunks."""
+def written(
+    header: Header, chunks: Sequence[Sequence[Message]], kind: Callable[[io.BytesIO, Header], Any] = RecordingWriter
+) -> bytes:
+    """A file with these chunks, or smaller ones where they are larger than a chunk may be."""
     stream = io.BytesIO()
-    writer = RecordingWriter(stream, header)
+    writer = kind(stream, header)
     for chunk in chunks:
         for message in chunk:
             writer.put(*message)
         writer.flush()
-    if finished:
-        writer.finish()
+    writer.finish()
     return stream.getvalue()
 
 
-def file_of(chunks: int, messages: int, seed: int = 1) -> tuple[bytes, list[list[Message]]]:
-    """A file, and what is in each of its chunks; no two messages have the same time."""
+class File(NamedTuple):
+    """A file, what is in each of its chunks, and the bytes of each by an independent reader."""
+
+    data: bytes
+    content: list[list[Message]]
+    places: list[range]
+
+
+def file_of(chunks: int, messages: int, seed: int) -> File:
+    """Return a file in which no two messages have the same time."""
     chance = Random(seed)
     content = [
         [
@@ -64,20 +73,14 @@ def file_of(chunks: int, messages: int, seed: int = 1) -> tuple[bytes, list[list
         ]
         for chunk in range(chunks)
     ]
-    return written(header(), content), content
+    data = written(header(), content)
+    indexes = make_reader(io.BytesIO(data)).get_summary().chunk_indexes
+    return File(data, content, [range(at := each.chunk_start_offset, at + each.chunk_length) for each in indexes])
 
 
-def places(data: bytes) -> list[range]:
-    """The bytes of each chunk record, by an independent reader."""
-    summary = make_reader(io.BytesIO(data)).get_summary()
-    return [
-        range(each.chunk_start_offset, each.chunk_start_offset + each.chunk_length) for each in summary.chunk_indexes
-    ]
-
-
-SMALL, SMALL_CONTENT = file_of(8, 4)
-SMALL_PLACES = places(SMALL)
-HEADER_END = SMALL_PLACES[0].start
+SMALL, LARGE = file_of(8, 4, seed=1), file_of(30, 16, seed=2)
+FILES = {"small": SMALL, "large": LARGE}
+HEADER_END = SMALL.places[0].start
 
 
 @pytest.fixture(scope="module")
@@ -107,36 +110,8 @@ def read_or_refused(path: Path, data: bytes) -> tuple[Recording | None, list[Mes
 # -- written and read -------------------------------------------------------------------------------------------------
 
 
-def values(hint: Any) -> st.SearchStrategy[Any]:
-    """Anything that a field of this type may hold."""
-    simple: dict[Any, st.SearchStrategy[Any]] = {
-        int: st.integers(-(2**63), 2**64 - 1),
-        float: st.floats(allow_nan=False, allow_infinity=False),  # others are written as null, which is here too
-        str: st.text(st.characters(exclude_categories=["Cs"]), max_size=20),
-        bytes: st.binary(max_size=60),
-        bool: st.booleans(),
-        NoneType: st.none(),
-    }
-    if hint in simple:
-        return simple[hint]
-    if get_origin(hint) in (Union, UnionType):
-        return st.one_of([values(each) for each in get_args(hint)])
-    if get_origin(hint) is tuple and get_args(hint)[-1] is ...:
-        return st.lists(values(get_args(hint)[0]), max_size=3).map(tuple)
-    if get_origin(hint) is tuple:
-        return st.tuples(*map(values, get_args(hint)))
-    if hint is Shape:
-        turned = Shape(
-            "capsule", (0.1, 0.2, 0.0), 3, (0.1, 0.0, -0.1), (0.5, -0.5, 0.5, 0.5), (1.0, 0.5, 0.0, 1.0), 1, True
-        )
-        return st.sampled_from([Shape("box", (0.1, 0.2, 0.3)), turned])
-    assert issubclass(hint, SeatStep), hint
-    return records(hint)
-
-
-def records(kind: type[Record]) -> st.SearchStrategy[Record]:
-    hints = get_type_hints(kind)
-    return st.builds(kind, **{name: values(hint) for name, hint in hints.items() if name in kind.__struct_fields__})
+turned = Shape("capsule", (0.1, 0.2, 0.0), 3, (0.1, 0.0, -0.1), (0.5, -0.5, 0.5, 0.5), (1.0, 0.5, 0.0, 1.0), 1, True)
+shapes = st.sampled_from([Shape("box", (0.1, 0.2, 0.3)), turned])
 
 
 @st.composite
@@ -144,7 +119,7 @@ def messages(draw: st.DrawFn) -> list[tuple[str, int, Record]]:
     """Some records of any kind, as (kind, time, record)."""
     kinds = draw(st.lists(st.sampled_from(sorted(KINDS)), max_size=12))
     times = st.integers(0, 2**63 - 1 - EPOCH_NS)
-    return [(kind, draw(times), draw(records(KINDS[kind]))) for kind in kinds]
+    return [(kind, draw(times), draw(valid(KINDS[kind], {Shape: shapes}))) for kind in kinds]
 
 
 @settings(max_examples=48)
@@ -184,17 +159,17 @@ def test_what_is_written_is_read_again_by_us_and_by_others(path, content, ends):
 
 def test_a_follower_sees_what_was_flushed(path):
     """The newest of each topic; a chunk of which only a part is there is waited for."""
-    path.write_bytes(SMALL[: SMALL_PLACES[0].start])
+    path.write_bytes(SMALL.data[: SMALL.places[0].start])
     follower = reader.Follower(path)
     assert not follower.look()
     done: list[Message] = []
-    for chunk, place in zip(SMALL_CONTENT, SMALL_PLACES, strict=True):
-        path.write_bytes(SMALL[: place.stop - 1])
+    for chunk, place in zip(SMALL.content, SMALL.places, strict=True):
+        path.write_bytes(SMALL.data[: place.stop - 1])
         assert follower.look() == newest(done)
         done += chunk
-        path.write_bytes(SMALL[: place.stop])
+        path.write_bytes(SMALL.data[: place.stop])
         assert follower.look() == newest(done)
-    path.write_bytes(SMALL)
+    path.write_bytes(SMALL.data)
     assert follower.look() == newest(done)
 
 
@@ -205,39 +180,30 @@ def newest(messages: Sequence[Message]) -> dict[str, Message]:
 # -- cut --------------------------------------------------------------------------------------------------------------
 
 
-def check_cut(path, data, content, chunk_places, size) -> None:
-    """Only RecordingError is raised, and all of what was whole is there, and nothing else."""
-    whole = [chunk for chunk, place in zip(content, chunk_places, strict=True) if place.stop <= size]
-    recording, found = read_or_refused(path, data[:size])
-    if recording is None:
-        assert size < chunk_places[0].start, f"{size} bytes hold the header, but it is refused"
-        return
-    assert found == [message for chunk in whole for message in chunk]
-    assert recording.complete == (size == len(data))
-    for damage in recording.damage:
-        assert damage.reason == "the end is cut off"
-        assert damage.offset + damage.length == size
-        assert damage.from_ns == (whole[-1][-1].time_ns if whole else None)
-        assert damage.to_ns is None
-    if any(place.start < size < place.stop for place in chunk_places):
-        assert len(recording.damage) == 1, "half a chunk is not passed over in silence"
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_cut_at_any_byte_gives_what_was_whole(path, name):
+    """At any byte of header and first chunk of the small one, beside any border, and all over the rest.
 
-
-def test_a_file_cut_at_any_byte_gives_what_was_whole(path):
-    """At any byte of header and first chunk, beside any border, and at every 13th byte of the rest."""
-    borders = {end + off for place in SMALL_PLACES for end in (place.start, place.stop) for off in (-1, 0, 1)}
-    rest = range(SMALL_PLACES[1].start, len(SMALL), 13)
-    for size in {*range(SMALL_PLACES[0].stop), *borders, *rest, *range(len(SMALL) - 30, len(SMALL) + 1)}:
-        check_cut(path, SMALL, SMALL_CONTENT, SMALL_PLACES, size)
-
-
-LARGE, LARGE_CONTENT = file_of(30, 16, seed=2)
-LARGE_PLACES = places(LARGE)
-
-
-@given(st.integers(0, len(LARGE)))
-def test_a_larger_file_cut_anywhere_gives_what_was_whole(path, size):
-    check_cut(path, LARGE, LARGE_CONTENT, LARGE_PLACES, size)
+    Only RecordingError is raised, and all of what was whole is there, and nothing else.
+    """
+    data, content, places = FILES[name]
+    borders = {end + off for place in places for end in (place.start, place.stop) for off in (-1, 0, 1)}
+    first = range(places[0].stop if name == "small" else 0)
+    rest = range(places[1].start, len(data), 13 if name == "small" else len(data) // 500)
+    for size in {*first, *borders, *rest, *range(len(data) - 30, len(data) + 1)}:
+        whole = [chunk for chunk, place in zip(content, places, strict=True) if place.stop <= size]
+        recording, found = read_or_refused(path, data[:size])
+        if recording is None:
+            assert size < places[0].start, f"{size} bytes hold the header, but it is refused"
+            continue
+        assert found == [message for chunk in whole for message in chunk]
+        assert recording.complete == (size == len(data))
+        for damage in recording.damage:
+            assert damage.reason == "the end is cut off"
+            assert damage.offset + damage.length == size
+            assert (damage.from_ns, damage.to_ns) == (whole[-1][-1].time_ns if whole else None, None)
+        if any(place.start < size < place.stop for place in places):
+            assert len(recording.damage) == 1, "half a chunk is not passed over in silence"
 
 
 # -- damaged ----------------------------------------------------------------------------------------------------------
@@ -256,64 +222,61 @@ def flipped(data: bytes, flips: Flips) -> bytes:
     return bytes(damaged)
 
 
-def check_damage(path, data, content, chunk_places, flips: Flips) -> None:
+def check_damage(path: Path, file: File, flips: Flips) -> None:
     """Nothing is raised; nothing is wrong; nothing is missing but what was hit; what is missing is named with its time."""
-    recording, found = read(path, flipped(data, flips))
-    original = [message for chunk in content for message in chunk]
+    recording, found = read(path, flipped(file.data, flips))
+    original = [message for chunk in file.content for message in chunk]
     given_times = [message.time_ns for message in found]
     assert given_times == sorted(set(given_times)), "in the order of the file, none twice"
     there = set(found)
     assert there <= set(original)
-    hit = {number for number, place in enumerate(chunk_places) if any(at in place for at in flips)}
-    for number, chunk in enumerate(content):
+    hit = {number for number, place in enumerate(file.places) if any(at in place for at in flips)}
+    for number, chunk in enumerate(file.content):
         if number not in hit:
             assert there.issuperset(chunk), f"chunk {number} was not hit, but is not there"
         missing = [message.time_ns for message in chunk if message not in there]
         if missing:
-            assert any(covers(damage, missing[0], missing[-1]) for damage in recording.damage), (
-                f"chunk {number} is missing, but the damage named is {recording.damage}"
-            )
+            assert any(
+                (damage.from_ns is None or damage.from_ns < missing[0])
+                and (damage.to_ns is None or missing[-1] < damage.to_ns)
+                for damage in recording.damage
+            ), f"chunk {number} is missing, but the damage named is {recording.damage}"
     for damage in recording.damage:
-        assert 0 < damage.offset < len(data)
-        assert damage.offset + damage.length <= len(data)
+        assert 0 < damage.offset < len(file.data)
+        assert damage.offset + damage.length <= len(file.data)
         assert damage.from_ns is None or damage.to_ns is None or damage.from_ns < damage.to_ns
 
 
-def covers(damage: Any, first_ns: int, last_ns: int) -> bool:
-    return (damage.from_ns is None or damage.from_ns < first_ns) and (damage.to_ns is None or last_ns < damage.to_ns)
+damages = st.one_of(
+    st.tuples(st.just("small"), flips(HEADER_END, len(SMALL.data))),
+    st.tuples(st.just("large"), flips(LARGE.places[0].start, len(LARGE.data), most=12)),
+)
 
 
-@settings(max_examples=1000)
-@given(flips(HEADER_END, len(SMALL)))
-def test_flipped_bytes_cost_only_the_chunks_that_they_hit(path, flips):
-    check_damage(path, SMALL, SMALL_CONTENT, SMALL_PLACES, flips)
-
-
-@settings(max_examples=500)
-@given(flips(LARGE_PLACES[0].start, len(LARGE), most=12))
-def test_flipped_bytes_in_a_larger_file(path, flips):
-    check_damage(path, LARGE, LARGE_CONTENT, LARGE_PLACES, flips)
+@settings(max_examples=1500)
+@given(damages)
+def test_flipped_bytes_cost_only_the_chunks_that_they_hit(path, damage):
+    name, flips = damage
+    check_damage(path, FILES[name], flips)
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("bits", every(4, [0x01, 0x02, 0x04, 0x08, 0x10, 0x20, 0x40, 0x80, 0xFF]))
 def test_every_byte_of_one_chunk_and_its_index_flipped_costs_at_most_that_chunk(path, bits):
     """Its length, its checksum, the length of its index: reading goes on at the next chunk."""
-    for at in range(SMALL_PLACES[3].start, SMALL_PLACES[4].start):
-        check_damage(path, SMALL, SMALL_CONTENT, SMALL_PLACES, {at: bits})
+    for at in range(SMALL.places[3].start, SMALL.places[4].start):
+        check_damage(path, SMALL, {at: bits})
 
 
 @pytest.mark.parametrize("size", [0, 1, 2**16, 2**31, 2**40, 2**63, 2**64 - 1])
 def test_a_chunk_that_says_it_is_of_any_size_costs_no_more_than_itself(path, size):
     """The size is set in the record, in its frame and in the compressed data's own frame header."""
-    place = SMALL_PLACES[3]
+    place = SMALL.places[3]
     data = place.start + 9 + 28 + 8 + 8
-    assert SMALL[data : data + 4] == b"\x28\xb5\x2f\xfd", "a zstd frame begins here"
+    assert SMALL.data[data : data + 4] == b"\x28\xb5\x2f\xfd", "a zstd frame begins here"
     number = size.to_bytes(8, "little")  # behind 0xE0 in zstd's frame: a single segment with its size in eight bytes
     for at, new in (*((place.start + at, number) for at in (1, 25, 45)), (data + 4, b"\xe0" + number)):
-        check_damage(
-            path, SMALL, SMALL_CONTENT, SMALL_PLACES, {at + n: SMALL[at + n] ^ byte for n, byte in enumerate(new)}
-        )
+        check_damage(path, SMALL, {at + n: SMALL.data[at + n] ^ byte for n, byte in enumerate(new)})
 
 
 @settings(max_examples=1000)
@@ -321,32 +284,32 @@ def test_a_chunk_that_says_it_is_of_any_size_costs_no_more_than_itself(path, siz
 @example({HEADER_END - 1: 1})
 def test_a_damaged_header_is_refused_or_changes_nothing(path, flips):
     """Topics, epoch and settings stand there: a message must not be given another topic or another time."""
-    recording, found = read_or_refused(path, flipped(SMALL, flips))
+    recording, found = read_or_refused(path, flipped(SMALL.data, flips))
     if recording is None:
         return
     assert recording.header == header()
-    assert found == [message for chunk in SMALL_CONTENT for message in chunk]
+    assert found == [message for chunk in SMALL.content for message in chunk]
 
 
 def test_a_hole_in_the_middle_is_named_by_its_time(path):
     """64 bytes of a chunk overwritten, and a whole disk block of zeros."""
-    place = LARGE_PLACES[20]
+    place = LARGE.places[20]
     for hole in (range(place.start + 100, place.start + 164), range(place.start + 50, place.start + 50 + 4096)):
-        data = bytearray(LARGE)
+        data = bytearray(LARGE.data)
         data[hole.start : hole.stop] = bytes(len(hole))
         recording, found = read(path, bytes(data))
-        lost = {number for number, each in enumerate(LARGE_PLACES) if each.start < hole.stop and each.stop > hole.start}
+        lost = {number for number, each in enumerate(LARGE.places) if each.start < hole.stop and each.stop > hole.start}
         assert found == [
-            message for number, chunk in enumerate(LARGE_CONTENT) if number not in lost for message in chunk
+            message for number, chunk in enumerate(LARGE.content) if number not in lost for message in chunk
         ]
-        span = LARGE_CONTENT[19][-1].time_ns, LARGE_CONTENT[max(lost) + 1][0].time_ns
+        span = LARGE.content[19][-1].time_ns, LARGE.content[max(lost) + 1][0].time_ns
         assert {(damage.from_ns, damage.to_ns) for damage in recording.damage} == {span}
 
 
 @given(st.binary(max_size=400))
-@example(SMALL[:8])
+@example(SMALL.data[:8])
 def test_garbage_after_the_header_is_no_message(path, garbage):
-    recording, found = read(path, SMALL[:HEADER_END] + garbage)
+    recording, found = read(path, SMALL.data[:HEADER_END] + garbage)
     assert not found
     assert not recording.complete
 
@@ -378,10 +341,10 @@ NEWER = str(FORMAT + 1)
     [
         (b"", "not a recording"),
         (b"time_s,x_m\n0,0\n", "not a recording"),
-        (SMALL[:7], "not a recording"),
-        (SMALL[:8], "ends before it says what it is"),
-        (SMALL[:40], "nothing of it can be saved"),
-        (SMALL[: HEADER_END - 20], "nothing of it can be saved"),
+        (SMALL.data[:7], "not a recording"),
+        (SMALL.data[:8], "ends before it says what it is"),
+        (SMALL.data[:40], "nothing of it can be saved"),
+        (SMALL.data[: HEADER_END - 20], "nothing of it can be saved"),
         (foreign(lambda writer: None), "no recording of cogrip's"),
         (foreign(lambda writer: writer.add_attachment(0, 0, "a", "b", b"c") and None), "no recording of cogrip's"),
         (foreign(lambda writer: writer.add_metadata("rosbag", {"distro": "x"})), "header is not cogrip's"),
@@ -409,26 +372,18 @@ def test_a_file_that_is_not_there_is_not_called_damaged(tmp_path):
 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_a_recording_or_are_refused(path, data):
-    path.write_bytes(SMALL[:8] + data)
+    path.write_bytes(SMALL.data[:8] + data)
     with pytest.raises(RecordingError):
         open_recording(path)
 
 
-def bomb(unpacked: int, chunks: int) -> bytes:
-    """A file with chunks of empty records, each of which packs away to nothing."""
-    data = zstandard.compress(bytes(unpacked))
-    body = (
-        struct.pack("<QQQI", 0, 0, unpacked, 0) + struct.pack("<I", 4) + b"zstd" + struct.pack("<Q", len(data)) + data
-    )
-    whole = written(header(), [])
-    begin = HEADER_END
-    return whole[:begin] + (struct.pack("<BQ", 6, len(body)) + body) * chunks + whole[begin:]
-
-
 @pytest.mark.parametrize(("unpacked", "chunks"), [(1 << 20, 200), (60 << 20, 40)])
 def test_chunks_that_unpack_to_far_more_than_was_ever_written_are_not_opened(path, unpacked, chunks, monkeypatch):
-    """Work is counted: bytes that are unpacked, for each of the file."""
-    data = bomb(unpacked, chunks)
+    """Work is counted: bytes that are unpacked, for each of the file. The chunks hold empty records, packed to nothing."""
+    packed = zstandard.compress(bytes(unpacked))
+    body = struct.pack("<QQQII4sQ", 0, 0, unpacked, 0, 4, b"zstd", len(packed)) + packed
+    whole = written(header(), [])
+    data = whole[:HEADER_END] + (struct.pack("<BQ", 6, len(body)) + body) * chunks + whole[HEADER_END:]
     taken = []
     whole = zstandard.decompress
     monkeypatch.setattr(zstandard, "decompress", lambda packed: taken.append(len(out := whole(packed))) or out)

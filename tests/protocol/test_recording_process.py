@@ -16,10 +16,11 @@ from msgspec.msgpack import Ext
 
 from cogrip.protocol.io.recording_process import MOST_HELD_BYTES, Task
 from cogrip.protocol.io.ring import Ring, make_ring
-from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Event
-from cogrip.protocol.recording.sink import pack, topics
+from cogrip.protocol.recording.sink import pack
+
+from tests.protocol.test_recording_file import header
 
 KINDS = ("event", "gap", "clock")
 EVENT = 0
@@ -41,6 +42,12 @@ class Desk:
             self.ring.put(EVENT, self.put_messages, b'{"text":"%s"}' % chance.randbytes(text_bytes // 2).hex().encode())
             self.put_messages += 1
 
+    def write(self, messages: int, text_bytes: int = TEXT_BYTES) -> None:
+        """Put messages, and let the task bring them into the file."""
+        self.put(messages, text_bytes)
+        self.task.take()
+        self.task.flush()
+
     def in_file(self) -> list[int]:
         """Return the numbers of our messages, in the file's order."""
         return [message.time_ns for message in open_recording(self.path).messages() if message.topic == EVENT]
@@ -50,10 +57,9 @@ class Desk:
 def desk(tmp_path: Path) -> Iterator[Desk]:
     path = tmp_path / "run" / "client-anna.mcap"
     path.parent.mkdir()
-    header = Header("client", "anna", "{}", 1024, 1, 10**18, False, versions_here(), topics("anna", KINDS))
     fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL)
     ring = make_ring(8 * 2**20)
-    yield Desk(path, ring, Task(ring, fd, {"path": str(path), "header": header.metadata()}))
+    yield Desk(path, ring, Task(ring, fd, {"path": str(path), "header": header(KINDS).metadata()}))
     os.close(fd)
     ring.close()
 
@@ -69,9 +75,7 @@ def limit_files() -> Iterator[Callable[[int], None]]:
 @pytest.mark.parametrize("most_bytes", [MOST_HELD_BYTES // 4, 5 * MOST_HELD_BYTES // 4, 5 * MOST_HELD_BYTES // 2])
 def test_when_the_disk_fills_up_what_is_in_the_file_is_what_counts(desk, limit_files, most_bytes):
     """Several MOST_HELD_BYTES wait at once, as after a stall: pieces of them are in the file when the next finds no room."""
-    desk.put(10)
-    desk.task.take()
-    desk.task.flush()
+    desk.write(10)
     limit_files(most_bytes)
     desk.put(1500)
     desk.task.take()
@@ -93,9 +97,7 @@ def test_a_spool_that_finds_no_room_ends_no_recording(desk, monkeypatch):
 
     monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
     for _ in range(1000):  # chunks: some 120 bytes each
-        desk.put(1, 10)
-        desk.task.take()
-        desk.task.flush()
+        desk.write(1, 10)
     assert asked
     desk.task.finish(cut=False)
     recording = open_recording(desk.path)
@@ -122,9 +124,7 @@ def test_a_record_that_cannot_be_read_is_a_gap_and_ends_no_recording(desk, paylo
 
 @pytest.mark.parametrize("noticed", ["flush", "finish"])
 def test_of_a_file_that_cannot_be_put_back_nothing_counts_as_saved(desk, noticed):
-    desk.put(100)
-    desk.task.take()
-    desk.task.flush()
+    desk.write(100)
     assert desk.ring.saved == 100
     shutil.rmtree(desk.path.parent)
     desk.path.parent.write_text("something else has that name now")
@@ -141,13 +141,9 @@ def test_of_a_file_that_cannot_be_put_back_nothing_counts_as_saved(desk, noticed
 
 def test_a_file_that_is_removed_after_the_disk_was_full_is_put_back(desk, limit_files):
     """The report says that what was written stays readable."""
-    desk.put(100)
-    desk.task.take()
-    desk.task.flush()
+    desk.write(100)
     limit_files(desk.path.stat().st_size + 100)
-    desk.put(100)
-    desk.task.take()
-    desk.task.flush()
+    desk.write(100)
     shutil.rmtree(desk.path.parent)
     desk.task.flush()
     assert desk.in_file() == list(range(100))

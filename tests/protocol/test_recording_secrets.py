@@ -32,15 +32,12 @@ def kept(message: bytes) -> bytes:
     return out
 
 
-def test_a_hello_loses_its_token_and_keeps_a_mark() -> None:
+def test_a_hello_loses_its_token_and_keeps_a_mark_and_so_does_a_welcome() -> None:
     out = kept(messages.padded(HELLO))
     assert len(out) == messages.HELLO_BYTES
     read = messages.decode(out)
     assert isinstance(read, Hello)
     assert msgspec.structs.replace(read, padding=b"") == msgspec.structs.replace(HELLO, token="", ticket="m22")
-
-
-def test_a_welcome_keeps_a_mark() -> None:
     assert messages.decode(kept(messages.encode(WELCOME))) == msgspec.structs.replace(WELCOME, ticket="m22")
 
 

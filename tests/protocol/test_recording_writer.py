@@ -5,13 +5,11 @@ import io
 import resource
 import sys
 import tempfile
-from collections.abc import Sequence
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from types import FunctionType, ModuleType
 
-import msgspec
 import pytest
 import zstandard
 from hypothesis import example, given, settings
@@ -22,21 +20,16 @@ from mcap.writer import CompressionType, Writer
 from cogrip.protocol.io import recording_process
 from cogrip.protocol.io.recording_process import WholePieces
 from cogrip.protocol.recording import summary as summary_module
-from cogrip.protocol.recording.derived import DERIVED
-from cogrip.protocol.recording.header import NAME, Header, versions_here
+from cogrip.protocol.recording.header import NAME, Header
 from cogrip.protocol.recording.reader import Message, Recording, open_recording
 from cogrip.protocol.recording.records import KINDS, kind_of
 from cogrip.protocol.recording.schema import json_schema
-from cogrip.protocol.recording.sink import topics
 from cogrip.protocol.recording.summary import HELD_BYTES, Spool
 from cogrip.protocol.recording.writer import CHUNK_BYTES, LEVEL, LIBRARY, RecordingWriter
 
-EPOCH_NS = 1_700_000_000_123_456_789
-RECORDED = sorted((Path(__file__).parents[1] / "recordings").glob("*/*.mcap"))
+from tests.protocol.test_recording_file import EPOCH_NS, header, written
 
-
-def header(topics_of: Sequence[str] = ("event", "command", "tick")) -> Header:
-    return Header("client", "anna", "{}", 1024, 7, EPOCH_NS, False, versions_here(), topics("anna", topics_of))
+THREE = ("event", "command", "tick")
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -53,6 +46,7 @@ class LibraryWriter:
     def __init__(self, stream: io.BytesIO, header: Header) -> None:
         self.writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._epoch_ns = header.epoch_ns
+        self.flush, self.finish = self.writer.flush, self.writer.finish
         self.writer.start(library=LIBRARY)
         self.writer.add_metadata(NAME, header.metadata())
         schemas: dict[str, int] = {}
@@ -67,26 +61,6 @@ class LibraryWriter:
     def put(self, topic: int, time_ns: int, payload: bytes) -> None:
         log_time = time_ns + self._epoch_ns
         self.writer.add_message(self._channels[topic], log_time, payload, log_time)
-
-    def flush(self) -> None:
-        self.writer.flush()
-
-    def finish(self) -> None:
-        self.writer.finish()
-
-
-def written(
-    kind: type[RecordingWriter] | type[LibraryWriter], header: Header, chunks: Sequence[Sequence[Message]]
-) -> bytes:
-    """A file with these chunks, or smaller ones where they are larger than a chunk may be."""
-    stream = io.BytesIO()
-    writer = kind(stream, header)
-    for chunk in chunks:
-        for message in chunk:
-            writer.put(*message)
-        writer.flush()
-    writer.finish()
-    return stream.getvalue()
 
 
 # -- byte for byte ----------------------------------------------------------------------------------------------------
@@ -110,26 +84,13 @@ def test_a_file_is_what_the_library_would_write(content, ends, held_bytes):
     chunks = [content[start:end] for start, end in pairwise(borders)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(summary_module, "HELD_BYTES", held_bytes)
-        assert written(RecordingWriter, header(), chunks) == written(LibraryWriter, header(), chunks)
+        assert written(header(THREE), chunks) == written(header(THREE), chunks, LibraryWriter)
 
 
 @pytest.mark.parametrize("kinds", [(), ("event",), ("datagram_in", "datagram_out"), tuple(KINDS)])
 def test_topics_of_one_kind_share_a_schema_as_the_library_has_it(kinds):
     chunks = [[Message(number, number, b"{}")] for number in range(len(kinds))]
-    assert written(RecordingWriter, header(kinds), chunks) == written(LibraryWriter, header(kinds), chunks)
-
-
-@pytest.mark.parametrize("path", RECORDED, ids=lambda path: f"{path.parent.name}-{path.stem}")
-def test_a_real_recording_is_what_the_library_would_write(path):
-    """But for pictures, which stand behind all other topics and are derived as it is written."""
-    recording = open_recording(path)
-    topics = tuple(topic for topic in recording.topics if kind_of(topic) not in DERIVED)
-    assert topics == tuple(recording.topics[: len(topics)])
-    chunks = [[message for message in chunk if message.topic < len(topics)] for chunk in recording.chunks()]
-    whole = [[message for chunk in chunks for message in chunk]]  # in chunks of 64 KiB, and as it was flushed
-    for each in (whole, chunks):
-        bare = msgspec.structs.replace(recording.header, topics=topics)
-        assert written(RecordingWriter, bare, each) == written(LibraryWriter, bare, each)
+    assert written(header(kinds), chunks) == written(header(kinds), chunks, LibraryWriter)
 
 
 def test_a_topic_that_is_not_in_the_header_is_refused():
@@ -169,7 +130,7 @@ def size_of(root: object, *apart: object) -> int:
 def growth(kind: type[RecordingWriter] | type[LibraryWriter]) -> float:
     """Bytes that a writer keeps for each further chunk."""
     stream = io.BytesIO()
-    writer = kind(stream, header())
+    writer = kind(stream, header(THREE))
     fill(writer, 0, CHUNKS)
     before = size_of(writer, stream)
     fill(writer, CHUNKS, 2 * CHUNKS)
@@ -179,12 +140,11 @@ def growth(kind: type[RecordingWriter] | type[LibraryWriter]) -> float:
 
 
 def test_what_a_writer_keeps_does_not_grow_with_the_chunks():
-    """But for what is waiting to be let go: at most HELD_BYTES, with what a `bytearray` has in reserve."""
+    """But for what is waiting to be let go: at most HELD_BYTES, with what a `bytearray` has in reserve.
+
+    The library's keeps every chunk: the reason for a writer of our own, and the measure sees what grows.
+    """
     assert abs(growth(RecordingWriter)) * CHUNKS <= 1.2 * HELD_BYTES
-
-
-def test_the_librarys_keeps_every_chunk():
-    """Else there would be no reason for a writer of our own; and the measure sees what grows."""
     assert growth(LibraryWriter) > 300.0
 
 
@@ -200,7 +160,7 @@ class Noting(io.BytesIO):
 
 def test_the_end_of_a_long_recording_is_written_piece_by_piece():
     stream = Noting()
-    writer = RecordingWriter(stream, header())
+    writer = RecordingWriter(stream, header(THREE))
     fill(writer, 0, CHUNKS)
     before, stream.largest = stream.tell(), 0
     writer.finish()
@@ -211,7 +171,7 @@ def test_the_end_of_a_long_recording_is_written_piece_by_piece():
 def test_a_long_recording_is_opened_by_those_who_seek(tmp_path):
     path = tmp_path / "client-anna.mcap"
     with path.open("wb") as file:
-        writer = RecordingWriter(file, header(), tmp_path)
+        writer = RecordingWriter(file, header(THREE), tmp_path)
         fill(writer, 0, CHUNKS)
         assert list(tmp_path.iterdir()) == [path], "what is kept meanwhile has no name: a killed process leaves nothing"
         writer.finish()
@@ -239,14 +199,14 @@ def test_a_long_recording_is_opened_by_those_who_seek(tmp_path):
 def test_a_long_recording_cut_in_its_summary_loses_nothing_but_that(tmp_path):
     """Killed while it wrote the end: every message is there, and it is known not to be closed."""
     stream = io.BytesIO()
-    writer = RecordingWriter(stream, header())
+    writer = RecordingWriter(stream, header(THREE))
     fill(writer, 0, CHUNKS)
     data_end = stream.tell()
     writer.finish()
     data, path = stream.getvalue(), tmp_path / "client-anna.mcap"
     for size in (data_end, data_end + 13, (data_end + len(data)) // 2, len(data) - 1):
         path.write_bytes(data[:size])
-        recording = Recording(path, header())
+        recording = Recording(path, header(THREE))
         assert sum(1 for _ in recording.messages()) == 3 * CHUNKS
         assert not recording.complete
 
@@ -269,17 +229,14 @@ def test_a_spool_gives_back_what_it_was_given(records, held_bytes):
         spool.close()
 
 
-def test_what_fits_in_memory_makes_no_file(tmp_path):
-    spool = Spool(tmp_path / "not there")
-    spool.append(bytes(HELD_BYTES))
-    assert spool.held_bytes == spool.length
-    assert list(spool.pieces()) == [bytes(HELD_BYTES)]
-
-
-def test_one_byte_more_makes_one_and_where_the_folder_is_gone_it_lies_elsewhere(tmp_path):
+def test_what_fits_in_memory_makes_no_file_one_byte_more_makes_one_and_where_the_folder_is_gone_it_lies_elsewhere(
+    tmp_path,
+):
     for folder in (tmp_path, tmp_path / "not there", None):
         spool = Spool(folder)
         spool.append(bytes(HELD_BYTES))
+        assert spool.held_bytes == spool.length
+        assert list(spool.pieces()) == [bytes(HELD_BYTES)]
         spool.append(b"x")
         assert spool.held_bytes == 0
         assert b"".join(spool.pieces()) == bytes(HELD_BYTES) + b"x"

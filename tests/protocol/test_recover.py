@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
@@ -60,7 +60,6 @@ def chunks_of(path: Path) -> list[Chunk]:
 
 CHUNKS = {path: chunks_of(path) for path in FILES}
 files = st.sampled_from(FILES)
-every_file = pytest.mark.parametrize("source", FILES, ids=lambda path: f"{path.parent.name}-{path.stem}")
 
 
 def messages_of(path: Path) -> list[Message]:
@@ -98,11 +97,8 @@ def ticks_in(source: Path, messages: Sequence[Message]) -> int:
     return idle + sum(kinds[message.topic] in ("tick", "step") for message in messages)
 
 
-def saved(source: Path, data: bytes, folder: Path, cut: bool | None = None) -> Recovered:
-    """Recover these bytes under the source's name. Whatever they are, they stay, and a whole file comes of them.
-
-    It says whether its end is missing: the last chunk is, or (`cut`) what stands behind that.
-    """
+def saved(source: Path, data: bytes, folder: Path) -> Recovered:
+    """Recover these bytes under the source's name. They stay, and a whole file comes of them that says whether it was cut."""
     path = folder / source.name
     path.write_bytes(data)
     found = recover(path)
@@ -112,8 +108,7 @@ def saved(source: Path, data: bytes, folder: Path, cut: bool | None = None) -> R
     messages = own(recording, recording.messages())
     assert recording.complete
     assert not recording.damage
-    if cut is None:
-        cut = len(data) < len(source.read_bytes()) or messages[-1:] != list(CHUNKS[source][-1].messages[-1:])
+    cut = len(data) < len(source.read_bytes()) or messages[-1:] != list(CHUNKS[source][-1].messages[-1:])
     assert recording.header == msgspec.structs.replace(open_recording(source).header, cut=cut)
     with found.path.open("rb") as file:  # and as the package that others read it with sees it
         summary = make_reader(file).get_summary()
@@ -126,11 +121,25 @@ def saved(source: Path, data: bytes, folder: Path, cut: bool | None = None) -> R
     return found
 
 
+def write(path: Path, recording: Recording, messages: Sequence[Message], cut: bool | None) -> None:
+    """Write a file with these messages of a recording; cut: whether it is closed as cut, None: it is not closed."""
+    with path.open("wb") as file:
+        writer = RecordingWriter(file, recording.header)
+        for message in messages:
+            writer.put(*message)
+        if cut is None:
+            writer.flush()
+        else:
+            writer.finish(cut)
+
+
 # Cut off -------------------------------------------------------------------------------------------------------------
 
 
 @settings(max_examples=60)
 @given(source=files, where=st.floats(0.0, 1.0))
+@example(source=FILES[0], where=0.0)
+@example(source=FILES[0], where=1.0)
 def test_of_a_file_that_was_cut_every_whole_chunk_is_saved(
     tmp_path_factory: pytest.TempPathFactory, source: Path, where: float
 ) -> None:
@@ -142,11 +151,16 @@ def test_of_a_file_that_was_cut_every_whole_chunk_is_saved(
     lost = sum(damage.length for damage in found.damage)
     assert lost <= max(chunk.end - chunk.start for chunk in chunks)
     if found.damage:
+        assert cut < len(data)
         assert [damage.reason for damage in found.damage] == ["the end is cut off"]
 
 
 @settings(max_examples=25)
 @given(source=files, where=st.floats(0.0, 1.0))
+@example(source=FILES[0], where=1.0)
+@example(source=FILES[1], where=1.0)
+@example(source=FILES[2], where=1.0)
+@example(source=FILES[3], where=1.0)
 def test_it_plays_again_up_to_the_cut(tmp_path_factory: pytest.TempPathFactory, source: Path, where: float) -> None:
     """Every tick that is there, and that its end is missing is no difference."""
     data, chunks = source.read_bytes(), CHUNKS[source]
@@ -173,26 +187,10 @@ def test_no_cut_is_a_difference(source: Path, tmp_path: Path, end: str) -> None:
     found = []
     for place in (*outs[:2], *outs[len(outs) // 2 :][:2], *outs[-2:]):
         path = tmp_path / f"{place}.mcap"
-        with path.open("wb") as file:
-            writer = RecordingWriter(file, recording.header)
-            for message in messages[: place + 1]:
-                writer.put(*message)
-            if end == "closed as cut":
-                writer.finish(cut=True)
-            else:
-                writer.flush()
+        write(path, recording, messages[: place + 1], cut=True if end == "closed as cut" else None)
         found.append(played(recover(path).path if end == "recovered" else path))
     assert [verdict.difference for verdict in found] == [None] * len(found)
     assert all(verdict.exact and verdict.cut for verdict in found)
-
-
-def test_a_recovery_still_says_that_it_was_cut(tmp_path: Path) -> None:
-    source = FILES[0]
-    found = saved(source, source.read_bytes()[: CHUNKS[source][1].end], tmp_path)
-    verdict = played(found.path)
-    assert (verdict.exact, verdict.cut, verdict.hole) == (True, True, None)
-    again = recover(found.path)
-    assert open_recording(again.path).header.cut, "and so does what is recovered of it"
 
 
 def test_a_recording_whose_loop_was_killed_before_a_tick_was_recorded_says_that_it_is_cut(tmp_path: Path) -> None:
@@ -204,11 +202,7 @@ def test_a_recording_whose_loop_was_killed_before_a_tick_was_recorded_says_that_
     found = {}
     for cut in (False, True):
         path = tmp_path / f"{cut}.mcap"
-        with path.open("wb") as file:
-            writer = RecordingWriter(file, recording.header)
-            for message in messages[: place + 1]:
-                writer.put(*message)
-            writer.finish(cut)
+        write(path, recording, messages[: place + 1], cut)
         found[cut] = played(path)
         with path.open("rb") as file:
             summary = make_reader(file).get_summary()
@@ -220,17 +214,6 @@ def test_a_recording_whose_loop_was_killed_before_a_tick_was_recorded_says_that_
     assert (found[True].exact, found[True].cut) == (True, True)
     again = recover(tmp_path / "True.mcap")
     assert open_recording(again.path).header.cut, "a copy of it says so too"
-
-
-def test_a_whole_file_is_saved_whole(tmp_path: Path) -> None:
-    for source in FILES:
-        folder = tmp_path / source.parent.name / source.stem
-        folder.mkdir(parents=True)
-        found = saved(source, source.read_bytes(), folder)
-        assert found.damage == ()
-        assert messages_of(found.path) == messages_of(source)
-        verdict = played(found.path)
-        assert (verdict.exact, verdict.cut) == (True, False)
 
 
 # Damaged in the middle -----------------------------------------------------------------------------------------------
@@ -270,41 +253,30 @@ def spoiled(source: Path, *numbers: int) -> bytes:
     return bytes(data)
 
 
-@every_file
-def test_the_gap_is_marked_where_it_is_and_replay_stops_there(source: Path, tmp_path: Path) -> None:
+HITS = [(source, hit) for source in FILES for hit in ((0,), (1,), (1, 3)) if hit[-1] + 1 < len(CHUNKS[source])]
+
+
+@pytest.mark.parametrize(("source", "hit"), HITS, ids=lambda value: getattr(value, "stem", None))
+def test_gaps_are_marked_where_they_are_and_replay_stops_at_the_first(
+    source: Path, hit: tuple[int, ...], tmp_path: Path
+) -> None:
+    """A damaged beginning too costs one chunk alone: the topics are in the header."""
     chunks = CHUNKS[source]
-    found = saved(source, spoiled(source, 1), tmp_path)
-    assert messages_of(found.path)[: len(chunks[0].messages)] == list(chunks[0].messages)
-    ((time_ns, gap),) = gaps_of(found.path)
-    size = chunks[1].end - chunks[1].start
-    assert gap.reason.startswith(f"{size} bytes of the recording were unreadable: damaged chunk")
-    assert time_ns == chunks[2].messages[0].time_ns
-    (damage,) = found.damage
-    assert damage[:4] == (chunks[1].start, size, chunks[0].messages[-1].time_ns, chunks[2].messages[0].time_ns)
-    assert found.messages == len(joined(chunks)) - len(chunks[1].messages)
-    verdict = played(found.path)
-    assert not verdict.exact
-    assert verdict.hole == gap
-    assert verdict.hole_ns == time_ns
-    assert verdict.ticks == ticks_in(source, chunks[0].messages)
-
-
-def test_several_gaps_are_several(tmp_path: Path) -> None:
-    source = max(FILES, key=lambda path: len(CHUNKS[path]))
-    chunks = CHUNKS[source]
-    found = saved(source, spoiled(source, 1, 3), tmp_path)
-    assert [time_ns for time_ns, _ in gaps_of(found.path)] == [chunks[number].messages[0].time_ns for number in (2, 4)]
-    assert len(found.damage) == 2
-
-
-@every_file
-def test_a_damaged_beginning_costs_the_first_chunk_alone(source: Path, tmp_path: Path) -> None:
-    """The topics are in the header, so the others can be read without what the first chunk said of them."""
-    chunks = CHUNKS[source]
-    found = saved(source, spoiled(source, 0), tmp_path)
-    ((time_ns, _),) = gaps_of(found.path)
-    assert time_ns == chunks[1].messages[0].time_ns
-    assert found.messages == len(joined(chunks[1:]))
+    found = saved(source, spoiled(source, *hit), tmp_path)
+    gaps = gaps_of(found.path)
+    for number, (time_ns, gap), damage in zip(hit, gaps, found.damage, strict=True):
+        chunk, before, after = chunks[number], chunks[number - 1] if number else None, chunks[number + 1]
+        size = chunk.end - chunk.start
+        assert gap.reason.startswith(f"{size} bytes of the recording were unreadable: damaged chunk")
+        assert time_ns == after.messages[0].time_ns
+        assert damage[:4] == (chunk.start, size, before and before.messages[-1].time_ns, time_ns)
+    assert found.messages == len(joined([chunk for number, chunk in enumerate(chunks) if number not in hit]))
+    assert messages_of(found.path)[: len(joined(chunks[: hit[0]]))] == joined(chunks[: hit[0]])
+    if hit[0]:
+        verdict = played(found.path)
+        assert not verdict.exact
+        assert (verdict.hole_ns, verdict.hole) == gaps[0]
+        assert verdict.ticks == ticks_in(source, joined(chunks[: hit[0]]))
 
 
 @pytest.mark.parametrize("source", [path for path in FILES if len(CHUNKS[path]) > 3], ids=lambda path: path.parent.name)
@@ -346,12 +318,6 @@ def test_of_what_is_no_recording_nothing_can_be_saved(tmp_path: Path, data: byte
     with pytest.raises(RecordingError, match=r"is not a recording|nothing of it can be saved|no recording of cogrip's"):
         recover(path)
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_before_the_first_chunk_is_whole_nothing_but_the_header_is_saved(tmp_path: Path) -> None:
-    source = FILES[0]
-    found = saved(source, source.read_bytes()[: CHUNKS[source][0].end - 1], tmp_path)
-    assert (found.messages, found.seconds) == (0, 0.0)
 
 
 def test_a_full_disk_leaves_no_half_recovery(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,18 +5,11 @@ import pytest
 
 from cogrip.protocol import messages, session
 from cogrip.protocol.messages import HELLO_BYTES, Leave, Stamp, View, Waves, Welcome
-from cogrip.protocol.session import (
-    HELLO_EVERY_NS,
-    LOST_NS,
-    QUIET_NS,
-    RESUME_GIVE_UP_NS,
-    RESUME_MOST_NS,
-    ClientSession,
-)
+from cogrip.protocol.session import HELLO_EVERY_NS, LOST_NS, QUIET_NS, ClientSession
 from cogrip.server.core import ServerCore
 from cogrip.server.inputs import Kick, Restore
 
-from tests.protocol.two_ends import MS, exchange, hello, seated, server, waves
+from tests.protocol.two_ends import MS, answered, exchange, hello, seated, server, waves
 
 
 def said(client: ClientSession) -> list[messages.AnyMessage]:
@@ -48,44 +41,29 @@ def test_half_a_second_of_silence_makes_a_client_ask_for_its_seat_again() -> Non
     client.poll(5 + QUIET_NS + HELLO_EVERY_NS)
     assert len(client.outbox) == 1
     assert len(client.outbox[0]) == HELLO_BYTES
-
-
-def test_nothing_but_hellos_goes_out_meanwhile() -> None:
-    client, _ = quiet()
-    client.outbox.clear()
     client.heartbeat(5 + QUIET_NS + session.HEARTBEAT_EVERY_NS)
-    assert not client.outbox
+    assert len(client.outbox) == 1, "nothing but hellos goes out meanwhile"
 
 
-def test_a_client_gives_up_after_ten_seconds() -> None:
+@pytest.mark.parametrize(
+    ("handshakes_ns", "end_ns", "failed"),
+    [
+        ((), 5 + session.RESUME_GIVE_UP_NS, "no server for 10 s"),
+        ((5 + 3000 * MS,), 5 + 3000 * MS + session.RESUME_GIVE_UP_NS, "no server for 13 s"),
+        ((9000 * MS, 18000 * MS, 27000 * MS), 5 + session.RESUME_MOST_NS, "no server for 30 s"),
+    ],
+)
+def test_a_client_gives_up_ten_seconds_after_the_last_handshake(
+    handshakes_ns: tuple[int, ...], end_ns: int, failed: str
+) -> None:
     client, _ = quiet()
-    for now_ns in range(5 + QUIET_NS, 5 + RESUME_GIVE_UP_NS, 50 * MS):
+    for now_ns in sorted([*handshakes_ns, *range(5 + QUIET_NS, end_ns, 50 * MS), end_ns - 1]):
         client.poll(now_ns)
-    client.poll(5 + RESUME_GIVE_UP_NS - 1)
-    assert client.state == "resuming"
-    client.poll(5 + RESUME_GIVE_UP_NS)
-    assert (client.state, client.failed) == ("closed", "no server for 10 s")
-
-
-def test_a_client_waits_longer_for_a_server_that_makes_handshakes() -> None:
-    client, _ = quiet()
-    for at_ns in (9000 * MS, 18000 * MS, 27000 * MS):
-        client.poll(at_ns)
         assert client.state == "resuming"
-        client.reached(at_ns)
-    client.poll(5 + RESUME_MOST_NS - 1)
-    assert client.state == "resuming"
-    client.poll(5 + RESUME_MOST_NS)
-    assert (client.state, client.failed) == ("closed", "no server for 30 s")
-
-
-def test_a_client_gives_up_ten_seconds_after_the_last_handshake() -> None:
-    client, _ = quiet()
-    client.reached(5 + 3000 * MS)
-    client.poll(5 + 3000 * MS + RESUME_GIVE_UP_NS - 1)
-    assert client.state == "resuming"
-    client.poll(5 + 3000 * MS + RESUME_GIVE_UP_NS)
-    assert (client.state, client.failed) == ("closed", "no server for 13 s")
+        if now_ns in handshakes_ns:
+            client.reached(now_ns)
+    client.poll(end_ns)
+    assert (client.state, client.failed) == ("closed", failed)
 
 
 def test_the_old_path_may_come_back_by_itself() -> None:
@@ -147,9 +125,7 @@ def test_one_who_was_kicked_does_not_come_back() -> None:
     client, core = quiet()
     core.handle(Kick("anna"), 5)
     core.outbox.clear()
-    second = ClientSession(hello(nonce=8))
-    second.connect(6)
-    exchange(second, core, 6, "another's")
+    answered(hello(nonce=8), core, 6, "another's")
     exchange(client, core, 5 + QUIET_NS, "another address")
     assert client.state == "closed"
     assert "the seat of 'anna' is taken" in client.failed
@@ -174,6 +150,7 @@ def test_another_seat_is_not_accepted(other: dict[str, object]) -> None:
 def test_leaving_while_nobody_is_there_ends_all_the_same() -> None:
     client, _ = quiet()
     client.leave("enough", None, 5 + QUIET_NS)
+    client.poll(5 + QUIET_NS + session.LEAVE_GIVE_UP_NS - 1)
     assert client.state == "leaving"
     client.poll(5 + QUIET_NS + session.LEAVE_GIVE_UP_NS)
     assert (client.state, client.failed) == ("closed", "")
@@ -198,9 +175,7 @@ def view(session: int, number: int = 1) -> bytes:
 
 @pytest.mark.parametrize("role", ["player", "observer"])
 def test_views_are_for_observers_and_waves_are_not(role: str) -> None:
-    client, core = ClientSession(hello(role=role)), server(tickets=True)
-    client.connect(0)
-    exchange(client, core, 0)
+    client = answered(hello(role=role), server(tickets=True))
     assert client.welcome is not None
     session = client.welcome.session
     mine, others = (view, waves) if role == "observer" else (waves, view)
@@ -211,9 +186,8 @@ def test_views_are_for_observers_and_waves_are_not(role: str) -> None:
 
 
 def test_an_observer_comes_back_to_the_same_place() -> None:
-    client, core = ClientSession(hello("", role="observer")), server(tickets=True)
-    client.connect(0)
-    exchange(client, core, 0, "olaf's")
+    core = server(tickets=True)
+    client = answered(hello("", role="observer"), core, 0, "olaf's")
     client.poll(QUIET_NS)
     exchange(client, core, QUIET_NS, "another address")
     assert (client.state, client.resumed, client.renewed) == ("seated", 1, 0)

@@ -69,27 +69,20 @@ def loop():
         each.close()
 
 
-def test_a_reload_is_asked_for_once(monkeypatch):
+def test_a_reload_and_a_rearm_are_each_asked_for_once():
     stop, before = Stop(), signal.getsignal(signal.SIGHUP)
     assert not stop.take_reload()
     with on_signals(stop, "reload"):
-        os.kill(os.getpid(), signal.SIGHUP)
-        assert stop.take_reload()
-        assert not stop.take_reload()
-        for _ in range(5):  # none of them ends anything
-            os.kill(os.getpid(), signal.SIGHUP)
-        assert stop.take_reload()
-        assert not stop.take_reload()
+        for times in (1, 5):  # none of them ends anything
+            for _ in range(times):
+                os.kill(os.getpid(), signal.SIGHUP)
+            assert stop.take_reload()
+            assert not stop.take_reload()
+        os.kill(os.getpid(), signal.SIGUSR1)
+        assert stop.take_rearm()
+        assert not stop.take_rearm()
     assert (stop.reason, stop.signals) == ("", 0)
     assert signal.getsignal(signal.SIGHUP) is before
-
-
-def test_a_rearm_is_asked_for_once():
-    stop = Stop()
-    with on_signals(stop):
-        os.kill(os.getpid(), signal.SIGUSR1)
-    assert stop.take_rearm()
-    assert not stop.take_rearm()
 
 
 def test_lines_are_orders_each_taken_once(monkeypatch):
@@ -103,21 +96,15 @@ def test_lines_are_orders_each_taken_once(monkeypatch):
     assert stop.take_typed() == ["\N{REPLACEMENT CHARACTER}"]
 
 
-def test_a_hangup_terminates_where_nothing_else_was_asked():
+def test_the_first_reason_stays_and_the_third_signal_breaks_what_hangs():
+    """A hangup terminates too where nothing else was asked of it."""
     stop = Stop()
     with on_signals(stop):
         os.kill(os.getpid(), signal.SIGHUP)
-    assert (stop.reason, stop.reload) == ("stopped (SIGHUP)", False)
-
-
-def test_the_first_reason_stays_and_the_third_signal_breaks_what_hangs():
-    stop = Stop()
-    with on_signals(stop, "reload"):
-        os.kill(os.getpid(), signal.SIGINT)
         os.kill(os.getpid(), signal.SIGTERM)
-        assert stop.reason == "stopped (SIGINT)"
+        assert (stop.reason, stop.reload) == ("stopped (SIGHUP)", False)
         with pytest.raises(KeyboardInterrupt):
-            os.kill(os.getpid(), signal.SIGTERM)
+            os.kill(os.getpid(), signal.SIGINT)
 
 
 def test_a_service_reloads_as_often_as_it_is_told_and_then_ends(loop):

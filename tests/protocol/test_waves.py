@@ -50,20 +50,14 @@ def printed_proxy_velocity(b: float, forward: float, force: float) -> float:
     return 2.0 / sqrt(b) * forward - force / b
 
 
-@given(impedances, velocities, wave_values)
-def test_power_at_the_device_is_what_the_waves_carry(b: float, velocity: float, returning: float) -> None:
-    forward = device_wave(b, velocity, returning)
-    power = device_force(b, velocity, returning) * velocity
-    slack = 1e-12 * (forward**2 + returning**2) + TINY
-    assert isclose(port_power(forward, returning), power, rel_tol=1e-12, abs_tol=slack)
-
-
-@given(impedances, wave_values, forces)
-def test_power_at_the_server_is_what_the_waves_carry(b: float, forward: float, force: float) -> None:
-    returning = server_wave(b, forward, force)
-    power = force * proxy_velocity(b, forward, force)
-    slack = 1e-12 * (forward**2 + returning**2) + TINY
-    assert isclose(port_power(forward, returning), power, rel_tol=1e-12, abs_tol=slack)
+@given(impedances, velocities, forces, wave_values)
+def test_power_at_both_ends_is_what_the_waves_carry(b: float, velocity: float, force: float, came: float) -> None:
+    forward, returning = device_wave(b, velocity, came), server_wave(b, came, force)
+    for u, v, power in (
+        (forward, came, device_force(b, velocity, came) * velocity),
+        (came, returning, force * proxy_velocity(b, came, force)),
+    ):
+        assert isclose(port_power(u, v), power, rel_tol=1e-12, abs_tol=1e-12 * (u**2 + v**2) + TINY)
 
 
 @given(impedances, velocities, forces)

@@ -42,9 +42,16 @@ def exchange(client: ClientSession, core: ServerCore, now_ns: int, address: str 
             client.receive(datagram, now_ns)
 
 
-def seated(now_ns: int = 0, tickets: bool = False) -> tuple[ClientSession, ServerCore]:
-    client, core = ClientSession(hello()), server(tickets)
+def answered(asked: Hello, core: ServerCore, now_ns: int = 0, address: str = "anna's") -> ClientSession:
+    """Return the session of a client whose hello the server has answered."""
+    client = ClientSession(asked)
     client.connect(now_ns)
-    exchange(client, core, now_ns)
+    exchange(client, core, now_ns, address)
+    return client
+
+
+def seated(now_ns: int = 0, tickets: bool = False) -> tuple[ClientSession, ServerCore]:
+    core = server(tickets)
+    client = answered(hello(), core, now_ns)
     assert client.state == "seated"
     return client, core
