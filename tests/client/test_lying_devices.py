@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from itertools import pairwise, product
 from math import nan
+from types import SimpleNamespace
 
 import pytest
 
@@ -35,19 +36,19 @@ class Session:
         self.safety, self.supervised = self.anna.core.safety, self.anna.supervised
         self.forces: list[float] = []
         device = self.anna.device
-        true_read, true_write = device.read, device.write
 
         def read(tick: int) -> Sample:
-            sample = true_read(tick)
+            sample = device.read(tick)
             assert sample is not None
             return lie(tick, sample) if lie is not None and tick >= BEGIN else sample
 
         def write(force_n: Sequence[float]) -> Sequence[float] | None:
             self.forces.append(force_n[0])
-            acting = true_write(force_n)
+            acting = device.write(force_n)
             return report(force_n) if report is not None and len(self.forces) > BEGIN else acting
 
-        device.read, device.write = read, write  # type: ignore[method-assign]
+        verbs = {"open": device.open, "read": read, "write": write, "close": device.close}
+        self.anna.device = SimpleNamespace(capability=device.capability, counts={}, **verbs)
 
     def run(self, watch: Callable[[Laboratory], object] = lambda laboratory: None) -> None:
         self.laboratory.run(watch)
