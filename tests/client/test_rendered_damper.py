@@ -105,12 +105,3 @@ def test_a_device_that_turns_out_weaker_is_closed_again() -> None:
     device.record = weak
     assert "to 8 or less" in handle.rearm()
     assert core.safety.state == "fault"
-
-
-def test_a_server_cannot_change_what_it_asks_for() -> None:
-    """Another welcome, as a server that was started anew would send it: the client leaves, and renders what it was given."""
-    core = seated(phantom(), asked())
-    core.session.state = "resuming"
-    core.receive(welcome(asked(impedance_nspm=500.0), 2), 10**9)
-    assert "other settings" in core.session.failed
-    assert core.seat == asked()

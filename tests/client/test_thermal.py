@@ -71,24 +71,30 @@ def test_the_law_keeps_its_margin_and_no_more() -> None:
         assert (1.0 - thermal.rise) / margin == pytest.approx(math.exp(-T_C / FADE_S), abs=1e-5)
 
 
-def test_just_above_the_continuous_force_is_limited_and_just_below_is_not() -> None:
-    for share, limited in ((1.01, True), (0.999, False)):
-        thermal = ThermalLimit(1.0 / 250.0, *PHANTOM)
-        for _ in range(250 * 600):
-            thermal.enter(min(share * 1.4, thermal.limit_n) ** 2)
-        assert (thermal.limit_n < share * 1.4) is limited
+@pytest.mark.parametrize(("share", "limited"), [(1.01, True), (0.999, False)])
+def test_just_above_the_continuous_force_is_limited_and_just_below_is_not(share: float, limited: bool) -> None:
+    thermal = ThermalLimit(1.0 / 250.0, *PHANTOM)
+    for _ in range(250 * 600):
+        thermal.enter(min(share * 1.4, thermal.limit_n) ** 2)
+    assert (thermal.limit_n < share * 1.4) is limited
 
 
-def test_a_cold_motor_gives_its_peak_for_a_second_and_a_bit() -> None:
+def test_a_cold_motor_gives_its_peak_for_a_second_and_a_bit_and_that_is_said_before() -> None:
     """h = r_p (1 - exp(-t / tau)) reaches 1 - (r_p - 1) / g at t = 1.15 s, r_p = (8.5 / 1.4)^2, g = tau / FADE_S - 1."""
     heating, slope = (8.5 / 1.4) ** 2, TIME_CONSTANT_S / FADE_S - 1.0
     seconds = -TIME_CONSTANT_S * math.log(1.0 - (1.0 - (heating - 1.0) / slope) / heating)
-    safety, ticks = live(), 0
+    assert seconds == pytest.approx(1.15, abs=0.01)
+    safety, ticks, warned = live(), 0, 0
     while not safety.derated:
         safety.limit((8.5,))
         ticks += 1
+        warned += bool(safety.warning)
     assert ticks * T_C == pytest.approx(seconds, abs=0.03), "less what the slope took at first"
-    assert seconds == pytest.approx(1.15, abs=0.01)
+    assert warned > 0.5 * 1024, "time enough to release it"
+    assert "1.4 N" in safety.warning
+    give(safety, (0.0,), 80 * 1024)
+    assert safety.warning == ""
+    assert safety.counts["near thermal limit"] == 1
 
 
 def test_six_seconds_at_the_peak_end_at_the_continuous_force_without_a_step() -> None:
@@ -101,20 +107,6 @@ def test_six_seconds_at_the_peak_end_at_the_continuous_force_without_a_step() ->
     assert falls.max() <= 8.5 / (2.0 * FADE_S) * T_C * 1.01, "F_p / (2 FADE_S) at most"
     assert np.all(falls >= 0.0)
     assert safety.state == "live"
-
-
-def test_it_is_said_before_it_acts() -> None:
-    safety, ticks = live(), 0
-    while not safety.warning:
-        safety.limit((8.5,))
-    assert "1.4 N" in safety.warning
-    while not safety.derated:
-        safety.limit((8.5,))
-        ticks += 1
-    assert ticks > 0.5 * 1024, "time enough to release it"
-    give(safety, (0.0,), 80 * 1024)
-    assert safety.warning == ""
-    assert safety.counts["near thermal limit"] == 1
 
 
 def test_the_warning_has_two_bounds() -> None:
@@ -158,14 +150,14 @@ def test_a_person_who_pulls_now_and_then_goes_on_without_a_fault() -> None:
 
 
 def test_ticks_that_were_skipped_warm_the_motors_too() -> None:
-    every, fourth = live(), live()
-    for tick in range(1024):
-        every.check(1, (0.0,), (0.0,))
-        every.limit((8.0,))
-        if tick % 4 == 0:
-            fourth.check(4, (0.0,), (0.0,))
-            fourth.limit((8.0,))
-    assert fourth.thermal.rise == pytest.approx(every.thermal.rise, rel=0.05)
+    rises = []
+    for step in (1, 4):
+        safety = live()
+        for _ in range(0, 1024, step):
+            safety.check(step, (0.0,), (0.0,))
+            safety.limit((8.0,))
+        rises.append(safety.thermal.rise)
+    assert rises[1] == pytest.approx(rises[0], rel=0.05)
 
 
 def test_another_record_changes_the_limits_and_not_the_warmth() -> None:
