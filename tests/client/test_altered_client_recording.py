@@ -61,10 +61,12 @@ def test_the_last_bit_of_any_number_of_a_tick_is_found(at: int, field: str, axis
 @pytest.mark.parametrize(
     ("field", "value", "where", "recorded"),
     [
-        ("state", "armed", "state", '"armed"'), ("lost", 1000, "lost", "1000"), ("wave_up", (0.0, -0.0), "wave_up[1]", "-0.0"),
+        ("state", "armed", "state", '"armed"'),
+        ("lost", 1000, "lost", "1000"),
+        ("wave_up", (0.0, -0.0), "wave_up[1]", "-0.0"),
     ],
     ids=["state", "losses", "sign of a zero"],
-)  # fmt: skip
+)
 def test_what_is_no_size_of_a_tick_is_compared_too(field: str, value: object, where: str, recorded: str) -> None:
     at = TICKS[0]
     assert tick_at(at).wave_up == (0.0, 0.0)

@@ -151,12 +151,15 @@ STATE = State(7, 0, (0.0,), (0.0,), 0.0, 0, Stamp(1))
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        ("wave", Waves(7, 0, (0.1, 0.1), (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0, Stamp(1), (0.0,) * 4)), ("wave", STATE),
-        ("coupling", Power(7, 0, *[(0.0,)] * 5, 0.0, 0, Stamp(1))), ("tdpa", STATE),
+        ("wave", Waves(7, 0, (0.1, 0.1), (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0, Stamp(1), (0.0,) * 4)),
+        ("wave", STATE),
+        ("coupling", Power(7, 0, *[(0.0,)] * 5, 0.0, 0, Stamp(1))),
+        ("tdpa", STATE),
+        ("tdpa", Power(7, 0, *[(0.0, 0.0)] * 5, 0.0, 0, Stamp(1))),
+        ("tdpa", Power(7, 0, (0.0,), (0.0,), (0.0, 0.0), (0.0,), (0.0,), 0.0, 0, Stamp(1))),
         ("coupling", State(7, 0, (0.0,), (0.0, 0.0), 0.0, 0, Stamp(1))),
     ],
-    ids=["two axes", "state for waves", "power for states", "state for power", "one place and two speeds"],
-)  # fmt: skip
+)
 def test_a_message_that_does_not_fit_the_seat_is_counted(kind: str, message: messages.AnyMessage) -> None:
     client = Client(kind=kind)
     client.tick(0, 0.0)

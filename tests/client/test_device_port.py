@@ -140,8 +140,11 @@ def test_what_a_ramped_force_leaves_to_the_line_is_not_asked_back(tried: DeviceP
 
 def test_what_a_frame_would_send_counts_as_far_as_it_may_be_sent(tried: DevicePort) -> None:
     for brought, pending, balance in (
-        (0.3, 0.1, 0.2), (0.3, 0.3 + FREE_J, -FREE_J), (0.3, 20.0, -FREE_J), (-FREE_J - 0.1, 20.0, -FREE_J - 0.1),
-    ):  # fmt: skip
+        (0.3, 0.1, 0.2),
+        (0.3, 0.3 + FREE_J, -FREE_J),
+        (0.3, 20.0, -FREE_J),
+        (-FREE_J - 0.1, 20.0, -FREE_J - 0.1),
+    ):
         tried.set_energies(0.0, brought, pending)
         assert tried.balance_j == pytest.approx(balance)
         assert tried.spare_j == pytest.approx(max(brought, balance) + FREE_J), "whatever the ticks so far would send"
@@ -242,10 +245,10 @@ def test_oscillation_lets_go_and_is_a_fault_where_it_persists(tried: DevicePort)
     assert not tried.persists
 
 
-@given(
-    st.sampled_from(["wave", "coupling", "tdpa"]), st.integers(1, 3), st.integers(0, 2**32 - 1), st.floats(0.0, 1.9),
-    st.floats(0.0, 30.0),
-)  # fmt: skip
+kinds = st.sampled_from(["wave", "coupling", "tdpa"])
+
+
+@given(kinds, st.integers(1, 3), st.integers(0, 2**32 - 1), st.floats(0.0, 1.9), st.floats(0.0, 30.0))
 def test_the_port_of_a_whole_client_is_passive(kind: str, axes: int, seed: int, speed: float, wave: float) -> None:
     """The port is passive for any waves, any motion, and velocities that are not the hand's."""
     client = Client(axes, speed_mps=2.0, bare=False, kind=kind, impedance_nspm=60.0)

@@ -142,12 +142,11 @@ def test_vibration_has_its_amplitude_at_the_device(frequency_hz: float) -> None:
     assert steepest([law.force((0.0,), tick)[0] for tick in range(1024)]) <= law.slope_nps * (1.0 + 1e-9)
 
 
-@pytest.mark.parametrize(
-    ("amplitude_n", "many", "least"), [(2.0, 1, 0.0), (0.795, 16, 950.0)], ids=["alone", "each with just the largest slope"]
-)  # fmt: skip
+@pytest.mark.parametrize(("amplitude_n", "many", "least"), [(2.0, 1, 0.0), (0.795, 16, 950.0)])
 def test_vibrations_that_the_slope_limit_would_cut_are_smaller_together(
     amplitude_n: float, many: int, least: float
 ) -> None:
+    """One alone, or 16 that each have just the largest slope."""
     effects = force_of(*[vibration(amplitude_n, 200.0)] * many, tank_mj=1e3)
     assert least <= steepest(held(effects, 1024)) <= 1000.0 * (1.0 + 1e-9)
     assert effects.reduced

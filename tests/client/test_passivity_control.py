@@ -200,14 +200,6 @@ def test_axes_keep_their_own_books() -> None:
     assert control.down_margin_j == pytest.approx(-0.1 * T_C)
 
 
-def test_only_power_of_these_axes_fits() -> None:
-    control = control_of(2)
-    assert not control.receive(power(0, 1.0, 1.0, axes=1))
-    short = Power(7, 0, (0.0,) * 2, (0.0,) * 2, (0.0,), (0.0,) * 2, (0.0,) * 2, 0.0, 0, Stamp(1))
-    assert not control.receive(short)
-    assert control.receive(power(0, 1.0, 1.0, axes=2))
-
-
 def test_the_newest_message_stands_and_sums_lose_nothing(control: PassivityControl) -> None:
     hear(control, 5, 1.0, 0.3)
     assert control.receive(power(4, 9.0, 0.2))  # too late

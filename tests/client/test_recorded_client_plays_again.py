@@ -39,14 +39,13 @@ REASONS = st.text(max_size=20)
 GAPS = st.sampled_from([1] * 8 + [2, 8, 9, 50, 120, 2500])
 LATER_NS = st.sampled_from([0, 2_000_000, 2_000_000, 90_000_000, 260_000_000, 1_500_000_000])
 BEFORE = st.lists(st.tuples(LATER_NS, words(*NOISE)), max_size=3)
-GIVEN = st.builds(DeviceFailed, REASONS) | st.sampled_from([Stop(), Rearm(), KeepSeat()])
 ACTIONS = st.lists(
     st.one_of(
         st.tuples(st.just("tick"), GAPS, st.none() | st.tuples(THREE, THREE), WORDS),
         st.tuples(st.just("run"), st.integers(8, 150), st.booleans()),
         st.tuples(st.just("poll"), LATER_NS, WORDS | LAST_WORDS),
-        st.tuples(st.just("end"), REASONS),
-        st.tuples(st.just("give"), GIVEN),
+        st.tuples(st.sampled_from(["fail", "end"]), REASONS),
+        st.tuples(st.sampled_from(["stop", "rearm", "keep_seat"])),
     ),
     min_size=4, max_size=25,
 )  # fmt: skip
@@ -74,10 +73,16 @@ def played(person: Person, before: Sequence[Any], last: Sequence[Any], actions: 
                 person.run(ticks, answered)
             case "poll", later_ns, words:
                 person.poll(later_ns, words)
+            case "fail", reason:
+                core.handle(DeviceFailed(reason), core.now_ns)
+            case "keep_seat", *_:
+                core.handle(KeepSeat(), person.now_ns)
             case "end", reason:
                 person.end(reason)
-            case "give", given:
-                core.handle(given, person.now_ns if isinstance(given, KeepSeat) else core.now_ns)
+            case "stop", *_:
+                core.handle(Stop(), core.now_ns)
+            case "rearm", *_:
+                core.handle(Rearm(), core.now_ns)
 
 
 @settings(max_examples=300)

@@ -5,7 +5,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Iterator
-from ctypes import POINTER, byref, c_char, c_char_p, c_double, c_int, c_int64, c_size_t, c_uint32, c_uint64, c_void_p
+from ctypes import POINTER, byref, c_char, c_char_p, c_double, c_int, c_void_p
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,10 @@ HEADER, PROBE = (
     re.sub(r"/\*.*?\*/", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
     for path in (SOURCES / "cogrip.h", HERE / "probe.c")
 )
-NUMBERS: dict[str, Any] = {
-    "int": c_int, "double": c_double, "size_t": c_size_t, "int64_t": c_int64, "uint32_t": c_uint32, "uint64_t": c_uint64,
-}  # fmt: skip
+NUMBERS = {
+    name: getattr(ctypes, f"c_{name}".replace("64_t", "64").replace("32_t", "32"))
+    for name in ("int", "double", "size_t", "int64_t", "uint32_t", "uint64_t")
+}
 KINDS = {**NUMBERS, "void": None, "char": c_char, "cogrip_state": c_int, "cogrip_safety": c_int}
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Werror")

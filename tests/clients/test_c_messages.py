@@ -70,10 +70,9 @@ def test_it_reads_the_vectors(library: Any, name: str) -> None:
         assert [found[label] for label in ("waves", "total", "squares", "state")] == rows
     if name == "welcome":
         tables = {**said["coupling"], **said["playout"], "axes": 1, "emulated": 1, "player": 1}
-        for key in (
-            "kind", "impedance_nspm", "decimator", "frames", "redundancy", "concealment", "axes", "emulated", "player",
-        ):  # fmt: skip
-            assert found[key] == tables[key], key
+        read = found.keys() & tables.keys()
+        assert {"kind", "impedance_nspm", "decimator", "frames", "redundancy", "concealment"} < read
+        assert {key: found[key] for key in read} == {key: tables[key] for key in read}
 
 
 @pytest.mark.parametrize("name", VECTORS)
