@@ -42,14 +42,9 @@ def hostile_waves(chance, axes, tick):
 
 
 def hostile_power(chance, axes, tick):
-    def reals(low, high):
-        return tuple(chance.uniform(low, high) for _ in range(axes))
-
-    message = Power(
-        SESSION, chance.randint(0, tick // 8 + 3), reals(-1e3, 1e3), reals(-1e4, 1e4), reals(-1e9, 1e9), reals(0, 1e15),
-        reals(0, 1e15), 1e15, chance.randint(0, 2**40), Stamp(*[chance.randint(0, 2**60) for _ in range(3)]),
-    )  # fmt: skip
-    return encode(message)
+    number = chance.randint(0, tick // 8 + 3)
+    rows = [reals(chance, axes, high, low) for low, high in ((-1e3, 1e3), (-1e4, 1e4), (-1e9, 1e9), *[(0.0, 1e15)] * 2)]
+    return Power(SESSION, number, *rows, 1e15, chance.randint(0, 2**40), stamp(chance))
 
 
 @pytest.mark.parametrize(
