@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from cogrip.client.inputs import CloseLedger, Connect, DeviceFailed, KeepSeat, Leave, Poll, Rearm, Stop
@@ -12,13 +13,13 @@ from cogrip.protocol.accounts import Percentiles, TickCount
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Farewell, Refuse, Stamp, Welcome
 from cogrip.protocol.rates import due_ns
-from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.settings_digest import digest
 
+from tests.client import seated_client
+from tests.client.seated_client import DEVICE_HZ, M, hello
 from tests.recorded_end import Put, RecordedEnd, mangled, next_frame, well_formed
 
-DEVICE_HZ, M = 1024, 8
 START_NS = 1_000_000_000  # of tick 0
 SESSION = 7
 TOKEN, TICKET = "t0ken-t0ken-t0ken-t0ke", "tick3t-tick3t-tick3t-t"
@@ -26,11 +27,7 @@ Word = tuple[str, int, float]  # kind, number within it, size
 
 
 def capability(axes: int, gives_velocity: bool) -> Capability:
-    return Capability(
-        family="test", model="arm", axes=axes, workspace_m=((-1.0, 1.0),) * axes, peak_force_n=10.0,
-        continuous_force_n=2.0, stiffness_npm=1e3, damping_nspm=10.0, slew_nps=1e6, speed_mps=1e6,
-        resolution_m=0.0, apparent_mass_kg=0.1, rate_hz=8192, gives_velocity=gives_velocity,
-    )  # fmt: skip
+    return replace(seated_client.capability(axes, gives_velocity), peak_force_n=10.0, damping_nspm=10.0)
 
 
 class Person(RecordedEnd):
@@ -40,11 +37,8 @@ class Person(RecordedEnd):
     def __init__(self, axes: int = 1, gives_velocity: bool = False, world: Mapping[str, Any] = {}) -> None:
         what = {"axes": axes, **world.get("object", {})}
         self.settings = resolve({**world, "object": what, "users": [{"name": "anna"}]})
-        hello = make_hello(
-            software="test", nonce=1, room="", name="anna", digest="", device="test", axes=axes, rate_hz=1024.0,
-            token=TOKEN,
-        )  # fmt: skip
-        super().__init__(RecordedClient(hello, capability(axes, gives_velocity)), client_topics("anna"))
+        asked = hello(name="anna", axes=axes, token=TOKEN)
+        super().__init__(RecordedClient(asked, capability(axes, gives_velocity)), client_topics("anna"))
         self.axes, self.gives_velocity = axes, gives_velocity
         self.tick, self.now_ns = -1, 0
         self.received = False
@@ -162,12 +156,10 @@ def outages() -> Person:
     person.poll(0)
     person.take_seat()
     person.run(40)
-    person.run(550, answered=False)
-    person.run_tick(1, person.sample((person.swing_m(1),) * 3, ()), [("welcome", 0, 0.0)])
-    person.run(60)
-    person.run(530, answered=False)
-    person.run_tick(3, person.sample((person.swing_m(3),) * 3, ()), [("renewed", 0, 0.0), ("next", 0, 0.1)])
-    person.run(60)
+    for silent, gap, words in ((550, 1, [("welcome", 0, 0.0)]), (530, 3, [("renewed", 0, 0.0), ("next", 0, 0.1)])):
+        person.run(silent, answered=False)
+        person.run_tick(gap, person.sample((person.swing_m(gap),) * 3, ()), words)
+        person.run(60)
     person.core.handle(Stop(), person.core.now_ns)
     person.run(5)
     person.end("the session is over")

@@ -1,22 +1,25 @@
-"""A core with a seat, and a server of the test in front of it."""
+"""A core with a seat, a server of the test in front of it, and the messages that open a session."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
 from cogrip.client.core import ClientCore
 from cogrip.client.device_port import BarePort, DevicePort
-from cogrip.client.inputs import Connect
+from cogrip.client.inputs import CloseLedger, Connect
+from cogrip.client.seated import SeatedClient
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol import messages
+from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import PROTOCOL_VERSION, Stamp, Waves, Welcome
+from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Stamp, Waves, Welcome
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
 
 DEVICE_HZ, M = 1024, 8
 T_C, T_N = 1 / DEVICE_HZ, 1 / 128
@@ -32,11 +35,35 @@ def capability(axes: int = 1, gives_velocity: bool = True, latency: int = 0, spe
     )  # fmt: skip
 
 
-class Accepting:
-    """Stand-in for `Plausibility` that accepts every sample: hands here are random numbers."""
+def hello(**changes: Any) -> Hello:
+    """Return the hello of a client of one axis, with these changes."""
+    given = {"software": "test", "nonce": 1, "room": "", "name": "", "digest": "", "device": "test", "axes": 1}
+    return make_hello(**{**given, "rate_hz": 1024.0, **changes})
 
-    def judge(self, tick: int, sample: Sample) -> str:
-        return ""
+
+def seat(**tables: Any) -> SeatSettings:
+    """Return anna's seat under these tables of settings."""
+    return seat_settings(resolve({"users": [{"name": "anna"}], **tables}), 0)
+
+
+def welcome(seat: SeatSettings, session: int = 7, nonce: int = 1, **more: Any) -> bytes:
+    """Return the seat assignment that answers a hello."""
+    return messages.encode(Welcome(PROTOCOL_VERSION, nonce, session, "", "test", seat, "a-ticket", **more))
+
+
+def next_waves(
+    line: LineSender, *wave: float, session: int = 7, sent_ns: int = 0, state: Sequence[float] | None = None
+) -> Waves:
+    """Push a wave, and return the server's message that carries it. state: place and speed of the object."""
+    line.push(wave)
+    first, waves, total, squares = line.contents()
+    state = (0.0,) * (2 * len(wave)) if state is None else tuple(state)
+    return Waves(session, first, waves, total, squares, 0.0, 0.0, 0, Stamp(sent_ns), state)
+
+
+def at_ns(tick: int) -> int:
+    """Return when a tick is due."""
+    return due_ns(0, tick, DEVICE_HZ)
 
 
 class Client:
@@ -53,30 +80,20 @@ class Client:
         thing: str = "cube",
         **coupling: object,
     ) -> None:
-        world = {"axes": axes, "kind": thing}
-        settings = resolve(
-            {"object": world, "coupling": coupling, "playout": {"frames": frames}, "users": [{"name": "anna"}]}
-        )
-        hello = make_hello(
-            software="test", nonce=1, room="", name="", digest="", device="test", axes=axes, rate_hz=1024.0
-        )  # fmt: skip
         record = capability(axes, gives_velocity, latency, speed_mps)
-        # hands here are random numbers, which the device port would control
-        self.core = ClientCore(hello, record, BarePort if bare else DevicePort)
+        self.seat = seat(object={"axes": axes, "kind": thing}, coupling=coupling, playout={"frames": frames})
+        # hands here are random numbers, which the device port would control, and `Plausibility` would refuse
+        self.core = ClientCore(hello(axes=axes), record, BarePort if bare else DevicePort)
         self.core.handle(Connect(), 0)
-        self.settings, self.session = settings, 7
+        self.axes, self.session = axes, 7
         self.welcome(0)
-        assert self.core.seated
-        self.core.seated.hand.plausibility = Accepting()  # type: ignore[assignment]
+        self.seated.hand.plausibility = SimpleNamespace(judge=lambda tick, sample: "")  # type: ignore[assignment]
         self.core.outbox.clear()
         self.line = LineSender(axes, 8)
-        self.axes = axes
 
     def welcome(self, now_ns: int) -> None:
         """Receive the seat assignment, new or confirmed."""
-        seat = seat_settings(self.settings, 0)
-        answer = Welcome(PROTOCOL_VERSION, 1, self.session, digest(self.settings), "test", seat, "a-ticket")
-        self.core.receive(messages.encode(answer), now_ns)
+        self.core.receive(welcome(self.seat, self.session), now_ns)
 
     def renew(self, now_ns: int) -> None:
         """Receive the seat assignment of another server: another session, and a line that begins with frame 0."""
@@ -85,25 +102,48 @@ class Client:
         self.welcome(now_ns)
 
     @property
+    def seated(self) -> SeatedClient:
+        assert self.core.seated
+        return self.core.seated
+
+    @property
     def waves(self) -> WaveCoupling:
         assert isinstance(self.core.coupling, WaveCoupling)
         return self.core.coupling
 
     def hear(self, now_ns: int, *wave: float, lost: bool = False) -> None:
         """Receive a datagram with the server's next wave."""
-        self.line.push(wave or (0.0,) * self.axes)
-        if lost:
-            return
-        first, waves, total, squares = self.line.contents()
-        state = (0.0,) * (2 * self.axes)
-        message = Waves(self.session, first, waves, total, squares, 0.0, 0.0, 0, Stamp(now_ns + 1), state)
-        self.core.receive(messages.encode(message), now_ns)
+        message = next_waves(self.line, *wave or (0.0,) * self.axes, session=self.session, sent_ns=now_ns + 1)
+        if not lost:
+            self.core.receive(messages.encode(message), now_ns)
 
     def tick(self, number: int, *position_m: float, velocity: Sequence[float] = (), age: int = 0) -> tuple[float, ...]:
-        now_ns = due_ns(0, number, DEVICE_HZ)
         speed = tuple(velocity) or (0.0,) * self.axes
-        self.core.sense(number, Sample(position_m, speed, age), now_ns)
-        return self.core.act(now_ns)
+        self.core.sense(number, Sample(position_m, speed, age), at_ns(number))
+        return self.core.act(at_ns(number))
+
+    def run(
+        self,
+        ticks: range,
+        place_m: float | Callable[[int], float] = 0.0,
+        wave: float | Callable[[int], object] | None = None,
+        speed_mps: float = 0.0,
+    ) -> list[float]:
+        """Tick a hand of one axis. wave: comes with each frame, or what is done then. Returns the forces."""
+        forces = []
+        for number in ticks:
+            border = number > 0 and number % M == 0
+            if border and callable(wave):
+                wave(number)
+            elif border and wave is not None:
+                self.hear(at_ns(number), wave)
+            place = place_m(number) if callable(place_m) else place_m
+            forces.append(self.tick(number, place, velocity=[speed_mps])[0])
+        return forces
+
+    def account(self) -> ClientAccount:
+        """Return what it would say of its session, if that ended now."""
+        return self.core.handle(CloseLedger(TickCount()), self.core.now_ns)
 
     def total(self) -> float:
         """Return sum u T_c of all ticks so far, as it went into frames; one axis, boxcar."""

@@ -8,56 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.client.hand_motion import RECKON_S
-from cogrip.client.inputs import CloseLedger, DeviceOpened, Rearm
+from cogrip.client.inputs import DeviceOpened, Rearm
 from cogrip.client.seated import REST_S, FeltStiffness
 from cogrip.protocol import messages
-from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.line.concealment import ELASTIC_LIMIT
 from cogrip.protocol.messages import Farewell, Power, Stamp, State, Waves
-from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import STALE_NS
-from cogrip.protocol.settings import resolve
-from cogrip.sim.session.laboratory import Laboratory
 
-from tests.client.seated_client import DEVICE_HZ, ROOT, T_C, T_N, Client, M, capability, walk
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(1, 3))
-def test_work_is_the_sum_of_force_times_displacement(seed: int, axes: int) -> None:
-    """The sum is exact for any velocity estimate and any limit of the force."""
-    client, random = Client(axes), np.random.default_rng(seed)
-    path, work, before = walk(seed, 400, axes), 0.0, None
-    force: tuple[float, ...] = (0.0,) * axes
-    for number, place in enumerate(path):
-        if before is not None:
-            work += sum(f * (x - old) for f, x, old in zip(force, place, before, strict=True))
-        if number % M == 0 and number:
-            client.hear(due_ns(0, number, DEVICE_HZ), *random.uniform(-0.3, 0.3, axes).tolist())
-        force = client.tick(number, *place.tolist(), velocity=random.uniform(-1.0, 1.0, axes).tolist())
-        before = place
-    core = client.core
-    assert core.ledger.work_j == pytest.approx(work, rel=1e-12, abs=1e-15)
-    assert core.ledger.leak_j == pytest.approx(work - client.waves.port_j, rel=1e-9, abs=1e-14)
-
-
-def test_the_leak_is_the_dampers_error_and_nothing_else() -> None:
-    """leak = sum b (y_est - y) y T_c once the force is let through whole (theory section 3.6)."""
-    client, leak, start = Client(), 0.0, 0.0
-    random, x, estimate = np.random.default_rng(4), 0.0, 0.0
-    for number in range(1000):
-        if number == 400:  # the ramp is behind us
-            start = client.core.ledger.leak_j
-            leak = 0.0
-        step = float(random.uniform(-1e-4, 1e-4))
-        if number:
-            leak += 20.0 * (estimate - step / T_C) * step
-            x += step
-        estimate = float(random.uniform(-0.008, 0.008))  # with the waves no step that the slope would hold, nor a train
-        if number % M == 0 and number:
-            client.hear(due_ns(0, number, DEVICE_HZ), float(random.uniform(-0.01, 0.01)))
-        client.tick(number, x, velocity=[estimate])
-    assert "slew limited" not in client.core.safety.counts
-    assert client.core.ledger.leak_j - start == pytest.approx(leak, rel=1e-9)
+from tests.client.seated_client import DEVICE_HZ, ROOT, T_C, T_N, Client, M, at_ns, capability, walk
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))
@@ -69,7 +27,7 @@ def test_the_displacement_encoder_cannot_drift(seed: int, axes: int) -> None:
     held = client.waves.returning
     for number, place in enumerate(path):
         if number % M == 0 and number:
-            client.hear(due_ns(0, number, DEVICE_HZ), *random.uniform(-0.3, 0.3, axes).tolist())
+            client.hear(at_ns(number), *random.uniform(-0.3, 0.3, axes).tolist())
         client.tick(number, *place.tolist(), velocity=random.uniform(-9.0, 9.0, axes).tolist())
         if number:
             forward += np.array(client.waves.forward) * T_C
@@ -80,16 +38,10 @@ def test_the_displacement_encoder_cannot_drift(seed: int, axes: int) -> None:
 
 def test_the_velocity_encoder_drifts_with_its_reading() -> None:
     """The other encoder, for comparison: a reading that is off by 1 mm/s walks the proxy away at 1 mm/s."""
-    drift = {}
-    for encoder in ("displacement", "velocity"):
+    for encoder, drift in (("displacement", 0.0), ("velocity", pytest.approx(1e-3, rel=0.01))):
         client = Client(encoder=encoder)
-        for number in range(1025):
-            if number % M == 0 and number:
-                client.hear(due_ns(0, number, DEVICE_HZ))
-            client.tick(number, 0.0, velocity=[1e-3])
-        drift[encoder] = sum(wave for (wave,) in client.frames()) * T_N / ROOT
-    assert drift["displacement"] == 0.0
-    assert drift["velocity"] == pytest.approx(1e-3, rel=0.01)
+        client.run(range(1025), wave=0.0, speed_mps=1e-3)
+        assert sum(wave for (wave,) in client.frames()) * T_N / ROOT == drift
 
 
 @given(st.lists(st.integers(1, 40), min_size=5, max_size=60), st.integers(0, 2**32 - 1))
@@ -103,7 +55,7 @@ def test_skipped_ticks_are_entered_and_frames_numbered_on(gaps: list[int], seed:
         before, number = number, number + gap
         for _ in range(number // M - before // M):
             held.append(float(random.uniform(-0.2, 0.2)))
-            client.hear(due_ns(0, number, DEVICE_HZ), held[-1])
+            client.hear(at_ns(number), held[-1])
         step = float(random.uniform(-1e-4, 1e-4)) * gap
         work += force * step
         x += step
@@ -119,52 +71,30 @@ def test_skipped_ticks_are_entered_and_frames_numbered_on(gaps: list[int], seed:
     assert client.total() == pytest.approx(ROOT * (x - 0.02) - returned * T_C, abs=1e-12)
 
 
-def test_frames_inside_a_gap_play_their_own_waves() -> None:
-    """Three frames come while the loop is away: each is held over its own ticks, none is lost or played twice."""
-    client = Client()
-    client.tick(0, 0.0)
-    client.hear(0, 0.1)
-    for number in range(1, 9):
-        client.tick(number, 0.0)
-    assert client.waves.returning == (0.1,)
-    for wave in (0.2, 0.3, 0.4):
-        client.hear(due_ns(0, 9, DEVICE_HZ), wave)
-    client.tick(32, 0.0)
-    assert client.waves.returning == (0.4,)
-    assert client.waves.count().applied == 4
-    energy = sum(wave**2 for wave in (0.1, 0.2, 0.3)) * T_N / 2
-    assert client.waves.energy.used_j == pytest.approx(energy, rel=1e-12)
-    assert client.frames() == [pytest.approx((-wave,)) for wave in (0.0, 0.1, 0.2, 0.3)], "a hand at rest reflects"
-
-
 def test_displacement_over_missing_samples_is_reckoned_and_then_corrected() -> None:
     """The hand goes on as it did for a few ticks; the sum of what was sent is the true displacement all the same."""
     client = Client()
-    for number in range(20):
-        client.tick(number, 0.001 * number, velocity=[1.0])
+    client.run(range(20), lambda number: 0.001 * number, speed_mps=1.0)
     core = client.core
     for number in range(20, 30):
-        core.sense(number, None, due_ns(0, number, DEVICE_HZ))
-        core.act(due_ns(0, number, DEVICE_HZ))
+        core.sense(number, None, at_ns(number))
+        core.act(at_ns(number))
         assert core.position_m[0] == pytest.approx(0.019 + min((number - 19) * T_C, RECKON_S))
     assert core.safety.state == "live"
     client.tick(30, 0.02)
     assert core.position_m == (0.02,)
-    total = sum(wave for (wave,) in client.frames()) * T_N + sum(client.waves.up.decimator._sum) * T_C  # type: ignore[attr-defined]
-    assert total == pytest.approx(ROOT * 0.02, abs=1e-12)
+    assert client.total() == pytest.approx(ROOT * 0.02, abs=1e-12)
 
 
 def test_a_stalled_device_faults_and_its_line_ends_in_a_matched_termination() -> None:
     client = Client()
-    for number in range(200):
-        client.tick(number, 0.0)
+    client.run(range(200))
     core = client.core
     for number in range(200, 260):
-        now_ns = due_ns(0, number, DEVICE_HZ)
         if number % M == 0:
-            client.hear(now_ns, 0.5)
-        core.sense(number, None, now_ns)
-        core.act(now_ns)
+            client.hear(at_ns(number), 0.5)
+        core.sense(number, None, at_ns(number))
+        core.act(at_ns(number))
     assert core.safety.state == "fault"
     assert client.waves.returning == (0.5,)
     assert client.waves.forward == (0.0,), "what comes is absorbed"
@@ -179,13 +109,11 @@ def test_a_stale_link_takes_the_force_away_and_gives_it_back() -> None:
     client, force = Client(), []
     silent = range(512, 512 + 256)
     for number in range(1536):
-        now_ns = due_ns(0, number, DEVICE_HZ)
         if number % M == 0:
-            client.hear(now_ns, -0.3, lost=number in silent)
+            client.hear(at_ns(number), -0.3, lost=number in silent)
         force.append(client.tick(number, 0.0)[0])
-        last_ns = due_ns(0, 504, DEVICE_HZ)
         if number in silent:
-            assert (client.core.safety.state == "degraded") is (now_ns - last_ns > STALE_NS)
+            assert (client.core.safety.state == "degraded") is (at_ns(number) - at_ns(504) > STALE_NS)
     assert force[511] == pytest.approx(ROOT * 0.3, rel=0.05), "but for what is compensated of the first frame"
     assert force[silent[-1]] == 0.0
     assert client.core.safety.state == "live"
@@ -197,44 +125,39 @@ def test_a_stale_link_takes_the_force_away_and_gives_it_back() -> None:
 def test_the_force_law() -> None:
     """F = b xdot - sqrt(2b) v (P eq. 16)."""
     client = Client(axes=2)
-    force = client.tick(0, 0.0, 0.0)
-    client.hear(0, 0.2, -0.1)
-    for number in range(1, 12_000):
+    for number in range(12_000):
         if number % M == 0:
-            client.hear(due_ns(0, number, DEVICE_HZ), 0.2, -0.1)
+            client.hear(at_ns(number), 0.2, -0.1)
         force = client.tick(number, 0.0, 0.0, velocity=[0.03, -0.02])
     assert force == pytest.approx((20 * 0.03 - ROOT * 0.2, 20 * -0.02 + ROOT * 0.1))
 
 
 def test_virtual_coupling_sends_states_and_holds_its_object() -> None:
     client = Client(kind="coupling")
-    force = client.tick(0, 0.01)
-    client.core.receive(messages.encode(State(7, 0, (0.004,), (0.02,), 0.0, 0, Stamp(1))), 0)
-    for number in range(1, 400):
-        if number % M == 0:
-            state = State(7, number // M, (0.004,), (0.02,), 0.0, 0, Stamp(1 + number))
-            client.core.receive(messages.encode(state), due_ns(0, number, DEVICE_HZ))
-        force = client.tick(number, 0.01, velocity=[0.05])
-    assert force == pytest.approx((1000.0 * 0.006 + 10.0 * 0.03,))
+
+    def say(number: int) -> None:
+        state = State(7, number // M, (0.004,), (0.02,), 0.0, 0, Stamp(1 + number))
+        client.core.receive(messages.encode(state), at_ns(number))
+
+    say(0)
+    assert client.run(range(400), 0.01, say, 0.05)[-1] == pytest.approx(1000.0 * 0.006 + 10.0 * 0.03)
     sent = client.sent()
     assert [message.number for message in sent if isinstance(message, State)] == list(range(len(sent)))
 
 
-AXES = Waves(7, 0, (0.1, 0.1), (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0, Stamp(1), (0.0,) * 4)
-STATE, POWER = State(7, 0, (0.0,), (0.0,), 0.0, 0, Stamp(1)), Power(7, 0, *[(0.0,)] * 5, 0.0, 0, Stamp(1))
-
-
-SPEEDS = State(7, 0, (0.0,), (0.0, 0.0), 0.0, 0, Stamp(1))  # of one place
+STATE = State(7, 0, (0.0,), (0.0,), 0.0, 0, Stamp(1))
 
 
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        ("wave", AXES),
+        ("wave", Waves(7, 0, (0.1, 0.1), (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0, Stamp(1), (0.0,) * 4)),
         ("wave", STATE),
-        ("coupling", POWER),
-        ("coupling", SPEEDS),
+        ("coupling", Power(7, 0, *[(0.0,)] * 5, 0.0, 0, Stamp(1))),
         ("tdpa", STATE),
+        ("tdpa", Power(7, 0, *[(0.0, 0.0)] * 5, 0.0, 0, Stamp(1))),
+        ("tdpa", Power(7, 0, (0.0,), (0.0,), (0.0, 0.0), (0.0,), (0.0,), 0.0, 0, Stamp(1))),
+        ("coupling", State(7, 0, (0.0,), (0.0, 0.0), 0.0, 0, Stamp(1))),
     ],
 )
 def test_a_message_that_does_not_fit_the_seat_is_counted(kind: str, message: messages.AnyMessage) -> None:
@@ -268,12 +191,8 @@ def test_a_hand_at_rest_is_judged_by_the_counts_of_the_device_that_is_open() -> 
     """A device may say only once it is open how coarse its counts are: a hand that dithers by one count is at rest."""
     client = Client(thing="wall")
     client.core.handle(DeviceOpened(replace(capability(), resolution_m=5e-4)), client.core.now_ns)
-    for number in range(1024):
-        if number % M == 0:
-            client.hear(due_ns(0, number, DEVICE_HZ), -0.3)
-        client.tick(number, 0.010 + 5e-4 * (number // M % 2))
-    account = client.core.handle(CloseLedger(TickCount()), client.core.now_ns)
-    assert account.felt_stiffness_npm == pytest.approx(ROOT * 0.3 / 0.01025, rel=0.05)
+    client.run(range(1024), lambda number: 0.010 + 5e-4 * (number // M % 2), -0.3)
+    assert client.account().felt_stiffness_npm == pytest.approx(ROOT * 0.3 / 0.01025, rel=0.05)
 
 
 def test_a_kicked_client_says_why_in_its_account() -> None:
@@ -282,29 +201,4 @@ def test_a_kicked_client_says_why_in_its_account() -> None:
     client.tick(0, 0.0)
     farewell = Farewell(client.session, "kicked by the administrator: too rough", None, None)
     client.core.receive(messages.encode(farewell), 0)
-    account = client.core.handle(CloseLedger(TickCount()), 0)
-    assert account.reason == "the server said goodbye: kicked by the administrator: too rough"
-
-
-# In a session ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("device", ["sim:ideal", "sim:phantom"])
-def test_ledger_of_a_whole_session(device: str) -> None:
-    """Work from the trace of forces and positions, port energy from the waves, the rest is the leak."""
-    settings = resolve({"seconds": 2.0, "users": [{"name": "a", "device": device}, {"name": "b", "device": device}]})
-    lab = Laboratory(settings)
-    trace: list[list[tuple[float, float]]] = [[], []]
-
-    def watch(_: Laboratory) -> None:
-        for person, rows in zip(lab.people, trace, strict=True):
-            rows.append((person.core.position_m[0], person.core.force_n[0]))
-
-    lab.run(watch)
-    for person, rows in zip(lab.people, trace, strict=True):
-        place, force = np.array(rows).T
-        core = person.core
-        assert core.ledger.work_j == pytest.approx(float(np.sum(force[:-1] * np.diff(place))), rel=1e-9)
-        assert core.ledger.leak_j == pytest.approx(core.ledger.work_j - core.coupling.port_j, abs=1e-12)
-        assert core.ledger.least_leak_j <= core.ledger.leak_j
+    assert client.account().reason == "the server said goodbye: kicked by the administrator: too rough"

@@ -1,12 +1,14 @@
 """Effects that a client renders: laws against their potentials, the energy tank, amplitudes at the device, limits."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from cogrip.client.effects.active import Texture, Vibration
 from cogrip.client.effects.force import PASSIVE, EffectForce
@@ -19,6 +21,18 @@ from tests.client.seated_client import capability
 TICK_S = 1.0 / 1024.0
 X = (1.0, 0.0, 0.0)
 CARRIED = (50.0, 1e5)
+STILL = (0.0, 0.0, 0.0)
+WALL = Effect("zone", direction=(-1.0, 0.0, 0.0), stiffness_npm=500.0)
+
+
+def vibration(amplitude_n: float, frequency_hz: float, **more: Any) -> Effect:
+    return Effect("vibration", direction=X, amplitude_n=amplitude_n, frequency_hz=frequency_hz, **more)
+
+
+def texture(amplitude_n: float, period_m: float) -> Effect:
+    return Effect("texture", direction=X, amplitude_n=amplitude_n, period_m=period_m)
+
+
 SPRINGS = (
     Effect("magnet", (0.001, -0.002, 0.0), radius_m=0.01, stiffness_npm=400.0),
     Effect("path", points_m=((-0.01, 0.0, 0.0), (0.0, 0.01, 0.0), (0.01, 0.0, 0.005)), stiffness_npm=300.0),
@@ -29,30 +43,41 @@ SPRINGS = (
 places = st.lists(st.floats(-0.02, 0.02), min_size=3, max_size=3)
 
 
-def force_of(
-    effect: Effect, *more: Effect, axes: int = 1, tank_mj: float = 10.0, speed_mps: float = 1.0
-) -> EffectForce:
+def force_of(*effects: Effect, axes: int = 1, tank_mj: float = 10.0, latency: int = 0) -> EffectForce:
     """Return the effects of a seat that has been told of these."""
     found = EffectForce(axes, TICK_S, 0.0)
-    found.fit(capability(axes, speed_mps=speed_mps), 1.0)
-    effects = (effect, *more)
+    found.fit(capability(axes, latency=latency, speed_mps=1.0), 1.0)
     numbers = tuple(range(1, len(effects) + 1))
     for number, each in enumerate(effects, 1):
         assert not found.tell(Effects(1, 1, numbers, tank_mj, number, each), 0)
     return found
 
 
-def held(effects: EffectForce, ticks: int, place: Callable[[int], float]) -> Iterator[tuple[float, float]]:
-    """Move a hand of one axis, and yield place and force of each tick, all of which its device applies."""
-    before, force = place(0), (0.0,)
+def held(effects: EffectForce, ticks: int, place: Callable[[int], float] = lambda tick: 0.0) -> list[float]:
+    """Move a hand of one axis. Returns the force of each tick, all of which its device applies."""
+    before, force, forces = place(0), (0.0,), []
     for tick in range(ticks):
         now = place(tick)
         effects.enter(1, force, force, (before,), (now,))
         asked = effects.step(tick, (now,), ((now - before) / TICK_S,), 1.0, CARRIED)
-        force = tuple(asked or (0.0,))
-        effects._law = force
-        yield now, force[0]
+        force = effects._law = tuple(asked or (0.0,))
+        forces.append(force[0])
         before = now
+    return forces
+
+
+def steepest(forces: Sequence[float]) -> float:
+    """Return the largest slope [N/s]."""
+    return float(np.abs(np.diff(forces)).max()) / TICK_S
+
+
+def rendered(
+    effects: EffectForce, ticks: range, *place: float, speed: float = 0.0, carried: tuple[float, float] = CARRIED
+) -> float:
+    """Keep a hand at a place. Returns the last force along its last axis; 0 without one."""
+    rate = (0.0,) * (len(place) - 1) + (speed,)
+    force = [effects.step(tick, place, rate, 1.0, carried) for tick in ticks][-1]
+    return force[-1] if force else 0.0
 
 
 @pytest.mark.parametrize("effect", SPRINGS)
@@ -60,17 +85,16 @@ def held(effects: EffectForce, ticks: int, place: Callable[[int], float]) -> Ite
 def test_spring_is_the_gradient_of_its_potential_and_no_stiffer_than_it_says(
     effect: Effect, at: list[float], to: list[float]
 ) -> None:
-    law, still = PASSIVE[effect.kind](effect, 3), (0.0, 0.0, 0.0)
-    here, there = law.felt(at, still), law.felt(to, still)
-    force = np.array(here.spring_n or still)
+    law = PASSIVE[effect.kind](effect, 3)
+    here, there = law.felt(at, STILL), law.felt(to, STILL)
+    force = np.array(here.spring_n or STILL)
     step = np.subtract(to, at)
     # what one sampled tick makes at most: K d^2 / 2 (theory 7.8)
     assert there.stored_j <= here.stored_j + force @ step + 0.5 * law.stiffness_npm * step @ step + 1e-12
     assert here.stored_j >= 0.0
-    near = law.felt((np.array(at) + 1e-7 * step).tolist(), still)
-    assume(
-        np.abs(np.subtract(near.spring_n or still, force)).max() < 1e-3
-    )  # midway between two sides there is no gradient
+    near = law.felt((np.array(at) + 1e-7 * step).tolist(), STILL)
+    # midway between two sides there is no gradient
+    assume(np.abs(np.subtract(near.spring_n or STILL, force)).max() < 1e-3)
     slope = near.stored_j - here.stored_j
     assert slope == pytest.approx(1e-7 * float(force @ step), abs=1e-10)
 
@@ -79,11 +103,11 @@ def test_magnet_has_the_closed_form_of_its_potential() -> None:
     law = PASSIVE["magnet"](SPRINGS[0], 3)
     radius, stiffness = 0.01, 400.0
     for share in (0.0, 0.3, 0.7, 0.999):
-        felt = law.felt((0.001 + share * radius, -0.002, 0.0), (0.0, 0.0, 0.0))
+        felt = law.felt((0.001 + share * radius, -0.002, 0.0), STILL)
         left = 1.0 - share * share
         assert felt.spring_n[0] == pytest.approx(stiffness * share * radius * left * left, abs=1e-12)
         assert felt.stored_j == pytest.approx(stiffness * radius**2 / 6.0 * (1.0 - left**3), abs=1e-15)
-    outside = law.felt((0.012, 0.0, 0.0), (0.0, 0.0, 0.0))
+    outside = law.felt((0.012, 0.0, 0.0), STILL)
     assert outside.spring_n == ()
     assert outside.stored_j == pytest.approx(stiffness * radius**2 / 6.0)
     bounded = PASSIVE["magnet"](Effect("magnet", radius_m=0.01, stiffness_npm=4000.0, force_n=2.0), 1)
@@ -92,9 +116,7 @@ def test_magnet_has_the_closed_form_of_its_potential() -> None:
 
 
 def test_path_pulls_across_by_k_d_and_lets_go_along() -> None:
-    law = PASSIVE["path"](
-        Effect("path", points_m=((0.0, 0.0, 0.0), (0.1, 0.0, 0.0)), stiffness_npm=200.0, damping_nspm=2.0), 2
-    )
+    law = PASSIVE["path"](Effect("path", points_m=PATH, stiffness_npm=200.0, damping_nspm=2.0), 2)
     felt = law.felt((0.03, 0.004), (0.2, 0.1))
     assert list(felt.spring_n) == pytest.approx([0.0, 0.8])
     assert list(felt.damper_n) == pytest.approx([0.0, 0.2])
@@ -112,42 +134,28 @@ def test_zone_only_pushes_out() -> None:
 @pytest.mark.parametrize("frequency_hz", [20.0, 50.0, 100.0, 150.0, 200.0])
 def test_vibration_has_its_amplitude_at_the_device(frequency_hz: float) -> None:
     """The part at its frequency of the force as it is held over ticks, which the sinc of the hold has made smaller."""
-    effects = force_of(
-        Effect("vibration", direction=(1.0, 0.0, 0.0), amplitude_n=0.5, frequency_hz=frequency_hz), tank_mj=1e3
-    )
-    fine = 64
-    steps = np.repeat([force for _, force in held(effects, 1024, lambda tick: 0.0)], fine)
+    effect, fine = vibration(0.5, frequency_hz), 64
+    steps = np.repeat(held(force_of(effect, tank_mj=1e3), 1024), fine)
     turned = np.exp(-2j * np.pi * frequency_hz * (np.arange(len(steps)) + 0.5) * TICK_S / fine)
     assert 2.0 * abs(np.mean(steps * turned)) == pytest.approx(0.5, rel=0.002)
-    law = Vibration(
-        Effect("vibration", direction=(1.0, 0.0, 0.0), amplitude_n=0.5, frequency_hz=frequency_hz), 1, TICK_S
-    )
-    steep = np.abs(np.diff([law.force((0.0,), tick)[0] for tick in range(1024)])).max() / TICK_S
-    assert steep <= law.slope_nps * (1.0 + 1e-9)
+    law = Vibration(effect, 1, TICK_S)
+    assert steepest([law.force((0.0,), tick)[0] for tick in range(1024)]) <= law.slope_nps * (1.0 + 1e-9)
 
 
-def test_vibration_that_the_slope_limit_would_cut_is_smaller_and_still_a_sine() -> None:
-    effect = Effect("vibration", direction=(1.0, 0.0, 0.0), amplitude_n=2.0, frequency_hz=200.0)
-    effects = force_of(effect, tank_mj=1e3)
-    forces = [force for _, force in held(effects, 1024, lambda tick: 0.0)]
-    assert np.abs(np.diff(forces)).max() / TICK_S <= 1000.0 * (1.0 + 1e-9)
-    assert effects.reduced
-
-
-def test_vibrations_that_the_slope_limit_would_cut_together_are_smaller_together() -> None:
-    """Each alone has just the largest slope."""
-    effects = force_of(*[Effect("vibration", direction=X, amplitude_n=0.795, frequency_hz=200.0)] * 16, tank_mj=1e3)
-    forces = [force for _, force in held(effects, 1024, lambda tick: 0.0)]
-    assert np.abs(np.diff(forces)).max() / TICK_S == pytest.approx(1000.0, rel=0.05)
-    assert np.abs(np.diff(forces)).max() / TICK_S <= 1000.0 * (1.0 + 1e-9)
+@pytest.mark.parametrize(("amplitude_n", "many", "least"), [(2.0, 1, 0.0), (0.795, 16, 950.0)])
+def test_vibrations_that_the_slope_limit_would_cut_are_smaller_together(
+    amplitude_n: float, many: int, least: float
+) -> None:
+    """One alone, or 16 that each have just the largest slope."""
+    effects = force_of(*[vibration(amplitude_n, 200.0)] * many, tank_mj=1e3)
+    assert least <= steepest(held(effects, 1024)) <= 1000.0 * (1.0 + 1e-9)
     assert effects.reduced
 
 
 @pytest.mark.parametrize("device_hz", [250, 256, 500, 512, 1024])
 def test_vibration_faster_than_half_of_the_ticks_is_bounded(device_hz: int) -> None:
     """The sinc of the hold is 0 at the rate of the ticks."""
-    law = Vibration(Effect("vibration", direction=X, amplitude_n=1.0, frequency_hz=256.0), 1, 1.0 / device_hz)
-    assert law.most_n <= math.pi / 2.0
+    assert Vibration(vibration(1.0, 256.0), 1, 1.0 / device_hz).most_n <= math.pi / 2.0
 
 
 PATH = ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0))
@@ -155,8 +163,8 @@ SMALLEST: list[tuple[Callable[[float], Effect], float]] = [
     (lambda x: Effect("zone", direction=(x, 0.0, 0.0), stiffness_npm=9.0), 1e-6),
     (lambda x: Effect("vibration", direction=(0.0, x, 0.0), amplitude_n=1.0, frequency_hz=50.0), 1e-6),
     (lambda x: Effect("texture", direction=(0.0, x, 0.0), amplitude_n=1.0, period_m=0.01), 1e-6),
-    (lambda x: Effect("vibration", direction=X, amplitude_n=1.0, frequency_hz=x), 1e-3),
-    (lambda x: Effect("texture", direction=X, amplitude_n=1.0, period_m=x), 1e-4),
+    (lambda x: vibration(1.0, x), 1e-3),
+    (lambda x: texture(1.0, x), 1e-4),
     (lambda x: Effect("magnet", radius_m=x, stiffness_npm=9.0), 1e-4),
     (lambda x: Effect("magnet", radius_m=x, stiffness_npm=9.0, force_n=1.0), 1e-4),
     (lambda x: Effect("path", points_m=((0.0, 0.0, 0.0), (x, 0.0, 0.0)), stiffness_npm=9.0), 1e-4),
@@ -184,9 +192,8 @@ def test_numbers_next_to_zero_are_refused_or_give_a_finite_force(make: Callable[
 @given(law=st.floats(-20.0, 20.0), applied=st.floats(-20.0, 20.0))
 def test_no_more_of_a_force_is_taken_for_effects_than_was_asked(law: float, applied: float) -> None:
     """law: of coupling and effects, which may cancel out while slope limits still hold a force."""
-    effects = force_of(Effect("zone", direction=(-1.0, 0.0, 0.0), stiffness_npm=500.0))
-    for tick in range(64):
-        effects.step(tick, (-1e-3,), (0.0,), 1.0, CARRIED)
+    effects = force_of(WALL)
+    rendered(effects, range(64), -1e-3)
     asked = effects.step(64, (0.01,), (0.0,), 1.0, CARRIED)
     assert asked is not None
     effects._law = (law,)
@@ -195,10 +202,10 @@ def test_no_more_of_a_force_is_taken_for_effects_than_was_asked(law: float, appl
 
 
 def test_viscous_field_has_its_coefficient() -> None:
-    effects = force_of(Effect("viscous", size_m=(0.05, 0.0, 0.0), damping_nspm=5.0))
-    found = dict(held(effects, 512, lambda tick: 0.1 * tick * TICK_S))
-    forces = [force for place, force in found.items() if 0.005 < place < 0.045]
-    assert np.allclose(forces, 0.5, rtol=0.01)
+    forces = held(
+        force_of(Effect("viscous", size_m=(0.05, 0.0, 0.0), damping_nspm=5.0)), 461, lambda n: 0.1 * n * TICK_S
+    )
+    assert np.allclose(forces[52:], 0.5, rtol=0.01), "between 5 and 45 mm"
 
 
 @pytest.mark.parametrize(("carried", "expected"), [((50.0, 1e5), 8.0), ((22.0, 1e5), 2.0), ((20.0, 1e5), 0.0)])
@@ -206,57 +213,37 @@ def test_dampers_get_what_the_coupling_leaves_of_the_device(carried: tuple[float
     effects = EffectForce(1, TICK_S, 20.0)
     effects.fit(capability(), 1.0)
     effects.tell(Effects(1, 1, (1,), 1.0, 1, Effect("viscous", damping_nspm=8.0)), 0)
-    force = [effects.step(tick, (0.0,), (1.0,), 1.0, carried) for tick in range(64)][-1]
-    assert force is not None
-    assert force[0] == pytest.approx(expected)
+    assert rendered(effects, range(64), 0.0, speed=1.0, carried=carried) == pytest.approx(expected)
     assert effects.reduced is (expected < 8.0)
 
 
 def test_springs_are_no_stiffer_than_the_device_carries() -> None:
-    effects = force_of(Effect("zone", direction=(-1.0, 0.0, 0.0), stiffness_npm=4000.0))
-    for tick in range(64):
-        effects.step(tick, (-0.001,), (0.0,), 1.0, (50.0, 1000.0))
-    force = [effects.step(tick, (0.001,), (0.0,), 1.0, (50.0, 1000.0)) for tick in range(64, 128)][-1]
-    assert force is not None
-    assert force[0] == pytest.approx(1.0)
+    effects = force_of(replace(WALL, stiffness_npm=4000.0))
+    rendered(effects, range(64), -0.001, carried=(50.0, 1000.0))
+    assert rendered(effects, range(64, 128), 0.001, carried=(50.0, 1000.0)) == pytest.approx(1.0)
 
 
 def test_texture_is_no_stiffer_than_the_device_carries_and_draws_from_the_tank() -> None:
-    effect = Effect("texture", direction=(1.0, 0.0, 0.0), amplitude_n=1.0, period_m=0.002)
+    effect = texture(1.0, 0.002)
     assert Texture(effect, 1).stiffness_npm == pytest.approx(1000.0 * math.pi)
-    effects = force_of(effect, tank_mj=5.0)
-    peak = 0.0
-    for tick in range(64):
-        force = effects.step(tick, (0.0005,), (0.0,), 1.0, (50.0, 500.0 * math.pi))
-        peak = max(peak, force[0] if force else 0.0)
+    effects, carried = force_of(effect, tank_mj=5.0), (50.0, 500.0 * math.pi)
+    peak = max(rendered(effects, range(tick, tick + 1), 0.0005, carried=carried) for tick in range(64))
     assert peak == pytest.approx(0.5)
 
 
 def test_fixture_around_a_hand_comes_as_far_as_the_tank_pays() -> None:
     """A path 20 mm from the hand stores 40 mJ; the tank has 10 mJ, so a quarter of it is rendered, and nothing is given."""
-    effects = force_of(Effect("path", points_m=((0.0, 0.0, 0.0), (0.1, 0.0, 0.0)), stiffness_npm=200.0), axes=2)
-    for tick in range(256):
-        force = effects.step(tick, (0.05, 0.02), (0.0, 0.0), 1.0, CARRIED)
-    assert force is not None
-    assert force[1] == pytest.approx(0.25 * 4.0)
+    effects = force_of(Effect("path", points_m=PATH, stiffness_npm=200.0), axes=2)
+    assert rendered(effects, range(256), 0.05, 0.02) == pytest.approx(0.25 * 4.0)
     assert effects.stored_j == pytest.approx(0.01)
     assert effects.tank.level_j == pytest.approx(0.0, abs=1e-12)
-    for tick in range(256, 300):
-        force = effects.step(tick, (0.05, 0.0), (0.0, 0.0), 1.0, CARRIED)  # there it costs nothing
-    force = effects.step(300, (0.05, 0.005), (0.0, 0.0), 1.0, CARRIED)
-    assert force is not None
-    assert force[1] == pytest.approx(1.0)
+    rendered(effects, range(256, 300), 0.05, 0.0)  # there it costs nothing
+    assert rendered(effects, range(300, 301), 0.05, 0.005) == pytest.approx(1.0)
 
 
-along = (1.0, 0.0, 0.0)
 newtons, stiffnesses = st.floats(0.1, 40.0), st.floats(1.0, 5e3)
 ACTIVE = st.one_of(
-    st.builds(
-        lambda a, f: Effect("vibration", direction=along, amplitude_n=a, frequency_hz=f), newtons, st.floats(1.0, 250.0)
-    ),
-    st.builds(
-        lambda a, p: Effect("texture", direction=along, amplitude_n=a, period_m=p), newtons, st.floats(1e-4, 0.1)
-    ),
+    st.builds(vibration, newtons, st.floats(1.0, 250.0)), st.builds(texture, newtons, st.floats(1e-4, 0.1))
 )
 PASSIVE_ONES = st.one_of(
     st.builds(lambda b, h: Effect("viscous", size_m=(h, 0.0, 0.0), damping_nspm=b), newtons, st.floats(0.0, 0.01)),
@@ -273,11 +260,9 @@ PASSIVE_ONES = st.one_of(
     tank_mj=st.floats(0.01, 20.0),
     latency=st.integers(0, 3),
 )
+@example([vibration(1.0, 76.0)], [], [(0.0, 1.0), (0.0, 0.0)], 0.5, 1)
 @example(
-    [Effect("vibration", direction=along, amplitude_n=1.0, frequency_hz=76.0)], [], [(0.0, 1.0), (0.0, 0.0)], 0.5, 1
-)
-@example(
-    [Effect("vibration", direction=along, amplitude_n=1.0, frequency_hz=1.0)],
+    [vibration(1.0, 1.0)],
     [Effect("zone", size_m=(0.004, 0.0, 0.0), stiffness_npm=160.0)],
     [(0.0, 0.0), (0.0, 1.0), (0.0, 0.0), (0.0, 1.0), (-1.0, 0.0)],
     0.0625,
@@ -287,11 +272,7 @@ def test_tank_is_never_overdrawn(
     effects: list[Effect], more: list[Effect], steps: list[tuple[float, float]], tank_mj: float, latency: int
 ) -> None:
     """Whatever the hand does within the device's speed limit, and however the gain of safety falls and rises."""
-    rig = EffectForce(1, TICK_S, 0.0)
-    rig.fit(capability(latency=latency, speed_mps=1.0), 1.0)
-    numbers = tuple(range(1, len(effects + more) + 1))
-    for number, each in enumerate(effects + more, 1):
-        rig.tell(Effects(1, 1, numbers, tank_mj, number, each), 0)
+    rig = force_of(*effects, *more, tank_mj=tank_mj, latency=latency)
     place, before, force, given_j = 0.0, 0.0, (0.0,), 0.0
     active = [0.0] * (latency + 1)
     for tick, (step, gain) in enumerate(steps):
@@ -323,37 +304,31 @@ def test_tank_counts_what_a_late_tick_draws() -> None:
 
 
 def test_effects_are_taken_once_and_end_as_told() -> None:
-    rig = EffectForce(1, TICK_S, 0.0)
-    rig.fit(capability(), 1.0)
-    wall = Effect("zone", direction=(-1.0, 0.0, 0.0), stiffness_npm=500.0)
-    assert rig.tell(Effects(1, 1, (1, 2), 1.0, 1, wall), 0) == ""
+    rig = force_of()
+    assert rig.tell(Effects(1, 1, (1, 2), 1.0, 1, WALL), 0) == ""
     assert rig.known((1, 2)) == (1,)
     assert rig.tell(Effects(1, 1, (1, 2), 1.0, 2, Effect("viscous")), 0) == "unfit effect"  # without a damper
     assert rig.known((1, 2)) == (1, 2)  # it is not told again
     assert rig.tell(Effects(1, 0, (), 1.0), 0) == "late effects"
     assert rig.step(1, (-0.001,), (0.0,), 1.0, CARRIED) is not None
     assert rig.tell(Effects(1, 2, (), 1.0), 1) == ""
-    for tick in range(2, 64):
-        last = rig.step(tick, (-0.001,), (0.0,), 1.0, CARRIED)
-    assert last is None
+    rendered(rig, range(2, 63), -0.001)
+    assert rig.step(63, (-0.001,), (0.0,), 1.0, CARRIED) is None
     for number in range(3, 100):
-        rig.tell(Effects(1, 2 + number, (number,), 1.0, number, wall), 64)
+        rig.tell(Effects(1, 2 + number, (number,), 1.0, number, WALL), 64)
     assert len(rig._entries) <= 2 * MOST_EFFECTS
 
 
 def test_effects_of_a_hand_without_force_make_room_for_others() -> None:
     """A world that goes on while a fault is latched: what it tells last is there once the hand is armed again."""
-    rig = EffectForce(1, TICK_S, 0.0)
-    rig.fit(capability(), 1.0)
-    wall = Effect("zone", direction=(-1.0, 0.0, 0.0), stiffness_npm=500.0)
+    rig = force_of()
     for number in range(1, 100):
-        assert rig.tell(Effects(1, number, (number,), 1.0, number, wall), number) == ""
+        assert rig.tell(Effects(1, number, (number,), 1.0, number, WALL), number) == ""
         rig.begin_anew()
     assert list(rig._entries) == [99]
 
 
 def test_burst_ends_by_itself() -> None:
-    burst = Effect("vibration", direction=(1.0, 0.0, 0.0), amplitude_n=0.5, frequency_hz=100.0, seconds=0.1)
-    forces = [force for _, force in held(force_of(burst), 512, lambda tick: 0.0)]
+    forces = held(force_of(vibration(0.5, 100.0, seconds=0.1)), 512)
     assert max(map(abs, forces[60:100])) > 0.4
     assert not any(forces[140:])

@@ -5,14 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.client.wave_lines import PRESSING, QUIET, ForwardLine
-from cogrip.protocol.settings import resolve, seat_settings
+
+from tests.client.seated_client import seat
 
 M, T_C = 8, 1.0 / 1024.0
 waves = st.floats(-2.0, 2.0)
-
-
-def forward() -> ForwardLine:
-    return ForwardLine(seat_settings(resolve({"users": [{}]}), 0))
 
 
 def tick(line: ForwardLine, wave: float, returning: float = 0.0) -> None:
@@ -26,24 +23,21 @@ def tick(line: ForwardLine, wave: float, returning: float = 0.0) -> None:
 def test_whatever_their_lengths_what_is_sent_was_given_or_spared(
     frames: list[tuple[int, float, float]], spare_j: float
 ) -> None:
-    line = forward()
+    line = ForwardLine(seat())
     total = sent_total = 0.0
     for ticks, wave, returning in frames:
-        made = used = sent_mean = 0.0
-        for step in range(ticks):
-            value = wave * (1.0 + 0.3 * step)
+        values = [wave * (1.0 + 0.3 * step) for step in range(ticks)]
+        before = line.energy.made_j
+        for value in values:
             tick(line, value, returning)
-            sent_mean += value / M
-            total += value / M
-            made += 0.5 * T_C * value * value
-            used += 0.5 * T_C * returning * returning
+        made, used = (0.5 * T_C * sum(each * each for each in row) for row in (values, [returning] * ticks))
         line._shift = ticks - M
-        before = line.energy.made_j - made
         (sent,) = line.end_frame(spare_j)
         going = 0.5 * M * T_C * sent * sent
+        total += sum(values) / M
         sent_total += sent
         assert going <= max(0.0, spare_j + used) * (1.0 + 1e-12)
-        if ticks > M or sent != pytest.approx(sent_mean, rel=1e-12):
+        if ticks > M or sent != pytest.approx(sum(values) / M, rel=1e-12):
             assert line.energy.made_j - before >= going * (1.0 - 1e-9) - 1e-15, "the ledger has all that was sent"
         else:
             assert going <= made * (1.0 + 1e-12) + 1e-15, "a mean has no more energy than what it is the mean of"
@@ -60,7 +54,7 @@ def heard(line: ForwardLine, spare: int, acknowledged: int) -> int:
 
 
 def test_the_first_shift_is_whole_and_each_later_one_a_tick() -> None:
-    line = forward()
+    line = ForwardLine(seat())
     assert heard(line, 5, 0) == M, "before the server has played anything, nothing is known"
     assert heard(line, 5, 1) == M + 5
     assert line.phase == 0, "the frame that ended had M"
@@ -73,7 +67,7 @@ def test_the_first_shift_is_whole_and_each_later_one_a_tick() -> None:
 
 
 def test_to_send_later_takes_that_it_is_said_for_a_while() -> None:
-    line = forward()
+    line = ForwardLine(seat())
     heard(line, 2, 1)
     heard(line, 0, 2)
     lengths = [heard(line, 2, 3 + number) for number in range(QUIET + 1)]
@@ -86,7 +80,7 @@ def test_to_send_later_takes_that_it_is_said_for_a_while() -> None:
 
 
 def test_a_loop_of_one_tick_a_frame_never_sends_sooner() -> None:
-    line = ForwardLine(seat_settings(resolve({"rates": {"network_hz": 1024}, "users": [{}]}), 0))
+    line = ForwardLine(seat(rates={"network_hz": 1024}))
     tick(line, 0.0)
     line.end_frame(0.0)
     line.spare = -5

@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 from math import hypot, nan
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,17 +12,18 @@ from hypothesis import strategies as st
 from cogrip.client.grip_axes import GripAxes
 from cogrip.client.hand_map import HandMap
 from cogrip.client.pose_axes import in_lengths
-from cogrip.client.safety import Safety
 from cogrip.devices.device import Gripper, Sample
 from cogrip.devices.registry import make
 from cogrip.protocol.tool_frame import ToolFrame, rotation_of
 from cogrip.protocol.waves import device_force, device_gain, device_wave
 
+from tests.client.live_safety import give, live
+
 UNIT, TICK_S = 0.7, 1.0 / 1024.0
 RECORD = make("sim:gripper", axes=4).capability
 GRIPPER = RECORD.gripper or Gripper(*[1.0] * 7)
 number = st.floats(-1e3, 1e3)
-four = st.tuples(number, number, number, number)
+four = st.tuples(*[number] * 4)
 
 
 @given(st.floats(0.05, 20.0), four, four)
@@ -32,10 +34,7 @@ def test_the_power_is_that_of_hand_and_fingers(
     moved = axes.lengths(Sample(twist, twist, 3, 5, None, twist[3]))
     assert moved.velocity_mps is not None
     force = axes.force(wrench)
-    power, exact = (
-        sum(a * b for a, b in zip(x, y, strict=True)) for x, y in ((force, moved.velocity_mps), (wrench, twist))
-    )
-    assert power == pytest.approx(exact, rel=1e-12, abs=1e-6)
+    assert np.dot(force, moved.velocity_mps) == pytest.approx(np.dot(wrench, twist), rel=1e-12, abs=1e-6)
     assert axes.wrench(force) == pytest.approx(wrench, rel=1e-12)
     assert axes.pose(moved.position_m) == axes.rates(moved.velocity_mps) == pytest.approx(twist, rel=1e-12)
     assert (moved.age_ticks, moved.buttons, moved.grip_m) == (3, 5, twist[3])
@@ -47,13 +46,10 @@ def test_a_port_of_lengths_is_one_of_its_own_impedance(
 ) -> None:
     """Theory 8.8: force and wave at the fingers are those of b_g, though the port is one of b."""
     axes = GripAxes((grip_nspm / b) ** 0.5)
-    velocity = (0.0, 0.0, 0.0, axes.length_scale * rate_mps)[3]
-    force_n = axes.wrench((0.0, 0.0, 0.0, device_force(b, device_gain(b), velocity, wave)))[3]
-    own = device_gain(grip_nspm)
-    assert force_n == pytest.approx(device_force(grip_nspm, own, rate_mps, wave), rel=1e-9, abs=1e-6)
-    assert device_wave(device_gain(b), velocity, wave) == pytest.approx(
-        device_wave(own, rate_mps, wave), rel=1e-9, abs=1e-6
-    )
+    velocity, whole, own = axes.length_scale * rate_mps, device_gain(b), device_gain(grip_nspm)
+    force_n = axes.wrench((0.0, 0.0, 0.0, device_force(b, whole, velocity, wave)))[3]
+    expected = device_force(grip_nspm, own, rate_mps, wave), device_wave(own, rate_mps, wave)
+    assert (force_n, device_wave(whole, velocity, wave)) == pytest.approx(expected, rel=1e-9, abs=1e-6)
 
 
 @given(st.floats(0.05, 20.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
@@ -67,58 +63,42 @@ def test_a_record_in_lengths_bounds_every_axis(length_scale: float, along: float
     assert record.resolution_m >= max(RECORD.resolution_m, length_scale * GRIPPER.resolution_m)
 
 
-def live() -> Safety:
-    safety = Safety(RECORD, TICK_S, UNIT)
-    for event in ("open", "calibrated", "go"):
-        safety.event(event)  # type: ignore[arg-type]
-    return safety
-
-
 @given(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0))
 def test_the_gripper_has_limits_of_its_own(arm_n: float, grip_n: float) -> None:
-    safety, axes = live(), GripAxes(UNIT)
-    wish = axes.force((0.0, arm_n, 0.0, grip_n))
-    before, out = safety.limit(wish), ()
-    for _ in range(400):
-        out = safety.limit(wish)
-        step_n = abs(axes.wrench(out)[3] - axes.wrench(before)[3])
-        assert step_n <= GRIPPER.slew_nps * TICK_S * (1.0 + 1e-9)
-        before = out
-    wrench = axes.wrench(out)
-    assert wrench[1] == pytest.approx(max(-RECORD.peak_force_n, min(RECORD.peak_force_n, arm_n)), abs=1e-9)
-    assert wrench[3] == pytest.approx(max(-GRIPPER.peak_force_n, min(GRIPPER.peak_force_n, grip_n)), abs=1e-9)
+    safety, axes = live(RECORD, TICK_S, UNIT), GripAxes(UNIT)
+    wrenches = np.array([axes.wrench(force) for force in give(safety, axes.force((0.0, arm_n, 0.0, grip_n)), 401)])
+    assert np.abs(np.diff(wrenches[:, 3])).max() <= GRIPPER.slew_nps * TICK_S * (1.0 + 1e-9)
+    last = wrenches[-1]
+    assert last[1] == pytest.approx(max(-RECORD.peak_force_n, min(RECORD.peak_force_n, arm_n)), abs=1e-9)
+    assert last[3] == pytest.approx(max(-GRIPPER.peak_force_n, min(GRIPPER.peak_force_n, grip_n)), abs=1e-9)
     assert safety.limited == (abs(arm_n) > RECORD.peak_force_n or abs(grip_n) > GRIPPER.peak_force_n)
 
 
 @pytest.mark.parametrize(
-    ("position", "rates", "words"),
+    ("opening_m", "rate_mps", "words"),
     [
-        ((0.0, 0.0, 0.0, 0.034), (0.0, 0.0, 0.0, 0.0), "opening of 34 mm is out of -3 to 33 mm"),
-        ((0.0, 0.0, 0.0, -0.0031), (0.0, 0.0, 0.0, 0.0), "check its sensor"),
-        ((0.0, 0.0, 0.0, 0.01), (0.0, 0.0, 0.0, 2.1), "2.10 m/s at the gripper is above 2 m/s"),
-        ((0.0, 0.0, 0.0, nan), (0.0, 0.0, 0.0, 0.0), "not finite"),
+        (0.034, 0.0, "opening of 34 mm is out of -3 to 33 mm"),
+        (-0.0031, 0.0, "check its sensor"),
+        (0.01, 2.1, "2.10 m/s at the gripper is above 2 m/s"),
+        (nan, 0.0, "not finite"),
     ],
 )
-def test_what_no_gripper_does_takes_the_force_away(
-    position: tuple[float, ...], rates: tuple[float, ...], words: str
-) -> None:
-    safety, axes = live(), GripAxes(UNIT)
+def test_what_no_gripper_does_takes_the_force_away(opening_m: float, rate_mps: float, words: str) -> None:
+    safety, axes = live(RECORD, TICK_S, UNIT), GripAxes(UNIT)
     wish = axes.force((0.0, 1.0, 0.0, 1.0))
-    for _ in range(400):
-        safety.limit(wish)
-    sample = axes.lengths(Sample(position, rates))
-    assert sample.velocity_mps is not None
-    safety.check(1, sample.position_m, sample.velocity_mps)
+    give(safety, wish, 400)
+    sample = axes.lengths(Sample((0.0, 0.0, 0.0, opening_m), (0.0, 0.0, 0.0, rate_mps)))
+    safety.check(1, sample.position_m, sample.velocity_mps or ())
     assert safety.state == "fault"
     assert words in safety.reason
-    forces = [safety.limit(wish) for _ in range(40)]
+    forces = give(safety, wish, 40)
     assert all(hypot(*after) <= hypot(*before) for before, after in pairwise(forces))
     assert not any(forces[-1])
 
 
 @pytest.mark.parametrize("opening_m", [-0.0029, 0.0, 0.03, 0.0329])
 def test_an_opening_a_little_beyond_its_stops_is_one(opening_m: float) -> None:
-    safety = live()
+    safety = live(RECORD, TICK_S, UNIT)
     assert safety.check(1, (0.0, 0.0, 0.0, UNIT * opening_m), (0.0,) * 4)
     assert safety.state == "live"
 
@@ -130,9 +110,8 @@ def test_scales_leave_the_opening_and_weigh_its_force(
     frame = HandMap(ToolFrame(g, s, rotation_of("y -x z")), 4)
     tool = frame.rates(rates)
     assert tool[3] == rates[3]
-    at_tool = sum(a * b for a, b in zip(force_n, tool, strict=True))
-    at_hand = sum(a * b for a, b in zip(frame.hand_force(force_n), rates, strict=True))
-    assert at_hand == pytest.approx(frame.power_ratio * at_tool, rel=1e-9, abs=1e-3)
+    hand_w, tool_w = np.dot(frame.hand_force(force_n), rates), np.dot(force_n, tool)
+    assert hand_w == pytest.approx(frame.power_ratio * tool_w, rel=1e-9, abs=1e-3)
     assert frame.tool_force(frame.hand_force(force_n)) == pytest.approx(force_n, rel=1e-9, abs=1e-6)
 
 

@@ -6,23 +6,20 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy import dot
 
 from cogrip.client.hand_map import HandMap
 from cogrip.client.rendered_damper import refusal
 from cogrip.client.velocity import largest_impedance
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.rotations import exp
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.protocol.tool_frame import ToolFrame, rotation_of
 
 scales = st.floats(0.1, 10.0)
 vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
 sixes = st.tuples(*[st.floats(-10.0, 10.0)] * 6)
-
-
-def dot(a: Any, b: Any) -> float:
-    return sum(x * y for x, y in zip(a, b, strict=True))
 
 
 @given(scales, scales, vectors, sixes, sixes, st.sampled_from([3, 6]))
@@ -72,20 +69,25 @@ def user(**keys: Any) -> dict[str, Any]:
     return {"object": {"axes": 3}, "users": [{"name": "anna", **keys}]}
 
 
+def seat(**keys: Any) -> SeatSettings:
+    return seat_settings(resolve(user(**keys)), 0)
+
+
 @pytest.mark.parametrize(
-    ("key", "low", "high"), [("position_scale", 0.1, 10.0), ("force_scale", 0.1, 10.0), ("clutch_button", 0, 32)]
+    ("key", "low", "high", "beyond"),
+    [("position_scale", 0.1, 10.0, 0.001), ("force_scale", 0.1, 10.0, 0.001), ("clutch_button", 0, 32, 1)],
 )
-def test_both_sides_of_each_bound(key: str, low: float, high: float) -> None:
+def test_both_sides_of_each_bound(key: str, low: float, high: float, beyond: float) -> None:
     for value in (low, high):
-        assert seat_settings(resolve(user(**{key: value})), 0).tool == (ToolFrame(**{key: value}) if value else None)
-    for value in (low - (1 if key == "clutch_button" else 0.001), high + (1 if key == "clutch_button" else 0.001)):
+        assert seat(**{key: value}).tool == (ToolFrame(**{key: value}) if value else None)
+    for value in (low - beyond, high + beyond):
         with pytest.raises(SettingsError, match=key):
             resolve(user(**{key: value}))
 
 
 def test_who_scales_nothing_has_no_frame() -> None:
-    assert seat_settings(resolve(user()), 0).tool is None
-    assert seat_settings(resolve(user(rotation=[0.0, 0.0, 0.0])), 0).tool is None
+    assert seat().tool is None
+    assert seat(rotation=[0.0, 0.0, 0.0]).tool is None
 
 
 def test_a_rotation_is_written_as_angles_or_as_axes() -> None:
@@ -103,12 +105,10 @@ def test_a_rotation_is_written_as_angles_or_as_axes() -> None:
 
 
 def test_a_device_carries_b_over_the_force_scale() -> None:
-    plain = resolve(user())
-    record = make_for(plain.users[0], 3).capability
-    seat = seat_settings(plain, 0)
-    most = largest_impedance(record, seat.rates.tick_s).impedance_nspm / seat.coupling.impedance_nspm
+    record = make_for(resolve(user()).users[0], 3).capability
+    most = largest_impedance(record, seat().rates.tick_s).impedance_nspm / seat().coupling.impedance_nspm
     assert 0.1 < 0.999 * most < 1.001 * most < 10.0
-    assert not refusal(seat_settings(resolve(user(force_scale=0.999 * most)), 0), record)
-    text = refusal(seat_settings(resolve(user(force_scale=1.001 * most)), 0), record)
+    assert not refusal(seat(force_scale=0.999 * most), record)
+    text = refusal(seat(force_scale=1.001 * most), record)
     assert "force_scale" in text
     assert "set coupling.impedance_nspm to" in text

@@ -9,50 +9,42 @@ from cogrip.client.core import ClientCore
 from cogrip.client.inputs import Connect, Rearm
 from cogrip.devices.device import Sample
 from cogrip.devices.registry import make
-from cogrip.protocol.messages import Power, Stamp, Waves, Welcome, encode
-from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.messages import Power, Stamp, Waves, encode
 
+from tests.client.seated_client import at_ns, hello, seat, welcome
 from tests.extent import every
 
-TICK_NS = 976_562
-SESSION = 77
+SESSION = 7
 
 
 def seated(axes, **coupling):
     capability = make("sim:phantom", axes=axes).capability
-    hello = make_hello(
-        software="x", nonce=1, room="", name="", digest="", device="sim", axes=axes, rate_hz=float(capability.rate_hz)
-    )
-    core = ClientCore(hello, capability)
+    core = ClientCore(hello(axes=axes, rate_hz=float(capability.rate_hz)), capability)
     core.handle(Connect(), 0)
-    settings = resolve({"object": {"axes": axes}, "coupling": coupling})
-    core.receive(encode(Welcome(1, 1, SESSION, "", "x", seat_settings(settings, 0))), 0)
+    core.receive(welcome(seat(object={"axes": axes}, coupling=coupling), SESSION), 0)
     return core
 
 
-def hostile_waves(chance, axes, tick):
-    def reals(count, bound):
-        return tuple(chance.uniform(-bound, bound) for _ in range(count))
+def reals(chance, count, high, low=None):
+    return tuple(chance.uniform(-high if low is None else low, high) for _ in range(count))
 
-    stamp = Stamp(*[chance.randint(0, 2**60) for _ in range(3)])
-    first, frames = chance.randint(0, tick // 8 + 3), chance.randint(1, 8)
-    message = Waves(
-        SESSION, first, reals(frames * axes, 1e4), reals(axes, 1e15), reals(axes, 1e15), 0.0, 0.0, chance.randint(0, 2**40),
-        stamp, reals(2 * axes, 1e4),
+
+def stamp(chance):
+    return Stamp(*[chance.randint(0, 2**60) for _ in range(3)])
+
+
+def hostile_waves(chance, axes, tick):
+    sums, frames = (reals(chance, axes, 1e15) for _ in range(2)), chance.randint(1, 8)
+    return Waves(
+        SESSION, chance.randint(0, tick // 8 + 3), reals(chance, frames * axes, 1e4), *sums, 0.0, 0.0,
+        chance.randint(0, 2**40), stamp(chance), reals(chance, 2 * axes, 1e4),
     )  # fmt: skip
-    return encode(message)
 
 
 def hostile_power(chance, axes, tick):
-    def reals(low, high):
-        return tuple(chance.uniform(low, high) for _ in range(axes))
-
-    message = Power(
-        SESSION, chance.randint(0, tick // 8 + 3), reals(-1e3, 1e3), reals(-1e4, 1e4), reals(-1e9, 1e9), reals(0, 1e15),
-        reals(0, 1e15), 1e15, chance.randint(0, 2**40), Stamp(*[chance.randint(0, 2**60) for _ in range(3)]),
-    )  # fmt: skip
-    return encode(message)
+    number = chance.randint(0, tick // 8 + 3)
+    rows = [reals(chance, axes, high, low) for low, high in ((-1e3, 1e3), (-1e4, 1e4), (-1e9, 1e9), *[(0.0, 1e15)] * 2)]
+    return Power(SESSION, number, *rows, 1e15, chance.randint(0, 2**40), stamp(chance))
 
 
 @pytest.mark.parametrize(
@@ -74,10 +66,10 @@ def test_no_force_beyond_the_limit_whatever_comes(seed, kind, said):
         if chance.random() < 0.002:
             reading[0] = chance.choice((math.nan, math.inf, 1e9))
         sample = None if chance.random() < 0.02 else Sample(tuple(reading), None)
-        core.sense(tick, sample, tick * TICK_NS)
+        core.sense(tick, sample, at_ns(tick))
         if chance.random() < 0.3:
-            core.receive(said(chance, axes, tick), tick * TICK_NS)
-        force = core.act(tick * TICK_NS)
+            core.receive(encode(said(chance, axes, tick)), at_ns(tick))
+        force = core.act(at_ns(tick))
         assert math.hypot(*force) <= limit_n, "nan fails this too"
         if core.safety.state == "fault" and chance.random() < 0.02:
             faults += 1
@@ -88,14 +80,11 @@ def test_no_force_beyond_the_limit_whatever_comes(seed, kind, said):
 
 def test_a_bad_number_does_not_outlive_its_fault():
     core = seated(1)
-    for tick in range(40):
-        reading = math.nan if tick == 20 else 0.001
-        core.sense(tick, Sample((reading,), None), tick * TICK_NS)
-        core.act(tick * TICK_NS)
-    assert core.safety.state == "fault"
-    core.handle(Rearm(), core.now_ns)
-    for tick in range(40, 60):
-        core.sense(tick, Sample((0.001,), None), tick * TICK_NS)
-        core.act(tick * TICK_NS)
+    for tick in range(60):
+        if tick == 40:
+            assert core.safety.state == "fault"
+            core.handle(Rearm(), core.now_ns)
+        core.sense(tick, Sample((math.nan if tick == 20 else 0.001,), None), at_ns(tick))
+        core.act(at_ns(tick))
     assert core.safety.state == "live"
     assert all(math.isfinite(speed) for speed in core.velocity_mps)

@@ -16,13 +16,10 @@ from cogrip.protocol import messages
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Leave, Welcome
-from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.protocol.settings_digest import digest
+from cogrip.protocol.messages import Leave
 from cogrip.sim.session.link import LinkEmulator
 
-from tests.client.seated_client import DEVICE_HZ, capability
+from tests.client.seated_client import DEVICE_HZ, capability, hello, seat, welcome
 
 TICKS = round(FAULT_OUT_S * DEVICE_HZ)
 
@@ -36,65 +33,55 @@ class VirtualTime:
     def monotonic_ns(self) -> int:
         return self.now_ns
 
-    def time_ns(self) -> int:
-        return self.now_ns
+    time_ns = monotonic_ns
 
     def sleep(self, seconds: float) -> None:
         self.now_ns += max(1, round(seconds * 1e9))
 
+    def pacer(self, rate_hz: int, t0_ns: int) -> Pacer:
+        return Pacer(rate_hz, t0_ns, clock=self.monotonic_ns, sleep=self.sleep, spin_ns=0)
+
 
 class Moving:
-    """A hand that moves on evenly: a damper's force. Breaks as it is written, and notes what it was given."""
+    """A hand that moves on evenly: a damper's force. `breaks` as it is read, `written` as it is written; notes its forces."""
 
-    def __init__(self, read: Callable[[int], None] = lambda tick: None, axes: int = 1) -> None:
-        self.capability = capability(axes)
+    def __init__(self, breaks: Callable[[int], None] = lambda tick: None) -> None:
+        self.capability, self.breaks = capability(), breaks
+        self.written: Callable[[], None] = lambda: None
         self.counts: dict[str, int] = {}
         self.did: list[str] = []
         self.forces: list[float] = []
-        self.breaks = read
-        self.write_breaks = False
-        self.write_error: Exception | None = None
-        self.slow_write_s = 0.0
-        self.clock: VirtualTime | None = None
-        self.times: list[int] = []
 
     def open(self, rate_hz: int) -> None:
         self.did.append("open")
-        self.held = True
 
     def read(self, tick: int) -> Sample:
         self.breaks(tick)
         return Sample((0.1 * tick / DEVICE_HZ,), (0.1,))
 
     def write(self, force_n: Sequence[float]) -> None:
-        if self.write_breaks:
-            raise RuntimeError("the cable is out")
-        if self.write_error is not None:
-            raise self.write_error
+        self.written()
         self.forces.append(force_n[0])
-        if self.clock is not None:
-            self.clock.sleep(self.slow_write_s)
-            self.times.append(self.clock.now_ns)
 
     def close(self) -> None:
         self.did.append("close")
-        self.held = False
+
+    @property
+    def steps(self) -> list[float]:
+        """Changes of the force from the 80th on."""
+        return [before - after for before, after in pairwise(self.forces[79:])]
 
 
 class Server:
     """Gives a seat, and receives the goodbye. Breaks the loop as it is written."""
 
     def __init__(self, poll: Callable[[], None] = lambda: None, **link: object) -> None:
-        self.breaks = poll
-        self.settings = resolve({"link": link, "users": [{"name": "anna"}]})
+        self.breaks, self.seat = poll, seat(link=link)
         self.sent: list[Any] = []
 
     def connect(self, core: Any, stop: Stop) -> None:
         core.handle(Connect(), 0)
-        seat = seat_settings(self.settings, 0)
-        core.receive(
-            messages.encode(Welcome(PROTOCOL_VERSION, 1, 7, digest(self.settings), "test", seat, "a-ticket")), 0
-        )
+        core.receive(welcome(self.seat), 0)
 
     def send(self, message: bytes, hello: bool = False) -> None:
         self.sent.append(messages.decode(message))
@@ -109,25 +96,37 @@ class Server:
     def explained(self, failed: str) -> str:
         return failed
 
+    @property
+    def goodbyes(self) -> set[str]:
+        return {message.reason for message in self.sent if isinstance(message, Leave)}
+
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> VirtualTime:
     found = VirtualTime()
     monkeypatch.setattr(loop, "time", found)
-    monkeypatch.setattr(
-        loop,
-        "Pacer",
-        lambda rate_hz, t0_ns: Pacer(rate_hz, t0_ns, clock=found.monotonic_ns, sleep=found.sleep, spin_ns=0),
-    )
+    monkeypatch.setattr(loop, "Pacer", found.pacer)
     monkeypatch.setattr(loop, "engage", lambda names: [])
     return found
 
 
 def client(device: Any, server: Any, make_link: Any = LinkEmulator) -> LiveClient:
-    hello: Hello = make_hello(
-        software="test", nonce=1, room="", name="", digest="", device="test", axes=1, rate_hz=float(DEVICE_HZ)
-    )  # fmt: skip
-    return LiveClient(device, hello, server, Stop(), lambda words: None, make_link, lambda seat: None)
+    return LiveClient(device, hello(), server, Stop(), lambda words: None, make_link, lambda seat: None)
+
+
+def ended(device: Any, server: Any = None, seconds: float | None = None) -> Ended:
+    ran = client(device, server or Server())
+    ran.seconds = ran.seconds if seconds is None else seconds
+    found = ran.run()
+    assert isinstance(found, Ended)
+    return found
+
+
+def fails(error: BaseException) -> Callable[[], None]:
+    def raising() -> None:
+        raise error
+
+    return raising
 
 
 def test_a_defect_in_the_loop_releases_the_hand_softly_before_it_is_raised(clock: VirtualTime) -> None:
@@ -138,12 +137,10 @@ def test_a_defect_in_the_loop_releases_the_hand_softly_before_it_is_raised(clock
     device = Moving()
     with pytest.raises(RuntimeError, match="a defect"):
         client(device, Server(breaks)).run()
-    held, faded = device.forces[79], device.forces[80:]
-    assert held > 0.1, "there was a force to release"
-    assert len(faded) == TICKS
-    steps = [before - after for before, after in zip([held, *faded], faded, strict=False)]
-    assert steps == pytest.approx([held / TICKS] * TICKS)
-    assert faded[-1] == 0.0
+    held_n = device.forces[79]
+    assert held_n > 0.1, "there was a force to release"
+    assert device.steps == pytest.approx([held_n / TICKS] * TICKS)
+    assert device.forces[-1] == 0.0
     assert device.did == ["open", "close"]
     assert clock.now_ns == pytest.approx((80 + TICKS) / DEVICE_HZ * 1e9 + loop.LEAD_NS, rel=0.02)
 
@@ -151,7 +148,7 @@ def test_a_defect_in_the_loop_releases_the_hand_softly_before_it_is_raised(clock
 def test_a_device_that_cannot_be_written_is_closed_at_once(clock: VirtualTime) -> None:
     def breaks() -> None:
         if len(device.forces) == 80:
-            device.write_breaks = True
+            device.written = fails(RuntimeError("the cable is out"))
             raise RuntimeError("a defect")
 
     device = Moving()
@@ -170,38 +167,28 @@ def test_whatever_a_driver_raises_is_a_fault_and_no_traceback(clock: VirtualTime
 
     def breaks(tick: int) -> None:
         if len(device.forces) == 80:
-            if verb == "write":
-                device.write_error = error
-            else:
+            if verb == "read":
                 raise error
+            device.written = fails(error)
 
     device, server = Moving(breaks), Server()
-    ended = client(device, server).run()
-    assert isinstance(ended, Ended)
-    assert ended.failed.startswith(f"device: test: {type(error).__name__}")
-    assert str(error) in ended.failed
-    assert ended.failed.endswith(f"in {verb}; its driver has a defect: correct it, or tell its author")
-    assert ended.account.state == "fault", "so is the verdict"
-    assert ended.account.reason == ended.failed
-    assert {message.reason for message in server.sent if isinstance(message, Leave)} == {ended.failed[:300]}
-    assert device.did[-1] == "close"
+    found = ended(device, server)
+    assert found.failed.startswith(f"device: test: {type(error).__name__}")
+    assert str(error) in found.failed
+    assert found.failed.endswith(f"in {verb}; its driver has a defect: correct it, or tell its author")
+    assert found.account.state == "fault", "so is the verdict"
+    assert found.account.reason == found.failed
+    assert server.goodbyes == {found.failed[:300]}
     assert set(device.did[1:]) == {"close"}
     if verb == "read":
-        held, faded = device.forces[79], device.forces[80:]
-        assert held > 0.1
-        assert faded.index(0.0) < TICKS + 1
-        steps = [before - after for before, after in zip([held, *faded], faded, strict=False)]
-        assert max(steps) <= 2.01 / TICKS, "2 N, as fast as a fault takes it"
-    assert not device.held
+        assert device.forces[79] > 0.1
+        assert device.forces[80:].index(0.0) < TICKS + 1
+        assert max(device.steps) <= 2.01 / TICKS, "2 N, as fast as a fault takes it"
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit])
 def test_an_interrupt_inside_a_driver_is_not_swallowed(clock: VirtualTime, error: type[BaseException]) -> None:
-    def breaks(tick: int) -> None:
-        if len(device.forces) == 80:
-            raise error
-
-    device = Moving(breaks)
+    device = Moving(lambda tick: fails(error())() if tick == 80 else None)
     with pytest.raises(error):
         client(device, Server()).run()
     assert device.did == ["open", "close"]
@@ -214,20 +201,18 @@ def test_a_driver_that_raises_as_it_is_opened_or_closed(clock: VirtualTime) -> N
         DeviceError, match=r"^test: IndexError: list index out of range in open; its driver has a defect"
     ):
         client(device, server).run()
-    goodbye = next(message for message in server.sent if isinstance(message, Leave))
-    assert goodbye.reason.startswith("device: test: IndexError")
-    device, ran = Moving(), client(Moving(), Server())
-    ran.device.close = device.close = lambda: [][0]  # type: ignore[method-assign]
-    ran.seconds = 0.2
-    ended = ran.run()
-    assert isinstance(ended, Ended)
-    assert ended.counts["IndexError as the device was closed"] == 1
+    (goodbye,) = server.goodbyes
+    assert goodbye.startswith("device: test: IndexError")
+    device = Moving()
+    device.close = lambda: [][0]  # type: ignore[method-assign]
+    assert ended(device, seconds=0.2).counts["IndexError as the device was closed"] == 1
 
 
 @pytest.mark.parametrize(("took_s", "most_s"), [(0.03, 0.05), (0.005, 0.05), (0.0015, 0.1)])
 def test_a_device_whose_reads_block_the_loop_is_released(clock: VirtualTime, took_s: float, most_s: float) -> None:
     """The time runs from the first read that blocks to zero force."""
     began: list[int] = []
+    times: list[int] = []
 
     def blocks(tick: int) -> None:
         if tick >= 80:
@@ -235,47 +220,35 @@ def test_a_device_whose_reads_block_the_loop_is_released(clock: VirtualTime, too
             clock.sleep(took_s)
 
     device = Moving(blocks)
-    device.clock = clock
-    ended = client(device, Server()).run()
-    assert isinstance(ended, Ended)
-    assert ended.failed.startswith(f"device: test: its read took {took_s * 1e3:.1f} ms, and a tick has 0.98 ms")
-    assert ended.counts["slow read"] >= 1
-    written = [(at, force) for at, force in zip(device.times, device.forces, strict=True) if at >= began[0]]
+    device.written = lambda: times.append(clock.now_ns)
+    found = ended(device)
+    assert found.failed.startswith(f"device: test: its read took {took_s * 1e3:.1f} ms, and a tick has 0.98 ms")
+    assert found.counts["slow read"] >= 1
+    written = [(at, force) for at, force in zip(times, device.forces, strict=True) if at >= began[0]]
     assert max(force for _, force in written) > 0.3
     assert next(at for at, force in written if force == 0.0) - began[0] <= most_s * 1e9
-    steps = [abs(new - old) for (_, old), (_, new) in pairwise(written)]
-    assert max(steps) <= 2.01 / TICKS, "2 N, as fast as a fault takes it"
+    assert max(map(abs, device.steps)) <= 2.01 / TICKS, "2 N, as fast as a fault takes it"
 
 
 def test_one_slow_read_now_and_then_is_no_fault(clock: VirtualTime) -> None:
-    device = Moving(lambda tick: clock.sleep(0.004 if tick % 50 == 0 else 0.0002))
-    ran = client(device, Server())
-    ran.seconds = 1.0
-    ended = ran.run()
-    assert isinstance(ended, Ended)
-    assert (
-        ended.failed == "the server was silent for the last 1.0 s"
-    )  # it is a silent one here; of the device not a word
-    assert ended.account.state != "fault"
-    assert ended.counts["slow read"] == 21
+    found = ended(Moving(lambda tick: clock.sleep(0.004 if tick % 50 == 0 else 0.0002)), seconds=1.0)
+    assert found.failed == "the server was silent for the last 1.0 s", "so it is here; of the device not a word"
+    assert found.account.state != "fault"
+    assert found.counts["slow read"] == 21
 
 
 def test_a_device_whose_writes_block_gets_zero_with_the_next(clock: VirtualTime) -> None:
     device = Moving()
-    device.clock = clock
-    device.slow_write_s = 0.03
-    ended = client(device, Server()).run()
-    assert isinstance(ended, Ended)
-    assert "its write took 30.0 ms" in ended.failed
+    device.written = lambda: clock.sleep(0.03)
+    assert "its write took 30.0 ms" in ended(device).failed
     assert len(device.forces) <= 4
     assert device.forces[-1] == 0.0
 
 
 @pytest.mark.parametrize("rate_hz", [1, 128, 1024, 8192])
 def test_the_fade_takes_the_same_time_at_any_rate(rate_hz: int) -> None:
-    clock, device = VirtualTime(), Moving()
-    pacer = Pacer(rate_hz, 0, clock=clock.monotonic_ns, sleep=clock.sleep, spin_ns=0)
-    fade_out(device, (3.0,), pacer)  # type: ignore[arg-type]
+    device = Moving()
+    fade_out(device, (3.0,), VirtualTime().pacer(rate_hz, 0))  # type: ignore[arg-type]
     assert len(device.forces) == max(1, round(FAULT_OUT_S * rate_hz))
     assert device.forces == sorted(device.forces, reverse=True)
     assert device.forces[-1] == 0.0
@@ -294,8 +267,7 @@ def test_impossible_settings_are_reported_and_the_seat_is_given_back(
     ):
         client(device, server, impossible).run()
     assert device.did == [], "nothing was opened"
-    goodbyes = {message.reason for message in server.sent if isinstance(message, Leave)}
-    assert goodbyes == {"the server's settings are impossible: link loss = 2"}
+    assert server.goodbyes == {"the server's settings are impossible: link loss = 2"}
 
 
 def test_a_profile_that_only_the_wire_allows_is_impossible(clock: VirtualTime) -> None:

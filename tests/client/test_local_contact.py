@@ -9,31 +9,28 @@ from hypothesis import strategies as st
 
 from cogrip.client.local_contact import LENT_J, MOST_SAVED_J, MOST_STEP_N, LocalFaces, LocalWall
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Stamp, Waves
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.protocol.settings import SeatSettings
 
-from tests.client.seated_client import T_C, capability
+from tests.client.seated_client import T_C, capability, next_waves, seat
 
 b, K, B = 20.0, 1000.0, 10.0
 
 
-def seat(kind: str, side: str = "left", **coupling: object) -> SeatSettings:
-    table = {
-        "object": {"kind": kind, "mass_kg": 0.3},
-        "coupling": {"kind": "local", "impedance_nspm": b, "stiffness_npm": K, "damping_nspm": B, **coupling},
-        "playout": {"frames": 0},
-        "users": [{"name": "anna", "side": side}, {"name": "ben", "side": "right" if side == "left" else "left"}],
-    }
-    return seat_settings(resolve(table), 0)
+def seat_of(kind: str, side: str = "left", **coupling: object) -> SeatSettings:
+    other = "right" if side == "left" else "left"
+    return seat(
+        object={"kind": kind, "mass_kg": 0.3},
+        coupling={"kind": "local", "impedance_nspm": b, "stiffness_npm": K, "damping_nspm": B, **coupling},
+        playout={"frames": 0},
+        users=[{"name": "anna", "side": side}, {"name": "ben", "side": other}],
+    )
 
 
 def send(
     coupling: LocalWall | LocalFaces, line: LineSender, wave: float, object_m: float, speed_mps: float = 0.0
 ) -> None:
     """Let a frame of the server arrive, with this wave and the object here."""
-    line.push((wave,))
-    first, waves, total, squares = line.contents()
-    assert coupling.receive(Waves(1, first, waves, total, squares, 0.0, 0.0, 0, Stamp(0), (object_m, speed_mps)))
+    assert coupling.receive(next_waves(line, wave, state=(object_m, speed_mps)))
 
 
 class Hand:
@@ -44,57 +41,52 @@ class Hand:
         self.coupling, self.place, self.work_j = coupling, place_m, 0.0
         self.force = coupling.force((place_m,), (0.0,))
 
-    def move(self, place_m: float) -> float:
-        """Move within a tick. Returns the force from then on."""
-        speed = (place_m - self.place) / T_C
-        self.coupling.applied_n = self.force
-        self.work_j += self.force[0] * (place_m - self.place)
-        self.coupling.elapse((speed,), (speed,))
-        self.place = place_m
-        self.force = self.coupling.force((place_m,), (speed,))
+    def move(self, place_m: float, ticks: int = 1) -> float:
+        """Move within a tick, and stay there for the rest of so many. Returns the force from then on."""
+        for _ in range(ticks):
+            speed = (place_m - self.place) / T_C
+            self.coupling.applied_n = self.force
+            self.work_j += self.force[0] * (place_m - self.place)
+            self.coupling.elapse((speed,), (speed,))
+            self.place = place_m
+            self.force = self.coupling.force((place_m,), (speed,))
         return self.force[0]
 
 
-def test_wall_pushes_back_by_its_spring_and_damper_and_only_inside() -> None:
-    hand = Hand(LocalWall(seat("wall")), -0.01)
-    assert hand.move(-0.001) == 0.0
-    assert hand.move(0.0005) == pytest.approx(K * 0.0005 + B * 0.0015 / T_C)
-    assert hand.move(0.0005) == pytest.approx(K * 0.0005)
-    assert hand.move(0.0001) == 0.0  # it does not pull: the damper alone would
-    assert hand.move(-0.0001) == 0.0
+def largest_step(forces: list[float]) -> float:
+    return max(abs(after - before) for before, after in itertools.pairwise(forces))
 
 
-def test_wall_of_the_other_side_pushes_the_other_way() -> None:
-    hand = Hand(LocalWall(seat("wall", "right")), 0.01)
-    assert hand.move(0.001) == 0.0
-    hand.move(-0.002)
-    assert hand.move(-0.002) == pytest.approx(-K * 0.002)
+@pytest.mark.parametrize(("side", "sign"), [("left", 1.0), ("right", -1.0)])
+def test_wall_pushes_back_by_its_spring_and_damper_and_only_inside(side: str, sign: float) -> None:
+    hand = Hand(LocalWall(seat_of("wall", side)), -0.01 * sign)
+    assert hand.move(-0.001 * sign) == 0.0
+    assert hand.move(0.0005 * sign) == pytest.approx(sign * (K * 0.0005 + B * 0.0015 / T_C))
+    assert hand.move(0.0005 * sign) == pytest.approx(sign * K * 0.0005)
+    assert hand.move(0.0001 * sign) == 0.0  # it does not pull: the damper alone would
+    assert hand.move(-0.0001 * sign) == 0.0
 
 
 def test_hand_that_begins_inside_feels_nothing_until_it_has_left() -> None:
-    hand = Hand(LocalWall(seat("wall")), 0.01)
+    hand = Hand(LocalWall(seat_of("wall")), 0.01)
     assert hand.force[0] == 0.0
     assert [hand.move(0.01) for _ in range(50)] == [0.0] * 50
-    hand.move(0.004)
-    assert hand.move(0.004) == 0.0
+    assert hand.move(0.004, 2) == 0.0
     hand.move(-0.001)
-    hand.move(0.003)
-    assert hand.move(0.003) == pytest.approx(3.0)
+    assert hand.move(0.003, 2) == pytest.approx(3.0)
 
 
 def test_wall_that_jumps_into_a_resting_hand_spends_what_the_contact_has_dissipated_and_no_more() -> None:
-    coupling, line = LocalWall(seat("wall")), LineSender(1, 8)
+    coupling, line = LocalWall(seat_of("wall")), LineSender(1, 8)
     hand = Hand(coupling, -0.001)
     for tick in range(100):
         hand.move(-0.001 + 0.00006 * tick)
-    for _ in range(20):
-        hand.move(hand.place)
-    before, saved = hand.force[0], coupling.gate.saved_j
+    before, saved = hand.move(hand.place, 20), coupling.gate.saved_j
     assert 0.0 < saved <= MOST_SAVED_J
     send(coupling, line, 0.0, -0.02)
     coupling.start_frame()
     felt = [before, *[hand.move(hand.place) for _ in range(500)]]
-    assert max(abs(after - earlier) for earlier, after in itertools.pairwise(felt)) <= MOST_STEP_N * (1 + 1e-9)
+    assert largest_step(felt) <= MOST_STEP_N * (1 + 1e-9)
     assert felt[-1] > before
     assert (felt[-1] ** 2 - before**2) / (2.0 * K) == pytest.approx(saved, rel=1e-6)  # what the spring holds now more
     for tick in range(500):  # the wall follows a hand that yields, without pushing it
@@ -102,20 +94,17 @@ def test_wall_that_jumps_into_a_resting_hand_spends_what_the_contact_has_dissipa
     assert hand.work_j >= -1e-12
     while hand.place > -0.03:
         hand.move(hand.place - 0.0002)
-    hand.move(-0.019)
-    assert hand.move(-0.019) == pytest.approx(1.0)  # and is where it is, for one that comes back
+    assert hand.move(-0.019, 2) == pytest.approx(1.0)  # and is where it is, for one that comes back
 
 
 def test_wall_that_leaves_lets_go_step_by_step() -> None:
-    coupling, line = LocalWall(seat("wall")), LineSender(1, 8)
+    coupling, line = LocalWall(seat_of("wall")), LineSender(1, 8)
     hand = Hand(coupling, -0.001)
-    hand.move(0.003)
-    felt = [hand.move(0.003)]
+    felt = [hand.move(0.003, 2)]
     send(coupling, line, 0.0, 0.05)
     felt += [hand.move(0.003) for _ in range(50)]
-    assert felt[0] == pytest.approx(3.0)
-    assert felt[-1] == 0.0
-    assert max(abs(after - before) for before, after in itertools.pairwise(felt)) <= MOST_STEP_N * (1 + 1e-9)
+    assert (felt[0], felt[-1]) == (pytest.approx(3.0), 0.0)
+    assert largest_step(felt) <= MOST_STEP_N * (1 + 1e-9)
     assert coupling.surface_m == 0.05
 
 
@@ -128,7 +117,7 @@ paths = st.lists(
 def test_a_wall_that_moves_is_paid_for(
     path: list[tuple[float, float | None, float]], stiffness: float, damping: float
 ) -> None:
-    coupling, line = LocalWall(seat("wall", stiffness_npm=stiffness, damping_nspm=damping)), LineSender(1, 8)
+    coupling, line = LocalWall(seat_of("wall", stiffness_npm=stiffness, damping_nspm=damping)), LineSender(1, 8)
     hand, work = Hand(coupling, -0.001), 0.0
     for step, jump, ramp in path:
         coupling.ramp_gain = ramp
@@ -161,7 +150,7 @@ def test_a_wall_that_moves_is_paid_for(
 def test_copy_gives_the_line_what_the_contact_gave_it_less_its_kinetic_energy(
     steps: list[tuple[float, float]], mass: float
 ) -> None:
-    coupling, line = LocalFaces(seat("faces")), LineSender(1, 8)
+    coupling, line = LocalFaces(seat_of("faces")), LineSender(1, 8)
     coupling._mass = mass
     send(coupling, line, 0.0, 0.0)
     coupling.start_frame()
@@ -183,20 +172,18 @@ def test_copy_gives_the_line_what_the_contact_gave_it_less_its_kinetic_energy(
 
 
 def test_seats_share_the_mass_of_a_free_object_with_the_server() -> None:
-    assert seat("faces").copy_kg == pytest.approx(0.1)
-    assert seat("wall").copy_kg == 0.0
+    assert seat_of("faces").copy_kg == pytest.approx(0.1)
+    assert seat_of("wall").copy_kg == 0.0
 
 
 def test_face_that_nobody_touches_goes_to_where_the_object_is() -> None:
-    coupling, line = LocalFaces(seat("faces")), LineSender(1, 8)
+    coupling, line = LocalFaces(seat_of("faces")), LineSender(1, 8)
     send(coupling, line, 0.0, 0.0)
     hand = Hand(coupling, -0.05)
     send(coupling, line, 0.0, 0.01)
-    for _ in range(512):
-        hand.move(-0.05)
+    hand.move(-0.05, 512)
     assert coupling.surface_m == pytest.approx(0.01, abs=1e-5)
     send(coupling, line, 0.0, -0.08)
-    for _ in range(512):
-        hand.move(-0.05)
+    hand.move(-0.05, 512)
     assert coupling.surface_m == -0.05  # up to the hand, not into it
     assert hand.force[0] == 0.0

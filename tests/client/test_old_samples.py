@@ -1,6 +1,5 @@
 """Samples that are old when they are read: each is entered with the force and the wave it was made against."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,9 +12,8 @@ from cogrip.client.velocity import AlphaBeta, memory_for
 from cogrip.devices.device import Sample
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Stamp, State
-from cogrip.protocol.rates import due_ns
 
-from tests.client.seated_client import DEVICE_HZ, ROOT, T_C, Client, M, capability
+from tests.client.seated_client import ROOT, T_C, Client, M, at_ns, capability
 
 LATENCIES = st.integers(0, 2)
 GAPS = st.lists(st.integers(1, 12) | st.just(1), min_size=20, max_size=80)
@@ -49,7 +47,7 @@ class OldHand:
             self.wave.append(self._frame)
             if tick % M == 0:
                 self._frame = self.size * float(random.uniform(-0.3, 0.3))
-                client.hear(due_ns(0, tick, DEVICE_HZ), self._frame)
+                client.hear(at_ns(tick), self._frame)
         estimate = self.size * float(random.uniform(-0.1, 0.1)) if speed is None else speed
         client.tick(self.now, self.place[-1 - L], velocity=[estimate], age=L)
         self.mean += [(self.place[-1 - L] - self.place[-1 - L - gap]) / gap] * gap if gap else []
@@ -82,11 +80,10 @@ def test_displacement_force_and_wave_of_one_tick_are_entered_together(latency: i
 @given(LATENCIES, st.integers(0, 2**32 - 1))
 def test_with_the_force_let_through_only_the_dampers_error_leaks(latency: int, seed: int) -> None:
     """leak = sum b (y_est - y) y T_c (theory section 3.6), y_est what the force of that tick was made of: at any age."""
-    hand, start = OldHand(latency, seed, size=0.04), 400  # the ramp is behind us
-    for _ in range(start):
-        hand.run(1)
-    before = hand.client.core.ledger.leak_j
-    for _ in range(200):
+    hand, start, before = OldHand(latency, seed, size=0.04), 400, 0.0  # the ramp is behind us
+    for number in range(600):
+        if number == start:
+            before = hand.client.core.ledger.leak_j
         hand.run(1)
     rows = list(zip(hand.mean, hand.estimate, strict=False))[start:]
     leak = sum(20.0 * (estimate - step / T_C) * step for step, estimate in rows)
@@ -106,7 +103,7 @@ def test_virtual_coupling_enters_a_displacement_with_the_force_it_was_made_again
         for _ in range(gap):
             places.append(places[-1] + float(random.uniform(-1e-5, 1e-5)))
         state = State(7, now, (float(random.uniform(-2e-4, 2e-4)),), (0.0,), 0.0, 0, Stamp(now))
-        client.core.receive(messages.encode(state), due_ns(0, now, DEVICE_HZ))
+        client.core.receive(messages.encode(state), at_ns(now))
         client.tick(now, places[-1 - latency], velocity=[0.01], age=latency)
         if now == 400:
             before = client.core.ledger.leak_j
@@ -141,9 +138,9 @@ def test_whatever_is_reckoned_the_sum_of_displacement_is_exact(latency: int, gap
             returned.append(wave)
             if tick % M == 0:
                 wave = float(random.uniform(-0.3, 0.3))
-                client.hear(due_ns(0, tick, DEVICE_HZ), wave)
+                client.hear(at_ns(tick), wave)
         if gap < 3 and 0 < number < len(gaps) - 1 and random.random() < 0.2:
-            now_ns = due_ns(0, now, DEVICE_HZ)
+            now_ns = at_ns(now)
             client.core.sense(now, None, now_ns)
             client.core.act(now_ns)
             continue
@@ -157,20 +154,18 @@ def test_whatever_is_reckoned_the_sum_of_displacement_is_exact(latency: int, gap
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=12))
 def test_a_loop_that_was_late_makes_no_jump_of_a_hand_that_went_on(gaps: list[int]) -> None:
     """A device that answers what it was asked at the last tick that was run: its sample is as old as the gap."""
-    client, now, speed = Client(latency=1), 0, 1e-4 / T_C
+    client, now, speed, start = Client(latency=1), 0, 1e-4 / T_C, 0.0
     for gap in [1] * 400 + gaps + [1] * 3:
         last, now = now, now + gap
         if now == 400:
             start = client.core.ledger.leak_j
         for tick in range(last // M, now // M):
-            client.hear(due_ns(0, tick * M, DEVICE_HZ), 0.0)
+            client.hear(at_ns(tick * M), 0.0)
         client.tick(now, 1e-4 * last, velocity=[speed], age=gap)
-    assert client.total() == pytest.approx(ROOT * 1e-4 * (now - 1), rel=1e-9), (
-        "the first tick shows what was before the hand"
-    )
-    assert client.waves.energy.made_j == pytest.approx(20.0 * speed**2 * T_C * (now - 1), rel=1e-9), (
-        "the least that it may be"
-    )
+    gone = now - 1  # the first tick shows what was before the hand
+    assert client.total() == pytest.approx(ROOT * 1e-4 * gone, rel=1e-9)
+    least_j = 20.0 * speed**2 * T_C * gone
+    assert client.waves.energy.made_j == pytest.approx(least_j, rel=1e-9), "the least that it may be"
     assert client.core.ledger.leak_j == pytest.approx(start, abs=1e-12), "the damper's error is none"
 
 
@@ -180,12 +175,9 @@ def test_the_record_says_what_the_core_estimates_with() -> None:
     client = Client()
     client.core.handle(DeviceOpened(light), client.core.now_ns)
     estimator = AlphaBeta(1, T_C, memory_for(light, T_C))
-    random = np.random.default_rng(8)
-    expected: Sequence[float] = ()
-    for number, place in enumerate(random.uniform(-1e-4, 1e-4, 50).tolist()):
-        client.core.sense(number, Sample((place,), None, 1), due_ns(0, number, DEVICE_HZ))
-        client.core.act(due_ns(0, number, DEVICE_HZ))
-        expected = estimator.update((place,))
-    assert list(client.core.velocity_mps) == expected
+    for number, place in enumerate(np.random.default_rng(8).uniform(-1e-4, 1e-4, 50).tolist()):
+        client.core.sense(number, Sample((place,), None, 1), at_ns(number))
+        client.core.act(at_ns(number))
+        assert list(client.core.velocity_mps) == estimator.update((place,))
     assert memory_for(light, T_C) == 0.5
     assert client.waves.late.ticks == 1

@@ -1,21 +1,24 @@
 """Paths over real sockets of this machine: hellos by the newest, the rest by the one in use, a welcome decides."""
 
 import socket
-import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from cogrip.client.inputs import Connect, Poll
-from cogrip.client.io.paths import LEFT, MOST_DATAGRAMS, MOST_MESSAGES, TOO_MANY, JoinError, Paths, Server, find
+from cogrip.client.io.paths import LEFT, MOST_DATAGRAMS, MOST_MESSAGES, TOO_MANY, JoinError, Paths, find
 from cogrip.client.path_migration import AGAIN_NS, REFUSED_NS, SPARE_NS
 from cogrip.protocol.channel import PEER, Address, Channel, UnencryptedChannel
 from cogrip.protocol.io.stop import Stop
-from cogrip.protocol.session import GIVE_UP_NS, ClientSession, make_hello
+from cogrip.protocol.session import GIVE_UP_NS, ClientSession
 
+from tests.client.far_server import LIMIT_S, FarServer, drain_until
+from tests.client.seated_client import hello
 from tests.free_ports import free_port
 
-LIMIT_S = 60.0
 MS = 1_000_000
 
 
@@ -52,26 +55,9 @@ class SlowChannel(UnencryptedChannel):
         self.outbox.append((PEER, b"bye"))
 
 
-class Far:
-    """A server's socket."""
-
-    def __init__(self) -> None:
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind(("127.0.0.1", 0))
-        self.socket.settimeout(LIMIT_S)
-        self.port = int(self.socket.getsockname()[1])
-
-    def hear(self) -> tuple[bytes, object]:
-        """Wait for the next datagram. Returns it with its address."""
-        return self.socket.recvfrom(2000)
-
-    def say(self, words: bytes, address: object) -> None:
-        self.socket.sendto(words, address)  # type: ignore[call-overload]
-
-
 @pytest.fixture
-def far() -> Iterator[Far]:
-    server = Far()
+def far() -> Iterator[FarServer]:
+    server = FarServer()
     yield server
     server.socket.close()
 
@@ -80,7 +66,7 @@ Make = Callable[[Callable[[], Channel]], Paths]
 
 
 @pytest.fixture
-def make(far: Far) -> Iterator[Make]:
+def make(far: FarServer) -> Iterator[Make]:
     made: list[Paths] = []
 
     def open_paths(channel: Callable[[], Channel]) -> Paths:
@@ -98,25 +84,17 @@ def paths(make: Make) -> Paths:
     return make(UnencryptedChannel)
 
 
-def arrived(paths: Paths, now_ns: int = 0, answers: Callable[[bytes], bool] = lambda message: False) -> list[bytes]:
-    """Drain until something has come. Returns it."""
-    found: list[bytes] = []
-    until = time.monotonic() + LIMIT_S
-    while not found:
-        assert time.monotonic() < until, "nothing came"
-        paths.drain(now_ns, lambda message, at_ns: found.append(message), answers)
-    return found
+def arrived(paths: Paths, many: int = 1) -> list[bytes]:
+    """Drain until so much has come. Returns it."""
+    return drain_until(paths, lambda taken: len(taken) >= many)
 
 
 def wait_until_ready(paths: Paths) -> None:
     """Drain until the newest path is ready."""
-    until = time.monotonic() + LIMIT_S
-    while not paths.paths[-1].ready:
-        assert time.monotonic() < until, "it never opened"
-        paths.drain(0, lambda message, at_ns: None, lambda message: False)
+    drain_until(paths, lambda taken: paths.paths[-1].ready)
 
 
-def test_one_path_carries_everything(paths: Paths, far: Far) -> None:
+def test_one_path_carries_everything(paths: Paths, far: FarServer) -> None:
     paths.send(b"hello", hello=True)
     paths.send(b"waves")
     (first, address), (second, again) = far.hear(), far.hear()
@@ -126,7 +104,7 @@ def test_one_path_carries_everything(paths: Paths, far: Far) -> None:
     assert paths.counted() == {}
 
 
-def test_hellos_go_by_a_new_path_until_a_welcome_has_come_by_it(paths: Paths, far: Far) -> None:
+def test_hellos_go_by_a_new_path_until_a_welcome_has_come_by_it(paths: Paths, far: FarServer) -> None:
     paths.send(b"waves")
     _, old = far.hear()
     paths.poll(0, resuming=True)
@@ -135,31 +113,28 @@ def test_hellos_go_by_a_new_path_until_a_welcome_has_come_by_it(paths: Paths, fa
     received = dict(reversed(far.hear()) for _ in range(2))
     [new] = [address for address in received if address != old]
     assert received == {old: b"more waves", new: b"hello"}
-    far.say(b"old words", old)
-    assert arrived(paths, answers=lambda message: message == b"welcome") == [b"old words"], "both are received from"
-    far.say(b"welcome", new)
-    assert arrived(paths, answers=lambda message: message == b"welcome") == [b"welcome"]
+    for words, address in ((b"old words", old), (b"welcome", new)):
+        far.say(words, address)
+        assert arrived(paths) == [words], "both are received from"
     paths.send(b"waves again")
     assert far.hear() == (b"waves again", new)
     assert paths.attempts == 1
 
 
-def test_a_server_that_was_stopped_answers_the_hello_by_the_old_path_first(paths: Paths, far: Far) -> None:
+def test_a_server_that_was_stopped_answers_the_hello_by_the_old_path_first(paths: Paths, far: FarServer) -> None:
     paths.send(b"hello", hello=True)  # at the tick at which its silence is noticed, before there is another path
     paths.poll(0, resuming=True)
     paths.send(b"hello again", hello=True)
     received = dict(far.hear() for _ in range(2))
-    for hello in (b"hello", b"hello again"):  # the seat is bound to where the last one came from
-        far.say(b"welcome", received[hello])
-    found: list[bytes] = []
-    while len(found) < 2:
-        found += arrived(paths, answers=lambda message: message == b"welcome")
+    for words in (b"hello", b"hello again"):  # the seat is bound to where the last one came from
+        far.say(b"welcome", received[words])
+    arrived(paths, 2)
     paths.send(b"waves")
     assert far.hear() == (b"waves", received[b"hello again"])
     assert len(paths.paths) == 1
 
 
-def test_a_handshake_is_reported_once_and_what_needs_none_is_not(far: Far, make: Make, paths: Paths) -> None:
+def test_a_handshake_is_reported_once_and_what_needs_none_is_not(far: FarServer, make: Make, paths: Paths) -> None:
     assert [paths.poll(now_ns, resuming=True) for now_ns in range(3)] == [False] * 3
     slow = make(SlowChannel)
     assert not slow.poll(0, resuming=True)
@@ -170,7 +145,7 @@ def test_a_handshake_is_reported_once_and_what_needs_none_is_not(far: Far, make:
     assert [slow.poll(now_ns, resuming=True) for now_ns in range(3)] == [True, False, False]
 
 
-def test_a_path_that_carried_no_hello_is_closed_by_a_welcome_by_the_old_one(far: Far, make: Make) -> None:
+def test_a_path_that_carried_no_hello_is_closed_by_a_welcome_by_the_old_one(far: FarServer, make: Make) -> None:
     paths = make(SlowChannel)
     paths.poll(0, resuming=False)
     _, old = far.hear()
@@ -178,11 +153,11 @@ def test_a_path_that_carried_no_hello_is_closed_by_a_welcome_by_the_old_one(far:
     wait_until_ready(paths)
     paths.poll(0, resuming=True)
     far.say(b"welcome", old)
-    assert arrived(paths, answers=lambda message: message == b"welcome") == [b"welcome"]
+    assert arrived(paths) == [b"welcome"]
     assert len(paths.paths) == 1
 
 
-def test_a_hello_waits_until_its_path_is_ready_and_is_no_drop(far: Far, make: Make) -> None:
+def test_a_hello_waits_until_its_path_is_ready_and_is_no_drop(far: FarServer, make: Make) -> None:
     paths = make(SlowChannel)
     paths.poll(0, resuming=False)
     _, address = far.hear()
@@ -197,7 +172,7 @@ def test_a_hello_waits_until_its_path_is_ready_and_is_no_drop(far: Far, make: Ma
     assert far.hear() == (b"hello 2", address), "the newest"
 
 
-def test_paths_are_tried_as_path_migration_says_and_a_closed_one_says_goodbye(far: Far, make: Make) -> None:
+def test_paths_are_tried_as_path_migration_says_and_a_closed_one_says_goodbye(far: FarServer, make: Make) -> None:
     paths = make(SlowChannel)
     paths.poll(0, resuming=False)
     _, first = far.hear()
@@ -214,39 +189,31 @@ def test_paths_are_tried_as_path_migration_says_and_a_closed_one_says_goodbye(fa
     assert first not in goodbyes
 
 
-def test_a_channel_that_failed_for_good_is_reported_and_tried_again(far: Far, make: Make) -> None:
+def test_a_channel_that_failed_for_good_is_reported_and_tried_again(far: FarServer, make: Make) -> None:
     paths = make(SlowChannel)
     paths.poll(0, resuming=True)
-    addresses = {far.hear()[1] for _ in range(2)}
-    for address in addresses:
+    for address in {far.hear()[1] for _ in range(2)}:
         far.say(b"never", address)
-    until = time.monotonic() + LIMIT_S
-    while not all(each.channel.failed for each in paths.paths):
-        assert time.monotonic() < until
-        paths.drain(0, lambda message, at_ns: None, lambda message: False)
+    drain_until(paths, lambda taken: all(each.channel.failed for each in paths.paths))
     paths.poll(AGAIN_NS[0], resuming=True)
     assert paths.failed == "the server's certificate is not the link's"
     assert paths.attempts == 2
 
 
-def test_attempts_are_more_frequent_where_nobody_listens() -> None:
-    paths = Paths(find("127.0.0.1", free_port()), UnencryptedChannel)
-    paths.open()
-    paths.poll(0, resuming=True)
-    until = time.monotonic() + LIMIT_S
-    while "connection refused" not in paths.counted():
-        assert time.monotonic() < until
-        paths.send(b"hello", hello=True)
-        paths.drain(0, lambda message, at_ns: None, lambda message: False)
-    paths.poll(REFUSED_NS - 1, resuming=True)
-    assert paths.attempts == 1
-    paths.poll(REFUSED_NS, resuming=True)
-    assert paths.attempts == 2
-    paths.close()
+def test_attempts_are_more_frequent_where_nobody_listens_and_the_address_stands_once() -> None:
+    port = free_port()
+    with closing(Paths(find("127.0.0.1", port), UnencryptedChannel)) as paths:
+        paths.open()
+        paths.poll(0, resuming=True)
+        drain_until(paths, lambda taken: "connection refused" in paths.counted(), hello=b"hello")
+        for now_ns, attempts in ((REFUSED_NS - 1, 1), (REFUSED_NS, 2)):
+            paths.poll(now_ns, resuming=True)
+            assert paths.attempts == attempts
+        said = paths._placed("no server answered within 3 s")
+    assert said == f"no server answered within 3 s; nothing listens on 127.0.0.1:{port}: is the server running there?"
 
 
 def test_no_network_is_counted_as_an_attempt(paths: Paths, monkeypatch: pytest.MonkeyPatch) -> None:
-
     def unreachable(self: socket.socket, address: object) -> None:
         raise OSError(101, "Network is unreachable")
 
@@ -263,81 +230,50 @@ def test_no_network_is_counted_as_an_attempt(paths: Paths, monkeypatch: pytest.M
 # Connecting -----------------------------------------------------------------------------------------------------------
 
 
-class Caller:
-    """A core that wants a seat."""
+def caller() -> Any:
+    """Return the part of a core that asks for a seat."""
+    session = ClientSession(hello())
 
-    def __init__(self) -> None:
-        self.session = ClientSession(make_hello(
-            software="1", nonce=1, room="", name="", digest="", device="test", axes=1, rate_hz=1024.0
-        ))  # fmt: skip
+    def handle(given: Connect | Poll, now_ns: int) -> None:
+        session.connect(now_ns) if isinstance(given, Connect) else session.poll(now_ns)
 
-    def handle(self, given: Connect | Poll, now_ns: int) -> None:
-        if isinstance(given, Connect):
-            self.session.connect(now_ns)
-        else:
-            self.session.poll(now_ns)
-
-    def receive(self, datagram: bytes, now_ns: int) -> None:
-        self.session.receive(datagram, now_ns)
+    return SimpleNamespace(session=session, handle=handle, receive=session.receive)
 
 
-def test_a_channel_that_fails_is_the_reason_why_there_is_no_seat(far: Far) -> None:
+def test_a_channel_that_fails_is_the_reason_why_there_is_no_seat(far: FarServer) -> None:
     class Failing(SlowChannel):
         def poll(self, now_ns: int) -> None:
             self.failed = "this is another server"
 
-    paths = Paths(find("127.0.0.1", far.port), Failing)
-    with pytest.raises(JoinError, match=rf"^this is another server \(server 127.0.0.1:{far.port}\)$"):
-        paths.connect(Caller(), Stop())
-    paths.close()
+    with (
+        closing(Paths(find("127.0.0.1", far.port), Failing)) as paths,
+        pytest.raises(JoinError, match=rf"^this is another server \(server {far.place}\)$"),
+    ):
+        paths.connect(caller(), Stop())
 
 
-def test_where_nobody_listens_the_address_stands_once() -> None:
-    paths = Paths(find("127.0.0.1", port := free_port()), UnencryptedChannel)
-    paths.open()
-    until = time.monotonic() + LIMIT_S
-    while "connection refused" not in paths.counted():
-        assert time.monotonic() < until
-        paths.send(b"hello", hello=True)
-        paths.drain(0, lambda message, at_ns: None, lambda message: False)
-    said = paths._placed("no server answered within 3 s")
-    assert said == f"no server answered within 3 s; nothing listens on 127.0.0.1:{port}: is the server running there?"
-    paths.close()
+def test_a_stop_before_there_is_a_seat(far: FarServer) -> None:
+    with (
+        closing(Paths(find("127.0.0.1", far.port), SlowChannel)) as paths,
+        pytest.raises(JoinError, match=r"stopped \(SIGINT\) before a seat was had"),
+    ):
+        paths.connect(caller(), Stop("stopped (SIGINT)"))
 
 
-def test_a_stop_before_there_is_a_seat(far: Far) -> None:
-    paths = Paths(find("127.0.0.1", far.port), SlowChannel)
-    with pytest.raises(JoinError, match=r"stopped \(SIGINT\) before a seat was had"):
-        paths.connect(Caller(), Stop("stopped (SIGINT)"))
-    paths.close()
-
-
-def test_paths_that_were_never_opened_need_no_closing(far: Far) -> None:
+def test_paths_that_were_never_opened_need_no_closing(far: FarServer) -> None:
     Paths(find("127.0.0.1", far.port), UnencryptedChannel).close()
     assert GIVE_UP_NS < LIMIT_S * 1e9
 
 
-@pytest.mark.parametrize(
-    ("host", "loopback"),
-    [
-        ("127.0.0.1", True),
-        ("127.9.9.9", True),
-        ("::1", True),
-        ("localhost", True),
-        ("192.0.2.7", False),
-        ("0.0.0.0", False),
-    ],
-)
-def test_addresses_of_this_machine(host: str, loopback: bool) -> None:
-    found: Server = find(host, 47800)
-    assert found.loopback is loopback
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.9.9.9", "::1", "localhost", "192.0.2.7", "0.0.0.0"])
+def test_addresses_of_this_machine(host: str) -> None:
+    assert find(host, 47800).loopback is (host not in {"192.0.2.7", "0.0.0.0"})
 
 
-def test_an_unknown_name() -> None:
+@pytest.mark.parametrize("name", ["no-such-host", "a" * 70])
+def test_an_unknown_name(name: str) -> None:
     with pytest.raises(JoinError, match=r"check the server's name"):
-        find("no-such-host.invalid", 47800)
-    with pytest.raises(JoinError, match=r"check the server's name"):
-        find("a" * 70 + ".invalid", 47800)
+        find(f"{name}.invalid", 47800)
 
 
 # A flood --------------------------------------------------------------------------------------------------------------
@@ -347,17 +283,13 @@ def queued(paths: Paths, count: int) -> list[bytes]:
     """Put `count` datagrams before the socket of the path in use. Returns those that wait there still."""
     waiting = [b"%d" % number for number in range(count)]
 
-    class Socket:
-        def recv(self, size: int) -> bytes:
-            if not waiting:
-                raise BlockingIOError
-            return waiting.pop(0)
-
-        def send(self, datagram: bytes) -> None: ...
-        def close(self) -> None: ...
+    def recv(size: int) -> bytes:
+        if not waiting:
+            raise BlockingIOError
+        return waiting.pop(0)
 
     paths.paths[0].socket.close()
-    paths.paths[0].socket = Socket()  # type: ignore[assignment]
+    paths.paths[0].socket = SimpleNamespace(recv=recv, send=len, close=list)  # type: ignore[assignment]
     paths.paths[0].arrived = lambda: True
     return waiting
 
@@ -381,7 +313,7 @@ def test_a_drain_takes_so_many_datagrams_and_no_more(paths: Paths, count: int) -
 
 
 @pytest.mark.parametrize("count", [MOST_MESSAGES, MOST_MESSAGES + 1, 100])
-def test_a_datagram_gives_so_many_messages_and_no_more(far: Far, make: Make, count: int) -> None:
+def test_a_datagram_gives_so_many_messages_and_no_more(far: FarServer, make: Make, count: int) -> None:
     class Bundle(UnencryptedChannel):
         def receive(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
             return [datagram] * count
@@ -393,12 +325,9 @@ def test_a_datagram_gives_so_many_messages_and_no_more(far: Far, make: Make, cou
     assert paths.counted() == ({TOO_MANY: count - MOST_MESSAGES} if count > MOST_MESSAGES else {})
 
 
-def test_a_flood_on_the_old_path_leaves_the_new_one_its_turn(paths: Paths, far: Far) -> None:
+def test_a_flood_on_the_old_path_leaves_the_new_one_its_turn(paths: Paths, far: FarServer) -> None:
     queued(paths, 1000)
     paths.poll(0, resuming=True)
     paths.send(b"hello", hello=True)
     far.say(b"welcome", far.hear()[1])
-    until = time.monotonic() + LIMIT_S
-    while len(paths.paths) > 1:
-        assert time.monotonic() < until, "the welcome was not received"
-        paths.drain(0, lambda message, at_ns: None, lambda message: message == b"welcome")
+    drain_until(paths, lambda taken: len(paths.paths) == 1)

@@ -1,21 +1,25 @@
 """Axes of a hand that turns, as lengths: power is kept, angles add up, bounds hold; limits of force and torque apart."""
 
 from dataclasses import replace
-from math import hypot, inf, nan, pi
+from math import hypot, inf, nan
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cogrip.client.pose_axes import PoseAxes, in_lengths
-from cogrip.client.safety import RAMP_IN_S, Safety
+from cogrip.client.safety import Safety
 from cogrip.devices import make
 from cogrip.devices.device import Sample
 
+from tests.client.live_safety import full, give
+
 LENGTH_M, TICK_S = 0.03, 1.0 / 1024.0
 RECORD = make("sim:phantom6", axes=6).capability
+assert RECORD.rotation is not None
+TURNING = RECORD.rotation
 number = st.floats(-3.0, 3.0)
 six = st.tuples(*[number] * 6)
 
@@ -30,6 +34,7 @@ def test_power_is_that_of_force_and_torque(wrench: tuple[float, ...], twist: tup
     assert axes.rates(sample.velocity_mps) == pytest.approx(twist, rel=1e-12)
 
 
+@example([(0.0, 0.0, 0.2)] * 63)  # two turns
 @given(st.lists(st.tuples(*[st.floats(-0.2, 0.2)] * 3), min_size=1, max_size=60))
 def test_the_angle_travelled_is_the_sum_of_steps_in_the_worlds_frame(steps: list[tuple[float, ...]]) -> None:
     """Also where the rotation vector jumps from pi to -pi."""
@@ -46,16 +51,6 @@ def test_the_angle_travelled_is_the_sum_of_steps_in_the_worlds_frame(steps: list
     assert (Rotation.from_rotvec(back[3:]).inv() * at).magnitude() < 1e-9
 
 
-def test_turning_on_past_half_a_turn_goes_on() -> None:
-    axes = PoseAxes(LENGTH_M)
-    for tick in range(4097):
-        angle = 4.0 * pi * tick / 4096
-        sample = axes.lengths(
-            Sample((0.0, 0.0, 0.0, *Rotation.from_rotvec((0.0, 0.0, angle)).as_rotvec().tolist()), None)
-        )
-    assert sample.position_m[5] == pytest.approx(LENGTH_M * 4.0 * pi, abs=1e-9)
-
-
 def test_a_sample_that_is_no_number_changes_nothing() -> None:
     axes = PoseAxes(LENGTH_M)
     axes.lengths(Sample((0.0,) * 6, None))
@@ -67,25 +62,19 @@ def test_a_sample_that_is_no_number_changes_nothing() -> None:
 def test_a_record_in_lengths_bounds_every_axis(
     length_m: float, at: tuple[float, ...], share: tuple[float, ...]
 ) -> None:
-    record, turning = in_lengths(RECORD, length_m), RECORD.rotation
-    assert turning is not None
+    record = in_lengths(RECORD, length_m)
     force = [RECORD.peak_force_n * part for part in share[:3]]
-    torque = [turning.peak_torque_nm * part / length_m for part in share[3:]]
+    torque = [TURNING.peak_torque_nm * part / length_m for part in share[3:]]
     if hypot(*share[:3]) <= 1.0 and hypot(*share[3:]) <= 1.0:
         assert hypot(*force, *torque) <= record.peak_force_n * (1.0 + 1e-12)
     assert record.damping_nspm <= RECORD.damping_nspm
-    assert record.damping_nspm * length_m**2 <= turning.damping_nms * (1.0 + 1e-12)
-    assert record.apparent_mass_kg * length_m**2 <= turning.apparent_inertia_kgm2 * (1.0 + 1e-12)
+    assert record.damping_nspm * length_m**2 <= TURNING.damping_nms * (1.0 + 1e-12)
+    assert record.apparent_mass_kg * length_m**2 <= TURNING.apparent_inertia_kgm2 * (1.0 + 1e-12)
     assert record.speed_mps >= RECORD.speed_mps
 
 
 def live(**changed: object) -> Safety:
-    safety = Safety(replace(RECORD, **changed), TICK_S, LENGTH_M)  # type: ignore[arg-type]
-    for event in ("open", "calibrated", "go"):
-        safety.event(event)  # type: ignore[arg-type]
-    for _ in range(round(RAMP_IN_S / TICK_S) + 1):
-        safety.limit((0.0,) * 6)
-    return safety
+    return full(RECORD, TICK_S, LENGTH_M, **changed)
 
 
 @pytest.mark.parametrize(
@@ -93,27 +82,19 @@ def live(**changed: object) -> Safety:
 )
 def test_force_and_torque_have_peaks_of_their_own(force_n: float, torque_nm: float) -> None:
     safety = live()
-    turning = RECORD.rotation
-    assert turning is not None
-    for _ in range(round(0.4 / TICK_S)):
-        out = safety.limit((force_n, 0.0, 0.0, 0.0, torque_nm / LENGTH_M, 0.0))
+    out = give(safety, (force_n, 0.0, 0.0, 0.0, torque_nm / LENGTH_M, 0.0), round(0.4 / TICK_S))[-1]
     assert out[0] == pytest.approx(min(force_n, RECORD.peak_force_n))
-    assert LENGTH_M * out[4] == pytest.approx(min(torque_nm, turning.peak_torque_nm))
-    assert safety.limited == (force_n > RECORD.peak_force_n or torque_nm > turning.peak_torque_nm)
+    assert LENGTH_M * out[4] == pytest.approx(min(torque_nm, TURNING.peak_torque_nm))
+    assert safety.limited == (force_n > RECORD.peak_force_n or torque_nm > TURNING.peak_torque_nm)
 
 
 def test_a_torque_changes_no_faster_than_its_record_lets_it() -> None:
-    turning = RECORD.rotation
-    assert turning is not None
-    safety = live(rotation=replace(turning, slew_nmps=2.0))
-    last = 0.0
-    for _ in range(200):
-        out = safety.limit((1.0, 0.0, 0.0, 0.1 / LENGTH_M, 0.0, 0.0))
-        torque = LENGTH_M * out[3]
-        assert torque - last <= 2.0 * TICK_S * (1.0 + 1e-9)
-        last = torque
-    assert last == pytest.approx(0.1)
-    assert out[0] == 1.0, "the force's slope is its own"
+    safety = live(rotation=replace(TURNING, slew_nmps=2.0))
+    out = np.array(give(safety, (1.0, 0.0, 0.0, 0.1 / LENGTH_M, 0.0, 0.0), 200))
+    torque_nm = LENGTH_M * out[:, 3]
+    assert np.diff(torque_nm, prepend=0.0).max() <= 2.0 * TICK_S * (1.0 + 1e-9)
+    assert torque_nm[-1] == pytest.approx(0.1)
+    assert out[-1, 0] == 1.0, "the force's slope is its own"
     assert safety.counts["slew limited"] > 10
 
 
@@ -128,14 +109,12 @@ def test_turning_too_fast_is_a_fault_said_in_radians(omega: float, state: str) -
 def test_warm_torque_motors_are_limited_while_the_force_is_not() -> None:
     safety = live()
     wish = (0.5, 0.0, 0.0, 0.19 / LENGTH_M, 0.0, 0.0)
-    for _ in range(round(8.0 / TICK_S)):
-        out = safety.limit(wish)
+    out = give(safety, wish, round(8.0 / TICK_S))[-1]
     assert safety.derated
     assert "N m" in safety.warning
     assert LENGTH_M * out[3] < 0.1
     assert out[0] == 0.5
-    for _ in range(round(30.0 / TICK_S)):
-        safety.limit(wish)
+    give(safety, wish, round(30.0 / TICK_S))
     assert safety.state == "fault"
     assert "0.05 N m" in safety.reason
 
@@ -144,7 +123,5 @@ def test_warm_torque_motors_are_limited_while_the_force_is_not() -> None:
 def test_a_torque_that_is_no_number_ends_the_force(wrong: float) -> None:
     safety = live()
     safety.limit((1.0, 0.0, 0.0, 1.0, 0.0, 0.0))
-    for _ in range(100):
-        out = safety.limit((1.0, 0.0, 0.0, wrong, 0.0, 0.0))
+    assert give(safety, (1.0, 0.0, 0.0, wrong, 0.0, 0.0), 100)[-1] == (0.0,) * 6
     assert safety.state == "fault"
-    assert out == (0.0,) * 6

@@ -1,6 +1,6 @@
 """Proxy on fixed shapes: distances against MuJoCo's, never inside, nearest to the hand, no energy from its moves."""
 
-from math import dist, hypot, pi, sin, sqrt
+from math import dist, hypot, pi, sin
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from cogrip.protocol.drawing import Shape
 from cogrip.protocol.rotations import exp
 
 mujoco = pytest.importorskip("mujoco")
+ORIGIN = (0.0, 0.0, 0.0)
 length = st.floats(0.01, 0.1)
 coordinate = st.floats(-0.2, 0.2)
 vectors = st.tuples(coordinate, coordinate, coordinate)
@@ -26,26 +27,33 @@ shapes = st.builds(
 )
 
 
-def mujoco_gap(shape: Shape, centre: Vector, radius: float) -> tuple[float, Vector]:
-    """Return distance and normal by MuJoCo's own collision functions."""
-    numbers = [" ".join(map(repr, each)) for each in (shape.size_m, shape.place_m, shape.orientation)]
-    fixed = f'<geom name="fixed" type="{shape.kind}" size="{numbers[0]}" pos="{numbers[1]}" quat="{numbers[2]}"/>'
-    place = " ".join(map(repr, centre))
+def mujoco_gap(shape: Shape, centre: Vector, radius: float) -> float:
+    """Return the distance by MuJoCo's own collision functions."""
+    size, at, turn, place = (
+        " ".join(map(repr, each)) for each in (shape.size_m, shape.place_m, shape.orientation, centre)
+    )
+    fixed = f'<geom name="fixed" type="{shape.kind}" size="{size}" pos="{at}" quat="{turn}"/>'
     ball = f'<body pos="{place}"><freejoint/><geom name="ball" size="{radius!r}"/></body>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{fixed}{ball}</worldbody></mujoco>")
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    ends = np.zeros(6)
-    gap = mujoco.mj_geomDistance(model, data, 0, 1, 10.0, ends)
-    away = ends[3:] - ends[:3]
-    size = float(np.linalg.norm(away))
-    return gap, tuple(away / size) if size > 1e-9 else (0.0, 0.0, 0.0)  # type: ignore[return-value]
+    return float(mujoco.mj_geomDistance(model, data, 0, 1, 10.0, np.zeros(6)))
+
+
+def plane(*turn: float) -> FixedShape:
+    return FixedShape(Shape("plane", (0.0, 0.0, 0.01), orientation=exp(turn or ORIGIN)))
+
+
+def led(proxy: Proxy, begin: Vector, end: Vector, steps: int) -> Vector:
+    """Lead the hand along a line. Returns where the proxy is then."""
+    places = [proxy.follow(tuple(hand.tolist())) for hand in np.linspace(begin, end, steps)]
+    return places[-1]
 
 
 @given(shape=shapes, centre=vectors, radius=st.floats(0.002, 0.02))
 def test_gaps_are_those_of_mujoco(shape: Shape, centre: Vector, radius: float) -> None:
     gap, normal = FixedShape(shape).gap(*centre, radius)
-    theirs, _ = mujoco_gap(shape, centre, radius)
+    theirs = mujoco_gap(shape, centre, radius)
     assert hypot(*normal) == pytest.approx(1.0, abs=1e-9)
     if theirs > 1e-4:
         assert gap == pytest.approx(theirs, abs=2e-5)
@@ -90,43 +98,29 @@ def test_proxy_is_never_inside_and_never_moves_away_from_the_hand(
         before = place
 
 
-def ground() -> FixedShape:
-    return FixedShape(Shape("plane", (0.0, 0.0, 0.01)))
-
-
 def test_proxy_of_a_plane_is_the_hand_put_on_it() -> None:
-    proxy = Proxy([((0.0, 0.0, -0.01), 0.005)], [ground()])
+    proxy = Proxy([((0.0, 0.0, -0.01), 0.005)], [plane()])
     proxy.follow((0.0, 0.0, 0.1))
-    for deep in np.linspace(0.1, -0.05, 400):
-        place = proxy.follow((0.3 * float(deep), 0.0, float(deep)))
-    assert place == pytest.approx((-0.015, 0.0, 0.015), abs=1e-12)
+    assert led(proxy, (0.03, 0.0, 0.1), (-0.015, 0.0, -0.05), 400) == pytest.approx((-0.015, 0.0, 0.015), abs=1e-12)
     assert proxy.normals == [(0.0, 0.0, 1.0)]
 
 
 def test_corner_holds_the_proxy_by_all_three_planes() -> None:
-    walls = [ground()] + [
-        FixedShape(Shape("plane", (0.0, 0.0, 0.01), None, (0.0, 0.0, 0.0), exp(turn)))
-        for turn in ((0.0, 0.5 * np.pi, 0.0), (-0.5 * np.pi, 0.0, 0.0))
-    ]
-    proxy = Proxy([((0.0, 0.0, 0.0), 0.01)], walls)
-    proxy.follow((0.05, 0.05, 0.05))
-    for share in np.linspace(0.0, 1.0, 100):
-        place = proxy.follow(tuple([0.05 - float(share) * each for each in (0.10, 0.08, 0.06)]))  # type: ignore[arg-type]
+    proxy = Proxy([(ORIGIN, 0.01)], [plane(), plane(0.0, 0.5 * pi, 0.0), plane(-0.5 * pi, 0.0, 0.0)])
+    place = led(proxy, (0.05, 0.05, 0.05), (-0.05, -0.03, -0.01), 100)
     assert place == pytest.approx((0.01, 0.01, 0.01), abs=1e-9)
     assert len(proxy.normals) == 3
-    assert without((1.0, 2.0, 3.0), proxy.normals) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert without((1.0, 2.0, 3.0), proxy.normals) == pytest.approx(ORIGIN, abs=1e-9)
 
 
 def test_no_wall_is_too_thin() -> None:
-    sheet = FixedShape(Shape("box", (0.0005, 0.1, 0.1)))
-    proxy = Proxy([((0.0, 0.0, 0.0), 0.002)], [sheet])
-    for x in np.linspace(-0.05, 0.05, 30):  # by more than its thickness a tick
-        place = proxy.follow((float(x), 0.0, 0.0))
+    proxy = Proxy([(ORIGIN, 0.002)], [FixedShape(Shape("box", (0.0005, 0.1, 0.1)))])
+    place = led(proxy, (-0.05, 0.0, 0.0), (0.05, 0.0, 0.0), 30)  # by more than its thickness a tick
     assert place[0] == pytest.approx(-0.0025, abs=1e-9)
 
 
 def test_shape_in_which_the_hand_begins_holds_it_only_once_it_has_left() -> None:
-    proxy = Proxy([((0.0, 0.0, 0.0), 0.01)], [ground()])
+    proxy = Proxy([(ORIGIN, 0.01)], [plane()])
     for z in (-0.02, -0.01, 0.005):
         assert proxy.follow((0.0, 0.0, z)) == (0.0, 0.0, z)
     proxy.follow((0.0, 0.0, 0.02))
@@ -134,36 +128,26 @@ def test_shape_in_which_the_hand_begins_holds_it_only_once_it_has_left() -> None
 
 
 def test_a_tool_of_several_balls_slides_with_the_one_that_touches() -> None:
-    balls = [((0.0, 0.02, 0.0), 0.01), ((0.0, -0.02, 0.01), 0.01)]
-    proxy = Proxy(balls, [ground()])
-    proxy.follow((0.0, 0.0, 0.1))
-    for x in np.linspace(0.0, 0.1, 200):
-        place = proxy.follow((float(x), 0.0, 0.1 - 2.0 * float(x)))
+    proxy = Proxy([((0.0, 0.02, 0.0), 0.01), ((0.0, -0.02, 0.01), 0.01)], [plane()])
+    place = led(proxy, (0.0, 0.0, 0.1), (0.1, 0.0, -0.1), 200)
     assert place == pytest.approx((0.1, 0.0, 0.01), abs=1e-9)
 
 
 def test_round_surface_lets_the_proxy_slide_to_the_nearest_point() -> None:
-    proxy = Proxy([((0.0, 0.0, 0.0), 0.01)], [FixedShape(Shape("sphere", (0.05, 0.0, 0.0)))])
-    proxy.follow((-0.1, 0.02, 0.0))
-    for share in np.linspace(0.0, 1.0, 200):
-        hand = (-0.1 + 0.08 * float(share), 0.02, 0.0)
-        place = proxy.follow(hand)
-    for _ in range(50):
-        place = proxy.follow(hand)
-    away = sqrt(sum(each * each for each in hand))
-    assert place == pytest.approx(tuple(0.06 * each / away for each in hand), abs=1e-6)
+    proxy = Proxy([(ORIGIN, 0.01)], [FixedShape(Shape("sphere", (0.05, 0.0, 0.0)))])
+    hand = (-0.02, 0.02, 0.0)
+    led(proxy, (-0.1, 0.02, 0.0), hand, 200)
+    place = led(proxy, hand, hand, 50)
+    assert place == pytest.approx(tuple(0.06 * each / hypot(*hand) for each in hand), abs=1e-6)
 
 
 @pytest.mark.parametrize("half_angle", [0.05, 0.1, 0.3, 0.7])
 def test_acute_groove_holds_the_proxy_and_no_move_loads_the_spring(half_angle: float) -> None:
     """The hand goes deep into the groove between two walls, along it and out: the proxy slides along its bottom."""
-    groove = [
-        FixedShape(Shape("plane", (0.0,) * 3, orientation=exp((0.0, sign * (pi / 2 - half_angle), 0.0))))
-        for sign in (-1, 1)
-    ]
+    groove = [plane(0.0, sign * (pi / 2 - half_angle), 0.0) for sign in (-1, 1)]
     radius = 0.005
     bottom = radius / sin(half_angle)
-    proxy = Proxy([((0.0, 0.0, 0.0), radius)], groove)
+    proxy = Proxy([(ORIGIN, radius)], groove)
     place = proxy.follow((0.0, 0.0, bottom + 0.01))
     ways = [(1e-6 * k, 0.0, bottom + 0.01 - 1e-4 * k) for k in range(600)]
     ways += [(6e-4, 1e-4 * k, bottom - 0.05) for k in range(300)]
@@ -179,12 +163,9 @@ def test_acute_groove_holds_the_proxy_and_no_move_loads_the_spring(half_angle: f
 @pytest.mark.long
 def test_hundreds_of_planes_hold_the_proxy_where_it_is_allowed() -> None:
     """As many shapes about a tool as there may be: the proxy stays outside of them all, and reaches the nearest place."""
-    random = np.random.default_rng(1)
-    fixed = []
-    for _ in range(200):
-        tilt = random.uniform(-0.5, 0.5, 2)
-        fixed.append(FixedShape(Shape("plane", (0.0,) * 3, orientation=exp((tilt[0], tilt[1], 0.0)))))
-    proxy = Proxy([((0.0, 0.0, 0.0), 0.005)], fixed)
+    tilts = np.random.default_rng(1).uniform(-0.5, 0.5, (200, 2))
+    fixed = [plane(*tilt, 0.0) for tilt in tilts.tolist()]
+    proxy = Proxy([(ORIGIN, 0.005)], fixed)
     place = proxy.follow((0.0, 0.0, 0.1))
     for k in range(300):
         hand = (1e-5 * k, 2e-5 * k, 0.1 - 1e-3 * k)

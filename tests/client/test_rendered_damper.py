@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import msgspec
 import pytest
 
 from cogrip.client.core import ClientCore
@@ -13,16 +12,13 @@ from cogrip.client.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.protocol import messages
-from cogrip.protocol.messages import Welcome
-from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.protocol.settings import SeatSettings
 
-T_C = 1.0 / 1024.0
+from tests.client.seated_client import T_C, hello, seat, welcome
 
 
-def seat(**coupling: object) -> SeatSettings:
-    return seat_settings(resolve({"coupling": coupling, "users": [{"name": "anna"}]}), 0)
+def asked(**coupling: object) -> SeatSettings:
+    return seat(coupling=coupling)
 
 
 def phantom() -> SimulatedDevice:
@@ -38,19 +34,18 @@ def phantom() -> SimulatedDevice:
 def test_both_sides_of_what_a_device_carries(kind: str, key: str, symbol: str) -> None:
     record = phantom().capability
     most = largest_impedance(record, T_C).impedance_nspm
-    assert not refusal(seat(kind=kind, **{key: most}), record)
-    assert refusal(seat(kind=kind, **{key: most}), record) == ""
-    text = refusal(seat(kind=kind, **{key: 1.001 * most}), record)
+    assert refusal(asked(kind=kind, **{key: most}), record) == ""
+    text = refusal(asked(kind=kind, **{key: 1.001 * most}), record)
     assert text.startswith(f"anna: {symbol} = ")
     assert text.endswith(f"set coupling.{key} to {rounded_down(most):g} or less")
     would_do = float(text.rpartition(" to ")[2].split()[0])
-    assert refusal(seat(kind=kind, **{key: would_do}), record) == ""
+    assert refusal(asked(kind=kind, **{key: would_do}), record) == ""
 
 
 def test_the_other_damper_is_not_the_devices() -> None:
     """B of waves is rendered by the server."""
-    assert not refusal(seat(kind="wave", damping_nspm=1e3), phantom().capability)
-    assert not refusal(seat(kind="coupling", impedance_nspm=1e3), phantom().capability)
+    assert not refusal(asked(kind="wave", damping_nspm=1e3), phantom().capability)
+    assert not refusal(asked(kind="coupling", impedance_nspm=1e3), phantom().capability)
 
 
 @pytest.mark.parametrize(
@@ -71,53 +66,42 @@ class Grown(SimulatedDevice):
 
 
 def seated(device: SimulatedDevice, settings: SeatSettings) -> ClientCore:
-    hello = make_hello(software="t", nonce=7, room="", name="", digest="", device="sim:phantom", axes=1, rate_hz=1024.0)
-    core = ClientCore(hello, device.capability)
+    core = ClientCore(hello(), device.capability)
     core.handle(Connect(), 0)
-    core.receive(messages.encode(Welcome(3, 7, 1, "", "1", settings, "ticket", "player")), 0)
+    core.receive(welcome(settings), 0)
     assert core.seated
     return core
 
 
 def test_a_device_is_not_even_opened_with_more_than_it_carries() -> None:
-    device, settings = phantom(), seat(impedance_nspm=50.0)
+    device = phantom()
+    core = seated(device, asked(impedance_nspm=50.0))
     with pytest.raises(OverloadError, match=r"set coupling\.impedance_nspm to 20 or less"):
-        SupervisedDevice(device, seated(device, settings), 1024, spared=True).open()
+        SupervisedDevice(device, core, 1024, spared=True).open()
     with pytest.raises(Exception, match="closed"):
         device.read(0)
-    SupervisedDevice(device, seated(device, settings), 1024).open()  # virtual time, in nobody's hand
+    SupervisedDevice(device, core, 1024).open()  # virtual time, in nobody's hand
     device.close()
 
 
 def test_a_device_that_turns_out_weaker_is_closed_again() -> None:
     """The record is judged at first, and when the device is opened anew after a fault."""
     whole = phantom()
+    weak = replace(whole.capability, damping_nspm=8.0)
     device = Grown(whole.capability, whole.plant, whole.hand)
-    device.record = replace(whole.capability, damping_nspm=8.0)
-    handle = SupervisedDevice(device, seated(device, seat()), 1024, spared=True)
+    device.record = weak
     with pytest.raises(OverloadError, match=r"its record bound.* to 8 or less"):
-        handle.open()
+        SupervisedDevice(device, seated(device, asked()), 1024, spared=True).open()
     with pytest.raises(Exception, match="closed"):
         device.read(0)
 
     device.capability = device.record = whole.capability
-    core = seated(device, seat())
+    core = seated(device, asked())
     handle = SupervisedDevice(device, core, 1024, spared=True)
     handle.open()
     device.close()
     handle.read(0)
     assert core.safety.state == "fault"
-    device.record = replace(whole.capability, damping_nspm=8.0)
+    device.record = weak
     assert "to 8 or less" in handle.rearm()
     assert core.safety.state == "fault"
-
-
-def test_a_server_cannot_change_what_it_asks_for() -> None:
-    """Another welcome, as a server that was started anew would send it: the client leaves, and renders what it was given."""
-    device = phantom()
-    core = seated(device, seat())
-    core.session.state = "resuming"
-    more = msgspec.structs.replace(seat(impedance_nspm=500.0))
-    core.receive(messages.encode(Welcome(3, 7, 2, "", "1", more, "ticket", "player")), 10**9)
-    assert "other settings" in core.session.failed
-    assert core.seat == seat()

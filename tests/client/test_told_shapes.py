@@ -1,6 +1,5 @@
 """Shapes that a server tells a client with local contact: how many are taken in, and that they stay as they were told."""
 
-from collections.abc import Sequence
 from itertools import pairwise
 
 import pytest
@@ -10,26 +9,27 @@ from cogrip.client.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.local_contact import LocalFaces, LocalWall
 from cogrip.client.local_scene import LocalScene
 from cogrip.client.oscillation import OscillationDetector
-from cogrip.client.safety import Safety
 from cogrip.protocol.drawing import MOST_LOCAL, MOST_PAIRS, Shape
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Geom, Stamp, Waves
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.messages import Geom
 
-from tests.client.seated_client import ROOT, T_C, M, capability
-from tests.client.test_local_contact import Hand, seat, send
+from tests.client import test_local_contact as faces
+from tests.client.live_safety import live
+from tests.client.seated_client import ROOT, T_C, M, capability, next_waves, seat
 
 K, HAND_KG = 1000.0, 0.15
+STILL = (0.0, 0.0, 0.0)
 FLOOR = Shape("plane", (0.0, 0.0, 0.0), place_m=(0.0, 0.0, -0.01))
 BALL = Shape("sphere", (0.01, 0.0, 0.0), seat=0)
+RAISED = structs.replace(FLOOR, place_m=(0.0, 0.0, -0.005))
+DEEP = (0.0, 0.0, -0.002)
 
 
-def scene() -> LocalScene:
-    thing = {"kind": "scene", "file": "x.xml", "axes": 3}
-    coupling = LocalScene(
-        seat_settings(resolve({"object": thing, "coupling": {"kind": "local"}, "users": [{"name": "anna"}]}), 0)
-    )
+def scene(*shapes: Shape) -> LocalScene:
+    """Return the contact of a client that has been told of these."""
+    coupling = LocalScene(seat(object={"kind": "scene", "file": "x.xml", "axes": 3}, coupling={"kind": "local"}))
     coupling.fit(capability(3), 0.0)
+    assert all(tell(coupling, *shapes))
     return coupling
 
 
@@ -37,30 +37,26 @@ def tell(coupling: LocalScene, *shapes: Shape) -> list[bool]:
     return [coupling.receive_shape(Geom.of(shapes, number, 1)) for number in range(len(shapes))]
 
 
-def pressed_n(coupling: LocalScene, depth_m: float) -> float:
+def pressed_n(coupling: LocalScene, depth_m: float = 0.002) -> float:
     """Come from above and press the ball this deep into the floor. Returns the force at rest."""
-    coupling.force((0.0, 0.0, 0.001), (0.0, 0.0, 0.0))
+    coupling.force((0.0, 0.0, 0.001), STILL)
     down = (0.0, 0.0, -(0.001 + depth_m) / T_C)
     coupling.elapse(down, down)
-    return coupling.force((0.0, 0.0, -depth_m), (0.0, 0.0, 0.0))[2]
+    return coupling.force((0.0, 0.0, -depth_m), STILL)[2]
 
 
 def test_as_many_shapes_as_a_tick_has_time_for_and_no_more() -> None:
     far = [structs.replace(FLOOR, place_m=(0.0, 0.0, -0.5 - 0.001 * number)) for number in range(MOST_LOCAL)]
-    most = scene()
-    assert all(tell(most, BALL, FLOOR, *far[: MOST_LOCAL - 2]))
-    assert pressed_n(most, 0.002) == pytest.approx(-K * 0.002)
+    assert pressed_n(scene(BALL, FLOOR, *far[: MOST_LOCAL - 2])) == pytest.approx(-K * 0.002)
     more = scene()
     assert not any(tell(more, BALL, FLOOR, *far[: MOST_LOCAL - 1]))
-    assert pressed_n(more, 0.002) == 0.0
+    assert pressed_n(more) == 0.0
 
 
-def test_as_many_pairs_as_a_tick_has_time_for_and_no_more() -> None:
-    for balls, force in ((16, -K * 0.002), (17, 0.0)):
-        coupling = scene()
-        assert MOST_PAIRS == 16 * 16
-        assert all(tell(coupling, *[BALL] * balls, *[FLOOR] * 16))
-        assert pressed_n(coupling, 0.002) == pytest.approx(force)
+@pytest.mark.parametrize(("balls", "force_n"), [(16, -K * 0.002), (17, 0.0)])
+def test_as_many_pairs_as_a_tick_has_time_for_and_no_more(balls: int, force_n: float) -> None:
+    assert MOST_PAIRS == 16 * 16
+    assert pressed_n(scene(*[BALL] * balls, *[FLOOR] * 16)) == pytest.approx(force_n)
 
 
 @pytest.mark.parametrize(
@@ -73,78 +69,63 @@ def test_shape_that_no_client_renders_does_not_fit(shape: Shape) -> None:
 
 
 def test_shapes_stay_as_they_were_told_first() -> None:
-    coupling = scene()
-    assert all(tell(coupling, BALL, FLOOR))
-    force_n = pressed_n(coupling, 0.002)
-    raised = structs.replace(FLOOR, place_m=(0.0, 0.0, -0.005))
-    assert tell(coupling, BALL, raised) == [True, False]
-    assert coupling.force((0.0, 0.0, -0.002), (0.0,) * 3)[2] == force_n == pytest.approx(-K * 0.002)
+    coupling = scene(BALL, FLOOR)
+    force_n = pressed_n(coupling)
+    assert tell(coupling, BALL, RAISED) == [True, False]
+    assert coupling.force(DEEP, STILL)[2] == force_n == pytest.approx(-K * 0.002)
 
 
 def test_shapes_do_not_vanish_under_a_hand_whose_line_begins_anew() -> None:
-    before = scene()
-    tell(before, BALL, FLOOR)
-    pressed_n(before, 0.002)
-    coupling = scene()
+    before, coupling = scene(BALL, FLOOR), scene()
+    pressed_n(before)
     coupling.go_on_from(before)
-    hand = (0.0, 0.0, -0.002)
     assert coupling.proxy_m == before.proxy_m
-    assert coupling.force(hand, (0.0,) * 3)[2] == pytest.approx(-K * 0.002)
-    assert all(tell(coupling, BALL, FLOOR))
-    assert coupling.force(hand, (0.0,) * 3)[2] == pytest.approx(-K * 0.002)
-    raised = structs.replace(FLOOR, place_m=(0.0, 0.0, -0.005))
+    for shapes in ((), (BALL, FLOOR)):
+        assert all(tell(coupling, *shapes))
+        assert coupling.force(DEEP, STILL)[2] == pytest.approx(-K * 0.002)
     another = scene()
     another.go_on_from(coupling)
-    assert all(tell(another, BALL, raised)), "another server may have another scene"
-    assert another.force(hand, (0.0,) * 3)[2] == 0.0, "it is not there for a hand that it has come around"
+    assert all(tell(another, BALL, RAISED)), "another server may have another scene"
+    assert another.force(DEEP, STILL)[2] == 0.0, "it is not there for a hand that it has come around"
 
 
 @pytest.mark.parametrize("kind", [LocalWall, LocalFaces])
 def test_surface_does_not_vanish_under_a_hand_whose_line_begins_anew(kind: type[LocalWall | LocalFaces]) -> None:
-    settings = seat("wall" if kind is LocalWall else "faces")
-    before = kind(settings)
-    hand = Hand(before, -0.001)
-    send(before, LineSender(1, 8), 0.0, 0.0)
+    settings = faces.seat_of("wall" if kind is LocalWall else "faces")
+    before, coupling = kind(settings), kind(settings)
+    hand = faces.Hand(before, -0.001)
+    faces.send(before, LineSender(1, 8), 0.0, 0.0)
     hand.move(-0.001)
     hand.move(0.003)
-    surface = before.surface_m
-    coupling = kind(settings)
     coupling.go_on_from(before)
     coupling.fit(capability(), 0.0)
-    assert surface is not None
-    assert coupling.force((0.003,), (0.0,))[0] == pytest.approx(K * (0.003 - surface))
+    assert coupling.force((0.003,), (0.0,))[0] == pytest.approx(K * (0.003 - before.surface_m))
 
 
 def test_clear_tool_is_owed_nothing() -> None:
     """Once a tool is clear, what its engagement owed it is not sent: only waves of 0 are."""
-    coupling = scene()
-    tell(coupling, BALL, FLOOR)
-    place = (0.0, 0.0, 0.01)
-    coupling.force(place, (0.0,) * 3)
-    for first, engaged in enumerate([(0.0, 0.0, 0.0), (), ()]):
-        state = (0.0,) * 6 + engaged
-        assert coupling.receive(Waves(1, first, (0.0,) * 3, (0.0,) * 3, (0.0,) * 3, 0.0, 0.0, 0, Stamp(0), state))
+    coupling = scene(BALL, FLOOR)
+    place, line = (0.0, 0.0, 0.01), LineSender(3, 1)
+    coupling.force(place, STILL)
+    for engaged in (STILL, (), ()):
+        assert coupling.receive(next_waves(line, *STILL, state=(*STILL, *STILL, *engaged)))
         coupling.start_frame()
         for _ in range(coupling.frame_ticks):
-            coupling.elapse((0.0,) * 3, (0.0,) * 3)
-            coupling.force(place, (0.0,) * 3)
+            coupling.elapse(STILL, STILL)
+            coupling.force(place, STILL)
         coupling.end_frame(1.0)
         assert any(coupling.sent) == bool(engaged)
 
 
 def test_hand_that_the_line_presses_onto_geometry_comes_to_rest_there() -> None:
     """A light hand above the floor, pressed down by 3 N of the line: what the floor carries does not come back at once."""
-    coupling, tick_hz = scene(), 1.0 / T_C
-    tell(coupling, BALL, FLOOR)
+    coupling = scene(BALL, FLOOR)
     detector, line = OscillationDetector(3, T_C), LineSender(3, 8)
-    z, speed, wave = 0.002, 0.0, (0.0, 0.0, -3.0 / ROOT)
-    force: Sequence[float] = (0.0,) * 3
-    for tick in range(round(2.0 * tick_hz)):
+    z, speed = 0.002, 0.0
+    for tick in range(round(2.0 / T_C)):
         if tick % M == 0:
-            line.push(wave)
-            first, waves, total, squares = line.contents()
-            state = (0.0,) * 6 + (0.0, 0.0, 0.002)
-            assert coupling.receive(Waves(1, first, waves, total, squares, 0.0, 0.0, 0, Stamp(0), state))
+            state = (*STILL, *STILL, 0.0, 0.0, 0.002)
+            assert coupling.receive(next_waves(line, 0.0, 0.0, -3.0 / ROOT, state=state))
             coupling.end_frame(0.0)
             coupling.start_frame()
         force = coupling.force((0.0, 0.0, z), (0.0, 0.0, speed))
@@ -159,23 +140,17 @@ def test_hand_that_the_line_presses_onto_geometry_comes_to_rest_there() -> None:
 
 def test_force_of_a_line_that_ends_falls_softly_and_without_delay() -> None:
     """A line that pulls with 6 N while its tool comes clear: 0.4 N a tick, 15 ticks, and no more than the slope's energy."""
-    coupling, safety, pull_n = scene(), Safety(capability(3), T_C), 6.0
-    for event in ("open", "calibrated", "go"):
-        safety.event(event)
-    place, wave, felt = (0.0, 0.0, 0.01), (-pull_n / ROOT, 0.0, 0.0), list[float]()
-    line = LineSender(3, 8)
+    coupling, safety, pull_n = scene(), live(capability(3), T_C), 6.0
+    place, felt, line = (0.0, 0.0, 0.01), list[float](), LineSender(3, 8)
     for frame in range(80):
-        clear = frame >= 60
-        line.push((0.0,) * 3 if clear else wave)
-        first, waves, total, squares = line.contents()
-        state = (0.0,) * 6 + (() if clear else (0.0, 0.0, 0.01))
-        assert coupling.receive(Waves(1, first, waves, total, squares, 0.0, 0.0, 0, Stamp(0), state))
+        wave, engaged = (0.0, ()) if frame >= 60 else (-pull_n / ROOT, place)
+        assert coupling.receive(next_waves(line, wave, 0.0, 0.0, state=(*STILL, *STILL, *engaged)))
         coupling.start_frame()
         for _ in range(M):
-            felt.append(safety.limit(coupling.force(place, (0.0,) * 3), coupling.gap)[0])
-            coupling.elapse((0.0,) * 3, (0.0,) * 3)
+            felt.append(safety.limit(coupling.force(place, STILL), coupling.gap)[0])
+            coupling.elapse(STILL, STILL)
         coupling.end_frame()
-    assert felt[60 * M - 1] == pytest.approx(pull_n)
     ends = felt[60 * M - 1 :]
+    assert ends[0] == pytest.approx(pull_n)
     assert max(before - after for before, after in pairwise(ends)) <= SOFT_SLOPE_NPS * T_C * (1.0 + 1e-9)
     assert ends.index(0.0) <= pull_n / (SOFT_SLOPE_NPS * T_C) + 2

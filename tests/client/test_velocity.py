@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import accumulate
 from math import inf, sqrt
 
 import numpy as np
@@ -31,13 +32,16 @@ MEMORIES = st.floats(0.0, 0.8)
 
 
 def record(mass_kg: float, resolution_m: float, latency: int, damping_nspm: float = 1e6) -> Capability:
-    return replace(
-        PHANTOM,
-        apparent_mass_kg=mass_kg,
-        resolution_m=resolution_m,
-        latency_ticks=latency,
-        damping_nspm=damping_nspm,
-    )
+    numbers = {"apparent_mass_kg": mass_kg, "resolution_m": resolution_m, "damping_nspm": damping_nspm}
+    return replace(PHANTOM, **numbers, latency_ticks=latency)  # type: ignore[arg-type]
+
+
+def bare_arm(mass_kg: float) -> IdealPlant:
+    """Return a bare device that was pushed once."""
+    plant = IdealPlant(IdealSettings(mass_kg=mass_kg), 1)
+    plant.open(HZ, 0.0, 0.0, (0.0,))
+    plant.velocity_mps = [0.1]
+    return plant
 
 
 COUNTS_M = st.just(0.0) | st.floats(1e-7, 3e-4)
@@ -51,9 +55,8 @@ RECORDS = st.builds(record, st.floats(0.01, 1.0), COUNTS_M, st.integers(0, 3))
 def test_a_steady_speed_is_found_exactly_whatever_ticks_are_skipped(
     memory: float, speed_mps: float, gaps: list[int]
 ) -> None:
-    estimator, tick, velocity = AlphaBeta(2, T_C, memory), 0, [0.0, 0.0]
-    for gap in gaps:
-        tick += gap
+    estimator, velocity = AlphaBeta(2, T_C, memory), [0.0, 0.0]
+    for gap, tick in zip(gaps, accumulate(gaps), strict=True):
         velocity = estimator.update((speed_mps * tick * T_C, 0.1 - speed_mps * tick * T_C), gap)
     assert velocity == pytest.approx([speed_mps, -speed_mps], abs=1e-6)
 
@@ -99,17 +102,10 @@ def test_what_was_before_a_reset_does_not_count() -> None:
 
 # Its numbers ---------------------------------------------------------------------------------------------------------
 
-COUNT_M = 0.055e-3  # one count of the encoder [m]
+COUNT_M = (
+    0.055e-3  # one count of the encoder [m]: 9 mm/s of the estimate, 0.18 N at b = 20; the plain difference has 56 mm/s
+)
 ALPHA, BETA = 1.0 - 0.6**2, (1.0 - 0.6) ** 2
-
-
-def test_one_encoder_count_moves_the_estimate_by_9_mm_per_second() -> None:
-    """beta q / T = 0.16 x 0.055 mm x 1024 Hz, 0.18 N at b = 20; the plain difference would jump by 56 mm/s, 1.1 N."""
-    estimator = AlphaBeta(1, T_C)
-    estimator.update((0.0,))
-    assert estimator.update((COUNT_M,))[0] == pytest.approx(BETA * COUNT_M / T_C, rel=1e-12)
-    assert pytest.approx(9.0e-3, rel=0.01) == BETA * COUNT_M / T_C
-    assert pytest.approx(0.056, rel=0.01) == COUNT_M / T_C
 
 
 def test_noise_of_the_estimate_is_what_the_filter_promises() -> None:
@@ -120,17 +116,6 @@ def test_noise_of_the_estimate_is_what_the_filter_promises() -> None:
     expected = COUNT_M / sqrt(12) / T_C * sqrt(2 * BETA**2 / (ALPHA * (4 - 2 * ALPHA - BETA)))
     assert found.std() == pytest.approx(expected, rel=0.03)
     assert expected == pytest.approx(2.9e-3, rel=0.01), "2.9 mm/s: 0.06 N at b = 20"
-
-
-def test_a_steady_speed_is_found_exactly_and_with_skipped_ticks_too() -> None:
-    estimator, tick = AlphaBeta(2, T_C), 0
-    velocity: list[float] = []
-    random = np.random.default_rng(2)
-    for _ in range(300):
-        gap = int(random.integers(1, 5))
-        tick += gap
-        velocity = list(estimator.update((0.2 * tick * T_C, -0.1 * tick * T_C), gap))
-    assert velocity == pytest.approx([0.2, -0.1], rel=1e-9)
 
 
 def test_an_accelerating_hand_is_followed_three_and_a_half_ticks_late() -> None:
@@ -147,9 +132,7 @@ def test_an_accelerating_hand_is_followed_three_and_a_half_ticks_late() -> None:
 )
 def test_a_damper_that_lags_too_much_shakes_the_arm(memory: float, mass_kg: float, holds: bool) -> None:
     """F = b y_est on a bare arm, b = 20: it holds from 20.8 g with memory 0.6, from 44.5 g with 0.8."""
-    plant, estimator = IdealPlant(IdealSettings(mass_kg=mass_kg), 1), AlphaBeta(1, T_C, memory)
-    plant.open(HZ, 0.0, 0.0, (0.0,))
-    plant.velocity_mps = [0.1]
+    plant, estimator = bare_arm(mass_kg), AlphaBeta(1, T_C, memory)
     for _ in range(4096):
         (speed,) = estimator.update(plant.position_m)
         plant.step((0.0,), (20.0 * speed,))
@@ -170,9 +153,7 @@ def bare_limit(memory: float, latency: int) -> float:
 
 def speeds(share: float, memory: float, latency: int) -> Sequence[float]:
     """A bare device of 0.1 kg, pushed once, on the damper b = share m / T of its estimate from old samples."""
-    plant, estimator = IdealPlant(IdealSettings(mass_kg=0.1), 1), AlphaBeta(1, T_C, memory)
-    plant.open(HZ, 0.0, 0.0, (0.0,))
-    plant.velocity_mps = [0.1]
+    plant, estimator = bare_arm(0.1), AlphaBeta(1, T_C, memory)
     places, found = [0.0] * (latency + 1), []
     for _ in range(6000):
         places = [*places[1:], plant.position_m[0]]
@@ -235,19 +216,9 @@ def test_memory_and_largest_impedance_of_some_devices(
     assert answer.lag_ticks == lag_ticks(found, T_C)
 
 
-@pytest.mark.parametrize(("share", "memory"), [(0.999, 0.5), (1.0, 0.5), (1.01, 0.50372), (1.3333, 0.6), (1.4, 0.6)])
-def test_both_ends_of_the_memories(share: float, memory: float) -> None:
-    """The bounds are 3 and 4 ticks of lag that b = 20 allows."""
-    found = record(share * 3.0 * T_C * WANTED_NSPM, 0.0, 0)
-    assert memory_for(found, T_C) == pytest.approx(memory, abs=3e-4)
-
-
-def test_each_bound_can_bind() -> None:
-    assert largest_impedance(record(0.05, 0.0, 0), T_C).bound == "lag"
-    assert largest_impedance(record(1.0, 1e-4, 0), T_C).bound == "noise"
-    assert largest_impedance(record(0.1, 3e-5, 0, damping_nspm=8.0), T_C) == replace(
-        largest_impedance(record(0.1, 3e-5, 0), T_C), impedance_nspm=8.0, bound="record"
-    )
+def test_the_records_own_bound_can_bind() -> None:
+    bound = replace(largest_impedance(record(0.1, 3e-5, 0), T_C), impedance_nspm=8.0, bound="record")
+    assert largest_impedance(record(0.1, 3e-5, 0, damping_nspm=8.0), T_C) == bound
 
 
 @given(RECORDS, st.floats(1.01, 3.0))

@@ -1,21 +1,11 @@
 """The client in C, compiled for a test and called from Python: no socket, no clock."""
 
 import ctypes
+import re
 import shutil
 import subprocess
 from collections.abc import Iterator
-from ctypes import (
-    POINTER,
-    byref,
-    c_char_p,
-    c_double,
-    c_int,
-    c_int64,
-    c_size_t,
-    c_uint32,
-    c_void_p,
-    create_string_buffer,
-)
+from ctypes import POINTER, byref, c_char, c_char_p, c_double, c_int, c_void_p
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -24,6 +14,15 @@ import pytest
 
 HERE = Path(__file__).parent
 SOURCES = HERE.parents[1] / "clients" / "c"
+HEADER, PROBE = (
+    re.sub(r"/\*.*?\*/", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for path in (SOURCES / "cogrip.h", HERE / "probe.c")
+)
+NUMBERS = {
+    name: getattr(ctypes, f"c_{name}".replace("64_t", "64").replace("32_t", "32"))
+    for name in ("int", "double", "size_t", "int64_t", "uint32_t", "uint64_t")
+}
+KINDS = {**NUMBERS, "void": None, "char": c_char, "cogrip_state": c_int, "cogrip_safety": c_int}
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Werror")
 CHECKED = ("-g1", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -36,13 +35,8 @@ needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler: ins
 
 @cache
 def has_libssl() -> bool:
-    found = subprocess.run(
-        [str(COMPILER), "-E", "-x", "c", "-"],
-        input="#include <openssl/ssl.h>\n",
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command, source = [str(COMPILER), "-E", "-x", "c", "-"], b"#include <openssl/ssl.h>\n"
+    found = subprocess.run(command, input=source, capture_output=True, check=False)
     return COMPILER is not None and found.returncode == 0
 
 
@@ -55,95 +49,46 @@ def build(folder: Path, name: str, *arguments: str | Path) -> Path:
         for each in arguments
     ]
     out = folder / name
-    done = subprocess.run(
-        [str(COMPILER), *WARNINGS, f"-I{SOURCES}", "-o", str(out), *sources, "-lm"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [str(COMPILER), *WARNINGS, f"-I{SOURCES}", "-o", str(out), *sources, "-lm"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return out
 
 
-class Config(ctypes.Structure):
-    _fields_ = (
-        *((name, c_char_p) for name in ("room", "name", "token", "device", "software")),
-        ("nonce", ctypes.c_uint64), ("axes", c_int),
-        *((name, c_double) for name in (
-            "rate_hz", "peak_force_n", "speed_mps", "slew_nps", "apparent_mass_kg", "damping_nspm", "carried_nspm")),
-    )  # fmt: skip
+def kind_of(declared: str) -> Any:
+    """Return the type of a result, an argument or a field. A pointer: to numbers, or to whatever it is given."""
+    kind = re.sub(r"\b(COGRIP_API|static|const) ", "", declared).split()[0]
+    if "*" not in declared:
+        return KINDS[kind]
+    return POINTER(KINDS[kind]) if kind in NUMBERS else c_void_p
 
 
-class Count(ctypes.Structure):
-    _fields_ = tuple(
-        (name, c_int64) for name in ("sent", "received", "applied", "lost", "late", "duplicate", "pending")
-    )
+def structure(name: str) -> Any:
+    """Return a struct as the header has it."""
+    body = re.search(rf"typedef struct {name} {{(.*?)}}", HEADER, re.DOTALL)
+    assert body
+    fields = []
+    for line in body[1].split(";")[:-1]:
+        for each in line.split(","):
+            label, _, length = each.split()[-1].strip("*]").partition("[")
+            kind = c_char_p if "*" in each else kind_of(line)
+            fields.append((label, kind * int(length.replace("COGRIP_AXES", str(AXES))) if length else kind))
+    return type(name, (ctypes.Structure,), {"_fields_": fields})
 
 
-class Status(ctypes.Structure):
-    _fields_ = (
-        ("state", c_int), ("safety", c_int), ("axes", c_int), ("device_hz", c_int), ("network_hz", c_int), ("seat", c_int),
-        ("tick", c_int64), ("impedance_nspm", c_double), ("rendered_npm", c_double),
-        *((name, c_double * AXES) for name in ("position_m", "velocity_mps", "force_n", "object_m", "object_mps")),
-        *((name, c_double) for name in (
-            "rtt_ms", "playout_frames", "down_margin_j", "device_margin_j", "up_margin_j", "line_margin_j", "peak_force_n",
-            "peak_step_n")),
-        ("down", Count), ("room", ctypes.c_char * 161), ("user", ctypes.c_char * 161),
-    )  # fmt: skip
-
-
-class Target(ctypes.Structure):
-    _fields_ = (
-        ("host", ctypes.c_char * 300), ("room", ctypes.c_char * 41), ("token", ctypes.c_char * 33),
-        ("fingerprint", ctypes.c_char * 65), ("port", c_int),
-    )  # fmt: skip
+Config, Target = structure("cogrip_config"), structure("cogrip_target")
+KINDS["cogrip_link_count"] = structure("cogrip_link_count")
+Status = structure("cogrip_status")
 
 
 def load(path: Path) -> Any:
-    """Return the library of probe.c, its functions declared."""
+    """Return the library of probe.c, its functions declared as the header and probe.c declare them."""
     library = ctypes.CDLL(str(path))
-    doubles, longs = POINTER(c_double), POINTER(c_int64)
-    declared: dict[str, tuple[Any, list[Any]]] = {
-        "cogrip_init": (c_void_p, [c_void_p, c_size_t, POINTER(Config), c_char_p, c_size_t]),
-        "cogrip_connect": (None, [c_void_p, c_int64]),
-        "cogrip_receive": (None, [c_void_p, c_char_p, c_size_t, c_int64]),
-        "cogrip_poll": (None, [c_void_p, c_int64]),
-        "cogrip_sense": (None, [c_void_p, c_int64, doubles, doubles, c_int64]),
-        "cogrip_act": (None, [c_void_p, doubles, c_int64]),
-        "cogrip_next": (c_size_t, [c_void_p, c_char_p, POINTER(c_int)]),
-        "cogrip_handle": (None, [c_void_p, c_uint32, doubles, c_double]),
-        "cogrip_leave": (None, [c_void_p, c_char_p, c_int64]),
-        "cogrip_rearm": (None, [c_void_p]),
-        "cogrip_done": (c_int, [c_void_p]),
-        "cogrip_get_status": (None, [c_void_p, POINTER(Status)]),
-        "cogrip_reason": (c_char_p, [c_void_p]),
-        "cogrip_count": (ctypes.c_uint64, [c_void_p, c_int]),
-        "cogrip_count_name": (c_char_p, [c_int]),
-        "cogrip_parse_target": (c_int, [c_char_p, POINTER(Target), c_char_p, c_size_t]),
-        "probe_decode": (c_int, [c_char_p, c_size_t]),
-        "probe_fields": (None, [c_char_p, c_size_t]),
-        "probe_heartbeat": (c_size_t, [c_int64, c_int64, c_char_p]),
-        "probe_leave": (c_size_t, [c_int64, c_int, c_char_p]),
-        "probe_client_bytes": (c_size_t, []),
-        "probe_line": (None, [c_int, c_int, c_int, c_double, c_double, c_int]),
-        "probe_push": (None, [c_double]),
-        "probe_contents": (c_int, [longs, doubles, doubles, doubles]),
-        "probe_take": (c_int, [c_int64, c_int, doubles, c_double, c_double, c_int64]),
-        "probe_pop": (c_double, []),
-        "probe_state": (None, [longs]),
-        "probe_credit": (c_double, []),
-        "probe_port_limit": (c_double, [c_double, c_double]),
-        "probe_end_frame": (c_double, [c_double, c_int, c_int, c_double, doubles]),
-        "probe_credit_of": (c_double, [c_void_p]),
-        "probe_effects": (None, [c_int, doubles]),
-        "probe_effects_tell": (c_int, [c_char_p, c_size_t, c_int64]),
-        "probe_effects_know": (c_int, [c_int64]),
-        "probe_effects_tick": (None, [c_int64, doubles, doubles, doubles, doubles, c_double, doubles, doubles]),
-        "probe_effects_forget": (None, []),
-    }
-    for name, (result, arguments) in declared.items():
-        function = getattr(library, name)
-        function.restype, function.argtypes = result, arguments
+    prototype = r"^(\w[\w ]* \*?)((?:cogrip|probe)_\w+)\(([^)]*)\)"
+    for result, name, arguments in re.findall(prototype, HEADER + PROBE, re.MULTILINE):
+        if function := getattr(library, name, None):
+            function.restype = c_char_p if "char" in result else kind_of(result)
+            function.argtypes = [kind_of(each.strip()) for each in arguments.split(",") if each != "void"]
     return library
 
 
@@ -157,8 +102,8 @@ class CClient:
             **changes,
         }  # fmt: skip
         self._library = library
-        self._memory = create_string_buffer(CLIENT_BYTES)
-        error = create_string_buffer(200)
+        self._memory = ctypes.create_string_buffer(CLIENT_BYTES)
+        error = ctypes.create_string_buffer(200)
         self._client = library.cogrip_init(self._memory, CLIENT_BYTES, byref(Config(**given)), error, 200)
         if not self._client:
             raise ValueError(error.value.decode())
@@ -184,7 +129,7 @@ class CClient:
         return self.force_n
 
     def sent(self) -> Iterator[tuple[bytes, bool]]:
-        buffer, hello = create_string_buffer(MESSAGE_BYTES), c_int()
+        buffer, hello = ctypes.create_string_buffer(MESSAGE_BYTES), c_int()
         while size := self._library.cogrip_next(self._client, buffer, byref(hello)):
             yield buffer.raw[:size], bool(hello.value)
 

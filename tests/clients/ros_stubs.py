@@ -2,36 +2,22 @@
 
 import threading
 from collections import defaultdict
-from types import ModuleType, SimpleNamespace
+from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 
-class Vector:
-    def __init__(self) -> None:
-        self.x = self.y = self.z = 0.0
+def stamped(outer: str, *inner: str) -> Any:
+    """Return a message with a header, that holds these vectors."""
+    vectors = {name: SimpleNamespace(x=0.0, y=0.0, z=0.0) for name in inner}
+    return SimpleNamespace(header=SimpleNamespace(stamp=None, frame_id=""), **{outer: SimpleNamespace(**vectors)})
 
 
-class Stamped:
-    """A message with a header; `parts` says what it holds."""
-
-    parts: tuple[str, tuple[str, ...]] = ("", ())
-
-    def __init__(self) -> None:
-        self.header = SimpleNamespace(stamp=None, frame_id="")
-        outer, inner = self.parts
-        setattr(self, outer, SimpleNamespace(**{name: Vector() for name in inner}))
-
-
-class PoseStamped(Stamped):
-    parts = "pose", ("position",)
-
-
-class TwistStamped(Stamped):
-    parts = "twist", ("linear", "angular")
-
-
-class WrenchStamped(Stamped):
-    parts = "wrench", ("force", "torque")
+MESSAGES = {
+    "PoseStamped": partial(stamped, "pose", "position"),
+    "TwistStamped": partial(stamped, "twist", "linear", "angular"),
+    "WrenchStamped": partial(stamped, "wrench", "force", "torque"),
+}
 
 
 class Ros:
@@ -58,14 +44,10 @@ class Ros:
         for callback in self.subscribers[topic]:
             callback(message)
 
-    def modules(self) -> dict[str, ModuleType]:
+    def modules(self) -> dict[str, Any]:
         """Return what stands in for the packages, by name."""
-        rclpy, messages, package = ModuleType("rclpy"), ModuleType("geometry_msgs.msg"), ModuleType("geometry_msgs")
-        rclpy.init = lambda: None  # type: ignore[attr-defined]
-        rclpy.create_node = self.node  # type: ignore[attr-defined]
-        rclpy.spin = lambda node: self.shut.wait()  # type: ignore[attr-defined]
-        rclpy.try_shutdown = self.shut.set  # type: ignore[attr-defined]
-        for kind in (PoseStamped, TwistStamped, WrenchStamped):
-            setattr(messages, kind.__name__, kind)
-        package.msg = messages  # type: ignore[attr-defined]
-        return {"rclpy": rclpy, "geometry_msgs": package, "geometry_msgs.msg": messages}
+        messages = SimpleNamespace(**MESSAGES)
+        rclpy = SimpleNamespace(
+            init=lambda: None, create_node=self.node, spin=lambda node: self.shut.wait(), try_shutdown=self.shut.set
+        )
+        return {"rclpy": rclpy, "geometry_msgs": SimpleNamespace(msg=messages), "geometry_msgs.msg": messages}

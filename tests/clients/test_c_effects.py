@@ -16,8 +16,7 @@ from cogrip.protocol.messages import Effects, decode, encode
 
 from tests.client.seated_client import capability
 from tests.clients.compiled import AXES, needs_compiler
-from tests.clients.test_c_messages import fields
-from tests.clients.test_c_sessions import PEAK_N, SLEW_N, last_account
+from tests.clients.test_c_sessions import PEAK_N, SLEW_N
 from tests.clients.virtual_session import HZ, VirtualSession
 from tests.extent import every
 from tests.protocol.test_spec_vectors import VECTORS
@@ -167,18 +166,6 @@ def test_malformed_effects_are_refused_as_the_reference_refuses_them(library: An
     assert taken > 100
 
 
-def test_it_reads_the_effect_of_the_page(library: Any) -> None:
-    datagram = VECTORS["effects"][0]
-    told, found = decode(datagram), fields(library, datagram)
-    assert isinstance(told, Effects)
-    assert told.effect is not None
-    names = ("kind", "place_m", "direction", "stiffness_npm", "damping_nspm")
-    assert [found[name] for name in names] == [
-        list(value) if isinstance(value, tuple) else value for value in (getattr(told.effect, name) for name in names)
-    ]
-    assert found["count"] == len(told.numbers)
-
-
 EFFECTS: dict[str, dict[str, Any]] = {
     "zone": {"kind": "zone", "place_m": (0.02, 0.0, 0.0), "direction": (-1.0, 0.0, 0.0), "stiffness_npm": 600.0},
     "vibration": {"kind": "vibration", "direction": (1.0, 0.0, 0.0), "amplitude_n": 0.3, "frequency_hz": 80.0},
@@ -192,29 +179,23 @@ def test_a_session_tells_effects_and_accounts_for_them(library: Any, name: str) 
     session = VirtualSession(
         library, "anna", loss=0.1, jitter_ticks=8, effects=[EFFECTS[name], {**EFFECTS["vibration"], "start_s": 0.5}]
     )
-    session.run(1.5)
-    session.leave()
-    account = last_account(session)
+    account = session.leave(1.5)
     assert account.effects is not None
     assert account.effects.least_tank_j >= 0.0
     assert account.effects.drawn_j > 0.0
-    assert account.device.margin_j is not None
     assert account.device.margin_j >= 0.0
     assert session.largest_step_n() <= SLEW_N
-    assert 0.1 < session.people[0].status.peak_force_n <= PEAK_N * (1.0 + 1e-12)
+    assert 0.1 < session.person.status.peak_force_n <= PEAK_N * (1.0 + 1e-12)
     assert session.sends_what_the_reference_would()
-    answers = [message for message in map(decode, session.sent) if isinstance(message, Effects)]
-    assert answers
-    assert set(answers[-1].numbers) == {1, 2}
-    assert "unexpected" not in session.people[0].counts
+    assert set(session.messages(Effects)[-1].numbers) == {1, 2}
+    assert "unexpected" not in session.person.counts
 
 
 def test_a_zone_is_felt_in_a_session_as_stiff_as_told(library: Any) -> None:
     """The hand is pulled 40 mm into it, and rests where the spring of its own and the zone hold each other."""
     session = VirtualSession(library, "anna", effects=[{**EFFECTS["zone"], "damping_nspm": 5.0}])
     session.run(1.0)
-    depth_m = session.people[0].status.position_m[0] - 0.02
+    depth_m = session.person.status.position_m[0] - 0.02
     assert depth_m > 0.009
-    assert session.people[0].force_n[0] == pytest.approx(600.0 * depth_m, rel=0.02)
-    session.leave()
-    assert last_account(session).device.at_limit == 0.0
+    assert session.person.force_n[0] == pytest.approx(600.0 * depth_m, rel=0.02)
+    assert session.leave().device.at_limit == 0.0

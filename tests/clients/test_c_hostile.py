@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from cogrip.protocol import messages
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import Stamp, Waves, decode
+from cogrip.protocol.messages import Waves, decode
 
+from tests.client.seated_client import next_waves
 from tests.clients.compiled import CHECKED, SOURCES, build, needs_compiler
 from tests.clients.test_c_sessions import PEAK_N, SLEW_N
 from tests.clients.virtual_session import HZ, VirtualSession
@@ -31,17 +33,15 @@ def corpus(library: Any, built: Path) -> Path:
     effects = [{**each, "start_s": 0.1 * number, "every_s": 0.0} for number, each in enumerate(settings["effects"])]
     assert {each["kind"] for each in effects} == {"viscous", "vibration", "texture", "magnet", "path", "zone"}
     session = VirtualSession(library, "anna", object={"axes": 3}, effects=effects)
-    client = session.people[0]
     told: list[bytes] = []
-    receive = client.receive
+    receive = session.person.receive
 
     def overhear(datagram: bytes, now_ns: int) -> None:
         told.append(datagram)
         receive(datagram, now_ns)
 
-    client.receive = overhear  # type: ignore[method-assign]
-    session.run(2.0)
-    session.leave()
+    session.person.receive = overhear  # type: ignore[method-assign]
+    session.leave(2.0)
     told += [datagram for datagram, _ in VECTORS.values()]
     path = built / "corpus"
     path.write_bytes(b"".join(len(each).to_bytes(2, "little") + each for each in told))
@@ -51,12 +51,9 @@ def corpus(library: Any, built: Path) -> Path:
 @pytest.mark.parametrize("count", [20_000, long(5_000_000)])
 def test_mutated_datagrams_misuse_no_memory_and_break_no_limit(built: Path, corpus: Path, count: int) -> None:
     program = build(built, "fuzz", *CHECKED, "-DCOGRIP_NO_DRIVER", "fuzz.c", "cogrip.c")
+    limit_s = 60 if count <= 100_000 else 1800
     done = subprocess.run(
-        [program, corpus, str(count), "20"],
-        capture_output=True,
-        text=True,
-        timeout=60 if count <= 100_000 else 1800,
-        check=False,
+        [program, corpus, str(count), "20"], capture_output=True, text=True, timeout=limit_s, check=False
     )
     assert done.returncode == 0, done.stderr[-3000:]
     found = re.fullmatch(r"(\d+) mutated, (\d+) malformed, (\d+) frames taken, (\d+) effects late\n", done.stdout)
@@ -82,33 +79,24 @@ class HostileServer:
     def __init__(self, library: Any) -> None:
         self.session = VirtualSession(library, "anna")
         self.session.run(0.5)
-        self.person, self._line = self.session.people[0], LineSender(1, 8)
-        self.number = decode(self.session.sent[-1]).session  # type: ignore[union-attr]
+        self.person, self._line = self.session.person, LineSender(1, 8)
+        self.number = self.session.messages(Waves)[-1].session
         self.place = self.session.hands[0].position_m[0]
         self.forces: list[float] = []
-        self.sent: list[Waves] = []
+        self.sent: list[bytes] = []
 
     def waves(self, wave: float, session: int = 0) -> bytes:
-        self._line.push((wave,))
-        first, waves, total, squares = self._line.contents()
-        stamp = Stamp(self.session.now_ns)
-        return messages.encode(
-            Waves(session or self.number, first + 70, waves, total, squares, 0.0, 0.0, 2**53, stamp, (0.0, 0.0))
-        )
+        message = next_waves(self._line, wave, session=session or self.number, sent_ns=self.session.now_ns)
+        return messages.encode(replace(message, first=message.first + 70, acknowledged=2**53))
 
-    def tick(self, wave: float, place: float) -> float:
+    def tick(self, wave: float) -> None:
         now_ns = self.session.now_ns
         if self.session.tick % 8 == 0:
             self.person.receive(self.waves(wave), now_ns)
-        self.person.sense(self.session.tick, (place,), now_ns)
+        self.person.sense(self.session.tick, (self.place,), now_ns)
         self.forces.append(self.person.act(now_ns)[0])
-        self.sent += [
-            message
-            for message in (decode(datagram) for datagram, _ in self.person.sent())
-            if isinstance(message, Waves)
-        ]
+        self.sent += [datagram for datagram, _ in self.person.sent()]
         self.session.tick += 1
-        return self.forces[-1]
 
 
 @pytest.mark.parametrize("frames", [1, 4, 10_000])
@@ -116,17 +104,16 @@ def test_a_hostile_server_gets_no_force_beyond_the_limits(library: Any, frames: 
     """Waves at the wire's bounds that turn after so many frames."""
     server = HostileServer(library)
     for tick in range(HZ):
-        server.tick(1e4 if (tick // 8 // frames) % 2 else -1e4, server.place)
-    sizes = [abs(force) for force in server.forces]
-    assert max(sizes) <= PEAK_N * (1.0 + 1e-12)
+        server.tick(1e4 if (tick // 8 // frames) % 2 else -1e4)
+    largest_n = max(map(abs, server.forces))
+    assert largest_n <= PEAK_N * (1.0 + 1e-12)
     assert max(abs(after - before) for before, after in pairwise(server.forces)) <= SLEW_N
-    assert max(sizes) == pytest.approx(PEAK_N) or frames == 1
+    assert largest_n == pytest.approx(PEAK_N) or frames == 1
     if frames > 100:
         assert ("sat at its limit" in server.person.reason, server.forces[-1]) == (True, 0.0)
     assert server.person.counts["wave beyond what the device can bring about"] > 0
-    assert (
-        max(abs(wave) for message in server.sent for wave in message.waves) < 20.0
-    )  # bounded by (b V + 2 F) / sqrt(2b) = 8.9
+    sent = [abs(wave) for message in map(decode, server.sent) if isinstance(message, Waves) for wave in message.waves]
+    assert max(sent) < 20.0  # bounded by (b V + 2 F) / sqrt(2b) = 8.9
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from random import Random
 from typing import Any
 
 import pytest
+from msgspec.structs import asdict
 
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
@@ -145,35 +146,27 @@ def test_no_network_gets_more_out_than_went_in_and_every_frame_has_one_fate(
 def test_it_is_the_reference_on_a_line_with_losses(library: Any, frames: int) -> None:
     """`tank` is the same rule at both: what is played, what moves, what is counted."""
     random = Random(frames)
-    line = CLine(library, frames, 2, credit_j=1e-3)
-    sender = LineSender(1, 2)
+    line, sender = CLine(library, frames, 2, credit_j=1e-3), LineSender(1, 2)
     receiver = LineReceiver(1, "auto" if frames == AUTO else frames, FRAME_S, 1e-3, "tank", ticks=M)
     for _ in range(1500):
         sender.push((random.gauss(0.0, 1.0),))
         for _ in range(random.choice([0, 0, 1, 1, 1, 1, 2])):
-            contents = sender.contents()
-            assert line.receive(*contents)
-            assert receiver.receive(*contents)
+            assert line.receive(*sender.contents())
+            assert receiver.receive(*sender.contents())
         assert line.pop() == pytest.approx(receiver.pop()[0], abs=1e-12)
         assert line.state["hold"] == receiver.hold
-    count = receiver.count()
-    state = line.state
-    assert {name: state[name] for name in count.__struct_fields__} == {
-        name: getattr(count, name) for name in count.__struct_fields__
-    }
-    assert state["lost"] > 0
+    assert line.state.items() >= asdict(receiver.count()).items()
+    assert line.state["lost"] > 0
 
 
 @pytest.mark.parametrize("spare_j", [0.0, 1e-3, 1.0])
 @pytest.mark.parametrize("ticks", [7, 8, 11, 15])
 def test_a_longer_frame_has_no_more_energy_than_the_port_has_earned(library: Any, ticks: int, spare_j: float) -> None:
     """SPEC 5.7: the sum of M + k ticks over M may have more energy than they had; what is too much is sent later."""
-    wave, withheld = 2.0, c_double()
-    going = library.probe_end_frame(wave, ticks, 1, spare_j, withheld)
-    wanted = 0.5 * FRAME_S * (wave * ticks / M) ** 2
-    assert going == pytest.approx(min(wanted, spare_j))
-    owed = wave * ticks / M - (2.0 * going / FRAME_S) ** 0.5
-    assert withheld.value == pytest.approx(owed, abs=1e-12)
+    wave, withheld = 2.0 * ticks / M, c_double()
+    going_j = library.probe_end_frame(2.0, ticks, 1, spare_j, withheld)
+    assert going_j == pytest.approx(min(0.5 * FRAME_S * wave**2, spare_j))
+    assert withheld.value == pytest.approx(wave - (2.0 * going_j / FRAME_S) ** 0.5, abs=1e-12)
     for _ in range(400):
         library.probe_end_frame(0.0, M, 0, 1.0, withheld)
     assert withheld.value == pytest.approx(0.0, abs=1e-9)
@@ -187,11 +180,8 @@ def test_a_line_begins_within_reach(library: Any, first: int, count: int, fits: 
 
 def test_frames_beyond_what_is_remembered_are_unfit(library: Any) -> None:
     line = CLine(library, 0, 1)
-    assert line.receive(5, (0.5,), (0.0,), (0.0,))
-    assert not line.receive(5 + 1025, (0.5,), (0.0,), (0.0,))
-    assert line.receive(5 + 1024, (0.5,), (0.0,), (0.0,))
-    assert not line.receive(0, (0.5,) * 33, (0.0,), (0.0,))
+    for first, count, fits in ((5, 1, True), (5 + 1025, 1, False), (5 + 1024, 1, True), (0, 33, False)):
+        assert line.receive(first, (0.5,) * count, (0.0,), (0.0,)) is fits
     line.pop()
-    state = line.state
-    assert state["cursor"] == 1030
+    assert line.state["cursor"] == 1030
     assert not line.receive(1030 + 1025, (0.5,), (0.0,), (0.0,))

@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -10,7 +11,7 @@ import pytest
 
 import cogrip.api as cogrip
 
-from tests.clients.ros_stubs import PoseStamped, Ros, TwistStamped
+from tests.clients.ros_stubs import MESSAGES, Ros
 
 PACKAGE = Path(__file__).parents[2] / "clients" / "ros2"
 
@@ -34,16 +35,22 @@ def make_device(ros: Ros, *flags: str) -> Any:
     return CrtkDevice(ros.node("test"), record(parse(["127.0.0.1", *flags])), "MTML")
 
 
-def pose(x: float, y: float = 0.0, z: float = 0.0) -> PoseStamped:
-    message = PoseStamped()
-    message.pose.position.x, message.pose.position.y, message.pose.position.z = x, y, z
+@pytest.fixture
+def pushed(ros: Ros) -> list[Any]:
+    """Return the list of the arm's forces."""
+    found: list[Any] = []
+    ros.subscribers["MTML/servo_cf"].append(found.append)
+    return found
+
+
+def pose(x: float, y: float = 0.0, z: float = 0.0) -> Any:
+    message = MESSAGES["PoseStamped"]()
+    message.pose.position = SimpleNamespace(x=x, y=y, z=z)
     return message
 
 
-def test_an_arm_is_read_once_a_message_and_pushed_with_the_opposite_sign(ros: Ros) -> None:
+def test_an_arm_is_read_once_a_message_and_pushed_with_the_opposite_sign(ros: Ros, pushed: list[Any]) -> None:
     device = make_device(ros)
-    pushed: list[Any] = []
-    ros.subscribers["MTML/servo_cf"].append(pushed.append)
     device.open(1024)
     assert device.read(0) is None
     ros.publish("MTML/measured_cp", pose(0.01, 0.02, 0.03))
@@ -61,17 +68,15 @@ def test_velocity_is_used_where_it_is_asked_for(ros: Ros) -> None:
     device.open(1024)
     ros.publish("MTML/measured_cp", pose(0.01))
     assert device.read(0) is None, "no velocity yet"
-    twist = TwistStamped()
+    twist = MESSAGES["TwistStamped"]()
     twist.twist.linear.y = 0.5
     ros.publish("MTML/measured_cv", twist)
     ros.publish("MTML/measured_cp", pose(0.01))
     assert device.read(1) == cogrip.Sample((0.01, 0.0, 0.0), (0.0, 0.5, 0.0), 1)
 
 
-def test_a_silent_arm_is_lost_and_a_wrong_force_becomes_none(ros: Ros) -> None:
+def test_a_silent_arm_is_lost_and_a_wrong_force_becomes_none(ros: Ros, pushed: list[Any]) -> None:
     device = make_device(ros)
-    pushed: list[Any] = []
-    ros.subscribers["MTML/servo_cf"].append(pushed.append)
     with pytest.raises(cogrip.DeviceError, match="closed"):
         device.read(0)
     device.open(1024)
@@ -92,10 +97,9 @@ def test_a_session_is_published_under_crtk_names(ros: Ros) -> None:
     seen: dict[str, Any] = {}
     for topic in ("object/measured_cp", "object/measured_cv", "anna/measured_cp", "ben_2/measured_cf"):
         ros.subscribers[topic].append(lambda message, topic=topic: seen.update({topic: message}))
-    topics = SessionTopics(ros.node("test"))
-    cogrip.run("demo", seconds=0.1, users={1: {"name": "ben 2"}}, on_frame=topics.publish)
-    frames: list[cogrip.Frame] = []
-    cogrip.run("demo", seconds=0.1, users={1: {"name": "ben 2"}}, on_frame=frames.append)
+    topics, frames = SessionTopics(ros.node("test")), list[cogrip.Frame]()
+    for on_frame in (topics.publish, frames.append):
+        cogrip.run("demo", seconds=0.1, users={1: {"name": "ben 2"}}, on_frame=on_frame)
     last = frames[-1]
     assert seen["object/measured_cp"].pose.position.x == last.object_m[0]
     assert seen["object/measured_cv"].twist.linear.x == last.object_mps[0]

@@ -3,9 +3,10 @@
 from itertools import count, pairwise
 from math import cos, pi
 from random import Random
-from typing import Any
+from typing import Any, TypeVar
 
-from cogrip.protocol.messages import decode, encode
+from cogrip.protocol.accounts import ClientAccount
+from cogrip.protocol.messages import Leave, decode, encode
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.settings import resolve
 from cogrip.server.admission import AdmissionServices
@@ -14,6 +15,9 @@ from cogrip.server.core import ServerCore
 from tests.clients.compiled import CClient
 
 HZ, M = 1024, 8
+
+
+Kind = TypeVar("Kind")
 MASS_KG, SPRING_NPM, DAMPING_NSPM = 0.3, 200.0, 10.0
 
 
@@ -37,7 +41,6 @@ class VirtualSession:
 
     forces   of each person in each tick [N]
     sent     all datagrams of the clients
-    silent   the server is not there
     """
 
     def __init__(
@@ -56,7 +59,7 @@ class VirtualSession:
         self.hands = [Hand(axes) for _ in names]
         self.forces: list[list[tuple[float, ...]]] = [[] for _ in names]
         self.sent: list[bytes] = []
-        self.loss, self.silent, self.tick = loss, False, 0
+        self.loss, self._silent, self.tick = loss, False, 0
         self._random, self._delay, self._jitter = Random(seed), delay_ticks, jitter_ticks
         self._flight: dict[int, list[tuple[int, bool, bytes]]] = {}
         for person in self.people:
@@ -76,6 +79,21 @@ class VirtualSession:
     def now_ns(self) -> int:
         return due_ns(10**9, self.tick, HZ)
 
+    @property
+    def person(self) -> CClient:
+        """The first of the people."""
+        return self.people[0]
+
+    def messages(self, kind: type[Kind]) -> list[Kind]:
+        """Return all that the clients sent of this kind."""
+        return [message for message in map(decode, self.sent) if isinstance(message, kind)]
+
+    def buttons(self) -> list[tuple[int, bool]]:
+        """Return the list to which the world's button presses go from now on."""
+        told: list[tuple[int, bool]] = []
+        self.core.rooms[0].world.button = lambda user, button, down: told.append((button, down))  # type: ignore[method-assign]
+        return told
+
     def _put(self, person: int, up: bool, datagram: bytes) -> None:
         if self._random.random() >= self.loss:
             arrival = self.tick + self._delay + self._random.randint(0, self._jitter)
@@ -85,13 +103,15 @@ class VirtualSession:
         for person, up, datagram in self._flight.pop(self.tick, []):
             if not up:
                 self.people[person].receive(datagram, self.now_ns)
-            elif not self.silent:
+            elif not self._silent:
                 self.core.receive(datagram, str(person), self.now_ns)
 
-    def run(self, seconds: float, *, skip: bool = False, absent: bool = False) -> None:
-        """Let time pass. skip: the clients' loops miss it; absent: the devices give no samples."""
+    def run(self, seconds: float, *, skip: bool = False, absent: bool = False, silent: bool = False) -> None:
+        """Let time pass. skip: the clients' loops miss it; absent: the devices give no samples; silent: the server is away."""
+        self._silent = silent
         for _ in range(round(seconds * HZ)):
             self.step(skip, absent)
+        self._silent = False
 
     def step(self, skip: bool = False, absent: bool = False) -> None:
         """Run one tick of everybody."""
@@ -109,23 +129,30 @@ class VirtualSession:
             for datagram, _ in person.sent():
                 self.sent.append(datagram)
                 self._put(number, True, datagram)
-        if self.tick % M == 0 and not self.silent:
+        if self.tick % M == 0 and not self._silent:
             self.core.tick(self.core.rooms[0], now_ns)
         while self.core.outbox:
             address, datagram = self.core.outbox.popleft()
-            if not self.silent:
+            if not self._silent:
                 self._put(int(str(address)), False, datagram)
         self.tick += 1
 
-    def leave(self) -> None:
-        """Let everybody leave, and wait until they have."""
+    def leave(self, after_s: float = 0.0) -> ClientAccount:
+        """Let everybody leave after some time, and wait until they have. Returns the account that came last."""
+        self.run(after_s)
         for person in self.people:
             person.leave(self.now_ns)
         for _ in range(3 * HZ):
             if all(person.done for person in self.people):
-                return
+                return self.account
             self.step()
         raise AssertionError([person.state for person in self.people])
+
+    @property
+    def account(self) -> ClientAccount:
+        account = self.messages(Leave)[-1].account
+        assert account
+        return account
 
     def largest_step_n(self, person: int = 0) -> float:
         """Return the largest change of the force between two ticks."""
