@@ -7,6 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console, RenderableType
+
+
+def printed(what: RenderableType, width: int) -> str:
+    """Return what a console of some width shows, without colours."""
+    console = Console(width=width, color_system=None)
+    with console.capture() as captured:
+        console.print(what)
+    return captured.get()
 
 
 class Cogrip:

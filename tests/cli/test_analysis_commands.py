@@ -141,37 +141,6 @@ def test_region_overwrites_no_other_files(cogrip: Cogrip, tmp_path: Path) -> Non
     assert [path.name for path in tmp_path.iterdir()] == ["region.png"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["stability", "radius", DEMO, "--set", "users.0.device_mass_kg=-1"], "device_mass_kg: expects a number of at least"),
-        (["stability", "radius", DEMO, "--delay-frames", "-1"], "delay of -1 frames each way is out of 0 to 256"),
-        (["stability", "radius", DEMO, "--delay-frames", "nan"], "delay of nan frames"),
-        (["stability", "radius", DEMO, "--scheme", "paper", "--set", "object.kind=faces"], "does not fit object.kind"),
-        (["stability", "limit", DEMO, "--set", "coupling.stiffness_npm=0"], "must have a part above 0"),
-        (["stability", "region", PAPER, "--out", "x"], "two people"),
-        (["stability", "region", DEMO, "--out", "x", "--delays-frames", "0,zwei"], "write numbers with commas"),
-        (["stability", "region", DEMO, "--out", "x", "--delays-frames", "1,1"], "stands twice"),
-        (["stability", "region", DEMO, "--out", "x", "--to-npm", "1,2,3"], "--to-npm '1,2,3'"),
-        (["stability", "region", DEMO, "--out", "x", "--to-npm", "-5"], "has no area"),
-        (["stability", "region", DEMO, "--out", "x", "--grid", "5000"], "out of 0 to 2000"),
-        (["advise", "configs/none.toml"], "there is no such file"),
-        (["advise", DEMO, "--set", "users.0.device=sim:nothing"], "nothing"),
-        (["feel", DEMO, "--user", "2"], "users are numbered 0 to 1"),
-        (["figures", "fig7"], "there is no 'fig7'; there are fig4"),
-        (["sweep", DEMO, "--vary", "coupling.stifness_npm=1,2"], "did you mean coupling.stiffness_npm"),
-        (["sweep", DEMO, "--vary", "coupling.stiffness_npm"], "write it as key=first:last:count"),
-        (["sweep", DEMO, "--vary", "seed=1,2", "--measure", "lifted.radius"], "did you mean lifted.spectral_radius"),
-        (["sweep", DEMO, "--vary", "seed=1,2", "--workers", "0"], "--workers 0 must be at least 1"),
-        (["sweep", DEMO, "--vary", "seed=1,2", "--jobs", "0"], "--workers 0 must be at least 1"),
-        (["sweep", DEMO, "--vary", "seed=1,2", "--address", "x:1"], "give --cluster ray"),
-    ],
-)  # fmt: skip
-@pytest.mark.usefixtures("empty_folder")
-def test_bad_input_is_named_and_leaves_nothing(cogrip: Cogrip, arguments: list[str], words: str) -> None:
-    cogrip.refuses(words, *arguments)
-
-
 @pytest.mark.usefixtures("brief")
 def test_advice_in_words_and_in_numbers(cogrip: Cogrip) -> None:
     out, err = cogrip.texts("advise", DEMO)

@@ -1,17 +1,14 @@
 """Tables at usual terminal widths, with long names, many people, three axes, and missing numbers."""
 
-import json
 import re
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
-from msgspec.structs import replace
 from rich.cells import cell_len
-from rich.console import Console, RenderableType
+from rich.console import Console
 
-from cogrip.cli.admin.token_list import token_tables
 from cogrip.cli.admin.who import people_tables
 from cogrip.cli.devices.check import rows_table
 from cogrip.cli.devices.listing import device_list
@@ -29,7 +26,6 @@ from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import Link
 from cogrip.protocol.recording.records import SeatStep, Step, Tick
 from cogrip.server.roster import RosterEntry
-from cogrip.server.tokens import Token
 from cogrip.sim.experiments.methods.table import TABLE
 from cogrip.sim.runs.comparison import differences
 from cogrip.sim.runs.listing import ListedRun
@@ -37,6 +33,7 @@ from cogrip.sim.session.io.relay_loop import LiveRelay
 from cogrip.sim.session.link import configured_link
 from cogrip.sim.session.relay import Relay
 
+from tests.cli.command import printed
 from tests.extent import long
 
 WIDTHS = [80, 120]
@@ -44,13 +41,6 @@ PEOPLE = ("Maximiliana-Josephine von Hohenstein", "b", "日本語の名前とて
 IPV6 = "[2001:db8:1111:2222:3333:4444:5555:6666]:65535"
 STATES = ("live", "degraded", "fault", None)
 CUT_NUMBER = re.compile(r"\d…|…\d|[+−-]…")
-
-
-def printed(what: RenderableType, width: int) -> str:
-    console = Console(width=width, color_system=None)
-    with console.capture() as printed_text:
-        console.print(what)
-    return printed_text.get()
 
 
 def check(text: str, width: int, *whole: str, each: str = "") -> None:
@@ -242,9 +232,11 @@ def test_a_run_with_a_long_name_has_two_lines_and_its_whole_name(width: int) -> 
     check("\n".join(lines), width, "✗ cut short", "✗ not passive")
 
 
-def test_ages_have_the_unit_that_fits() -> None:
+def test_ages_and_sizes_have_the_unit_that_fits() -> None:
     ages = {-5.0: "0 s", 59.9: "59 s", 60.0: "1 min", 3599.0: "59 min", 3600.0: "1 h", 86399.0: "23 h", 1e6: "11 d"}
     assert {seconds: runs.age(seconds) for seconds in ages} == ages
+    sizes = {0: "0 B", 999: "999 B", 1000: "1 kB", 2_180_000: "2.18 MB", 999_999: "1 MB", 3.1e9: "3.1 GB"}
+    assert {size_bytes: runs.size(size_bytes) for size_bytes in sizes} == sizes
 
 
 # --- networks and servers ---------------------------------------------------------------------------------------------
@@ -292,17 +284,6 @@ def test_who_is_there(width: int) -> None:
     assert text.count("d" * 40) >= 1
 
 
-@pytest.mark.parametrize("width", WIDTHS)
-def test_tokens(width: int) -> None:
-    one = Token(
-        id="1f0e18a0", hash="0" * 64, role="player", room=f"room-{'r' * 30}", user="u" * 40, note="a note " * 12,
-        device=f"sim:phantom?{'d' * 40}", once=False, start=False, expires=None, created=1, used=None, revoked=None,
-    )  # fmt: skip
-    tokens = [replace(one, id=f"1f0e18a{number}", once=bool(number % 2)) for number in range(8)]
-    text = printed(token_tables(tokens, 0.0), width)
-    check(text, width, "good for", "u" * 40, each="id role room seat device state when note 1f0e18a7")
-
-
 # --- devices ----------------------------------------------------------------------------------------------------------
 
 
@@ -311,9 +292,12 @@ def test_devices_are_a_line_each_in_an_order_that_helps(capsys, monkeypatch, wid
     monkeypatch.setenv("COLUMNS", str(width))
     assert device_list() == 0
     text = capsys.readouterr().out
-    vague = "openhaptics:Default Device?model=premium1.0"
-    check(text, width, vague, each="address axes peak stiffness damping rate")
+    check(" ".join(text.split()), len(text), *(f"{scheme}: {summary}" for scheme, summary in families().items()))
+    check(
+        text, width, *(listing.address for listing in describe(axes=3)), each="address axes peak stiffness damping rate"
+    )
     most = 4 + len(describe(axes=3)) + 2 * len(families())  # a heading and a line more for each family
+    assert "…" not in text, "nothing is cut off"
     assert len(text.splitlines()) <= most
     heads = [line.partition(":")[0] for line in text.splitlines() if re.match(r"[a-z]+: ", line)]
     assert heads[0] == "sim"
@@ -399,8 +383,3 @@ def test_stability_says_it_in_lines_that_fit(cogrip, monkeypatch, tmp_path: Path
     (tmp_path / "pair.toml").write_text('[link]\ndelay_ms = 20.0\n[[users]]\nname = "anna"\n[[users]]\nname = "ben"\n')
     out, err = cogrip.texts("stability", "radius", tmp_path / "pair.toml")
     check(out + err, width, "structural eigenvalues at 1: device position of anna")
-
-
-def test_the_summary_of_a_file_is_what_the_table_shows(run: Path) -> None:
-    summary = json.loads((run / "summary.json").read_text())
-    check(printed(terminal_summary(summary), 80), 80, "anna", "ben", "live")
