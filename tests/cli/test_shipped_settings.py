@@ -71,7 +71,7 @@ def test_a_file_of_that_name_comes_first_and_a_folder_does_not_count(cogrip: Cog
     demo = "lab demo --set seconds=0.1 --json -"
     Path("demo").mkdir()
     out, problem = cogrip.texts(demo)
-    assert (json.loads(out)["name"], problem) == ("demo", "")
+    assert (json.loads(out)["name"], problem.strip()) == ("demo", "")
     Path("demo.toml").write_text('name = "mine"\nseconds = 0.1')
     out, problem = cogrip.texts(demo)
     assert json.loads(out)["name"] == "demo"

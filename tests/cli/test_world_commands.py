@@ -171,5 +171,5 @@ def test_a_check_says_what_is_broken_and_fails(monkeypatch: pytest.MonkeyPatch, 
 
     cogrip.refuses("which one? Give settings with it, such as lift", "worlds check scene")
     cogrip.refuses('there is no world "cubes"; did you mean "cube"?', "worlds check cubes")
-    cogrip.refuses("python:mine.py:Absent: mine.py has no class Absent", "worlds check python:mine.py:Absent")
+    cogrip.refuses("mine.py has no class Absent", "worlds check python:mine.py:Absent")
     cogrip.refuses("there is no such file", "worlds check none.toml")
