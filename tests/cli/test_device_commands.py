@@ -116,24 +116,20 @@ def test_what_only_looks_alike_is_no_arm(other):
     assert hid_devices([other]) == []
 
 
-def test_find_goes_on_where_one_finder_fails(cogrip, monkeypatch):
+def test_find_goes_on_where_one_finder_fails_and_says_what_to_do_where_none_is_known(cogrip, monkeypatch):
+    assert cogrip.out("devices find"), "on this machine"
+
     def broken():
         raise DeviceError("hid: needs the package hidapi")
 
-    finders = {"HID devices": broken, "serial ports": lambda: [PluggedIn("serial:/x", "an arm")]}
-    monkeypatch.setattr(find, "FINDERS", finders)
-    out = cogrip.out("devices", "find")
+    found = [PluggedIn("serial:/x", "an arm")]
+    monkeypatch.setattr(find, "FINDERS", {"HID devices": broken, "serial ports": lambda: found})
+    out = cogrip.out("devices find")
     assert "HID devices: hid: needs the package hidapi" in out
     assert "serial:/x  an arm" in out
     assert "none found" not in out
-
-
-def test_find_says_what_to_do_where_only_unknown_devices_are_plugged_in(cogrip, monkeypatch):
-    unknown = PluggedIn("", "serial port at /dev/ttyUSB0: unknown")
-    monkeypatch.setattr(find, "FINDERS", {"serial ports": lambda: [unknown]})
-    assert re.search(r"at /dev/ttyUSB0: unknown\n(.*\n)*none found: plug one in", cogrip.out("devices", "find"))
-    monkeypatch.undo()
-    assert cogrip.out("devices", "find"), "on this machine"
+    found[:] = [PluggedIn("", "serial port at /dev/ttyUSB0: unknown")]
+    assert re.search(r"at /dev/ttyUSB0: unknown\n(.*\n)*none found: plug one in", cogrip.out("devices find"))
 
 
 # --- udev -------------------------------------------------------------------------------------------------------------
@@ -144,15 +140,9 @@ def rules():
 
 
 def matching(subject, vid, pid):
-    """Rules for devices of this kind and these numbers."""
-    vendor, product = (
-        re.compile(rf'ATTRS?{{{key}}}=="{value:04x}"') for key, value in (("idVendor", vid), ("idProduct", pid))
-    )
-    return [
-        line
-        for line in rules()
-        if line.startswith(subject) and vendor.search(line) and (product.search(line) or "idProduct" not in line)
-    ]
+    """Rules for devices of this kind and these numbers; one without a product is for all of a vendor."""
+    numbers = re.compile(rf'{subject}.*{{idVendor}}=="{vid:04x}"(.*{{idProduct}}=="{pid:04x}"|(?!.*idProduct))')
+    return [line for line in rules() if numbers.match(line)]
 
 
 def test_every_rule_is_one():
@@ -166,7 +156,7 @@ def test_every_rule_is_one():
 
 def test_rules_let_every_device_be_used_that_find_knows():
     for usb_id in {variant.usb_id for variant in VARIANTS.values()}:
-        for subject in ('KERNEL=="hidraw*"', 'SUBSYSTEM=="usb"'):  # both backends of hidapi
+        for subject in (r'KERNEL=="hidraw\*"', 'SUBSYSTEM=="usb"'):  # both backends of hidapi
             (rule,) = matching(subject, *usb_id)
             assert 'MODE="0660"' in rule
     for usb_id in [TEENSY_SERIAL, *((ARDUINO_VID, pid) for pid in HAPLY_BOARDS)]:

@@ -1,16 +1,12 @@
 """`cogrip study` and `cogrip table`: whole studies in virtual time, what is left, what is refused."""
 
 import csv
-import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from cogrip.cli.study import study_source
-from cogrip.sim.experiments.study.journal import read_trials
 
 from tests.cli.command import Cogrip
 from tests.sim.studies import SHIPPED
@@ -120,29 +116,6 @@ def test_simulated_and_live_trials_do_not_share_a_folder(cogrip: Cogrip) -> None
         before.replace(b'"utc"', b'"mode":"live","utc"').replace(b"}\n", b',"mode":"live"}\n')
     )
     cogrip.refuses("holds live trials, and these are simulated", "study", FILE)
-
-
-@pytest.mark.long
-def test_study_that_was_killed_goes_on(cogrip: Cogrip) -> None:
-    """kill -9 in the midst of sessions: whole lines stay, the trial that was running is begun again, no other."""
-    write(STUDY, **{'["P01", "P02"]': json.dumps([f"P{number:02}" for number in range(1, 41)])})
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "cogrip.cli", "study", str(FILE)], stderr=subprocess.PIPE, text=True
-    )
-    assert process.stderr is not None
-    assert any("P04: 0 of 2" in line for line in process.stderr)
-    process.kill()
-    process.wait()
-    process.stderr.close()
-    over = [line for line in read_trials(FOLDER) if line.over]
-    assert 6 <= len(over) < 80
-    cogrip.texts("study", FILE, *(word for name in ("P01", "P02", "P03") for word in ("--people", name)))
-    finished = [(line.group, line.place) for line in read_trials(FOLDER) if line.status == "finished"]
-    assert len(set(finished)) == len(finished)
-    assert finished[: len(over)] == [(line.group, line.place) for line in over]
-    assert {(group, place) for group in range(3) for place in range(2)} <= set(finished)
-    again = [line for line in read_trials(FOLDER) if line.status == "begun" and line.attempt > 1]
-    assert len(again) <= 1
 
 
 def test_studies_that_come_with_cogrip_go_by_their_name(monkeypatch: pytest.MonkeyPatch, cogrip: Cogrip) -> None:

@@ -136,35 +136,32 @@ def is_red(colour: np.ndarray) -> bool:
 Open = Callable[..., BrowserPage]
 
 
-def test_page_draws_a_body_where_it_has_moved_and_turned_to(open_page: Open) -> None:
+def test_page_draws_a_body_where_it_has_moved_and_turned_to(show: Show) -> None:
     bare = replace(frame(1), people=())
     poses: list[Pose] = [
         HERE,
         (0.05, -0.03, 0.02, cos(TURN), 0.0, 0.0, sin(TURN)),
         (-0.06, 0.02, 0.0, 1.0, 0.0, 0.0, 0.0),
     ]
-    with serving(PageServer(to_json(drawn_of((BOX, FLOOR))))) as server:
-        page = open_page(server.address)
-        server.wait_for_page()
-        page.until("cogrip.scene !== null")
-        page.tab.keyboard.press("3")  # from above
-        for number, pose in enumerate(poses):
-            server.send(encode(replace(bare, number=number, bodies=(pose,))))
-            drawn = page.until_drawn(number)["drawn"]
-            assert drawn["object"] is None, "the plain box is left out"
-            assert drawn["bodies"][0]["position_m"] == list(pose[:3])
-            assert drawn["bodies"][0]["orientation"] == pytest.approx(pose[3:], abs=1e-12)
-            picture = page.picture()
-            x, y, z, w, _, _, k = pose
-            c, s = w * w - k * k, 2 * w * k
-            for along, across, inside in ((0.9, 0.9, True), (-0.9, 0.9, True), (1.15, 0.0, False), (1.15, 1.15, False)):
-                u, v = along * HALF, across * HALF
-                point = (x + c * u - s * v, y + s * u + c * v, z + HALF)
-                assert is_red(page.pixel(picture, point)) == inside, (number, along, across)
-        server.send(encode(replace(bare, number=9, flags=1, bodies=(HERE,))))
-        page.until_drawn(9)
-        red, green, blue = page.pixel(page.picture(), (0.0, 0.0, HALF))
-        assert green > 0.5 * red > blue, "the object in contact, in the colour of contact"
+    page, server = show(drawn_of((BOX, FLOOR)))
+    page.tab.keyboard.press("3")  # from above
+    for number, pose in enumerate(poses):
+        server.send(encode(replace(bare, number=number, bodies=(pose,))))
+        drawn = page.until_drawn(number)["drawn"]
+        assert drawn["object"] is None, "the plain box is left out"
+        assert drawn["bodies"][0]["position_m"] == list(pose[:3])
+        assert drawn["bodies"][0]["orientation"] == pytest.approx(pose[3:], abs=1e-12)
+        picture = page.picture()
+        x, y, z, w, _, _, k = pose
+        c, s = w * w - k * k, 2 * w * k
+        for along, across, inside in ((0.9, 0.9, True), (-0.9, 0.9, True), (1.15, 0.0, False), (1.15, 1.15, False)):
+            u, v = along * HALF, across * HALF
+            point = (x + c * u - s * v, y + s * u + c * v, z + HALF)
+            assert is_red(page.pixel(picture, point)) == inside, (number, along, across)
+    server.send(encode(replace(bare, number=9, flags=1, bodies=(HERE,))))
+    page.until_drawn(9)
+    red, green, blue = page.pixel(page.picture(), (0.0, 0.0, HALF))
+    assert green > 0.5 * red > blue, "the object in contact, in the colour of contact"
 
 
 WEDGE_M = (0.04, 0.03, 0.03)  # half edges of the box around it: a roof along y, its ridge on top
@@ -190,20 +187,17 @@ def on_wedge(page: BrowserPage, picture: np.ndarray, at: tuple[float, float, flo
 ROOF = [False] * 2 + [True] * 4
 
 
-def test_page_draws_a_mesh_as_its_surface_where_its_body_is(open_page: Open) -> None:
+def test_page_draws_a_mesh_as_its_surface_where_its_body_is(show: Show) -> None:
     """Live, and in the picture of what another person sees; the box around it would be red beside the ridge."""
-    with serving(PageServer(to_json(drawn_of(wedge())))) as server:
-        page = open_page(server.address)
-        server.wait_for_page()
-        page.until("cogrip.scene !== null")
-        page.tab.keyboard.press("2")  # from the side
-        for number, at in enumerate([(0.0, 0.0, 0.0), (0.03, 0.0, 0.02)]):
-            server.send(encode(replace(frame(number), people=(), bodies=((*at, 1.0, 0.0, 0.0, 0.0),))))
-            page.until_drawn(number)
-            assert on_wedge(page, page.picture(), at) == ROOF
-        server.send(encode(replace(frame(5), bodies=(HERE,))))
-        page.until_drawn(5)
-        assert page.state("cogrip.stats.malformed") == 0
+    page, server = show(drawn_of(wedge()))
+    page.tab.keyboard.press("2")  # from the side
+    for number, at in enumerate([(0.0, 0.0, 0.0), (0.03, 0.0, 0.02)]):
+        server.send(encode(replace(frame(number), people=(), bodies=((*at, 1.0, 0.0, 0.0, 0.0),))))
+        page.until_drawn(number)
+        assert on_wedge(page, page.picture(), at) == ROOF
+    server.send(encode(replace(frame(5), bodies=(HERE,))))
+    page.until_drawn(5)
+    assert page.state("cogrip.stats.malformed") == 0
 
 
 def mesh_scene(folder: Path) -> Path:
@@ -246,25 +240,22 @@ def test_a_recorded_mesh_is_drawn_from_the_recording_alone(open_page: Open, tmp_
 
 
 @pytest.mark.parametrize("scheme", [long("light"), "dark"])
-def test_page_draws_all_kinds_and_hides_what_is_not_known_or_not_held(open_page: Open, scheme: str) -> None:
+def test_page_draws_all_kinds_and_hides_what_is_not_known_or_not_held(show: Show, scheme: str) -> None:
     away = [(0.0, 0.07 * number - 0.1, 0.02, 1.0, 0.0, 0.0, 0.0) for number in range(4)]
-    with serving(PageServer(to_json(drawn_of()))) as server:
-        page = open_page(server.address, color_scheme=scheme, width=390, height=844)
-        server.wait_for_page()
-        page.until("cogrip.scene !== null")
-        for number, (people, poses, shown) in enumerate(
-            [
-                (frame(1).people, away, [True] * 4),
-                ((), away, [True, False, True, True]),
-                (frame(1).people, [*away[:3], (nan,) * 7], [True, True, True, False]),
-                (frame(1).people, away[:2], [True, True, False, False]),
-            ]
-        ):
-            server.send(encode(replace(frame(number), people=people, bodies=tuple(poses))))
-            bodies = page.until_drawn(number)["drawn"]["bodies"]
-            assert [each["visible"] for each in bodies] == shown
-        assert page.state("cogrip.stats.malformed") == 0
-        assert page.state("document.documentElement.scrollWidth") <= 390
+    page, server = show(drawn_of(), color_scheme=scheme, width=390, height=844)
+    for number, (people, poses, shown) in enumerate(
+        [
+            (frame(1).people, away, [True] * 4),
+            ((), away, [True, False, True, True]),
+            (frame(1).people, [*away[:3], (nan,) * 7], [True, True, True, False]),
+            (frame(1).people, away[:2], [True, True, False, False]),
+        ]
+    ):
+        server.send(encode(replace(frame(number), people=people, bodies=tuple(poses))))
+        bodies = page.until_drawn(number)["drawn"]["bodies"]
+        assert [each["visible"] for each in bodies] == shown
+    assert page.state("cogrip.stats.malformed") == 0
+    assert page.state("document.documentElement.scrollWidth") <= 390
 
 
 def test_a_recorded_scene_as_one_file(open_page: Open, lift_run: Path, tmp_path: Path) -> None:
@@ -319,21 +310,18 @@ def test_a_recording_with_impossible_bodies_is_told_or_shown_without_them(lift_r
         open_view(spoil("poses", b'{"step": 4}', after=10)).chunk(0)
 
 
-def test_a_floor_is_drawn_below_what_is_seen_wherever_its_middle_is(open_page: Open) -> None:
+def test_a_floor_is_drawn_below_what_is_seen_wherever_its_middle_is(show: Show) -> None:
     floor = Shape("plane", (0.0, 5.0, 0.1), place_m=(3.0, -3.0, -0.05), rgba=(1.0, 0.0, 0.0, 1.0))
     edge = Shape("plane", (0.05, 0.05, 0.1), place_m=(0.0, 0.0, -0.04), rgba=(0.0, 0.0, 1.0, 1.0))
-    with serving(PageServer(to_json(drawn_of((floor, edge))))) as server:
-        page = open_page(server.address)
-        server.wait_for_page()
-        page.until("cogrip.scene !== null")
-        page.tab.keyboard.press("3")
-        server.send(encode(replace(frame(1), people=())))
-        page.until_drawn(1)
-        picture = page.picture()
-        for x, y in ((0.08, 0.08), (-0.08, 0.07), (0.06, -0.08)):
-            assert is_red(page.pixel(picture, (x, y, -0.05)))
-        red, _, blue = page.pixel(picture, (0.04, -0.03, -0.04))
-        assert blue > 2 * red, "no wider than it is"
+    page, server = show(drawn_of((floor, edge)))
+    page.tab.keyboard.press("3")
+    server.send(encode(replace(frame(1), people=())))
+    page.until_drawn(1)
+    picture = page.picture()
+    for x, y in ((0.08, 0.08), (-0.08, 0.07), (0.06, -0.08)):
+        assert is_red(page.pixel(picture, (x, y, -0.05)))
+    red, _, blue = page.pixel(picture, (0.04, -0.03, -0.04))
+    assert blue > 2 * red, "no wider than it is"
 
 
 @pytest.mark.long

@@ -259,13 +259,11 @@ def test_new_socket_counts_its_messages_from_one_and_holds_nothing(hand: Held) -
     assert hand.next().number == 1
 
 
-def test_page_without_a_hand_says_nothing(open_page: Open) -> None:
-    with serving(PageServer(to_json(scene()))) as server:
-        page = open_page(server.address)
-        server.wait_for_page()
-        held = Held(page, server)
-        x, y = held.press()
-        page.tab.mouse.move(x + 50, y)
-        page.tab.mouse.up()
-        assert page.state("cogrip.hand.sent") == 0
-        assert server.said.empty()
+def test_page_without_a_hand_says_nothing(show: Show) -> None:
+    page, server = show(scene())
+    held = Held(page, server)
+    x, y = held.press()
+    page.tab.mouse.move(x + 50, y)
+    page.tab.mouse.up()
+    assert page.state("cogrip.hand.sent") == 0
+    assert server.said.empty()

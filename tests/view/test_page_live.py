@@ -233,17 +233,16 @@ def test_refusal_is_told_in_a_sentence(open_page: Open, code: int, reason: str, 
         page.until(f"document.getElementById('status').textContent.includes({words!r})")
 
 
-def test_page_says_hello_with_its_token_and_comes_back_after_a_break(open_page: Open) -> None:
-    with serving(PageServer(to_json(scene()))) as server:
-        page = shown(open_page, server)
-        assert server.hellos.get() == {"type": "hello", "token": TOKEN, "hand": False}
-        server.sockets[-1].close(1011)
-        page.until("document.getElementById('status').textContent.includes('trying again')")
-        server.wait_for_page()
-        page.until("document.getElementById('status').hidden")
-        server.send(encode(frame(9)))
-        page.until_drawn(9)
-        assert not any(TOKEN in each for each in page.requests if not each.startswith(server.address)), "in no request"
+def test_page_says_hello_with_its_token_and_comes_back_after_a_break(show: Show) -> None:
+    page, server = show(scene())
+    assert server.hellos.get() == {"type": "hello", "token": TOKEN, "hand": False}
+    server.sockets[-1].close(1011)
+    page.until("document.getElementById('status').textContent.includes('trying again')")
+    server.wait_for_page()
+    page.until("document.getElementById('status').hidden")
+    server.send(encode(frame(9)))
+    page.until_drawn(9)
+    assert not any(TOKEN in each for each in page.requests if not each.startswith(server.address)), "in no request"
 
 
 def test_scene_of_another_version_is_told(open_page: Open) -> None:
@@ -294,30 +293,28 @@ def test_keyboard_and_buttons(opened: tuple[BrowserPage, PageServer]) -> None:
 
 
 @pytest.mark.parametrize(("scheme", "bright"), [long("light", True), ("dark", False)])
-def test_page_follows_the_system_in_dark_and_light(open_page: Open, scheme: str, bright: bool) -> None:
-    with serving(PageServer(to_json(scene()))) as server:
-        page = shown(open_page, server, color_scheme=scheme)
-        page.until("cogrip.stats !== null")
-        assert (page.picture().mean() > 0.5) == bright
+def test_page_follows_the_system_in_dark_and_light(show: Show, scheme: str, bright: bool) -> None:
+    page, _ = show(scene(), color_scheme=scheme)
+    page.until("cogrip.stats !== null")
+    assert (page.picture().mean() > 0.5) == bright
 
 
-def test_phone_shows_picture_controls_and_plots(open_page: Open) -> None:
-    with serving(PageServer(to_json(scene()))) as server:
-        page = shown(open_page, server, width=390, height=844, has_touch=True)
-        server.send(encode(frame(1)))
-        page.until_drawn(1)
-        assert page.state("document.documentElement.scrollWidth") <= 390
-        for selector in ("#canvas", "[data-view=iso]", "#theme", "#people article", "#plots figure:last-child canvas"):
-            box = page.tab.locator(selector).first.bounding_box()
-            assert box["x"] >= 0
-            assert box["x"] + box["width"] <= 390
-            assert box["height"] >= 20
-        before = page.state("cogrip.project([0.05, 0, 0])")
-        page.tab.mouse.move(300, 300)
-        page.tab.mouse.down()
-        page.tab.mouse.move(340, 320)
-        page.tab.mouse.up()
-        assert page.state("cogrip.project([0.05, 0, 0])") != before
+def test_phone_shows_picture_controls_and_plots(show: Show) -> None:
+    page, server = show(scene(), width=390, height=844, has_touch=True)
+    server.send(encode(frame(1)))
+    page.until_drawn(1)
+    assert page.state("document.documentElement.scrollWidth") <= 390
+    for selector in ("#canvas", "[data-view=iso]", "#theme", "#people article", "#plots figure:last-child canvas"):
+        box = page.tab.locator(selector).first.bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 390
+        assert box["height"] >= 20
+    before = page.state("cogrip.project([0.05, 0, 0])")
+    page.tab.mouse.move(300, 300)
+    page.tab.mouse.down()
+    page.tab.mouse.move(340, 320)
+    page.tab.mouse.up()
+    assert page.state("cogrip.project([0.05, 0, 0])") != before
 
 
 def test_plots_have_a_line_for_each_person_and_end_at_the_newest_frame(opened: tuple[BrowserPage, PageServer]) -> None:
