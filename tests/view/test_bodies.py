@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from math import cos, isnan, nan, sin
 from pathlib import Path
@@ -27,8 +26,7 @@ from cogrip.view.scene import WORKSPACE_M, Scene, to_json, turn_of, workspace_of
 
 from tests.extent import long
 from tests.recording_files import rewrite
-from tests.view.browser_page import BrowserPage
-from tests.view.page_server import PageServer, serving
+from tests.view.browser_page import BrowserPage, Open, Show
 from tests.view.pictured import frame, moving, scene
 from tests.view.test_live_scene import Watched
 
@@ -70,32 +68,23 @@ def test_camera_takes_in_all_bodies_but_nothing_below_the_floor() -> None:
     assert turn_of((BOX,), ((nan,) * 7,)) == turn_of((), ()) == (1.0, 0.0, 0.0, 0.0)
 
 
-def lifting(seconds: float) -> dict[str, Any]:
-    """Return the settings of `lift.toml` as tables."""
-    settings = load(Path("lift"), [f"seconds={seconds}"])
-    tables: dict[str, Any] = msgspec.to_builtins(settings)
-    return tables
-
-
 @pytest.mark.long
 def test_a_live_scene_is_drawn_of_its_bodies() -> None:
     places: dict[int, Any] = {}
-    watched = Watched(**lifting(3.0)).run(
+    settings = msgspec.to_builtins(load(Path("lift"), ["seconds=3"]))
+    watched = Watched(**settings).run(
         lambda lab: places.update({lab.room.steps: lab.room.world.poses_of_bodies().copy()})
     )
     live, world = watched.live, watched.lab.room.world
     assert live is not None
     assert live.scene.geoms == tuple(world.geoms())
-    assert [person.anchor_m for person in live.scene.people] == [
-        pytest.approx((-world.offset[seat]).tolist()) for seat in (0, 1)
-    ]
+    anchors = [pytest.approx((-world.offset[seat]).tolist()) for seat in (0, 1)]
+    assert [person.anchor_m for person in live.scene.people] == anchors
     views = [message for message in watched.messages if isinstance(message, View)]
     with_bodies = [each for each in watched.frames if each.bodies]
     assert len(views) - len(with_bodies) <= 32, "known within half a second"
-    for each in with_bodies:
-        assert np.array(each.bodies) == pytest.approx(places[each.number], abs=1e-7), (
-            "the poses of a view come before it"
-        )
+    for each in with_bodies:  # the poses of a view come before it
+        assert np.array(each.bodies) == pytest.approx(places[each.number], abs=1e-7)
     assert with_bodies[-1].orientation == with_bodies[-1].bodies[0][3:]
 
 
@@ -133,16 +122,10 @@ def is_red(colour: np.ndarray) -> bool:
     return bool(red > 1.5 * green and red > 1.5 * blue)
 
 
-Open = Callable[..., BrowserPage]
-
-
 def test_page_draws_a_body_where_it_has_moved_and_turned_to(show: Show) -> None:
     bare = replace(frame(1), people=())
-    poses: list[Pose] = [
-        HERE,
-        (0.05, -0.03, 0.02, cos(TURN), 0.0, 0.0, sin(TURN)),
-        (-0.06, 0.02, 0.0, 1.0, 0.0, 0.0, 0.0),
-    ]
+    turned: Pose = (0.05, -0.03, 0.02, cos(TURN), 0.0, 0.0, sin(TURN))
+    poses: list[Pose] = [HERE, turned, (-0.06, 0.02, 0.0, 1.0, 0.0, 0.0, 0.0)]
     page, server = show(drawn_of((BOX, FLOOR)))
     page.tab.keyboard.press("3")  # from above
     for number, pose in enumerate(poses):
@@ -267,9 +250,7 @@ def test_a_recorded_scene_as_one_file(open_page: Open, lift_run: Path, tmp_path:
     page.until("cogrip.frame !== null")
     page.state(f"cogrip.seek({wanted.time_s})")
     read = page.until_drawn(wanted.number)
-    assert [[*each["position_m"], *each["orientation"]] for each in read["bodies"]] == [
-        list(each) for each in wanted.bodies
-    ]
+    assert [(*each["position_m"], *each["orientation"]) for each in read["bodies"]] == [*map(tuple, wanted.bodies)]
     assert [each["visible"] for each in read["drawn"]["bodies"]] == [True] * 3
     assert not any(isnan(value) for each in wanted.bodies for value in each)
 
@@ -290,16 +271,11 @@ def test_a_recording_with_impossible_bodies_is_told_or_shown_without_them(lift_r
         return folder
 
     shape = {"kind": "box", "size_m": [1, 1, 1], "body": 0, "place_m": [0, 0, 0], "orientation": [1, 0, 0, 0]}
-    for wrong in (
-        {"body": 10**9},
-        {"size_m": [1]},
-        {"kind": "cloud"},
-        {"triangles": "AAAA"},
-        {"kind": "mesh", "triangles": "AAAA"},
-        {"orientation": [1]},
-        {"rgba": [1, 1]},
-        {"place_m": None},
-    ):
+    impossible: list[dict[str, Any]] = [
+        {"body": 10**9}, {"size_m": [1]}, {"kind": "cloud"}, {"triangles": "AAAA"}, {"kind": "mesh", "triangles": "AAAA"},
+        {"orientation": [1]}, {"rgba": [1, 1]}, {"place_m": None},
+    ]  # fmt: skip
+    for wrong in impossible:
         geoms = json.dumps({"shapes": [{**shape, **wrong}], "offsets_m": []}).encode()
         with pytest.raises(ViewError, match="does not say what it should"):
             open_view(spoil("geoms", geoms))
