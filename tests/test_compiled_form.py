@@ -34,7 +34,8 @@ def test_every_type_file_stands_beside_its_module() -> None:
     names = {name for name, source in found if source.suffix == ".py"}  # others are there only compiled
     assert set(compiled_modules()) == {name for name, _ in found}
     for name in names:
-        assert importlib.import_module(name).__name__ == name
+        module = importlib.import_module(name)
+        assert compiled_modules()[name] is not str(module.__file__).endswith(".py"), "of the form that is said"
 
 
 def test_the_form_is_that_of_every_module(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -49,12 +50,6 @@ def test_the_form_is_that_of_every_module(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert form() == "partly compiled: 1 of 2 modules"
     (folder / f"clock{compiling.SUFFIX}").touch()
     assert form() == "compiled"
-
-
-def test_an_imported_module_is_of_the_form_that_is_said() -> None:
-    for name, is_compiled in compiled_modules().items():
-        if name in sys.modules:
-            assert is_compiled is not str(sys.modules[name].__file__).endswith(".py")
 
 
 def test_what_is_compiled_of_older_sources_is_stale(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -27,13 +27,10 @@ def test_more_than_a_device_carries_is_refused_with_what_would_do(cogrip: Cogrip
     assert "set users.1.impedance_nspm to 25.6 or less" in own
 
 
-def test_what_is_said_to_do_does(cogrip: Cogrip) -> None:
+def test_what_is_said_to_do_does_and_more_is_run_where_that_is_allowed(cogrip: Cogrip) -> None:
     out, err = cogrip.texts("lab demo --set coupling.impedance_nspm=25.6 --set seconds=1 --json -")
     assert "warning" not in err
     assert json.loads(out)["passive"]
-
-
-def test_it_is_run_where_that_is_allowed_and_said_all_the_same(cogrip: Cogrip) -> None:
     code, out, err = cogrip(f"lab demo {STIFF_ARM} --allow-unstable --set seconds=0.5 --json -")
     assert code in (0, 1)
     assert f"warning: {WORDS}" in err

@@ -241,15 +241,15 @@ def test_no_summary_is_too_strange_to_be_listed(tmp_path_factory, summary):
     assert run.tone in ("warn", "bad")
 
 
-def test_the_report_of_one_run_is_written_anew(runs, cogrip):
+def test_the_report_of_one_run_is_written_anew_and_several_are_compared_on_one_page(
+    runs, tmp_path, empty_folder, cogrip
+):
     report = runs / FIRST / "report.html"
     report.write_text("old")
     assert f"report: {report}" in cogrip.out("report", runs / FIRST)
     assert "Passive" in report.read_text(encoding="utf-8")
     assert (runs / FIRST / "plots" / "positions.png").exists()
-
-
-def test_several_runs_are_compared_on_one_page(runs, tmp_path, empty_folder, cogrip):
+    report.unlink()
     for more in ((), (runs / SPRING,)):  # an earlier comparison is replaced
         out = cogrip.out("report", runs / FIRST, runs / SOFT, *more)
     assert "report: comparison.html" in out
@@ -257,7 +257,7 @@ def test_several_runs_are_compared_on_one_page(runs, tmp_path, empty_folder, cog
     page = (tmp_path / "comparison.html").read_text(encoding="utf-8")
     assert "3 runs compared" in page
     assert all(name in page for name in (FIRST, SOFT, SPRING))
-    assert not (runs / FIRST / "report.html").exists()
+    assert not report.exists()
 
 
 def test_export_writes_tables_beside_the_recordings_or_elsewhere(runs, tmp_path, cogrip):

@@ -26,21 +26,15 @@ def room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder / "room.toml"
 
 
-def test_a_scene_is_beside_its_settings(room: Path) -> None:
+def test_a_scene_is_beside_its_settings_on_the_command_line_in_this_folder_or_comes_with_cogrip(room: Path) -> None:
     assert load(Path("room/room.toml")).object.file == str(room.with_name("mine.xml"))
-
-
-def test_else_it_is_the_one_that_comes_with_cogrip(room: Path) -> None:
+    Path("other.xml").write_text(SCENE)
+    assert load(room, ["object.file=other.xml"]).object.file == str(Path("other.xml").absolute())
+    assert load(room, ["object.file=pile.xml"]).object.file == str(shipped_scene("pile.xml"))
     room.write_text(SETTINGS.format(file="lift.xml"))
     assert load(room).object.file == str(shipped_scene("lift.xml"))
     room.with_name("lift.xml").write_text(SCENE)
     assert load(room).object.file == str(room.with_name("lift.xml"))
-
-
-def test_a_scene_on_the_command_line_is_in_this_folder(room: Path, tmp_path: Path) -> None:
-    (tmp_path / "other.xml").write_text(SCENE)
-    assert load(room, ["object.file=other.xml"]).object.file == str(tmp_path / "other.xml")
-    assert load(room, ["object.file=pile.xml"]).object.file == str(shipped_scene("pile.xml"))
 
 
 @pytest.mark.parametrize(

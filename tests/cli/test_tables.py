@@ -342,7 +342,9 @@ def test_methods(width: int) -> None:
 # --- lines ------------------------------------------------------------------------------------------------------------
 
 
-def test_long_lines_break_between_words_below_a_hanging_indent(width: int) -> None:
+def test_long_lines_break_between_words_below_a_hanging_indent_but_not_in_a_file(
+    width: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     console, words = Console(width=width), "warning: " + "a felt-stiffness of 1438 N/m " * 12
     first, *further = wrapped(words, console).splitlines()
     assert all(len(line) <= width for line in (first, *further))
@@ -350,12 +352,9 @@ def test_long_lines_break_between_words_below_a_hanging_indent(width: int) -> No
     assert " ".join([first, *(line.strip() for line in further)]).split() == words.split()
     path = "/a/path/" + "x" * 200
     assert path in wrapped(f"report: {path}", console), "what is copied stays whole"
-
-
-def test_lines_for_a_file_stay_whole(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.delenv("COLUMNS", raising=False)
+    monkeypatch.delenv("COLUMNS")
     with (tmp_path / "file").open("w") as file:
-        say(Console(file=file), "word " * 100 + "end")
+        say(Console(file=file), words)
     assert len((tmp_path / "file").read_text().splitlines()) == 1
 
 
