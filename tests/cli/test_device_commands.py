@@ -238,6 +238,7 @@ BAD = {
 }
 MISSING = {
     "calibrate hid:polhem?variant=mbed8 --damping --yes": "gives no force, so nothing can be identified",
+    f"check serial:{GONE} --yes": "look for its name with `cogrip devices find`",
     f"conform serial:{GONE}": "look for its name with `cogrip devices find`",
     "calibrate serial:/dev/null --yes": "serial:/dev/null: cannot be opened",
     "list --json nosuch/list.json": "--json nosuch/list.json: cannot be written",
