@@ -42,7 +42,7 @@ PRELOADED = (
 """Not what draws a report: every process locks its memory, and would copy that too."""
 begun: list[str] = []
 """Commands that were begun here until now."""
-_LENGTH = struct.Struct("=I")
+_LONGEST = 200_000  # bytes of a request, environment and all
 _COMM = 15  # characters of a process's name
 _MESSAGE = struct.Struct("=ii")  # the process id, then the exit code as `subprocess` has it
 
@@ -162,7 +162,7 @@ class _Parent:
     """The process that all commands of this one are forked from."""
 
     def __init__(self) -> None:
-        self._socket, theirs = socket.socketpair()
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-u", __file__, str(theirs.fileno())], pass_fds=(theirs.fileno(),),
@@ -171,9 +171,7 @@ class _Parent:
         atexit.register(self.end)
 
     def begin(self, request: Mapping[str, Any], descriptors: Sequence[int]) -> None:
-        words = json.dumps(request).encode()
-        socket.send_fds(self._socket, [_LENGTH.pack(len(words))], list(descriptors))
-        self._socket.sendall(words)
+        socket.send_fds(self._socket, [json.dumps(request).encode()], list(descriptors))
 
     def end(self) -> None:
         self._socket.close()
@@ -202,12 +200,12 @@ def _forked(requests: socket.socket) -> dict[str, Any] | None:
             woken.recv(4096)
             _tell_ends(told)
         if requests in ready:
-            head, descriptors, _, _ = socket.recv_fds(requests, _LENGTH.size, 4)
-            if not head:
+            words, descriptors, _, _ = socket.recv_fds(requests, _LONGEST, 4)
+            if not words:
                 return None
-            request = _received(requests, _LENGTH.unpack(head)[0])
             pid = os.fork()
             if not pid:
+                request = json.loads(words)
                 signal.set_wakeup_fd(-1)
                 for each in (requests, woken, wake):
                     each.close()
@@ -217,13 +215,6 @@ def _forked(requests: socket.socket) -> dict[str, Any] | None:
             for each in descriptors:
                 os.close(each)
             os.write(told[pid], _MESSAGE.pack(pid, 0))
-
-
-def _received(requests: socket.socket, length: int) -> dict[str, Any]:
-    words = b""
-    while len(words) < length:
-        words += requests.recv(length - len(words))
-    return json.loads(words)
 
 
 def _tell_ends(told: dict[int, int]) -> None:

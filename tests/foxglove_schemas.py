@@ -26,19 +26,12 @@ _ENTITY = {
     "cylinders": [{**_SIZED, "bottom_scale": float, "top_scale": float}],
     "lines": [_LINE], "triangles": [_TRIANGLES], "texts": [_TEXT], "models": [{}],
 }  # fmt: skip
+_TRANSFORM = {
+    "timestamp": _TIME, "parent_frame_id": str, "child_frame_id": str, "translation": _XYZ, "rotation": {**_XYZ, "w": float},
+}  # fmt: skip
 PUBLISHED: dict[str, Any] = {
     "foxglove.SceneUpdate": {"deletions": [{"timestamp": _TIME, "type": int, "id": str}], "entities": [_ENTITY]},
-    "foxglove.FrameTransforms": {
-        "transforms": [
-            {
-                "timestamp": _TIME,
-                "parent_frame_id": str,
-                "child_frame_id": str,
-                "translation": _XYZ,
-                "rotation": {**_XYZ, "w": float},
-            }
-        ]
-    },
+    "foxglove.FrameTransforms": {"transforms": [_TRANSFORM]},
 }
 """Every field is required; a list holds the type of its items."""
 _JSON_NAMES = {float: "number", int: "integer", str: "string", bool: "boolean"}

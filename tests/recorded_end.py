@@ -50,9 +50,7 @@ class RecordedEnd:
 
     def verdict(self, noted: Sequence[Put] | None = None, closed: bool = True) -> Verdict:
         """Write `noted` (else all that was noted) to a file, and verify that."""
-        header = Header(
-            self.role, self.who, self.core.start, self.rate_hz, 1, 5, True, versions_here(), self.topics
-        )  # fmt: skip
+        header = Header(self.role, self.who, self.core.start, self.rate_hz, 1, 5, True, versions_here(), self.topics)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / self.file
             with written(path, header, closed) as writer:
@@ -138,10 +136,8 @@ def well_formed(session: int, number: int, row: Row, value: float) -> dict[str, 
         "heartbeat": Heartbeat(session, stamp),
         "state": State(session, number, row, row, value, 0, stamp),
         "power": Power(session, number, row, row, row, (1e15,) * len(row), (0.0,) * len(row), value, 0, stamp),
-        "hostile": Waves(
-            session, number, largest, total, (1e15,) * len(row), 0.0, 0.0, number, stamp, row + row
-        ),
-    }  # fmt: skip
+        "hostile": Waves(session, number, largest, total, (1e15,) * len(row), 0.0, 0.0, number, stamp, row + row),
+    }
     return {kind: messages.encode(message) for kind, message in made.items()}
 
 
@@ -152,9 +148,7 @@ def next_frame(line: LineSender, session: int, row: Row, stamp: Stamp, kind: str
     place = tuple(each * 0.01 for each in row)
     if kind == "tdpa":
         power = tuple(each * each for each in row)
-        return messages.encode(
-            Power(session, line.next_number - 1, place, place, row, power, power, 0.0, 0, stamp)
-        )  # fmt: skip
+        return messages.encode(Power(session, line.next_number - 1, place, place, row, power, power, 0.0, 0, stamp))
     if kind == "coupling":
         return messages.encode(State(session, line.next_number - 1, place, place, 0.0, 0, stamp))
     return messages.encode(Waves(session, first, waves, total, squares, 0.0, 0.0, 0, stamp, place + place))

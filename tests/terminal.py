@@ -47,13 +47,11 @@ class Screen:
     def feed(self, text: str) -> None:
         at = 0
         while at < len(text):
-            found = _CONTROL.match(text, at)
-            if found:
+            if found := _CONTROL.match(text, at):
                 self._control(found[1], found[2])
-                at = found.end()
-                continue
-            self._put(text[at])
-            at += 1
+            else:
+                self._put(text[at])
+            at = found.end() if found else at + 1
 
     def _control(self, numbers: str, letter: str) -> None:
         if letter == "A":
@@ -78,7 +76,7 @@ class Screen:
 
     def _down(self) -> None:
         self.row += 1
-        while len(self.lines) <= self.row:
+        if self.row == len(self.lines):
             self.lines.append("")
 
     @property
@@ -110,10 +108,7 @@ class Terminal:
         until_s = time.monotonic() + LIMIT_S
         while not fits(self.screen.text):
             assert time.monotonic() < until_s, f"never showed {wanted!r}, but:\n{self.screen.text}"
-            if select.select([self._ours], [], [], 0.2)[0]:
-                self._take()
-            else:
-                assert self.process.poll() is None, f"ended without {wanted!r}:\n{self.screen.text}"
+            assert self._take(0.2) or self.process.poll() is None, f"ended without {wanted!r}:\n{self.screen.text}"
         return self.screen.text
 
     def settle(self, good: Callable[[], bool]) -> None:
@@ -121,13 +116,16 @@ class Terminal:
         until_s = time.monotonic() + LIMIT_S
         while not good():
             assert time.monotonic() < until_s, self.screen.text
-            if select.select([self._ours], [], [], 0.05)[0]:
-                self._take()
+            self._take(0.05)
 
-    def _take(self) -> None:
+    def _take(self, limit_s: float) -> bool:
+        """Take what is written by then; return whether anything was."""
+        if not select.select([self._ours], [], [], limit_s)[0]:
+            return False
         text = os.read(self._ours, 1 << 16).decode("utf-8", "replace")
         self.written += text
         self.screen.feed(text)
+        return True
 
     def kill(self) -> None:
         """End the command at once, not its shell."""
@@ -142,13 +140,9 @@ class Terminal:
 
     def end(self) -> int:
         """Wait for the exit code, taking all that is still written."""
-        until_s = time.monotonic() + LIMIT_S
-        while self.process.poll() is None:
-            assert time.monotonic() < until_s, f"did not end, but shows:\n{self.screen.text}"
-            if select.select([self._ours], [], [], 0.05)[0]:
-                self._take()
-        while select.select([self._ours], [], [], 0.0)[0]:
-            self._take()
+        self.settle(lambda: self.process.poll() is not None)
+        while self._take(0.0):
+            pass
         return self.process.returncode
 
     def close(self) -> None:

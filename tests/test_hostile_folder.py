@@ -25,6 +25,7 @@ HOSTILE = (
 SCRIPT = "import sys\nfrom cogrip.cli.main import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
 NO_PLOTS = "from cogrip.sim.runs.report import page\npage.draw_plots = lambda run: []\n"
 ONE_PLOT = "from cogrip.sim.runs.plots import registry\nregistry.PLOTS = registry.PLOTS[:1]\n"
+AT_ONCE = "import os, cogrip.cli.runs.replay as at\nat.WORTH_WORKERS_BYTES, os.cpu_count = 0, lambda: 2\n"
 GUARD = """
 import os, pty, tty
 from cogrip.devices.haply.family import goodbye
@@ -101,10 +102,7 @@ def test_workers_of_a_replay_of_several(folder: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     run.mkdir()
     run_laboratory(replace(load(shipped("demo")), seconds=0.3), run)
-    at_once = (
-        "import os, cogrip.cli.runs.replay\ncogrip.cli.runs.replay.WORTH_WORKERS_BYTES, os.cpu_count = 0, lambda: 2\n"
-    )
-    assert "bit for bit" in ran_in(folder, "replay", run, "--verify", code=at_once + SCRIPT)
+    assert "bit for bit" in ran_in(folder, "replay", run, "--verify", code=AT_ONCE + SCRIPT)
 
 
 @pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="needs Linux: pseudo-terminals and pidfd")
@@ -113,24 +111,20 @@ def test_the_guard_of_a_haply(folder: Path) -> None:
 
 
 def test_the_command_line_as_a_module(folder: Path) -> None:
-    (
-        folder / "cogrip.py"
-    ).unlink()  # `python -m` looks the package up there itself; what it then imports is ours to say
+    # `python -m` looks the package up there itself; what it then imports is ours to say
+    (folder / "cogrip.py").unlink()
     ran_in(folder, "--version", module="cogrip.cli")
 
 
 def test_every_process_of_python_that_is_started_is_kept_from_its_folder() -> None:
     """`sys.executable` stands first in a command, and -P second."""
     found = []
-    for path in [each for folder in (*FOLDERS, "tests/bench") for each in (ROOT / folder).rglob("*.py")] + [
-        ROOT / "dev.py"
-    ]:
+    paths = [each for folder in (*FOLDERS, "tests/bench") for each in (ROOT / folder).rglob("*.py")]
+    for path in (*paths, ROOT / "dev.py"):
         text = path.read_text(encoding="utf-8")
         for node in ast.walk(ast.parse(text)) if "sys.executable" in text else ():
-            parts = (
-                node.elts if isinstance(node, ast.List | ast.Tuple) else node.args if isinstance(node, ast.Call) else []
-            )
-            if len(parts) > 1 and ast.unparse(parts[0]) == "sys.executable":
+            parts = getattr(node, "elts", []) or getattr(node, "args", [])
+            if isinstance(parts, list) and len(parts) > 1 and ast.unparse(parts[0]) == "sys.executable":
                 found.append((path.relative_to(ROOT).as_posix(), ast.unparse(parts[1])))
     assert len(found) >= 10
     assert [place for place in found if place[1] != "'-P'"] == []

@@ -23,19 +23,10 @@ QUESTION_TEXTS = re.compile(rf"""["'][\s\\]*{QUESTION_WORDS.pattern}""")
 
 # Hosts that serve packages. A file that names one ties every user to it. Joined here, so that this file names none.
 PACKAGE_HOSTS = [
-    ".".join(parts)
-    for parts in (
-        ("pypi", "org"),
-        ("pythonhosted", "org"),
-        ("npmjs", "org"),
-        ("npmjs", "com"),
-        ("yarnpkg", "com"),
-        ("deb", "debian", "org"),
-        ("proxy", "golang", "org"),
-        ("crates", "io"),
-        ("conda", "anaconda", "org"),
-    )
-]
+    parts.replace(" ", ".")
+    for parts in ("pypi org", "pythonhosted org", "npmjs org", "npmjs com", "yarnpkg com", "deb debian org",
+                  "proxy golang org", "crates io", "conda anaconda org")
+]  # fmt: skip
 
 
 @cache

@@ -7,12 +7,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console, RenderableType
+
+
+def printed(what: RenderableType, width: int) -> str:
+    """Return what a console of some width shows, without colours."""
+    console = Console(width=width, color_system=None)
+    with console.capture() as captured:
+        console.print(what)
+    return captured.get()
 
 
 class Cogrip:
     """Run one command, and return exit code, standard output and standard error.
 
-    A single text is split as a shell splits it. before, after: words of every command.
+    The first text is split as a shell splits it. before, after: words of every command.
     """
 
     def __init__(
@@ -23,8 +32,8 @@ class Cogrip:
 
     def __call__(self, *arguments: object) -> tuple[int, str, str]:
         self._capsys.readouterr()
-        if len(arguments) == 1 and isinstance(arguments[0], str):
-            arguments = tuple(shlex.split(arguments[0])) or arguments
+        for first in arguments[:1]:
+            arguments = (*(shlex.split(str(first)) or [first]), *arguments[1:])
         code = self._main([str(argument) for argument in (*self._before, *arguments, *self._after)])
         captured = self._capsys.readouterr()
         assert "Traceback" not in captured.err

@@ -5,14 +5,11 @@ import multiprocessing
 import re
 import signal
 from dataclasses import replace
-from io import StringIO
 from typing import Any
 
 import pytest
-from rich.console import Console
 
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.protocol.io.stop import Stop
 from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.worker_pool import LocalWorkers
 
@@ -25,16 +22,13 @@ from tests.bench.impaired_network.matrix import LooseRow, Matrix, rows, wrong
 from tests.bench.impaired_network.matrix import Row as SessionRow
 from tests.bench.playout_trial import TICKS, Arrivals, NothingCameError, fixed_delays
 from tests.bench.targets import refuse_own
-from tests.cli.command import Cogrip
+from tests.cli.command import Cogrip, printed
 
 TRIAL = Trial("", 10.0, 1.0, 10.0, 1.0, 0.0, 0.0, 0.5, 60, ((0.0,),), 0.0, "")
 REFUSED = {
     "impaired": [
         ("--set link.loss=0", "--set link.loss=0: bench impaired sets link itself in each session; give --profiles"),
-        ("--set link.up.delay_ms=1", "sets link itself"),
-        ("--set users.0.device=sim:ideal", "give --people"),
         ('--set coupling={kind="tdpa"}', "sets coupling.kind itself"),
-        ("--set coupling.server_step=paper", "`cogrip compare` has the paper's"),
         ("--set playout.redundancy=0", "--set: playout.redundancy: expects a whole number of at least 1"),
         ("--seeds 1000000000", "--seeds 1000000000: at least one seed and at most 10000"),
         ("--loose-seeds -1", "--loose-seeds -1: from 0"),
@@ -58,12 +52,12 @@ REFUSED = {
         ("--seeds 1 --seconds 1 --network-hz 1 --profile wifi", "wifi up: nothing was played out"),
     ],
     "concealment": [
-        ("--set playout.concealment=zero", "there is a row of each"),
         ("--set users.1.hand=hold", "sets users itself"),
         ("--minutes nan", "--minutes nan: from 0.1"),
         ("--minutes 0.09", "--minutes 0.09: from 0.1"),
         ("--people 0", "--people 0: at least 1"),
     ],
+    "devices": [(f"--seconds {each}", f"--seconds {each} is outside 3 to 3600") for each in ("2.9", "3601", "nan")],
 }
 
 
@@ -174,33 +168,18 @@ def test_concealment_ends_on_a_signal_with_one_line_and_no_workers(
     assert signal.getsignal(number) is before
 
 
-def concealed(bench: Cogrip, monkeypatch: pytest.MonkeyPatch, peak_n: float) -> tuple[int, str]:
-    """Exit code and text for rows of which the best has this peak; zero-fill's is 10 N."""
-    found = {name: replace(TRIAL, name=name) for name in ROWS}
-    found["elastic"] = replace(found["elastic"], peak_n=peak_n, law_peak_n=1.0, step_n=0.1, law_step_n=0.1)
-
-    def run(setup: Any, stop: Stop) -> dict[str, Trial]:
-        return found
-
-    monkeypatch.setattr(concealment, "_run", run)
-    code, out, _ = bench("concealment", "--minutes", 1)
-    return code, " ".join(out.split())
-
-
 def test_concealment_says_what_is_compared(bench: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
-    code, told = concealed(bench, monkeypatch, 7.5)
-    assert code == 0
-    assert "elastic: of all concealments the lowest in both peaks and both steps" in told
-    code, told = concealed(bench, monkeypatch, 7.6)
-    assert code == 1
-    assert "above 0.75 of zero-fill's 10.00 N; 0.75 is asked of 10 minutes: give --minutes 10" in told
-
-
-def test_a_full_run_that_misses_is_not_told_to_be_longer() -> None:
+    """Zero-fill's peak is 10 N. Only a shorter run than a full one is told to be longer."""
     found = {name: replace(TRIAL, name=name) for name in ROWS}
-    (full, short) = (shortfalls(found, seconds)[0] for seconds in (FULL_S, FULL_S - 1.0))
-    assert full.endswith(f"above {MOST_PEAK:g} of zero-fill's 10.00 N")
-    assert "give --minutes 10" in short
+    found["elastic"] = replace(found["elastic"], peak_n=7.5, law_peak_n=1.0, step_n=0.1, law_step_n=0.1)
+    monkeypatch.setattr(concealment, "_run", lambda setup, stop: found)
+    told = " ".join(bench.out("concealment", "--minutes", 1).split())
+    assert "elastic: of all concealments the lowest in both peaks and both steps" in told
+    found["elastic"] = replace(found["elastic"], peak_n=7.6)
+    told = " ".join(bench.out("concealment", "--minutes", 1, code=1).split())
+    assert "above 0.75 of zero-fill's 10.00 N; 0.75 is asked of 10 minutes: give --minutes 10" in told
+    assert shortfalls(found, FULL_S)[0].endswith(f"above {MOST_PEAK:g} of zero-fill's 10.00 N")
+    assert "give --minutes 10" in shortfalls(found, FULL_S - 1.0)[0]
 
 
 def test_a_row_that_diverged_has_the_drifts_before() -> None:
@@ -208,13 +187,6 @@ def test_a_row_that_diverged_has_the_drifts_before() -> None:
     assert drifts_mm(replace(TRIAL, gaps_m=((0.001,),), diverged="anna: gone"), whole) == [1.0]
     with pytest.raises(ValueError, match="longer"):
         drifts_mm(replace(TRIAL, gaps_m=((0.001,),)), whole)
-
-
-def printed(table: Any) -> list[str]:
-    console = Console(width=80, file=StringIO(), force_terminal=False)
-    console.print(table)
-    assert isinstance(console.file, StringIO)
-    return console.file.getvalue().splitlines()
 
 
 def test_tables_fit_eighty_columns_with_the_widest_that_networks_make() -> None:
@@ -231,6 +203,6 @@ def test_tables_fit_eighty_columns_with_the_widest_that_networks_make() -> None:
         (impaired._session_table([storm], 3.0), 1),
         (impaired._loose_table([loose]), 1),
     ):
-        lines = printed(table)
-        assert sum("satellite" in line for line in lines) == rows_below
-        assert "…" not in "".join(lines)
+        text = printed(table, 80)
+        assert sum("satellite" in line for line in text.splitlines()) == rows_below
+        assert "…" not in text

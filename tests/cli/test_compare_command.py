@@ -64,22 +64,3 @@ def test_ours_has_to_hold(config: Path, cogrip: Cogrip) -> None:
     command = ["compare", config, "--methods", "wave", "--profiles", "clean", "--seeds", "1", "--workers", "1", *pushes]
     command += ["--set", "users.0.device=sim:ideal", "--set", "users.1.device=sim:ideal"]
     assert "diverged 1/1 at" in cogrip.out(*command, code=1)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--methods", "wave,copling"], "there is no method 'copling'; did you mean coupling?"),
-        (["--profiles", "wify"], "there is no profile 'wify'; did you mean wifi?"),
-        (["--profiles", ","], "no profile is named; there are: lan, wifi"),
-        (["--seeds", "0"], "at least 1"),
-        (["--workers", "0"], "--workers 0 must be at least 1"),
-        (["--set", "seconds=1"], "too short"),
-        (["--set", "users.0.device=emulated:vintage"], "has to be a simulated device"),
-        (["--set", "users.0.device=haply:/dev/ttyACM0"], "haply"),
-        (["--hands", "csv:none.csv&time=t&x=x"], "none.csv"),
-        (["--out", "pair.toml", "--methods", "wave", "--profiles", "lan"], "is no comparison's folder"),
-    ],
-)
-def test_bad_input_is_named_and_leaves_nothing(config: Path, cogrip: Cogrip, arguments: list[str], words: str) -> None:
-    cogrip.refuses(words, "compare", config, *arguments)

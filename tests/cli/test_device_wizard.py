@@ -4,8 +4,9 @@ import io
 import os
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,6 +19,7 @@ from cogrip.devices.trial import Felt
 
 REACH = "emulated:vintage?hand=reach&amplitude_m=0.04"
 ON = ""
+LET_GO = Felt(200.0, 0.0, 0.0, 0.0, "no samples")
 
 
 @pytest.fixture
@@ -79,7 +81,7 @@ def test_signs_that_are_right_and_axes_that_nobody_moves(answering) -> None:
         (Felt(200.0, 221.0, 0.004, 0.8), "not as it should be: the stiffness"),
         (Felt(200.0, 179.0, 0.004, 0.8), "not as it should be: the stiffness"),
         (Felt(200.0, 0.0, 0.001, 0.2), "it was moved by 1.0 mm only: nothing can be said"),
-        (Felt(200.0, 0.0, 0.0, 0.0, "no samples"), "not as it should be: the spring let go: no samples"),
+        (LET_GO, "not as it should be: the spring let go: no samples"),
     ],
 )
 def test_a_stiffness_that_is_another_one_is_told(answering, monkeypatch, felt: Felt, words: str) -> None:
@@ -95,45 +97,31 @@ def test_an_input_only_device_is_not_pushed(answering) -> None:
     assert "input only: no force reaches the hand; it moves a simulated mass" in out
     assert "6 of 7  felt stiffness\nleft out: no force reaches the hand" in out
     assert "its handle has 32 buttons" in out
+    assert "its handle has 1 button, orientation" in answering(arguments=("emulated:polhem-hid",))[1]
 
 
 @pytest.mark.parametrize(
-    ("answers", "flags", "code", "absent", "words"),
+    ("answers", "flags", "held", "words"),
     [
-        ((ON,), (), 1, "4 of 7", "stopped before the trials, and nothing was written: mend what the check names"),
-        (
-            (ON, "s", "s", ON),
-            ("--unfit",),
-            1,
-            "stopped",
-            "not as it should be: the check; the spring let go: no samples",
-        ),
-        (("s", "s", "s", ON), (), 1, "stopped", "not as it should be: the spring let go: no samples"),
+        ((ON,), (), False, "stopped before the trials, and nothing was written: mend what the check names"),
+        ((ON, "s", "s", ON), ("--unfit",), True, "not as it should be: the check; the spring let go: no samples"),
+        (("s", "s", "s", ON), (), True, "not as it should be: the spring let go: no samples"),
     ],
 )
 def test_an_arm_that_is_not_fit_to_be_held_is_not_held(
-    answering, monkeypatch, tmp_path: Path, answers, flags, code, absent, words
+    answering, monkeypatch, tmp_path: Path, answers, flags, held, words
 ) -> None:
     """The arm answers as an emulated one; its check fails."""
     felt: list[str] = []
     monkeypatch.setattr(wizard, "record_of", lambda *_: make(REACH, axes=3).capability)
     monkeypatch.setattr(wizard, "device_check", lambda *_, **__: 1)
-    monkeypatch.setattr(
-        wizard._Wizard,
-        "_held",
-        lambda _, address, run: felt.append(address) or Felt(200.0, 0.0, 0.0, 0.0, "no samples"),
-    )
+    monkeypatch.setattr(wizard._Wizard, "_held", lambda _, address, run: felt.append(address) or LET_GO)
     file = tmp_path / "mine.toml"
-    arguments = ("serial:/dev/cogrip-nosuch", "--settings", file, *flags)
-    found, out, _ = answering(*answers, arguments=arguments)
-    assert found == code
+    code, out, _ = answering(*answers, arguments=("serial:/dev/cogrip-nosuch", "--settings", file, *flags))
+    assert code == 1
     assert words in out
-    assert absent not in out
-    assert (bool(felt), file.exists()) == (absent == "stopped",) * 2
-
-
-def test_one_button_is_one(answering) -> None:
-    assert "its handle has 1 button, orientation" in answering(arguments=("emulated:polhem-hid",))[1]
+    assert ("4 of 7" in out, "stopped" in out) == (held, not held)
+    assert (bool(felt), file.exists()) == (held, held)
 
 
 def test_one_is_chosen_from_what_is_plugged_in(answering, monkeypatch) -> None:
@@ -183,17 +171,13 @@ kind = "cube"
 """
 
 
-def test_a_device_is_replaced_and_all_else_stays() -> None:
-    new, who = placed(TEXT, "", "serial:/dev/x?dir=1,-1,1", "f")
-    assert who == "anna"
-    assert new == TEXT.replace('device = "sim:ideal"  # the old one', 'device = "serial:/dev/x?dir=1,-1,1"')
-
-
-def test_a_device_is_added_to_the_person_named() -> None:
-    new, who = placed(TEXT, "ben", 'replay:a "b".csv', "f")
-    assert who == "ben"
-    assert new == TEXT.replace("[[ users ]]\n", '[[ users ]]\ndevice = "replay:a \\"b\\".csv"\n')
+def test_a_device_is_replaced_or_added_to_the_person_named_and_all_else_stays() -> None:
+    new = TEXT.replace('device = "sim:ideal"  # the old one', 'device = "serial:/dev/x?dir=1,-1,1"')
+    assert placed(TEXT, "", "serial:/dev/x?dir=1,-1,1", "f") == (new, "anna")
+    new = TEXT.replace("[[ users ]]\n", '[[ users ]]\ndevice = "replay:a \\"b\\".csv"\n')
+    assert placed(TEXT, "ben", 'replay:a "b".csv', "f") == (new, "ben")
     assert tomllib.loads(new)["users"][1]["device"] == 'replay:a "b".csv'
+    assert tomllib.loads(starting_text())["name"] == "demo", "a new file begins as the demo"
 
 
 @pytest.mark.parametrize(
@@ -210,46 +194,50 @@ def test_a_text_that_is_written_otherwise_is_left_alone(text: str, words: str) -
         placed(text, "", "sim:ideal", "f")
 
 
-def test_a_new_file_begins_as_the_demo() -> None:
-    assert tomllib.loads(starting_text())["name"] == "demo"
-
-
 # --- at a terminal ----------------------------------------------------------------------------------------------------
+
+posix = pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals")
 
 
 @pytest.fixture
-def arm(tmp_path: Path) -> Iterator[str]:
+def wizard_at(tmp_path: Path) -> Iterator[Callable[..., Any]]:
+    """Start the wizard at a terminal of 80x24; where a hand is given, `{arm}` is a serial arm that it moves."""
     from tests.devices.test_pseudo_terminal import emulating
+    from tests.terminal import Terminal
 
-    link = str(tmp_path / "arm")
-    started = emulating(link, "serial")
-    start = next(started)
-    start("--hand", "reach&amplitude_m=0.03&stroke_s=1.5")
-    yield link
-    for _ in started:
+    arm, terminals = str(tmp_path / "arm"), []
+    emulated = emulating(arm, "serial")
+    emulate = next(emulated)
+
+    def start(address: str, *flags: object, hand: str = "") -> Terminal:
+        if hand:
+            emulate("--hand", hand)
+        terminals.append(Terminal("devices", "wizard", address.format(arm=arm), *flags, columns=80))
+        return terminals[-1]
+
+    yield start
+    for terminal in terminals:
+        terminal.close()
+    for _ in emulated:
         pass
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals")
-def test_at_a_terminal_of_80x24_on_an_emulated_arm(arm: str, tmp_path: Path, monkeypatch) -> None:
+@posix
+def test_at_a_terminal_of_80x24_on_an_emulated_arm(wizard_at, tmp_path: Path, monkeypatch) -> None:
     """A serial arm behind a pseudo-terminal: pushed, calibrated, its signs seen live, and written down."""
     from tests.live.held_arms import AWAY
     from tests.stalls import MACHINE_STALLED
-    from tests.terminal import Terminal
 
     monkeypatch.setenv("COGRIP_CALIBRATION", str(tmp_path / "calibration"))
     file = tmp_path / "mine.toml"
-    terminal = Terminal("devices", "wizard", f"serial:{arm}", "--settings", str(file), columns=80)
+    terminal = wizard_at("serial:{arm}", "--settings", file, hand="reach&amplitude_m=0.03&stroke_s=1.5")
     try:
         terminal.see("Put the arm in mid-range")
         terminal.type("s\n")  # the hand that moves it would be taken for noise
-        terminal.see("Put the arm into its home pose")
-        terminal.type("\n")
-        terminal.see("vintage is calibrated")
-        terminal.see("No force flows")
-        terminal.type("\n")
-        terminal.see("move it 3 cm toward you")
-        terminal.type("\n")
+        for words in ("Put the arm into its home pose", "No force flows", "move it 3 cm toward you"):
+            terminal.see(words)
+            terminal.type("\n")
+        assert "vintage is calibrated" in terminal.screen.text
         terminal.see(r"x +[-+]\d+\.\d mm +y +[-+]\d+\.\d mm")
         terminal.see("x: (grows|moved)")
         for axis in ("to your right", "up"):
@@ -259,53 +247,32 @@ def test_at_a_terminal_of_80x24_on_an_emulated_arm(arm: str, tmp_path: Path, mon
         assert terminal.end() == 1  # the hand moves along x, whatever it is asked
         assert max(map(len, terminal.screen.text.splitlines())) <= 80
         assert len(re.findall(r"^x +[-+]", terminal.screen.text, re.MULTILINE)) == 3  # one line a trial, drawn anew
-        assert tomllib.loads(file.read_text())["users"][0]["device"] == f"serial:{arm}"
+        assert tomllib.loads(file.read_text())["users"][0]["device"] == f"serial:{tmp_path / 'arm'}"
     except AssertionError:
         if re.search(f"{AWAY}|no samples", terminal.screen.text):
             pytest.skip(f"{MACHINE_STALLED}: {terminal.screen.text}")
         raise
-    finally:
-        terminal.close()
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals")
-def test_enters_from_before_the_question_start_no_force() -> None:
-    from tests.terminal import Terminal
-
-    terminal = Terminal("devices", "wizard", "emulated:vintage?hand=hold", columns=80)
-    try:
-        terminal.see("No force flows")
-        terminal.type("s\n\n\n\n")
-        terminal.see("A weak spring holds the tip")
-        terminal.type("s\n")
-        terminal.see("Settings file to write")
-        terminal.type("s\n")
-        assert terminal.end() == 0
-        assert not re.search("asked for|it was moved by", terminal.screen.text)
-    finally:
-        terminal.close()
+@posix
+def test_enters_from_before_the_question_start_no_force(wizard_at) -> None:
+    terminal = wizard_at("emulated:vintage?hand=hold")
+    for words, keys in (("No force flows", "s\n\n\n\n"), ("A weak spring", "s\n"), ("Settings file to write", "s\n")):
+        terminal.see(words)
+        terminal.type(keys)
+    assert terminal.end() == 0
+    assert not re.search("asked for|it was moved by", terminal.screen.text)
 
 
 @pytest.mark.long
-@pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals")
-def test_a_free_arm_is_checked_on_the_way(tmp_path: Path, monkeypatch) -> None:
-    from tests.devices.test_pseudo_terminal import emulating
-    from tests.terminal import Terminal
-
-    link = str(tmp_path / "arm")
-    started = emulating(link, "serial")
-    next(started)("--hand", "push&force_n=0")
+@posix
+def test_a_free_arm_is_checked_on_the_way(wizard_at) -> None:
     # a machine that is busy answers too late to be fit: what is checked is that the wizard goes through it
-    terminal = Terminal("devices", "wizard", f"serial:{link}?pose=home", "--unfit", columns=80)
-    try:
-        terminal.see("Put the arm in mid-range")
-        terminal.type("\n")
-        assert "sign, axis a" in terminal.see("fit to be held")
-        terminal.see("Put the arm into its home pose")
-        terminal.type("q\n")
-        assert terminal.end() == 1
-        assert max(map(len, terminal.screen.text.splitlines())) <= 80
-    finally:
-        terminal.close()
-        for _ in started:
-            pass
+    terminal = wizard_at("serial:{arm}?pose=home", "--unfit", hand="push&force_n=0")
+    terminal.see("Put the arm in mid-range")
+    terminal.type("\n")
+    assert "sign, axis a" in terminal.see("fit to be held")
+    terminal.see("Put the arm into its home pose")
+    terminal.type("q\n")
+    assert terminal.end() == 1
+    assert max(map(len, terminal.screen.text.splitlines())) <= 80

@@ -4,7 +4,6 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import EntryPoint
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -16,7 +15,7 @@ from cogrip.devices.registry import Family, make
 
 from tests.cli.command import Cogrip
 
-DEMO = Path(__file__).resolve().parents[2] / "configs" / "demo.toml"
+LAB = "lab demo --device foreign:x --json -"
 Install = Callable[[Callable[[], Any]], None]
 
 
@@ -50,27 +49,19 @@ class Broken:
         return lambda *_: [][0]
 
 
-@pytest.mark.parametrize("axes", [1, 2])
-def test_a_driver_of_more_axes_than_the_room_has_is_held_by_its_first(
-    cogrip: Cogrip, install: Install, axes: int
-) -> None:
+def test_a_driver_needs_as_many_axes_as_the_room_and_is_held_by_its_first(cogrip: Cogrip, install: Install) -> None:
     install(lambda: make("sim:phantom?hand=reach", axes=2))
-    out = cogrip.out(
-        "lab", DEMO, "--device", "foreign:x", "--json", "-", "--set", "seconds=2", "--set", f"object.axes={axes}"
-    )
-    assert json.loads(out)["object"]["travel_m"] > 0.005
-
-
-def test_a_driver_of_fewer_axes_is_refused(cogrip: Cogrip, install: Install) -> None:
-    install(lambda: make("sim:phantom?hand=reach", axes=2))
-    err = cogrip.err("lab", DEMO, "--device", "foreign:x", "--json", "-", "--set", "object.axes=3")
+    for axes in (1, 2):
+        answer = json.loads(cogrip.out(f"{LAB} --set seconds=2 --set object.axes={axes}"))
+        assert answer["object"]["travel_m"] > 0.005
+    err = cogrip.err(f"{LAB} --set object.axes=3")
     assert "anna: sim:phantom has 2 axes, and the room has 3; take another device, or set object.axes=2" in err
 
 
 @pytest.mark.parametrize("verb", ["capability", "open", "close"])
 def test_a_driver_that_fails_before_the_session_is_named(cogrip: Cogrip, install: Install, verb: str) -> None:
     install(lambda: Broken(verb))
-    err = cogrip.err("lab", DEMO, "--device", "foreign:x", "--json", "-")
+    err = cogrip.err(LAB)
     assert f"anna: 'foreign:x': IndexError: list index out of range in {verb}; its driver has a defect" in err
     assert len(err.strip().splitlines()) == 1
 
@@ -80,23 +71,21 @@ def test_a_driver_that_cannot_be_made_is_named(cogrip: Cogrip, install: Install)
         raise OSError("no such library")
 
     install(fails)
-    for arguments in (["lab", DEMO, "--device"], ["join", "127.0.0.1:1", "--device"], ["devices", "conform"]):
-        err = cogrip.err(*arguments, "foreign:x")
-        assert "'foreign:x': OSError: no such library in make; its driver has a defect" in err
+    for command in (LAB, "join 127.0.0.1:1 --device foreign:x", "devices conform foreign:x"):
+        assert "'foreign:x': OSError: no such library in make; its driver has a defect" in cogrip.err(command)
 
 
 @pytest.mark.parametrize("verb", ["read", "write"])
 def test_a_driver_that_fails_in_the_session_ends_it_in_a_fault(cogrip: Cogrip, install: Install, verb: str) -> None:
     install(lambda: Broken(verb))
-    out = cogrip.out("lab", DEMO, "--device", "foreign:x", "--json", "-", "--set", "seconds=1", code=1)
-    anna = json.loads(out)["users"][0]
+    anna = json.loads(cogrip.out(f"{LAB} --set seconds=1", code=1))["users"][0]
     assert anna["state"] == "fault"
     assert f"device: sim: IndexError: list index out of range in {verb}" in anna["reason"]
 
 
 def test_conform_reports_a_defect_and_continues(cogrip: Cogrip, install: Install) -> None:
     install(lambda: Broken("write"))
-    out = cogrip.out("devices", "conform", "foreign:x", "--axes", "1", code=1)
+    out = cogrip.out("devices conform foreign:x --axes 1", code=1)
     assert "✗ samples_are_metres: only DeviceError may be raised, not IndexError: list index out of range" in out
     assert "✗ raises_device_errors_alone: a force of" in out
     assert "✓ record_is_complete" in out

@@ -8,6 +8,7 @@ import pytest
 from cyclopts import App
 from rich.console import Console
 
+from cogrip.cli.devices.commands import COMMANDS as DEVICE_COMMANDS
 from cogrip.cli.main import COMMANDS, GROUPS, app
 from cogrip.cli.terminal.commands import show_docstrings
 
@@ -61,10 +62,5 @@ def test_the_list_has_every_command_in_its_group(columns: int) -> None:
     assert tuple(re.findall(r"^│ ([a-z]+) ", out, re.MULTILINE)) == COMMANDS
     lines = [line for table in GROUPS.values() for _, line in table.values()]
     assert not [word for line in lines for word in line.split() if word not in out]
-
-
-def test_the_line_of_the_devices_names_each_of_their_commands() -> None:
-    from cogrip.cli.devices.commands import COMMANDS as DEVICE_COMMANDS
-
-    line = GROUPS["Devices"]["devices"][1]
-    assert line.partition(": ")[2].rstrip(".").split(", ") == [*DEVICE_COMMANDS]
+    devices = GROUPS["Devices"]["devices"][1].partition(": ")[2]
+    assert devices.rstrip(".").split(", ") == [*DEVICE_COMMANDS], "the line of the devices names each of their commands"

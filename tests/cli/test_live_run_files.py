@@ -4,6 +4,7 @@ import json
 import math
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import pytest
 from rich.console import Console
@@ -29,17 +30,12 @@ def test_an_account_of_no_numbers_is_written(tmp_path: Path) -> None:
     assert user == {"name": "anna", "peak_force_n": None, "position_m": [None, 0.0]}
 
 
-@pytest.mark.parametrize("error", [ValueError("out of range"), OSError(28, "No space left on device", "summary.json")])
-def test_one_rooms_failure_is_said_and_goes_no_further(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
-) -> None:
-    def write(folder: Path, summary: dict[str, Any]) -> None:
-        raise error
-
-    monkeypatch.setattr(module, "write_summary", write)
-    said = left(tmp_path, {"users": []})
+@pytest.mark.parametrize("error", [ValueError("out of range"), OSError(28, "out of range", "summary.json")])
+def test_one_rooms_failure_is_said_and_goes_no_further(tmp_path: Path, error: Exception) -> None:
+    with patch.object(module, "write_summary", side_effect=error):
+        said = left(tmp_path, {"users": []})
     assert "warning: " in said
-    assert ("out of range" in said) or ("No space left" in said)
+    assert "out of range" in said
 
 
 def test_a_damaged_recording_shows_what_came_before_the_damage(run: Path) -> None:

@@ -17,7 +17,8 @@ from tests.cli.command import Cogrip
 from tests.extent import long
 from tests.free_ports import free_port
 
-TO = ("--to", "127.0.0.1:9", "--listen", "127.0.0.1:0", "--seconds", "0.001")
+PLACES = "--to 127.0.0.1:9 --listen 127.0.0.1:0"
+TO = f"{PLACES} --seconds 0.001"
 LIMIT_S = 60.0  # for anything that is waited for
 TRACE = "t_s,delay_ms\n0,5\n1,lost\n"
 
@@ -25,30 +26,45 @@ TRACE = "t_s,delay_ms\n0,5\n1,lost\n"
 pytestmark = pytest.mark.usefixtures("empty_folder")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("--to", "nowhere.invalid"), "--to nowhere.invalid:47800: "),
-        (("--to", "a:b:c"), "--to 'a:b:c': an IPv6 address stands in brackets"),
-        (("--to", "127.0.0.1", "--listen", "127.0.0.1:99999"), "--listen '127.0.0.1:99999': the port must be a number"),
-        (("--to", "127.0.0.1", "--listen", "192.0.2.1:0"), "--listen 192.0.2.1:0 is no address of this machine"),
-        (("--to", "[::1]:7", "--listen", "[::1]:0", "--flows", "0"), "--flows 0 is outside 1 to 400"),
-        ((*TO, "--flows", "401"), "--flows 401 is outside 1 to 400"),
-        ((*TO, "--idle-s", "0.5"), "--idle-s 0.5 is outside 1 to 1000000"),
-        ((*TO[:-1], "0"), "--seconds 0 is no time to relay"),
-        ((*TO, "--set", "coupling.kind=wave"), "--set coupling.kind=wave: the relay takes keys of [link] only"),
-        ((*TO, "--set", "link.los=0.1"), "link.los: there is no such setting; did you mean link.loss?"),
-        ((*TO, "--set", "link.outage_s=1"), "link.up.outage_s = 1: link.up.outage_every_s"),
-        ((*TO, "--up-trace", "none.csv"), "--up-trace none.csv: cannot be read: No such file or directory"),
-        ((*TO, "--down-trace", "none.csv"), "--down-trace none.csv: cannot be read: No such file or directory"),
-        ((*TO, "--outages", "none.csv"), "--outages none.csv: cannot be read: No such file or directory"),
-        ((*TO, "--profile", "wlan"), 'expects "lan", "wifi", "wan", "lte" or "satellite"'),
-        (("file.toml", *TO, "--profile", "lan"), "--profile and a settings file exclude each other"),
-        (("none.toml", *TO), "none.toml: there is no such file"),
-    ],
-)
-def test_a_wrong_flag_is_answered_with_its_cure(cogrip: Cogrip, arguments: tuple[str, ...], words: str) -> None:
-    assert words in cogrip.err("relay", *arguments)
+REFUSED = {
+    "--to nowhere.invalid": "--to nowhere.invalid:47800: ",
+    "--to a:b:c": "--to 'a:b:c': an IPv6 address stands in brackets",
+    "--to 127.0.0.1 --listen 127.0.0.1:99999": "--listen '127.0.0.1:99999': the port must be a number",
+    "--to 127.0.0.1 --listen 192.0.2.1:0": "--listen 192.0.2.1:0 is no address of this machine",
+    "--to [::1]:7 --listen [::1]:0 --flows 0": "--flows 0 is outside 1 to 400",
+    f"{TO} --flows 401": "--flows 401 is outside 1 to 400",
+    f"{TO} --idle-s 0.5": "--idle-s 0.5 is outside 1 to 1000000",
+    f"{PLACES} --seconds 0": "--seconds 0 is no time to relay",
+    f"{TO} --set coupling.kind=wave": "--set coupling.kind=wave: the relay takes keys of [link] only",
+    f"{TO} --set link.los=0.1": "link.los: there is no such setting; did you mean link.loss?",
+    f"{TO} --set link.outage_s=1": "link.up.outage_s = 1: link.up.outage_every_s",
+    f"{TO} --up-trace none.csv": "--up-trace none.csv: cannot be read: No such file or directory",
+    f"{TO} --down-trace none.csv": "--down-trace none.csv: cannot be read: No such file or directory",
+    f"{TO} --outages none.csv": "--outages none.csv: cannot be read: No such file or directory",
+    f"{TO} --profile wlan": 'expects "lan", "wifi", "wan", "lte" or "satellite"',
+    f"file.toml {TO} --profile lan": "--profile and a settings file exclude each other",
+    f"none.toml {TO}": "none.toml: there is no such file",
+}
+SCRIPTS = {
+    "start,length\n": "1: the first line is 'start,length'; it must be start_s,length_s or start_s,length_s,way",
+    "start_s,length_s\n1,0\n": "2: an outage of 0 s at 1 s: it must be longer than 0 and begin at 0 or later",
+    "start_s,length_s\n-1,1\n": "2: an outage of 1 s at -1 s",
+    "start_s,length_s\n1e300,1\n": "2: an outage of 1 s at 1e+300 s: it must be longer than 0",
+    "start_s,length_s\n1,x\n": "2: 1,x: start_s and length_s must be numbers",
+    "start_s,length_s\n1\n": "2: 1 columns",
+    "start_s,length_s,way\n1,1,left\n": "2: way = 'left': write up, down, or nothing for both",
+}
+
+
+@pytest.mark.parametrize("arguments", REFUSED)
+def test_a_wrong_flag_is_answered_with_its_cure(cogrip: Cogrip, arguments: str) -> None:
+    cogrip.refuses(REFUSED[arguments], f"relay {arguments}")
+
+
+@pytest.mark.parametrize("text", SCRIPTS)
+def test_a_wrong_script_is_refused_with_its_line(cogrip: Cogrip, text: str) -> None:
+    Path("o.csv").write_text(text)
+    assert f"o.csv:{SCRIPTS[text]}" in cogrip.err(f"relay {TO} --outages o.csv")
 
 
 def test_a_port_in_use_and_itself_are_refused(cogrip: Cogrip) -> None:
@@ -58,20 +74,12 @@ def test_a_port_in_use_and_itself_are_refused(cogrip: Cogrip) -> None:
         words = f"cannot listen on 127.0.0.1:{port}: Address already in use; choose another port"
         assert words in cogrip.err(f"relay --to 127.0.0.1:9 --listen 127.0.0.1:{port}", code=1)
     places = [("127.0.0.1", "127.0.0.1"), ("127.0.0.1", "0.0.0.0"), ("0.0.0.0", "127.0.0.1"), ("0.0.0.0", "0.0.0.0")]
-    places += [("0.0.0.0", here) for here in _own_addresses()]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
+        probe.connect(("192.0.2.1", 9))  # by which address this machine reaches others, if it does; nothing is sent
+        places.append(("0.0.0.0", probe.getsockname()[0]))
     for listen, to in places:
         words = f"--to {to}:{port} is where the relay itself listens"
         assert words in cogrip.err(f"relay --to {to}:{port} --listen {listen}:{port}")
-
-
-def _own_addresses() -> list[str]:
-    """By which this machine reaches others, if it does; nothing is sent."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect(("192.0.2.1", 9))
-        except OSError:
-            return []
-        return [probe.getsockname()[0]]
 
 
 @pytest.mark.long
@@ -86,8 +94,8 @@ def test_the_same_port_elsewhere_is_another_place(cogrip: Cogrip, listen: str, t
 
 def test_it_says_what_it_does_and_that_it_does_nothing(cogrip: Cogrip) -> None:
     nothing = "up: adds nothing\ndown: adds nothing\nno network is emulated: give --profile NAME"
-    assert nothing in cogrip.out("relay", *TO)
-    out = cogrip.out("relay", *TO, "--profile", "wifi", "--set", "link.down.loss=0")
+    assert nothing in cogrip.out(f"relay {TO}")
+    out = cogrip.out(f"relay {TO} --profile wifi --set link.down.loss=0")
     assert "down: 2 ms, jitter 8 ms, outage of 0.1 s every 120 s\n" in out
     assert "no network" not in out
 
@@ -136,34 +144,11 @@ def _hand_over(payload: bytes, place: tuple[str, int], far: socket.socket) -> No
     raise AssertionError("nothing came through")
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (
-            "start,length\n",
-            "o.csv:1: the first line is 'start,length'; it must be start_s,length_s or start_s,length_s,way",
-        ),
-        (
-            "start_s,length_s\n1,0\n",
-            "o.csv:2: an outage of 0 s at 1 s: it must be longer than 0 and begin at 0 or later",
-        ),
-        ("start_s,length_s\n-1,1\n", "o.csv:2: an outage of 1 s at -1 s"),
-        ("start_s,length_s\n1e300,1\n", "o.csv:2: an outage of 1 s at 1e+300 s: it must be longer than 0"),
-        ("start_s,length_s\n1,x\n", "o.csv:2: 1,x: start_s and length_s must be numbers"),
-        ("start_s,length_s\n1\n", "o.csv:2: 1 columns"),
-        ("start_s,length_s,way\n1,1,left\n", "o.csv:2: way = 'left': write up, down, or nothing for both"),
-    ],
-)
-def test_a_wrong_script_is_refused_with_its_line(cogrip: Cogrip, text: str, words: str) -> None:
-    Path("o.csv").write_text(text)
-    assert words in cogrip.err("relay", *TO, "--outages", "o.csv")
-
-
 def test_flags_and_files_reach_the_link(cogrip: Cogrip) -> None:
     Path("t.csv").write_text(TRACE)
     Path("o.csv").write_text("\ufeffstart_s,length_s,way\n1,2,up\n\n3,1,\n5,1,down\n6,1,up\n")
     flags = "--profile lte --set link.down.loss=0.25 --seed 9 --up-trace t.csv --outages o.csv --json answer.json"
-    out = cogrip.out("relay", *TO, *flags.split())
+    out = cogrip.out(f"relay {TO} {flags}")
     answer = json.loads(Path("answer.json").read_text())
     assert (answer["profile"], answer["seed"], answer["stopped"]) == ("lte", 9, "the time is over")
     assert (answer["link"]["up"]["delay_ms"], answer["link"]["down"]["delay_ms"]) == (25.0, 15.0)
@@ -180,10 +165,9 @@ def test_a_settings_files_link_and_seed_are_taken_and_its_trace_lies_beside_it(c
     Path("deep/storm.toml").write_text(
         'seed = 5\n[link]\ndelay_ms = 3.0\noutages = [[1, 2]]\n[link.down]\ntrace = "t.csv"\n'
     )
-    out = cogrip.out("relay", "deep/storm.toml", *TO, "--json", "answer.json")
+    out = cogrip.out(f"relay deep/storm.toml {TO} --json answer.json")
     answer = json.loads(Path("answer.json").read_text())
-    assert answer["seed"] == 5
-    assert answer["link"]["down"]["trace"] == str(Path("deep/t.csv").absolute())
+    assert (answer["seed"], answer["link"]["down"]["trace"]) == (5, str(Path("deep/t.csv").absolute()))
     assert "up: 3 ms, 1 outage by script" in out
 
 
@@ -200,7 +184,7 @@ def test_at_a_terminal_the_status_goes_where_the_lines_go() -> None:
     pty = pytest.importorskip("pty")
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
-        [sys.executable, "-m", "cogrip.cli.main", "relay", *TO[:-1], "30", "--json", "-"],
+        [sys.executable, "-m", "cogrip.cli.main", "relay", *PLACES.split(), "--seconds", "30", "--json", "-"],
         stdout=subprocess.PIPE, stderr=theirs, start_new_session=True,
     )  # fmt: skip
     os.close(theirs)

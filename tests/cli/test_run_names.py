@@ -12,13 +12,7 @@ from tests.cli.command import Cogrip
 from tests.cli.spoiled_runs import cut
 
 NAME, OTHER = "20260101-120000-pair", "20260101-130000-pair"
-WAYS = [
-    ("replay", "RUN", "--verify"),
-    ("export", "RUN", "--to", "csv", "--out", "tables"),
-    ("report", "RUN"),
-    ("view", "RUN", "--out", "page.html"),
-    ("recover", "RUN"),
-]
+WAYS = ["replay {} --verify", "export {} --to csv --out tables", "report {}", "view {} --out page.html", "recover {}"]
 
 
 @pytest.fixture
@@ -29,29 +23,23 @@ def runs(recorded: Path, empty_folder: Path) -> Path:
     return Path("runs")
 
 
-def named(way: tuple[str, ...], run: object) -> list[str]:
-    return [str(run) if word == "RUN" else word for word in way]
-
-
-@pytest.mark.parametrize("way", WAYS, ids=lambda way: way[0])
+@pytest.mark.parametrize("way", WAYS)
 @pytest.mark.usefixtures("no_pictures")
-def test_a_name_is_looked_for_in_runs_or_the_folder_that_is_given(
-    runs: Path, cogrip: Cogrip, way: tuple[str, ...]
-) -> None:
+def test_a_name_is_looked_for_in_runs_or_the_folder_that_is_given(runs: Path, cogrip: Cogrip, way: str) -> None:
     assert NAME in cogrip.out("runs")
-    cogrip.texts(*named(way, NAME))
+    cogrip.texts(way.format(NAME))
     runs.rename("others")
     shutil.rmtree("tables", ignore_errors=True)
-    cogrip.texts(*named(way, NAME), "--runs", "others")
+    cogrip.texts(way.format(NAME) + " --runs others")
 
 
-@pytest.mark.parametrize("way", WAYS, ids=lambda way: way[0])
-def test_a_name_that_is_nowhere_is_told_with_the_nearest(runs: Path, cogrip: Cogrip, way: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("way", WAYS)
+def test_a_name_that_is_nowhere_is_told_with_the_nearest(runs: Path, cogrip: Cogrip, way: str) -> None:
     words = "there is no such run, neither here nor in runs; did you mean"
     for given, near in ((NAME[:-1], NAME), (f"runs/{NAME[:-1]}", NAME), ("pair", OTHER)):  # the newest of both
-        cogrip.refuses(f"{given}: {words} {near}? `cogrip runs` lists them", *named(way, given))
-    cogrip.refuses("zzz: there is no such run, neither here nor in runs; `cogrip runs`", *named(way, "zzz"))
-    cogrip.refuses("nor in others; `cogrip runs others` lists them", *named(way, NAME), "--runs", "others")
+        cogrip.refuses(f"{given}: {words} {near}? `cogrip runs` lists them", way.format(given))
+    cogrip.refuses("zzz: there is no such run, neither here nor in runs; `cogrip runs`", way.format("zzz"))
+    cogrip.refuses("nor in others; `cogrip runs others` lists them", way.format(NAME) + " --runs others")
 
 
 @pytest.mark.usefixtures("no_pictures")

@@ -26,51 +26,38 @@ def room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder / "room.toml"
 
 
-def test_a_scene_is_beside_its_settings(room: Path) -> None:
+def test_a_scene_is_beside_its_settings_on_the_command_line_in_this_folder_or_comes_with_cogrip(room: Path) -> None:
     assert load(Path("room/room.toml")).object.file == str(room.with_name("mine.xml"))
-
-
-def test_else_it_is_the_one_that_comes_with_cogrip(room: Path) -> None:
+    Path("other.xml").write_text(SCENE)
+    assert load(room, ["object.file=other.xml"]).object.file == str(Path("other.xml").absolute())
+    assert load(room, ["object.file=pile.xml"]).object.file == str(shipped_scene("pile.xml"))
     room.write_text(SETTINGS.format(file="lift.xml"))
     assert load(room).object.file == str(shipped_scene("lift.xml"))
     room.with_name("lift.xml").write_text(SCENE)
     assert load(room).object.file == str(room.with_name("lift.xml"))
 
 
-def test_a_scene_on_the_command_line_is_in_this_folder(room: Path, tmp_path: Path) -> None:
-    (tmp_path / "other.xml").write_text(SCENE)
-    assert load(room, ["object.file=other.xml"]).object.file == str(tmp_path / "other.xml")
-    assert load(room, ["object.file=pile.xml"]).object.file == str(shipped_scene("pile.xml"))
-
-
 @pytest.mark.parametrize(
-    ("overrides", "words"),
+    ("override", "words"),
     [
-        (
-            ["object.file=none.xml"],
-            r"^--set object\.file: .*/none\.xml: there is no such file; give MJCF or URDF$",
-        ),
-        (["users.0.tool=hand"], r"room\.toml: object\.file: mine\.xml: there is no body 'hand' to be a tool"),
-        (
-            ["object.axes=2"],
-            r"^--set object\.axes=2: object\.kind = \"scene\": object\.axes = 2, but a scene has 3 \(places\) or 6",
-        ),
+        ("object.file=none.xml", r"^--set object\.file: .*/none\.xml: there is no such file; give MJCF or URDF$"),
+        ("users.0.tool=hand", r"room\.toml: object\.file: mine\.xml: there is no body 'hand' to be a tool"),
+        ("object.axes=2", r"^--set object\.axes=2: .* object\.axes = 2, but a scene has 3 \(places\) or 6"),
     ],
 )
-def test_a_scene_that_cannot_be_used_is_said_before_anything_starts(
-    room: Path, overrides: list[str], words: str
-) -> None:
+def test_a_scene_that_cannot_be_used_is_said_before_anything_starts(room: Path, override: str, words: str) -> None:
     with pytest.raises(BadInput, match=words):
-        load(room, overrides)
+        load(room, [override])
 
 
 def test_a_device_in_a_scene_is_refused_what_it_does_not_carry_and_warned_of_nothing_else() -> None:
-    record, said = make("sim:phantom", axes=3).capability, list[str]()
-    assert judge_seat("sim:phantom", False, said.append, seat_settings(load(Path("lift")), 0), record) == ""
-    assert said == []
-    heavy = seat_settings(load(Path("lift"), ["coupling.impedance_nspm=500"]), 0)
-    assert "b = 500 N s/m is more than device sim:phantom carries" in judge_seat(
-        "sim:phantom", False, said.append, heavy, record
-    )
-    assert judge_seat("sim:phantom", True, said.append, heavy, record) == ""
-    assert len(said) == 1
+    def judged(allowed: bool, *overrides: str) -> tuple[str, list[str]]:
+        said: list[str] = []
+        seat, record = seat_settings(load(Path("lift"), overrides), 0), make("sim:phantom", axes=3).capability
+        return judge_seat("sim:phantom", allowed, said.append, seat, record), said
+
+    assert judged(False) == ("", [])
+    heavy = "coupling.impedance_nspm=500"
+    assert "b = 500 N s/m is more than device sim:phantom carries" in judged(False, heavy)[0]
+    refused, said = judged(True, heavy)
+    assert (refused, len(said)) == ("", 1)

@@ -30,10 +30,10 @@ def test_every_file_has_a_name_and_a_line_that_ends() -> None:
 
 
 @pytest.mark.parametrize("columns", ["80", "120"])
-@pytest.mark.parametrize("command", [["configs"], ["configs", "list"]])
-def test_list(command: list[str], columns: str, monkeypatch: pytest.MonkeyPatch, cogrip: Cogrip) -> None:
+def test_list(columns: str, monkeypatch: pytest.MonkeyPatch, cogrip: Cogrip) -> None:
     monkeypatch.setenv("COLUMNS", columns)
-    out = cogrip.out(*command)
+    out = cogrip.out("configs")
+    assert out == cogrip.out("configs list")
     assert [line.split()[0] for line in out.splitlines() if not line.startswith(" ")] == shipped_names()
     assert "lan            Two people on one local network" in out
     assert all(len(line) <= int(columns) for line in out.splitlines())
@@ -41,50 +41,45 @@ def test_list(command: list[str], columns: str, monkeypatch: pytest.MonkeyPatch,
 
 def test_show_and_copy(cogrip: Cogrip) -> None:
     text = (CONFIGS / "wan.toml").read_text()
-    assert cogrip("configs", "show", "wan")[:2] == (0, text)
-    assert cogrip("configs", "copy", "wan")[0] == 0
-    assert Path("wan.toml").read_text() == text
-    problem = cogrip.err("configs", "copy", "wan")
-    assert "wan.toml: exists, and nothing is overwritten" in problem
+    assert cogrip.out("configs show wan") == text
     Path("folder").mkdir()
-    assert cogrip("configs", "copy", "wan", "folder")[0] == 0
-    assert Path("folder/wan.toml").read_text() == text
-    problem = cogrip.err("configs", "copy", "wan", "nowhere/x.toml", code=1)
-    assert "cannot be written" in problem
-    assert "did you mean wan? There are: compare, demo" in cogrip.err("configs", "show", "wam")
+    for command, copy in (("configs copy wan", "wan.toml"), ("configs copy wan folder", "folder/wan.toml")):
+        cogrip.out(command)
+        assert Path(copy).read_text() == text
+    cogrip.refuses("wan.toml: exists, and nothing is overwritten", "configs copy wan")
+    cogrip.refuses("cannot be written", "configs copy wan nowhere/x.toml", code=1)
+    cogrip.refuses("did you mean wan? There are: compare, demo", "configs show wam")
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["lab", "lan", "--set", "seconds=0.1"],
-        ["advise", "wan", "--no-laboratory"],
-        ["feel", "demo"],
-        ["stability", "radius", "demo"],
-        ["sweep", "demo", "--vary", "seed=1:2:2", "--set", "seconds=0.1", "--measure", "passive", "--workers", "1"],
-    ],
-)
+NAMED = [
+    "lab lan --set seconds=0.1",
+    "advise wan --no-laboratory",
+    "feel demo",
+    "stability radius demo",
+    "sweep demo --vary seed=1:2:2 --set seconds=0.1 --measure passive --workers 1",
+]
+
+
+@pytest.mark.parametrize("command", NAMED)
 @pytest.mark.usefixtures("no_pictures", "no_workers")
-def test_a_bare_name_stands_for_the_file(command: list[str], cogrip: Cogrip) -> None:
-    cogrip.out(*command)
+def test_a_bare_name_stands_for_the_file(command: str, cogrip: Cogrip) -> None:
+    cogrip.out(command)
 
 
-def test_a_file_of_that_name_comes_first_and_a_folder_does_not_count(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_of_that_name_comes_first_and_a_folder_does_not_count(cogrip: Cogrip) -> None:
+    """`demo` is always the same, whatever stands in the folder; but whoever edited a copy learns how to name it."""
+    demo = "lab demo --set seconds=0.1 --json -"
     Path("demo").mkdir()
-    assert load(Path("demo")).name == "demo"
+    out, problem = cogrip.texts(demo)
+    assert (json.loads(out)["name"], problem.strip()) == ("demo", "")
+    Path("demo.toml").write_text('name = "mine"\nseconds = 0.1')
+    out, problem = cogrip.texts(demo)
+    assert json.loads(out)["name"] == "demo"
+    assert "note: demo is the one that comes with cogrip; write demo.toml for the file in this folder" in problem
+    assert cogrip.answer("lab", "demo.toml")["name"] == "mine"
     Path("demo").rmdir()
     Path("demo").write_text('name = "mine"')
     assert load(Path("demo")).name == "mine"
-    assert capsys.readouterr().err == ""
-
-
-def test_a_note_names_a_copy_in_the_folder(cogrip: Cogrip) -> None:
-    """`demo` is always the same, whatever stands in the folder; but whoever edited a copy learns how to name it."""
-    Path("demo.toml").write_text('name = "mine"\nseconds = 0.1')
-    out, problem = cogrip.texts("lab", "demo", "--set", "seconds=0.1", "--json", "-")
-    assert json.loads(out)["name"] == "demo"
-    assert "note: demo is the one that comes with cogrip; write demo.toml for the file in this folder" in problem
-    assert json.loads(cogrip("lab", "demo.toml", "--json", "-")[1])["name"] == "mine"
 
 
 @pytest.mark.parametrize(

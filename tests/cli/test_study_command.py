@@ -1,16 +1,12 @@
 """`cogrip study` and `cogrip table`: whole studies in virtual time, what is left, what is refused."""
 
 import csv
-import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from cogrip.cli.study import study_source
-from cogrip.sim.experiments.study.journal import read_trials
 
 from tests.cli.command import Cogrip
 from tests.sim.studies import SHIPPED
@@ -57,15 +53,13 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 
 def test_study_leaves_a_folder_a_tidy_table_and_figures(cogrip: Cogrip) -> None:
-    _, err = cogrip.texts("study", write())
-    assert "4 trials finished, 4 of them now" in err
+    assert "4 trials finished, 4 of them now" in cogrip.err("study", write(), code=0)
     runs = sorted(path.name for path in (FOLDER / "runs").iterdir())
     assert runs == ["01-001-walls-1", "01-002-walls-1", "02-001-walls-1", "02-002-walls-1"]
     assert {"settings.json", "summary.json", "server.mcap", "client-P01.mcap"} <= {
         path.name for path in (FOLDER / "runs" / runs[0]).iterdir()
     }
-    out, _ = cogrip.texts("table", FOLDER, "--to", "csv", "--figures")
-    assert "figures/mean_force_n.png" in out
+    assert "figures/mean_force_n.png" in cogrip.out("table", FOLDER, "--to", "csv", "--figures")
     found = rows(FOLDER / "table.csv")
     assert [(row["participant"], row["condition"]) for row in found] == [
         ("P01", "soft"), ("P01", "stiff"), ("P02", "stiff"), ("P02", "soft"),
@@ -124,29 +118,6 @@ def test_simulated_and_live_trials_do_not_share_a_folder(cogrip: Cogrip) -> None
     cogrip.refuses("holds live trials, and these are simulated", "study", FILE)
 
 
-@pytest.mark.long
-def test_study_that_was_killed_goes_on(cogrip: Cogrip) -> None:
-    """kill -9 in the midst of sessions: whole lines stay, the trial that was running is begun again, no other."""
-    write(STUDY, **{'["P01", "P02"]': json.dumps([f"P{number:02}" for number in range(1, 41)])})
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "cogrip.cli", "study", str(FILE)], stderr=subprocess.PIPE, text=True
-    )
-    assert process.stderr is not None
-    assert any("P04: 0 of 2" in line for line in process.stderr)
-    process.kill()
-    process.wait()
-    process.stderr.close()
-    over = [line for line in read_trials(FOLDER) if line.over]
-    assert 6 <= len(over) < 80
-    cogrip.texts("study", FILE, *(word for name in ("P01", "P02", "P03") for word in ("--people", name)))
-    finished = [(line.group, line.place) for line in read_trials(FOLDER) if line.status == "finished"]
-    assert len(set(finished)) == len(finished)
-    assert finished[: len(over)] == [(line.group, line.place) for line in over]
-    assert {(group, place) for group in range(3) for place in range(2)} <= set(finished)
-    again = [line for line in read_trials(FOLDER) if line.status == "begun" and line.attempt > 1]
-    assert len(again) <= 1
-
-
 def test_studies_that_come_with_cogrip_go_by_their_name(monkeypatch: pytest.MonkeyPatch, cogrip: Cogrip) -> None:
     assert (
         study_source.shipped_studies()
@@ -167,18 +138,15 @@ def test_studies_that_come_with_cogrip_go_by_their_name(monkeypatch: pytest.Monk
         ({'order = "latin"': 'conditions = ["hard"]'}, "there is no condition 'hard'; there is: soft, stiff"),
         ({'["P01", "P02"]': '[["P01", "P02"]]'}, "a group of 2 (P01, P02), and the session has 1 users"),
         ({'["P01", "P02"]': '["P01", "P01"]'}, "participants: P01 is named twice"),
-        ({"= 300.0": "= -300.0"}, "conditions.soft: coupling.stiffness_npm: expects a number"),
         ({"stiffness_npm = 300.0": "stifness_npm = 300.0"}, "did you mean coupling.stiffness_npm?"),
         ({"seconds = 0.25": "seconds = 0.25\nfoo = 1"}, "foo: there is no such setting"),
         ({'kind = "likert"': 'kind = "choice"'}, "questions.sure: a choice needs two different choices"),
         ({'order = "latin"': 'order = "staircase"'}, "go together"),
         ({'name = "two walls"': 'name = "two walls"\nend = "goal"'}, 'end = "goal", and there is none; give goal.place_m'),
         ({"[questions.sure]": "[goal]\nplace_m = [0.1]\n[questions.sure]"}, "goal.place_m and goal.within_m go together"),
-        ({"[conditions.stiff]": "[conditions.stiff]\ngoal.within = 1.0"}, "did you mean"),
         ({'device = "sim:ideal"': 'device = "hid:woodenhaptics"'}, "is hardware"),
         ({'hand = "push"': 'hand = "shove"'}, "shove"),
         ({'"wall"': '"cub"'}, "study.toml: conditions.soft: object.kind: there is no world"),
-        ({"= 900.0": '= 900.0\nobject.kind = "cub"'}, "study.toml: conditions.stiff: object.kind: there is no world"),
         ({"= 900.0": '= 900.0\nlink.trace = "none.csv"'}, "study.toml: conditions.stiff: link.trace: "),
         ({"[conditions.stiff]": "[simulated]\nspread.delay_s = 0.1\n[conditions.stiff]"}, "simulated.spread.delay_s: no hand"),
         ({"= 300.0": "= 300.0\nseed = 3"}, "conditions.soft: seed is the study's own; leave it out"),

@@ -16,16 +16,8 @@ pytestmark = pytest.mark.usefixtures("empty_folder")
 @pytest.mark.parametrize(
     ("name", "override", "words"),
     [
-        (
-            "lift",
-            "task.body=lid",
-            r"object\.file: task\.body = 'lid' is no body of the scene; its bodies are box, tool of",
-        ),
-        (
-            "wall",
-            'task.body=""',
-            r"object\.file: task\.body = '' is no body of the scene; its bodies are tool of seat 0$",
-        ),
+        ("lift", "task.body=lid", r"object\.file: task\.body = 'lid' is no body .*; its bodies are box, tool of"),
+        ("wall", 'task.body=""', r"object\.file: task\.body = '' is no body .*; its bodies are tool of seat 0$"),
         ("demo", "task.lifted_m=0.1", r'\[task\] is for object\.kind = "scene"; set task\.lifted_m'),
         ("lift", "task.lifted_m=-1", r"task\.lifted_m"),
         ("lift", "task.lifts_m=1", r"task\.lifts_m: there is no such setting; did you mean task\.lifted_m\?"),

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.main import main
 from cogrip.cli.session.joined_device import judge_seat
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.terminal.problem import BadInput
@@ -15,8 +14,19 @@ from cogrip.devices.registry import make
 from cogrip.protocol.settings import seat_settings
 from cogrip.server.worlds import registry
 
+from tests.cli.command import Cogrip
+
 SETTINGS = '[object]\nkind = "{kind}"\n'
 BROKEN = Path(__file__).parents[1] / "server" / "broken_worlds.py"
+MORE = """
+class Pair(Springs):
+    seats_allowed = (2,)
+    axes_allowed = (2, 3)
+
+
+class Odd(Springs):
+    seats_allowed = 2
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -24,7 +34,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return an allowed folder with worlds in mine.py, which is the present one."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv(registry.ALLOWED, str(tmp_path))
-    (tmp_path / "mine.py").write_text(BROKEN.read_text() + '\nNUMBER = 7\nprint("it runs")\n')
+    (tmp_path / "mine.py").write_text(f'{BROKEN.read_text()}\n{MORE}\nNUMBER = 7\nprint("it runs")\n')
     (tmp_path / "room.toml").write_text(SETTINGS.format(kind="python:mine.py:Springs"))
     return tmp_path
 
@@ -45,68 +55,54 @@ def test_a_file_is_beside_its_settings_and_on_the_command_line_in_this_folder(fo
     assert load(Path("below/room.toml"), override).object.kind == f"python:{folder}/mine.py:Springs"
 
 
-@pytest.mark.parametrize(
-    ("kind", "words"),
-    [
-        ("cubes", 'there is no world "cubes"; did you mean "cube"?'),
-        ("zeppelin", 'there is no world "zeppelin"; there are: cube, faces, wall, scene; or python:FILE.py:CLASS'),
-        ("", "expects a text of length at least 1"),
-        ("python:mine.py", 'write "python:FILE.py:CLASS"'),
-        ("python:mine.txt:Springs", 'write "python:FILE.py:CLASS"'),
-        ("python:none.py:Springs", "none.py: cannot be read: No such file or directory"),
-        ("python:mine.py:None1", "mine.py has no class None1; name one that is in it"),
-        ("python:mine.py:NUMBER", "is no class of worlds; derive it from"),
-        ("python:mine.py:HoldsMuch", "python:mine.py:HoldsMuch: holds 9.61 J at first, more than 1"),
-        ("python:" + "m" * 50 + ".py:Springs", "at most 64"),
-        ("python:mine\\u001b.py:Springs", "letters, digits, blanks"),
-        ("a\\u001bb", "letters, digits, blanks"),
-    ],
-)
-def test_a_kind_that_cannot_be_had_is_said(kind: str, words: str) -> None:
-    assert words in refused(kind)
+FAILING = ("def", "import nothing_of_that_name", "1 / 0", "raise SystemExit(3)")
+REFUSED = {
+    "cubes": 'there is no world "cubes"; did you mean "cube"?',
+    "zeppelin": 'there is no world "zeppelin"; there are: cube, faces, wall, scene; or python:FILE.py:CLASS',
+    "python:mine.py": 'write "python:FILE.py:CLASS"',
+    "python:mine.txt:Springs": 'write "python:FILE.py:CLASS"',
+    "python:none.py:Springs": "none.py: cannot be read: No such file or directory",
+    "python:mine.py:None1": "mine.py has no class None1; name one that is in it",
+    "python:mine.py:NUMBER": "is no class of worlds; derive it from",
+    "python:mine.py:HoldsMuch": "python:mine.py:HoldsMuch: holds 9.61 J at first, more than 1",
+    "a\\u001bb": "letters, digits, blanks",
+    "python:bad0.py:World": "SyntaxError",
+    "python:bad1.py:World": "ModuleNotFoundError",
+    "python:bad2.py:World": "ZeroDivisionError: division by zero; correct it",
+    "python:bad3.py:World": "SystemExit: 3",
+    "python:mine.py:Odd": "seats_allowed = 2: give the counts as (1,) or range(1, 5)",
+    "python:mine.py:Pair": "object.axes = 1, but python:mine.py:Pair takes 2 or 3: change one",
+}
 
 
-@pytest.mark.parametrize(
-    ("source", "words"),
-    [
-        ("def", "SyntaxError"),
-        ("import nothing_of_that_name", "ModuleNotFoundError"),
-        ("1 / 0", "ZeroDivisionError: division by zero; correct it"),
-        ("raise SystemExit(3)", "SystemExit: 3"),
-    ],
-)
-def test_a_file_that_fails_is_said_in_one_line(source: str, words: str, folder: Path) -> None:
-    (folder / "bad.py").write_text(source)
-    assert words in refused("python:bad.py:World")
+@pytest.mark.parametrize("kind", REFUSED)
+def test_a_kind_that_cannot_be_had_is_said_in_one_line(kind: str, folder: Path) -> None:
+    for number, source in enumerate(FAILING):
+        (folder / f"bad{number}.py").write_text(source)
+    assert REFUSED[kind] in refused(kind)
 
 
-@pytest.mark.parametrize("allowed", ["", "/somewhere/else"])
-def test_a_file_elsewhere_is_not_run(
-    allowed: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("allowed", ["", "/somewhere/else", "allowed"])
+@pytest.mark.parametrize("file", ["mine.py", "allowed/link.py", "allowed/../mine.py"])
+def test_a_file_elsewhere_is_not_run_nor_by_a_link_out_of_an_allowed_folder(
+    file: str, allowed: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv(registry.ALLOWED, allowed)
-    said = refused("python:mine.py:Springs")
+    (folder / "allowed").mkdir()
+    (folder / "allowed" / "link.py").symlink_to(folder / "mine.py")
+    monkeypatch.setenv(registry.ALLOWED, str(folder / allowed) if allowed else "")
+    said = refused(f"python:{file}:Springs")
     assert "is a program, and settings may be anybody's" in said
     assert registry.ALLOWED in said
     assert "it runs" not in capsys.readouterr().out
 
 
-def test_a_link_out_of_an_allowed_folder_does_not_help(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (folder / "allowed").mkdir()
-    (folder / "allowed" / "link.py").symlink_to(folder / "mine.py")
-    monkeypatch.setenv(registry.ALLOWED, str(folder / "allowed"))
-    assert "is a program" in refused("python:allowed/link.py:Springs")
-    assert "is a program" in refused("python:allowed/../mine.py:Springs")
-
-
 def test_the_flag_allows_folders_for_this_process_and_its_children(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    folder: Path, monkeypatch: pytest.MonkeyPatch, cogrip: Cogrip
 ) -> None:
     monkeypatch.setenv(registry.ALLOWED, "/somewhere/else")
-    assert main(["lab", "room.toml", "--python-worlds", ".", "--set", "seconds=0.1", "--json", "-"]) in (0, 1)
+    assert cogrip("lab room.toml --python-worlds . --set seconds=0.1 --json -")[0] in (0, 1)
     assert os.environ[registry.ALLOWED] == f"/somewhere/else:{folder}"
-    assert main(["lab", "room.toml", "--python-worlds", "nowhere"]) == 2
-    assert "--python-worlds nowhere: there is no such folder" in capsys.readouterr().err
+    cogrip.refuses("--python-worlds nowhere: there is no such folder", "lab room.toml --python-worlds nowhere")
 
 
 def test_a_client_needs_no_world(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -120,80 +116,52 @@ def test_a_client_needs_no_world(monkeypatch: pytest.MonkeyPatch, capsys: pytest
 
 
 @pytest.mark.parametrize(
-    ("override", "words"),
+    ("overrides", "words"),
     [
-        ("coupling.kind=tdpa", 'coupling.kind = "tdpa" does not fit it; set coupling.kind = "wave"'),
-        ("coupling.server_step=paper", 'coupling.server_step = "paper" does not fit it'),
-        ("coupling.compensate=true", "it has no spring to stiffen; set it to false"),
-        ("users.0.tool=pad", "users.0.tool = 'pad' is for object.kind"),
+        (["coupling.kind=tdpa"], 'coupling.kind = "tdpa" does not fit it; set coupling.kind = "wave"'),
+        (["coupling.server_step=paper"], 'coupling.server_step = "paper" does not fit it'),
+        (["coupling.compensate=true"], "it has no spring to stiffen; set it to false"),
+        (["users.0.tool=pad"], "users.0.tool = 'pad' is for object.kind"),
+        (
+            ["object.kind=python:mine.py:Pair", "object.axes=3"],
+            "users = 1, but python:mine.py:Pair takes 2: change one",
+        ),
     ],
 )
-def test_settings_that_fit_no_world_from_outside(override: str, words: str) -> None:
+def test_settings_that_fit_no_world_from_outside(overrides: list[str], words: str) -> None:
     with pytest.raises(BadInput) as caught:
-        load(Path("room.toml"), [override])
-    assert words in str(caught.value)
-
-
-def test_seats_and_axes_that_a_world_does_not_take(folder: Path) -> None:
-    (folder / "two.py").write_text(
-        BROKEN.read_text() + "\nclass Two(Springs):\n    seats_allowed = (2,)\n    axes_allowed = (2, 3)\n"
-    )
-    (folder / "odd.py").write_text(BROKEN.read_text() + "\nclass Odd(Springs):\n    seats_allowed = 2\n")
-    assert "seats_allowed = 2: give the counts as (1,) or range(1, 5)" in refused("python:odd.py:Odd")
-    assert "object.axes = 1, but python:two.py:Two takes 2 or 3: change one" in refused("python:two.py:Two")
-    Path("room.toml").write_text(SETTINGS.format(kind="python:two.py:Two") + "axes = 3\n")
-    with pytest.raises(BadInput, match=r"users = 1, but python:two\.py:Two takes 2: change one"):
-        load(Path("room.toml"))
+        load(Path("room.toml"), overrides)
+    assert words in str(caught.value).replace("\n", " ")
 
 
 def test_worlds_are_listed_with_those_of_other_packages(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], folder: Path
+    monkeypatch: pytest.MonkeyPatch, cogrip: Cogrip, folder: Path
 ) -> None:
     monkeypatch.syspath_prepend(folder)
-    points = [
-        EntryPoint("springs", "mine:Springs", ""),
-        EntryPoint("torn", "torn:World", ""),
-        EntryPoint("cube", "mine:Springs", ""),
-    ]
-    monkeypatch.setattr(registry, "entry_points", lambda group: points)
+    given = {"springs": "mine:Springs", "torn": "torn:World", "cube": "mine:Springs"}
+    monkeypatch.setattr(registry, "entry_points", lambda group: [EntryPoint(*each, group) for each in given.items()])
     monkeypatch.setenv("COLUMNS", "200")
     registry.entry_point_kinds.cache_clear()
     try:
-        assert main(["worlds"]) == 0
-        lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line}
-        assert refused("torn").endswith(
-            "torn fails as it is loaded: ModuleNotFoundError: No module named 'torn'; mend or remove its package"
-        )
+        lines = {line.split()[0]: line for line in cogrip.out("worlds").splitlines() if line}
+        torn = refused("torn")
     finally:
         registry.entry_point_kinds.cache_clear()
+    assert "torn fails as it is loaded: ModuleNotFoundError: No module named 'torn'; mend or remove its package" in torn
     assert "Masses on springs" in lines["springs"]
     assert "No module named 'torn'" in lines["torn"]
     assert "A free object that people grip from all sides." in lines["cube"], "ours cannot be replaced"
 
 
-def test_a_check_says_what_is_broken_and_fails(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_check_says_what_is_broken_and_fails(monkeypatch: pytest.MonkeyPatch, cogrip: Cogrip) -> None:
     monkeypatch.setattr(check_command, "CHECKS", (check_command.CHECKS[0], check_command.CHECKS[6]))
-    assert main(["worlds", "check", "python:mine.py:Springs"]) == 0
-    assert "2 of 2 promises kept" in capsys.readouterr().out
-    assert main(["worlds", "check", "python:mine.py:ForgetsSpeed"]) == 1
-    said = capsys.readouterr().out
+    assert "2 of 2 promises kept" in cogrip.out("worlds check python:mine.py:Springs")
+    said = cogrip.out("worlds check python:mine.py:ForgetsSpeed", code=1)
     assert "✓ counts_its_energy" in said
     assert "✗ restores_bit_for_bit, 1 seat, 1 axis: a world that was elsewhere goes on with the same bits" in said
-    assert main(["worlds", "check", "python:mine.py:Raises"]) == 1
-    assert "KeyError: 'bead 7' (line " in capsys.readouterr().out
+    assert "KeyError: 'bead 7' (line " in cogrip.out("worlds check python:mine.py:Raises", code=1)
 
-
-@pytest.mark.parametrize(
-    ("what", "words"),
-    [
-        ("scene", "which one? Give settings with it, such as lift"),
-        ("cubes", 'there is no world "cubes"; did you mean "cube"?'),
-        ("python:mine.py:Absent", "has no class Absent"),
-        ("none.toml", "there is no such file"),
-    ],
-)
-def test_what_cannot_be_checked_is_said(what: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["worlds", "check", what]) == 2
-    assert words in capsys.readouterr().err.replace("\n", " ")
+    cogrip.refuses("which one? Give settings with it, such as lift", "worlds check scene")
+    cogrip.refuses('there is no world "cubes"; did you mean "cube"?', "worlds check cubes")
+    cogrip.refuses("mine.py has no class Absent", "worlds check python:mine.py:Absent")
+    cogrip.refuses("there is no such file", "worlds check none.toml")

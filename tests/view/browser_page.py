@@ -1,11 +1,13 @@
 """A page in a real browser, as the tests handle it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from io import BytesIO
 from typing import Any
 
 import matplotlib.image
 import numpy as np
+
+from tests.view.page_server import PageServer
 
 PATIENCE_MS = 10_000
 WATCH_POLICY = (
@@ -73,3 +75,8 @@ class BrowserPage:
     def close(self) -> None:
         self.state("new Promise((resolve) => setTimeout(resolve))")  # what is still to be told comes before
         self.context.close()
+
+
+Shown = tuple[BrowserPage, PageServer]
+Open, Show = Callable[..., BrowserPage], Callable[..., Shown]
+"""The fixtures `open_page` and `show`."""

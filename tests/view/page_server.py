@@ -11,7 +11,7 @@ from queue import SimpleQueue
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
-from websockets.sync.server import Server, ServerConnection, serve
+from websockets.sync.server import ServerConnection, serve
 from websockets.typing import Subprotocol
 
 from cogrip.view.page import content_security_policy, served_files
@@ -91,20 +91,9 @@ class PageServer:
 @contextmanager
 def serving(server: PageServer) -> Iterator[PageServer]:
     """Serve until the block ends."""
-    with serve(
-        server.talk,
-        "127.0.0.1",
-        0,
-        process_request=server.answer,
-        subprotocols=[SUBPROTOCOL],
-        compression=None,
-        close_timeout=1,
-    ) as listening:
-        _serve(server, listening)
+    how = {"process_request": server.answer, "subprotocols": [SUBPROTOCOL], "compression": None, "close_timeout": 1}
+    with serve(server.talk, "127.0.0.1", 0, **how) as listening:  # type: ignore[arg-type]
+        server.port = listening.socket.getsockname()[1]
+        threading.Thread(target=listening.serve_forever, daemon=True).start()
         yield server
         listening.shutdown()
-
-
-def _serve(server: PageServer, listening: Server) -> None:
-    server.port = listening.socket.getsockname()[1]
-    threading.Thread(target=listening.serve_forever, daemon=True).start()

@@ -3,6 +3,8 @@
 from dataclasses import replace
 from math import cos, pi, sin
 
+import msgspec
+
 from cogrip.view.frames import CONTACT, HAND_KNOWN, PUSHES, Frame, PersonFrame, Vector, encode_chunk
 from cogrip.view.scene import Geometry, Mode, Scene, SceneEvent, SceneObject, ScenePerson, colour
 
@@ -87,14 +89,9 @@ def recording(seconds: int, people: int = 2) -> tuple[Scene, list[bytes], list[F
         SceneEvent(7.5, "marker", "", "marker: grip"),
         SceneEvent(14.0, "lost", "ben", "ben was lost"),
     )
-    whole = replace_scene(scene(people, mode="recording"), seconds, len(parts), events)
+    told = scene(people, mode="recording")
+    whole = msgspec.structs.replace(told, duration_s=seconds, chunks=len(parts), events=events)
     return whole, [encode_chunk(number, part) for number, part in enumerate(parts)], frames
-
-
-def replace_scene(before: Scene, duration_s: float, chunks: int, events: tuple[SceneEvent, ...]) -> Scene:
-    import msgspec
-
-    return msgspec.structs.replace(before, duration_s=duration_s, chunks=chunks, events=events)
 
 
 def lost(before: Frame, seat: int) -> Frame:

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from math import cos, isnan, nan, sin
 from pathlib import Path
@@ -27,8 +26,7 @@ from cogrip.view.scene import WORKSPACE_M, Scene, to_json, turn_of, workspace_of
 
 from tests.extent import long
 from tests.recording_files import rewrite
-from tests.view.browser_page import BrowserPage
-from tests.view.page_server import PageServer, serving
+from tests.view.browser_page import BrowserPage, Open, Show
 from tests.view.pictured import frame, moving, scene
 from tests.view.test_live_scene import Watched
 
@@ -70,32 +68,23 @@ def test_camera_takes_in_all_bodies_but_nothing_below_the_floor() -> None:
     assert turn_of((BOX,), ((nan,) * 7,)) == turn_of((), ()) == (1.0, 0.0, 0.0, 0.0)
 
 
-def lifting(seconds: float) -> dict[str, Any]:
-    """Return the settings of `lift.toml` as tables."""
-    settings = load(Path("lift"), [f"seconds={seconds}"])
-    tables: dict[str, Any] = msgspec.to_builtins(settings)
-    return tables
-
-
 @pytest.mark.long
 def test_a_live_scene_is_drawn_of_its_bodies() -> None:
     places: dict[int, Any] = {}
-    watched = Watched(**lifting(3.0)).run(
+    settings = msgspec.to_builtins(load(Path("lift"), ["seconds=3"]))
+    watched = Watched(**settings).run(
         lambda lab: places.update({lab.room.steps: lab.room.world.poses_of_bodies().copy()})
     )
     live, world = watched.live, watched.lab.room.world
     assert live is not None
     assert live.scene.geoms == tuple(world.geoms())
-    assert [person.anchor_m for person in live.scene.people] == [
-        pytest.approx((-world.offset[seat]).tolist()) for seat in (0, 1)
-    ]
+    anchors = [pytest.approx((-world.offset[seat]).tolist()) for seat in (0, 1)]
+    assert [person.anchor_m for person in live.scene.people] == anchors
     views = [message for message in watched.messages if isinstance(message, View)]
     with_bodies = [each for each in watched.frames if each.bodies]
     assert len(views) - len(with_bodies) <= 32, "known within half a second"
-    for each in with_bodies:
-        assert np.array(each.bodies) == pytest.approx(places[each.number], abs=1e-7), (
-            "the poses of a view come before it"
-        )
+    for each in with_bodies:  # the poses of a view come before it
+        assert np.array(each.bodies) == pytest.approx(places[each.number], abs=1e-7)
     assert with_bodies[-1].orientation == with_bodies[-1].bodies[0][3:]
 
 
@@ -133,38 +122,29 @@ def is_red(colour: np.ndarray) -> bool:
     return bool(red > 1.5 * green and red > 1.5 * blue)
 
 
-Open = Callable[..., BrowserPage]
-
-
-def test_page_draws_a_body_where_it_has_moved_and_turned_to(open_page: Open) -> None:
+def test_page_draws_a_body_where_it_has_moved_and_turned_to(show: Show) -> None:
     bare = replace(frame(1), people=())
-    poses: list[Pose] = [
-        HERE,
-        (0.05, -0.03, 0.02, cos(TURN), 0.0, 0.0, sin(TURN)),
-        (-0.06, 0.02, 0.0, 1.0, 0.0, 0.0, 0.0),
-    ]
-    with serving(PageServer(to_json(drawn_of((BOX, FLOOR))))) as server:
-        page = open_page(server.address)
-        server.wait_for_page()
-        page.until("cogrip.scene !== null")
-        page.tab.keyboard.press("3")  # from above
-        for number, pose in enumerate(poses):
-            server.send(encode(replace(bare, number=number, bodies=(pose,))))
-            drawn = page.until_drawn(number)["drawn"]
-            assert drawn["object"] is None, "the plain box is left out"
-            assert drawn["bodies"][0]["position_m"] == list(pose[:3])
-            assert drawn["bodies"][0]["orientation"] == pytest.approx(pose[3:], abs=1e-12)
-            picture = page.picture()
-            x, y, z, w, _, _, k = pose
-            c, s = w * w - k * k, 2 * w * k
-            for along, across, inside in ((0.9, 0.9, True), (-0.9, 0.9, True), (1.15, 0.0, False), (1.15, 1.15, False)):
-                u, v = along * HALF, across * HALF
-                point = (x + c * u - s * v, y + s * u + c * v, z + HALF)
-                assert is_red(page.pixel(picture, point)) == inside, (number, along, across)
-        server.send(encode(replace(bare, number=9, flags=1, bodies=(HERE,))))
-        page.until_drawn(9)
-        red, green, blue = page.pixel(page.picture(), (0.0, 0.0, HALF))
-        assert green > 0.5 * red > blue, "the object in contact, in the colour of contact"
+    turned: Pose = (0.05, -0.03, 0.02, cos(TURN), 0.0, 0.0, sin(TURN))
+    poses: list[Pose] = [HERE, turned, (-0.06, 0.02, 0.0, 1.0, 0.0, 0.0, 0.0)]
+    page, server = show(drawn_of((BOX, FLOOR)))
+    page.tab.keyboard.press("3")  # from above
+    for number, pose in enumerate(poses):
+        server.send(encode(replace(bare, number=number, bodies=(pose,))))
+        drawn = page.until_drawn(number)["drawn"]
+        assert drawn["object"] is None, "the plain box is left out"
+        assert drawn["bodies"][0]["position_m"] == list(pose[:3])
+        assert drawn["bodies"][0]["orientation"] == pytest.approx(pose[3:], abs=1e-12)
+        picture = page.picture()
+        x, y, z, w, _, _, k = pose
+        c, s = w * w - k * k, 2 * w * k
+        for along, across, inside in ((0.9, 0.9, True), (-0.9, 0.9, True), (1.15, 0.0, False), (1.15, 1.15, False)):
+            u, v = along * HALF, across * HALF
+            point = (x + c * u - s * v, y + s * u + c * v, z + HALF)
+            assert is_red(page.pixel(picture, point)) == inside, (number, along, across)
+    server.send(encode(replace(bare, number=9, flags=1, bodies=(HERE,))))
+    page.until_drawn(9)
+    red, green, blue = page.pixel(page.picture(), (0.0, 0.0, HALF))
+    assert green > 0.5 * red > blue, "the object in contact, in the colour of contact"
 
 
 WEDGE_M = (0.04, 0.03, 0.03)  # half edges of the box around it: a roof along y, its ridge on top
@@ -190,20 +170,17 @@ def on_wedge(page: BrowserPage, picture: np.ndarray, at: tuple[float, float, flo
 ROOF = [False] * 2 + [True] * 4
 
 
-def test_page_draws_a_mesh_as_its_surface_where_its_body_is(open_page: Open) -> None:
+def test_page_draws_a_mesh_as_its_surface_where_its_body_is(show: Show) -> None:
     """Live, and in the picture of what another person sees; the box around it would be red beside the ridge."""
-    with serving(PageServer(to_json(drawn_of(wedge())))) as server:
-        page = open_page(server.address)
-        server.wait_for_page()
-        page.until("cogrip.scene !== null")
-        page.tab.keyboard.press("2")  # from the side
-        for number, at in enumerate([(0.0, 0.0, 0.0), (0.03, 0.0, 0.02)]):
-            server.send(encode(replace(frame(number), people=(), bodies=((*at, 1.0, 0.0, 0.0, 0.0),))))
-            page.until_drawn(number)
-            assert on_wedge(page, page.picture(), at) == ROOF
-        server.send(encode(replace(frame(5), bodies=(HERE,))))
-        page.until_drawn(5)
-        assert page.state("cogrip.stats.malformed") == 0
+    page, server = show(drawn_of(wedge()))
+    page.tab.keyboard.press("2")  # from the side
+    for number, at in enumerate([(0.0, 0.0, 0.0), (0.03, 0.0, 0.02)]):
+        server.send(encode(replace(frame(number), people=(), bodies=((*at, 1.0, 0.0, 0.0, 0.0),))))
+        page.until_drawn(number)
+        assert on_wedge(page, page.picture(), at) == ROOF
+    server.send(encode(replace(frame(5), bodies=(HERE,))))
+    page.until_drawn(5)
+    assert page.state("cogrip.stats.malformed") == 0
 
 
 def mesh_scene(folder: Path) -> Path:
@@ -246,25 +223,22 @@ def test_a_recorded_mesh_is_drawn_from_the_recording_alone(open_page: Open, tmp_
 
 
 @pytest.mark.parametrize("scheme", [long("light"), "dark"])
-def test_page_draws_all_kinds_and_hides_what_is_not_known_or_not_held(open_page: Open, scheme: str) -> None:
+def test_page_draws_all_kinds_and_hides_what_is_not_known_or_not_held(show: Show, scheme: str) -> None:
     away = [(0.0, 0.07 * number - 0.1, 0.02, 1.0, 0.0, 0.0, 0.0) for number in range(4)]
-    with serving(PageServer(to_json(drawn_of()))) as server:
-        page = open_page(server.address, color_scheme=scheme, width=390, height=844)
-        server.wait_for_page()
-        page.until("cogrip.scene !== null")
-        for number, (people, poses, shown) in enumerate(
-            [
-                (frame(1).people, away, [True] * 4),
-                ((), away, [True, False, True, True]),
-                (frame(1).people, [*away[:3], (nan,) * 7], [True, True, True, False]),
-                (frame(1).people, away[:2], [True, True, False, False]),
-            ]
-        ):
-            server.send(encode(replace(frame(number), people=people, bodies=tuple(poses))))
-            bodies = page.until_drawn(number)["drawn"]["bodies"]
-            assert [each["visible"] for each in bodies] == shown
-        assert page.state("cogrip.stats.malformed") == 0
-        assert page.state("document.documentElement.scrollWidth") <= 390
+    page, server = show(drawn_of(), color_scheme=scheme, width=390, height=844)
+    for number, (people, poses, shown) in enumerate(
+        [
+            (frame(1).people, away, [True] * 4),
+            ((), away, [True, False, True, True]),
+            (frame(1).people, [*away[:3], (nan,) * 7], [True, True, True, False]),
+            (frame(1).people, away[:2], [True, True, False, False]),
+        ]
+    ):
+        server.send(encode(replace(frame(number), people=people, bodies=tuple(poses))))
+        bodies = page.until_drawn(number)["drawn"]["bodies"]
+        assert [each["visible"] for each in bodies] == shown
+    assert page.state("cogrip.stats.malformed") == 0
+    assert page.state("document.documentElement.scrollWidth") <= 390
 
 
 def test_a_recorded_scene_as_one_file(open_page: Open, lift_run: Path, tmp_path: Path) -> None:
@@ -276,9 +250,7 @@ def test_a_recorded_scene_as_one_file(open_page: Open, lift_run: Path, tmp_path:
     page.until("cogrip.frame !== null")
     page.state(f"cogrip.seek({wanted.time_s})")
     read = page.until_drawn(wanted.number)
-    assert [[*each["position_m"], *each["orientation"]] for each in read["bodies"]] == [
-        list(each) for each in wanted.bodies
-    ]
+    assert [(*each["position_m"], *each["orientation"]) for each in read["bodies"]] == [*map(tuple, wanted.bodies)]
     assert [each["visible"] for each in read["drawn"]["bodies"]] == [True] * 3
     assert not any(isnan(value) for each in wanted.bodies for value in each)
 
@@ -299,16 +271,11 @@ def test_a_recording_with_impossible_bodies_is_told_or_shown_without_them(lift_r
         return folder
 
     shape = {"kind": "box", "size_m": [1, 1, 1], "body": 0, "place_m": [0, 0, 0], "orientation": [1, 0, 0, 0]}
-    for wrong in (
-        {"body": 10**9},
-        {"size_m": [1]},
-        {"kind": "cloud"},
-        {"triangles": "AAAA"},
-        {"kind": "mesh", "triangles": "AAAA"},
-        {"orientation": [1]},
-        {"rgba": [1, 1]},
-        {"place_m": None},
-    ):
+    impossible: list[dict[str, Any]] = [
+        {"body": 10**9}, {"size_m": [1]}, {"kind": "cloud"}, {"triangles": "AAAA"}, {"kind": "mesh", "triangles": "AAAA"},
+        {"orientation": [1]}, {"rgba": [1, 1]}, {"place_m": None},
+    ]  # fmt: skip
+    for wrong in impossible:
         geoms = json.dumps({"shapes": [{**shape, **wrong}], "offsets_m": []}).encode()
         with pytest.raises(ViewError, match="does not say what it should"):
             open_view(spoil("geoms", geoms))
@@ -319,21 +286,18 @@ def test_a_recording_with_impossible_bodies_is_told_or_shown_without_them(lift_r
         open_view(spoil("poses", b'{"step": 4}', after=10)).chunk(0)
 
 
-def test_a_floor_is_drawn_below_what_is_seen_wherever_its_middle_is(open_page: Open) -> None:
+def test_a_floor_is_drawn_below_what_is_seen_wherever_its_middle_is(show: Show) -> None:
     floor = Shape("plane", (0.0, 5.0, 0.1), place_m=(3.0, -3.0, -0.05), rgba=(1.0, 0.0, 0.0, 1.0))
     edge = Shape("plane", (0.05, 0.05, 0.1), place_m=(0.0, 0.0, -0.04), rgba=(0.0, 0.0, 1.0, 1.0))
-    with serving(PageServer(to_json(drawn_of((floor, edge))))) as server:
-        page = open_page(server.address)
-        server.wait_for_page()
-        page.until("cogrip.scene !== null")
-        page.tab.keyboard.press("3")
-        server.send(encode(replace(frame(1), people=())))
-        page.until_drawn(1)
-        picture = page.picture()
-        for x, y in ((0.08, 0.08), (-0.08, 0.07), (0.06, -0.08)):
-            assert is_red(page.pixel(picture, (x, y, -0.05)))
-        red, _, blue = page.pixel(picture, (0.04, -0.03, -0.04))
-        assert blue > 2 * red, "no wider than it is"
+    page, server = show(drawn_of((floor, edge)))
+    page.tab.keyboard.press("3")
+    server.send(encode(replace(frame(1), people=())))
+    page.until_drawn(1)
+    picture = page.picture()
+    for x, y in ((0.08, 0.08), (-0.08, 0.07), (0.06, -0.08)):
+        assert is_red(page.pixel(picture, (x, y, -0.05)))
+    red, _, blue = page.pixel(picture, (0.04, -0.03, -0.04))
+    assert blue > 2 * red, "no wider than it is"
 
 
 @pytest.mark.long

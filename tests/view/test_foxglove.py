@@ -19,7 +19,6 @@ from cogrip.view.recording import RecordedView, open_view
 from cogrip.view.scene import Scene, SceneObject, ScenePerson
 
 from tests.foxglove_schemas import PUBLISHED, check_schema, check_value
-from tests.view.event_loop import run
 from tests.view.foxglove_client import ENDED, PAUSE, PAUSED, PLAY, PLAYING, Client, connected
 from tests.view.foxglove_server import serving
 from tests.view.recorded_runs import recorded_run
@@ -61,35 +60,32 @@ def taken(messages: list[bytes], topics: dict[int, str]) -> dict[str, Any]:
     return found
 
 
-def test_an_independent_client_plays_a_recording_with_its_own_bar(view: RecordedView) -> None:
-    async def session() -> None:
-        async with serving(lambda: player(view)) as address, connected(address) as client:
-            assert client.info["capabilities"] == ["time", "playbackControl"]
-            begin, end = (client.info[key] for key in ("dataStartTime", "dataEndTime"))
-            span_s = end["sec"] - begin["sec"] + (end["nsec"] - begin["nsec"]) * 1e-9
-            assert span_s == pytest.approx(view.scene.duration_s)
-            assert {channel["topic"] for channel in client.channels.values()} == set(TOPICS)
-            for channel in client.channels.values():
-                if channel["schemaName"] in PUBLISHED:
-                    check_schema(json.loads(channel["schema"]), PUBLISHED[channel["schemaName"]])
-            await client.subscribe(*TOPICS)
-            while set(client.data) != set(TOPICS):  # paused: one frame is shown all the same
-                await client.take()
-            assert client.states[0].status == PAUSED
-            answer = await client.control(PLAY, "first", speed=10.0)
-            assert (answer.status, answer.speed, answer.sought) == (PLAYING, 10.0, False)
-            while client.states[-1].status != ENDED:
-                await client.take()
-            middle_ns = view.began_ns + 500_000_000
-            answer = await client.control(PAUSE, "second", seek_ns=middle_ns)
-            assert (answer.status, answer.time_ns, answer.sought) == (PAUSED, middle_ns, True)
-            before = len(client.times_ns)
-            while len(client.times_ns) == before:
-                await client.take()
-            assert abs(client.times_ns[-1] - middle_ns) < 1e9 / 64
-            check_data(client.data, view)
-
-    run(session())
+async def test_an_independent_client_plays_a_recording_with_its_own_bar(view: RecordedView) -> None:
+    async with serving(lambda: player(view)) as address, connected(address) as client:
+        assert client.info["capabilities"] == ["time", "playbackControl"]
+        begin, end = (client.info[key] for key in ("dataStartTime", "dataEndTime"))
+        span_s = end["sec"] - begin["sec"] + (end["nsec"] - begin["nsec"]) * 1e-9
+        assert span_s == pytest.approx(view.scene.duration_s)
+        assert {channel["topic"] for channel in client.channels.values()} == set(TOPICS)
+        for channel in client.channels.values():
+            if channel["schemaName"] in PUBLISHED:
+                check_schema(json.loads(channel["schema"]), PUBLISHED[channel["schemaName"]])
+        await client.subscribe(*TOPICS)
+        while set(client.data) != set(TOPICS):  # paused: one frame is shown all the same
+            await client.take()
+        assert client.states[0].status == PAUSED
+        answer = await client.control(PLAY, "first", speed=10.0)
+        assert (answer.status, answer.speed, answer.sought) == (PLAYING, 10.0, False)
+        while client.states[-1].status != ENDED:
+            await client.take()
+        middle_ns = view.began_ns + 500_000_000
+        answer = await client.control(PAUSE, "second", seek_ns=middle_ns)
+        assert (answer.status, answer.time_ns, answer.sought) == (PAUSED, middle_ns, True)
+        before = len(client.times_ns)
+        while len(client.times_ns) == before:
+            await client.take()
+        assert abs(client.times_ns[-1] - middle_ns) < 1e9 / 64
+        check_data(client.data, view)
 
 
 def check_data(data: dict[str, list[tuple[int, Any]]], view: RecordedView) -> None:
@@ -115,24 +111,21 @@ async def until_closed(client: Client) -> None:
         await client.take()
 
 
-def test_a_client_that_is_none_is_told_why_and_the_next_is_served(view: RecordedView) -> None:
-    async def session() -> None:
-        async with serving(lambda: player(view)) as address:
-            async with connected(address, "foxglove.sdk.v1") as client:
-                await client.socket.send(b"\x03\x00")
-                with pytest.raises(ConnectionClosed, match="no playback request"):
-                    await until_closed(client)
-            async with connected(address) as client:
-                await client.subscribe("/tf")
-                while "/tf" not in client.data:
-                    await client.take()
-                await client.unsubscribe("/tf")
-                await client.socket.send(json.dumps({"op": "getParameters", "parameterNames": []}))
-                while not client.statuses:
-                    await client.take()
-                assert client.statuses[0]["message"] == "getParameters is not offered here"
-
-    run(session())
+async def test_a_client_that_is_none_is_told_why_and_the_next_is_served(view: RecordedView) -> None:
+    async with serving(lambda: player(view)) as address:
+        async with connected(address, "foxglove.sdk.v1") as client:
+            await client.socket.send(b"\x03\x00")
+            with pytest.raises(ConnectionClosed, match="no playback request"):
+                await until_closed(client)
+        async with connected(address) as client:
+            await client.subscribe("/tf")
+            while "/tf" not in client.data:
+                await client.take()
+            await client.unsubscribe("/tf")
+            await client.socket.send(json.dumps({"op": "getParameters", "parameterNames": []}))
+            while not client.statuses:
+                await client.take()
+            assert client.statuses[0]["message"] == "getParameters is not offered here"
 
 
 def test_a_frame_is_told_to_those_who_asked() -> None:

@@ -24,7 +24,6 @@ from cogrip.view.frames import Frame, decode
 from cogrip.view.io.page_server import OURS
 
 from tests.live.held_arms import DEMO, Spoken
-from tests.view.event_loop import run
 
 LIMIT_S = 60.0
 POINTER_S = 0.02
@@ -130,102 +129,79 @@ def gated(tmp_path_factory) -> Iterator[Gated]:
 
 
 @pytest.mark.long
-def test_a_hand_by_its_token_moves_the_servers_object_and_a_revocation_ends_it(gated):
+async def test_a_hand_by_its_token_moves_the_servers_object_and_a_revocation_ends_it(gated):
     token, ident = gated.new_token(role="player", user="ben")
-
-    async def check() -> None:
-        observer = gated.link("observer").token
-        async with gated.page(token, hand=True) as held, gated.page(observer) as shown:
-            scene = msgspec.json.decode(await held.recv())
-            assert (scene["hand"], scene["own_seat"]) == (True, 1)
-            assert msgspec.json.decode(await shown.recv())["hand"] is False
-            async with pulling(held, 0.03):
-                while (await frame(shown)).position_m[0] < 0.02:
-                    await held.recv()  # its own picture goes on beside
-                gated.revoke(ident)
-                code, words = await closed(held)
-            assert code == 4403
-            assert "revoked" in words
-            while (await frame(shown)).people:  # its seat is free again
-                pass
-
-    run(check())
-    code, words = run(gated.refused(token, hand=True))
+    observer = gated.link("observer").token
+    async with gated.page(token, hand=True) as held, gated.page(observer) as shown:
+        scene = msgspec.json.decode(await held.recv())
+        assert (scene["hand"], scene["own_seat"]) == (True, 1)
+        assert msgspec.json.decode(await shown.recv())["hand"] is False
+        async with pulling(held, 0.03):
+            while (await frame(shown)).position_m[0] < 0.02:
+                await held.recv()  # its own picture goes on beside
+            gated.revoke(ident)
+            code, words = await closed(held)
+        assert code == 4403
+        assert "revoked" in words
+        while (await frame(shown)).people:  # its seat is free again
+            pass
+    code, words = await gated.refused(token, hand=True)
     assert (code, "was revoked at" in words) == (4401, True), words
 
 
-def test_an_observers_tabs_share_one_session_which_a_revocation_ends(gated):
+async def test_an_observers_tabs_share_one_session_which_a_revocation_ends(gated):
     token, ident = gated.new_token(role="observer", once=True)  # a second session of it would be refused
-
-    async def check() -> None:
-        async with gated.page(token) as one, gated.page(token) as two:
-            for tab in (one, two):
-                assert msgspec.json.decode(await tab.recv())["room"] == "demo"
-                await frame(tab)
-            gated.revoke(ident)
-            for tab in (one, two):
-                code, words = await closed(tab)
-                assert (code, "revoked" in words) == (4401, True), words
-
-    run(check())
+    async with gated.page(token) as one, gated.page(token) as two:
+        for tab in (one, two):
+            assert msgspec.json.decode(await tab.recv())["room"] == "demo"
+            await frame(tab)
+        gated.revoke(ident)
+        for tab in (one, two):
+            code, words = await closed(tab)
+            assert (code, "revoked" in words) == (4401, True), words
 
 
-def test_a_token_for_one_time_takes_one_hand(gated):
+async def test_a_token_for_one_time_takes_one_hand(gated):
     token, _ = gated.new_token(role="player", once=True)
-
-    async def check() -> None:
-        async with gated.page(token, hand=True) as held:
-            assert msgspec.json.decode(await held.recv())["hand"] is True
-        code, words = await gated.refused(token, hand=True)
-        assert (code, words) == (4401, "this token was used already: it is good for one time; ask for a new link")
-
-    run(check())
+    async with gated.page(token, hand=True) as held:
+        assert msgspec.json.decode(await held.recv())["hand"] is True
+    code, words = await gated.refused(token, hand=True)
+    assert (code, words) == (4401, "this token was used already: it is good for one time; ask for a new link")
 
 
-def test_the_servers_refusals_reach_the_page_in_its_words(gated):
+async def test_the_servers_refusals_reach_the_page_in_its_words(gated):
     observer, player = gated.link("observer").token, gated.link("player").token
     expired, _ = gated.new_token(role="player", expires=1)
-
-    async def check() -> None:
-        assert await gated.refused(draw_token()) == (4401, "this token is unknown here; ask for a new link")
-        code, words = await gated.refused("no token")
-        assert (code, "has no token" in words) == (4401, True)
-        late, looks_on = await asyncio.gather(gated.refused(expired, hand=True), gated.refused(observer, hand=True))
-        assert (late[0], "this token has expired" in late[1]) == (4401, True), late
-        assert looks_on == (4403, "this link is for observing: ask for a player's link to hold the object")
-        async with gated.page(player, hand=True) as held:
-            await held.recv()
-            code, words = await gated.refused(player, hand=True)
-            assert (code, "holds 1 seats already" in words) == (4401, True), words
-            other, _ = gated.new_token(role="player")
-            async with gated.page(other, hand=True) as second:
-                await second.recv()
-                code, words = await gated.refused(other, hand=True)  # --hands 2
-                assert (code, "all 2 hands of this gateway are taken" in words) == (4403, True), words
-
-    run(check())
+    assert await gated.refused(draw_token()) == (4401, "this token is unknown here; ask for a new link")
+    code, words = await gated.refused("no token")
+    assert (code, "has no token" in words) == (4401, True)
+    late, looks_on = await asyncio.gather(gated.refused(expired, hand=True), gated.refused(observer, hand=True))
+    assert (late[0], "this token has expired" in late[1]) == (4401, True), late
+    assert looks_on == (4403, "this link is for observing: ask for a player's link to hold the object")
+    async with gated.page(player, hand=True) as held:
+        await held.recv()
+        code, words = await gated.refused(player, hand=True)
+        assert (code, "holds 1 seats already" in words) == (4401, True), words
+        other, _ = gated.new_token(role="player")
+        async with gated.page(other, hand=True) as second:
+            await second.recv()
+            code, words = await gated.refused(other, hand=True)  # --hands 2
+            assert (code, "all 2 hands of this gateway are taken" in words) == (4403, True), words
 
 
-def test_a_page_that_goes_over_tls_goes_over_nothing_else(gated):
-    async def check() -> None:
-        with pytest.raises((InvalidMessage, ConnectionError, EOFError, InvalidStatus)):
-            await connect(f"ws://127.0.0.1:{gated.port}/socket", subprotocols=[OURS])
-
-    run(check())
+async def test_a_page_that_goes_over_tls_goes_over_nothing_else(gated):
+    with pytest.raises((InvalidMessage, ConnectionError, EOFError, InvalidStatus)):
+        await connect(f"ws://127.0.0.1:{gated.port}/socket", subprotocols=[OURS])
 
 
-def test_a_gateway_says_what_it_refused_and_shows_no_token_of_others(gated):
+async def test_a_gateway_says_what_it_refused_and_shows_no_token_of_others(gated):
     gateway = gated.start("--port", "0")
     found = gateway.hear(r"gateway: http://127\.0\.0\.1:(\d+)/")
     gateway.hear("hold: ")
     secret = draw_token()
-
-    async def check() -> None:
-        async with connect(f"ws://127.0.0.1:{found[1]}/socket", subprotocols=[OURS]) as tab:
-            await tab.send(json.dumps({"type": "hello", "token": secret}))
-            assert (await closed(tab))[0] == 4401
-
-    run(check())
+    async with connect(f"ws://127.0.0.1:{found[1]}/socket", subprotocols=[OURS]) as tab:
+        await tab.send(json.dumps({"type": "hello", "token": secret}))
+        assert (await closed(tab))[0] == 4401
     gateway.popen.terminate()
     assert gateway.end() == 0
     assert "gateway: token 1" in gateway.said

@@ -1,22 +1,28 @@
 """The hand of the page in a real browser: what pointer, finger and gamepad say, and where the device is drawn."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from math import hypot
 
 import pytest
 
 from cogrip.devices.web.messages import OwnHand, Pointer, decode_pointer, encode_own_hand
-from cogrip.view.frames import encode
+from cogrip.view.frames import Vector, encode
 from cogrip.view.scene import to_json
 
-from tests.view.browser_page import BrowserPage
-from tests.view.page_server import PageServer, serving
+from tests.view.browser_page import BrowserPage, Show, Shown
+from tests.view.page_server import PageServer
 from tests.view.pictured import anchor, frame, scene
 
-Open = Callable[..., BrowserPage]
 AT = (0.02, 0.03, 0.04)
-DRAWN = [value + held for value, held in zip(AT, anchor(0, 2), strict=True)]
+
+
+def seen(place_m: Vector) -> list[float]:
+    """Return where the device of a place is drawn: where its hand holds the object."""
+    return [value + held for value, held in zip(place_m, anchor(0, 2), strict=True)]
+
+
+DRAWN = seen(AT)
 GAMEPAD = """() => {
   globalThis.rumbles = [];
   const pad = { connected: true, axes: [0, 0, 0, 0], buttons: Array.from({ length: 16 }, () => ({ pressed: false })),
@@ -36,9 +42,7 @@ class Held:
         self.own_hand(AT)
         page.until("cogrip.hand.own !== null && cogrip.frame !== null")
 
-    def own_hand(
-        self, position_m: tuple[float, float, float], force_n: tuple[float, float, float] = (0.5, 0.0, 0.0)
-    ) -> None:
+    def own_hand(self, position_m: Vector, force_n: Vector = (0.5, 0.0, 0.0)) -> None:
         self.server.send(encode_own_hand(OwnHand("live", 0, position_m, force_n, 3.0)))
 
     def next(self) -> Pointer:
@@ -53,6 +57,10 @@ class Held:
             pass
         return self.said
 
+    def until_buttons(self, buttons: int) -> None:
+        while self.next().buttons != buttons:
+            pass
+
     def press(self) -> list[float]:
         x, y = self.page.state(f"cogrip.project({DRAWN})")
         self.page.tab.mouse.move(x, y)
@@ -61,16 +69,14 @@ class Held:
 
 
 @pytest.fixture(scope="module")
-def opened(open_shared_page: Open) -> Iterator[tuple[BrowserPage, PageServer]]:
-    with serving(PageServer(to_json(scene(hand=True)))) as server:
-        page = open_shared_page(f"{server.address}&hand")
-        server.wait_for_page()
-        assert server.hellos.get()["hand"] is True
-        yield page, server
+def opened(show_shared: Show) -> Shown:
+    page, server = show_shared(scene(hand=True), more="&hand")
+    assert server.hellos.get()["hand"] is True
+    return page, server
 
 
 @pytest.fixture
-def hand(opened: tuple[BrowserPage, PageServer]) -> Iterator[Held]:
+def hand(opened: Shown) -> Iterator[Held]:
     """The page that all tests share, seen as at first, with a new socket: it holds nothing and has said nothing."""
     page, server = opened
     page.tab.keyboard.press("4")
@@ -90,8 +96,7 @@ def test_drag_says_where_the_device_is_to_go(hand: Held) -> None:
     assert [each.number for each in said] == list(range(1, len(said) + 1))
     assert said[0].target_m == pytest.approx(AT, abs=1e-12), "pressing moves nothing"
     assert [each.holds for each in said] == [True] * (len(said) - 1) + [False]
-    target = [value + held for value, held in zip(said[-2].target_m, anchor(0, 2), strict=True)]
-    assert hand.page.state(f"cogrip.project({target})") == pytest.approx([x + 60, y - 40], abs=0.01)
+    assert hand.page.state(f"cogrip.project({seen(said[-2].target_m)})") == pytest.approx([x + 60, y - 40], abs=0.01)
     assert said[-1].target_m == said[-2].target_m
 
 
@@ -100,7 +105,7 @@ def test_device_is_drawn_where_the_process_says_and_not_at_the_pointer(hand: Hel
     hand.page.tab.mouse.move(x + 100, y)
     behind = (0.021, 0.031, 0.039)
     hand.own_hand(behind, (-2.0, 0.0, 0.0))
-    wanted = [value + held for value, held in zip(behind, anchor(0, 2), strict=True)]
+    wanted = seen(behind)
     hand.page.until(f"cogrip.frame.drawn.people[0].hand[0] === {wanted[0]}")
     assert hand.page.state("cogrip.frame.drawn.people[0].hand") == wanted
     assert hypot(*[a - b for a, b in zip(hand.page.state("cogrip.hand.target_m"), behind, strict=True)]) > 0.01
@@ -130,13 +135,11 @@ def test_wheel_moves_the_target_away_and_stays_below_the_pointer(hand: Held) -> 
     hand.page.tab.mouse.up()
 
 
-@pytest.mark.parametrize(
-    "event", ["window.dispatchEvent(new Event('blur'))", "window.dispatchEvent(new Event('pagehide'))"]
-)
+@pytest.mark.parametrize("event", ["blur", "pagehide"])
 def test_window_that_loses_the_user_lets_go(hand: Held, event: str) -> None:
     hand.press()
     assert hand.next().holds
-    hand.page.state(event)
+    hand.page.state(f"window.dispatchEvent(new Event('{event}'))")
     assert not hand.until_released()[-1].holds
     hand.page.tab.mouse.move(10, 200)
     assert hand.page.state("cogrip.hand.target_m") is None, "until it is pressed again"
@@ -179,19 +182,16 @@ def test_one_axis_is_pulled_along_x(hand: Held) -> None:
     assert target[1:] == (0.0, 0.0)
 
 
-def test_finger_pulls_and_its_end_lets_go(open_page: Open) -> None:
-    with serving(PageServer(to_json(scene(hand=True)))) as server:
-        page = open_page(f"{server.address}&hand", width=390, height=844, has_touch=True)
-        server.wait_for_page()
-        held = Held(page, server)
-        x, y = page.state(f"cogrip.project({DRAWN})")
-        touch = page.context.new_cdp_session(page.tab)
-        for kind, points in (("Start", [(x, y)]), ("Move", [(x + 30, y)]), ("Move", [(x + 45, y - 20)]), ("End", [])):
-            spots = [{"x": column, "y": row} for column, row in points]
-            touch.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": spots})
-        said = held.until_released()
-        target = [value + offset for value, offset in zip(said[-1].target_m, anchor(0, 2), strict=True)]
-        assert page.state(f"cogrip.project({target})") == pytest.approx([x + 45, y - 20], abs=1.0)
+def test_finger_pulls_and_its_end_lets_go(show: Show) -> None:
+    page, server = show(scene(hand=True), more="&hand", width=390, height=844, has_touch=True)
+    held = Held(page, server)
+    x, y = page.state(f"cogrip.project({DRAWN})")
+    touch = page.context.new_cdp_session(page.tab)
+    for kind, points in (("Start", [(x, y)]), ("Move", [(x + 30, y)]), ("Move", [(x + 45, y - 20)]), ("End", [])):
+        spots = [{"x": column, "y": row} for column, row in points]
+        touch.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": spots})
+    said = held.until_released()
+    assert page.state(f"cogrip.project({seen(said[-1].target_m)})") == pytest.approx([x + 45, y - 20], abs=1.0)
 
 
 def test_keys_and_gamepad_are_buttons_of_the_hand(hand: Held) -> None:
@@ -204,18 +204,14 @@ def test_keys_and_gamepad_are_buttons_of_the_hand(hand: Held) -> None:
     assert hand.said[0].buttons == 1 << 6
     assert not hand.said[-1].holds
     keyboard.up("7")
-    while hand.next().buttons != 1 << 8:
-        pass
+    hand.until_buttons(1 << 8)
     keyboard.up("9")
-    while hand.next().buttons:
-        pass
+    hand.until_buttons(0)
     hand.page.state(GAMEPAD)
     hand.page.state("pad.buttons[2].pressed = pad.buttons[15].pressed = true")
-    while hand.next().buttons != 1 << 2 | 1 << 15:
-        pass
+    hand.until_buttons(1 << 2 | 1 << 15)
     hand.page.state("pad.buttons[2].pressed = pad.buttons[15].pressed = false")
-    while hand.next().buttons:
-        pass
+    hand.until_buttons(0)
     hand.page.state("delete navigator.getGamepads")
 
 
@@ -259,13 +255,11 @@ def test_new_socket_counts_its_messages_from_one_and_holds_nothing(hand: Held) -
     assert hand.next().number == 1
 
 
-def test_page_without_a_hand_says_nothing(open_page: Open) -> None:
-    with serving(PageServer(to_json(scene()))) as server:
-        page = open_page(server.address)
-        server.wait_for_page()
-        held = Held(page, server)
-        x, y = held.press()
-        page.tab.mouse.move(x + 50, y)
-        page.tab.mouse.up()
-        assert page.state("cogrip.hand.sent") == 0
-        assert server.said.empty()
+def test_page_without_a_hand_says_nothing(show: Show) -> None:
+    page, server = show(scene())
+    held = Held(page, server)
+    x, y = held.press()
+    page.tab.mouse.move(x + 50, y)
+    page.tab.mouse.up()
+    assert page.state("cogrip.hand.sent") == 0
+    assert server.said.empty()

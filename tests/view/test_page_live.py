@@ -1,6 +1,6 @@
 """The page in a real browser, shown a session that runs."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
@@ -10,23 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cogrip.view.frames import NOT_PASSIVE, Frame, Vector, encode
+from cogrip.view.frames import NOT_PASSIVE, encode
 from cogrip.view.scene import Scene, SceneEvent, to_json
 
 from tests.extent import long
-from tests.view.browser_page import BrowserPage
+from tests.view.browser_page import BrowserPage, Open, Show, Shown
 from tests.view.page_server import TOKEN, PageServer, serving
 from tests.view.pictured import anchor, frame, lost, moving, scene
-
-Open = Callable[..., BrowserPage]
-
-
-def shown(open_page: Open, server: PageServer, **context: object) -> BrowserPage:
-    page = open_page(server.address, **context)
-    server.wait_for_page()
-    page.until("cogrip.scene !== null")
-    return page
-
 
 # At which part of a plot's width each pixel of a colour is.
 PLOTTED = """(() => {
@@ -39,14 +29,13 @@ PLOTTED = """(() => {
 
 
 @pytest.fixture(scope="module")
-def opened(open_shared_page: Open) -> Iterator[tuple[BrowserPage, PageServer]]:
+def opened(show_shared: Show) -> Shown:
     """A page of two people, to whose frames each test gives numbers of its own."""
-    with serving(PageServer(to_json(scene()))) as server:
-        yield shown(open_shared_page, server), server
+    return show_shared(scene())
 
 
 @contextmanager
-def told(opened: tuple[BrowserPage, PageServer], other: Scene) -> Iterator[None]:
+def told(opened: Shown, other: Scene) -> Iterator[None]:
     """Tell the page of another scene for a while."""
     page, server = opened
     for each in (other, scene()):
@@ -56,12 +45,15 @@ def told(opened: tuple[BrowserPage, PageServer], other: Scene) -> Iterator[None]
             yield
 
 
+SINGLE = ("rtt_ms", "up_ms", "down_ms", "buffer_up_ms", "buffer_down_ms", "up_balance_mj", "line_balance_mj", "loss")
+"""Numbers of a person that a frame has in single precision."""
+
+
 def is_in_contact_colour(colour: np.ndarray) -> bool:
-    red, _, blue = colour
-    return bool(red - blue > 0.15)
+    return bool(colour[0] - colour[2] > 0.15)
 
 
-def test_object_is_drawn_where_the_state_says(opened: tuple[BrowserPage, PageServer]) -> None:
+def test_object_is_drawn_where_the_state_says(opened: Shown) -> None:
     page, server = opened
     here, there = (0.03, -0.045, 0.02), (-0.05, -0.03, -0.055)
     bare = replace(frame(1, here, contact=True), people=())
@@ -79,7 +71,7 @@ def test_object_is_drawn_where_the_state_says(opened: tuple[BrowserPage, PageSer
         assert not is_in_contact_colour(picture[round(row), round(column) - 120]), "it is no larger than it is"
 
 
-def test_people_are_drawn_in_their_colours_at_device_and_proxy(opened: tuple[BrowserPage, PageServer]) -> None:
+def test_people_are_drawn_in_their_colours_at_device_and_proxy(opened: Shown) -> None:
     page, server = opened
     told = scene()
     sent = frame(20, (0.01, 0.02, -0.03))
@@ -90,17 +82,15 @@ def test_people_are_drawn_in_their_colours_at_device_and_proxy(opened: tuple[Bro
     for person, markers, told_of in zip(sent.people, drawn["people"], told.people, strict=True):
         hand = [value + offset for value, offset in zip(person.hand_m, anchor(person.seat, 2), strict=True)]
         assert markers["hand"] == hand
-        assert markers["proxy"] == [
-            value + offset for value, offset in zip(person.proxy_m, told_of.anchor_m, strict=True)
-        ]
+        proxy = [value + offset for value, offset in zip(person.proxy_m, told_of.anchor_m, strict=True)]
+        assert markers["proxy"] == proxy
         wanted = np.array([int(told_of.colour[each : each + 2], 16) / 255 for each in (1, 3, 5)])
         found = page.pixel(picture, tuple(hand))
-        assert np.dot(found, wanted) / np.linalg.norm(found) / np.linalg.norm(wanted) > 0.97, (
-            "the hue, whatever the light"
-        )
+        same_hue = np.dot(found, wanted) / np.linalg.norm(found) / np.linalg.norm(wanted)
+        assert same_hue > 0.97, "whatever the light"
 
 
-def test_buttons_grip_and_handle_of_a_person_are_shown(opened: tuple[BrowserPage, PageServer]) -> None:
+def test_buttons_grip_and_handle_of_a_person_are_shown(opened: Shown) -> None:
     page, server = opened
     sent = frame(30)
     turned = (0.5, -0.5, 0.5, 0.5)
@@ -115,11 +105,10 @@ def test_buttons_grip_and_handle_of_a_person_are_shown(opened: tuple[BrowserPage
     page.until("document.querySelector('article[data-seat=\"0\"]').textContent.includes('1 3 32, 12.5 mm')")
 
 
-def test_page_reads_what_was_written(opened: tuple[BrowserPage, PageServer]) -> None:
+def test_page_reads_what_was_written(opened: Shown) -> None:
     page, server = opened
-    sent = replace(
-        moving(4_000_000_001, people=5), axes=2, velocity_mps=(0.1, -1 / 3, 1e-9), orientation=(0.8, 0.6, 0.0, 0.0)
-    )
+    turned = {"velocity_mps": (0.1, -1 / 3, 1e-9), "orientation": (0.8, 0.6, 0.0, 0.0)}
+    sent = replace(moving(4_000_000_001, people=5), axes=2, **turned)
     with told(opened, scene(5)):
         server.send(encode(sent))
         read = page.until_drawn(sent.number)
@@ -131,20 +120,11 @@ def test_page_reads_what_was_written(opened: tuple[BrowserPage, PageServer]) -> 
             assert got[name] == getattr(person, name)
         for name in ("hand_m", "proxy_m", "force_n", "seen_m"):
             assert got[name] == list(getattr(person, name))
-        for name in (
-            "rtt_ms",
-            "up_ms",
-            "down_ms",
-            "buffer_up_ms",
-            "buffer_down_ms",
-            "up_balance_mj",
-            "line_balance_mj",
-            "loss",
-        ):
+        for name in SINGLE:
             assert got[name] == float(np.float32(getattr(person, name)))
 
 
-def test_ghost_is_what_the_chosen_person_is_shown(opened: tuple[BrowserPage, PageServer]) -> None:
+def test_ghost_is_what_the_chosen_person_is_shown(opened: Shown) -> None:
     page, server = opened
     sent = frame(30)
     server.send(encode(sent))
@@ -156,25 +136,19 @@ def test_ghost_is_what_the_chosen_person_is_shown(opened: tuple[BrowserPage, Pag
     page.until("cogrip.frame.drawn.ghost === null")
 
 
-def test_state_line_says_state_delay_and_passivity(opened: tuple[BrowserPage, PageServer]) -> None:
+def test_state_line_says_state_delay_and_passivity(opened: Shown) -> None:
     page, server = opened
     malformed = page.state("cogrip.stats.malformed")
     sent = frame(1)
     anna, ben = sent.people
-    unknown = replace(
-        ben, state="degraded", rtt_ms=nan, up_balance_mj=nan, line_balance_mj=nan, force_n=(nan, 0.0, 0.0)
-    )
-    for number, (people, lines) in enumerate(
-        [
-            ((replace(anna, rtt_ms=48.2), unknown), ("anna: live, 48 ms, passive", "ben: degraded")),
-            (
-                (replace(anna, flags=NOT_PASSIVE), ben),
-                ("anna: live, 40 ms, NOT PASSIVE", "ben: live, 51 ms, passive"),
-            ),
-            (lost(sent, 1).people, ("anna: live, 40 ms, passive", "ben: not here")),
-        ],
-        40,
-    ):
+    nans = dict.fromkeys(("rtt_ms", "up_balance_mj", "line_balance_mj"), nan)
+    unknown = replace(ben, state="degraded", force_n=(nan, 0.0, 0.0), **nans)
+    told = [
+        ((replace(anna, rtt_ms=48.2), unknown), ("anna: live, 48 ms, passive", "ben: degraded")),
+        ((replace(anna, flags=NOT_PASSIVE), ben), ("anna: live, 40 ms, NOT PASSIVE", "ben: live, 51 ms, passive")),
+        (lost(sent, 1).people, ("anna: live, 40 ms, passive", "ben: not here")),
+    ]
+    for number, (people, lines) in enumerate(told, 40):
         server.send(encode(replace(sent, number=number, people=people)))
         page.until_drawn(number)
         page.until(f"document.querySelector('#people article strong').textContent === '{lines[0]}'")
@@ -182,18 +156,17 @@ def test_state_line_says_state_delay_and_passivity(opened: tuple[BrowserPage, Pa
     assert page.state("cogrip.stats.malformed") == malformed
 
 
-def test_hidden_and_unknown_things_are_not_drawn(opened: tuple[BrowserPage, PageServer]) -> None:
+def test_hidden_and_unknown_things_are_not_drawn(opened: Shown) -> None:
     page, server = opened
     sent = lost(frame(50), 0)
     people = (sent.people[0], replace(sent.people[1], flags=0))
     server.send(encode(replace(sent, people=people)))
     (markers,) = page.until_drawn(50)["drawn"]["people"]
-    assert markers["seat"] == 1
-    assert markers["hand"] is None
+    assert (markers["seat"], markers["hand"]) == (1, None)
     assert markers["proxy"] is not None
 
 
-def test_malformed_messages_are_counted_and_change_nothing(opened: tuple[BrowserPage, PageServer]) -> None:
+def test_malformed_messages_are_counted_and_change_nothing(opened: Shown) -> None:
     page, server = opened
     before, good = page.state("cogrip.stats.malformed"), encode(frame(60))
     for bad in (good[:-1], good[:50], b"", bytes([9]) + good[1:], "{", good[:97] + b"\x63" + good[98:]):
@@ -203,7 +176,7 @@ def test_malformed_messages_are_counted_and_change_nothing(opened: tuple[Browser
     assert page.state("cogrip.stats.malformed") == before + 5, "an unknown kind is another version's, not malformed"
 
 
-def test_somebody_joins_and_the_camera_stays(opened: tuple[BrowserPage, PageServer]) -> None:
+def test_somebody_joins_and_the_camera_stays(opened: Shown) -> None:
     page, server = opened
     with told(opened, scene(1)):
         page.tab.keyboard.press("2")
@@ -233,17 +206,16 @@ def test_refusal_is_told_in_a_sentence(open_page: Open, code: int, reason: str, 
         page.until(f"document.getElementById('status').textContent.includes({words!r})")
 
 
-def test_page_says_hello_with_its_token_and_comes_back_after_a_break(open_page: Open) -> None:
-    with serving(PageServer(to_json(scene()))) as server:
-        page = shown(open_page, server)
-        assert server.hellos.get() == {"type": "hello", "token": TOKEN, "hand": False}
-        server.sockets[-1].close(1011)
-        page.until("document.getElementById('status').textContent.includes('trying again')")
-        server.wait_for_page()
-        page.until("document.getElementById('status').hidden")
-        server.send(encode(frame(9)))
-        page.until_drawn(9)
-        assert not any(TOKEN in each for each in page.requests if not each.startswith(server.address)), "in no request"
+def test_page_says_hello_with_its_token_and_comes_back_after_a_break(show: Show) -> None:
+    page, server = show(scene())
+    assert server.hellos.get() == {"type": "hello", "token": TOKEN, "hand": False}
+    server.sockets[-1].close(1011)
+    page.until("document.getElementById('status').textContent.includes('trying again')")
+    server.wait_for_page()
+    page.until("document.getElementById('status').hidden")
+    server.send(encode(frame(9)))
+    page.until_drawn(9)
+    assert not any(TOKEN in each for each in page.requests if not each.startswith(server.address)), "in no request"
 
 
 def test_scene_of_another_version_is_told(open_page: Open) -> None:
@@ -269,7 +241,7 @@ def test_browser_without_webgl_is_told_so(chromium: Any) -> None:
         page.close()
 
 
-def test_keyboard_and_buttons(opened: tuple[BrowserPage, PageServer]) -> None:
+def test_keyboard_and_buttons(opened: Shown) -> None:
     page, server = opened
     server.send(encode(frame(70)))
     page.until_drawn(70)
@@ -294,33 +266,31 @@ def test_keyboard_and_buttons(opened: tuple[BrowserPage, PageServer]) -> None:
 
 
 @pytest.mark.parametrize(("scheme", "bright"), [long("light", True), ("dark", False)])
-def test_page_follows_the_system_in_dark_and_light(open_page: Open, scheme: str, bright: bool) -> None:
-    with serving(PageServer(to_json(scene()))) as server:
-        page = shown(open_page, server, color_scheme=scheme)
-        page.until("cogrip.stats !== null")
-        assert (page.picture().mean() > 0.5) == bright
+def test_page_follows_the_system_in_dark_and_light(show: Show, scheme: str, bright: bool) -> None:
+    page, _ = show(scene(), color_scheme=scheme)
+    page.until("cogrip.stats !== null")
+    assert (page.picture().mean() > 0.5) == bright
 
 
-def test_phone_shows_picture_controls_and_plots(open_page: Open) -> None:
-    with serving(PageServer(to_json(scene()))) as server:
-        page = shown(open_page, server, width=390, height=844, has_touch=True)
-        server.send(encode(frame(1)))
-        page.until_drawn(1)
-        assert page.state("document.documentElement.scrollWidth") <= 390
-        for selector in ("#canvas", "[data-view=iso]", "#theme", "#people article", "#plots figure:last-child canvas"):
-            box = page.tab.locator(selector).first.bounding_box()
-            assert box["x"] >= 0
-            assert box["x"] + box["width"] <= 390
-            assert box["height"] >= 20
-        before = page.state("cogrip.project([0.05, 0, 0])")
-        page.tab.mouse.move(300, 300)
-        page.tab.mouse.down()
-        page.tab.mouse.move(340, 320)
-        page.tab.mouse.up()
-        assert page.state("cogrip.project([0.05, 0, 0])") != before
+def test_phone_shows_picture_controls_and_plots(show: Show) -> None:
+    page, server = show(scene(), width=390, height=844, has_touch=True)
+    server.send(encode(frame(1)))
+    page.until_drawn(1)
+    assert page.state("document.documentElement.scrollWidth") <= 390
+    for selector in ("#canvas", "[data-view=iso]", "#theme", "#people article", "#plots figure:last-child canvas"):
+        box = page.tab.locator(selector).first.bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 390
+        assert box["height"] >= 20
+    before = page.state("cogrip.project([0.05, 0, 0])")
+    page.tab.mouse.move(300, 300)
+    page.tab.mouse.down()
+    page.tab.mouse.move(340, 320)
+    page.tab.mouse.up()
+    assert page.state("cogrip.project([0.05, 0, 0])") != before
 
 
-def test_plots_have_a_line_for_each_person_and_end_at_the_newest_frame(opened: tuple[BrowserPage, PageServer]) -> None:
+def test_plots_have_a_line_for_each_person_and_end_at_the_newest_frame(opened: Shown) -> None:
     page, server = opened
     page.tab.locator("[data-axis='0']").click()  # along the others one force is the other
     for number in range(100, 190):
@@ -337,14 +307,10 @@ def test_plots_have_a_line_for_each_person_and_end_at_the_newest_frame(opened: t
         assert max(columns) > 0.86, "up to the newest frame, beside which the plot has its margin"
 
 
-def one_axis(told: Scene, where: Vector) -> Frame:
-    return replace(frame(1, where), axes=told.axes)
-
-
-def test_one_axis_offers_one_axis(opened: tuple[BrowserPage, PageServer]) -> None:
+def test_one_axis_offers_one_axis(opened: Shown) -> None:
     page, server = opened
     with told(opened, scene(axes=1)):
-        server.send(encode(one_axis(scene(axes=1), (0.02, 0.0, 0.0))))
+        server.send(encode(replace(frame(1, (0.02, 0.0, 0.0)), axes=1)))
         page.until("document.getElementById('object').textContent === 'object x 20.0 mm, 0.100 m/s'")
         assert [each.is_visible() for each in page.tab.locator("[data-axis]").all()] == [True, False, False]
         left, right = [page.state(f"cogrip.project([{x}, 0, 0])") for x in (-0.05, 0.05)]

@@ -1,6 +1,5 @@
 """The page in a real browser, playing a recording: from a socket, and as one file from a disk."""
 
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,34 +9,17 @@ from cogrip.view.frames import Frame
 from cogrip.view.page import self_contained
 from cogrip.view.scene import to_json
 
-from tests.view.browser_page import BrowserPage
+from tests.view.browser_page import BrowserPage, Open, Show
 from tests.view.page_server import PageServer, serving
 from tests.view.pictured import FRAMES_HZ, anchor, recording
 
-Open = Callable[..., BrowserPage]
 SECONDS = 25
 TOLD, CHUNKS, FRAMES = recording(SECONDS)
 
 
-@pytest.fixture
-def server() -> Iterator[PageServer]:
-    with serving(PageServer(to_json(TOLD), CHUNKS)) as server:
-        yield server
-
-
-@pytest.fixture
-def page(open_page: Open, server: PageServer) -> BrowserPage:
-    """Open the page anew."""
-    page = open_page(server.address)
-    server.wait_for_page()
-    page.until_drawn(0)
-    return page
-
-
 @pytest.fixture(scope="module")
-def opened(open_shared_page: Open) -> Iterator[BrowserPage]:
-    with serving(PageServer(to_json(TOLD), CHUNKS)) as server:
-        yield open_shared_page(server.address)
+def opened(show_shared: Show) -> BrowserPage:
+    return show_shared(TOLD, CHUNKS)[0]
 
 
 @pytest.fixture
@@ -108,15 +90,13 @@ def test_plays_draws_what_it_passes_and_pauses(shared: BrowserPage) -> None:
     assert 0 <= shown_s - drawn["time_s"] < 1.5 / FRAMES_HZ
 
 
-def test_fetches_the_next_chunk_ahead_and_each_once(page: BrowserPage, server: PageServer) -> None:
-    page.until("true")
+def test_fetches_the_next_chunk_ahead_and_each_once(show: Show) -> None:
+    page, server = show(TOLD, CHUNKS)
+    page.until_drawn(0)
     assert server.asked == [0, 1]
-    seek(page, 12.0)
-    page.until_drawn(720)
-    seek(page, 3.0)
-    page.until_drawn(180)
-    seek(page, 21.0)
-    page.until_drawn(1260)
+    for time_s in (12.0, 3.0, 21.0):
+        seek(page, time_s)
+        page.until_drawn(round(time_s * FRAMES_HZ))
     assert server.asked == [0, 1, 2]
 
 
@@ -156,18 +136,14 @@ def test_speed_keys_and_ends(shared: BrowserPage) -> None:
     for _ in range(9):
         shared.tab.keyboard.press("-")
     assert shared.state("cogrip.player.speed") == 0.1
-    shared.tab.keyboard.press("ArrowLeft")
-    assert shared.state("cogrip.player.time_s") == SECONDS - 1
-    shared.tab.keyboard.press("Shift+ArrowLeft")
-    assert shared.state("cogrip.player.time_s") == SECONDS - 11
-    shared.tab.keyboard.press("Home")
-    assert shared.state("cogrip.player.time_s") == 0
+    for key, time_s in (("ArrowLeft", SECONDS - 1), ("Shift+ArrowLeft", SECONDS - 11), ("Home", 0)):
+        shared.tab.keyboard.press(key)
+        assert shared.state("cogrip.player.time_s") == time_s
 
 
 @pytest.mark.long
-def test_phone_shows_the_player(open_page: Open, server: PageServer) -> None:
-    page = open_page(server.address, width=390, height=844, has_touch=True)
-    server.wait_for_page()
+def test_phone_shows_the_player(show: Show) -> None:
+    page, _ = show(TOLD, CHUNKS, width=390, height=844, has_touch=True)
     page.until_drawn(0)
     for name in ("play", "scrub", "loop"):
         box = page.tab.locator(f"[data-part={name}]").bounding_box()

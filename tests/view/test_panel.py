@@ -2,11 +2,11 @@
 
 import json
 import socket
-from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from io import StringIO
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,15 +19,13 @@ from cogrip.view.frames import encode
 from cogrip.view.hello import MOST_NUMBER, PageError, PanelReply, read_text
 from cogrip.view.io.study_page import StudyPage
 from cogrip.view.panel import Panel, PanelMessage, Prompt, Target
-from cogrip.view.scene import to_json
 from cogrip.view.tab import Tab
 
 from tests.sim.studies import PLAIN, parsed
-from tests.view.browser_page import BrowserPage
-from tests.view.page_server import PageServer, serving
+from tests.view.browser_page import BrowserPage, Show, Shown
+from tests.view.page_server import PageServer
 from tests.view.pictured import frame, scene
 
-Open = Callable[..., BrowserPage]
 GO = Prompt(kind="go", text="I am ready")
 QUESTIONS = {
     "choice": Question("choice", "Which?", choices=("left", "<b>right</b>")),
@@ -85,10 +83,7 @@ def test_tab_that_comes_later_is_told_the_open_prompt() -> None:
     (said,) = tab.take()
     assert json.loads(said) == {
         "type": "panel", "person": "P01", "state": "asking", "title": "trial 3", "text": "", "target": None,
-        "prompt": {
-            "kind": "go", "text": "I am ready", "number": 1, "choices": [], "least": 0, "most": 0, "step": 1, "low": "",
-            "high": "", "problem": "",
-        },
+        "prompt": {**msgspec.to_builtins(GO), "number": 1, "choices": []},
     }  # fmt: skip
     panel.leave(tab)
     panel.tell()
@@ -96,20 +91,11 @@ def test_tab_that_comes_later_is_told_the_open_prompt() -> None:
 
 
 def test_reply_is_bounded() -> None:
-    assert read_text(json.dumps({"type": "reply", "number": 1, "text": "x" * MOST_TEXT})) == PanelReply(
-        1, "x" * MOST_TEXT
-    )
+    longest = "x" * MOST_TEXT
+    assert read_text(json.dumps({"type": "reply", "number": 1, "text": longest})) == PanelReply(1, longest)
     for wrong in ({"text": "x" * (MOST_TEXT + 1)}, {"number": -1}, {"number": 2**31}, {"text": None}, {"more": 1}):
         with pytest.raises(PageError):
             read_text(json.dumps({"type": "reply", "number": 1, "text": "x"} | wrong))
-
-
-@pytest.fixture(scope="module")
-def opened(open_shared_page: Open) -> Iterator[tuple[BrowserPage, PageServer]]:
-    with serving(PageServer(to_json(scene()))) as server:
-        page = open_shared_page(server.address)
-        server.wait_for_page()
-        yield page, server
 
 
 class Asked:
@@ -138,8 +124,13 @@ class Asked:
         return text
 
 
+@pytest.fixture(scope="module")
+def opened(show_shared: Show) -> Shown:
+    return show_shared(scene())
+
+
 @pytest.fixture
-def asked(opened: tuple[BrowserPage, PageServer]) -> Asked:
+def asked(opened: Shown) -> Asked:
     opened[1].come_again()
     return Asked(*opened)
 
