@@ -149,7 +149,7 @@ def test_nothing_foreign_reaches_the_coupling() -> None:
     refusals = [session.refusal(nonce, "full", "no") for nonce in (8, 7)]
     for datagram in (waves(101), b"\xc1", messages.padded(hello()), *refusals, waves(100)):
         client.receive(datagram, 1)
-    assert client.dropped == {"other session": 1, "malformed": 1, "unexpected": 1, "other nonce": 1}
+    assert client.dropped == {"other session": 1, "malformed": 1, "unexpected": 1, "other nonce": 1, "late answer": 1}
     assert client.receive(waves(100), 2) == messages.decode(waves(100))
     assert (client.state, client.last_received_ns) == ("seated", 2)
 

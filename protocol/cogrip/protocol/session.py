@@ -102,8 +102,7 @@ class ClientSession:
     def __init__(self, hello: Hello) -> None:
         self._asked = hello
         self.hello = messages.padded(hello)  # sent until the server answers
-        self._since_ns = 0
-        self._next_ns = 0
+        self._since_ns = self._next_ns = 0
         self._leave = b""
         self.state: ClientState = "idle"
         self.outbox: deque[bytes] = deque()
@@ -112,8 +111,7 @@ class ClientSession:
         self.farewell: Farewell | None = None
         self.last_received_ns = self.fresh_ns = self._reached_ns = 0
         self._begun = False  # a frame of this session has been taken in
-        self.silence_ns = 0
-        self.resumed = self.renewed = 0
+        self.silence_ns = self.resumed = self.renewed = 0
         self.failed = self.ended = ""
         self.dropped: Counter[str] = Counter()
 
@@ -222,17 +220,19 @@ class ClientSession:
             self.drop("other nonce")
             return
         before = self.welcome
-        if isinstance(message, Refuse):
-            if self._step("refuse"):
-                self.failed = f"the server refused: {shown(message.reason)} [{shown(message.code)}]"
-        elif fault := _unacceptable(before, message, self._asked):
-            if self._step("refuse"):
-                goodbye, self.failed = fault
-                self.outbox.append(messages.encode(Leave(message.session, goodbye)))
-        elif self._step("welcome"):
+        fault = None if isinstance(message, Refuse) else _unacceptable(before, message, self._asked)
+        if not self._step("refuse" if fault or isinstance(message, Refuse) else "welcome"):
+            self.drop("late answer")
+        elif isinstance(message, Refuse):
+            self.failed = f"the server refused: {shown(message.reason)} [{shown(message.code)}]"
+        elif fault is not None:
+            goodbye, self.failed = fault
+            self.outbox.append(messages.encode(Leave(message.session, goodbye)))
+        else:
+            renewed = before is None or message.session != before.session
             if before is not None:
-                self._count_resumption(now_ns, message.session != before.session)
-            if before is None or message.session != before.session:
+                self._count_resumption(now_ns, renewed)
+            if renewed:
                 self._begun, self.fresh_ns = False, now_ns
             self.welcome = message
             self.hello = messages.padded(_resumption_hello(self._asked, message))
