@@ -40,7 +40,7 @@ class Desk:
 
     @property
     def states(self) -> list[str]:
-        """Of each seat of the first room."""
+        """The state of each seat of the first room."""
         return [seat.state for seat in self.core.rooms[0].seats]
 
     def say(self, datagram: bytes, address: Address) -> list[messages.AnyMessage]:
