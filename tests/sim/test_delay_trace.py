@@ -63,8 +63,8 @@ def test_a_file_is_read_once_its_columns_are_found_and_a_byte_order_mark_is_pass
     trace = read_trace(file)
     assert [trace.delay_ns(each * S) for each in range(4)] == [5.5 * MS, LOST_NS, LOST_NS, 6 * MS]
     assert read_trace(file) is trace, "all links of a session have one"
-    file.write_text("t_s,delay_ms\n0,4\n", encoding="utf-8-sig")
-    assert read_trace(file).delay_ns(0) == 4 * MS
+    file.write_text("t_s,delay_ms\n0,4\n1,3\n", encoding="utf-8-sig")
+    assert [read_trace(file).delay_ns(each * S) for each in range(3)] == [4 * MS, 3 * MS, 4 * MS]
 
 
 @pytest.mark.parametrize(

@@ -42,14 +42,14 @@ def delayed(which: LinearSession, up: int, down: int) -> LinearSession:
 
 
 @given(
-    st.sampled_from(("passive", "paper")),
-    st.sampled_from(("boxcar", "lowpass", "none")),
-    st.sampled_from(("displacement", "velocity")),
-    st.tuples(st.integers(0, 40), st.integers(0, 40)),
-    st.floats(50.0, 1e5),
-    st.floats(5.0, 80.0),
-    st.floats(5.0, 300.0),
-    st.booleans(),
+    scheme=st.sampled_from(("passive", "paper")),
+    decimator=st.sampled_from(("boxcar", "lowpass", "none")),
+    encoder=st.sampled_from(("displacement", "velocity")),
+    ticks=st.tuples(st.integers(0, 40), st.integers(0, 40)),
+    K=st.floats(50.0, 1e5),
+    b=st.floats(5.0, 80.0),
+    cutoff=st.floats(5.0, 300.0),
+    estimated=st.booleans(),
 )
 @settings(deadline=None)
 def test_felt_stiffness_is_theory_4(

@@ -25,20 +25,6 @@ DATA = Path(__file__).parents[3] / "shared" / "data"
 # The wall ------------------------------------------------------------------------------------------------------------
 
 
-def wall(frames: int, decimator: str, step: str, **coupling: object) -> Table:
-    summary = summary_of(
-        # a hand without impedance and no damping: with the velocity encoder the first second rings at the network rate
-        bare=coupling.get("encoder") == "velocity",
-        seconds=2 if frames < 3 else 4,
-        object={"kind": "wall"},
-        coupling={"decimator": decimator, "server_step": step, **coupling},
-        link={"delay_ms": FRAME_MS * frames},
-        users=[{"name": "a", "device": "sim:ideal", "hand": "push"}],
-    )
-    (user,) = summary["users"]
-    return user
-
-
 WALLS = (
     ("boxcar", "passive", 0, 836.6),
     ("boxcar", "passive", 1, 630.5),
@@ -58,7 +44,16 @@ WALLS = (
 )
 def test_what_a_hand_feels_of_a_wall(decimator: str, step: str, frames: int, expected_npm: float, encoder: str) -> None:
     """K = 1000, b = 20 (theory section 4); the prediction comes from the measured loop alone."""
-    user = wall(frames, decimator, step, encoder=encoder)
+    summary = summary_of(
+        # a hand without impedance and no damping: with the velocity encoder the first second rings at the network rate
+        bare=encoder == "velocity",
+        seconds=2 if frames < 3 else 4,
+        object={"kind": "wall"},
+        coupling={"decimator": decimator, "server_step": step, "encoder": encoder},
+        link={"delay_ms": FRAME_MS * frames},
+        users=[{"name": "a", "device": "sim:ideal", "hand": "push"}],
+    )
+    (user,) = summary["users"]
     assert user["felt_stiffness_npm"] == pytest.approx(expected_npm, rel=0.005)
     assert user["predicted_stiffness_npm"] == pytest.approx(expected_npm, rel=0.005)
 
@@ -67,13 +62,9 @@ def test_what_a_hand_feels_of_a_wall(decimator: str, step: str, frames: int, exp
 
 
 def stiff(step: str) -> Table:
-    hand = "reach&stop_s=3"
-    return summary_of(
-        seconds=4.5,
-        coupling={"stiffness_npm": 1e5, "server_step": step},
-        link={"delay_ms": 4 * FRAME_MS},
-        users=[{"name": name, "device": "sim:ideal", "hand": hand} for name in "ab"],
-    )
+    users = [{"name": name, "device": "sim:ideal", "hand": "reach&stop_s=3"} for name in "ab"]
+    coupling = {"stiffness_npm": 1e5, "server_step": step}
+    return summary_of(seconds=4.5, coupling=coupling, link={"delay_ms": 4 * FRAME_MS}, users=users)
 
 
 @pytest.mark.long
@@ -103,19 +94,10 @@ BAD_S = 3.6
 
 def bad_link(kind: str, seed: int, **link: float) -> Table:
     """Run two hands on an object: two strokes together, then 2 s at rest."""
-    hand = "reach&stop_s=1.6&direction=1,0.5,0.25"
-    return summary_of(
-        seconds=BAD_S,
-        seed=seed,
-        rates={"device_hz": 512},
-        object={"kind": kind, "axes": 3},
-        playout={"frames": 6},
-        link={"delay_ms": 10, **link},
-        users=[
-            {"name": "a", "device": "sim:ideal", "hand": hand, "side": "left"},
-            {"name": "b", "device": "sim:ideal", "hand": hand, "side": "right"},
-        ],
-    )
+    hand = {"device": "sim:ideal", "hand": "reach&stop_s=1.6&direction=1,0.5,0.25"}
+    users = [{"name": name, "side": side, **hand} for name, side in (("a", "left"), ("b", "right"))]
+    tables = {"rates": {"device_hz": 512}, "object": {"kind": kind, "axes": 3}, "playout": {"frames": 6}}
+    return summary_of(seconds=BAD_S, seed=seed, link={"delay_ms": 10, **link}, users=users, **tables)
 
 
 def gaps(summary: Table) -> np.ndarray[Any, Any]:
@@ -280,15 +262,10 @@ def test_a_cube_follows_a_real_hand(which: str, axes: int, seconds: float, tmp_p
 
 
 def test_two_real_people_hold_one_cube() -> None:
-    summary = summary_of(
-        seconds=2,
-        link={"delay_ms": 20, "jitter_ms": 5, "loss": 0.05},
-        playout={"frames": 3},
-        users=[
-            {"name": "a", "hand": tue("tue_1dof_PP_kp8.csv", "free")},
-            {"name": "b", "hand": tue("tue_1dof_PP_kp8.csv", "spring")},
-        ],
-    )
+    runs = {"a": "free", "b": "spring"}
+    users = [{"name": name, "hand": tue("tue_1dof_PP_kp8.csv", run)} for name, run in runs.items()]
+    link = {"delay_ms": 20, "jitter_ms": 5, "loss": 0.05}
+    summary = summary_of(seconds=2, link=link, playout={"frames": 3}, users=users)
     assert summary["passive"]
     assert not summary["diverged"]
     assert least_margin(summary) >= -1e-12

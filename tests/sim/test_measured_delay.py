@@ -171,9 +171,8 @@ class Felt:
         if PRESS_S - MEAN_S < (phase_s := laboratory.seconds % CYCLE_S) <= PRESS_S:
             one, *other = laboratory.people
             depth = one.core.position_m[0] - (other[0].core.position_m[0] if other else 0.0)
-            self._pressed.append(
-                (one.core.force_n[0] * (2.0 if other else 1.0), depth)
-            )  # two springs, one after the other
+            springs = 2.0 if other else 1.0  # one after the other
+            self._pressed.append((springs * one.core.force_n[0], depth))
             if abs(phase_s - PRESS_S) < 1e-9:
                 forces, depths = zip(*self._pressed, strict=True)
                 self.felt_npm.append(sum(forces) / sum(depths))
@@ -213,10 +212,8 @@ def test_the_stiffness_is_felt_as_asked_before_and_after_the_delay_changes(
     assert summary["server"]["energy_balance_error_j"] < 1e-12
     way = line_delay(Playout(), LinkProfile(delay_ms=after_ms), Rates(device_hz, 128))
     for user, person in zip(summary["users"], session.laboratory.people, strict=True):
-        loop = person.core.coupling.loop_frames()
-        assert 2.0 * way.frames + 1.0 <= loop <= 2.0 * way.frames + 1.0 + 2.0 / way.ticks_per_frame, (
-            "two ticks are not chased"
-        )
+        loop, least = person.core.coupling.loop_frames(), 2.0 * way.frames + 1.0
+        assert least <= loop <= least + 2.0 / way.ticks_per_frame, "two ticks are not chased"
         compliance = loop * FRAME_MS * 1e-3 / 120.0
         assert user["rendered_npm"] == pytest.approx(K_NPM / (1.0 - K_NPM * compliance), rel=1e-9)
         # what the line owes since the playout delay has changed is in it
@@ -228,12 +225,10 @@ def test_without_compensation_the_spring_is_the_one_that_was_asked_for_and_the_p
     session = Felt("wall", 1, [(0.0, 20.0), (3.5, 40.0)], 11.3, coupling={"compensate": False})
     [user] = session.summary["users"]
     assert user["rendered_npm"] == K_NPM
-    before = line_delay(Playout(), LinkProfile(delay_ms=20.0), Rates(512, 128)).frames
-    after = session.laboratory.people[0].core.coupling.loop_frames()
-    assert after == pytest.approx(
-        2 * line_delay(Playout(), LinkProfile(delay_ms=40.0), Rates(512, 128)).frames + 1, abs=0.5
-    )
-    compliances = [1.0 / K_NPM + loop * FRAME_MS * 1e-3 / 120.0 for loop in (2 * before + 1, after)]
+    ways = [line_delay(Playout(), LinkProfile(delay_ms=delay_ms), Rates(512, 128)) for delay_ms in (20.0, 40.0)]
+    before, after = 2 * ways[0].frames + 1, session.laboratory.people[0].core.coupling.loop_frames()
+    assert after == pytest.approx(2 * ways[1].frames + 1, abs=0.5)
+    compliances = [1.0 / K_NPM + loop * FRAME_MS * 1e-3 / 120.0 for loop in (before, after)]
     assert session.felt_npm[0] == pytest.approx(1.0 / compliances[0], rel=0.01)
     assert session.felt_npm[-1] == pytest.approx(1.0 / compliances[1], rel=0.02)
     assert user["predicted_stiffness_npm"] == pytest.approx(1.0 / compliances[1], rel=1e-9)
