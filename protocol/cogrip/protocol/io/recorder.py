@@ -20,7 +20,7 @@ RING_BYTES = 8 * 2**20
 """Several seconds of a client at RING_HZ, or of a room of many; a faster loop gets as many times more, up to MOST_RINGS."""
 RING_HZ, MOST_RINGS = 1024, 4
 END_LIMIT_S = 20.0
-_CHECK_EVERY = 64  # messages between two checks of the writer's report
+_CHECK_EVERY = 512  # messages between two checks of the writer's report
 
 
 def is_being_written(path: Path) -> bool:
