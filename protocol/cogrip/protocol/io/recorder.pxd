@@ -12,4 +12,4 @@ cdef class Recorder:
     cdef object _unsaved
 
     cpdef put(self, Py_ssize_t topic, unsigned long long time_ns, bytes payload)
-    cdef _check_writer(self)
+    cdef _check_writer(self, bint polls)

@@ -20,7 +20,8 @@ RING_BYTES = 8 * 2**20
 """Several seconds of a client at RING_HZ, or of a room of many; a faster loop gets as many times more, up to MOST_RINGS."""
 RING_HZ, MOST_RINGS = 1024, 4
 END_LIMIT_S = 20.0
-_CHECK_EVERY = 512  # messages between two checks of the writer's report
+_CHECK_EVERY = 64  # messages between two checks of the writer's report
+_POLL_EVERY = 512  # messages between two questions to the system whether the writer runs, which take longer
 
 
 def is_being_written(path: Path) -> bool:
@@ -58,12 +59,12 @@ class Recorder:
         self.ring.put(topic, time_ns, payload)
         self._count += 1
         if self._count % _CHECK_EVERY == 0:
-            self._check_writer()
+            self._check_writer(self._count % _POLL_EVERY == 0)
 
-    def _check_writer(self) -> None:
+    def _check_writer(self, polls: bool) -> None:
         if not self.trouble:
             self.trouble = self.ring.said
-            if not self.trouble and self.process.poll():
+            if not self.trouble and polls and self.process.poll():
                 self.trouble = "its writer was ended from outside; what it had written can be recovered"
             if self.trouble:
                 self._say(f"recording of {self.path.name} has stopped: {self.trouble}")
@@ -82,7 +83,7 @@ class Recorder:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
-        self._check_writer()
+        self._check_writer(True)
         self._unsaved = self._count - self.ring.saved
         self.ring.close()
 
