@@ -8,12 +8,13 @@ from hypothesis import strategies as st
 from cogrip.client import inputs
 from cogrip.client.observer import ObserverCore
 from cogrip.protocol import messages
-from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Stamp, View, Waves, Welcome
-from cogrip.protocol.session import HEARTBEAT_EVERY_NS, QUIET_NS, ClientSession, make_hello
-from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Stamp, View, Waves
+from cogrip.protocol.session import HEARTBEAT_EVERY_NS, QUIET_NS, ClientSession
+
+from tests.client.seated_client import hello, seat, welcome
 
 MS = 1_000_000
-SEAT = msgspec.structs.replace(seat_settings(resolve({"users": [{"name": "anna"}]}), 0), user="observer 1")
+SEAT = msgspec.structs.replace(seat(), user="observer 1")
 
 
 def view(number: int, session: int = 5, seats: tuple[int, ...] = (0,), axes: int = 1, sent_ns: int = 1) -> bytes:
@@ -23,12 +24,9 @@ def view(number: int, session: int = 5, seats: tuple[int, ...] = (0,), axes: int
 
 
 def looking(now_ns: int = 0) -> ObserverCore:
-    hello = make_hello(
-        software="1", nonce=7, room="", name="", digest="", device="none", axes=1, rate_hz=1.0, role="observer"
-    )  # fmt: skip
-    core = ObserverCore(ClientSession(hello))
+    core = ObserverCore(ClientSession(hello(nonce=7, device="none", rate_hz=1.0, role="observer")))
     core.handle(inputs.Connect(), now_ns)
-    core.receive(messages.encode(Welcome(3, 7, 5, "", "1", SEAT, "a-ticket", "observer")), now_ns)
+    core.receive(welcome(SEAT, 5, nonce=7, role="observer"), now_ns)
     core.outbox.clear()
     assert core.session.state == "seated"
     return core
@@ -100,13 +98,8 @@ def test_it_comes_back_and_sees_the_new_servers_views_from_their_first(core: Obs
     assert isinstance(asked, Hello)
     assert (asked.role, asked.ticket) == ("observer", "a-ticket")
     again = msgspec.structs.replace(SEAT, user="observer 2")
-    core.receive(messages.encode(Welcome(3, 7, 6, "", "1", again, "a-ticket", "observer")), QUIET_NS + 1)
+    core.receive(welcome(again, 6, nonce=7, role="observer"), QUIET_NS + 1)
     assert core.session.state == "seated"
     assert core.view is not None, "the old view stays until there is a new one"
     core.receive(view(3, session=6), QUIET_NS + 2)
     assert core.view.number == 3
-
-
-def test_one_who_was_shown_out_says_why(core: ObserverCore) -> None:
-    core.receive(messages.encode(Farewell(5, "an observer may not send waves")), 1)
-    assert core.session.failed == "the server said goodbye: an observer may not send waves"

@@ -239,15 +239,6 @@ def test_a_device_that_gives_velocity_needs_no_estimator_and_is_bound_as_theory_
     assert impedance_bounds(replace(ideal, latency_ticks=1), T_C)["lag"] == pytest.approx(51.2)
 
 
-def test_the_estimator_of_a_device_has_its_axes_and_memory() -> None:
-    found = replace(record(0.075, 2.82e-5, 1), axes=3)
-    estimator = estimator_for(found, T_C)
-    assert estimator is not None
-    estimator.update((0.0, 0.0, 0.0))
-    jump = (1.0 - memory_for(found, T_C)) ** 2 * 2.82e-5 * HZ
-    assert estimator.update((2.82e-5, 0.0, -2.82e-5)) == pytest.approx([jump, 0.0, -jump])
-
-
 # Faster loops --------------------------------------------------------------------------------------------------------
 
 

@@ -50,7 +50,7 @@ class End:
             force = self.coupling.force([0.0] * self.axes, velocity)
             before_j = self.coupling.port_j
             self.coupling.elapse(velocity, velocity)
-            if not self.coupling.late:
+            if not self.coupling.late.ticks:
                 work_j = sum(force) * speed_mps * T_C
                 assert self.coupling.port_j - before_j == pytest.approx(work_j, rel=1e-9, abs=1e-15)
             forces.append(force[0])
@@ -207,9 +207,10 @@ def yielding(axes: int = 1, concealment: str = "elastic", encoder: str = "displa
     return End(axes=axes, playout=playout, impedance_nspm=B, encoder=encoder)
 
 
+@pytest.mark.parametrize("axes", [1, 2, 3])
 @settings(max_examples=60, deadline=None)
-@given(st.integers(0, 2**32), st.integers(1, 3), st.sampled_from(["displacement", "velocity"]))
-def test_every_tick_gives_the_line_the_work_of_the_law(seed: int, axes: int, encoder: str) -> None:
+@given(seed=st.integers(0, 2**32), encoder=st.sampled_from(["displacement", "velocity"]))
+def test_every_tick_gives_the_line_the_work_of_the_law(axes: int, seed: int, encoder: str) -> None:
     """F y = (u^2 - v^2) / 2, which `End.frame` asserts."""
     end, random = yielding(axes, encoder=encoder), Random(seed)
     for _ in range(120):
