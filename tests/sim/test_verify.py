@@ -16,6 +16,7 @@ from cogrip.protocol.recording.records import KINDS, kind_of
 from cogrip.protocol.settings import Settings, rates_of, resolve
 from cogrip.sim.runs.folder import client_recording
 from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.replay.comparison import NOTHING
 from cogrip.sim.runs.replay.verify import Verdict, verify
 
 from tests.extent import every
@@ -169,3 +170,18 @@ def test_a_damaged_chunk_is_a_hole_and_all_before_it_is_equal(name: str, chunk: 
     assert verdict.ticks == sum(kind_of(whole.topics[message.topic]) in ("tick", "step") for message in before)
     assert verdict.hole_ns == (before[-1].time_ns if before else None)
     assert not verdict.cut, "it was closed"
+
+
+@pytest.mark.parametrize("missing", [True, False])
+def test_an_account_that_only_one_side_has_at_the_end_is_found(folder: Path, missing: bool) -> None:
+    """It is missing in the recording, or nothing asks for it: what asked is an input."""
+
+    def alter(kind: str, message: Message) -> bytes | None:
+        left_out = kind == "account" if missing else b"close_ledger" in message.payload
+        return None if left_out else message.payload
+
+    path = folder / "client-anna.mcap"
+    rewrite(path, alter)
+    found = verify(open_recording(path)).difference
+    assert found.topic == "/anna/account"
+    assert (found.recorded == NOTHING, found.replayed == NOTHING) == (missing, not missing)
