@@ -28,6 +28,17 @@ def test_one_seed_one_summary(cogrip):
     assert one == same != other
 
 
+def test_the_paper_step_diverges_where_ours_does_not_and_says_so(cogrip):
+    stiff = (
+        "lab demo --json - --set coupling.stiffness_npm=1e5 --set link.delay_ms=31.25 --set playout.frames=0 --set seconds=2.5 "
+        "--set users.0.device=sim:ideal --set users.1.device=sim:ideal"
+    )
+    assert json.loads(cogrip.out(stiff))["object"]["travel_m"] > 0.02
+    out, err = cogrip.texts(f"{stiff} --set coupling.server_step=paper --allow-unstable", code=1)
+    assert json.loads(out)["diverged"]
+    assert "diverged: the object left the workspace at (" in err
+
+
 def test_a_run_leaves_its_folder(tmp_path, cogrip):
     cogrip.out(f"lab demo --set seconds=1 --runs {tmp_path}")
     (folder,) = tmp_path.iterdir()

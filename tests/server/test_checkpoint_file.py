@@ -3,6 +3,7 @@
 import hashlib
 import os
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -167,6 +168,26 @@ def test_a_checkpoint_longer_than_its_slot_is_a_failure_and_the_one_before_stays
     assert (writer.written, writer.failures) == (1, 1)
     assert read(path) == bytes(SLOT_BYTES - HEADER.size)
     assert "a checkpoint of 1048553 bytes is too long: 1048552 at most" in words[0]
+
+
+def test_a_disk_that_takes_only_a_part_is_a_failure_and_the_version_before_stays(path):
+    words: list[str] = []
+    writer = CheckpointWriter(path, words.append)
+    writer.put(b"whole")
+    writer.close()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2 * SLOT_BYTES + HEADER.size + 4, limits[1]))
+        writer.put(b"in place")
+        writer.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert (writer.written, writer.failures) == (1, 1)
+    assert read(path) == b"whole"
+    assert "No space left on device; make room" in words[0]
+    writer.put(b"room again")
+    writer.close()
+    assert read(path) == b"room again"
 
 
 def test_failures_are_counted_and_said_once_by_whoever_puts(path, monkeypatch):

@@ -14,7 +14,8 @@ from cogrip.protocol.settings import Settings, best_network_hz, for_remote_clien
 from cogrip.server import frame_cost as module
 from cogrip.server.checkpoint import encode
 from cogrip.server.frame_cost import PAUSE_NS, SPENT_NS, WARM, frame_cost
-from cogrip.server.io.state_folder import make_folder, write_private
+from cogrip.server.io.checkpoint_file import CheckpointWriter
+from cogrip.server.io.state_folder import make_folder
 from cogrip.server.room import Room
 
 
@@ -141,7 +142,9 @@ def test_a_server_that_was_killed_goes_on_at_its_rate(file: Path, tmp_path: Path
     assert before.rates.network_hz == 256
     folder = make_folder(tmp_path / "state")
     killed = Room(for_remote_clients(before) if encrypted else before)
-    write_private(folder.checkpoint("box"), encode(killed.checkpoint()))
+    writer = CheckpointWriter(folder.checkpoint("box"))
+    writer.put(encode(killed.checkpoint()))
+    writer.close()
     again = RateChoices(choose(50.0), folder.path)
     settings = load(file, rate=again)
     assert settings.rates.network_hz == 256

@@ -225,6 +225,22 @@ def test_a_message_that_does_not_fit_the_room_is_unfit(desk: Desk, datagram: byt
     assert desk.core.dropped == {"unfit": 1}
 
 
+@pytest.mark.parametrize("kind", ["waves", "heartbeat"])
+def test_an_implausible_stamp_is_counted_and_its_message_taken_in(desk: Desk, kind: str) -> None:
+    """An echo of what was sent later than now is no reading of the clock; the message itself may be good."""
+    session = desk.welcome("x").session
+    seat, now_ns = desk.core.rooms[0].seats[0], 10**9
+    for number, (held_ns, dropped) in enumerate([(10, 0), (11, 1)]):
+        stamp = Stamp(now_ns, now_ns - 10, held_ns)  # not later than it was sent back, then 1 ns later
+        frame = Waves(session, number, (0.1,), (0.0,), (0.0,), 0.0, 0.0, 0, stamp, (0.0, 0.0))
+        message = frame if kind == "waves" else Heartbeat(session, stamp)
+        desk.core.receive(messages.encode(message), "x", now_ns)
+        assert desk.core.dropped["implausible stamp"] == dropped
+        assert (seat.last_received_ns, seat.rtt_ns) == (now_ns, 0)
+        now_ns += FRAME_NS
+    assert desk.core.dropped == {"implausible stamp": 1}
+
+
 def test_every_seated_person_gets_one_datagram_a_step(desk: Desk) -> None:
     sessions = [desk.welcome(address).session for address in "xy"]
     for number in range(3):
