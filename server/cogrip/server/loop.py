@@ -29,8 +29,8 @@ from cogrip.server.admission import AdmissionServices, AdmitAll, Authenticator
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.io.call_limit import call_limit
 from cogrip.server.io.datagram_path import DatagramPath
+from cogrip.server.io.paced_room import PacedRoom, next_due_ns
 from cogrip.server.io.udp_port import DatagramPort, PortRange, ServerChannel, UdpPort
-from cogrip.server.paced_room import PacedRoom, next_due_ns
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer
 from cogrip.server.worlds.guarded import GuardedWorld
