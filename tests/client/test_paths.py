@@ -94,16 +94,6 @@ def wait_until_ready(paths: Paths) -> None:
     drain_until(paths, lambda taken: paths.paths[-1].ready)
 
 
-def test_one_path_carries_everything(paths: Paths, far: FarServer) -> None:
-    paths.send(b"hello", hello=True)
-    paths.send(b"waves")
-    (first, address), (second, again) = far.hear(), far.hear()
-    assert (first, second, address) == (b"hello", b"waves", again)
-    far.say(b"answer", address)
-    assert arrived(paths) == [b"answer"]
-    assert paths.counted() == {}
-
-
 def test_hellos_go_by_a_new_path_until_a_welcome_has_come_by_it(paths: Paths, far: FarServer) -> None:
     paths.send(b"waves")
     _, old = far.hear()
@@ -170,6 +160,8 @@ def test_a_hello_waits_until_its_path_is_ready_and_is_no_drop(far: FarServer, ma
     wait_until_ready(paths)
     paths.poll(1, resuming=False)
     assert far.hear() == (b"hello 2", address), "the newest"
+    paths.send(b"more waves")
+    assert far.hear() == (b"more waves", address), "one path carries everything"
 
 
 def test_paths_are_tried_as_path_migration_says_and_a_closed_one_says_goodbye(far: FarServer, make: Make) -> None:

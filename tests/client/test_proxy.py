@@ -4,7 +4,7 @@ from math import dist, hypot, pi, sin
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from cogrip.client.fixed_shapes import KINDS, FixedShape, Vector
@@ -50,6 +50,7 @@ def led(proxy: Proxy, begin: Vector, end: Vector, steps: int) -> Vector:
     return places[-1]
 
 
+@example(shape=Shape("box", (0.05, 0.05, 0.05)), centre=(0.06, 0.0, 0.08), radius=0.005)  # above an edge
 @given(shape=shapes, centre=vectors, radius=st.floats(0.002, 0.02))
 def test_gaps_are_those_of_mujoco(shape: Shape, centre: Vector, radius: float) -> None:
     gap, normal = FixedShape(shape).gap(*centre, radius)
