@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cogrip.protocol.line import jitter_buffer
 from cogrip.protocol.line.delays import HELD_MS, line_delay
 from cogrip.protocol.line.jitter_buffer import AdaptiveJitterBuffer
-from cogrip.protocol.line.receiver import LATE, LineReceiver
+from cogrip.protocol.line.receiver import LATE, MOST_UNHEARD, LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import Rates
@@ -307,6 +307,38 @@ def test_a_frame_that_is_overdue_is_played_for_what_is_left_of_its_time(ticks_la
     assert energy == pytest.approx(receiver.played_j, rel=1e-12)
     deficit = sum(waves) - sum(played) / M
     assert receiver.deficit[0] == pytest.approx(deficit, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unheard", "plays"), [(1, True), (MOST_UNHEARD, True), (MOST_UNHEARD + 1, False), (75, False)]
+)
+def test_after_a_long_gap_an_overdue_frame_is_left_to_the_cross_fade(unheard: int, plays: bool) -> None:
+    """The filling has faded by then: the line would jump to the wave, and with it the force of everybody who holds on."""
+    receiver, sender = LineReceiver(1, 0, FRAME_S, credit_j=1.0, ticks=M), LineSender(1, 1)
+
+    def come(early: int) -> None:
+        sender.push((0.6,))
+        receiver.receive(*sender.contents(), early=early)
+
+    for _ in range(8):
+        come(early=0)
+        receiver.pop()
+    for _ in range(unheard):
+        filling = receiver.pop()
+        sender.push((0.6,))
+    receiver.receive(*sender.contents(), early=M - 1)  # the newest of them, a tick after its time
+    assert (receiver.overdue is not None) is plays
+    if plays:
+        assert receiver.play_overdue(M - 1) == (0.6,)
+    come(early=0)
+    (next_wave,) = receiver.pop()
+    if not plays:
+        assert abs(next_wave - filling[0]) < 0.1
+    for _ in range(2):  # a frame that came begins the count anew
+        receiver.pop()
+        sender.push((0.6,))
+    receiver.receive(*sender.contents(), early=1)
+    assert receiver.overdue == (0.6,)
 
 
 def test_what_is_set_is_what_is_expected() -> None:

@@ -43,6 +43,7 @@ cdef class LineReceiver:
     cdef long long _concealed
     cdef long long _gap_length
     cdef long long _longest_gap
+    cdef long long _unheard
     cdef CompensatedSum _played_j
     cdef public tuple metadata
     cdef public bint gap

@@ -22,6 +22,8 @@ from cogrip.protocol.line.sender import Frame
 FURTHEST_JUMP = 1 << 14  # highest number of the newest frame in the first datagram of a line
 LATE = 0.01  # default rate of late frames
 MOST_FRAMES = 32  # of one datagram: the largest redundancy
+MOST_UNHEARD = 4
+"""Frames in a row without a wave, after which an overdue one is not played: the line would jump to it past the cross-fade."""
 
 FrameMetadata = tuple[float, float, int]  # the sender's ledger up to a frame: made_j, port_j, acknowledged (SPEC 9)
 
@@ -34,7 +36,7 @@ class LineReceiver:
     played    the frame popped last had come in time
     gap       the wave popped last is a filling: its frame had not come, or the jitter buffer waits longer
     hold      ticks for which the wave popped last is to be played; a server plays every wave for one step
-    overdue   the frame in whose place a filling is being played, if it has arrived meanwhile
+    overdue   the frame in whose place a filling is being played, if it has arrived meanwhile, and the gap is a short one
     ledger    energy ledger of this direction
     answer    wave that the end sent last: its owner sets it before `pop`
     """
@@ -85,6 +87,7 @@ class LineReceiver:
 
         self._due_frames = self._received = self._applied = self._late = self._duplicate = 0
         self._concealed = self._gap_length = self._longest_gap = 0
+        self._unheard = 0  # frames in a row of which no wave was played
         self._played_j = CompensatedSum()
         self.metadata: FrameMetadata | None = None
         self.gap = self.played = False
@@ -152,7 +155,7 @@ class LineReceiver:
             elif number in missing:
                 missing.discard(number)
                 self._late += 1
-                if number == cursor - 1 and self._concealing:
+                if number == cursor - 1 and self._concealing and self._unheard <= MOST_UNHEARD:
                     self.overdue = waves[start : start + axes]
             else:
                 if adapts and number == newest < cursor - HISTORY:  # too old for the ledger, but its lateness counts
@@ -220,7 +223,7 @@ class LineReceiver:
         if frame is not None:
             self.played = True
             self._applied += 1
-            self._gap_length = 0
+            self._gap_length = self._unheard = 0
         elif number >= 0:
             self._miss(number)
             frame = self._fill(late, self.newest < number)
@@ -246,7 +249,7 @@ class LineReceiver:
         self._add_deficit(self._last, part)
         self._add_deficit(frame, -part)
         self._played_j.add(part * self._half_frame_s * (_square(frame) - _square(self._last)))
-        self.overdue, self._concealing, self._last = None, False, frame
+        self.overdue, self._concealing, self._last, self._unheard = None, False, frame, 0
         return frame
 
     @property
@@ -273,6 +276,7 @@ class LineReceiver:
         self.gap = self.ledger.disturbed = True
         self._concealed += 1
         self._gap_length += 1
+        self._unheard += 1
         self._longest_gap = max(self._longest_gap, self._gap_length)
 
     def _pass_over(self, number: int) -> int:
