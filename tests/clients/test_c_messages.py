@@ -20,7 +20,7 @@ pytestmark = needs_compiler
 
 SESSION = 0x1122334455667788
 READ = ("welcome", "refuse", "waves", "heartbeat", "farewell", "effects")
-"""What a player is sent, by the beginning of its vector's name."""
+"""Messages to a player, by the beginning of its vector's name."""
 TAGS = {name: msgpack.unpackb(datagram)[0] for name, (datagram, _) in VECTORS.items()}
 VALUES = {"f": "0123456789abcdef" * 4, "t": "AAECAwQFBgcICQoLDA0ODw"}
 SOURCE = (SOURCES / "cogrip.c").read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ from cogrip.server.worlds.world import World
 
 Range = tuple[float, float]
 FOLLOWING: dict[str, Any] = {"stiffness": (1.0, 4.0), "impedance": (3.0, 3.9), "compensate": True}
-"""Of drawn seats whose stiffness can follow the delay."""
+"""Return drawn seats whose stiffness can follow the delay."""
 
 
 def seats(
