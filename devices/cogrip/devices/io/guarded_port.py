@@ -132,7 +132,12 @@ class GuardedPort(SerialPort):
     def read(self, wait_s: float = 0.0) -> bytes:
         if self._words[STEPPED_IN] != self._seen:
             self._step_in()
-        return super().read(wait_s)
+        try:
+            return super().read(wait_s)
+        except DeviceError:
+            if self._words[STEPPED_IN] != self._seen:  # the guard has dropped what this end was about to read
+                self._step_in()
+            raise
 
     def _step_in(self) -> None:
         """The loop stood still, and the torque was taken off. Raises DeviceError, once."""
