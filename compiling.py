@@ -1,7 +1,7 @@
 """Compile the modules that have types for a compiler beside them (docs/decisions/0028-typed-classes.md).
 
-A module `x.py` with an `x.pxd` is compiled as it is, its classes as structs; `x.pyx` is there only compiled. The results lie
-beside their sources and take the place of these when they are imported. They are no part of the project, and nothing needs
+A module `x.py` with an `x.pxd` is compiled as it is, its classes as structs; `x.pyx` is there only compiled, or in place of an
+`x.py` with the same functions. The results lie beside their sources and take the place of these when they are imported. They are no part of the project, and nothing needs
 them; `dev.py` removes what is of sources that were changed meanwhile. `-ffp-contract=off`: no product and sum are rounded
 together, so that every number is the interpreted one, bit for bit; `-fwrapv`: whole numbers wrap.
 """
@@ -36,6 +36,8 @@ def sources() -> list[tuple[str, Path]]:
     for part in PARTS:
         for path in sorted((ROOT / part / "cogrip").rglob("*.p[xy][dx]")):
             source = path.with_suffix(".py") if path.suffix == ".pxd" else path
+            if path.suffix == ".pxd" and path.with_suffix(".pyx").exists():
+                continue
             if path.stem in LINUX_ONLY and sys.platform != "linux":
                 continue
             found.append((".".join(source.relative_to(ROOT / part).with_suffix("").parts), source))

@@ -5,7 +5,14 @@ import random
 import pytest
 
 from cogrip.protocol.line.energy_ledger import FIRST_ROWS, HISTORY, WaveLedger
-from cogrip.protocol.line.energy_sums import RESERVE_FRACTION, WaveSums
+from cogrip.protocol.line.energy_sums import RESERVE_FRACTION, Row, WaveSums
+from cogrip.protocol.received_waves import ReceivedWaves
+
+
+def totals(first: int, total: Row, squares: Row) -> ReceivedWaves:
+    datagram = ReceivedWaves()
+    datagram.put(first, total, total, squares, (0.0, 0.0, 0), 0)
+    return datagram
 
 
 @pytest.mark.parametrize("axes", [1, 3, 6])
@@ -28,7 +35,7 @@ def test_totals_from_before_an_outage_say_what_was_lost_until_then(outage: int, 
         ledger.add_played(number, frame)
     cursor = begin + 20 + outage
     total, squares, were, were_squares = expected or (sent.total, sent.squares, played.total, played.squares)
-    ledger.add_totals(begin + 20, cursor, total, squares)
+    ledger.add_totals(totals(begin + 20, total, squares), cursor)
     ledger.add_played(cursor, (0.0,) * axes)
     reaches = outage + 1 < HISTORY  # of older frames nobody knows any more what was played
     assert ledger.settled == (begin + 20 if reaches else 0)
@@ -42,6 +49,6 @@ def test_totals_from_before_an_outage_say_what_was_lost_until_then(outage: int, 
 def test_totals_of_a_frame_before_the_first_one_played_find_nothing_played() -> None:
     ledger = WaveLedger(2, 1.0)
     ledger.begin(40)
-    ledger.add_totals(38, 40, (3.0, -1.0), (9.0, 1.0))
+    ledger.add_totals(totals(38, (3.0, -1.0), (9.0, 1.0)), 40)
     ledger.add_played(40, (0.5, 0.5))
     assert (ledger.settled, ledger.deficit) == (38, [3.0, -1.0])

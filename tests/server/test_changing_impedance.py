@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from msgspec import structs
 
 from cogrip.protocol.line_tuning import LEAST_NSPM, MOST_NSPM
-from cogrip.protocol.messages import Stamp, Waves
+from cogrip.protocol.clock import Clock
+from cogrip.protocol.messages import Stamp, Waves, decode
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.waves import wave_of
 from cogrip.server.schemes import make_world
@@ -47,7 +48,8 @@ def step(at: WavePort, number: int, impedance_nspm: float, since: int, wave: flo
 
 
 def told(at: WavePort) -> tuple[float, int]:
-    answer = at.message(7, Stamp(1), (0.0, 0.0), 0.0)
+    answer = decode(at.message(7, Clock(), 1, (0.0, 0.0), 0.0))
+    assert isinstance(answer, Waves)
     return answer.impedance_nspm, answer.since
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.local_port import LocalPort
@@ -111,14 +112,14 @@ def test_places_are_absorbed_while_the_tool_is_clear_and_turning_is_played() -> 
         assert port.receive(up(number, wave, state), number)
         assert port.pop(1) == pytest.approx((0.0, 0.0, 0.0, *wave[3:]), rel=0.01)
         port.push((0.0,) * 6)
-        port.message(1, Stamp(number + 1, 0), (0.0,) * 12, 0.0)
+        port.message(1, Clock(), number + 1, (0.0,) * 12, 0.0)
     assert port.absorbed_j == pytest.approx(5 * 0.5 * T * (0.09 + 0.04), rel=0.01)
     assert port.proxy == (0.008, 0.0, 0.0)
     assert port.hand == state[6:12]
     assert port.turned == ((0.0, 0.0, 0.1), (0.0, 0.0, 0.1))
     engaged = (0.0, 0.0, 0.05)
     for number in range(5, 8):
-        port.message(1, Stamp(100, 0), (0.0,) * 12 + engaged, 0.0)
+        port.message(1, Clock(), 100, (0.0,) * 12 + engaged, 0.0)
         assert port.receive(up(number, wave, state, heard_ns=100 if number > 5 else 0), number)
         played = wave if number > 5 else (0.0, 0.0, 0.0, *wave[3:])  # of before it was known: absorbed
         assert port.pop(1) == pytest.approx(played, rel=0.01)

@@ -15,11 +15,12 @@ cdef class Clock:
     cdef public long long contradictions
     cdef public long long implausible
 
-    @cython.locals(held="long long")
     cpdef stamp(self, long long now_ns)
+    cpdef long long held_ns(self, long long now_ns)
+    cpdef read(self, stamp, long long now_ns)
     @cython.locals(
-        sent_ns="long long", echo_ns="long long", held_ns="long long", rtt_ns="long long", low_ns="long long",
+        rtt_ns="long long", low_ns="long long",
         high_ns="long long", least_ns="long long", most_ns="long long", way_ns="long long", kept_ns="long long",
         offset_ns="long long",
     )
-    cpdef read(self, stamp, long long now_ns)
+    cpdef read_times(self, long long sent_ns, long long echo_ns, long long held_ns, long long now_ns)

@@ -46,18 +46,23 @@ class Clock:
 
     def stamp(self, now_ns: int) -> Stamp:
         """Return the stamp of a message that is sent now."""
-        held = now_ns - self._received_ns if self._peer_sent_ns else 0
-        return Stamp(now_ns, self._peer_sent_ns, held)
+        return Stamp(now_ns, self._peer_sent_ns, self.held_ns(now_ns))
+
+    def held_ns(self, now_ns: int) -> int:
+        """Return the time since the other end's newest reading was received; 0 where none was."""
+        return now_ns - self._received_ns if self._peer_sent_ns else 0
 
     def read(self, stamp: Stamp, now_ns: int) -> int | None:
         """Return the round-trip time of a received stamp [ns], None where it echoes nothing or is implausible."""
+        return self.read_times(stamp.sent_ns, stamp.echo_ns, stamp.held_ns, now_ns)
+
+    def read_times(self, sent_ns: int, echo_ns: int, held_ns: int, now_ns: int) -> int | None:
+        """Do what `read` does with the readings of a stamp."""
         self.fresh = False
-        sent_ns, echo_ns = stamp.sent_ns, stamp.echo_ns
         if sent_ns > self._peer_sent_ns:
             self._peer_sent_ns, self._received_ns = sent_ns, now_ns
         if not echo_ns:
             return None
-        held_ns = stamp.held_ns
         rtt_ns = now_ns - echo_ns
         if rtt_ns < held_ns or rtt_ns - held_ns >= MOST_RTT_NS:  # in an order in which 64 bits are enough
             self.implausible += 1

@@ -150,12 +150,14 @@ cdef bint _whole(const unsigned char **at, const unsigned char *end, long long *
 cdef bint _float(const unsigned char **at, const unsigned char *end, double *found):
     """Read a float of 64 bits; False for anything else."""
     cdef const unsigned char *here = at[0]
-    cdef uint64_t bits = 0
-    cdef int place
+    cdef uint64_t bits
     if end - here < 9 or here[0] != 0xCB:
         return False
-    for place in range(1, 9):
-        bits = bits << 8 | here[place]
+    # one expression, which compilers make one load of
+    bits = (
+        <uint64_t>here[1] << 56 | <uint64_t>here[2] << 48 | <uint64_t>here[3] << 40 | <uint64_t>here[4] << 32
+        | <uint64_t>here[5] << 24 | <uint64_t>here[6] << 16 | <uint64_t>here[7] << 8 | <uint64_t>here[8]
+    )
     memcpy(found, &bits, 8)
     at[0] += 9
     return True

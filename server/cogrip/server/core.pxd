@@ -1,5 +1,6 @@
 cimport cython
 
+from cogrip.protocol.received_waves cimport ReceivedWaves
 from cogrip.server.participants cimport Seat
 from cogrip.server.room cimport Room
 
@@ -7,6 +8,8 @@ from cogrip.server.room cimport Room
 cdef class ServerCore:
     cdef public list rooms
     cdef public object _table
+    cdef dict _places
+    cdef ReceivedWaves _waves
     cdef public object _out
     cdef public object outbox
     cdef public object events
@@ -22,5 +25,7 @@ cdef class ServerCore:
     cpdef tick(self, Room room, long long now_ns, long long frames=*)
     @cython.locals(seat=Seat)
     cdef _let_silent_go(self, Room room, long long now_ns)
+    @cython.locals(room=Room, seat=Seat, waves=ReceivedWaves)
+    cdef bint _receive_waves(self, tuple place, bytes datagram, long long now_ns) except -1
     cdef _receive_from_seat(self, Room room, Seat seat, message, long long now_ns)
     cdef _receive_frame(self, Seat seat, message, long long now_ns)

@@ -9,8 +9,20 @@ from cogrip.protocol import messages
 from cogrip.protocol.accounts import SeatAccount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.hand_settings import unfit
-from cogrip.protocol.messages import Edges, Effects, Farewell, Frame, Heartbeat, Hello, Leave, Mark, SetHand
+from cogrip.protocol.messages import (
+    MAX_MESSAGE_BYTES,
+    Edges,
+    Effects,
+    Farewell,
+    Frame,
+    Heartbeat,
+    Hello,
+    Leave,
+    Mark,
+    SetHand,
+)
 from cogrip.protocol.rates import NS_PER_S
+from cogrip.protocol.received_waves import ReceivedWaves
 from cogrip.protocol.session import LOST_NS, QUIET_NS, foreign_version, nonce_of, version_mismatch
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import clipped, shown
@@ -38,6 +50,8 @@ class ServerCore:
     ) -> None:
         self.rooms = [Room(settings) for settings in rooms]
         self._table = table = SeatTable(self.rooms)
+        self._places = table.places
+        self._waves = ReceivedWaves()  # of the datagram that is being received
         self._out = out = outputs or Outputs()
         self.outbox, self.events, self.dropped = out.outbox, out.events, out.dropped
         self._drop = out.drop
@@ -65,12 +79,12 @@ class ServerCore:
 
     def knows(self, address: Address) -> bool:
         """Return whether somebody in a session is at this address."""
-        place = self._table.at(address)
+        place = self._places.get(address)
         return place is not None and (isinstance(place[1], Observer) or place[1].state == "seated")
 
     def listens_to(self, address: Address) -> bool:
         """Return whether this address is bound: to a session, or to a seat whose farewell may have to be repeated."""
-        return self._table.at(address) is not None
+        return self._places.get(address) is not None
 
     def roster(self) -> list[Place]:
         """Return everybody in a session, as (room, seat or observer)."""
@@ -103,12 +117,14 @@ class ServerCore:
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> None:
         """Handle one datagram. One that is unexpected is dropped and counted by name."""
+        place = self._places.get(address)
+        if place is not None and self._receive_waves(place, datagram, now_ns):
+            return
         try:
             message = messages.decode(datagram)
         except messages.MalformedError:
             self._receive_malformed(datagram, address)
             return
-        place = self._table.at(address)
         if type(message) is Hello:  # `isinstance` is slow for message types, and this is once a datagram
             self._joining.answer(message, len(datagram), address, now_ns)
         elif place is None:
@@ -117,6 +133,23 @@ class ServerCore:
             self._receive_from_seat(place[0], seat, message, now_ns)
         elif isinstance(place[1], Observer):
             self._receive_from_observer(place[0], place[1], message, now_ns)
+
+    def _receive_waves(self, place: Place, datagram: bytes, now_ns: int) -> bool:
+        """Take in waves, which nearly all messages are; False for any other datagram, and for waves that do not belong here."""
+        if type(place[1]) is not Seat:
+            return False
+        room, seat, waves = place[0], place[1], self._waves
+        if not room.takes_waves or seat.state != "seated":
+            return False
+        if len(datagram) > MAX_MESSAGE_BYTES or not waves.decode(datagram) or waves.session != seat.session:
+            return False
+        if not seat.read_times(waves.sent_ns, waves.echo_ns, waves.held_ns, now_ns):
+            self._drop("implausible stamp")
+        if seat.take_in(waves, now_ns):
+            seat.last_received_ns = now_ns
+        else:
+            self._drop("unfit")  # does not refresh the time-out of the seat
+        return True
 
     def _receive_malformed(self, datagram: bytes, address: Address) -> None:
         version = foreign_version(datagram)
@@ -129,7 +162,7 @@ class ServerCore:
 
     def _receive_from_seat(self, room: Room, seat: Seat, message: messages.AnyMessage, now_ns: int) -> None:
         if type(message) is room.frame and message.session == seat.session and seat.state == "seated":
-            self._receive_frame(seat, message, now_ns)  # nearly all messages: a short cut of the branches below
+            self._receive_frame(seat, message, now_ns)  # a short cut of the branches below
         elif not isinstance(message, FROM_CLIENTS):
             self._drop("unexpected")
         elif message.session != seat.session:

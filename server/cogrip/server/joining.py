@@ -59,7 +59,7 @@ class Joining:
 
     def _repeated(self, hello: Hello, address: Address, now_ns: int) -> bool:
         """Repeat the welcome where only that was lost. Another hello from a known address ends the session there: False."""
-        place = self._table.at(address)
+        place = self._table.places.get(address)
         if place is None:
             return False
         room, who = place

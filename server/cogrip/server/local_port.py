@@ -8,10 +8,9 @@ echo.
 
 from math import dist
 
-from msgspec.structs import replace
-
+from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Stamp, Waves
+from cogrip.protocol.received_waves import ReceivedWaves
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.port import Row
@@ -41,17 +40,19 @@ class LocalPort(WavePort):
         super().set_limits(limits)
         self._reach_m = FASTER * limits.speed_mps * self._frame_s
 
-    def receive(self, message: Waves, now_ns: int) -> bool:
-        axes, places = self.axes, min(self.axes, PLACES)
-        if len(message.state) < places:
+    def take_in(self, datagram: ReceivedWaves, now_ns: int) -> bool:
+        axes, places, states = self.axes, min(self.axes, PLACES), datagram.states
+        if states < places:
             return False
         newest = self._receiver.newest
-        if not super().receive(replace(message, state=message.state[:-places]), now_ns):
+        datagram.states = states - places
+        if not super().take_in(datagram, now_ns):
             return False
+        datagram.states = states
         if self._reported is None or self._receiver.newest > newest:
-            self._reported = message.state[-places:]
-        if message.stamp.echo_ns < self._told_ns:
-            self._unaware = max(self._unaware, message.first + len(message.waves) // axes - 1)
+            self._reported = datagram.state_from(states - places, states)
+        if datagram.echo_ns < self._told_ns:
+            self._unaware = max(self._unaware, datagram.first + datagram.numbers // axes - 1)
         return True
 
     def pop(self, frames: int) -> Row:
@@ -74,11 +75,11 @@ class LocalPort(WavePort):
     def absorbed_j(self) -> float:
         return self._absorbed_j.value
 
-    def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Waves:
+    def message(self, session: int, clock: Clock, now_ns: int, object_state: Row, port_j: float) -> bytes:
         self._engaged = engaged = object_state[2 * self.axes :]
         if engaged and engaged != self._told:
-            self._told, self._told_ns = engaged, stamp.sent_ns
-        return super().message(session, stamp, object_state, port_j)
+            self._told, self._told_ns = engaged, now_ns
+        return super().message(session, clock, now_ns, object_state, port_j)
 
 
 def toward(start: Row, end: Row, part: float) -> Row:

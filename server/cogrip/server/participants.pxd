@@ -2,6 +2,7 @@ cimport cython
 
 from cogrip.protocol.clock cimport Clock
 from cogrip.protocol.line.energy_reserve cimport EnergyReserve
+from cogrip.protocol.received_waves cimport ReceivedWaves
 from cogrip.server.hand_changes cimport HandChanges
 from cogrip.server.port cimport Port
 
@@ -51,5 +52,8 @@ cdef class Seat(Participant):
     cdef public dict limited
 
     cpdef bint read_stamp(self, stamp, long long now_ns) except -1
+    cpdef bint read_times(self, long long sent_ns, long long echo_ns, long long held_ns, long long now_ns) except -1
+    @cython.locals(port=Port)
+    cpdef bint take_in(self, ReceivedWaves datagram, long long now_ns) except -1
     @cython.locals(port=Port)
     cpdef bint receive(self, message, bint framed, long long now_ns) except -1

@@ -8,6 +8,7 @@ from cogrip.protocol.channel import Address
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.messages import Edges, Frame, Stamp
+from cogrip.protocol.received_waves import ReceivedWaves
 from cogrip.protocol.session import LOST_NS, QUIET_NS, SEAT
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.checkpoint import SeatCheckpoint
@@ -99,11 +100,19 @@ class Seat(Participant):
 
     def read_stamp(self, stamp: Stamp, now_ns: int) -> bool:
         """Read the stamp of a message; False where it cannot be."""
-        rtt_ns = self.clock.read(stamp, now_ns)
+        return self.read_times(stamp.sent_ns, stamp.echo_ns, stamp.held_ns, now_ns)
+
+    def read_times(self, sent_ns: int, echo_ns: int, held_ns: int, now_ns: int) -> bool:
+        """Do what `read_stamp` does with the readings of a stamp."""
+        rtt_ns = self.clock.read_times(sent_ns, echo_ns, held_ns, now_ns)
         if rtt_ns is not None:
             self.rtt_ns = rtt_ns
             return True
-        return not stamp.echo_ns
+        return not echo_ns
+
+    def take_in(self, datagram: ReceivedWaves, now_ns: int) -> bool:
+        """Receive waves without a handle. Return False for those that cannot be of this seat."""
+        return self.port is not None and self.port.take_in(datagram, now_ns)
 
     def receive(self, message: Frame | Edges, framed: bool, now_ns: int) -> bool:
         """Receive a frame (`framed`) or button edges. Return False for a message that cannot be of this seat."""

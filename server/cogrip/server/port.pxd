@@ -1,5 +1,7 @@
 from cogrip.protocol.button_edges cimport EdgeReceiver
+from cogrip.protocol.clock cimport Clock
 from cogrip.protocol.line.energy_reserve cimport EnergyReserve
+from cogrip.protocol.received_waves cimport ReceivedWaves
 
 
 cdef class Port:
@@ -18,7 +20,8 @@ cdef class Port:
     cdef public EdgeReceiver handle
 
     cpdef bint receive(self, message, long long now_ns) except -1
+    cpdef bint take_in(self, ReceivedWaves datagram, long long now_ns) except -1
     cpdef tuple pop(self, long long frames)
     cpdef push(self, tuple row)
-    cpdef message(self, session, stamp, tuple object_state, double port_j)
+    cpdef bytes message(self, session, Clock clock, long long now_ns, tuple object_state, double port_j)
     cpdef port_in_j(self)

@@ -5,12 +5,13 @@ from typing import Any
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.button_edges import EdgeReceiver
+from cogrip.protocol.clock import Clock
 from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import rounding_fraction
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.messages import Frame, Stamp
+from cogrip.protocol.received_waves import ReceivedWaves
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.seat_limits import SeatLimits
 
@@ -54,6 +55,10 @@ class Port:
         """Receive a frame, of the scheme's message type, that came now. Return False for one that cannot be of this line."""
         raise NotImplementedError
 
+    def take_in(self, datagram: ReceivedWaves, now_ns: int) -> bool:
+        """Receive waves; `receive` for a port of this scheme."""
+        raise NotImplementedError
+
     def set_limits(self, limits: SeatLimits) -> None:
         """Bound what the seat brings in by these limits from now on."""
         raise NotImplementedError
@@ -66,8 +71,11 @@ class Port:
         """Send the world's answer to a step."""
         raise NotImplementedError
 
-    def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Frame:
-        """Return the message of this step. object_state: position [m], then velocity [m/s]."""
+    def message(self, session: int, clock: Clock, now_ns: int, object_state: Row, port_j: float) -> bytes:
+        """Return the message of this step, encoded, with the clock's stamp.
+
+        object_state: position [m], then velocity [m/s]
+        """
         raise NotImplementedError
 
     def port_in_j(self) -> float | None:

@@ -9,8 +9,9 @@ Per axis, energies in J: F force of the coupling [N], w velocity of the proxy [m
               `up_margin_j` is the least of it
 """
 
+from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Power, Stamp
+from cogrip.protocol.messages import Power, encode
 from cogrip.protocol.passivity_control import CHARGE_DOWN_J, LENT_J
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.port import Row
@@ -112,10 +113,10 @@ class PowerPort(LatestStatePort[Power]):
     def limited(self) -> dict[str, int]:
         return {**self._states.counts, **self._energy.counts}
 
-    def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Power:
+    def message(self, session: int, clock: Clock, now_ns: int, object_state: Row, port_j: float) -> bytes:
         axes = self.axes
         entered, taken = [tuple([energy.value for energy in direction]) for direction in (self._in, self._out)]
-        return Power(
+        return encode(Power(
             session, self._number, object_state[:axes], object_state[axes:], self._force, entered, taken, port_j,
-            self._receiver.acknowledged, stamp, edges=self.handle.taken,
-        )  # fmt: skip
+            self._receiver.acknowledged, clock.stamp(now_ns), edges=self.handle.taken,
+        ))  # fmt: skip

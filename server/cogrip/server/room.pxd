@@ -6,6 +6,7 @@ from cogrip.server.markers cimport Markers
 from cogrip.server.observers cimport ObserverSlots
 from cogrip.server.participants cimport Seat
 from cogrip.server.port cimport Port
+from cogrip.server.worlds.world_step cimport WorldStep
 
 
 cdef class Room:
@@ -15,7 +16,9 @@ cdef class Room:
     cdef public list seats
     cdef public object _scheme
     cdef public object frame
+    cdef public bint takes_waves
     cdef public object world
+    cdef WorldStep _step
     cdef tuple _idle_row
     cdef long long _frame_ns
     cdef Py_ssize_t _axes
@@ -37,7 +40,7 @@ cdef class Room:
     cpdef bint anybody_holds(self) except -1
     @cython.locals(seat=Seat, number=Py_ssize_t, out=list, state=tuple)
     cpdef list tick(self, long long now_ns, long long frames=*)
-    @cython.locals(places=Py_ssize_t, before=tuple, here=tuple, failed=bint)
+    @cython.locals(step=WorldStep, places=Py_ssize_t, before=tuple, here=tuple, failed=bint)
     cdef _advance(self, rows)
     @cython.locals(port=Port, axes=Py_ssize_t, port_out_j=double, reserve_j=double, seen=tuple)
     cdef _message_of(self, Seat seat, tuple answer, double work_j, tuple state, long long frames, long long now_ns)

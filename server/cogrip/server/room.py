@@ -15,7 +15,7 @@ from cogrip.protocol.clock import Clock
 from cogrip.protocol.effects import Effect
 from cogrip.protocol.hand_settings import HandChange
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.messages import Frame, Heartbeat, Mark
+from cogrip.protocol.messages import Heartbeat, Mark, Waves
 from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.session import LOST_NS
 from cogrip.protocol.settings import Settings, seat_settings
@@ -53,7 +53,9 @@ class Room:
         self.seats = [Seat(seat_settings(settings, number), number) for number in range(len(settings.users))]
         self._scheme = SCHEMES[settings.coupling.kind]
         self.frame = self._scheme.frame
+        self.takes_waves = self.frame is Waves
         self.world = make_room_world(settings, [seat.settings for seat in self.seats])
+        self._step = self.world.as_step()
         self._axes, self._places = self.world.axes, self.world.places
         self._idle_row = (0.0,) * (self._axes * self.world.inputs_per_axis)
         self._frame_ns = NS_PER_S // settings.rates.network_hz
@@ -226,7 +228,7 @@ class Room:
             return []
         world = self.world
         answers = self._advance(self._pop(frames, now_ns))
-        state, work = world.motion(), world.port_work_j()
+        state, work = self._step.motion(), self._step.port_work_j()
         self.effects.follow(self.steps)
         out: list[tuple[Address, bytes]] = []
         for number in range(len(self.seats)):
@@ -243,7 +245,7 @@ class Room:
             if self._has_effects(seat):
                 out += self._tell_effects(seat)
             message = self._message_of(seat, tuple(answers[number]), work[number], state, frames, now_ns)
-            out.append((seat.address, messages.encode(message)))
+            out.append((seat.address, message))
         if self.observer_slots.observers:
             out += self.observer_slots.views(self.steps, world, self.seats, now_ns) + self._show_effects()
         if marks := self.markers.due(self.steps):
@@ -252,27 +254,27 @@ class Room:
 
     def _advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
         """Step the world by the row of each seat; put an object back that nobody can reach. Return the answer to each."""
-        world, places = self.world, self._places
-        before = world.motion()[:places]
+        step, places = self._step, self._places
+        before = step.motion()[:places]
         if not self.anybody_holds():
-            world.bring_to_rest()  # an object that nobody holds is put down
+            self.world.bring_to_rest()  # an object that nobody holds is put down
         answers: Sequence[Sequence[float]] = ()
         failed = False
         try:
-            answers = world.advance(rows)
+            answers = step.advance(rows)
         except WorldError as error:
             failed, self.diverged = True, self.diverged or str(error)
-            world.reset()
+            self.world.reset()
         self.steps += 1
-        here = world.motion()[:places]
-        if world.left_workspace and not self.diverged:
+        here = step.motion()[:places]
+        if step.left_workspace() and not self.diverged:
             self.diverged = f"the object left the workspace at {here} m"
-        if failed or world.out_of_reach:
+        if failed or step.out_of_reach():
             return self._put_back()
         self.travel_m += dist(here, before)
         return answers
 
-    def _message_of(self, seat: Seat, answer: Row, work_j: float, state: Row, frames: int, now_ns: int) -> Frame:
+    def _message_of(self, seat: Seat, answer: Row, work_j: float, state: Row, frames: int, now_ns: int) -> bytes:
         """Push a step's answer into a seat's line, update its energy reserve and margin, and return the message."""
         port, axes = seat.port, self._axes
         assert port is not None
@@ -287,7 +289,7 @@ class Room:
         seen = state if port.axes == axes else state[: port.axes] + state[axes : axes + port.axes]
         if engaged := self.world.engaged_at(seat.number):
             seen = seen + engaged
-        return port.message(seat.session, seat.clock.stamp(now_ns), seen, -port_out_j)
+        return port.message(seat.session, seat.clock, now_ns, seen, -port_out_j)
 
     def _effects_of(self, number: int) -> Sequence[Effect]:
         settled, own = self.effects.of(number), self.world.effects_of(number)

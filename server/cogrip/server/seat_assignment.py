@@ -1,6 +1,6 @@
 """Seats and observer slots of a server: who speaks from which address, and which one a hello gets."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain
 
 from cogrip.protocol.channel import Address
@@ -18,26 +18,25 @@ class SeatTable:
     """Places of all participants. It alone writes `Participant.address`: nobody has two addresses, no address two people.
 
     A seat that was left keeps its address until another hello comes from it, so that a repeated goodbye is answered.
-    at     returns the place at an address, None where there is none
+    places  place at each address; it is read here and in the core, and written here alone
     woken  rooms in which somebody got an address, since the loop emptied it
     """
 
     def __init__(self, rooms: Sequence[Room]) -> None:
         self.rooms = rooms
         self.woken: set[Room] = set()
-        self._places: dict[Address, Place] = {}
-        self.at: Callable[[Address], Place | None] = self._places.get  # once a datagram
+        self.places: dict[Address, Place] = {}
 
     @property
     def addresses(self) -> list[Address]:
         """All addresses that are bound."""
-        return list(self._places)
+        return list(self.places)
 
     def bind(self, room: Room, who: Seat | Observer, address: Address) -> None:
         """Bind a participant to this address."""
         self.unbind(who)
         self.release(address)
-        self._places[address] = room, who
+        self.places[address] = room, who
         self.woken.add(room)
         who.address = address
 
@@ -48,7 +47,7 @@ class SeatTable:
 
     def release(self, address: Address) -> None:
         """Take an address from whoever has it."""
-        place = self._places.pop(address, None)
+        place = self.places.pop(address, None)
         if place is not None:
             place[1].address = None
 

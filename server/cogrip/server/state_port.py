@@ -2,8 +2,9 @@
 
 from typing import Generic, TypeVar
 
+from cogrip.protocol.clock import Clock
 from cogrip.protocol.latest_state import StateReceiver
-from cogrip.protocol.messages import Latest, Stamp, State
+from cogrip.protocol.messages import Latest, State, encode
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.port import Port, Row
 from cogrip.server.seat_limits import SeatLimits, StateLimiter
@@ -92,9 +93,9 @@ class StatePort(LatestStatePort[State]):
         """Least such error: of the energy of both directions only the difference is known."""
         return self._rounding * abs(self._receiver.latest.port_j) if self._receiver.latest else 0.0
 
-    def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> State:
+    def message(self, session: int, clock: Clock, now_ns: int, object_state: Row, port_j: float) -> bytes:
         row, axes = self._row, self.axes
-        return State(
-            session, self._number, row[:axes], row[axes:], port_j, self._receiver.acknowledged, stamp,
+        return encode(State(
+            session, self._number, row[:axes], row[axes:], port_j, self._receiver.acknowledged, clock.stamp(now_ns),
             edges=self.handle.taken,
-        )  # fmt: skip
+        ))  # fmt: skip

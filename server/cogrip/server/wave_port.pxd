@@ -1,8 +1,11 @@
 cimport cython
 
+from cogrip.protocol.clock cimport Clock
 from cogrip.protocol.line.energy_sums cimport CompensatedSum
 from cogrip.protocol.line.receiver cimport LineReceiver
 from cogrip.protocol.line.sender cimport LineSender
+from cogrip.protocol.received_waves cimport ReceivedWaves
+from cogrip.protocol.waves_encoding cimport encode_waves
 from cogrip.server.port cimport Port
 from cogrip.server.seat_limits cimport WaveLimiter
 
@@ -23,8 +26,8 @@ cdef class WavePort(Port):
     cdef dict _applied
     cdef dict _poses
 
-    @cython.locals(axes=Py_ssize_t, turning=bint, newest="long long", first="long long", waves=tuple, state=tuple)
-    cpdef bint receive(self, message, long long now_ns) except -1
+    @cython.locals(axes=Py_ssize_t, turning=bint, newest="long long")
+    cpdef bint take_in(self, ReceivedWaves datagram, long long now_ns) except -1
     @cython.locals(left_ns="long long")
     cdef long long _early(self, long long now_ns)
     @cython.locals(
@@ -37,4 +40,5 @@ cdef class WavePort(Port):
     cpdef push(self, tuple row)
     cpdef port_in_j(self)
     @cython.locals(receiver=LineReceiver)
-    cpdef message(self, session, stamp, tuple object_state, double port_j)
+    @cython.locals(receiver=LineReceiver)
+    cpdef bytes message(self, session, Clock clock, long long now_ns, tuple object_state, double port_j)

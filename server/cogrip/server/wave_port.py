@@ -3,15 +3,18 @@
 from typing import TypeVar
 
 from cogrip.protocol.accounts import PlayoutAccount
+from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.line_tuning import ImpedanceChanges, bounded
 from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.messages import Stamp, Waves
+from cogrip.protocol.messages import Waves
 from cogrip.protocol.rates import NS_PER_S
+from cogrip.protocol.received_waves import ReceivedWaves
 from cogrip.protocol.setting_types import PLACES, POSE_AXES
 from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.waves_encoding import encode_waves
 from cogrip.server.port import Port, Row, Turned
 from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 
@@ -51,30 +54,32 @@ class WavePort(Port):
         self._poses: dict[int, Turned] = {}  # by frame number, until popped: pose of the hand at the end of the frame
 
     def receive(self, message: Waves, now_ns: int) -> bool:
+        datagram = ReceivedWaves()
+        datagram.read(message)
+        return self.take_in(datagram, now_ns)
+
+    def take_in(self, datagram: ReceivedWaves, now_ns: int) -> bool:
         axes = self.axes
         turning = axes == POSE_AXES
-        first, waves, state = message.first, message.waves, message.state
-        if len(state) != 2 * axes + PLACES * turning:
+        if datagram.states != 2 * axes + PLACES * turning:
             return False
-        newest = first + len(waves) // axes - 1
-        if message.since > newest:
+        newest = datagram.first + datagram.numbers // axes - 1
+        if datagram.since > newest:
             return False
-        if self.origin is None and not within(MOST_M, state):
+        if self.origin is None and not within(MOST_M, datagram.state_from(0, datagram.states)):
             return False  # no hand is there
-        metadata = (message.made_j, message.port_j, message.acknowledged)
-        if not self._receiver.receive(
-            first, waves, message.total, message.squares, metadata, self._early(now_ns), message.phase
-        ):
+        if not self._receiver.take_in(datagram, self._early(now_ns)):
             return False
-        self.hand = state[axes : 2 * axes]
+        self.hand = datagram.state_from(axes, 2 * axes)
         if self.origin is None:
-            self.origin = state[:axes]
-        if self._impedances is not None and message.impedance_nspm:
-            self._impedances.add(message.since, bounded(message.impedance_nspm))
-        if self._receiver.newest == newest and len(self._applied) < MOST_KEPT:
-            self._applied[newest] = message.applied
-            if turning:
-                self._poses[newest] = self.hand[PLACES:], state[2 * axes :]
+            self.origin = datagram.state_from(0, axes)
+        if self._impedances is not None and datagram.impedance_nspm:
+            self._impedances.add(datagram.since, bounded(datagram.impedance_nspm))
+        if self._receiver.newest == newest:
+            if self.loops is not None and len(self._applied) < MOST_KEPT:
+                self._applied[newest] = datagram.applied
+            if turning and len(self._poses) < MOST_KEPT:
+                self._poses[newest] = self.hand[PLACES:], datagram.state_from(2 * axes, datagram.states)
         return True
 
     def receiver(self) -> LineReceiver:
@@ -99,9 +104,11 @@ class WavePort(Port):
         popped = receiver.next_number() - 1
         if self._impedances is not None:
             self._set_impedance(self._impedances.at(popped))
-        applied = self._applied.pop(popped, None)
-        if len(self._applied) > FEW_KEPT:
-            self._applied = later_than(popped, self._applied)
+        applied = None
+        if self._applied:
+            applied = self._applied.pop(popped, None)
+            if len(self._applied) > FEW_KEPT:
+                self._applied = later_than(popped, self._applied)
         if self._poses:
             self.turned = self._poses.pop(popped, None)
             if len(self._poses) > FEW_KEPT:
@@ -176,12 +183,11 @@ class WavePort(Port):
     def port_in_j(self) -> float | None:
         return self._port_j
 
-    def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Waves:
-        first, waves, total, squares = self._sender.contents()
+    def message(self, session: int, clock: Clock, now_ns: int, object_state: Row, port_j: float) -> bytes:
         receiver = self._receiver
-        return Waves(
-            session, first, waves, total, squares, self._made_j.value, port_j, receiver.next_number(), stamp, object_state,
-            receiver.phase_to_spare(), 0, self.impedance_nspm or 0.0, self._since, None, self.handle.taken,
+        return encode_waves(
+            session, self._sender, self._made_j.value, port_j, receiver.next_number(), clock, now_ns, object_state,
+            receiver.phase_to_spare(), self.impedance_nspm or 0.0, self._since, self.handle.taken,
         )  # fmt: skip
 
     @property

@@ -1,6 +1,7 @@
 cimport cython
 
 from cogrip.protocol.line.energy_sums cimport WaveSums
+from cogrip.protocol.received_waves cimport ReceivedWaves
 
 
 cdef class WaveLedger:
@@ -25,7 +26,8 @@ cdef class WaveLedger:
 
     @cython.locals(axis=Py_ssize_t, lost="double*", compensated="double*")
     cpdef list position_deficit(self)
-    cpdef add_totals(self, long long first, long long cursor, tuple total, tuple squares)
+    @cython.locals(first="long long")
+    cpdef add_totals(self, ReceivedWaves datagram, long long cursor)
     @cython.locals(
         cursor="long long", first="long long", total=tuple, squares=tuple, newest=tuple, history="double[::1]",
         played="double*", filled="double*", at=Py_ssize_t, axes=Py_ssize_t, axis=Py_ssize_t,

@@ -11,6 +11,7 @@ from math import sqrt
 
 from cogrip.protocol.line.energy_sums import BOUND_FRACTION, NOTHING, RESERVE_FRACTION, WaveSums
 from cogrip.protocol.line.sender import Frame
+from cogrip.protocol.received_waves import ReceivedWaves
 
 HISTORY = 1024  # frames for which the receiver still knows what it had played
 FIRST_ROWS = 32  # of the history at first; it grows up to HISTORY where totals arrive late
@@ -62,17 +63,18 @@ class WaveLedger:
         lost = self._lost_squares
         return [lost[axis] for axis in range(self._axes)]
 
-    def add_totals(self, first: int, cursor: int, total: Frame, squares: Frame) -> None:
+    def add_totals(self, datagram: ReceivedWaves, cursor: int) -> None:
         """Keep the newest totals up to the cursor, and those of later frames until their frame is due.
 
         cursor: below 0 before playing has begun
         """
+        first = datagram.first
         if first <= self.settled:
             return
         if first > cursor:
-            self._totals[first] = (total, squares)
+            self._totals[first] = datagram.total_row(), datagram.squares_row()
         elif self._usable is None or first >= self._usable[0]:
-            self._usable = first, total, squares
+            self._usable = first, datagram.total_row(), datagram.squares_row()
 
     def begin(self, cursor: int) -> None:
         """Sort the totals that came before playing began."""

@@ -4,6 +4,7 @@ from cogrip.protocol.line.concealment cimport Concealment
 from cogrip.protocol.line.energy_ledger cimport WaveLedger
 from cogrip.protocol.line.energy_sums cimport CompensatedSum
 from cogrip.protocol.line.jitter_buffer cimport JitterBuffer
+from cogrip.protocol.received_waves cimport ReceivedWaves
 
 
 @cython.locals(square=double, value=double)
@@ -50,13 +51,10 @@ cdef class LineReceiver:
     cdef public bint played
 
     @cython.locals(
-        axes=Py_ssize_t, count=Py_ssize_t, newest="long long", cursor="long long", adapts=bint, place=Py_ssize_t,
-        number="long long", start=Py_ssize_t, slot=Py_ssize_t,
+        axes=Py_ssize_t, first="long long", phase="long long", count=Py_ssize_t, newest="long long", cursor="long long",
+        adapts=bint, place=Py_ssize_t, number="long long", slot=Py_ssize_t, waiting=dict, missing=set,
     )
-    cpdef bint receive(
-        self, long long first, tuple waves, tuple total, tuple squares, tuple metadata=*, long long early=*,
-        long long phase=*,
-    ) except -1
+    cpdef bint take_in(self, ReceivedWaves datagram, long long early) except -1
     cdef bint _is_near(self, long long newest)
     cdef long long _begin(self) except? -1
     @cython.locals(number="long long", ticks="long long", move="long long", part=double, frame=tuple, filling=tuple)

@@ -18,6 +18,7 @@ from cogrip.protocol.line.energy_ledger import HISTORY, WaveLedger
 from cogrip.protocol.line.energy_sums import BOUND_FRACTION, CompensatedSum
 from cogrip.protocol.line.jitter_buffer import Frames, make_jitter_buffer
 from cogrip.protocol.line.sender import Frame
+from cogrip.protocol.received_waves import ReceivedWaves
 
 FURTHEST_JUMP = 1 << 14  # highest number of the newest frame in the first datagram of a line
 LATE = 0.01  # default rate of late frames
@@ -125,14 +126,20 @@ class LineReceiver:
         self, first: int, waves: Frame, total: Frame, squares: Frame, metadata: FrameMetadata = (0.0, 0.0, 0),
         early: int = 0, phase: int = 0,
     ) -> bool:  # fmt: skip
+        """Take in what a datagram says of this line: see `take_in`."""
+        datagram = ReceivedWaves()
+        datagram.put(first, waves, total, squares, metadata, phase)
+        return self.take_in(datagram, early)
+
+    def take_in(self, datagram: ReceivedWaves, early: int) -> bool:
         """Store the contents of one datagram (SPEC 3.6). Return False, and change nothing, if they cannot be of this line.
 
-        early: ticks that are left before the next pop; phase: see `AdaptiveJitterBuffer.arrived`.
+        early: ticks that are left before the next pop. For `phase` see `AdaptiveJitterBuffer.arrived`.
         """
-        axes = self._axes
-        count = len(waves) // axes
+        axes, first, phase = self._axes, datagram.first, datagram.phase
+        count = datagram.numbers // axes
         newest = first + count - 1
-        fits = count * axes == len(waves) and 0 < count <= MOST_FRAMES and len(total) == len(squares) == axes
+        fits = count * axes == datagram.numbers and 0 < count <= MOST_FRAMES and datagram.axes == axes
         if not fits or not self._is_near(newest):
             return False
         slot = newest & 255
@@ -143,20 +150,20 @@ class LineReceiver:
         cursor = self._cursor
         if newest > self.newest:
             self.newest, self._fresh, self._early, self._phase = newest, True, early, phase
-            self._late_wave = waves[(count - 1) * axes :] if newest < cursor else None
+            self._late_wave = datagram.frame(count - 1) if newest < cursor else None
         waiting, missing = self._waiting, self._missing
         adapts = self._jitter_buffer.adapts and self._begun
         for place in range(count):
-            number, start = first + place, place * axes
+            number = first + place
             if number >= cursor:
                 if number in waiting:
                     continue
-                waiting[number] = waves[start : start + axes]
+                waiting[number] = datagram.frame(place)
             elif number in missing:
                 missing.discard(number)
                 self._late += 1
                 if number == cursor - 1 and self._concealing and self._unheard <= MOST_UNHEARD:
-                    self.overdue = waves[start : start + axes]
+                    self.overdue = datagram.frame(place)
             else:
                 if adapts and number == newest < cursor - HISTORY:  # too old for the ledger, but its lateness counts
                     self._jitter_buffer.arrived(number - cursor, early, phase)
@@ -165,8 +172,8 @@ class LineReceiver:
             if adapts:
                 self._jitter_buffer.arrived(number - cursor, early, phase)
         if newest >= cursor:
-            self._metadata[newest] = metadata
-        self.ledger.add_totals(first, self._cursor if self._begun else -1, total, squares)
+            self._metadata[newest] = datagram.made_j, datagram.port_j, datagram.acknowledged
+        self.ledger.add_totals(datagram, self._cursor if self._begun else -1)
         return True
 
     def _is_near(self, newest: int) -> bool:

@@ -12,7 +12,7 @@ from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.small_step import MOST as MOST
 from cogrip.server.worlds.small_step import GripStep
-from cogrip.server.worlds.world import MOST_SAVED_J, REACH_M, WORKSPACE_M, Array, Row
+from cogrip.server.worlds.world import MOST_SAVED_J, Array, Row, WorldStep
 
 
 class StepState:
@@ -34,6 +34,7 @@ class StepState:
         state = np.zeros(MOST)
         state[: np.size(value)] = np.ravel(value)
         setattr(world.moving, self._name, state.tolist())
+        world.moving.moved()
         if self._shape == "n1":
             world.moving.settled = False
 
@@ -46,15 +47,34 @@ class SmallGripWorld(GripWorld):
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         first = seats[0]
         axes = max(seat.object.axes for seat in seats)
-        self.moving = GripStep(len(seats), axes, first.rates.frame_s, first.object.mass_kg, first.object.damping_nspm)
+        given = first.object
+        self.moving = GripStep(self, len(seats), axes, first.rates.frame_s, given.mass_kg, given.damping_nspm)
         super().__init__(seats)
         self._adapts_stiffness: list[bool] = self.adapts_stiffness.tolist()
-        self._advance = self.moving.advance
         self._offsets: dict[int, list[float]] = {}  # of users, in plain floats
 
     @property
     def energy_j(self) -> float:
         return super().energy_j + sum(self._paid_j)
+
+    def as_step(self) -> WorldStep:
+        return self.moving
+
+    @property
+    def _growing(self) -> bool:
+        return self.moving.growing
+
+    @_growing.setter
+    def _growing(self, growing: bool) -> None:
+        self.moving.growing = growing
+
+    @property
+    def _saving(self) -> bool:
+        return self.moving.saving
+
+    @_saving.setter
+    def _saving(self, saving: bool) -> None:
+        self.moving.saving = saving
 
     @property
     def _paid_j(self) -> list[float]:
@@ -103,7 +123,7 @@ class SmallGripWorld(GripWorld):
     def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
         if not self.moving.settled:
             self._settle()
-        answers = self._advance(rows)
+        answers = self.moving.step(rows)
         if self._growing or self._saving:
             self.moving.save()
         if self._growing:
@@ -150,11 +170,11 @@ class SmallGripWorld(GripWorld):
 
     @property
     def left_workspace(self) -> bool:
-        return not self.moving.within(WORKSPACE_M)
+        return self.moving.left_workspace()
 
     @property
     def out_of_reach(self) -> bool:
-        return not self.moving.within(REACH_M)
+        return self.moving.out_of_reach()
 
     def start_ledger(self, user: int) -> None:
         self.moving.start_ledger(user)

@@ -1,7 +1,9 @@
 cimport cython
 
+from cogrip.server.worlds.world_step cimport WorldStep
 
-cdef class GripStep:
+
+cdef class GripStep(WorldStep):
     cdef public Py_ssize_t users
     cdef public Py_ssize_t axes
     cdef double _frame_s
@@ -27,6 +29,9 @@ cdef class GripStep:
     cdef double[18] _mids
     cdef double[18] _taken
     cdef public bint settled
+    cdef public bint growing
+    cdef public bint saving
+    cdef tuple _motion
     cdef public double error_j
 
     @cython.locals(beta_sum=double, G=double, gain=double, user=Py_ssize_t)
@@ -40,15 +45,16 @@ cdef class GripStep:
         springs=double, stiffness=double, impedance=double, factor=double, wave=double, f=double, back=double,
         relative=double, work=double, before=double, total=double, taken=double, error=double,
     )
-    cpdef list advance(self, rows)
+    cpdef list step(self, rows)
     @cython.locals(user=Py_ssize_t)
     cpdef save(self)
     @cython.locals(axis=Py_ssize_t)
-    cpdef bint within(self, double most_m)
-    @cython.locals(axis=Py_ssize_t, place="double*", speed="double*", found=list)
+    cdef bint _within(self, double most_m)
+    cpdef moved(self)
+    @cython.locals(axis=Py_ssize_t, place="double*", speed="double*", found=list, motion=tuple)
     cpdef tuple motion(self)
     @cython.locals(user=Py_ssize_t, work="double*")
-    cpdef list port_work_j(self)
+    cpdef port_work_j(self)
     @cython.locals(axis=Py_ssize_t, force="double*", first=Py_ssize_t)
     cpdef tuple force_of(self, Py_ssize_t user)
     @cython.locals(axis=Py_ssize_t, place="double*", stretch="double*", first=Py_ssize_t)

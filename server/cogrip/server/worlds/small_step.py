@@ -5,16 +5,17 @@ one block of memory (docs/decisions/0028-typed-classes.md). Symbols and equation
 """
 
 from collections.abc import Sequence
+from typing import Any
 
-Row = tuple[float, ...]
+from cogrip.server.worlds.world_step import REACH_M, WORKSPACE_M, Row, WorldStep
 
 MOST = 18  # people times axes
 NOTHING = (0.0,) * MOST
 RAMP_S = 0.3  # time in which a newcomer's stiffness grows, energy permitting
 
 
-class GripStep:
-    """State of the object and of each person's spring.
+class GripStep(WorldStep):
+    """State of the object and of each person's spring, and the step of a `SmallGripWorld`.
 
     place, speed, external  of each axis [m, m/s, N]
     stretch, force          of each person and axis [m, N]
@@ -22,11 +23,16 @@ class GripStep:
     work, excess            of each person: energy out of the line so far, and how much that is above the exact sum [J]
     paid                    of each person: energy that the spring may spend on growing stiffer [J]
     settled                 `settle` has been called since K, B, b or c was changed
+    growing                 a spring may still grow stiffer
+    saving                  a spring saves energy to grow stiffer with
     error_j                 largest error of the energy balance so far
     """
 
-    def __init__(self, users: int, axes: int, frame_s: float, mass_kg: float, damping: float) -> None:
+    def __init__(self, world: Any, users: int, axes: int, frame_s: float, mass_kg: float, damping: float) -> None:
+        super().__init__(world)
         self.users, self.axes = users, axes
+        self.growing = self.saving = False
+        self._motion: Row | None = None  # as `motion` returned it last
         self._frame_s, self._mass_kg, self._damping = frame_s, mass_kg, damping
         self.place, self.speed, self.external = list(NOTHING), list(NOTHING), list(NOTHING)
         self.stretch, self.force = list(NOTHING), list(NOTHING)
@@ -67,8 +73,15 @@ class GripStep:
         self.K[user] = self.B[user] = 0.0
         self.settled = False
 
-    def advance(self, rows: Sequence[Row]) -> list[Row]:
+    def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
+        """Advance by one frame: here, unless the world has something to do beside it."""
+        if self.settled and not self.growing and not self.saving:
+            return self.step(rows)
+        return WorldStep.advance(self, rows)
+
+    def step(self, rows: Sequence[Row]) -> list[Row]:
         """Advance by one frame; take a row of waves of each person, and return the rows that go back."""
+        self._motion = None
         users, axes, period, mass = self.users, self.axes, self._frame_s, self._mass_kg
         K, B, b, c, drive, gains, betas = self.K, self.B, self.b, self.c, self._drive, self._gain, self._beta
         place, speed, stretch, waves, mids = self.place, self.speed, self.stretch, self._waves, self._mids
@@ -146,21 +159,34 @@ class GripStep:
         self.K[user] += step
         self.settled = False
 
-    def within(self, most_m: float) -> bool:
+    def left_workspace(self) -> bool:
+        return not self._within(WORKSPACE_M)
+
+    def out_of_reach(self) -> bool:
+        return not self._within(REACH_M)
+
+    def _within(self, most_m: float) -> bool:
         """Return whether the object is at most so far from the middle on each axis."""
         for axis in range(self.axes):  # noqa: SIM110 - compiled, a loop in plain C
             if not abs(self.place[axis]) <= most_m:
                 return False
         return True
 
+    def moved(self) -> None:
+        """Let `motion` read place and speed anew, which have been set."""
+        self._motion = None
+
     def motion(self) -> Row:
         """Return position [m], then velocity [m/s]."""
+        if self._motion is not None:
+            return self._motion
         place, speed, found = self.place, self.speed, []
         for axis in range(self.axes):
             found.append(place[axis])  # noqa: PERF401 - compiled, loops in plain C, and one list
         for axis in range(self.axes):
             found.append(speed[axis])  # noqa: PERF401
-        return tuple(found)
+        self._motion = motion = tuple(found)
+        return motion
 
     def port_work_j(self) -> list[float]:
         """Return the energy that came out of each person's line so far [J]."""

@@ -16,13 +16,14 @@ from cogrip.protocol.rotations import between, exp
 from cogrip.protocol.setting_types import PLACES, POSE_AXES
 from cogrip.protocol.settings import REMOTE_FORCE_N, SeatSettings
 from cogrip.protocol.waves import server_gain
+from cogrip.server.worlds.world_step import REACH_M as REACH_M
+from cogrip.server.worlds.world_step import WORKSPACE_M as WORKSPACE_M
+from cogrip.server.worlds.world_step import Row as Row
+from cogrip.server.worlds.world_step import WorldStep
 
 Array = NDArray[np.float64]
-Row = tuple[float, ...]
 
 MOST_SAVED_J = 0.05  # that a spring may save to grow stiffer: what can be spent at once is bounded
-WORKSPACE_M = 0.5  # the object has left the room beyond this
-REACH_M = 2.0  # no hand reaches the object beyond this: it is put back
 
 
 class WorldError(ArithmeticError):
@@ -176,6 +177,10 @@ class World(ABC):
         """Step in plain floats: a row a user in, a row a user out."""
         answers: list[list[float]] = self.step(np.array(rows)).tolist()
         return answers
+
+    def as_step(self) -> WorldStep:
+        """Return the step of this world, for its room."""
+        return WorldStep(self)
 
     def set_reported_rotation(self, user: int, rotation_rad: Row, travelled_rad: Row) -> None:
         """Set how the hand was turned as it sent the wave row that the next step takes, from its client's message.

@@ -1,0 +1,8 @@
+cdef class WorldStep:
+    cdef object _world
+
+    cpdef advance(self, rows)
+    cpdef tuple motion(self)
+    cpdef port_work_j(self)
+    cpdef bint left_workspace(self) except -1
+    cpdef bint out_of_reach(self) except -1

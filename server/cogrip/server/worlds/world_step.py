@@ -1,0 +1,38 @@
+"""Step of a world as its room calls it, in every frame: typed where it is compiled, whatever the world is.
+
+`WorldStep` asks the world. A world that is stepped in plain floats returns one of its own (`World.as_step`), which a room then
+calls without an object for each number.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+Row = tuple[float, ...]
+
+WORKSPACE_M = 0.5  # the object has left the room beyond this
+REACH_M = 2.0  # no hand reaches the object beyond this: it is put back
+
+
+class WorldStep:
+    """Step of any world. Each method is the world's method or property of the same name."""
+
+    def __init__(self, world: Any) -> None:
+        self._world = world
+
+    def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
+        answers: Sequence[Sequence[float]] = self._world.advance(rows)
+        return answers
+
+    def motion(self) -> Row:
+        state: Row = self._world.motion()
+        return state
+
+    def port_work_j(self) -> Sequence[float]:
+        work_j: Sequence[float] = self._world.port_work_j()
+        return work_j
+
+    def left_workspace(self) -> bool:
+        return bool(self._world.left_workspace)
+
+    def out_of_reach(self) -> bool:
+        return bool(self._world.out_of_reach)
