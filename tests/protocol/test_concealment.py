@@ -139,7 +139,7 @@ def test_a_hand_that_moves_is_not_held() -> None:
     fades = {}
     for part in (0.0, 0.5, 1.0, 2.0):
         strategy = CONCEALMENTS[BEST](1, 1 / 128)
-        (fades[part],) = strategy.fill([1.0], [inf], [part * MOVING_FRACTION - 1.0])
+        (fades[part],) = strategy.fill((1.0,), [inf], [part * MOVING_FRACTION - 1.0])
     middle = 0.5 * (1.0 + ELASTIC_FADE)
     assert list(fades.values()) == pytest.approx([1.0, middle, ELASTIC_FADE, ELASTIC_FADE], rel=1e-12)
 
@@ -149,8 +149,8 @@ def test_the_hand_decides_once_a_gap_whether_it_rests() -> None:
     for along, gain in ((-1.0, 1.0), (1.0, ELASTIC_FADE)):
         strategy = CONCEALMENTS[BEST](1, 1 / 128)
         for speed in (0.0, along):
-            strategy.fill([1.0], [inf], [speed - 1.0])
-            strategy.compensate([1.0], [0.0], [0.0], [1.0], True)
+            strategy.fill((1.0,), [inf], [speed - 1.0])
+            strategy.compensate((1.0,), [0.0], [0.0], (1.0,), True)
         assert strategy.line_quality == pytest.approx(gain, rel=1e-12)
 
 
@@ -207,7 +207,7 @@ def test_the_times_do_not_depend_on_the_frame_rate(frame_s: float) -> None:
     concealment = CONCEALMENTS[BEST](1, frame_s)
     value = 1.0
     for _ in range(per_second // 16):
-        (value,) = concealment.fill([value], [inf], [value])
+        (value,) = concealment.fill((value,), [inf], [value])
     assert value == pytest.approx(ELASTIC_FADE**8, rel=1e-9)
     assert concealment.line_quality == pytest.approx(ELASTIC_FADE**8, rel=1e-9)
 
@@ -239,10 +239,10 @@ def test_no_answer_is_beyond_its_room_or_not_finite(numbers: tuple[list[float], 
     for name, make in CONCEALMENTS.items():
         strategy = make(axes, FRAME_S)
         room = [abs(value) for value in reserve]
-        filled = strategy.fill(row, room, deficit)
+        filled = strategy.fill(tuple(row), room, deficit)
         if name == BEST:
             assert all(abs(value) <= most for value, most in zip(filled, room, strict=True))
-            paid = strategy.compensate(row, deficit, room, row, gap)
+            paid = strategy.compensate(tuple(row), deficit, room, tuple(row), gap)
             for value, pay, most in zip(row, paid, room, strict=True):
                 assert abs(value + pay) <= sqrt(value * value + most) * (1.0 + 1e-9) + 1e-9
         assert 0.0 <= strategy.line_quality <= 1.0

@@ -29,7 +29,7 @@ class LocalPort(WavePort):
         self._frame_s = seat.rates.frame_s
         self._reach_m = FASTER * limits.speed_mps * self._frame_s  # in a frame
         self._reported: Row | None = None
-        self._absorbed_j = CompensatedSum()
+        self._absorbed = CompensatedSum()
         self._always = seat.object.kind != "scene"  # engaged
         self._engaged: Row = ()  # as told last
         self._told: Row = ()  # the engagement that was told last
@@ -65,15 +65,12 @@ class LocalPort(WavePort):
         if self._always or (self._engaged and receiver.acknowledged > self._unaware + 1):
             return wave
         absorbed, turning = wave[:PLACES], wave[PLACES:]
-        self._absorbed_j.add(sum([value * value for value in absorbed]) * self._half_frame_s)
+        self._absorbed.add(sum([value * value for value in absorbed]) * self._half_frame_s)
+        self.absorbed_j = self._absorbed.value
         deficit = receiver.deficit[:PLACES]
         if any(deficit):
             receiver.write_off([*deficit, *(0.0,) * len(turning)])
         return (0.0,) * len(absorbed) + turning
-
-    @property
-    def absorbed_j(self) -> float:
-        return self._absorbed_j.value
 
     def message(self, session: int, clock: Clock, now_ns: int, object_state: Row, port_j: float) -> bytes:
         self._engaged = engaged = object_state[2 * self.axes :]

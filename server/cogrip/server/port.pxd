@@ -8,6 +8,7 @@ cdef class Port:
     cdef public Py_ssize_t axes
     cdef public object impedance_nspm
     cdef public long long next_step_ns
+    cdef public double absorbed_j
     cdef public object up_margin_j
     cdef public object proxy
     cdef public object turned
@@ -25,3 +26,4 @@ cdef class Port:
     cpdef push(self, tuple row)
     cpdef bytes message(self, session, Clock clock, long long now_ns, tuple object_state, double port_j)
     cpdef port_in_j(self)
+    cpdef double rounding_j(self) except? -1.0

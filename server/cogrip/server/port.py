@@ -29,6 +29,7 @@ class Port:
     impedance_nspm of the row popped last; None where the settings' one stays
     next_step_ns   time of the room's next step, which its room sets; below 0 before the first
     proxy          of the newest frame, as its client reports it, in the hand's own frame [m]; None where it does not
+    absorbed_j     energy that came out of the line here and did not go to the world
     up_margin_j    least energy margin of the line up so far; None where no ledger of one direction is kept
     up_reserve     energy reserve of the line up
     handle         buttons, orientation and grip of the device
@@ -40,6 +41,7 @@ class Port:
         self.axes = seat.object.axes
         self.impedance_nspm: float | None = None
         self.next_step_ns = -1
+        self.absorbed_j = 0.0
         self.up_margin_j: float | None = 0.0
         self.proxy: Row | None = None
         self.turned: Turned | None = None
@@ -97,14 +99,8 @@ class Port:
         """Energy that came out of the line here so far."""
         return 0.0
 
-    @property
-    def absorbed_j(self) -> float:
-        """Energy that came out of the line here and did not go to the world."""
-        return 0.0
-
-    @property
     def rounding_j(self) -> float:
-        """Error that rounding alone can make in the energy ledger of both directions."""
+        """Return the error that rounding alone can make in the energy ledger of both directions."""
         raise NotImplementedError
 
     @property

@@ -96,7 +96,6 @@ class PowerPort(LatestStatePort[Power]):
     def used_j(self) -> float:
         return sum([energy.value for energy in self._out])
 
-    @property
     def rounding_j(self) -> float:
         return self._rounding * (sum(self._received) + self.made_j)
 

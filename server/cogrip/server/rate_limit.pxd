@@ -15,6 +15,7 @@ cdef class RateLimiter:
     cdef public bytes _secret
     cdef public Buckets _addresses
     cdef public Buckets _peers
+    cdef dict _peer_slots
     cdef public Buckets _shaking
     cdef public object _seated_ns
     cdef public object _contact_ns

@@ -59,6 +59,7 @@ class RateLimiter:
         self._secret = secret
         self._addresses = Buckets(ADDRESS_SLOTS, limits.address)
         self._peers = Buckets(PEER_SLOTS, limits.peer)
+        self._peer_slots: dict[Address, int] = {}  # of peers that sent something lately
         self._shaking = Buckets(ADDRESS_SLOTS, limits.address)
         self._seated_ns = array("q", [NEVER_NS]) * ADDRESS_SLOTS
         self._contact_ns = array("q", [NEVER_NS]) * ADDRESS_SLOTS  # when one was let through
@@ -108,7 +109,12 @@ class RateLimiter:
         self._seated_ns[self._slot(address)] = now_ns
 
     def _peer_slot(self, address: Address) -> int:
-        return hash((self._secret, address)) % PEER_SLOTS
+        slot = self._peer_slots.get(address)
+        if slot is None:
+            if len(self._peer_slots) >= PEER_SLOTS:
+                self._peer_slots.clear()
+            slot = self._peer_slots[address] = hash((self._secret, address)) % PEER_SLOTS
+        return slot
 
     def _slot(self, address: Address) -> int:
         text = network_of(address).encode("utf-8", "replace")

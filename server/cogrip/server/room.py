@@ -282,17 +282,17 @@ class Room:
         port_in_j, port_out_j = port.port_in_j(), work_j + port.absorbed_j
         seat.line_reserve.elapse(frames)
         if port_in_j is not None:
-            reserve_j = port_in_j - port_out_j + port.rounding_j
+            reserve_j = port_in_j - port_out_j + port.rounding_j()
             seat.line_reserve.update(reserve_j)
             if reserve_j < seat.line_margin_j:
                 seat.line_margin_j = reserve_j
         seen = state if port.axes == axes else state[: port.axes] + state[axes : axes + port.axes]
-        if engaged := self.world.engaged_at(seat.number):
+        if engaged := self._step.engaged_at(seat.number):
             seen = seen + engaged
         return port.message(seat.session, seat.clock, now_ns, seen, -port_out_j)
 
     def _effects_of(self, number: int) -> Sequence[Effect]:
-        settled, own = self.effects.of(number), self.world.effects_of(number)
+        settled, own = self.effects.of(number), self._step.effects_of(number)
         return settled if not own else own if not settled else (*settled, *own)
 
     def _has_effects(self, seat: Seat) -> bool:

@@ -88,7 +88,6 @@ class StatePort(LatestStatePort[State]):
         self._row = row
         self._number += 1
 
-    @property
     def rounding_j(self) -> float:
         """Least such error: of the energy of both directions only the difference is known."""
         return self._rounding * abs(self._receiver.latest.port_j) if self._receiver.latest else 0.0

@@ -17,6 +17,8 @@ cdef class WavePort(Port):
     cdef long long _device_hz
     cdef long long _ticks_per_frame
     cdef tuple _neutral
+    cdef long long _slack_ns
+    cdef long long _second_ns
     cdef WaveLimiter _limiter
     cdef object _impedances
     cdef long long _since
@@ -39,6 +41,7 @@ cdef class WavePort(Port):
     @cython.locals(square=double, value=double)
     cpdef push(self, tuple row)
     cpdef port_in_j(self)
+    cpdef double rounding_j(self) except? -1.0
     @cython.locals(receiver=LineReceiver)
     @cython.locals(receiver=LineReceiver)
     cpdef bytes message(self, session, Clock clock, long long now_ns, tuple object_state, double port_j)

@@ -10,7 +10,7 @@ cdef class Concealment:
     cdef list _zero
 
     cpdef fill(self, last, limit, answer, late=*, bint silent=*)
-    cpdef compensate(self, row, deficit, reserve, last, bint gap)
+    cpdef list compensate(self, tuple row, list deficit, list reserve, tuple last, bint gap)
 
 
 cdef class DeficitCompensation(Concealment):
@@ -31,11 +31,12 @@ cdef class ElasticConcealment(Concealment):
     cdef double _stillness
     cdef bint _was_gap
 
-    cdef double _stillness_of(self, last, answer)
+    @cython.locals(axis=Py_ssize_t, square=double, along=double, speed_square=double, wave=double, speed=double)
+    cdef double _stillness_of(self, tuple last, answer)
     cdef _recover(self)
     @cython.locals(
         smoothing=double, fraction=double, dissipation=double, after_gap=bint, axis=Py_ssize_t, value=double,
         axis_deficit=double, reserve_w=double, before=double, target=double, square=double, reach=double, most=double,
-        p=double,
+        p=double, added=list,
     )
-    cpdef compensate(self, row, deficit, reserve, last, bint gap)
+    cpdef list compensate(self, tuple row, list deficit, list reserve, tuple last, bint gap)

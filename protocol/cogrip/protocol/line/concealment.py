@@ -139,14 +139,18 @@ class ElasticConcealment(Concealment):
 
         In a gap the stillness from before it is kept for a hand that only gives way to the played wave.
         """
-        square = sum([wave * wave for wave in last])
+        square = along = speed_square = 0.0
+        for axis in range(len(last)):
+            wave = last[axis]
+            speed = wave + answer[axis]
+            square += wave * wave
+            along += wave * speed
+            speed_square += speed * speed
         if not square:
             return 0.0
-        speed = [wave + sent for wave, sent in zip(last, answer, strict=True)]
         if self._was_gap:
-            along = sum([wave * each for wave, each in zip(last, speed, strict=True)])
             return min(self._stillness, max(0.0, 1.0 - along / square))
-        return max(0.0, 1.0 - sqrt(sum([each * each for each in speed]) / square) / MOVING_FRACTION)
+        return max(0.0, 1.0 - sqrt(speed_square / square) / MOVING_FRACTION)
 
     def _recover(self) -> None:
         quality = self.line_quality + self._smoothing * (1.0 - self.line_quality)

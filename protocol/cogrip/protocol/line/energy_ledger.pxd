@@ -19,17 +19,23 @@ cdef class WaveLedger:
     cdef long long _entered
     cdef long long _cursor
     cdef dict _totals
-    cdef tuple _usable
+    cdef long long _usable
+    cdef double[6] _usable_total
+    cdef double[6] _usable_squares
     cdef double[6] _lost
     cdef double[6] _lost_squares
     cdef double[6] _settled_fillings
 
     @cython.locals(axis=Py_ssize_t, lost="double*", compensated="double*")
     cpdef list position_deficit(self)
+    @cython.locals(axis=Py_ssize_t)
+    cdef _use(self, long long first, double* total, double* squares)
+    @cython.locals(axis=Py_ssize_t, total=tuple, squares=tuple)
+    cdef _use_kept(self, long long first, tuple totals)
     @cython.locals(first="long long")
     cpdef add_totals(self, ReceivedWaves datagram, long long cursor)
     @cython.locals(
-        cursor="long long", first="long long", total=tuple, squares=tuple, newest=tuple, history="double[::1]",
+        cursor="long long", first="long long", newest=tuple, history="double[::1]",
         played="double*", filled="double*", at=Py_ssize_t, axes=Py_ssize_t, axis=Py_ssize_t,
     )
     cpdef add_played(self, long long number, tuple frame)
@@ -39,10 +45,10 @@ cdef class WaveLedger:
     )
     cdef _grow(self)
     @cython.locals(
-        history="double[::1]", at=Py_ssize_t, axes=Py_ssize_t, axis=Py_ssize_t, lost="double*", lost_squares="double*",
-        sent=double, less=double,
+        total="double*", squares="double*", history="double[::1]", at=Py_ssize_t, axes=Py_ssize_t, axis=Py_ssize_t,
+        lost="double*", lost_squares="double*", sent=double, sent_square=double, less=double,
     )
-    cdef _settle(self, long long number, tuple total, tuple squares)
+    cdef _settle(self, long long number)
     cpdef add_filling(self, tuple frame)
     cpdef add_compensation(self, row, squares)
     @cython.locals(

@@ -42,7 +42,8 @@ class WaveLedger:
         self._entered = 0  # rows so far
         self._cursor = 0  # n of the last one
         self._totals: dict[int, tuple[Frame, Frame]] = {}  # totals of frames above the cursor, not usable yet
-        self._usable: tuple[int, Frame, Frame] | None = None  # newest totals of a frame up to the cursor
+        self._usable = -1  # frame up to the cursor with the newest totals that are not compared yet
+        self._usable_total, self._usable_squares = list(NOTHING), list(NOTHING)
         self._lost = list(NOTHING)  # sum of the waves lost before frame `settled`, less fillings
         self._lost_squares = list(NOTHING)
         self._settled_fillings = list(NOTHING)  # squares of the fillings before it [W]
@@ -73,14 +74,29 @@ class WaveLedger:
             return
         if first > cursor:
             self._totals[first] = datagram.total_row(), datagram.squares_row()
-        elif self._usable is None or first >= self._usable[0]:
-            self._usable = first, datagram.total_row(), datagram.squares_row()
+        elif first >= self._usable:
+            self._use(first, datagram.total, datagram.squares)
+
+    def _use(self, first: int, total: Sequence[float], squares: Sequence[float]) -> None:
+        """Take these totals as the newest ones."""
+        self._usable = first
+        for axis in range(self._axes):
+            self._usable_total[axis] = total[axis]
+            self._usable_squares[axis] = squares[axis]
+
+    def _use_kept(self, first: int, totals: tuple[Frame, Frame]) -> None:
+        """Take totals that were kept until their frame was due."""
+        self._usable = first
+        total, squares = totals
+        for axis in range(self._axes):
+            self._usable_total[axis] = total[axis]
+            self._usable_squares[axis] = squares[axis]
 
     def begin(self, cursor: int) -> None:
         """Sort the totals that came before playing began."""
         usable = max((number for number in self._totals if number <= cursor), default=None)
         if usable is not None:
-            self._usable = usable, *self._totals[usable]
+            self._use_kept(usable, self._totals[usable])
             self._totals = {number: totals for number, totals in self._totals.items() if number > cursor}
 
     def add_played(self, number: int, frame: Frame) -> None:
@@ -99,13 +115,10 @@ class WaveLedger:
             history[at + 2 * axes + axis] = filled[6 + axis]
         newest = self._totals.pop(cursor, None) if self._totals else None
         if newest is not None:
-            self._usable = None
-            self._settle(cursor, newest[0], newest[1])
-        elif self._usable is not None:
-            first, total, squares = self._usable
-            self._usable = None
-            if self.settled < first and cursor - HISTORY < first:
-                self._settle(first, total, squares)
+            self._use_kept(cursor, newest)
+        first, self._usable = self._usable, -1
+        if first >= 0 and (newest is not None or (self.settled < first and cursor - HISTORY < first)):
+            self._settle(first)
 
     def _grow(self) -> None:
         """Give the history twice the rows."""
@@ -119,24 +132,26 @@ class WaveLedger:
             at, to, size = first % rows * row, first % (2 * rows) * row, (end - first) * row
             longer[to : to + size] = before[at : at + size]
 
-    def _settle(self, number: int, total: Frame, squares: Frame) -> None:
+    def _settle(self, number: int) -> None:
         """Compare the totals of frame `number` with what was played before it: nothing, if it was before the first frame."""
+        total, squares = self._usable_total, self._usable_squares
         history, at, axes = self._history, number % self._rows * self._row, self._axes
         if self._cursor - number >= self._entered:
             history, at = self._nothing, 0
         self.settled = number
         for axis in range(axes):
-            if total[axis] != history[at + axis] or squares[axis] != history[at + axes + axis]:
+            sent, sent_square = total[axis], squares[axis]
+            if sent != history[at + axis] or sent_square != history[at + axes + axis]:
                 self.disturbed = True  # equal sums, of both ends in the same order, mean no loss
             self._settled_fillings[axis] = history[at + 2 * axes + axis]
         if not self.disturbed:
             return
         lost, lost_squares = self._lost, self._lost_squares
         for axis in range(axes):
-            lost[axis] = total[axis] - history[at + axis]
-            sent = squares[axis]
-            less = sent - history[at + axes + axis]
-            lost_squares[axis] = less - RESERVE_FRACTION * sent  # what may be rounding is no reserve
+            sent, sent_square = total[axis], squares[axis]
+            lost[axis] = sent - history[at + axis]
+            less = sent_square - history[at + axes + axis]
+            lost_squares[axis] = less - RESERVE_FRACTION * sent_square  # what may be rounding is no reserve
 
     @property
     def settled_fillings(self) -> list[float]:

@@ -27,3 +27,7 @@ cdef class WaveSums:
         axis=Py_ssize_t, wave=double, before=double, term=double, after=double, square=double,
     )
     cpdef add(self, row, added=*)
+    @cython.locals(
+        sums="double*", errors="double*", axis=Py_ssize_t, wave=double, before=double, term=double, after=double,
+    )
+    cdef void add_at(self, double* values, Py_ssize_t first) noexcept

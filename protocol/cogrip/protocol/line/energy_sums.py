@@ -117,3 +117,15 @@ class WaveSums:
             term = square - errors[6 + axis]
             sums[6 + axis] = after = before + term
             errors[6 + axis] = (after - before) - term
+
+    def add_at(self, values: Sequence[float], first: int) -> None:
+        """Add the row that begins at this place of `values`, and its squares."""
+        sums, errors = self.sums, self._errors
+        for axis in range(self._axes):
+            wave, before = values[first + axis], sums[axis]
+            term = wave - errors[axis]
+            sums[axis] = after = before + term
+            errors[axis] = (after - before) - term
+            before, term = sums[6 + axis], wave * wave - errors[6 + axis]
+            sums[6 + axis] = after = before + term
+            errors[6 + axis] = (after - before) - term

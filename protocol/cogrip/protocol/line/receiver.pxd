@@ -23,12 +23,14 @@ cdef class LineReceiver:
     cdef public Concealment _concealment
     cdef public WaveLedger ledger
     cdef public object answer
+    cdef long long _most_ahead
     cdef bint _begun
     cdef long long _cursor
     cdef public long long newest
     cdef dict _waiting
     cdef set _missing
     cdef long long[256] _recent
+    cdef long long[64] _arrived
     cdef dict _metadata
     cdef long long _anchor
     cdef tuple _late_wave
@@ -53,6 +55,7 @@ cdef class LineReceiver:
     @cython.locals(
         axes=Py_ssize_t, first="long long", phase="long long", count=Py_ssize_t, newest="long long", cursor="long long",
         adapts=bint, place=Py_ssize_t, number="long long", slot=Py_ssize_t, waiting=dict, missing=set,
+        oldest="long long", arrived="long long*",
     )
     cpdef bint take_in(self, ReceivedWaves datagram, long long early) except -1
     cdef bint _is_near(self, long long newest)

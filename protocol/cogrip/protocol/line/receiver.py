@@ -70,6 +70,7 @@ class LineReceiver:
         self.ledger = WaveLedger(axes, credit_j / self._half_frame_s / axes)
         self.answer: Sequence[float] = self._zero
 
+        self._most_ahead = HISTORY  # frames
         self._begun = False  # something has been popped
         self._cursor = 0  # number of the frame that `pop` plays next, once it has begun
         self.newest = -1
@@ -78,6 +79,7 @@ class LineReceiver:
         self._recent = (
             array("q", [-1]) * 256
         )  # newest frame of recent datagrams: a datagram with the same one is a duplicate
+        self._arrived = array("q", [-1]) * 64  # numbers of the newest frames that have arrived, at n modulo 64
         self._metadata: dict[int, FrameMetadata] = {}
         self._anchor = -1  # newest frame of the first datagram: reference of `_is_near` until playing begins
         self._late_wave: Frame | None = None  # the newest wave received, where it arrived too late to be played
@@ -151,10 +153,13 @@ class LineReceiver:
         if newest > self.newest:
             self.newest, self._fresh, self._early, self._phase = newest, True, early, phase
             self._late_wave = datagram.frame(count - 1) if newest < cursor else None
-        waiting, missing = self._waiting, self._missing
+        waiting, missing, oldest = self._waiting, self._missing, cursor - self._most_ahead
         adapts = self._jitter_buffer.adapts and self._begun
+        arrived = self._arrived
         for place in range(count):
             number = first + place
+            if number >= oldest and arrived[number & 63] == number:
+                continue  # as nearly all that a datagram repeats
             if number >= cursor:
                 if number in waiting:
                     continue
@@ -169,6 +174,7 @@ class LineReceiver:
                     self._jitter_buffer.arrived(number - cursor, early, phase)
                 continue
             self._received += 1
+            arrived[number & 63] = number
             if adapts:
                 self._jitter_buffer.arrived(number - cursor, early, phase)
         if newest >= cursor:
@@ -179,7 +185,7 @@ class LineReceiver:
     def _is_near(self, newest: int) -> bool:
         """Return whether a datagram that ends with this frame can be of this line. This bounds the memory of a line."""
         if self._begun:
-            return newest <= self._cursor + HISTORY
+            return newest <= self._cursor + self._most_ahead
         if self._anchor < 0:
             if newest > FURTHEST_JUMP:
                 return False
@@ -214,7 +220,8 @@ class LineReceiver:
             for _ in range(frames - 1):
                 number = self._pass_over(number)
         ticks = self._ticks
-        move = self._jitter_buffer.decide(self.newest - number, number in self._waiting, self._fresh)
+        frame = self._waiting.get(number)
+        move = self._jitter_buffer.decide(self.newest - number, frame is not None, self._fresh)
         late, self._late_wave, self._fresh = self._late_wave, None, False
         self.gap = move > 0
         if self.gap:
@@ -225,9 +232,10 @@ class LineReceiver:
             return self._play(filling, move / ticks)
         if move == -ticks:
             number, move = self._pass_over(number), 0
+            frame = self._waiting.get(number)
         self.hold, part = ticks + move, 1.0 + move / ticks
-        frame = self._waiting.pop(number, None)
         if frame is not None:
+            del self._waiting[number]
             self.played = True
             self._applied += 1
             self._gap_length = self._unheard = 0
@@ -306,7 +314,8 @@ class LineReceiver:
         self._cursor = number + 1
         if number >= 0:
             self._due_frames += 1
-            self._missing.discard(number - HISTORY)
+            if self._missing:
+                self._missing.discard(number - HISTORY)
             self.ledger.add_played(number, frame)
 
     def _fill(self, late: Frame | None, silent: bool) -> Frame:

@@ -28,7 +28,7 @@ class LineSender:
         """Append the next frame."""
         values, axes, at = self._values, self._axes, self._at
         if self._count == self._capacity:
-            self._before.add(tuple([values[at + axis] for axis in range(axes)]))
+            self._before.add_at(values, at)
         else:
             self._count += axes
         for axis in range(axes):

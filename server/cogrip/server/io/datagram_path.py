@@ -34,7 +34,7 @@ class DatagramPath:
         every = CLOCK_EVERY
         if until_ns:
             limit_ns, every = until_ns - now_ns, 1  # it must not make the step late
-        receive, decrypt, handle = self._port.receive, self._channel.receive, self._core.receive
+        core, receive, decrypt = self._core, self._port.receive, self._channel.receive
         renewed, most_bytes = self._channel.renewed, MAX_DATAGRAM_BYTES + 1
         for count in range(most):
             if count % every == every - 1 and time.monotonic_ns() - now_ns > limit_ns:
@@ -53,7 +53,7 @@ class DatagramPath:
             while renewed:
                 self._core.handle(inputs.UnbindAddress(renewed.popleft()), now_ns)  # type: ignore[arg-type]
             for message in carried:
-                handle(message, address, arrived_ns)
+                core.receive(message, address, arrived_ns)
         else:
             self.received += most
         self.flush()

@@ -7,6 +7,7 @@ one block of memory (docs/decisions/0028-typed-classes.md). Symbols and equation
 from collections.abc import Sequence
 from typing import Any
 
+from cogrip.protocol.effects import Effect
 from cogrip.server.worlds.world_step import REACH_M, WORKSPACE_M, Row, WorldStep
 
 MOST = 18  # people times axes
@@ -158,6 +159,13 @@ class GripStep(WorldStep):
         self.paid[user] -= 0.5 * step * square
         self.K[user] += step
         self.settled = False
+
+    def engaged_at(self, user: int) -> Row:
+        return ()
+
+    def effects_of(self, user: int) -> Sequence[Effect]:
+        effects: Sequence[Effect] = self._world.effects
+        return effects
 
     def left_workspace(self) -> bool:
         return not self._within(WORKSPACE_M)

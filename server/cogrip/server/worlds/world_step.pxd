@@ -4,5 +4,7 @@ cdef class WorldStep:
     cpdef advance(self, rows)
     cpdef tuple motion(self)
     cpdef port_work_j(self)
+    cpdef tuple engaged_at(self, Py_ssize_t user)
+    cpdef effects_of(self, Py_ssize_t user)
     cpdef bint left_workspace(self) except -1
     cpdef bint out_of_reach(self) except -1

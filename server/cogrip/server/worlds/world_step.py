@@ -7,6 +7,8 @@ calls without an object for each number.
 from collections.abc import Sequence
 from typing import Any
 
+from cogrip.protocol.effects import Effect
+
 Row = tuple[float, ...]
 
 WORKSPACE_M = 0.5  # the object has left the room beyond this
@@ -30,6 +32,14 @@ class WorldStep:
     def port_work_j(self) -> Sequence[float]:
         work_j: Sequence[float] = self._world.port_work_j()
         return work_j
+
+    def engaged_at(self, user: int) -> Row:
+        place: Row = self._world.engaged_at(user)
+        return place
+
+    def effects_of(self, user: int) -> Sequence[Effect]:
+        effects: Sequence[Effect] = self._world.effects_of(user)
+        return effects
 
     def left_workspace(self) -> bool:
         return bool(self._world.left_workspace)
