@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import structs
 
-from cogrip.protocol.line_tuning import LEAST_NSPM, MOST_NSPM
 from cogrip.protocol.clock import Clock
+from cogrip.protocol.line_tuning import LEAST_NSPM, MOST_NSPM
 from cogrip.protocol.messages import Stamp, Waves, decode
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.waves import wave_of

@@ -19,6 +19,7 @@ cdef class ServerCore:
     cdef dict _handlers
     cdef long long _back_ns
 
+    cpdef bint listens_to(self, address) except -1
     @cython.locals(place=tuple)
     cpdef receive(self, bytes datagram, address, long long now_ns)
     @cython.locals(seat=Seat)

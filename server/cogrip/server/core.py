@@ -9,18 +9,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.accounts import SeatAccount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.hand_settings import unfit
-from cogrip.protocol.messages import (
-    MAX_MESSAGE_BYTES,
-    Edges,
-    Effects,
-    Farewell,
-    Frame,
-    Heartbeat,
-    Hello,
-    Leave,
-    Mark,
-    SetHand,
-)
+from cogrip.protocol.messages import Edges, Effects, Farewell, Frame, Heartbeat, Hello, Leave, Mark, SetHand
 from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.received_waves import ReceivedWaves
 from cogrip.protocol.session import LOST_NS, QUIET_NS, foreign_version, nonce_of, version_mismatch
@@ -84,7 +73,7 @@ class ServerCore:
 
     def listens_to(self, address: Address) -> bool:
         """Return whether this address is bound: to a session, or to a seat whose farewell may have to be repeated."""
-        return self._places.get(address) is not None
+        return address in self._places
 
     def roster(self) -> list[Place]:
         """Return everybody in a session, as (room, seat or observer)."""
@@ -141,7 +130,7 @@ class ServerCore:
         room, seat, waves = place[0], place[1], self._waves
         if not room.takes_waves or seat.state != "seated":
             return False
-        if len(datagram) > MAX_MESSAGE_BYTES or not waves.decode(datagram) or waves.session != seat.session:
+        if len(datagram) > messages.MAX_MESSAGE_BYTES or not waves.decode(datagram) or waves.session != seat.session:
             return False
         if not seat.read_times(waves.sent_ns, waves.echo_ns, waves.held_ns, now_ns):
             self._drop("implausible stamp")
@@ -222,7 +211,7 @@ class ServerCore:
         if now_ns - self._back_ns > LOST_NS:
             self._let_silent_go(room, now_ns)
         self.outbox.extend(room.tick(now_ns, frames))
-        for text in room.world.take_events():
+        for text in room.world_step.take_events():
             self._report_mark(room, room.markers.add(text, room.steps))
         if room.refused_effects:
             self._drop("effect refused", len(room.refused_effects))

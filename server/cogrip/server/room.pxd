@@ -18,7 +18,7 @@ cdef class Room:
     cdef public object frame
     cdef public bint takes_waves
     cdef public object world
-    cdef WorldStep _step
+    cdef public WorldStep world_step
     cdef tuple _idle_row
     cdef long long _frame_ns
     cdef Py_ssize_t _axes

@@ -55,7 +55,7 @@ class Room:
         self.frame = self._scheme.frame
         self.takes_waves = self.frame is Waves
         self.world = make_room_world(settings, [seat.settings for seat in self.seats])
-        self._step = self.world.as_step()
+        self.world_step = self.world.as_step()
         self._axes, self._places = self.world.axes, self.world.places
         self._idle_row = (0.0,) * (self._axes * self.world.inputs_per_axis)
         self._frame_ns = NS_PER_S // settings.rates.network_hz
@@ -66,9 +66,8 @@ class Room:
         self.refused_effects: list[str] = []  # why, since its owner emptied it
         self.steps = 0
         self.ticks: Callable[[], TickCount] = lambda: TickCount(due=self.steps, run=self.steps)
-        self.travel_m = 0.0
+        self.travel_m, self.put_back = 0.0, 0
         self.diverged = ""
-        self.put_back = 0
 
     def take_seat(
         self, number: int, session: int, nonce: int, now_ns: int, record: Record, hand: HandChanges | None = None
@@ -226,9 +225,8 @@ class Room:
         if self.is_deserted():
             self.idle(1)
             return []
-        world = self.world
         answers = self._advance(self._pop(frames, now_ns))
-        state, work = self._step.motion(), self._step.port_work_j()
+        state, work = self.world_step.motion(), self.world_step.port_work_j()
         self.effects.follow(self.steps)
         out: list[tuple[Address, bytes]] = []
         for number in range(len(self.seats)):
@@ -247,14 +245,14 @@ class Room:
             message = self._message_of(seat, tuple(answers[number]), work[number], state, frames, now_ns)
             out.append((seat.address, message))
         if self.observer_slots.observers:
-            out += self.observer_slots.views(self.steps, world, self.seats, now_ns) + self._show_effects()
+            out += self.observer_slots.views(self.steps, self.world, self.seats, now_ns) + self._show_effects()
         if marks := self.markers.due(self.steps):
             out += self._marks(marks)
         return out
 
     def _advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
         """Step the world by the row of each seat; put an object back that nobody can reach. Return the answer to each."""
-        step, places = self._step, self._places
+        step, places = self.world_step, self._places
         before = step.motion()[:places]
         if not self.anybody_holds():
             self.world.bring_to_rest()  # an object that nobody holds is put down
@@ -287,12 +285,12 @@ class Room:
             if reserve_j < seat.line_margin_j:
                 seat.line_margin_j = reserve_j
         seen = state if port.axes == axes else state[: port.axes] + state[axes : axes + port.axes]
-        if engaged := self._step.engaged_at(seat.number):
+        if engaged := self.world_step.engaged_at(seat.number):
             seen = seen + engaged
         return port.message(seat.session, seat.clock, now_ns, seen, -port_out_j)
 
     def _effects_of(self, number: int) -> Sequence[Effect]:
-        settled, own = self.effects.of(number), self._step.effects_of(number)
+        settled, own = self.effects.of(number), self.world_step.effects_of(number)
         return settled if not own else own if not settled else (*settled, *own)
 
     def _has_effects(self, seat: Seat) -> bool:

@@ -27,3 +27,4 @@ cdef class Pacer:
     @cython.locals(deadline_ns="long long", now_ns="long long", remaining_ns="long long")
     cpdef wait(self)
     cpdef done(self, long long early_ns=*)
+    cpdef done_at(self, long long now_ns, long long early_ns)

@@ -109,8 +109,12 @@ class Pacer:
 
         early_ns: what was done ahead of the tick, which goes into `work`, too.
         """
+        self.done_at(self._clock(), early_ns)
+
+    def done_at(self, now_ns: int, early_ns: int) -> None:
+        """Do what `done` does, now being known."""
         if self._started_ns is not None:
-            self.work.add(self._clock() - self._started_ns + early_ns)
+            self.work.add(now_ns - self._started_ns + early_ns)
             self._started_ns = None
 
     def count(self) -> TickCount:

@@ -1,5 +1,7 @@
 cimport cython
 
+from cogrip.protocol.square_root cimport square_root
+
 
 cdef double _clamped(double value, double least, double most)
 

@@ -17,8 +17,10 @@ Comparison and numbers: docs/decisions/0003-gaps.md.
 """
 
 from collections.abc import Callable, Sequence
-from math import copysign, sqrt
+from math import copysign
 from typing import Literal
+
+from cogrip.protocol.square_root import square_root
 
 Concealed = Literal["zero", "repaid", "tank", "elastic"]
 PerAxis = Sequence[float]  # one value an axis
@@ -95,7 +97,7 @@ class FadingConcealment(DeficitCompensation):
         out = []
         wanted = DeficitCompensation.compensate(self, row, deficit, reserve, last, gap)
         for value, p, reserve_w, wave in zip(row, wanted, reserve, last, strict=True):
-            reach = sqrt(value * value + max(0.0, reserve_w - RESERVE_FRAMES * wave * wave))
+            reach = square_root(value * value + max(0.0, reserve_w - RESERVE_FRAMES * wave * wave))
             out.append(max(-value - reach, min(reach - value, p)))
         return out
 
@@ -117,7 +119,7 @@ class ElasticConcealment(Concealment):
         self._deficit_fraction = min(1.0, DEFICIT_FRACTION * frames)
         self._dissipation_fraction = min(1.0, DISSIPATION_FRACTION * frames)
         self._compensation = [0.0] * axes
-        self._limit_fraction = sqrt(1.0 - self._fade * self._fade)
+        self._limit_fraction = square_root(1.0 - self._fade * self._fade)
         self._stillness = 1.0
         self._was_gap = False
 
@@ -150,7 +152,7 @@ class ElasticConcealment(Concealment):
             return 0.0
         if self._was_gap:
             return min(self._stillness, max(0.0, 1.0 - along / square))
-        return max(0.0, 1.0 - sqrt(speed_square / square) / MOVING_FRACTION)
+        return max(0.0, 1.0 - square_root(speed_square / square) / MOVING_FRACTION)
 
     def _recover(self) -> None:
         quality = self.line_quality + self._smoothing * (1.0 - self.line_quality)
@@ -167,7 +169,9 @@ class ElasticConcealment(Concealment):
             if (
                 not gap
             ):  # else p fades: while a gap lasts, the yielding end may write deficit off (`LineReceiver.write_off`)
-                reach = sqrt(square + 0.25 * smoothing * reserve_w)  # leaves energy for p to decay as slowly as it grew
+                reach = square_root(
+                    square + 0.25 * smoothing * reserve_w
+                )  # leaves energy for p to decay as slowly as it grew
                 target = _clamped(fraction * axis_deficit, -ELASTIC_LIMIT, ELASTIC_LIMIT)
                 target = _clamped(target, -value - reach, reach - value)
                 if axis_deficit * value < 0.0:  # p lowers the energy of this wave, so that it needs no reserve
@@ -175,7 +179,7 @@ class ElasticConcealment(Concealment):
                     target = copysign(max(most, abs(target)), axis_deficit)
             p = last[axis] - value if after_gap else before
             p += smoothing * (target - p)
-            reach = sqrt(square + reserve_w)
+            reach = square_root(square + reserve_w)
             added.append(_clamped(p, -value - reach, reach - value))
         self._compensation = added
         if not gap:
@@ -193,7 +197,7 @@ def _clamped(value: float, least: float, most: float) -> float:
 def held_force(impedance_nspm: float, credit_j: float, frame_s: float, axes: int) -> float:
     """Return the force [N] on one axis that `elastic` holds in full in the first missing frame (theory 3.5)."""
     fade = ELASTIC_FADE ** (frame_s * BASE_HZ)
-    return sqrt(4.0 * impedance_nspm * (1.0 - fade * fade) * credit_j / (frame_s * axes))
+    return square_root(4.0 * impedance_nspm * (1.0 - fade * fade) * credit_j / (frame_s * axes))
 
 
 Maker = Callable[[int, float], Concealment]

@@ -7,11 +7,11 @@ All squares are in W per axis: an energy over T_n / 2. A frame's totals are the 
 
 from array import array
 from collections.abc import Sequence
-from math import sqrt
 
 from cogrip.protocol.line.energy_sums import BOUND_FRACTION, NOTHING, RESERVE_FRACTION, WaveSums
 from cogrip.protocol.line.sender import Frame
 from cogrip.protocol.received_waves import ReceivedWaves
+from cogrip.protocol.square_root import square_root
 
 HISTORY = 1024  # frames for which the receiver still knows what it had played
 FIRST_ROWS = 32  # of the history at first; it grows up to HISTORY where totals arrive late
@@ -179,7 +179,7 @@ class WaveLedger:
 
     def limits(self) -> list[float]:
         """Largest filling on each axis [sqrt(W)]."""
-        return [sqrt(max(0.0, left)) for left in self.allowances()]
+        return [square_root(max(0.0, left)) for left in self.allowances()]
 
     def reserve(self) -> list[float]:
         """Squares that compensation may spend on each axis [W]."""

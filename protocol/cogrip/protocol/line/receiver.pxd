@@ -5,6 +5,7 @@ from cogrip.protocol.line.energy_ledger cimport WaveLedger
 from cogrip.protocol.line.energy_sums cimport CompensatedSum
 from cogrip.protocol.line.jitter_buffer cimport JitterBuffer
 from cogrip.protocol.received_waves cimport ReceivedWaves
+from cogrip.protocol.square_root cimport square_root
 
 
 @cython.locals(square=double, value=double)
@@ -53,11 +54,14 @@ cdef class LineReceiver:
     cdef public bint played
 
     @cython.locals(
-        axes=Py_ssize_t, first="long long", phase="long long", count=Py_ssize_t, newest="long long", cursor="long long",
-        adapts=bint, place=Py_ssize_t, number="long long", slot=Py_ssize_t, waiting=dict, missing=set,
-        oldest="long long", arrived="long long*",
+        axes=Py_ssize_t, first="long long", phase="long long", count=Py_ssize_t, newest="long long", slot=Py_ssize_t,
     )
     cpdef bint take_in(self, ReceivedWaves datagram, long long early) except -1
+    @cython.locals(
+        first="long long", phase="long long", cursor="long long", newest="long long", oldest="long long", adapts=bint,
+        place=Py_ssize_t, number="long long", waiting=dict, missing=set, arrived="long long*",
+    )
+    cdef _store(self, ReceivedWaves datagram, Py_ssize_t count, long long early)
     cdef bint _is_near(self, long long newest)
     cdef long long _begin(self) except? -1
     @cython.locals(number="long long", ticks="long long", move="long long", part=double, frame=tuple, filling=tuple)

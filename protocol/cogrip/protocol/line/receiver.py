@@ -10,7 +10,6 @@ fillings and compensation.
 
 from array import array
 from collections.abc import Sequence
-from math import sqrt
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.line.concealment import CONCEALMENTS, Concealed
@@ -19,6 +18,7 @@ from cogrip.protocol.line.energy_sums import BOUND_FRACTION, CompensatedSum
 from cogrip.protocol.line.jitter_buffer import Frames, make_jitter_buffer
 from cogrip.protocol.line.sender import Frame
 from cogrip.protocol.received_waves import ReceivedWaves
+from cogrip.protocol.square_root import square_root
 
 FURTHEST_JUMP = 1 << 14  # highest number of the newest frame in the first datagram of a line
 LATE = 0.01  # default rate of late frames
@@ -57,13 +57,10 @@ class LineReceiver:
         ticks         device ticks in a frame, M
         by_frames     each frame is played for M ticks: by a server
         """
-        self._axes = axes
-        self._zero = (0.0,) * axes
+        self._axes, self._zero, self._ticks = axes, (0.0,) * axes, ticks
         self._jitter_buffer = make_jitter_buffer(delay_frames, frame_s, late, ticks, ticks if by_frames else 1)
-        self._ticks = ticks
-        self._early = self._phase = (
-            0  # of the newest frame: ticks from its arrival to the next frame border, and its sender's phase
-        )
+        # of the newest frame: ticks from its arrival to the next frame border, and its sender's phase
+        self._early = self._phase = 0
         self.hold = 1 if self._jitter_buffer.adapts else ticks
         self._half_frame_s = 0.5 * frame_s
         self._concealment = CONCEALMENTS[concealment](axes, frame_s)
@@ -72,13 +69,11 @@ class LineReceiver:
 
         self._most_ahead = HISTORY  # frames
         self._begun = False  # something has been popped
-        self._cursor = 0  # number of the frame that `pop` plays next, once it has begun
-        self.newest = -1
+        self.newest, self._cursor = -1, 0  # the second: number of the frame that `pop` plays next, once it has begun
         self._waiting: dict[int, Frame] = {}
         self._missing: set[int] = set()  # frames that had not arrived when they were due; they may still arrive late
-        self._recent = (
-            array("q", [-1]) * 256
-        )  # newest frame of recent datagrams: a datagram with the same one is a duplicate
+        # newest frame of recent datagrams: a datagram with the same one is a duplicate
+        self._recent = array("q", [-1]) * 256
         self._arrived = array("q", [-1]) * 64  # numbers of the newest frames that have arrived, at n modulo 64
         self._metadata: dict[int, FrameMetadata] = {}
         self._anchor = -1  # newest frame of the first datagram: reference of `_is_near` until playing begins
@@ -149,13 +144,21 @@ class LineReceiver:
             self._duplicate += 1
             return True
         self._recent[slot] = newest
-        cursor = self._cursor
         if newest > self.newest:
             self.newest, self._fresh, self._early, self._phase = newest, True, early, phase
-            self._late_wave = datagram.frame(count - 1) if newest < cursor else None
-        waiting, missing, oldest = self._waiting, self._missing, cursor - self._most_ahead
+            self._late_wave = datagram.frame(count - 1) if newest < self._cursor else None
+        self._store(datagram, count, early)
+        if newest >= self._cursor:
+            self._metadata[newest] = datagram.made_j, datagram.port_j, datagram.acknowledged
+        self.ledger.add_totals(datagram, self._cursor if self._begun else -1)
+        return True
+
+    def _store(self, datagram: ReceivedWaves, count: int, early: int) -> None:
+        """Keep those of `count` frames that had not arrived before."""
+        first, phase, cursor = datagram.first, datagram.phase, self._cursor
+        newest, oldest = first + count - 1, cursor - self._most_ahead
+        waiting, missing, arrived = self._waiting, self._missing, self._arrived
         adapts = self._jitter_buffer.adapts and self._begun
-        arrived = self._arrived
         for place in range(count):
             number = first + place
             if number >= oldest and arrived[number & 63] == number:
@@ -177,10 +180,6 @@ class LineReceiver:
             arrived[number & 63] = number
             if adapts:
                 self._jitter_buffer.arrived(number - cursor, early, phase)
-        if newest >= cursor:
-            self._metadata[newest] = datagram.made_j, datagram.port_j, datagram.acknowledged
-        self.ledger.add_totals(datagram, self._cursor if self._begun else -1)
-        return True
 
     def _is_near(self, newest: int) -> bool:
         """Return whether a datagram that ends with this frame can be of this line. This bounds the memory of a line."""
@@ -340,7 +339,7 @@ class LineReceiver:
         for axis in range(self._axes):
             value, held = frame[axis], reserve[axis]
             played, before = value + proposed[axis], value * value
-            reach = sqrt(before + held)  # (value + p)^2 - value^2 <= reserve
+            reach = square_root(before + held)  # (value + p)^2 - value^2 <= reserve
             if played >= reach:
                 played = reach
             if played <= -reach:

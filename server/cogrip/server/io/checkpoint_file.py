@@ -20,7 +20,7 @@ from cogrip.server.io.state_folder import MOST_BYTES, StateError, overwrite_priv
 
 END_LIMIT_S = 5.0
 STACK_BYTES = 1 << 18
-WHOLE_EVERY = 10
+WHOLE_EVERY = 64
 SLOTS, SLOT_BYTES = 3, MOST_BYTES // 4
 MAGIC = b"cogripCP"
 HEADER = struct.Struct("<8sQLL")

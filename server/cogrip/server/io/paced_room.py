@@ -34,7 +34,7 @@ class PacedRoom:
         core.tick(room, now_ns, self._steps)
         done_ns = time.monotonic_ns()
         self._work_us = (done_ns - now_ns + early_ns) // 1000
-        pacer.done(early_ns)
+        pacer.done_at(done_ns, early_ns)
         return done_ns
 
     def pass_by(self, now_ns: int) -> int:

@@ -167,6 +167,9 @@ class GripStep(WorldStep):
         effects: Sequence[Effect] = self._world.effects
         return effects
 
+    def take_events(self) -> Sequence[str]:
+        return WorldStep.take_events(self) if self._world.events else ()
+
     def left_workspace(self) -> bool:
         return not self._within(WORKSPACE_M)
 

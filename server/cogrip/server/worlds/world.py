@@ -91,8 +91,7 @@ class World(ABC):
         self.stiffness = np.zeros((len(seats), 1))
         self.damping = np.zeros((len(seats), 1))
         self.holding = np.zeros(len(seats), dtype=bool)
-        self.position = np.zeros(axes)
-        self.velocity = np.zeros(axes)
+        self.position, self.velocity = np.zeros(axes), np.zeros(axes)
         self.offset = np.zeros((len(seats), axes))
         self.force = np.zeros((len(seats), axes))
         self.port_work = np.zeros(len(seats))  # energy that came out of each user's line so far [J]
@@ -100,9 +99,8 @@ class World(ABC):
         self.external_force = np.zeros(axes)  # F_ext [N]
         self.balance_error_j = 0.0
         self.events: list[str] = []  # what has happened in this step: a marker each
-        self.effects: Sequence[
-            Effect
-        ] = ()  # that everybody's client renders, places in the object's frame at its start
+        # that everybody's client renders, places in the object's frame at its start
+        self.effects: Sequence[Effect] = ()
 
     def take_events(self) -> Sequence[str]:
         """Return the texts of `events` since the last call, and clear them; the room sends each to everybody as a marker."""

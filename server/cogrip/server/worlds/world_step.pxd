@@ -6,5 +6,6 @@ cdef class WorldStep:
     cpdef port_work_j(self)
     cpdef tuple engaged_at(self, Py_ssize_t user)
     cpdef effects_of(self, Py_ssize_t user)
+    cpdef take_events(self)
     cpdef bint left_workspace(self) except -1
     cpdef bint out_of_reach(self) except -1

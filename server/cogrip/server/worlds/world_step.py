@@ -41,6 +41,10 @@ class WorldStep:
         effects: Sequence[Effect] = self._world.effects_of(user)
         return effects
 
+    def take_events(self) -> Sequence[str]:
+        events: Sequence[str] = self._world.take_events()
+        return events
+
     def left_workspace(self) -> bool:
         return bool(self._world.left_workspace)
 

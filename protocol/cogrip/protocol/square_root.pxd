@@ -1,0 +1,1 @@
+cpdef double square_root(double number) except? -1.0
