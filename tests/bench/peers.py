@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from statistics import median
 
 import msgspec
+import numpy as np
+from rich.console import Console
 from rich.table import Table
 
 from cogrip.cli.terminal.output import Json, make_console, write_json
@@ -23,6 +25,8 @@ CASES: tuple[tuple[Kind, bool], ...] = (
 )  # fmt: skip
 NAMES = {"c": "C twin (recvmmsg)", "echo": "Python echo"}
 MOST_OVER_C = {"unencrypted": 4.0, "encrypted": 8.0, "encrypted, recorded": 10.0}
+MOST_OFF_LINE = 5.0  # percent
+MOST_PERSON_KB = 150.0
 
 
 class Cost(msgspec.Struct, frozen=True):
@@ -43,7 +47,8 @@ def bench_peers(
     """Measure what a person and frame cost a server in C, a Python echo and the server here, in turns.
 
     The C twin takes the same datagrams with recvmmsg and answers each, without session, physics, encryption or recording.
-    Exit code 0 if the server costs at most 4 times as much, 8 times encrypted, 10 times encrypted and recorded.
+    Exit code 0 if the server costs at most 4 times as much, 8 times encrypted, 10 times encrypted and recorded; and, of three
+    numbers of people and more, if its cost grows by a straight line within 5 %, its memory by less than 150 KB a person.
 
     Parameters
     ----------
@@ -79,10 +84,27 @@ def bench_peers(
         for each in table
         if each.people == counts[-1] and each.name in MOST_OVER_C
     ]
+    if len(counts) >= 3:
+        for name in MOST_OVER_C:
+            reached += _judge_growth(console, name, [each for each in table if each.name == name])
     well = all(reached)
     if json is not None:
         write_json({"costs": msgspec.to_builtins(table), "load_before": before, "reached": well}, json)
     return 0 if well else 1
+
+
+def _judge_growth(console: Console, name: str, costs: Sequence[Cost]) -> list[bool]:
+    """Judge how processor time and memory grow with the people: by a line, of a fixed part and one a person."""
+    people = [float(each.people) for each in costs]
+    frame_us = np.array([each.people * each.us for each in costs])
+    slope_us, fixed_us = np.polyfit(people, frame_us, 1)
+    off = 100.0 * float(np.max(np.abs(frame_us / np.polyval((slope_us, fixed_us), people) - 1.0)))
+    person_kb = float(np.polyfit(people, [each.memory_kb for each in costs], 1)[0])
+    console.print(f"{name}: a frame takes {fixed_us:.0f} µs and {slope_us:.2f} µs a person", markup=False)
+    return [
+        judge(console, f"{name}, off that line [%]", off, MOST_OFF_LINE, most=True, form=".1f"),
+        judge(console, f"{name}, memory a person [KB]", person_kb, MOST_PERSON_KB, most=True, form=".0f"),
+    ]
 
 
 def _name(each: Measured) -> str:
