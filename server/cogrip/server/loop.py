@@ -29,7 +29,7 @@ from cogrip.server.admission import AdmissionServices, AdmitAll, Authenticator
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.io.call_limit import call_limit
 from cogrip.server.io.datagram_path import DatagramPath
-from cogrip.server.io.paced_room import PacedRoom, next_due_ns
+from cogrip.server.io.paced_room import PacedRoom, deserted_among, next_due_ns, step_due, take_due
 from cogrip.server.io.udp_port import DatagramPort, PortRange, ServerChannel, UdpPort
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer
@@ -37,7 +37,6 @@ from cogrip.server.worlds.guarded import GuardedWorld
 
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
 REPORTED = Budget(1, 40)  # of each of UNAUTHENTICATED_EVENTS
-TOGETHER_NS = 100_000  # datagrams of rooms that are stepped so closely one after the other are sent together
 OVERSLEEP_FRAMES = 8  # of whose wake-ups the delay is the mean
 EARLY_PART = 4  # of a frame, for which at most the loop wakes ahead of a step to take in what has come
 IDLE_NS, IDLE_TURNS = 500_000_000, 32  # a deserted room is stepped so often, and the rooms in so many turns
@@ -184,16 +183,9 @@ class LiveServer:
                 self.stop.reason = f"stopped ({SECONDS_OVER})"
             due_ns = next_due_ns(awake) if awake else now_ns + quiet_ns
             now_ns, early_ns = self._wait(due_ns, early_ns)
-            for each in awake:
-                each.take(now_ns)
+            take_due(awake, now_ns)
             path.drain(now_ns, now_ns - due_ns)
-            sent_ns = now_ns
-            for each in awake:
-                done_ns = each.step(core, now_ns, early_ns)
-                if done_ns - sent_ns >= TOGETHER_NS:
-                    path.send()
-                    sent_ns = done_ns
-            path.send()
+            step_due(awake, core, path, now_ns, early_ns)
             if core.woken:
                 woken = [each for _, each in asleep if each.room in core.woken]
                 for each in woken:
@@ -202,7 +194,7 @@ class LiveServer:
                 awake += woken
                 core.woken.clear()
             self._step_deserted(asleep, now_ns)
-            for each in [each for each in awake if each.room.deserted and each.pacer.run]:
+            for each in deserted_among(awake):
                 awake.remove(each)
                 asleep.append((now_ns, each))
             self._report()

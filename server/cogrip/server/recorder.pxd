@@ -23,6 +23,7 @@ cdef class RecordedServer(ServerCore):
     cdef dict _drawn
 
     cpdef put(self, Py_ssize_t topic, record)
+    cpdef note_timing(self, Room room, long long late_us, long long work_us, long long skipped)
     cpdef receive(self, bytes datagram, address, long long now_ns)
     @cython.locals(seat=Seat)
     cpdef tick(self, Room room, long long now_ns, long long frames=*)

@@ -114,6 +114,11 @@ class RecordedServer(ServerCore):
 
         room.ticks = recorded
 
+    def note_timing(self, room: Room, late_us: int, work_us: int, skipped: int) -> None:
+        """Set `timing` of a room, where it is recorded."""
+        if self._recorder.keeps:
+            self.timing[room.name] = (late_us, work_us, skipped)
+
     def handle(self, given: ServerInput, now_ns: int) -> int:
         self._put_idle()
         self.now_ns = now_ns

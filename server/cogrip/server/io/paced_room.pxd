@@ -1,6 +1,7 @@
 cimport cython
 
 from cogrip.protocol.io.pacing cimport Pacer
+from cogrip.server.io.datagram_path cimport DatagramPath
 from cogrip.server.recorder cimport RecordedServer
 from cogrip.server.room cimport Room
 
@@ -17,6 +18,18 @@ cdef class PacedRoom:
     cpdef long long step(self, RecordedServer core, long long now_ns, long long early_ns) except -1
     @cython.locals(steps="long long")
     cpdef long long pass_by(self, long long now_ns) except -1
+
+
+@cython.locals(each=PacedRoom)
+cpdef take_due(rooms, long long now_ns)
+
+
+@cython.locals(each=PacedRoom, sent_ns="long long", done_ns="long long")
+cpdef step_due(rooms, RecordedServer core, DatagramPath path, long long now_ns, long long early_ns)
+
+
+@cython.locals(each=PacedRoom, found=list)
+cpdef list deserted_among(rooms)
 
 
 @cython.locals(each=PacedRoom, due_ns="long long")

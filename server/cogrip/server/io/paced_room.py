@@ -4,8 +4,11 @@ from collections.abc import Sequence
 
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.platform import time
+from cogrip.server.io.datagram_path import DatagramPath
 from cogrip.server.recorder import RecordedServer
 from cogrip.server.room import Room
+
+TOGETHER_NS = 100_000  # datagrams of rooms that are stepped so closely one after the other are sent together
 
 
 class PacedRoom:
@@ -30,7 +33,7 @@ class PacedRoom:
         if not self._steps:
             return 0
         room, pacer = self.room, self.pacer
-        core.timing[room.name] = (pacer.late_ns // 1000, self._work_us, pacer.skipped)
+        core.note_timing(room, pacer.late_ns // 1000, self._work_us, pacer.skipped)
         core.tick(room, now_ns, self._steps)
         done_ns = time.monotonic_ns()
         self._work_us = (done_ns - now_ns + early_ns) // 1000
@@ -42,6 +45,32 @@ class PacedRoom:
         steps = self.pacer.pass_by(now_ns)
         self._last += steps
         return steps
+
+
+def take_due(rooms: Sequence[PacedRoom], now_ns: int) -> None:
+    """Take the tick that is due of each room."""
+    for each in rooms:
+        each.take(now_ns)
+
+
+def step_due(rooms: Sequence[PacedRoom], core: RecordedServer, path: DatagramPath, now_ns: int, early_ns: int) -> None:
+    """Step the rooms by the ticks that were taken, and send what comes of it."""
+    sent_ns = now_ns
+    for each in rooms:
+        done_ns = each.step(core, now_ns, early_ns)
+        if done_ns - sent_ns >= TOGETHER_NS:
+            path.send()
+            sent_ns = done_ns
+    path.send()
+
+
+def deserted_among(rooms: Sequence[PacedRoom]) -> list[PacedRoom]:
+    """Return those where nobody is, and that have been stepped."""
+    found = []
+    for each in rooms:
+        if each.room.is_deserted() and each.pacer.run:
+            found.append(each)  # noqa: PERF401 - compiled, a loop whose variable has a type
+    return found
 
 
 def next_due_ns(rooms: Sequence[PacedRoom]) -> int:
