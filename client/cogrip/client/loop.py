@@ -187,7 +187,7 @@ class LiveClient:
 
     def _loop(self, pacer: Pacer, supervised: SupervisedDevice) -> str:
         """Tick until the session ends and the hand is released. Returns why it failed, "" if it did not."""
-        core, safety, session = self._core, self._core.safety, self._core.session
+        core, safety, session, exchange = self._core, self._core.safety, self._core.session, self._exchange
         clock = time.monotonic_ns
         last_tick = None if self.seconds is None else round(self.seconds * pacer.rate_hz)
         waiting = WaitingHand(self.waits, pacer.rate_hz, self.say)
@@ -197,12 +197,7 @@ class LiveClient:
         ticks_per_frame, work_us, frame = seat.rates.ticks_per_frame, 0, -1
         while True:
             tick = pacer.wait()
-            now_ns = clock()
-            core.sense(tick, supervised.read(tick), now_ns)
-            self._exchange.send(now_ns)
-            self._exchange.drain(clock())  # what came since the tick began was sent by a server that had it so long
-            core.timing = (pacer.late_ns // 1000, work_us, pacer.skipped)
-            supervised.write(core.act(now_ns))
+            now_ns = run_tick(tick, core, exchange, supervised, pacer, work_us)
             self._poll_paths(now_ns)
             if session.state != session_state:
                 if text := session_change(session, session_state, session.state):
@@ -359,6 +354,19 @@ class LiveClient:
             self.paths.poll(now_ns, resuming=False)
             time.sleep(POLL_S)
         return account
+
+
+def run_tick(
+    tick: int, core: RecordedClient, exchange: Exchange, supervised: SupervisedDevice, pacer: Pacer, work_us: int
+) -> int:
+    """Sense, exchange messages, and act. Returns when the tick began [ns]. work_us: of the tick before."""
+    now_ns = time.monotonic_ns()
+    core.sense(tick, supervised.read(tick), now_ns)
+    exchange.send(now_ns)
+    exchange.drain(time.monotonic_ns())  # what came since the tick began was sent by a server that had it so long
+    core.timing = (pacer.late_ns // 1000, work_us, pacer.skipped)
+    supervised.write(core.act(now_ns))
+    return now_ns
 
 
 def fade_out(device: Device, force_n: Sequence[float], pacer: Pacer) -> None:
