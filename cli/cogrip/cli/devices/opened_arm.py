@@ -8,6 +8,7 @@ from types import FrameType
 from rich.console import Console
 
 from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.typed_line import typed_line
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import DeviceError
 from cogrip.devices.registry import axes_of, is_input_only, make
@@ -49,7 +50,7 @@ def wait_for_enter(console: Console, text: str) -> None:
     drop_early_lines()
     console.print(f"{text} Enter when it is so, Ctrl-C to leave.")
     try:
-        input()
+        typed_line()
     except EOFError:
         raise Problem("nobody is there to press Enter: add --yes once the arm is as described") from None
 

@@ -16,6 +16,7 @@ from cogrip.cli.devices.opened_arm import drop_early_lines, termination_raised
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
+from cogrip.cli.terminal.typed_line import typed_line
 from cogrip.devices import trial
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Device, DeviceError, Sample, defects_named
@@ -87,7 +88,7 @@ class _Wizard:
         say(self._console, text)
         self._console.print("> ", end="")
         try:
-            answer = input().strip()
+            answer = typed_line().strip()
         except EOFError:
             raise Problem("nobody is there to answer: run it at a terminal, or give its answers as lines") from None
         if answer == LEAVE:

@@ -22,6 +22,7 @@ from cogrip.server.roster import MOST_LISTED, RosterEntry, roster_of
 from cogrip.server.snapshot import Snapshot, SnapshotMaker
 
 EVERY_NS = 500_000_000  # checkpoints and metrics
+EARLIER_SUFFIX = ".json"  # of checkpoints before they were overwritten in place
 POLL_EVERY_NS = 50_000_000  # for orders
 TURNS = EVERY_NS // POLL_EVERY_NS
 
@@ -126,6 +127,7 @@ class Housekeeping:
         core = self._server.core
         for room, writer in self._writers.items():
             try:
+                self._leave_earlier(room, writer.path)
                 data = writer.read()
                 if data is not None and self._fresh:
                     text = f"{room}: begins at its start (--fresh): a checkpoint is left aside"
@@ -140,6 +142,14 @@ class Housekeeping:
             self._say(core.events.popleft())
         self._server.chores.append(self.chore)
         self._notifier.ready(f"rooms: {', '.join(room.name for room in core.rooms)}")
+
+    def _leave_earlier(self, room: str, path: Path) -> None:
+        """Remove a checkpoint that an earlier version of cogrip left, and say that it is not read. Raises OSError."""
+        earlier = path.with_suffix(EARLIER_SUFFIX)
+        if earlier.exists():
+            earlier.unlink()
+            text = f"{room}: {earlier.name}, a checkpoint of an earlier version of cogrip, is not read"
+            self._say(ServerEvent("notice", text, room))
 
     def chore(self, now_ns: int) -> None:
         """Do what is due. Called between two ticks."""
