@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from cogrip.devices.arm.pose import Calibration, OwnLosses
@@ -61,6 +61,7 @@ names = st.text(st.characters(exclude_characters="\0"), min_size=1, max_size=80)
 
 
 @given(st.lists(names, min_size=2, max_size=2, unique=True))
+@example(["0", "\udcff"])  # a byte of a command line that is no UTF-8
 def test_different_devices_have_different_files(names: list[str]) -> None:
     store = CalibrationStore(Path("/nowhere"))
     first, second = (store.path_of(f"hid:{name}") for name in names)

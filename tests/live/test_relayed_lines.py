@@ -20,7 +20,8 @@ GRASPS = (f"sim:ideal?hand=grasp&{GRASP}", f"sim:ideal?hand=grasp&direction=-1&{
 METHODS = {
     "wave": (DEMO, (), 2 * REACH),
     "tuned": (DEMO, ("coupling.impedance_nspm=auto", "coupling.wave_filter_hz=auto", "coupling.prefer=light"), 2 * REACH),
-    "faces": (DEMO, ("coupling.kind=local", "object.kind=faces"), 2 * REACH),
+    # from both sides: what both would push from the left, whoever is first pushes out of the other's reach
+    "faces": (DEMO, ("coupling.kind=local", "object.kind=faces", "users.1.side=right"), (*REACH, "sim:phantom?hand=hold")),
     "lift": (LIFT, ("coupling.kind=local", "admission.force_n=1000"), GRASPS),
 }  # fmt: skip
 

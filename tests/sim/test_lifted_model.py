@@ -334,9 +334,12 @@ def _tame(person: Person, tick_s: float) -> bool:
 @settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
 def test_the_model_is_one_frame_of_the_actual_cores(case: tuple[Settings, LiftedModel]) -> None:
     resolved, model = case
-    ours, cores = model.matrix(), CoresFrame(resolved, model).matrix()
+    frame = CoresFrame(resolved, model)
+    ours, cores = model.matrix(), frame.matrix()
     assert ours.shape == cores.shape
-    np.testing.assert_allclose(ours, cores, rtol=0.0, atol=1e-9 * max(1.0, np.abs(cores).max()))
+    # the last bit of a place deep inside a contact, in a velocity
+    bit = np.spacing(TOUCH_M) * frame.rates.device_hz / NUDGE if frame.deep else 0.0
+    np.testing.assert_allclose(ours, cores, rtol=0.0, atol=(1e-9 + bit) * max(1.0, np.abs(cores).max()))
 
 
 @given(sessions(), st.floats(0.1, 3.0), st.floats(1.1, 1.5))

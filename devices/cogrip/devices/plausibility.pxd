@@ -16,10 +16,9 @@ cdef class Plausibility:
     cdef double _quick
     cdef object _at
     cdef long long _taken
-    cdef bint _known
-    cdef list _speed
+    cdef list _ran
+    cdef double _ran_ticks
     cdef list _last
-    cdef double _late_s
     cdef long long _odd
     cdef double _jumps
     cdef public object _reported
@@ -37,7 +36,6 @@ cdef class Plausibility:
     cpdef judge(self, long long tick, sample)
     cdef double _most_m(self, double time_s, double late_s)
     @cython.locals(
-        tick_s=double, rate=double, last=list, x=double, y=double, z=double, sx=double, sy=double, sz=double, lx=double,
-        ly=double, lz=double, moved=double, both=double, known=bint,
+        rate=double, x=double, y=double, z=double, rx=double, ry=double, rz=double, moved=double, ran=double,
     )
     cdef _move(self, list step, long long ticks)

@@ -6,17 +6,19 @@ m apparent mass [kg] and F_peak peak force [N] of the device record.
 
     jump      A held handle goes on as it did, or stops anywhere on the way, or bounces back. Beyond that it is brought off its
               course by the hand, with at most HAND_MPS2 up to HAND_MPS of added speed, and by the motors, with F_peak / m. The
-              speed is known from differences, so it is a tick and half the last t old, l: |off| <= r(t), of dr/dt = dv(t + l).
+              speed is known from the last steps, so it is old, by l = (1 + N)/2 ticks: |off| <= r(t), of dr/dt = dv(t + l).
     velocity  Two sums that forget with w: of x_k - x_{k-1} - v T, which a filter's lag of 0.4 w leaves below 0.6 w times the
               top speed of the last 2 w; and of |v| T less thrice the path, for a velocity that only shakes.
 
-Loops are uneven: a tick may run up to one period late, so every step may be one tick longer than counted.
+Loops are uneven: a tick may run up to one period late, so every step may be one tick longer than counted, or one shorter.
+The course is a sum of steps, each of which halves the ones before, over the ticks N of the same sum: of these, one may be
+missing.
 """
 
 from collections import deque
 from collections.abc import Sequence
 from math import hypot, isfinite, sqrt
-from operator import add, sub
+from operator import sub
 
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.setting_types import PLACES
@@ -24,9 +26,10 @@ from cogrip.protocol.setting_types import PLACES
 HAND_MPS2 = 200.0  # peak acceleration of what a hand holds; recorded strokes stay below 100
 HAND_MPS = 0.6  # speed that a hand, or a blow, adds to it within a few milliseconds
 REBOUND = 0.5  # share of the speed that an end stop gives back
-UNKNOWN_MPS = 1.5  # speed, as long as there is only one position
+UNKNOWN_MPS = 1.5  # speed, as long as there are only two positions, a tick apart as counted
 SLACK_COUNTS = 4.0
 GAP_S = 0.02  # without a sample: after more the speed is not known; an older sample is not used
+STEADY = 2.0  # N of steps of one tick
 JUMPS = 3.0  # implausible samples, less half of those that were well, are a fault
 WINDOW_S = 0.05
 DRIFT_SHARE = 0.6
@@ -71,10 +74,9 @@ class Plausibility:
         """Forget where the device was: the next sample is taken as it is."""
         self._at: Sequence[float] | None = None
         self._taken = 0
-        self._known = False
-        self._speed = [0.0] * self._axes  # half of the last step's, a quarter of the one's before ...
-        self._last = [0.0] * self._axes  # of the last step alone
-        self._late_s = 1.5 * self._tick_s
+        self._ran = [0.0] * self._axes  # the last step, half of the one before, a quarter ... [m]
+        self._ran_ticks = 0.0  # N, the ticks of this sum; 0: nothing is known
+        self._last = [0.0] * self._axes  # speed of the last step alone
         self._odd = 0  # ticks from the last sample that was used to the first one after it that was not
         self._jumps = 0.0
         self._reported: Sequence[float] | None = None
@@ -121,12 +123,14 @@ class Plausibility:
 
     def _jumped(self, step: Sequence[float], ticks: int) -> bool:
         """A sample that comes after one that was odd is not believed more readily because time has passed."""
-        tick_s, known = self._tick_s, self._known and ticks <= self._gap_ticks
+        tick_s, fewest = self._tick_s, self._ran_ticks - 1.0
+        known = fewest > 0.0 and ticks <= self._gap_ticks
+        rate = 1.0 / (fewest * tick_s) if known else 0.0
         ahead_s, behind_s = (ticks + 1) * tick_s, -REBOUND * ticks * tick_s
         square = 0.0
         for axis, moved in enumerate(step):
             if known:
-                speed, last = self._speed[axis], self._last[axis]
+                speed, last = rate * self._ran[axis], self._last[axis]
                 high, low = (speed, last) if speed > last else (last, speed)
                 high, low = max(0.0, ahead_s * high, behind_s * low), min(0.0, ahead_s * low, behind_s * high)
             else:
@@ -134,7 +138,8 @@ class Plausibility:
                 low = -high
             off = moved - high if moved > high else low - moved if moved < low else 0.0
             square += off * off
-        off_m, most_m = sqrt(square), self._most_m((self._odd or ticks) * tick_s, self._late_s)
+        late_s = 0.5 * (1.0 + max(STEADY, self._ran_ticks)) * tick_s
+        off_m, most_m = sqrt(square), self._most_m((self._odd or ticks) * tick_s, late_s)
         if off_m <= most_m:
             self._odd, self._jumps = 0, max(0.0, self._jumps - 0.5)
             return False
@@ -154,19 +159,20 @@ class Plausibility:
         return self._slack_m + off_course_m(time_s, late_s, HAND_MPS2) + motors_m
 
     def _move(self, step: Sequence[float], ticks: int) -> None:
-        """Return what is known of the speed; over a gap it is not."""
-        tick_s = self._tick_s
-        rate = 1.0 / (ticks * tick_s)
-        if ticks == 1 and self._known and len(step) == PLACES:  # as below, without a loop
-            (x, y, z), (sx, sy, sz) = step, self._speed
-            self._last = [lx := x * rate, ly := y * rate, lz := z * rate]
-            self._speed = [0.5 * (sx + lx), 0.5 * (sy + ly), 0.5 * (sz + lz)]
-            self._late_s = 1.5 * tick_s
+        """Add a step to the course that is known; over a gap none is."""
+        rate = 1.0 / (ticks * self._tick_s)
+        if ticks == 1 and len(step) == PLACES:  # as below, without a loop
+            (x, y, z), (rx, ry, rz) = step, self._ran
+            self._last = [x * rate, y * rate, z * rate]
+            self._ran = [0.5 * rx + x, 0.5 * ry + y, 0.5 * rz + z]
+            self._ran_ticks = 0.5 * self._ran_ticks + 1.0
             return
-        self._last = last = [moved * rate for moved in step]
-        self._speed = [0.5 * both for both in map(add, self._speed, last)] if self._known else last
-        self._known = known = ticks <= self._gap_ticks
-        self._late_s = (1.0 + 0.5 * ticks) * tick_s if known else 1.5 * tick_s
+        self._last = [moved * rate for moved in step]
+        if ticks <= self._gap_ticks:
+            self._ran = [0.5 * ran + moved for ran, moved in zip(self._ran, step, strict=True)]
+            self._ran_ticks = 0.5 * self._ran_ticks + ticks
+        else:
+            self._ran, self._ran_ticks = [0.0] * self._axes, 0.0
 
     def _denied(self, step: Sequence[float], reported: Sequence[float], ticks: int) -> str:
         """DRIFT, where what the velocities add up to is not what the positions say."""
@@ -187,7 +193,8 @@ class Plausibility:
                 drift[axis] = keep * drift[axis] + moved - half_s * (before[axis] + reported[axis])
         speed = self._reported_mps
         self._path = path = keep * self._path + half_s * (slow + speed) - 3.0 * hypot(*step)
-        self._top = top = max(0.5 * (1.0 + keep) * self._top, speed, hypot(*self._speed))
+        moves = hypot(*self._ran) / (self._ran_ticks * self._tick_s)
+        self._top = top = max(0.5 * (1.0 + keep) * self._top, speed, moves)
         off_m = hypot(*drift)
         if off_m <= self._drift_m + DRIFT_SHARE * WINDOW_S * top and path <= self._path_m:
             return ""

@@ -3,7 +3,8 @@
 A hand and the motors together accelerate the tip by a few hundred m/s^2 at most, so from one reading to the next it can only go
 so far off its course; but it may stop, or be stopped. Where the joints say that it went further, one of them has jumped. The
 tip is asked only where a joint looks odd: near the ends of its reach a joint turns far while the tip hardly moves. It is the
-same where readings were missing for up to GAP_S: the course goes on, and a hand adds little speed in so short a time.
+same where readings were missing for up to GAP_S: the course goes on, and a hand adds little speed in so short a time. Ticks may
+run up to a period late, so each step may be a tick longer or shorter than counted: as in `cogrip.devices.plausibility`.
 
 A joint that was quick, stops dead from one tick to the next, and then does not flicker by a single count, has lost its encoder:
 what a hand holds seldom stands still to a count after a blow. (It may have hit its end stop; then the person re-arms.) One
@@ -13,7 +14,7 @@ that hardly moved when its encoder was lost is not found before it moves.
 from collections.abc import Callable, Sequence
 from math import dist
 
-from cogrip.devices.plausibility import GAP_S, off_course_m
+from cogrip.devices.plausibility import GAP_S, STEADY, off_course_m
 
 MOST_ACCELERATION_MPS2 = 250.0  # 14 N of hand and 5 N of motors on 75 g
 SLACK_COUNTS = 4  # of noise and of readings that are not evenly spaced
@@ -26,25 +27,27 @@ _NAMES = "abc"
 
 
 class _Joint:
-    """speed: counts a tick, over about two ticks; pace: without sign, over about sixteen; most_speed: while it is not known.
+    """ran: the last step, half of the one before, a quarter ..., in counts, and ran_ticks the ticks of this sum.
+
+    pace: counts a tick without sign, over about sixteen ticks; most_speed: of a joint whose speed is not known.
 
     near: what is next to the last step of all that the joint may do at its speed: go on, or stop on the way.
     """
 
-    __slots__ = ("known", "most_speed", "near", "pace", "speed", "still", "stopped_dead")
+    __slots__ = ("most_speed", "near", "pace", "ran", "ran_ticks", "still", "stopped_dead")
 
     def __init__(self, most_speed: float) -> None:
         self.most_speed = most_speed
-        self.speed = self.pace = self.near = 0.0
-        self.known = False
+        self.pace = self.near = self.ran = self.ran_ticks = 0.0
         self.still = 0  # ticks without a count
         self.stopped_dead = False
 
     def off(self, step: float, ticks: int) -> float:
         """Return the distance of a step from the steps that the joint can make."""
-        sense = (self.speed if self.known else self.most_speed) * ticks
+        known = self.ran_ticks > 1.0
+        sense = (self.ran / (self.ran_ticks - 1.0) if known else self.most_speed) * (ticks + 1)
         low, high = (0.0, sense) if sense > 0.0 else (sense, 0.0)
-        if not self.known:
+        if not known:
             low = -high
         self.near = low if step < low else high if step > high else step
         return abs(step - self.near)
@@ -54,12 +57,12 @@ class _Joint:
             self.still, self.stopped_dead = 0, False
         else:
             if not self.still:
-                self.stopped_dead = self.pace >= QUICK_COUNTS and abs(self.speed) >= DEAD * self.pace
+                self.stopped_dead = self.pace >= QUICK_COUNTS and abs(self.ran) >= DEAD * self.pace * self.ran_ticks
             self.still += ticks
         now = step / ticks
-        if not self.known:
-            self.known, self.speed, self.pace = True, now, abs(now)
-        self.speed += 0.5 * (now - self.speed)
+        if not self.ran_ticks:
+            self.pace = abs(now)
+        self.ran, self.ran_ticks = 0.5 * self.ran + step, 0.5 * self.ran_ticks + ticks
         self.pace += min(1.0, 0.0625 * ticks) * (abs(now) - self.pace)
 
 
@@ -76,7 +79,6 @@ class EncoderWatch:
         self._gap_ticks = round(GAP_S * rate_hz)  # without a reading: after more it is judged anew from there
         self._stuck_ticks = max(2, round(STUCK_S * rate_hz))
         self._last: Sequence[float] | None = None
-        self._late_s = 0.0  # how old the speeds are
         self._joints = [_Joint(MOST_SPEED_MPS / rate_hz / resolution_m) for _ in range(joints)]
 
     def check(self, counts: Sequence[float], ticks: int) -> str:
@@ -84,10 +86,9 @@ class EncoderWatch:
         last, self._last = self._last, counts
         if last is None or not 0 < ticks <= self._gap_ticks:
             self._joints = [_Joint(joint.most_speed) for joint in self._joints]
-            self._late_s = 1.5 * self._tick_s
             return "" if last is None else self._after_gap(last, counts, max(ticks, 1))
-        off_m = off_course_m(ticks * self._tick_s, self._late_s, MOST_ACCELERATION_MPS2)
-        self._late_s = (1.0 + 0.5 * ticks) * self._tick_s
+        late_s = 0.5 * (1.0 + max(STEADY, self._joints[0].ran_ticks)) * self._tick_s  # how old the speeds are
+        off_m = off_course_m(ticks * self._tick_s, late_s, MOST_ACCELERATION_MPS2)
         most = SLACK_COUNTS + off_m / self._resolution_m
         odd, worst, stuck = -1, most, ""
         for number, joint in enumerate(self._joints):

@@ -38,7 +38,8 @@ class CalibrationStore:
         if place.startswith("/"):
             device = f"{scheme}:{os.path.realpath(place)}"
         readable = re.sub(r"[^A-Za-z0-9]+", "-", device).strip("-")[:60]
-        return self._folder / f"{readable}-{hashlib.sha256(device.encode()).hexdigest()[:8]}.json"
+        digest = hashlib.sha256(device.encode("utf-8", "surrogatepass")).hexdigest()
+        return self._folder / f"{readable}-{digest[:8]}.json"
 
     def find(self, device: str) -> Calibration | None:
         """None where there is none. Raises DeviceError for a file that is none of ours."""

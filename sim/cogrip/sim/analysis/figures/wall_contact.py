@@ -21,13 +21,14 @@ from cogrip.sim.session.laboratory import Laboratory
 TD_MS = (10.0, 20.0)
 FORCE_N = 1.0
 SECONDS = 4.0
-SHOWN_S = 1.2
+START_S = 0.5  # of the push: the force is ramped in by then, and frames have the phase that they keep
+SHOWN_S = -0.05, 1.15
 DEVICE_DAMPING_NSPM = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """One run: time [s], hand and proxy [m], force [N], each (ticks,); stiffness predicted, and measured at its end [N/m]."""
+    """One run: time from the push on [s], hand and proxy [m], force [N]; stiffness [N/m] predicted, and measured at its end."""
 
     name: str
     td_ms: float
@@ -43,7 +44,7 @@ class Contact:
 def wall_settings(td_ms: float, **overrides: Any) -> Settings:
     """Return P section VII with the numbers of its section VI, the scheme apart; 1 N s/m of device damping to come to rest."""
     person = {
-        "name": "user", "device": "sim:ideal", "hand": f"push&force_n={FORCE_N:g}&start_s=0.05",
+        "name": "user", "device": "sim:ideal", "hand": f"push&force_n={FORCE_N:g}&start_s={START_S:g}",
         "device_damping_nspm": DEVICE_DAMPING_NSPM,
     }  # fmt: skip
     table = {"seconds": SECONDS, "object": {"kind": "wall"}, "link": {"delay_ms": td_ms}, "users": [person]}
@@ -77,7 +78,7 @@ def wall_page() -> Page:
         above, below = sheet.panels[:, column]
         for number, contact in enumerate(_of(found, td_ms)):
             time, hand, proxy, force = contact.series.T
-            shown = time <= SHOWN_S
+            shown = (time >= SHOWN_S[0]) & (time <= SHOWN_S[1])
             style: Style = {**person_style(number), "zorder": 3.0 - 0.1 * number}  # what swings most is drawn first
             draw(above, time[shown], 1e3 * hand[shown], **style, lw=1.4)
             draw(above, time[shown], 1e3 * proxy[shown], **{**style, "marker": ""}, lw=1.2, ls=DASHED)
@@ -87,7 +88,7 @@ def wall_page() -> Page:
                 for point in contact.series[::8].tolist()
             ]
         title(above, f"$T_d$ = {td_ms:g} ms each way")
-    figure = sheet.finish("time [s]", ["hand and proxy [mm]", "force [N]"], legend, columns=3)
+    figure = sheet.finish("time from the push on [s]", ["hand and proxy [mm]", "force [N]"], legend, columns=3)
     results = "; ".join(
         f"{contact.name} at {contact.td_ms:g} ms: {contact.measured_npm:.0f} N/m measured, "
         f"{contact.predicted_npm:.0f} predicted"
@@ -124,7 +125,12 @@ def _run(name: str, td_ms: float, settings: Settings) -> Contact:
     def watch(lab: Laboratory) -> None:
         core = person.core
         rows.append(
-            (lab.tick / settings.rates.device_hz, core.position_m[0], float(world.proxy(0)[0]), core.force_n[0])
+            (
+                lab.tick / settings.rates.device_hz - START_S,
+                core.position_m[0],
+                float(world.proxy(0)[0]),
+                core.force_n[0],
+            )
         )
 
     laboratory.run(watch)
