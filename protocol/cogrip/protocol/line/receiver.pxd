@@ -30,8 +30,6 @@ cdef class LineReceiver:
     cdef public long long newest
     cdef dict _waiting
     cdef set _missing
-    cdef long long[256] _recent
-    cdef long long[64] _arrived
     cdef dict _metadata
     cdef long long _anchor
     cdef tuple _late_wave
@@ -52,6 +50,8 @@ cdef class LineReceiver:
     cdef public tuple metadata
     cdef public bint gap
     cdef public bint played
+    cdef long long[256] _recent
+    cdef long long[64] _arrived
 
     @cython.locals(
         axes=Py_ssize_t, first="long long", phase="long long", count=Py_ssize_t, newest="long long", slot=Py_ssize_t,

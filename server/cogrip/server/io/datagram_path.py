@@ -8,6 +8,7 @@ from cogrip.server.io.udp_port import DatagramPort, ServerChannel
 
 MOST_AT_ONCE = 1024  # datagrams that are received before a tick: a flood beyond that is the kernel's to drop
 CLOCK_EVERY = 32  # datagrams between two readings of the clock
+EARLY_CLOCK_EVERY = 4  # ahead of a step, which they may make so much late
 AWAY_NS = 500_000_000  # a loop that is as late had no processor: its people have become silent, and try other paths
 AWAY_LIMIT_NS, AWAY_MOST = 100_000_000, 4096  # in place of the two bounds then; more than a socket's buffer holds
 
@@ -33,7 +34,7 @@ class DatagramPath:
         limit_ns, most = (AWAY_LIMIT_NS, AWAY_MOST) if late_ns >= AWAY_NS else (self._limit_ns, MOST_AT_ONCE)
         every = CLOCK_EVERY
         if until_ns:
-            limit_ns, every = until_ns - now_ns, 1  # it must not make the step late
+            limit_ns, every = until_ns - now_ns, EARLY_CLOCK_EVERY  # it must not make the step late
         core, receive, decrypt = self._core, self._port.receive, self._channel.receive
         renewed, most_bytes = self._channel.renewed, MAX_DATAGRAM_BYTES + 1
         for count in range(most):
