@@ -15,6 +15,20 @@ from msgspec import inspect
 
 from cogrip.protocol.messages import Stamp, Waves
 
+cdef extern from *:
+    """
+    #include <stdint.h>
+    #if defined(__BYTE_ORDER__) && __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__
+    #define big_endian(bits) (bits)
+    #elif defined(_MSC_VER)
+    #include <stdlib.h>
+    #define big_endian(bits) _byteswap_uint64(bits)
+    #else
+    #define big_endian(bits) __builtin_bswap64(bits)
+    #endif
+    """
+    uint64_t big_endian(uint64_t) nogil
+
 cdef enum:
     MOST_NUMBERS = 192  # waves of 32 frames
     MOST_AXES = 6
@@ -189,11 +203,8 @@ cdef inline bint _number(const unsigned char **at, const unsigned char *end, dou
     cdef uint64_t bits
     if end - here < 9 or here[0] != 0xCB:
         return False
-    # one expression, which compilers make one load of
-    bits = (
-        <uint64_t>here[1] << 56 | <uint64_t>here[2] << 48 | <uint64_t>here[3] << 40 | <uint64_t>here[4] << 32
-        | <uint64_t>here[5] << 24 | <uint64_t>here[6] << 16 | <uint64_t>here[7] << 8 | <uint64_t>here[8]
-    )
+    memcpy(&bits, here + 1, 8)
+    bits = big_endian(bits)
     memcpy(found, &bits, 8)
     at[0] += 9
     return low <= found[0] <= high

@@ -7,6 +7,20 @@ from libc.string cimport memcpy
 from cogrip.protocol.clock cimport Clock
 from cogrip.protocol.line.sender cimport LineSender
 
+cdef extern from *:
+    """
+    #include <stdint.h>
+    #if defined(__BYTE_ORDER__) && __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__
+    #define big_endian(bits) (bits)
+    #elif defined(_MSC_VER)
+    #include <stdlib.h>
+    #define big_endian(bits) _byteswap_uint64(bits)
+    #else
+    #define big_endian(bits) __builtin_bswap64(bits)
+    #endif
+    """
+    uint64_t big_endian(uint64_t) nogil
+
 cdef enum:
     TAG = 4
     FIELDS = 16  # and the tag
@@ -16,7 +30,7 @@ cdef enum:
 
 
 cpdef bytes encode_waves(
-    session, LineSender sender, double made_j, double port_j, long long acknowledged, Clock clock, long long now_ns,
+    long long session, LineSender sender, double made_j, double port_j, long long acknowledged, Clock clock, long long now_ns,
     tuple state, long long phase, double impedance_nspm, long long since, long long edges,
 ):
     cdef unsigned char[MOST_BYTES] datagram
@@ -75,9 +89,8 @@ cdef inline unsigned char *_float(unsigned char *at, double number) noexcept:
     cdef uint64_t bits
     memcpy(&bits, &number, 8)
     at[0] = FLOAT
-    # eight bytes in a row, which compilers make one store of
-    at[1], at[2], at[3], at[4] = bits >> 56, bits >> 48 & 0xFF, bits >> 40 & 0xFF, bits >> 32 & 0xFF
-    at[5], at[6], at[7], at[8] = bits >> 24 & 0xFF, bits >> 16 & 0xFF, bits >> 8 & 0xFF, bits & 0xFF
+    bits = big_endian(bits)
+    memcpy(at + 1, &bits, 8)
     return at + 9
 
 

@@ -10,7 +10,7 @@ from cogrip.server.port cimport Port
 cdef class Participant:
     cdef public object number
     cdef public object name
-    cdef public object session
+    cdef public long long session
     cdef public object nonce
     cdef public object address
     cdef public long long last_received_ns

@@ -24,6 +24,6 @@ cdef class Port:
     cpdef bint take_in(self, ReceivedWaves datagram, long long now_ns) except -1
     cpdef tuple pop(self, long long frames)
     cpdef push(self, tuple row)
-    cpdef bytes message(self, session, Clock clock, long long now_ns, tuple object_state, double port_j)
+    cpdef bytes message(self, long long session, Clock clock, long long now_ns, tuple object_state, double port_j)
     cpdef port_in_j(self)
     cpdef double rounding_j(self) except? -1.0

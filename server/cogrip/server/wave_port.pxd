@@ -17,6 +17,8 @@ cdef class WavePort(Port):
     cdef long long _device_hz
     cdef long long _ticks_per_frame
     cdef tuple _neutral
+    cdef bint _turning
+    cdef Py_ssize_t _states
     cdef long long _slack_ns
     cdef long long _second_ns
     cdef WaveLimiter _limiter
@@ -28,7 +30,7 @@ cdef class WavePort(Port):
     cdef dict _applied
     cdef dict _poses
 
-    @cython.locals(axes=Py_ssize_t, turning=bint, newest="long long")
+    @cython.locals(axes=Py_ssize_t, newest="long long")
     cpdef bint take_in(self, ReceivedWaves datagram, long long now_ns) except -1
     @cython.locals(left_ns="long long")
     cdef long long _early(self, long long now_ns)
@@ -44,4 +46,4 @@ cdef class WavePort(Port):
     cpdef double rounding_j(self) except? -1.0
     @cython.locals(receiver=LineReceiver)
     @cython.locals(receiver=LineReceiver)
-    cpdef bytes message(self, session, Clock clock, long long now_ns, tuple object_state, double port_j)
+    cpdef bytes message(self, long long session, Clock clock, long long now_ns, tuple object_state, double port_j)

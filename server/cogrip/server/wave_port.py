@@ -38,7 +38,8 @@ class WavePort(Port):
             late=playout.late, ticks=seat.rates.ticks_per_frame, by_frames=True,
         )  # fmt: skip
         self._device_hz, self._ticks_per_frame = seat.rates.device_hz, seat.rates.ticks_per_frame
-        self._neutral = (0.0,) * axes
+        self._neutral, self._turning = (0.0,) * axes, axes == POSE_AXES
+        self._states = 2 * axes + PLACES * self._turning
         self._slack_ns, self._second_ns = SLACK_NS, NS_PER_S  # compiled, numbers of C
         self._sender = LineSender(axes, playout.redundancy)
         coupling = seat.coupling
@@ -61,8 +62,7 @@ class WavePort(Port):
 
     def take_in(self, datagram: ReceivedWaves, now_ns: int) -> bool:
         axes = self.axes
-        turning = axes == POSE_AXES
-        if datagram.states != 2 * axes + PLACES * turning:
+        if datagram.states != self._states:
             return False
         newest = datagram.first + datagram.numbers // axes - 1
         if datagram.since > newest:
@@ -79,7 +79,7 @@ class WavePort(Port):
         if self._receiver.newest == newest:
             if self.loops is not None and len(self._applied) < MOST_KEPT:
                 self._applied[newest] = datagram.applied
-            if turning and len(self._poses) < MOST_KEPT:
+            if self._turning and len(self._poses) < MOST_KEPT:
                 self._poses[newest] = self.hand[PLACES:], datagram.state_from(2 * axes, datagram.states)
         return True
 

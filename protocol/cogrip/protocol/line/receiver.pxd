@@ -25,6 +25,7 @@ cdef class LineReceiver:
     cdef public WaveLedger ledger
     cdef public object answer
     cdef long long _most_ahead
+    cdef Py_ssize_t _most_frames
     cdef bint _begun
     cdef long long _cursor
     cdef public long long newest

@@ -67,7 +67,7 @@ class LineReceiver:
         self.ledger = WaveLedger(axes, credit_j / self._half_frame_s / axes)
         self.answer: Sequence[float] = self._zero
 
-        self._most_ahead = HISTORY  # frames
+        self._most_ahead, self._most_frames = HISTORY, MOST_FRAMES
         self._begun = False  # something has been popped
         self.newest, self._cursor = -1, 0  # the second: number of the frame that `pop` plays next, once it has begun
         self._waiting: dict[int, Frame] = {}
@@ -136,7 +136,7 @@ class LineReceiver:
         axes, first, phase = self._axes, datagram.first, datagram.phase
         count = datagram.numbers // axes
         newest = first + count - 1
-        fits = count * axes == datagram.numbers and 0 < count <= MOST_FRAMES and datagram.axes == axes
+        fits = count * axes == datagram.numbers and 0 < count <= self._most_frames and datagram.axes == axes
         if not fits or not self._is_near(newest):
             return False
         slot = newest & 255
