@@ -1,9 +1,10 @@
 """Compile the modules that have types for a compiler beside them (docs/decisions/0028-typed-classes.md).
 
 A module `x.py` with an `x.pxd` is compiled as it is, its classes as structs; `x.pyx` is there only compiled, or in place of an
-`x.py` with the same functions. The results lie beside their sources and take the place of these when they are imported. They are no part of the project, and nothing needs
-them; `dev.py` removes what is of sources that were changed meanwhile. `-ffp-contract=off`: no product and sum are rounded
-together, so that every number is the interpreted one, bit for bit; `-fwrapv`: whole numbers wrap.
+`x.py` with the same functions. The results lie beside their sources and take the place of these when they are imported. They
+are no part of the project, and nothing needs them; `dev.py` removes what is of sources that were changed meanwhile.
+`-ffp-contract=off`: no product and sum are rounded together, so that every number is the interpreted one, bit for bit;
+`-fwrapv`: whole numbers wrap.
 """
 
 from __future__ import annotations  # as in dev.py

@@ -99,7 +99,9 @@ def test_a_drain_ahead_of_a_step_leaves_to_that_at_the_step_what_it_has_no_time_
     monkeypatch.setattr(datagram_path, "time", SimpleNamespace(monotonic_ns=lambda: next(readings) * MS))
     path.drain(0, 0, 3 * MS)
     taken = 100 - len(port.buffer)
-    assert taken == path.received == 4 * datagram_path.EARLY_CLOCK_EVERY - 1  # the fourth reading is after the step is due
+    assert (
+        taken == path.received == 4 * datagram_path.EARLY_CLOCK_EVERY - 1
+    )  # the fourth reading is after the step is due
     assert path.cut_short == 0  # nothing is left out
     path.drain(3 * MS)
     assert (path.received, len(port.buffer), path.cut_short) == (100, 0, 0)

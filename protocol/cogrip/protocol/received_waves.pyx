@@ -68,6 +68,8 @@ _read_bounds(Stamp, STAMP_BOUNDS)
 
 cdef class ReceivedWaves:
     cpdef bint decode(self, bytes datagram) except -1:
+        if datagram is None:
+            raise TypeError("a datagram is None")
         cdef const unsigned char *at = <const unsigned char *>PyBytes_AS_STRING(datagram)
         cdef const unsigned char *end = at + PyBytes_GET_SIZE(datagram)
         cdef Py_ssize_t squares

@@ -46,9 +46,10 @@ class LocalPort(WavePort):
             return False
         newest = self._receiver.newest
         datagram.states = states - places
-        if not super().take_in(datagram, now_ns):
-            return False
+        taken = super().take_in(datagram, now_ns)
         datagram.states = states
+        if not taken:
+            return False
         if self._reported is None or self._receiver.newest > newest:
             self._reported = datagram.state_from(states - places, states)
         if datagram.echo_ns < self._told_ns:

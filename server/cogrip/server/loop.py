@@ -217,7 +217,7 @@ class LiveServer:
         woken_ns, early_ns = clock(), 0
         if slept_ns > 0:
             over_ns = woken_ns - (due_ns - ahead_ns) - self._oversleep_ns
-            self._oversleep_ns = min(SPIN_NS, self._oversleep_ns + over_ns // OVERSLEEP_FRAMES)
+            self._oversleep_ns = max(0, min(SPIN_NS, self._oversleep_ns + over_ns // OVERSLEEP_FRAMES))
         if woken_ns < due_ns:
             self._path.drain(woken_ns, 0, due_ns)
             early_ns = clock() - woken_ns

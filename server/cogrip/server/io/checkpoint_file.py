@@ -1,6 +1,6 @@
 """Checkpoint files: a kill at any moment leaves the newest whole version, or the one before.
 
-A loss of power leaves a whole version, too, perhaps one of some seconds before.
+A loss of power leaves a whole version, too, perhaps one of half a minute before.
 
 A file has three slots of SLOT_BYTES, each a header (magic, number of the version, length and CRC-32) and the content. One
 write of WHOLE_EVERY replaces the file, with the first slot alone, and waits for the disk. Those in between overwrite the other

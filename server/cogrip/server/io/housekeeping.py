@@ -144,12 +144,13 @@ class Housekeeping:
         self._notifier.ready(f"rooms: {', '.join(room.name for room in core.rooms)}")
 
     def _leave_earlier(self, room: str, path: Path) -> None:
-        """Remove a checkpoint that an earlier version of cogrip left, and say that it is not read. Raises OSError."""
+        """Say that a checkpoint that an earlier version of cogrip left is not read, and remove it."""
         earlier = path.with_suffix(EARLIER_SUFFIX)
         if earlier.exists():
-            earlier.unlink()
             text = f"{room}: {earlier.name}, a checkpoint of an earlier version of cogrip, is not read"
             self._say(ServerEvent("notice", text, room))
+            with suppress(OSError):  # of no harm where it stays
+                earlier.unlink()
 
     def chore(self, now_ns: int) -> None:
         """Do what is due. Called between two ticks."""

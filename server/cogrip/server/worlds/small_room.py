@@ -12,7 +12,8 @@ from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.small_step import MOST as MOST
 from cogrip.server.worlds.small_step import GripStep
-from cogrip.server.worlds.world import MOST_SAVED_J, Array, Row, WorldStep
+from cogrip.server.worlds.world import MOST_SAVED_J, Array, Row
+from cogrip.server.worlds.world_step import WorldStep
 
 
 class StepState:
