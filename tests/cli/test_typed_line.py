@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from cogrip.cli.terminal import typed_line as module
+from cogrip.cli.terminal import platform
 from cogrip.cli.terminal.typed_line import typed_line
 
 pty = pytest.importorskip("pty", reason="pseudo terminals are of POSIX systems")
@@ -38,13 +38,27 @@ def test_ctrl_c_just_before_the_terminal_is_looked_at_interrupts(keyboard, monke
             signal.raise_signal(signal.SIGINT)
         return [], [], []
 
-    monkeypatch.setattr(module.select, "select", select)
+    monkeypatch.setattr(platform.select, "select", select)
     with pytest.raises(KeyboardInterrupt):
         typed_line()
     assert len(looks) == 1
 
 
-def test_a_pipe_is_read_to_its_end(monkeypatch):
+@pytest.mark.parametrize(
+    ("written", "lines"), [(b"yes\nno\r\n", ["yes", "no"]), (b"one\ntwo", ["one", "two"]), (b"\n", [""]), (b"", [])]
+)
+def test_a_pipe_is_read_line_by_line_to_its_end(monkeypatch, written, lines):
+    theirs, ours = os.pipe()
+    os.write(ours, written)
+    os.close(ours)
+    with os.fdopen(theirs, "r") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        assert [typed_line() for _ in lines] == lines
+        with pytest.raises(EOFError):
+            typed_line()
+
+
+def test_what_is_no_file_is_read_as_it_is(monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.StringIO("yes\n"))
     assert typed_line() == "yes"
     with pytest.raises(EOFError):

@@ -58,8 +58,8 @@ class Port:
         raise NotImplementedError
 
     def take_in(self, datagram: ReceivedWaves, now_ns: int) -> bool:
-        """Receive waves; `receive` for a port of this scheme."""
-        raise NotImplementedError
+        """Receive waves, as `receive` does. Return False where the scheme has other messages."""
+        return False
 
     def set_limits(self, limits: SeatLimits) -> None:
         """Bound what the seat brings in by these limits from now on."""

@@ -7,6 +7,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+LOOK_EVERY_S = 0.2
+
 if sys.platform == "win32":
 
     def use_utf8() -> None:
@@ -18,6 +20,9 @@ if sys.platform == "win32":
     def takes_output(descriptor: int) -> bool:
         """Return True: whether a pipe has room cannot be asked."""
         return True
+
+    def wait_for_input(descriptor: int) -> None:
+        """Do nothing: Ctrl-C interrupts a read."""
 
     @contextmanager
     def no_stop_key() -> Iterator[None]:
@@ -32,6 +37,14 @@ else:
     def takes_output(descriptor: int) -> bool:
         """Return whether a write would go at once: not to a terminal on hold, or a full pipe."""
         return bool(select.select([], [descriptor], [], 0.0)[1])
+
+    def wait_for_input(descriptor: int) -> None:
+        """Wait until there is something to read, or the end. Ctrl-C interrupts it at any moment.
+
+        Python handles a signal that comes just before a blocking read when that read ends, which may be never.
+        """
+        while not select.select([descriptor], [], [], LOOK_EVERY_S)[0]:
+            pass
 
     @contextmanager
     def no_stop_key() -> Iterator[None]:

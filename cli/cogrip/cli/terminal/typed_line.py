@@ -1,18 +1,29 @@
 """Next line of standard input, which Ctrl-C interrupts at any moment."""
 
-import select
+import os
 import sys
 
-LOOK_EVERY_S = 0.2
+from cogrip.cli.terminal.platform import wait_for_input
+
+_read = bytearray()  # of a pipe or a file, beyond the lines that were returned
 
 
 def typed_line() -> str:
-    """Return the next line of standard input. Raises EOFError at its end, KeyboardInterrupt after Ctrl-C.
-
-    Python handles a signal that comes just before a blocking read when that read ends, which at a terminal may be never. So
-    the terminal is read when there is something to read.
-    """
-    if sys.platform != "win32" and sys.stdin is not None and sys.stdin.isatty():
-        while not select.select([sys.stdin], [], [], LOOK_EVERY_S)[0]:
-            pass
-    return input()
+    """Return the next line of standard input. Raises EOFError at its end, KeyboardInterrupt after Ctrl-C."""
+    try:
+        descriptor = sys.stdin.fileno()
+    except (AttributeError, OSError):  # there is none, or what stands for it is no file
+        return input()
+    if os.isatty(descriptor):
+        wait_for_input(descriptor)
+        return input()
+    while b"\n" not in _read:
+        wait_for_input(descriptor)
+        if not (more := os.read(descriptor, 4096)):
+            break
+        _read.extend(more)
+    if not _read:
+        raise EOFError
+    line, _, rest = bytes(_read).partition(b"\n")
+    _read[:] = rest
+    return line.decode("utf-8", "replace").removesuffix("\r")
