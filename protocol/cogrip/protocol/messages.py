@@ -23,7 +23,6 @@ from cogrip.protocol.hello_padding import padded as padded
 from cogrip.protocol.hello_padding import with_whole_device
 from cogrip.protocol.setting_types import MOST_WAVES, PLACES, POSE_AXES, SeatNumber
 from cogrip.protocol.settings import SeatSettings
-from cogrip.protocol.struct_decoding import decoder_of
 from cogrip.protocol.texts import MARK_BYTES as MARK_BYTES
 from cogrip.protocol.texts import TEXT_BYTES
 from cogrip.protocol.tool_frame import Scale
@@ -384,15 +383,12 @@ AnyMessage = (
 )
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
 encode = msgspec.msgpack.Encoder().encode
-_decode_waves = decoder_of(Waves)  # nearly all messages
 
 
 def decode(datagram: bytes) -> AnyMessage:
     """Return the message in a datagram. Raises MalformedError, and nothing else, for anything that is not one."""
     if len(datagram) > MAX_MESSAGE_BYTES:
         raise MalformedError(f"{len(datagram)} bytes, more than {MAX_MESSAGE_BYTES}")
-    if (waves := _decode_waves(datagram)) is not None:
-        return waves
     try:
         message: AnyMessage = _decoder.decode(datagram)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
