@@ -4,7 +4,6 @@ import io
 import os
 import signal
 import sys
-import time
 
 import pytest
 
@@ -33,7 +32,7 @@ def test_ctrl_c_just_before_the_terminal_is_looked_at_interrupts(keyboard, monke
     looks = []
 
     def select(*_):
-        looks.append(time.monotonic())
+        looks.append(None)
         if len(looks) == 1:
             signal.raise_signal(signal.SIGINT)
         return [], [], []

@@ -5,7 +5,7 @@ import sys
 
 from cogrip.cli.terminal.platform import wait_for_input
 
-_read = bytearray()  # of a pipe or a file, beyond the lines that were returned
+_waiting = bytearray()  # read from a pipe or a file, and not returned yet
 
 
 def typed_line() -> str:
@@ -17,13 +17,13 @@ def typed_line() -> str:
     if os.isatty(descriptor):
         wait_for_input(descriptor)
         return input()
-    while b"\n" not in _read:
+    while b"\n" not in _waiting:
         wait_for_input(descriptor)
         if not (more := os.read(descriptor, 4096)):
             break
-        _read.extend(more)
-    if not _read:
+        _waiting.extend(more)
+    if not _waiting:
         raise EOFError
-    line, _, rest = bytes(_read).partition(b"\n")
-    _read[:] = rest
+    line, _, rest = bytes(_waiting).partition(b"\n")
+    _waiting[:] = rest
     return line.decode("utf-8", "replace").removesuffix("\r")
