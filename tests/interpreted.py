@@ -1,4 +1,4 @@
-"""Mark of tests that replace a method, and where the source of a module is that may be compiled."""
+"""Mark of tests that replace a method or a constant, and where the source of a module is that may be compiled."""
 
 from importlib import import_module
 from pathlib import Path
@@ -9,7 +9,7 @@ from cogrip.protocol.io.compiled_files import form
 
 needs_interpreted = pytest.mark.skipif(
     form() != "interpreted",
-    reason="a method of a compiled class cannot be replaced (`python3 dev.py compile --remove`)",
+    reason="a method or a constant of a compiled module cannot be replaced (`python3 dev.py compile --remove`)",
 )
 
 

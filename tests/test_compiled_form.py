@@ -1,5 +1,6 @@
 """The compiled form (`dev.py compile`): it is removed where its sources change, and gives the same numbers."""
 
+import ast
 import importlib
 import json
 import os
@@ -8,6 +9,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import compiling
 import dev
@@ -66,21 +68,22 @@ def test_what_is_compiled_of_older_sources_is_stale(monkeypatch: pytest.MonkeyPa
     [
         ([], "nothing was compiled; cogrip runs interpreted"),
         (["a.cpython-311.so"], "removed 1 compiled module; cogrip runs interpreted"),
-        (["a.cp311.so", "a.cp312.so", "b.cp311.pyd"], "removed 2 compiled modules; cogrip runs interpreted"),
+        (["a.cp311.so", "a.cp312.so", "io/a.cp311.pyd"], "removed 2 compiled modules; cogrip runs interpreted"),
     ],
 )
 def test_what_is_removed_is_said_in_one_line(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str], made: list[str], said: str
 ) -> None:
     monkeypatch.setattr(compiling, "STAMP", tmp_path / "stamp.json")
-    monkeypatch.setattr(compiling, "sources", lambda: [(name, tmp_path / f"{name}.py") for name in "ab"])
+    monkeypatch.setattr(compiling, "ROOT", tmp_path)
+    (tmp_path / "server/cogrip/io").mkdir(parents=True)
     compiling.STAMP.write_text('"of other sources"')  # stale: what was compiled is counted nevertheless
     monkeypatch.setattr(dev, "setup", lambda: pytest.fail("removing needs no environment"))
     for name in made:
-        (tmp_path / name).touch()
+        (tmp_path / "server/cogrip" / name).touch()
     assert dev.compile_("--remove") == 0
     assert capsys.readouterr() == (f"{said}\n", "")
-    assert not list(tmp_path.iterdir())
+    assert not [each for each in tmp_path.rglob("*") if each.is_file()]
 
 
 def test_without_a_compiler_one_line_says_so(
@@ -90,6 +93,51 @@ def test_without_a_compiler_one_line_says_so(
     monkeypatch.setattr(compiling, "remove", lambda: None)
     assert compiling.main([]) == 1
     assert re.fullmatch(r".*no C compiler.*runs without.*\n", capsys.readouterr().out)
+
+
+SOURCE = '''"""Of é lines."""
+MOST, SLACK_S, WIDE, NAME, OWN = 3, -0.5, 2**64, "name", 4
+
+class Line:
+    most = MOST
+
+    def __init__(self): self.most = MOST
+
+    def of(self, LENT, each=lambda x: x < MOST):
+        OWN = LENT
+        return [MOST, "é" and SLACK_S * self.MOST, f"{MOST}", WIDE, NAME, OWN, MOST if each(
+            MOST) else 0]
+'''
+
+
+def test_functions_are_compiled_with_the_values_of_numeric_constants() -> None:
+    module = ModuleType("line")
+    exec(SOURCE, vars(module))
+    values = compiling.constants(module)
+    assert values == {"MOST": 3, "SLACK_S": -0.5, "OWN": 4}, "in 64 bits"
+    wanted = SOURCE.replace("x < MOST", "x < (3)").replace("[MOST", "[(3)").replace("SLACK_S *", "(-0.5) *")
+    wanted = wanted.replace(", MOST if", ", (3) if").replace("            MOST)", "            (3))")
+    assert compiling.with_values(SOURCE, values) == wanted
+
+
+def test_every_compiled_source_is_the_same_program_with_values() -> None:
+    """Each differs from its source in names that were numbers, and every such number is the module's."""
+    for name, source in compiling.sources():
+        if source.suffix != ".py":
+            continue
+        module, text = importlib.import_module(name), source.read_text("utf-8")
+        values = compiling.constants(module)
+        made = compiling.with_values(text, values)
+        for before, after in zip(text.split("\n"), made.split("\n"), strict=True):
+            at = 0
+            for piece in re.split(r"(\([-+\d.e]+\))", after):
+                if not before.startswith(piece, at):
+                    constant = re.compile(r"\w+").match(before, at)
+                    assert constant, f"{source.name}: {after}"
+                    assert ast.literal_eval(piece) == values[constant[0]]
+                    piece = constant[0]
+                at += len(piece)
+            assert at == len(before)
 
 
 @pytest.mark.long

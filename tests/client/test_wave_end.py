@@ -111,7 +111,7 @@ def test_answers_made_with_the_new_impedance_are_played_as_they_are() -> None:
         end.answer(0.5, 20.0 if number < 3 else 10.0)
         end.frame(0.0)
         assert (end.coupling._made_nspm == 10.0) == (number >= 3)
-    assert end.coupling.returning == pytest.approx((0.5 + end.coupling.down.receiver._concealment._compensation[0],))
+    assert end.coupling.returning == pytest.approx((0.5 + end.coupling.down.receiver._concealment.added[0],))
 
 
 @pytest.mark.parametrize(("said", "read"), [(5e-324, 1.0), (1e4, 60.0)])

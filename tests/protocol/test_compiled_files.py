@@ -1,4 +1,4 @@
-"""Compiled modules that are older than their sources are found, whichever source it is, and no others."""
+"""Compiled modules that are older than a source that they may have something of are found."""
 
 import os
 from pathlib import Path
@@ -18,7 +18,22 @@ def test_a_source_that_was_changed_later(tmp_path: Path, suffix: str) -> None:
     (tmp_path / "io").mkdir()
     at(tmp_path / "io" / f"ring{SUFFIX}", 1000)
     at(tmp_path / "io" / f"ring{suffix}", 1000)
-    at(tmp_path / "interpreted.py", 5000)
+    at(tmp_path / "interpreted.py", 1000)
     assert outdated([str(tmp_path)]) == []
     at(tmp_path / "io" / f"ring{suffix}", 1001)
     assert outdated([str(tmp_path)]) == ["ring"]
+
+
+def test_a_constant_of_an_interpreted_module_may_stand_in_a_compiled_one(tmp_path: Path) -> None:
+    package, other = tmp_path / "package", tmp_path / "other"
+    package.mkdir()
+    other.mkdir()
+    at(other / "loop.py", 5000)  # nothing is compiled there
+    at(package / "rates.py", 1001)
+    folders = [str(package), str(other)]
+    assert outdated(folders) == []
+    for name in ("ring", "clock"):
+        at(package / f"{name}.py", 900)
+    at(package / f"ring{SUFFIX}", 1000)
+    at(package / f"clock{SUFFIX}", 2000)
+    assert outdated(folders) == ["rates"], "older than one of them"

@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
 
-from cogrip.protocol.line.concealment import CONCEALMENTS, ELASTIC_FADE, ELASTIC_LIMIT, MOVING_FRACTION, Concealed
-from cogrip.protocol.line.energy_ledger import RESERVED_CREDIT
+from cogrip.protocol.line.concealment import CONCEALMENTS, ELASTIC_FADE, ELASTIC_LIMIT, MOVING_FRACTION
+from cogrip.protocol.line.energy_ledger import RESERVED_CREDIT, WaveLedger
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import Frame
+from cogrip.protocol.setting_types import POSE_AXES, Concealed
 
 from tests.protocol.test_line import FRAME_S, CheckedLine
 
@@ -150,7 +151,7 @@ def test_the_hand_decides_once_a_gap_whether_it_rests() -> None:
         strategy = CONCEALMENTS[BEST](1, 1 / 128)
         for speed in (0.0, along):
             strategy.fill((1.0,), [inf], [speed - 1.0])
-            strategy.compensate((1.0,), [0.0], [0.0], (1.0,), True)
+            strategy.compensate((1.0,), WaveLedger(1, 0.0), (1.0,), True)
         assert strategy.line_quality == pytest.approx(gain, rel=1e-12)
 
 
@@ -242,8 +243,10 @@ def test_no_answer_is_beyond_its_room_or_not_finite(numbers: tuple[list[float], 
         filled = strategy.fill(tuple(row), room, deficit)
         if name == BEST:
             assert all(abs(value) <= most for value, most in zip(filled, room, strict=True))
-            paid = strategy.compensate(tuple(row), deficit, room, tuple(row), gap)
-            for value, pay, most in zip(row, paid, room, strict=True):
+            ledger, rest = WaveLedger(axes, 0.0), [0.0] * (POSE_AXES - axes)
+            ledger.deficits, ledger.reserves = deficit + rest, room + rest
+            strategy.compensate(tuple(row), ledger, tuple(row), gap)
+            for value, pay, most in zip(row, strategy.added, room, strict=False):
                 assert abs(value + pay) <= sqrt(value * value + most) * (1.0 + 1e-9) + 1e-9
         assert 0.0 <= strategy.line_quality <= 1.0
 

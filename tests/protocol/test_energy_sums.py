@@ -23,6 +23,8 @@ from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.seat_limits import SeatLimits
 from cogrip.server.wave_port import WavePort
 
+from tests.interpreted import needs_interpreted
+
 M, FRAME_S = 8, 1 / 128
 HELD_N, ROOT = 9.7, 40**0.5
 
@@ -158,6 +160,7 @@ def test_no_network_makes_an_energy_reserve_of_rounding(seed: int) -> None:
         assert excess <= 0, f"{float(excess):.3g} W too much"
 
 
+@needs_interpreted
 def test_without_the_fraction_that_is_kept_back_a_line_would_lend_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(energy_ledger, "RESERVE_FRACTION", 0.0)
 

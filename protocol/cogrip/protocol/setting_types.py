@@ -10,6 +10,7 @@ Side = Literal["left", "right"]
 Kind = Literal["wave", "local", "coupling", "tdpa"]
 ServerStep = Literal["passive", "paper"]
 Prefer = Literal["light", "balanced", "stiff"]
+Concealed = Literal["zero", "repaid", "tank", "elastic"]
 Auto = Literal["auto"]
 Orientation = Literal["", "driven", "free", "damped", "fixed"]
 

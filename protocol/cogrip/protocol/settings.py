@@ -24,7 +24,6 @@ from cogrip.protocol.coupling_settings import (
 )
 from cogrip.protocol.effects import MOST_EFFECTS, TANK_MJ, EffectSection, EffectTank, unfit_effect
 from cogrip.protocol.hand_settings import NO_LIMIT, HandSection, WorkspaceLimit
-from cogrip.protocol.line.concealment import Concealed
 from cogrip.protocol.link_profile import Link, LinkProfile, check_link
 from cogrip.protocol.network_rate import best_rate, stated_frame_s, take_auto
 from cogrip.protocol.object_fit import unfit_object
@@ -83,7 +82,7 @@ class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     late: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] = 0.01  # rate of late frames that "auto" aims at
     redundancy: Annotated[int, msgspec.Meta(ge=1, le=32)] = 8
     tank_mj: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 1.0
-    concealment: Concealed = "elastic"  # of frames that are missing
+    concealment: types.Concealed = "elastic"  # of frames that are missing
 
 
 class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

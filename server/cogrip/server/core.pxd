@@ -18,8 +18,6 @@ cdef class ServerCore:
     cdef public object _joining
     cdef dict _handlers
     cdef long long _back_ns
-    cdef long long _lost_ns
-    cdef Py_ssize_t _most_bytes
 
     cpdef bint listens_to(self, address) except -1
     @cython.locals(place=tuple)

@@ -26,6 +26,7 @@ from cogrip.server.room import Room
 from cogrip.server.schemes import FRAMES
 from cogrip.server.seat_assignment import Place, SeatTable
 
+MOST_BYTES = messages.MAX_MESSAGE_BYTES
 FAREWELL_EVERY_NS = 50_000_000  # to a client that has not received it
 
 FROM_CLIENTS = (*FRAMES, Edges, Heartbeat, Leave, Mark, SetHand, Effects)
@@ -45,7 +46,6 @@ class ServerCore:
         self.outbox, self.events, self.dropped = out.outbox, out.events, out.dropped
         self._drop = out.drop
         self._joining = Joining(table, out, software, services)
-        self._lost_ns, self._most_bytes = LOST_NS, messages.MAX_MESSAGE_BYTES  # compiled, numbers of C
         self._back_ns = -LOST_NS - 1  # the loop was late until then and read no datagrams: nobody counts as silent
         self._handlers: dict[type[inputs.ServerInput], Callable[[Any, int], int | None]] = {
             inputs.Stop: self._stop,
@@ -131,7 +131,7 @@ class ServerCore:
         room, seat, waves = place[0], place[1], self._waves
         if not room.takes_waves or seat.state != "seated":
             return False
-        if len(datagram) > self._most_bytes or not waves.decode(datagram) or waves.session != seat.session:
+        if len(datagram) > MOST_BYTES or not waves.decode(datagram) or waves.session != seat.session:
             return False
         if not seat.read_times(waves.sent_ns, waves.echo_ns, waves.held_ns, now_ns):
             self._drop("implausible stamp")
@@ -209,7 +209,7 @@ class ServerCore:
         """Step one room; its messages go to the outbox. frames: 1, and 1 more for each step that the loop missed."""
         if frames > 1 and frames * NS_PER_S >= QUIET_NS * room.settings.rates.network_hz:
             self._back_ns = now_ns
-        if now_ns - self._back_ns > self._lost_ns:
+        if now_ns - self._back_ns > LOST_NS:
             self._let_silent_go(room, now_ns)
         self.outbox.extend(room.tick(now_ns, frames))
         for text in room.world_step.take_events():

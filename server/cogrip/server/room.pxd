@@ -21,7 +21,6 @@ cdef class Room:
     cdef public WorldStep world_step
     cdef tuple _idle_row
     cdef long long _frame_ns
-    cdef long long _lost_ns
     cdef Py_ssize_t _axes
     cdef Py_ssize_t _places
     cdef public ObserverSlots observer_slots

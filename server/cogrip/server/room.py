@@ -58,7 +58,7 @@ class Room:
         self.world_step = self.world.as_step()
         self._axes, self._places = self.world.axes, self.world.places
         self._idle_row = (0.0,) * (self._axes * self.world.inputs_per_axis)
-        self._frame_ns, self._lost_ns = NS_PER_S // settings.rates.network_hz, LOST_NS
+        self._frame_ns = NS_PER_S // settings.rates.network_hz
         self.observer_slots = ObserverSlots(settings.admission.observers, settings.rates.network_hz)
         self.markers = Markers(settings.rates.network_hz)
         self.effects = RoomEffects(settings)
@@ -206,7 +206,7 @@ class Room:
         """Return the seats whose client has sent nothing for LOST_NS."""
         found = []
         for seat in self.seats:
-            if now_ns - seat.last_received_ns > self._lost_ns and seat.state == "seated":
+            if now_ns - seat.last_received_ns > LOST_NS and seat.state == "seated":
                 found.append(seat)  # noqa: PERF401 - compiled, a loop whose variable has a type
         return found
 

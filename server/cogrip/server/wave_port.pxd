@@ -19,8 +19,6 @@ cdef class WavePort(Port):
     cdef tuple _neutral
     cdef bint _turning
     cdef Py_ssize_t _states
-    cdef long long _slack_ns
-    cdef long long _second_ns
     cdef WaveLimiter _limiter
     cdef object _impedances
     cdef long long _since

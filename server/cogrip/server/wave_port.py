@@ -40,7 +40,6 @@ class WavePort(Port):
         self._device_hz, self._ticks_per_frame = seat.rates.device_hz, seat.rates.ticks_per_frame
         self._neutral, self._turning = (0.0,) * axes, axes == POSE_AXES
         self._states = 2 * axes + PLACES * self._turning
-        self._slack_ns, self._second_ns = SLACK_NS, NS_PER_S  # compiled, numbers of C
         self._sender = LineSender(axes, playout.redundancy)
         coupling = seat.coupling
         self._limiter = WaveLimiter(coupling.impedance_nspm, frame_s, limits, power_left, coupling.further_impedance)
@@ -91,8 +90,8 @@ class WavePort(Port):
 
     def _early(self, now_ns: int) -> int:
         """Return the whole ticks from now to the next step."""
-        left_ns = self.next_step_ns - now_ns + self._slack_ns
-        return left_ns * self._device_hz // self._second_ns if self.next_step_ns >= 0 and left_ns > 0 else 0
+        left_ns = self.next_step_ns - now_ns + SLACK_NS
+        return left_ns * self._device_hz // NS_PER_S if self.next_step_ns >= 0 and left_ns > 0 else 0
 
     @property
     def neutral(self) -> Row:

@@ -13,18 +13,17 @@ LINUX_ONLY = ("datagram_batch",)
 
 
 def outdated(folders: Iterable[str] = ()) -> list[str]:
-    """Return the names of compiled modules with a source that was changed later: Python would run the older one.
+    """Return the names of modules that were changed after something was compiled: Python would run what is older.
 
+    A compiled module has the values of constants of other modules in it, so all beside compiled ones count.
     folders: to look below; those of all packages of cogrip if none is given
     """
-    found = []
-    for folder in folders or cogrip.__path__:
-        for made in sorted(Path(folder).rglob(f"*{SUFFIX}")):
-            name, since_ns = made.name.removesuffix(SUFFIX), made.stat().st_mtime_ns
-            sources = [source for suffix in SOURCES if (source := made.with_name(name + suffix)).exists()]
-            if any(source.stat().st_mtime_ns > since_ns for source in sources):
-                found.append(name)
-    return found
+    compiled = {Path(folder): list(Path(folder).rglob(f"*{SUFFIX}")) for folder in folders or cogrip.__path__}
+    since_ns = min((each.stat().st_mtime_ns for made in compiled.values() for each in made), default=0)
+    sources = (
+        each for folder, made in compiled.items() if made for each in folder.rglob("*.p*") if each.suffix in SOURCES
+    )
+    return sorted({each.stem for each in sources if each.stat().st_mtime_ns > since_ns})
 
 
 def compiled_modules() -> Mapping[str, bool]:

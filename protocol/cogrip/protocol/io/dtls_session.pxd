@@ -1,6 +1,5 @@
 cimport cython
 
-cdef long long _WINDOW
 cdef unsigned long long _ALL_SEEN
 
 cpdef bint is_one_message(bytes datagram) except -1

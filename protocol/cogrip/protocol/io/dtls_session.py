@@ -33,8 +33,7 @@ _PLACE = Struct(">Q")  # epoch and number
 _NUMBER_BITS = 48
 _MOST_BYTES = 2048  # of a record: no datagram is as long
 _SIZES = [size.to_bytes(2, "big") for size in range(_MOST_BYTES)]
-_WINDOW = WINDOW  # compiled, these two are C numbers
-_ALL_SEEN = (1 << WINDOW) - 1
+_ALL_SEEN = (1 << WINDOW) - 1  # compiled, a number of C
 
 
 class SessionKeys(msgspec.Struct, frozen=True):
@@ -173,12 +172,12 @@ class DtlsSession:
 
     def _new(self, number: int) -> bool:
         behind = self._newest - number
-        return behind < 0 or (behind < _WINDOW and not self._seen >> behind & 1)
+        return behind < 0 or (behind < WINDOW and not self._seen >> behind & 1)
 
     def _note(self, number: int) -> None:
         ahead, bit = number - self._newest, 1
         if ahead > 0:
             self._newest = number
-            self._seen = (self._seen << ahead & _ALL_SEEN | bit) if ahead < _WINDOW else bit
+            self._seen = (self._seen << ahead & _ALL_SEEN | bit) if ahead < WINDOW else bit
         else:
             self._seen |= bit << -ahead  # `1 << -ahead` would have 32 bits in C

@@ -1,26 +1,31 @@
 cimport cython
 
+from cogrip.protocol.line.energy_ledger cimport WaveLedger
 from cogrip.protocol.square_root cimport square_root
 
 
-cdef double _clamped(double value, double least, double most)
+cpdef double clamped(double value, double least, double most)
 
 
 cdef class Concealment:
     cdef public double line_quality
     cdef public double yielding_gain
+    cdef public double[6] added
+    cdef Py_ssize_t _axes
     cdef list _zero
 
     cpdef fill(self, last, limit, answer, late=*, bint silent=*)
-    cpdef list compensate(self, tuple row, list deficit, list reserve, tuple last, bint gap)
+    cpdef compensate(self, tuple row, WaveLedger ledger, tuple last, bint gap)
 
 
 cdef class DeficitCompensation(Concealment):
-    pass
+    @cython.locals(axis=Py_ssize_t, wanted=double)
+    cpdef compensate(self, tuple row, WaveLedger ledger, tuple last, bint gap)
 
 
 cdef class FadingConcealment(DeficitCompensation):
-    pass
+    @cython.locals(axis=Py_ssize_t, value=double, wave=double, reach=double)
+    cpdef compensate(self, tuple row, WaveLedger ledger, tuple last, bint gap)
 
 
 cdef class ElasticConcealment(Concealment):
@@ -28,17 +33,17 @@ cdef class ElasticConcealment(Concealment):
     cdef double _smoothing
     cdef double _deficit_fraction
     cdef double _dissipation_fraction
-    cdef public list _compensation
     cdef double _limit_fraction
     cdef double _stillness
     cdef bint _was_gap
 
     @cython.locals(axis=Py_ssize_t, square=double, along=double, speed_square=double, wave=double, speed=double)
     cdef double _stillness_of(self, tuple last, answer)
+    @cython.locals(quality=double)
     cdef _recover(self)
     @cython.locals(
         smoothing=double, fraction=double, dissipation=double, after_gap=bint, axis=Py_ssize_t, value=double,
-        axis_deficit=double, reserve_w=double, before=double, target=double, square=double, reach=double, most=double,
-        p=double, added=list,
+        axis_deficit=double, reserve_w=double, before=double, target=double, square=double, reach=double, size=double,
+        p=double, deficits="double*", reserves="double*", added="double*",
     )
-    cpdef list compensate(self, tuple row, list deficit, list reserve, tuple last, bint gap)
+    cpdef compensate(self, tuple row, WaveLedger ledger, tuple last, bint gap)

@@ -17,12 +17,11 @@ Comparison and numbers: docs/decisions/0003-gaps.md.
 """
 
 from collections.abc import Callable, Sequence
-from math import copysign
-from typing import Literal
 
+from cogrip.protocol.line.energy_ledger import WaveLedger
+from cogrip.protocol.line.energy_sums import NOTHING
 from cogrip.protocol.square_root import square_root
 
-Concealed = Literal["zero", "repaid", "tank", "elastic"]
 PerAxis = Sequence[float]  # one value an axis
 
 COMPENSATION_FRACTION = 1.0 / 16.0  # of the deficit, in one frame
@@ -45,13 +44,15 @@ MOVING_FRACTION = 1.0 / 8.0  # of the wave: a hand with sqrt(2b) velocity above 
 class Concealment:
     """Strategy of one receiver. This base class is `zero`: a matched termination in a gap, without compensation.
 
+    added          p of the last frame, of each axis
     line_quality   1 while every wave comes, falling to 0 while waves are missing
     yielding_gain  factor on sqrt(b) of the yielding end (`WaveCoupling`) at line_quality 0; 1: the end does not yield
     """
 
     def __init__(self, axes: int, frame_s: float) -> None:
         self.line_quality = self.yielding_gain = 1.0
-        self._zero = [0.0] * axes
+        self.added = list(NOTHING)
+        self._axes, self._zero = axes, [0.0] * axes
 
     def fill(
         self, last: PerAxis, limit: PerAxis, answer: PerAxis, late: PerAxis | None = None, silent: bool = True
@@ -66,23 +67,23 @@ class Concealment:
         """
         return self._zero
 
-    def compensate(self, row: PerAxis, deficit: PerAxis, reserve: PerAxis, last: PerAxis, gap: bool) -> PerAxis:
-        """Return p for a wave, with (row + p)^2 - row^2 <= reserve.
+    def compensate(self, row: PerAxis, ledger: WaveLedger, last: PerAxis, gap: bool) -> None:
+        """Set `added` to p for a wave, with (row + p)^2 - row^2 <= energy reserve.
 
         row      a, or x in a gap
-        deficit  position deficit
-        reserve  energy reserve
+        ledger   has position deficit and energy reserve (`WaveLedger.measure`)
         last     wave that was played one frame before
         gap      whether `row` stands in place of a missing frame
         """
-        return self._zero
 
 
 class DeficitCompensation(Concealment):
     """`repaid`: a matched termination in a gap, then slow deficit compensation (theory 3.5)."""
 
-    def compensate(self, row: PerAxis, deficit: PerAxis, reserve: PerAxis, last: PerAxis, gap: bool) -> PerAxis:
-        return [max(-COMPENSATION_LIMIT, min(COMPENSATION_LIMIT, COMPENSATION_FRACTION * each)) for each in deficit]
+    def compensate(self, row: PerAxis, ledger: WaveLedger, last: PerAxis, gap: bool) -> None:
+        for axis in range(self._axes):
+            wanted = COMPENSATION_FRACTION * ledger.deficits[axis]
+            self.added[axis] = clamped(wanted, -COMPENSATION_LIMIT, COMPENSATION_LIMIT)
 
 
 class FadingConcealment(DeficitCompensation):
@@ -93,20 +94,18 @@ class FadingConcealment(DeficitCompensation):
     ) -> PerAxis:
         return [max(-most, min(most, FADE * wave)) for wave, most in zip(last, limit, strict=True)]
 
-    def compensate(self, row: PerAxis, deficit: PerAxis, reserve: PerAxis, last: PerAxis, gap: bool) -> PerAxis:
-        out = []
-        wanted = DeficitCompensation.compensate(self, row, deficit, reserve, last, gap)
-        for value, p, reserve_w, wave in zip(row, wanted, reserve, last, strict=True):
-            reach = square_root(value * value + max(0.0, reserve_w - RESERVE_FRAMES * wave * wave))
-            out.append(max(-value - reach, min(reach - value, p)))
-        return out
+    def compensate(self, row: PerAxis, ledger: WaveLedger, last: PerAxis, gap: bool) -> None:
+        DeficitCompensation.compensate(self, row, ledger, last, gap)
+        for axis in range(self._axes):
+            value, wave = row[axis], last[axis]
+            reach = square_root(value * value + max(0.0, ledger.reserves[axis] - RESERVE_FRAMES * wave * wave))
+            self.added[axis] = clamped(self.added[axis], -value - reach, reach - value)
 
 
 class ElasticConcealment(Concealment):
     """`elastic`: hold or slow fade in a gap, and a cross-fade after it, so that the played wave does not jump.
 
     _stillness       of the hand: 1 while it is still, 0 while it moves
-    _compensation    p of the last frame
     _limit_fraction  of the limit of x, in one frame: what is left pays for the fade until its end
     """
 
@@ -118,7 +117,6 @@ class ElasticConcealment(Concealment):
         self._smoothing = 1.0 - (1.0 - SMOOTHING) ** frames
         self._deficit_fraction = min(1.0, DEFICIT_FRACTION * frames)
         self._dissipation_fraction = min(1.0, DISSIPATION_FRACTION * frames)
-        self._compensation = [0.0] * axes
         self._limit_fraction = square_root(1.0 - self._fade * self._fade)
         self._stillness = 1.0
         self._was_gap = False
@@ -132,7 +130,7 @@ class ElasticConcealment(Concealment):
             self._recover()
         elif silent:
             self.line_quality *= fade
-        steady = [fade * (wave - added) for wave, added in zip(last, self._compensation, strict=True)]
+        steady = [fade * (last[axis] - self.added[axis]) for axis in range(self._axes)]
         reach = [self._limit_fraction * most for most in limit]
         return [max(-most, min(most, x)) for x, most in zip(late or steady, reach, strict=True)]
 
@@ -158,13 +156,13 @@ class ElasticConcealment(Concealment):
         quality = self.line_quality + self._smoothing * (1.0 - self.line_quality)
         self.line_quality = quality if quality <= FULL_QUALITY else 1.0
 
-    def compensate(self, row: PerAxis, deficit: PerAxis, reserve: PerAxis, last: PerAxis, gap: bool) -> PerAxis:
+    def compensate(self, row: PerAxis, ledger: WaveLedger, last: PerAxis, gap: bool) -> None:
         smoothing, fraction, dissipation = self._smoothing, self._deficit_fraction, self._dissipation_fraction
+        deficits, reserves, added = ledger.deficits, ledger.reserves, self.added
         after_gap = self._was_gap and not gap
         self._was_gap = gap
-        added: list[float] = []
-        for axis in range(len(row)):
-            value, axis_deficit, reserve_w, before = row[axis], deficit[axis], reserve[axis], self._compensation[axis]
+        for axis in range(self._axes):
+            value, axis_deficit, reserve_w, before = row[axis], deficits[axis], reserves[axis], added[axis]
             target, square = 0.0, value * value
             if (
                 not gap
@@ -172,22 +170,20 @@ class ElasticConcealment(Concealment):
                 reach = square_root(
                     square + 0.25 * smoothing * reserve_w
                 )  # leaves energy for p to decay as slowly as it grew
-                target = _clamped(fraction * axis_deficit, -ELASTIC_LIMIT, ELASTIC_LIMIT)
-                target = _clamped(target, -value - reach, reach - value)
+                target = clamped(fraction * axis_deficit, -ELASTIC_LIMIT, ELASTIC_LIMIT)
+                target = clamped(target, -value - reach, reach - value)
                 if axis_deficit * value < 0.0:  # p lowers the energy of this wave, so that it needs no reserve
-                    most = min(abs(value), dissipation * abs(axis_deficit))
-                    target = copysign(max(most, abs(target)), axis_deficit)
+                    size = max(min(abs(value), dissipation * abs(axis_deficit)), abs(target))
+                    target = size if axis_deficit > 0.0 else -size
             p = last[axis] - value if after_gap else before
             p += smoothing * (target - p)
             reach = square_root(square + reserve_w)
-            added.append(_clamped(p, -value - reach, reach - value))
-        self._compensation = added
+            added[axis] = clamped(p, -value - reach, reach - value)
         if not gap:
             self._recover()
-        return added
 
 
-def _clamped(value: float, least: float, most: float) -> float:
+def clamped(value: float, least: float, most: float) -> float:
     """Return max(least, min(most, value)), in half the time."""
     if value >= most:
         value = most

@@ -26,9 +26,9 @@ cdef class WaveLedger:
     cdef double[6] _lost
     cdef double[6] _lost_squares
     cdef double[6] _settled_fillings
+    cdef public double[6] deficits
+    cdef public double[6] reserves
 
-    @cython.locals(axis=Py_ssize_t, lost="double*", compensated="double*")
-    cpdef list position_deficit(self)
     @cython.locals(axis=Py_ssize_t)
     cdef _use(self, long long first, double* total, double* squares)
     @cython.locals(axis=Py_ssize_t, total=tuple, squares=tuple)
@@ -52,11 +52,10 @@ cdef class WaveLedger:
     cdef _settle(self, long long number)
     cpdef add_filling(self, tuple frame)
     cpdef add_compensation(self, row, squares)
-    @cython.locals(
-        credit=double, filled_sums="double*", compensated_sums="double*", axis=Py_ssize_t, filled=double, spent=double,
-        left=double,
-    )
-    cpdef list allowances(self)
+    cdef void compensated_by(self, double* row, double* squares) noexcept
+    @cython.locals(credit=double, filled=double, spent=double, left=double)
+    cdef double _allowance(self, Py_ssize_t axis) noexcept
+    @cython.locals(axis=Py_ssize_t)
     cpdef list limits(self)
-    @cython.locals(kept=double, left=double)
-    cpdef list reserve(self)
+    @cython.locals(axis=Py_ssize_t, kept=double, left=double, lost="double*", compensated="double*")
+    cpdef measure(self)

@@ -25,6 +25,8 @@ class WaveLedger:
     disturbed         a frame has been lost, or may have been: before that nothing is compensated
     credit            squares that each axis may play beyond those sent, 2 E_0 / (T_n axes) [W], E_0 the energy credit of the
                       line; the next seat session begins with what is left of it (`left`)
+    deficits, reserves  of each axis, as `measure` found them: position deficit [sqrt(W)], and squares that compensation may
+                      spend [W]
     """
 
     def __init__(self, axes: int, credit_w: float) -> None:
@@ -47,14 +49,11 @@ class WaveLedger:
         self._lost = list(NOTHING)  # sum of the waves lost before frame `settled`, less fillings
         self._lost_squares = list(NOTHING)
         self._settled_fillings = list(NOTHING)  # squares of the fillings before it [W]
+        self.deficits, self.reserves = list(NOTHING), list(NOTHING)
 
     @property
     def deficit(self) -> list[float]:
         """Sum of the waves sent less sum of those played, shape (axes,) [sqrt(W)], as far as that is known."""
-        return self.position_deficit()
-
-    def position_deficit(self) -> list[float]:
-        """Return `deficit`."""
         lost, compensated = self._lost, self._compensated.sums
         return [lost[axis] - compensated[axis] for axis in range(self._axes)]
 
@@ -167,26 +166,29 @@ class WaveLedger:
         """Enter compensation [sqrt(W)] and by how much it raises the squares played [W]."""
         self._compensated.add(row, squares)
 
-    def allowances(self) -> list[float]:
-        """Squares that may still be played on each axis beyond the frames themselves, credit included [W]."""
-        credit, filled_sums, compensated_sums = self.credit, self._filled.sums, self._compensated.sums
-        out = []
-        for axis in range(self._axes):
-            filled, spent = filled_sums[6 + axis], compensated_sums[6 + axis]
-            left = self._lost_squares[axis] - spent + credit - (filled - self._settled_fillings[axis])
-            out.append(left - BOUND_FRACTION * (credit + filled + abs(spent)))
-        return out
+    def compensated_by(self, row: Sequence[float], squares: Sequence[float]) -> None:
+        """Enter compensation as `add_compensation` does, of numbers that lie side by side."""
+        self._compensated.add_numbers(row, squares)
+
+    def _allowance(self, axis: int) -> float:
+        """Return the squares that may still be played on an axis beyond the frames themselves, credit included [W]."""
+        credit, filled, spent = self.credit, self._filled.sums[6 + axis], self._compensated.sums[6 + axis]
+        left = self._lost_squares[axis] - spent + credit - (filled - self._settled_fillings[axis])
+        return left - BOUND_FRACTION * (credit + filled + abs(spent))
 
     def limits(self) -> list[float]:
-        """Largest filling on each axis [sqrt(W)]."""
-        return [square_root(max(0.0, left)) for left in self.allowances()]
+        """Return the largest filling on each axis [sqrt(W)]."""
+        return [square_root(max(0.0, self._allowance(axis))) for axis in range(self._axes)]
 
-    def reserve(self) -> list[float]:
-        """Squares that compensation may spend on each axis [W]."""
-        kept = RESERVED_CREDIT * self.credit
-        return [left - kept if left > kept else 0.0 for left in self.allowances()]
+    def measure(self) -> None:
+        """Compute `deficits` and `reserves`."""
+        kept, lost, compensated = RESERVED_CREDIT * self.credit, self._lost, self._compensated.sums
+        for axis in range(self._axes):
+            left = self._allowance(axis)
+            self.deficits[axis] = lost[axis] - compensated[axis]
+            self.reserves[axis] = left - kept if left > kept else 0.0
 
     @property
     def left(self) -> float:
         """Unspent credit [W]: that of the next seat session, so that all of them together have one credit."""
-        return max(0.0, min(self.allowances()))
+        return max(0.0, min(self._allowance(axis) for axis in range(self._axes)))

@@ -27,6 +27,8 @@ cdef class WaveSums:
         axis=Py_ssize_t, wave=double, before=double, term=double, after=double, square=double,
     )
     cpdef add(self, row, added=*)
+    @cython.locals(sums="double*", errors="double*", axis=Py_ssize_t, before=double, term=double, after=double)
+    cdef void add_numbers(self, double* row, double* squares) noexcept
     @cython.locals(
         sums="double*", errors="double*", axis=Py_ssize_t, wave=double, before=double, term=double, after=double,
     )

@@ -118,6 +118,17 @@ class WaveSums:
             sums[6 + axis] = after = before + term
             errors[6 + axis] = (after - before) - term
 
+    def add_numbers(self, row: Sequence[float], squares: Sequence[float]) -> None:
+        """Add the row, and these in place of its squares: `add` for numbers that lie side by side."""
+        sums, errors = self.sums, self._errors
+        for axis in range(self._axes):
+            before, term = sums[axis], row[axis] - errors[axis]
+            sums[axis] = after = before + term
+            errors[axis] = (after - before) - term
+            before, term = sums[6 + axis], squares[axis] - errors[6 + axis]
+            sums[6 + axis] = after = before + term
+            errors[6 + axis] = (after - before) - term
+
     def add_at(self, values: Sequence[float], first: int) -> None:
         """Add the row that begins at this place of `values`, and its squares."""
         sums, errors = self.sums, self._errors

@@ -1,6 +1,6 @@
 cimport cython
 
-from cogrip.protocol.line.concealment cimport Concealment
+from cogrip.protocol.line.concealment cimport Concealment, clamped
 from cogrip.protocol.line.energy_ledger cimport WaveLedger
 from cogrip.protocol.line.energy_sums cimport CompensatedSum
 from cogrip.protocol.line.jitter_buffer cimport JitterBuffer
@@ -24,8 +24,6 @@ cdef class LineReceiver:
     cdef public Concealment _concealment
     cdef public WaveLedger ledger
     cdef public object answer
-    cdef long long _most_ahead
-    cdef Py_ssize_t _most_frames
     cdef bint _begun
     cdef long long _cursor
     cdef public long long newest
@@ -53,6 +51,8 @@ cdef class LineReceiver:
     cdef public bint played
     cdef long long[256] _recent
     cdef long long[64] _arrived
+    cdef double[6] _compensated
+    cdef double[6] _spent
 
     @cython.locals(
         axes=Py_ssize_t, first="long long", phase="long long", count=Py_ssize_t, newest="long long", slot=Py_ssize_t,
@@ -77,8 +77,8 @@ cdef class LineReceiver:
     cpdef tuple _fill(self, late, bint silent)
     cdef tuple _play(self, tuple frame, double part)
     @cython.locals(
-        axis=Py_ssize_t, value=double, held=double, played=double, before=double, reach=double, after=double,
-        out=list, compensated=list, spent=list,
+        concealment=Concealment, axis=Py_ssize_t, value=double, played=double, before=double, reach=double, after=double,
+        out=list, added="double*", reserves="double*", compensated="double*", spent="double*",
     )
     cdef tuple _compensate(self, tuple frame, double part)
     cpdef write_off(self, row)

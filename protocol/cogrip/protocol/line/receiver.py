@@ -12,12 +12,13 @@ from array import array
 from collections.abc import Sequence
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
-from cogrip.protocol.line.concealment import CONCEALMENTS, Concealed
+from cogrip.protocol.line.concealment import CONCEALMENTS, clamped
 from cogrip.protocol.line.energy_ledger import HISTORY, WaveLedger
-from cogrip.protocol.line.energy_sums import BOUND_FRACTION, CompensatedSum
+from cogrip.protocol.line.energy_sums import BOUND_FRACTION, NOTHING, CompensatedSum
 from cogrip.protocol.line.jitter_buffer import Frames, make_jitter_buffer
 from cogrip.protocol.line.sender import Frame
 from cogrip.protocol.received_waves import ReceivedWaves
+from cogrip.protocol.setting_types import Concealed
 from cogrip.protocol.square_root import square_root
 
 FURTHEST_JUMP = 1 << 14  # highest number of the newest frame in the first datagram of a line
@@ -67,7 +68,6 @@ class LineReceiver:
         self.ledger = WaveLedger(axes, credit_j / self._half_frame_s / axes)
         self.answer: Sequence[float] = self._zero
 
-        self._most_ahead, self._most_frames = HISTORY, MOST_FRAMES
         self._begun = False  # something has been popped
         self.newest, self._cursor = -1, 0  # the second: number of the frame that `pop` plays next, once it has begun
         self._waiting: dict[int, Frame] = {}
@@ -86,6 +86,7 @@ class LineReceiver:
         self._due_frames = self._received = self._applied = self._late = self._duplicate = 0
         self._concealed = self._gap_length = self._longest_gap = 0
         self._unheard = 0  # frames in a row of which no wave was played
+        self._compensated, self._spent = list(NOTHING), list(NOTHING)  # of the wave popped last
         self._played_j = CompensatedSum()
         self.metadata: FrameMetadata | None = None
         self.gap = self.played = False
@@ -136,7 +137,7 @@ class LineReceiver:
         axes, first, phase = self._axes, datagram.first, datagram.phase
         count = datagram.numbers // axes
         newest = first + count - 1
-        fits = count * axes == datagram.numbers and 0 < count <= self._most_frames and datagram.axes == axes
+        fits = count * axes == datagram.numbers and 0 < count <= MOST_FRAMES and datagram.axes == axes
         if not fits or not self._is_near(newest):
             return False
         slot = newest & 255
@@ -156,7 +157,7 @@ class LineReceiver:
     def _store(self, datagram: ReceivedWaves, count: int, early: int) -> None:
         """Keep those of `count` frames that had not arrived before."""
         first, phase, cursor = datagram.first, datagram.phase, self._cursor
-        newest, oldest = first + count - 1, cursor - self._most_ahead
+        newest, oldest = first + count - 1, cursor - HISTORY
         waiting, missing, arrived = self._waiting, self._missing, self._arrived
         adapts = self._jitter_buffer.adapts and self._begun
         for place in range(count):
@@ -184,7 +185,7 @@ class LineReceiver:
     def _is_near(self, newest: int) -> bool:
         """Return whether a datagram that ends with this frame can be of this line. This bounds the memory of a line."""
         if self._begun:
-            return newest <= self._cursor + self._most_ahead
+            return newest <= self._cursor + HISTORY
         if self._anchor < 0:
             if newest > FURTHEST_JUMP:
                 return False
@@ -332,23 +333,21 @@ class LineReceiver:
         return frame
 
     def _compensate(self, frame: Frame, part: float) -> Frame:
-        ledger = self.ledger
-        reserve = ledger.reserve()
-        proposed = self._concealment.compensate(frame, ledger.position_deficit(), reserve, self._last, self.gap)
-        out, compensated, spent = [], [], []
+        ledger, concealment = self.ledger, self._concealment
+        ledger.measure()
+        concealment.compensate(frame, ledger, self._last, self.gap)
+        added, reserves, compensated, spent = concealment.added, ledger.reserves, self._compensated, self._spent
+        out: list[float] = []
         for axis in range(self._axes):
-            value, held = frame[axis], reserve[axis]
-            played, before = value + proposed[axis], value * value
-            reach = square_root(before + held)  # (value + p)^2 - value^2 <= reserve
-            if played >= reach:
-                played = reach
-            if played <= -reach:
-                played = -reach
+            value = frame[axis]
+            before = value * value
+            reach = square_root(before + reserves[axis])  # (value + p)^2 - value^2 <= reserve
+            played = clamped(value + added[axis], -reach, reach)
             after = played * played
-            compensated.append(part * (played - value))
-            spent.append(part * (after - before) + BOUND_FRACTION * (after + before))
+            compensated[axis] = part * (played - value)
+            spent[axis] = part * (after - before) + BOUND_FRACTION * (after + before)
             out.append(played)
-        ledger.add_compensation(compensated, spent)
+        ledger.compensated_by(compensated, spent)
         return tuple(out)
 
     def write_off(self, row: Sequence[float]) -> None:

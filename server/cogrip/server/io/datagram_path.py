@@ -31,7 +31,9 @@ class DatagramPath:
         After a loop was away all of it is taken in, or a step between two hellos of a person would end the seat session that
         the second one resumes.
         """
-        limit_ns, most = (AWAY_LIMIT_NS, AWAY_MOST) if late_ns >= AWAY_NS else (self._limit_ns, MOST_AT_ONCE)
+        limit_ns, most = self._limit_ns, MOST_AT_ONCE
+        if late_ns >= AWAY_NS:
+            limit_ns, most = AWAY_LIMIT_NS, AWAY_MOST
         every = CLOCK_EVERY
         if until_ns:
             limit_ns, every = until_ns - now_ns, EARLY_CLOCK_EVERY  # it must not make the step late
