@@ -11,6 +11,9 @@ cdef class DtlsSession:
     cdef object _write
     cdef bytes _read_iv
     cdef bytes _write_iv
+    cdef bytearray _nonce
+    cdef bytearray _associated
+    cdef bytearray _head
     cdef long long _written
     cdef long long _newest
     cdef unsigned long long _seen
@@ -19,11 +22,15 @@ cdef class DtlsSession:
     cpdef bytes send(self, bytes message)
     cpdef bytes close(self)
     cpdef list receive(self, bytes datagram)
-    @cython.locals(number="long long", place=Py_ssize_t, begin=Py_ssize_t, plain_bytes=Py_ssize_t, numbers=bytes)
+    @cython.locals(number="long long", place=Py_ssize_t, begin=Py_ssize_t, plain_bytes=Py_ssize_t, plain=bytes)
     cdef _open(self, bytes record)
-    @cython.locals(numbers=bytes, sealed=bytes, explicit=bytes)
-    cdef bytes _record(self, bytes begin, bytes plain)
-    cdef bytes _nonce(self, bytes iv, bytes place)
+    @cython.locals(
+        head="unsigned char*", explicit=Py_ssize_t, plain_bytes=Py_ssize_t, number="long long", length=Py_ssize_t,
+        place=Py_ssize_t,
+    )
+    cdef bytes _record(self, unsigned char kind, bytes plain)
+    @cython.locals(nonce="unsigned char*", associated="unsigned char*", place=Py_ssize_t)
+    cdef _prepare(self, const unsigned char* iv, const unsigned char* record, Py_ssize_t at, Py_ssize_t plain_bytes)
     @cython.locals(behind="long long")
     cdef bint _new(self, long long number)
     @cython.locals(ahead="long long", bit="unsigned long long")

@@ -6,7 +6,6 @@ number used twice would break the AEAD.
 """
 
 import hmac
-from struct import Struct
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -27,12 +26,9 @@ SUITES = {  # OpenSSL's name: hash of its PRF, bytes of a key, of the implicit p
     "ECDHE-ECDSA-AES256-GCM-SHA384": ("sha384", 32, 4, 8),
     "ECDHE-ECDSA-CHACHA20-POLY1305": ("sha256", 32, 12, 0),
 }
-TAG_BYTES = 16
-_DATA_BEGIN, _ALERT_BEGIN = bytes([DATA]) + VERSION, bytes([ALERT]) + VERSION
-_PLACE = Struct(">Q")  # epoch and number
-_NUMBER_BITS = 48
+TAG_BYTES, NONCE_BYTES = 16, 12
+_EPOCH_AT, _NUMBER_AT, _LENGTH_AT = 3, 5, 11  # in a record
 _MOST_BYTES = 2048  # of a record: no datagram is as long
-_SIZES = [size.to_bytes(2, "big") for size in range(_MOST_BYTES)]
 _ALL_SEEN = (1 << WINDOW) - 1  # compiled, a number of C
 
 
@@ -100,24 +96,29 @@ def newest_number(datagram: bytes) -> int:
 class DtlsSession:
     """One end of an open association. closed: the other end has closed it."""
 
-    __slots__ = ("_explicit", "_newest", "_read", "_read_iv", "_seen", "_write", "_write_iv", "_written", "closed")
+    __slots__ = (
+        "_associated", "_explicit", "_head", "_newest", "_nonce", "_read", "_read_iv", "_seen", "_write", "_write_iv",
+        "_written", "closed",
+    )  # fmt: skip
 
     def __init__(self, keys: SessionKeys) -> None:
         _, _, _, self._explicit = SUITES[keys.suite]
         cipher = AESGCM if "GCM" in keys.suite else ChaCha20Poly1305
         self._read, self._write = cipher(keys.read_key), cipher(keys.write_key)
-        self._read_iv, self._write_iv = keys.read_iv, keys.write_iv
+        self._read_iv, self._write_iv = keys.read_iv.ljust(NONCE_BYTES, b"\0"), keys.write_iv.ljust(NONCE_BYTES, b"\0")
+        self._nonce, self._associated = bytearray(NONCE_BYTES), bytearray(RECORD_HEADER_BYTES)  # of the newest record
+        self._head = bytearray(RECORD_HEADER_BYTES + self._explicit)
         self._written, self._newest = keys.written, keys.received
         self._seen = _ALL_SEEN  # all before the hand-over; bit k: the newest less k
         self.closed = False
 
     def send(self, message: bytes) -> bytes:
         """Return the datagram that carries a message."""
-        return self._record(_DATA_BEGIN, message)
+        return self._record(DATA, message)
 
     def close(self) -> bytes:
         """Return the datagram that tells the other end that this association is over."""
-        return self._record(_ALERT_BEGIN, CLOSE_NOTIFY)
+        return self._record(ALERT, CLOSE_NOTIFY)
 
     def receive(self, datagram: bytes) -> list[bytes]:
         """Return the messages of a datagram. What is not authentic, or comes again, changes nothing."""
@@ -139,36 +140,53 @@ class DtlsSession:
 
     def _open(self, record: bytes) -> bytes | None:
         """Return what a record of epoch 1 holds; None where it is not authentic, or comes again."""
-        number = record[5]
-        for place in range(6, 11):
-            number = number << 8 | record[place]
         begin = RECORD_HEADER_BYTES + self._explicit
         plain_bytes = len(record) - begin - TAG_BYTES
-        if not 0 <= plain_bytes < _MOST_BYTES or not self._new(number):
+        if not 0 <= plain_bytes < _MOST_BYTES:
             return None
-        numbers = record[3:11]
-        nonce = self._nonce(self._read_iv, record[RECORD_HEADER_BYTES:begin] or numbers)
+        number = 0
+        for place in range(_NUMBER_AT, _LENGTH_AT):
+            number = number << 8 | record[place]
+        if not self._new(number):
+            return None
+        self._prepare(self._read_iv, record, RECORD_HEADER_BYTES if self._explicit else _EPOCH_AT, plain_bytes)
         try:
-            plain = self._read.decrypt(nonce, record[begin:], numbers + record[:3] + _SIZES[plain_bytes])
+            plain: bytes = self._read.decrypt(self._nonce, record[begin:], self._associated)
         except InvalidTag:
             return None
         self._note(number)
         return plain
 
-    def _record(self, begin: bytes, plain: bytes) -> bytes:
-        """Return the record of a type and version, `begin`, that holds this."""
+    def _record(self, kind: int, plain: bytes) -> bytes:
+        """Return the record of a content type that holds this."""
+        head, explicit, plain_bytes = self._head, self._explicit, len(plain)
         self._written += 1
-        numbers = _PLACE.pack(EPOCH << _NUMBER_BITS | self._written)
-        nonce = self._nonce(self._write_iv, numbers)
-        sealed = self._write.encrypt(nonce, plain, numbers + begin + _SIZES[len(plain)])
-        explicit = numbers[: self._explicit]
-        return begin + numbers + _SIZES[len(explicit) + len(sealed)] + explicit + sealed
+        number, length = EPOCH << 48 | self._written, explicit + plain_bytes + TAG_BYTES
+        head[0], head[1], head[2] = kind, VERSION[0], VERSION[1]
+        for place in range(_EPOCH_AT, _LENGTH_AT):
+            head[place] = number >> (80 - 8 * place) & 255
+        head[_LENGTH_AT], head[_LENGTH_AT + 1] = length >> 8, length & 255
+        for place in range(explicit):
+            head[RECORD_HEADER_BYTES + place] = head[_EPOCH_AT + place]
+        self._prepare(self._write_iv, head, _EPOCH_AT, plain_bytes)
+        return b"".join((self._head, self._write.encrypt(self._nonce, plain, self._associated)))
 
-    def _nonce(self, iv: bytes, place: bytes) -> bytes:
-        """Return a record's nonce: RFC 5288 section 3 puts the number behind, RFC 7905 section 2 adds it."""
-        if self._explicit:
-            return iv + place
-        return (int.from_bytes(iv, "big") ^ int.from_bytes(place, "big")).to_bytes(12, "big")
+    def _prepare(self, iv: bytes, record: bytes | bytearray, at: int, plain_bytes: int) -> None:
+        """Set nonce and additional data of a record.
+
+        at: place of what the nonce has of the record. RFC 7905 section 2 adds it to the IV; that of RFC 5288 section 3 is 0
+        there.
+        """
+        nonce, associated = self._nonce, self._associated
+        for place in range(4):
+            nonce[place] = iv[place]
+        for place in range(4, NONCE_BYTES):
+            nonce[place] = iv[place] ^ record[at + place - 4]
+        for place in range(8):  # epoch and number, then type and version, then length (RFC 5246 section 6.2.3.3)
+            associated[place] = record[_EPOCH_AT + place]
+        for place in range(_EPOCH_AT):
+            associated[8 + place] = record[place]
+        associated[11], associated[12] = plain_bytes >> 8, plain_bytes & 255
 
     def _new(self, number: int) -> bool:
         behind = self._newest - number
