@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Sequence
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from cogrip.client.inputs import CloseLedger, Connect
 from cogrip.client.seated import SeatedClient
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability, Sample
+from cogrip.devices.plausibility import Plausibility
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.line.sender import LineSender
@@ -66,6 +66,13 @@ def at_ns(tick: int) -> int:
     return due_ns(0, tick, DEVICE_HZ)
 
 
+class Credulous(Plausibility):
+    """Believes every sample."""
+
+    def judge(self, tick: int, sample: Sample) -> str:
+        return ""
+
+
 class Client:
     """A seated core and its server: tests read back what it sends, and hand it waves frame by frame."""
 
@@ -87,7 +94,7 @@ class Client:
         self.core.handle(Connect(), 0)
         self.axes, self.session = axes, 7
         self.welcome(0)
-        self.seated.hand.plausibility = SimpleNamespace(judge=lambda tick, sample: "")  # type: ignore[assignment]
+        self.seated.hand.plausibility = Credulous(record, self.seat.rates.tick_s)
         self.core.outbox.clear()
         self.line = LineSender(axes, 8)
 

@@ -2,6 +2,7 @@ cimport cython
 
 from cogrip.client.safety cimport Safety
 from cogrip.client.velocity cimport AlphaBeta
+from cogrip.devices.plausibility cimport Plausibility
 
 
 cdef class HandMotion:
@@ -17,10 +18,10 @@ cdef class HandMotion:
     cdef public object start_mps
     cdef public object velocity_mps
     cdef AlphaBeta _estimator
-    cdef public object plausibility
+    cdef public Plausibility plausibility
     cdef public long long latency_ticks
 
-    @cython.locals(taken="long long")
+    @cython.locals(taken="long long", age="long long", position=tuple, known=tuple)
     cpdef update(self, long long tick, long long elapsed, sample)
 
 

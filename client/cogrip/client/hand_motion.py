@@ -47,27 +47,28 @@ class HandMotion:
     def update(self, tick: int, elapsed: int, sample: Sample | None) -> Position:
         """Use the sample of `tick`, `elapsed` ticks after the one before. Return the position, None where it is not known."""
         position: Position = None
-        velocity, taken = self.velocity_mps, self._sampled
+        velocity, taken, age = self.velocity_mps, self._sampled, 0
         if sample is not None and (wrong := self.plausibility.judge(tick, sample)):
             sample = self._refused(wrong, tick, sample)
         if sample is None:
             self._safety.absent(elapsed)
         else:
-            taken, position = tick - sample.age_ticks, sample.position_m
+            position, reported, age = sample.position_m, sample.velocity_mps, sample.age_ticks
+            here, taken = position, tick - age
             if self._offset_m is not None:
                 position = tuple([at - offset for at, offset in zip(position, self._offset_m, strict=True)])
-            if sample.velocity_mps is not None:
-                velocity = sample.velocity_mps
+            if reported is not None:
+                velocity = reported
             else:
                 assert self._estimator is not None
                 velocity = self._estimator.update(position, max(1, taken - self._sampled))
-            if not self._safety.check(elapsed, sample.position_m, velocity):
+            if not self._safety.check(elapsed, here, velocity):
                 if self._estimator is not None:
                     self._estimator.reset()
                 position = None
         before = self.velocity_mps
         known = position
-        if self.begun and (sample is None or position is None or sample.age_ticks != self.latency_ticks):
+        if self.begun and (sample is None or position is None or age != self.latency_ticks):
             known = self._reckoned(tick, elapsed, sample, position, velocity)
         self.start_m, self.start_mps = self.position_m, before
         if known is not None:

@@ -3,7 +3,7 @@ cimport cython
 from cogrip.client.coupling cimport Coupling
 from cogrip.client.device_port cimport DevicePort
 from cogrip.client.energy_ledger cimport EnergyLedger
-from cogrip.client.hand_motion cimport HandMotion
+from cogrip.client.hand_motion cimport HandMotion, work_and_velocity
 from cogrip.client.safety cimport Safety
 from cogrip.client.seat_hand cimport SeatHand
 

@@ -10,7 +10,8 @@ cdef class AlphaBeta:
 
     @cython.locals(
         estimate=list, velocity=list, step_s=double, alpha=double, beta_rate=double, axis=Py_ssize_t, measured=double,
-        predicted=double, error=double,
+        predicted=double, error=double, x=double, y=double, z=double, px=double, py=double, pz=double, vx=double, vy=double,
+        vz=double,
     )
     cpdef list update(self, position_m, long long ticks=*)
     cpdef reset(self)

@@ -19,6 +19,7 @@ from math import inf, sqrt
 from typing import Literal
 
 from cogrip.devices.device import Capability
+from cogrip.protocol.setting_types import PLACES
 
 MEMORY, LEAST_MEMORY = 0.6, 0.5
 MEMORY_TICK_S = 1.0 / 1024.0
@@ -54,6 +55,13 @@ class AlphaBeta:
             return velocity
         step_s = self._tick_s * ticks
         alpha, beta_rate = self._alpha, self._beta_rate / ticks
+        if len(velocity) == PLACES:  # as below, without a loop
+            (x, y, z), (px, py, pz), (vx, vy, vz) = position_m, estimate, velocity
+            px, py, pz = px + step_s * vx, py + step_s * vy, pz + step_s * vz
+            x, y, z = x - px, y - py, z - pz
+            estimate[0], estimate[1], estimate[2] = px + alpha * x, py + alpha * y, pz + alpha * z
+            velocity[0], velocity[1], velocity[2] = vx + beta_rate * x, vy + beta_rate * y, vz + beta_rate * z
+            return velocity
         for axis, measured in enumerate(position_m):
             predicted = estimate[axis] + step_s * velocity[axis]
             error = measured - predicted

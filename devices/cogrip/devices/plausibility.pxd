@@ -1,6 +1,10 @@
 cimport cython
 
 
+@cython.locals(axis=Py_ssize_t)
+cdef double _length(double* row, Py_ssize_t axes) except? -1.0
+
+
 cdef class Plausibility:
     cdef double _tick_s
     cdef double _half_tick_s
@@ -16,26 +20,35 @@ cdef class Plausibility:
     cdef double _quick
     cdef object _at
     cdef long long _taken
-    cdef list _ran
+    cdef double[6] _step
+    cdef double[6] _ran
     cdef double _ran_ticks
-    cdef list _last
+    cdef double[6] _last
     cdef long long _odd
     cdef double _jumps
     cdef public object _reported
     cdef double _reported_mps
-    cdef list _drift
+    cdef double[6] _drift
     cdef double _path
     cdef double _top
     cdef public object fault
 
     cpdef restart(self)
     @cython.locals(
-        taken="long long", ticks="long long", step=list, square=double, x=double, y=double, z=double, then_x=double,
-        then_y=double, then_z=double, moved=double,
+        position=tuple, taken="long long", ticks="long long", step="double*", square=double, x=double,
+        y=double, z=double, then_x=double, then_y=double, then_z=double, moved=double, axis=Py_ssize_t,
     )
     cpdef judge(self, long long tick, sample)
     cdef double _most_m(self, double time_s, double late_s)
     @cython.locals(
-        rate=double, x=double, y=double, z=double, rx=double, ry=double, rz=double, moved=double, ran=double,
+        fewest=double, rate=double, ahead_s=double, behind_s=double, square=double, axis=Py_ssize_t, moved=double,
+        speed=double, last=double, high=double, low=double, off=double,
     )
-    cdef _move(self, list step, long long ticks)
+    cdef bint _jumped(self, long long ticks) except -1
+    @cython.locals(
+        rate=double, step="double*", last="double*", ran="double*", known=bint, axis=Py_ssize_t, moved=double, x=double,
+        y=double, z=double,
+    )
+    cdef _move(self, long long ticks)
+    @cython.locals(half_s=double, keep=double, axis=Py_ssize_t)
+    cdef _denied(self, reported, long long ticks)

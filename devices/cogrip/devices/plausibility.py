@@ -18,10 +18,9 @@ missing.
 from collections import deque
 from collections.abc import Sequence
 from math import hypot, isfinite, sqrt
-from operator import sub
 
 from cogrip.devices.device import Capability, Sample
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.setting_types import PLACES, POSE_AXES
 
 HAND_MPS2 = 200.0  # peak acceleration of what a hand holds; recorded strokes stay below 100
 HAND_MPS = 0.6  # speed that a hand, or a blow, adds to it within a few milliseconds
@@ -38,6 +37,8 @@ PATH_SLACK_M, PATH_SLACK_COUNTS = 2e-3, 20.0
 REPORT_S = 0.03  # the oldest force that may still act: a request was held back, and was made again
 REPORT_SLACK = 0.02  # of the peak force
 REPORTS = 3.0  # implausible ones, less half of those that were well, are a fault
+
+NOTHING = (0.0,) * POSE_AXES
 
 JUMP, AGE, OLD, DRIFT = "implausible jump", "implausible age", "old sample", "velocity against position"
 REPORT = "implausible force reported"
@@ -74,14 +75,14 @@ class Plausibility:
         """Forget where the device was: the next sample is taken as it is."""
         self._at: Sequence[float] | None = None
         self._taken = 0
-        self._ran = [0.0] * self._axes  # the last step, half of the one before, a quarter ... [m]
+        self._step, self._last = list(NOTHING), list(NOTHING)  # newest step of each axis [m], and its speed [m/s]
+        self._ran = list(NOTHING)  # the last step, half of the one before, a quarter ... [m]
         self._ran_ticks = 0.0  # N, the ticks of this sum; 0: nothing is known
-        self._last = [0.0] * self._axes  # speed of the last step alone
         self._odd = 0  # ticks from the last sample that was used to the first one after it that was not
         self._jumps = 0.0
         self._reported: Sequence[float] | None = None
         self._reported_mps = 0.0  # its length
-        self._drift = [0.0] * self._axes
+        self._drift = list(NOTHING)
         self._path = self._top = 0.0
         self.fault = ""
 
@@ -101,34 +102,35 @@ class Plausibility:
         ticks = taken - self._taken
         if ticks <= 0:
             return OLD if ticks < 0 or tick != last else ""
-        square = 0.0
+        square, step = 0.0, self._step
         if len(position) == PLACES:  # as below, without a loop
             (x, y, z), (then_x, then_y, then_z) = position, before
-            x, y, z = x - then_x, y - then_y, z - then_z
-            step, square = [x, y, z], x * x + y * y + z * z
+            step[0], step[1], step[2] = x, y, z = x - then_x, y - then_y, z - then_z
+            square = x * x + y * y + z * z
         else:
-            step = list(map(sub, position, before))  # zip with `strict` takes three times as long
-            for moved in step:
+            for axis in range(self._axes):
+                step[axis] = moved = position[axis] - before[axis]
                 square += moved * moved
         if square < self._quick and ticks == 1:
             self._jumps = max(0.0, self._jumps - 0.5) if self._jumps else 0.0
         elif not isfinite(square):
             return ""  # safety's matter
-        elif self._jumped(step, ticks):
+        elif self._jumped(ticks):
             return JUMP
-        self._move(step, ticks)
+        self._move(ticks)
         self._at, self._taken = position, taken
         reported = sample.velocity_mps
-        return "" if reported is None else self._denied(step, reported, ticks)
+        return "" if reported is None else self._denied(reported, ticks)
 
-    def _jumped(self, step: Sequence[float], ticks: int) -> bool:
+    def _jumped(self, ticks: int) -> bool:
         """A sample that comes after one that was odd is not believed more readily because time has passed."""
         tick_s, fewest = self._tick_s, self._ran_ticks - 1.0
         known = fewest > 0.0 and ticks <= self._gap_ticks
         rate = 1.0 / (fewest * tick_s) if known else 0.0
         ahead_s, behind_s = (ticks + 1) * tick_s, -REBOUND * ticks * tick_s
         square = 0.0
-        for axis, moved in enumerate(step):
+        for axis in range(self._axes):
+            moved = self._step[axis]
             if known:
                 speed, last = rate * self._ran[axis], self._last[axis]
                 high, low = (speed, last) if speed > last else (last, speed)
@@ -147,9 +149,9 @@ class Plausibility:
         self._jumps += 1.0
         if self._jumps >= JUMPS:
             self.fault = (
-                f"the position jumped: {hypot(*step) * 1e3:.1f} mm in {ticks * tick_s * 1e3:.1f} ms, {off_m * 1e3:.1f} mm off"
-                f" its course, and {most_m * 1e3:.2g} mm is the most a hand does; check the encoders and their cables, then"
-                " re-arm"
+                f"the position jumped: {_length(self._step, self._axes) * 1e3:.1f} mm in {ticks * tick_s * 1e3:.1f} ms,"
+                f" {off_m * 1e3:.1f} mm off its course, and {most_m * 1e3:.2g} mm is the most a hand does; check the"
+                " encoders and their cables, then re-arm"
             )
         return True
 
@@ -158,23 +160,23 @@ class Plausibility:
         motors_m = self._motors_mps2 * time_s * (0.5 * time_s + late_s)
         return self._slack_m + off_course_m(time_s, late_s, HAND_MPS2) + motors_m
 
-    def _move(self, step: Sequence[float], ticks: int) -> None:
-        """Add a step to the course that is known; over a gap none is."""
-        rate = 1.0 / (ticks * self._tick_s)
-        if ticks == 1 and len(step) == PLACES:  # as below, without a loop
-            (x, y, z), (rx, ry, rz) = step, self._ran
-            self._last = [x * rate, y * rate, z * rate]
-            self._ran = [0.5 * rx + x, 0.5 * ry + y, 0.5 * rz + z]
+    def _move(self, ticks: int) -> None:
+        """Add the step to the course that is known; over a gap none is."""
+        rate, step, last, ran = 1.0 / (ticks * self._tick_s), self._step, self._last, self._ran
+        if ticks == 1 and self._axes == PLACES:  # as below, without a loop
+            x, y, z = step[0], step[1], step[2]
+            last[0], last[1], last[2] = x * rate, y * rate, z * rate
+            ran[0], ran[1], ran[2] = 0.5 * ran[0] + x, 0.5 * ran[1] + y, 0.5 * ran[2] + z
             self._ran_ticks = 0.5 * self._ran_ticks + 1.0
             return
-        self._last = [moved * rate for moved in step]
-        if ticks <= self._gap_ticks:
-            self._ran = [0.5 * ran + moved for ran, moved in zip(self._ran, step, strict=True)]
-            self._ran_ticks = 0.5 * self._ran_ticks + ticks
-        else:
-            self._ran, self._ran_ticks = [0.0] * self._axes, 0.0
+        known = ticks <= self._gap_ticks
+        for axis in range(self._axes):
+            moved = step[axis]
+            last[axis] = moved * rate
+            ran[axis] = 0.5 * ran[axis] + moved if known else 0.0
+        self._ran_ticks = 0.5 * self._ran_ticks + ticks if known else 0.0
 
-    def _denied(self, step: Sequence[float], reported: Sequence[float], ticks: int) -> str:
+    def _denied(self, reported: Sequence[float], ticks: int) -> str:
         """DRIFT, where what the velocities add up to is not what the positions say."""
         before, self._reported = self._reported, reported
         slow, self._reported_mps = self._reported_mps, hypot(*reported)
@@ -183,19 +185,13 @@ class Plausibility:
         half_s, keep, drift = self._half_tick_s, self._kept, self._drift
         if ticks != 1:
             half_s, keep = ticks * half_s, max(0.0, 1.0 - ticks * self._tick_s / WINDOW_S)
-        if len(step) == PLACES:  # as below, without a loop
-            (x, y, z), (dx, dy, dz), (bx, by, bz), (vx, vy, vz) = step, drift, before, reported
-            drift[0] = keep * dx + x - half_s * (bx + vx)
-            drift[1] = keep * dy + y - half_s * (by + vy)
-            drift[2] = keep * dz + z - half_s * (bz + vz)
-        else:
-            for axis, moved in enumerate(step):
-                drift[axis] = keep * drift[axis] + moved - half_s * (before[axis] + reported[axis])
+        for axis in range(self._axes):
+            drift[axis] = keep * drift[axis] + self._step[axis] - half_s * (before[axis] + reported[axis])
         speed = self._reported_mps
-        self._path = path = keep * self._path + half_s * (slow + speed) - 3.0 * hypot(*step)
-        moves = hypot(*self._ran) / (self._ran_ticks * self._tick_s)
+        self._path = path = keep * self._path + half_s * (slow + speed) - 3.0 * _length(self._step, self._axes)
+        moves = _length(self._ran, self._axes) / (self._ran_ticks * self._tick_s)
         self._top = top = max(0.5 * (1.0 + keep) * self._top, speed, moves)
-        off_m = hypot(*drift)
+        off_m = _length(drift, self._axes)
         if off_m <= self._drift_m + DRIFT_SHARE * WINDOW_S * top and path <= self._path_m:
             return ""
         self.fault = (
@@ -203,6 +199,10 @@ class Plausibility:
             f" {max(off_m, self._path) * 1e3:.1f} mm in {WINDOW_S * 1e3:g} ms; check the driver and the encoders, then re-arm"
         )
         return DRIFT
+
+
+def _length(row: Sequence[float], axes: int) -> float:
+    return hypot(*[row[axis] for axis in range(axes)])
 
 
 class ForceReports:
