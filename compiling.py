@@ -62,18 +62,25 @@ def digest() -> str:
 
 
 def stale() -> bool:
-    """Return whether something is compiled of sources that have been changed since."""
-    return STAMP.exists() and json.loads(STAMP.read_text()) != digest()
+    """Return whether something is compiled of sources that have been changed since, or of nobody knows which."""
+    if not STAMP.exists():  # the environment that it was in was made anew
+        return any(compiled())
+    return bool(json.loads(STAMP.read_text()) != digest())
+
+
+def compiled() -> Iterator[Path]:
+    """Yield what was compiled, of sources that are gone too."""
+    for part in PARTS:
+        for suffix in (".so", ".pyd"):
+            yield from (ROOT / part / "cogrip").rglob(f"*{suffix}")
 
 
 def remove() -> int:
-    """Remove what was compiled, of sources that are gone too, and return the number of modules."""
+    """Remove what was compiled, and return the number of modules."""
     modules = set()
-    for part in PARTS:
-        for suffix in (".so", ".pyd"):
-            for each in (ROOT / part / "cogrip").rglob(f"*{suffix}"):
-                modules.add(each.with_name(each.name.partition(".")[0]))
-                each.unlink()
+    for each in list(compiled()):
+        modules.add(each.with_name(each.name.partition(".")[0]))
+        each.unlink()
     STAMP.unlink(missing_ok=True)
     return len(modules)
 
@@ -93,38 +100,49 @@ def constants(module: object) -> dict[str, float]:
 
 
 def with_values(source: str, values: Mapping[str, float]) -> str:
-    """Return a module's source with these values in place of their names, in all functions but constructors.
+    """Return a module's source with these values in place of their names, in bodies of all functions but constructors.
 
     A constructor, which runs once, keeps the names. No line is moved.
     """
-    lines = source.encode().split(b"\n")
-    named = sorted({(each.lineno, each.col_offset, each.id) for each in _names(ast.parse(source), False)}, reverse=True)
-    for line, column, name in named:
+    lines, tree = source.encode().split(b"\n"), ast.parse(source)
+    changing = {name for each in ast.walk(tree) if isinstance(each, ast.Global) for name in each.names}
+    named = {(each.lineno, each.col_offset, each.id) for each in _names(tree, None) if each.id not in changing}
+    for line, column, name in sorted(named, reverse=True):
         if name in values:
             text = lines[line - 1]
             lines[line - 1] = text[:column] + b"(%r)" % values[name] + text[column + len(name) :]
     return b"\n".join(lines).decode()
 
 
-def _names(node: ast.AST, inside: bool) -> Iterator[ast.Name]:
-    """Yield the names that functions read and do not bind. inside: whether this is a part of one."""
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.JoinedStr) or getattr(child, "name", "") == "__init__":
-            continue  # the places of names in a formatted text are not known before Python 3.12
-        function = isinstance(child, (ast.FunctionDef, ast.Lambda))
-        bound = set(_bound(child)) if function else set()
-        yield from (each for each in _names(child, inside or function) if each.id not in bound)
-        if inside and isinstance(child, ast.Name) and isinstance(child.ctx, ast.Load):
-            yield child
+def _names(node: ast.AST, bound: set[str] | None) -> Iterator[ast.Name]:
+    """Yield the names that functions read and do not bind. bound: by the functions around; None outside of any."""
+    if isinstance(node, ast.JoinedStr) or getattr(node, "name", "") == "__init__":
+        return  # the places of names in a formatted text are not known before Python 3.12
+    parts = ast.iter_child_nodes(node)
+    if isinstance(
+        node, (ast.FunctionDef, ast.Lambda)
+    ):  # not its default values and decorators: they are of the scope around
+        bound = {*(bound or ()), *_bound(node)}
+        parts = iter(node.body if isinstance(node.body, list) else [node.body])
+    elif bound is not None and isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and node.id not in bound:
+        yield node
+    for part in parts:
+        yield from _names(part, bound)
 
 
 def _bound(function: ast.AST) -> Iterator[str]:
-    """Yield the names that a function binds."""
+    """Yield the names that a function, or something in it, binds."""
     for each in ast.walk(function):
-        if isinstance(each, ast.arg):
-            yield each.arg
-        elif isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store):
+        if isinstance(each, ast.Name) and not isinstance(each.ctx, ast.Load):
             yield each.id
+        for field in (
+            "arg",
+            "name",
+            "asname",
+            "rest",
+        ):  # of arguments, patterns, imports, handlers, functions and classes
+            if isinstance(name := getattr(each, field, None), str):
+                yield name
 
 
 def copy_sources(folder: Path) -> list[tuple[str, Path]]:
@@ -134,7 +152,11 @@ def copy_sources(folder: Path) -> list[tuple[str, Path]]:
         path = source.relative_to(ROOT)
         text = source.read_text("utf-8")
         if path.suffix == ".py":
-            text = with_values(text, constants(importlib.import_module(name)))
+            module = importlib.import_module(name)
+            found_at = Path(str(module.__file__)).resolve()
+            if found_at != source.resolve():
+                raise ImportError(f"{name} is imported from {found_at} and not from {source}; look at PYTHONPATH")
+            text = with_values(text, constants(module))
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         (folder / path).write_text(text, "utf-8")
         found.append((name, path))

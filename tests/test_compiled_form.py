@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import compiling
 import dev
@@ -56,7 +56,11 @@ def test_the_form_is_that_of_every_module(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 def test_what_is_compiled_of_older_sources_is_stale(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(compiling, "STAMP", tmp_path / "stamp.json")
+    monkeypatch.setattr(compiling, "ROOT", tmp_path)
+    (tmp_path / "client/cogrip").mkdir(parents=True)
     assert not compiling.stale()
+    (tmp_path / "client/cogrip/loop.cpython-311.so").touch()
+    assert compiling.stale(), "of nobody knows which, where the environment was made anew"
     compiling.STAMP.write_text(json.dumps(compiling.digest()))
     assert not compiling.stale()
     monkeypatch.setattr(compiling, "digest", lambda: "of other sources")
@@ -86,6 +90,13 @@ def test_what_is_removed_is_said_in_one_line(
     assert not [each for each in tmp_path.rglob("*") if each.is_file()]
 
 
+def test_the_constants_of_another_checkout_are_not_taken(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (other := tmp_path / "clock.py").write_text("DRIFT_PPM = 1\n")
+    monkeypatch.setattr(compiling.importlib, "import_module", lambda name: SimpleNamespace(__file__=str(other)))
+    with pytest.raises(ImportError, match=r"is imported from .*clock\.py and not from .*PYTHONPATH"):
+        compiling.copy_sources(tmp_path / "copies")
+
+
 def test_without_a_compiler_one_line_says_so(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -96,17 +107,30 @@ def test_without_a_compiler_one_line_says_so(
 
 
 SOURCE = '''"""Of é lines."""
-MOST, SLACK_S, WIDE, NAME, OWN = 3, -0.5, 2**64, "name", 4
+MOST, SLACK_S, WIDE, NAME, OWN, SET, PI = 3, -0.5, 2**64, "name", 4, 5, 3
 
 class Line:
+    MOST = 7
     most = MOST
 
     def __init__(self): self.most = MOST
 
-    def of(self, LENT, each=lambda x: x < MOST):
+    def of(self, LENT, each=MOST):
         OWN = LENT
-        return [MOST, "é" and SLACK_S * self.MOST, f"{MOST}", WIDE, NAME, OWN, MOST if each(
+        inner = lambda x, y=MOST: x < MOST - OWN
+        return [MOST, "é" and SLACK_S * self.MOST, f"{MOST}", WIDE, NAME, OWN, SET, MOST if inner(
             MOST) else 0]
+
+    def change(self, given):
+        global SET
+        from math import pi as PI
+        try:
+            SET = given + PI
+        except ValueError as MOST:
+            return MOST
+        match given:
+            case [_, *SLACK_S]: return SLACK_S
+            case {"own": OWN, **WIDE}: return OWN
 '''
 
 
@@ -114,8 +138,8 @@ def test_functions_are_compiled_with_the_values_of_numeric_constants() -> None:
     module = ModuleType("line")
     exec(SOURCE, vars(module))
     values = compiling.constants(module)
-    assert values == {"MOST": 3, "SLACK_S": -0.5, "OWN": 4}, "in 64 bits"
-    wanted = SOURCE.replace("x < MOST", "x < (3)").replace("[MOST", "[(3)").replace("SLACK_S *", "(-0.5) *")
+    assert values == {"MOST": 3, "SLACK_S": -0.5, "OWN": 4, "SET": 5, "PI": 3}, "in 64 bits"
+    wanted = SOURCE.replace("x < MOST", "x < (3)").replace("[MOST", "[(3)").replace("SLACK_S * ", "(-0.5) * ")
     wanted = wanted.replace(", MOST if", ", (3) if").replace("            MOST)", "            (3))")
     assert compiling.with_values(SOURCE, values) == wanted
 

@@ -52,6 +52,8 @@ def test_a_record_without_a_bound_cannot_be_made(name: str, value: float) -> Non
     ("changed", "said"),
     [
         ({"continuous_force_n": 8.6}, "continuous_force_n = 8.6 is above peak_force_n = 8.5"),
+        ({"axes": 0}, "axes = 0: a device has 1 to 6"),
+        ({"axes": 7}, "axes = 7: a device has 1 to 6"),
         ({"resolution_m": inf}, "resolution_m = inf"),
         ({"resolution_m": -1e-9}, "resolution_m = -1e-09"),
         ({"workspace_m": ((-inf, 0.1),) * 3}, "workspace_m has"),

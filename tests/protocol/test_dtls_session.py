@@ -47,6 +47,9 @@ def test_the_client_does_not_notice(identity: certificate.Identity, suite: str) 
         datagram = session.send(message)
         assert len(datagram) <= size + DTLS_BYTES
         assert client.feed(datagram) == (message,)
+    with pytest.raises(ValueError, match="a record of 2048 bytes: at most 2047 fit"):
+        session.send(bytes(2048))
+    assert client.feed(session.send(longest := bytes(2047))) == (longest,), "and no number was left out"
     client.feed(session.close())
     assert client.failed == CLOSED
 

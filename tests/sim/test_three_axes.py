@@ -9,12 +9,12 @@ from cogrip.protocol.recording.sink import Held
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import long
-from tests.interpreted import source_of
+from tests.interpreted import needs_interpreted, source_of
 
 UNROLLED = (
-    "cogrip.client.force_limits", "cogrip.client.hand_motion", "cogrip.client.safety", "cogrip.client.wave_coupling",
-    "cogrip.devices.plausibility", "cogrip.devices.simulated.ideal", "cogrip.devices.simulated.waypoints",
-    "cogrip.protocol.line.energy_sums",
+    "cogrip.client.force_limits", "cogrip.client.hand_motion", "cogrip.client.safety", "cogrip.client.velocity",
+    "cogrip.client.wave_coupling", "cogrip.devices.plausibility", "cogrip.devices.simulated.ideal",
+    "cogrip.devices.simulated.waypoints", "cogrip.protocol.decimation", "cogrip.protocol.line.energy_sums",
 )  # fmt: skip
 """Modules that take PLACES axes without a loop."""
 
@@ -37,6 +37,7 @@ def test_each_names_the_number_of_axes_that_it_takes_without_a_loop(name: str) -
 
 
 @pytest.mark.long
+@needs_interpreted
 @pytest.mark.parametrize(
     ("settings", "changes"),
     [("lift", ["seconds=1"]), long("demo", ["seconds=2", "object.axes=3", "link.loss=0.05"])],

@@ -21,7 +21,7 @@ import msgspec
 
 from cogrip.protocol.handle import MOST_BUTTONS
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
-from cogrip.protocol.setting_types import GRIP_AXES
+from cogrip.protocol.setting_types import GRIP_AXES, POSE_AXES
 
 LARGEST = 1e6  # of any number in a record: what is above is no bound
 GRAVITY_MPS2 = 9.81
@@ -170,6 +170,8 @@ class Capability:
     gripper: Gripper | None = None
 
     def __post_init__(self) -> None:
+        if not 1 <= self.axes <= POSE_AXES:
+            raise self._error(f"axes = {self.axes}: a device has 1 to {POSE_AXES}; state 1 to 3, 4 or 6")
         for name in ("peak_force_n", "continuous_force_n", *_FORMERLY_UNBOUNDED, "apparent_mass_kg"):
             value = getattr(self, name)
             if not 0.0 < value <= LARGEST:  # False for nan

@@ -35,7 +35,7 @@ cdef class Plausibility:
 
     cpdef restart(self)
     @cython.locals(
-        position=tuple, taken="long long", ticks="long long", step="double*", square=double, x=double,
+        taken="long long", ticks="long long", step="double*", square=double, x=double,
         y=double, z=double, then_x=double, then_y=double, then_z=double, moved=double, axis=Py_ssize_t,
     )
     cpdef judge(self, long long tick, sample)

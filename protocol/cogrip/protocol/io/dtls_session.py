@@ -160,6 +160,8 @@ class DtlsSession:
     def _record(self, kind: int, plain: bytes) -> bytes:
         """Return the record of a content type that holds this."""
         head, explicit, plain_bytes = self._head, self._explicit, len(plain)
+        if plain_bytes >= _MOST_BYTES:
+            raise ValueError(f"a record of {plain_bytes} bytes: at most {_MOST_BYTES - 1} fit")
         self._written += 1
         number, length = EPOCH << 48 | self._written, explicit + plain_bytes + TAG_BYTES
         head[0], head[1], head[2] = kind, VERSION[0], VERSION[1]
