@@ -9,11 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.client.device_port import cure
 from cogrip.client.grip_axes import GripAxes
 from cogrip.client.hand_map import HandMap
 from cogrip.client.pose_axes import in_lengths
 from cogrip.devices.device import Gripper, Sample
 from cogrip.devices.registry import make
+from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.tool_frame import ToolFrame, rotation_of
 from cogrip.protocol.waves import device_force, device_gain, device_wave
 
@@ -121,3 +123,18 @@ def test_a_gripper_that_yields_a_little_carries_little() -> None:
     )
     assert heavy.apparent_mass_kg == RECORD.apparent_mass_kg
     assert light.apparent_mass_kg == pytest.approx(0.01 / UNIT**2)
+
+
+def test_the_limits_of_all_parts_of_a_hand_are_named() -> None:
+    seat = seat_settings(resolve({"users": [{"name": "anna"}], "coupling": {"stiffness_npm": 700.0}}), 0)
+    turning = make("sim:freeflyer", axes=6).capability
+    assert turning.rotation is not None
+    for record, further in (
+        (make("sim:phantom", axes=3).capability, ""),
+        (RECORD, f", or {GRIPPER.peak_force_n:g} N of the gripper"),
+        (turning, f", or {turning.rotation.peak_torque_nm:g} N m of torque"),
+    ):
+        wanted = (
+            f"its limit of {record.peak_force_n:g} N{further}; push less, or set coupling.stiffness_npm lower than 700"
+        )
+        assert cure("limit", seat, record) == f"the force sits at {wanted}"

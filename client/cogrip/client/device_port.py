@@ -296,10 +296,13 @@ def cure(found: Cause, seat: SeatSettings, record: Capability) -> str:
     if found == "energy":
         return "the force law took more energy out than came in, and all of the device's reserve; leave this server"
     if found == "limit":
-        return (
-            f"the force sits at its limit of {record.peak_force_n:g} N; push less, or set coupling.stiffness_npm lower than "
-            f"{coupling.stiffness_npm:g}"
-        )
+        most = f"{record.peak_force_n:g} N"
+        if record.gripper is not None:
+            most += f", or {record.gripper.peak_force_n:g} N of the gripper"
+        if record.rotation is not None:
+            most += f", or {record.rotation.peak_torque_nm:g} N m of torque"
+        lower = f"set coupling.stiffness_npm lower than {coupling.stiffness_npm:g}"
+        return f"the force sits at its limit of {most}; push less, or {lower}"
     key = SCHEMES[coupling.kind].softer_key
     return f"the force oscillates at the hand; set coupling.{key} lower than {getattr(coupling, key):g}"
 
