@@ -74,7 +74,8 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
         said = any(report.skipped and MACHINE_STALLED in str(report.longrepr) for report in reports)
         if run == RUNS or (not said and (not stall_s or not any(report.failed for report in reports))):
             break
-        print(f"{item.nodeid}: {MACHINE_STALLED}, for {stall_s:g} s; run anew", file=sys.__stderr__)
+        seen = f"for {stall_s:g} s" if stall_s else "as a process of the test says"
+        print(f"{item.nodeid}: {MACHINE_STALLED}, {seen}; run anew", file=sys.__stderr__)
     for report in reports:
         item.ihook.pytest_runtest_logreport(report=report)
     item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
