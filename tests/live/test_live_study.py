@@ -94,7 +94,8 @@ def test_trial_begins_with_a_button_of_the_device(start: Callable[..., Spoken], 
         pytest.skip(f"{MACHINE_STALLED} from a loop")
     states = [each.state for each in ticks]
     began = states.index("live", states.index("clutched"))
-    assert set(states[:began]) <= {"idle", "calibrating", "armed", "live", "clutched"}
+    events = [each.record.text for each in run.clients["P01"].records("event")]
+    assert set(states[:began]) <= {"idle", "calibrating", "armed", "live", "clutched"}, events
     assert "clutched" not in states[began:]
 
 
