@@ -27,7 +27,7 @@ BENCHES = {  # each is the function bench_NAME of tests.bench.NAME
     "tick": "Measure a client's tick with each coupling, and the same session with plain wave lines beside it.",
     "velocity": "Compare velocity estimators on recorded hands and in sessions, and report the impedance each device carries.",
     "view": "Measure a 1 kHz client beside tabs, a tab that hangs, 50 tabs, and how soon the server feels a pointer.",
-    "workers": "Measure what a person costs each process of a server with several workers, quiet and under a flood.",
+    "workers": "Measure how many more people several workers carry than one process, and what people cost under a flood.",
 }
 RENAMED = {"storms": "impaired"}
 """Benchmarks of earlier versions by their present names."""
