@@ -73,10 +73,10 @@ class Moving:
 
 
 class Server:
-    """Gives a seat, and receives the goodbye. Breaks the loop as it is written."""
+    """Gives a seat, and receives the goodbye. Breaks the loop as it drains its socket."""
 
-    def __init__(self, poll: Callable[[], None] = lambda: None, **link: object) -> None:
-        self.breaks, self.seat = poll, seat(link=link)
+    def __init__(self, breaks: Callable[[], None] = lambda: None, **link: object) -> None:
+        self.breaks, self.seat = breaks, seat(link=link)
         self.sent: list[Any] = []
 
     def connect(self, core: Any, stop: Stop) -> None:
@@ -86,9 +86,10 @@ class Server:
     def send(self, message: bytes, hello: bool = False) -> None:
         self.sent.append(messages.decode(message))
 
-    def drain(self, *_: object) -> None: ...
-    def poll(self, *_: object, **__: object) -> None:
+    def drain(self, *_: object) -> None:
         self.breaks()
+
+    def poll(self, *_: object, **__: object) -> None: ...
 
     def counted(self) -> dict[str, int]:
         return {}

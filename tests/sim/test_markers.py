@@ -90,7 +90,7 @@ def test_a_person_is_told_which_markers_were_set() -> None:
     core, told = laboratory.people[0].core, list[str]()
     typed = Stop(typed=[f"m event {number} " + "x" * 100 for number in range(MOST_UNANSWERED + 1)])
     live: Any = SimpleNamespace(_core=core, stop=typed, say=told.append, rearms=False, _unkept=None)
-    LiveClient._obey(live, 0, laboratory.now_ns, Any)
+    LiveClient._obey(live, True, laboratory.now_ns, Any)
     laboratory.run()
     assert [text.partition(" ")[0] for text in told] == ["marker:"] * MOST_UNANSWERED + ["no"]
     for text, event in zip(told, marked(said["anna"]), strict=False):

@@ -36,6 +36,7 @@ from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.texts import clipped_mark, shown
 
+CHORES_S = 0.004  # from one look at paths, orders and the session's end to the next
 TYPED_TICKS = 64  # from one look at the terminal, or at what to say there, to the next
 LEAD_NS = 2_000_000  # from the welcome to the first tick
 NO_TICKS = TickCount()
@@ -195,10 +196,11 @@ class LiveClient:
         seat = core.seat
         assert seat is not None
         ticks_per_frame, work_us, frame = seat.rates.ticks_per_frame, 0, -1
+        chore_ticks = max(1, round(CHORES_S * pacer.rate_hz))
+        next_chores = next_look = 0
         while True:
             tick = pacer.wait()
             now_ns = run_tick(tick, core, exchange, supervised, pacer, work_us)
-            self._poll_paths(now_ns)
             if session.state != session_state:
                 if text := session_change(session, session_state, session.state):
                     self.say(text)
@@ -206,37 +208,41 @@ class LiveClient:
             if safety.state != safety_state:
                 self._report_safety(safety_state, safety.state)
                 safety_state = safety.state
-            waiting.poll(tick, core.markers.everybody)
-            self._tell_changes(tick)
-            if not ending:
-                self._obey(tick, now_ns, supervised)
-            if not ending:
-                failed = self._why() if session.failed or safety.state == "fault" else ""
-                over = bool(self.over()) or (last_tick is not None and tick >= last_tick + waiting.ticks)
-                if failed or self.stop.reason or over or session.state == "closed":
-                    ending = True
-                    failed = failed or self._server_silent(now_ns)
-                    if safety.state == "fault":
-                        failed = failed or f"it ended in a fault: {safety.reason}"
-                    if safety.state != "fault":
-                        core.handle(inputs.Stop(), now_ns)
-            elif core.may_leave:
-                return failed
+            over = last_tick is not None and tick >= last_tick + waiting.ticks
+            if tick >= next_chores or over or ending:
+                next_chores, looks = tick + chore_ticks, tick >= next_look
+                self._poll_paths(now_ns)
+                waiting.poll(tick, core.markers.everybody)
+                if looks:
+                    next_look = tick + TYPED_TICKS
+                    self._tell_changes()
+                if not ending:
+                    self._obey(looks, now_ns, supervised)
+                    failed = self._why() if session.failed or safety.state == "fault" else ""
+                    if failed or self.stop.reason or over or self.over() or session.state == "closed":
+                        ending = True
+                        failed = failed or self._server_silent(now_ns)
+                        if safety.state == "fault":
+                            failed = failed or f"it ended in a fault: {safety.reason}"
+                        if safety.state != "fault":
+                            core.handle(inputs.Stop(), now_ns)
+                elif core.may_leave:
+                    return failed
             if self.each_frame is not None and tick // ticks_per_frame != frame:
                 frame = tick // ticks_per_frame
                 self.each_frame(core, frame)
             work_us = (clock() - now_ns) // 1000
             pacer.done()
 
-    def _obey(self, tick: int, now_ns: int, supervised: SupervisedDevice) -> None:
-        """Do what the person at the terminal asks for: leave a fault, set a marker, hold the clutch or release it."""
+    def _obey(self, looks: bool, now_ns: int, supervised: SupervisedDevice) -> None:
+        """Do what is asked for: leave a fault, set a marker, hold the clutch or release it. looks: at the terminal, too."""
         if self.rearms and self._core.safety.state == "fault":
             self._rearm(supervised)
         if (seat := self._core.seated) is None:
             return
         if self._unkept is not None and not seat.clutched:  # an administrator's change, or a new session
             self._core.handle(inputs.Clutch(True), now_ns)
-        if tick % TYPED_TICKS:
+        if not looks:
             return
         for line in self.stop.take_typed():
             if line in ("hold", "engage"):
@@ -276,10 +282,8 @@ class LiveClient:
         if self.paths.poll(now_ns, self._core.session.state == "resuming"):
             self._core.handle(inputs.Reached(), now_ns)
 
-    def _tell_changes(self, tick: int) -> None:
+    def _tell_changes(self) -> None:
         """Tell the person what the administrator has set."""
-        if tick % TYPED_TICKS:
-            return
         if (seat := self._core.seated) is not None and seat.changes.reported != self._told:
             if seat.changes.reported:  # else a new session has begun
                 self.say(f"the administrator has set your hand: {seat.changes.holds.text}")

@@ -11,6 +11,8 @@ cdef class SupervisedDevice:
     cdef double _tick_ns
     cdef public object _clock
     cdef object _record
+    cdef Py_ssize_t _axes
+    cdef bint _gives_velocity
     cdef object _reports
     cdef double _blocked_ns
     cdef str _slow
@@ -24,9 +26,14 @@ cdef class SupervisedDevice:
     cpdef read(self, long long tick)
     @cython.locals(begun_ns="long long")
     cpdef write(self, force_n)
+    cdef _set_record(self, record)
+    @cython.locals(axes=Py_ssize_t, fits=bint)
     cdef _checked(self, sample)
     cdef _applied(self, tuple force_n)
     @cython.locals(tick_ns=double)
     cdef bint _blocks(self, str verb, long long took_ns) except -1
     cdef _watch(self, bint sampled, long long tick)
     cdef _fail(self, verb, error)
+
+
+cdef bint _plain(row) except -1

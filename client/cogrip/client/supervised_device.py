@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from math import isfinite
 from typing import Literal
 
 from msgspec.structs import replace
@@ -54,8 +53,7 @@ class SupervisedDevice:
         self._rate_hz = rate_hz
         self._tick_ns = 1e9 / rate_hz
         self._clock = clock
-        self._record = core.capability  # by which samples are judged
-        self._reports = ForceReports(self._record, rate_hz)
+        self._set_record(core.capability)
         self._blocked_ns = 0.0  # by which calls were longer than a tick, less a quarter tick for each that was not
         self._slow: Verb | Literal[""] = ""  # the call that blocked, and is not made any more
         self._failed = False
@@ -76,9 +74,13 @@ class SupervisedDevice:
             except OverloadError:
                 self.device.close()
                 raise
-        self._record = self._core.capability
-        self._reports = ForceReports(self._record, self._rate_hz)
+        self._set_record(self._core.capability)
         self._blocked_ns, self._slow = 0.0, ""
+
+    def _set_record(self, record: Capability) -> None:
+        """Set the record by which samples and forces are judged."""
+        self._record, self._axes, self._gives_velocity = record, record.axes, record.gives_velocity
+        self._reports = ForceReports(record, self._rate_hz)
 
     def _judge(self, record: Capability) -> None:
         """Raise OverloadError where the seat asks for more than a spared device carries."""
@@ -158,19 +160,12 @@ class SupervisedDevice:
 
     def _checked(self, sample: Sample) -> Sample:
         """Return a sample of plain floats. Raises DeviceError for one that no core can take, or whatever its parts raise."""
-        position, velocity, axes = sample.position_m, sample.velocity_mps, self._record.axes
-        total = sum(position) if velocity is None else sum(position) + sum(velocity)
-        isfinite(total)
-        if (
-            type(total) is not float or type(position) is not tuple
-        ):  # integers, or numpy's numbers: no recording holds these
+        position, velocity, axes = sample.position_m, sample.velocity_mps, self._axes
+        if not (_plain(position) and (velocity is None or _plain(velocity))):  # no recording holds others
             position = tuple([float(part) for part in position])
             velocity = None if velocity is None else tuple([float(part) for part in velocity])
             sample = replace(sample, position_m=position, velocity_mps=velocity)
-        if velocity is None:
-            fits = not self._record.gives_velocity
-        else:
-            fits = len(velocity) == axes
+        fits = not self._gives_velocity if velocity is None else len(velocity) == axes
         if not fits or len(position) != axes or type(sample.age_ticks) is not int:
             record = self._record
             says = f"{record.axes} axes{' and a velocity' if record.gives_velocity else ''}"
@@ -230,3 +225,13 @@ class SupervisedDevice:
             self.refusal = str(error)
         if self._core.safety.state != "fault":
             self._core.handle(DeviceFailed(f"device: {error}"), self._core.now_ns)
+
+
+def _plain(row: Sequence[float]) -> bool:
+    """Return whether this is a tuple of floats: not a list, and no whole numbers or numpy's."""
+    if type(row) is not tuple:
+        return False
+    for part in row:  # noqa: SIM110 - compiled, a plain loop
+        if type(part) is not float:
+            return False
+    return True

@@ -206,20 +206,23 @@ def reach_course(settings: ReachSettings) -> Course:
     speed = 30.0 * amplitude / stroke
     part = stroke / period
 
-    def course(time_s: float) -> tuple[float, float]:
-        z = (time_s - delay) / period
-        if z <= 0.0:
-            return 0.0, 0.0
-        if z >= strokes:
-            return end, 0.0
-        n = int(z)
-        z = min(1.0, (z - n) / part)
-        zz = z * z
-        s = amplitude * zz * z * (10.0 + z * (6.0 * z - 15.0))
-        w = speed * zz * (1.0 - z) ** 2
-        return (amplitude - s, -w) if n & 1 else (s, w)
+    return lambda time_s: _stroke_at((time_s - delay) / period, strokes, part, amplitude, speed, end)
 
-    return course
+
+def _stroke_at(
+    z: float, strokes: float, part: float, amplitude: float, speed: float, end: float
+) -> tuple[float, float]:
+    """Return place [m] and speed [m/s] after z periods, of which a stroke takes `part`."""
+    if z <= 0.0:
+        return 0.0, 0.0
+    if z >= strokes:
+        return end, 0.0
+    n = int(z)
+    z = min(1.0, (z - n) / part)
+    zz = z * z
+    s = amplitude * zz * z * (10.0 + z * (6.0 * z - 15.0))
+    w = speed * zz * (1.0 - z) ** 2
+    return (amplitude - s, -w) if n & 1 else (s, w)
 
 
 def approach_course(settings: ApproachSettings) -> Course:

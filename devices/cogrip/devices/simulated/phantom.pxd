@@ -18,7 +18,8 @@ cdef class PhantomPlant:
 
     @cython.locals(
         xs=list, vs=list, k=double, peak=double, c=double, p=double, q=double, g=double, h=double, weight=list, i=Py_ssize_t,
-        low=double, high=double, x=double, v=double, force=double, r=double, v_free=double, f=double, dx=double,
+        low=double, high=double, x=double, v=double, force=double, drive=double, load=double, r=double, v_free=double,
+        f=double, dx=double,
     )
     cpdef step(self, drive_n, force_n)
     @cython.locals(d=double, x=double)

@@ -16,7 +16,6 @@ The encoder reads whole counts of resolution_m; it has no velocity.
 """
 
 from collections.abc import Sequence
-from math import floor
 
 import msgspec
 
@@ -91,11 +90,11 @@ class PhantomPlant:
         xs, vs, k, peak, c = self.position_m, self.velocity_mps, self._k, self._peak, self._friction
         p, q, g, h, weight = self._p, self._q, self._g, self._h, self._weight
         for i, (low, high) in enumerate(self._stops):
-            x, v, force = xs[i], vs[i], force_n[i]
+            x, v, force, drive, load = xs[i], vs[i], force_n[i], drive_n[i], weight[i]
             if force > peak or force < -peak:
                 force = peak if force > 0.0 else -peak
                 self.saturated += 1
-            r = drive_n[i] - force - k * x - weight[i]
+            r = drive - force - k * x - load
             if v != 0.0 or r > c or r < -c:
                 v_free = q * v + h * r
                 f = v_free / h
@@ -116,4 +115,4 @@ class PhantomPlant:
         d = self._settings.resolution_m
         if d == 0.0:
             return Sample(tuple(self.position_m), None)
-        return Sample(tuple([floor(x / d + 0.5) * d for x in self.position_m]), None)
+        return Sample(tuple([(x / d + 0.5) // 1.0 * d for x in self.position_m]), None)
