@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from cogrip.client.inputs import DeviceFailed, ForceApplied, Poll, Stop
 from cogrip.client.passivity_control import ASTRAY_MPS, RESERVE_J, SOFT_NPS, PassivityControl
 from cogrip.protocol import messages
+from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import Power, Stamp
 from cogrip.protocol.passivity_control import CHARGE_UP_J, LENT_J
@@ -99,7 +100,8 @@ def test_what_the_hand_takes_is_paid_up_to_what_one_tick_may_miss(frames: list[A
             assert after + LENT_J >= min(0.0, before + LENT_J) - beyond - damped - 1e-15
             assert abs(force - given_n) <= B * abs(guess) + 1e-12
     (left,) = control.left_j
-    message = control.message(7, Stamp(1), (0.0,), (0.0,), (0.0,))
+    control.end_frame()
+    message = messages.decode(control.message(7, Clock(), 1, (0.0,), (0.0,), (0.0,)))
     kept = put - message.entered_j[0]
     assert left == pytest.approx(said + kept - out, abs=1e-12)  # W = S + kept - out
     assert control.port_j == pytest.approx(put - out, abs=1e-12)

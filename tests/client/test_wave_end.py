@@ -13,11 +13,12 @@ from msgspec.structs import replace
 
 from cogrip.client.line_tuner import GENTLE, RATE, LineTuner
 from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.concealment import YIELDING_GAIN
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.line_tuning import FOLLOW_S, Tuning
 from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.messages import Stamp, Waves
+from cogrip.protocol.messages import Waves, decode
 
 from tests.client.seated_client import ROOT, T_C, T_N, M, next_waves, seat
 
@@ -58,7 +59,9 @@ class End:
         return forces
 
     def message(self) -> Waves:
-        return self.coupling.message(7, Stamp(0), (0.0,), (0.0,), (0.0,))
+        made = decode(self.coupling.message(7, Clock(), 1, (0.0,), (0.0,), (0.0,)))
+        assert isinstance(made, Waves)
+        return made
 
 
 @given(st.integers(0, 2**32), st.sampled_from([0, 3]))

@@ -12,13 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.protocol.clock import Clock
 from cogrip.protocol.line import energy_ledger
 from cogrip.protocol.line.concealment import CONCEALMENTS
 from cogrip.protocol.line.energy_reserve import EnergyReserve, known
 from cogrip.protocol.line.energy_sums import RESERVE_FRACTION, UNIT, CompensatedSum, WaveSums, rounding_fraction
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import Frame, LineSender
-from cogrip.protocol.messages import Stamp
+from cogrip.protocol.messages import decode
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.seat_limits import SeatLimits
 from cogrip.server.wave_port import WavePort
@@ -211,7 +212,7 @@ class Ends:
             speed = (wave[tick % len(wave)] / ROOT,)
             self.client.elapse(speed, speed)
         self.client.end_frame()
-        message = self.client.message(1, Stamp(0), (0.0,), (0.0,), (0.0,))
+        message = decode(self.client.message(1, Clock(), 0, (0.0,), (0.0,), (0.0,)))
         assert self.port.receive(msgspec.structs.replace(message, made_j=message.made_j - hidden_j), 0)
         self.port.pop(1)
 

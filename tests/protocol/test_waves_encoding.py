@@ -1,9 +1,10 @@
-"""The message of a server's step: the bytes that msgspec makes of the same `Waves`, compiled or not."""
+"""The message of a frame: the bytes that msgspec makes of the same `Waves`, compiled or not."""
 
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.clock import Clock
+from cogrip.protocol.handle import MOST_AGE, MOST_BUTTONS, MOST_EDGES, Handle
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Stamp, Waves, encode
 from cogrip.protocol.waves_encoding import encode_waves
@@ -15,6 +16,14 @@ TICKS = st.integers(-(2**31), 2**31) | st.sampled_from(
     [sign * (edge + by) for edge in EDGES[:5] for by in (-1, 0, 1) for sign in (-1, 1)]
 )
 TIME_NS = st.integers(1, 2**62)
+
+EDGE = st.tuples(st.integers(-MOST_BUTTONS, MOST_BUTTONS).filter(bool), st.integers(0, MOST_AGE))
+HANDLE = st.lists(EDGE, max_size=MOST_EDGES).flatmap(
+    lambda edges: st.builds(
+        Handle, st.integers(0, 2**32 - 1), *[st.just(tuple(each[part] for each in edges)) for part in (0, 1)],
+        st.sampled_from([None, (1.0, 0.0, 0.0, 0.0), (0.6, 0.0, -0.8, 0.0)]), st.none() | st.floats(-1.0, 1.0),
+    )
+)  # fmt: skip
 
 
 @given(st.data())
@@ -34,11 +43,13 @@ def test_the_bytes_are_those_of_the_message(data: st.DataObject) -> None:
     )
     phase, edges = data.draw(TICKS), data.draw(st.integers(0, 2**32 - 1))
     made_j, port_j, impedance = [data.draw(NUMBERS) for _ in range(3)]
+    applied, handle = data.draw(WHOLE), data.draw(st.none() | HANDLE)
     found = encode_waves(
-        session, sender, made_j, port_j, acknowledged, clock, now_ns, state, phase, impedance, since, edges
-    )
+        session, sender, made_j, port_j, acknowledged, clock, now_ns, state, phase, impedance, since, edges, applied,
+        handle,
+    )  # fmt: skip
     first, waves, total, squares = sender.contents()
     assert found == encode(Waves(
-        session, first, waves, total, squares, made_j, port_j, acknowledged, clock.stamp(now_ns), state, phase, 0,
-        impedance, since, None, edges,
+        session, first, waves, total, squares, made_j, port_j, acknowledged, clock.stamp(now_ns), state, phase,
+        applied, impedance, since, handle, edges,
     ))  # fmt: skip

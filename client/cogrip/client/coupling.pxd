@@ -37,5 +37,7 @@ cdef class Coupling:
     cpdef long long end_frame(self, double spare_j=*) except? -1
     cpdef long long start_frame(self) except? -1
     cpdef force(self, position_m, velocity_mps)
-    cpdef message(self, session, stamp, tuple origin_m, tuple position_m, velocity_mps)
+    cpdef bytes message(
+        self, long long session, clock, long long now_ns, tuple origin_m, tuple position_m, velocity_mps, handle=*,
+    )
     cpdef bint receive(self, message) except -1

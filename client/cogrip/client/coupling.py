@@ -12,10 +12,12 @@ from typing import Any, Generic, TypeVar
 
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
+from cogrip.protocol.clock import Clock
+from cogrip.protocol.handle import Handle
 from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Frame, Geom, Latest, Stamp
+from cogrip.protocol.messages import Geom, Latest
 from cogrip.protocol.settings import SeatSettings
 
 L = TypeVar("L", bound=Latest)
@@ -219,9 +221,10 @@ class Coupling:
         raise NotImplementedError
 
     def message(
-        self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
-    ) -> Frame:
-        """Return what is sent of the frame that ended."""
+        self, session: int, clock: Clock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
+        handle: Handle | None = None,
+    ) -> bytes:  # fmt: skip
+        """Return what is sent of the frame that ended, encoded. handle: what the device told beside its axes."""
         raise NotImplementedError
 
     def receive(self, message: Any) -> bool:

@@ -27,8 +27,9 @@ from operator import mul
 from cogrip.client.coupling import Coupling, Row, spring_j, stretch_m
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability
+from cogrip.protocol.clock import Clock
+from cogrip.protocol.handle import Handle
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
 
@@ -167,9 +168,11 @@ class LocalCoupling(WaveCoupling):
         return self._damping
 
     def message(
-        self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
-    ) -> Waves:
-        return super().message(session, stamp, origin_m, position_m + self.proxy_m, velocity_mps)
+        self, session: int, clock: Clock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
+        handle: Handle | None = None,
+    ) -> bytes:  # fmt: skip
+        place = position_m + self.proxy_m
+        return super().message(session, clock, now_ns, origin_m, place, velocity_mps, handle)
 
 
 class LocalFace(LocalCoupling):

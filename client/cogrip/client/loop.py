@@ -192,7 +192,8 @@ class LiveClient:
         clock = time.monotonic_ns
         last_tick = None if self.seconds is None else round(self.seconds * pacer.rate_hz)
         waiting = WaitingHand(self.waits, pacer.rate_hz, self.say)
-        safety_state, session_state, failed, ending = safety.state, session.state, "", False
+        safety_state, session_state = safety.state, session.state
+        failed: str | None = None  # once the session is being ended: why it failed, "" if it did not
         seat = core.seat
         assert seat is not None
         ticks_per_frame, work_us, frame = seat.rates.ticks_per_frame, 0, -1
@@ -209,23 +210,16 @@ class LiveClient:
                 self._report_safety(safety_state, safety.state)
                 safety_state = safety.state
             over = last_tick is not None and tick >= last_tick + waiting.ticks
-            if tick >= next_chores or over or ending:
+            if tick >= next_chores or over or failed is not None:
                 next_chores, looks = tick + chore_ticks, tick >= next_look
                 self._poll_paths(now_ns)
                 waiting.poll(tick, core.markers.everybody)
                 if looks:
                     next_look = tick + TYPED_TICKS
                     self._tell_changes()
-                if not ending:
+                if failed is None:
                     self._obey(looks, now_ns, supervised)
-                    failed = self._why() if session.failed or safety.state == "fault" else ""
-                    if failed or self.stop.reason or over or self.over() or session.state == "closed":
-                        ending = True
-                        failed = failed or self._server_silent(now_ns)
-                        if safety.state == "fault":
-                            failed = failed or f"it ended in a fault: {safety.reason}"
-                        if safety.state != "fault":
-                            core.handle(inputs.Stop(), now_ns)
+                    failed = self._end(over, now_ns)
                 elif core.may_leave:
                     return failed
             if self.each_frame is not None and tick // ticks_per_frame != frame:
@@ -233,6 +227,18 @@ class LiveClient:
                 self.each_frame(core, frame)
             work_us = (clock() - now_ns) // 1000
             pacer.done()
+
+    def _end(self, over: bool, now_ns: int) -> str | None:
+        """Begin to end the session, where that is due. Returns why it failed, "" if it did not; None where it goes on."""
+        core, safety, session = self._core, self._core.safety, self._core.session
+        failed = self._why() if session.failed or safety.state == "fault" else ""
+        if not (failed or self.stop.reason or over or self.over() or session.state == "closed"):
+            return None
+        failed = failed or self._server_silent(now_ns)
+        if safety.state == "fault":
+            return failed or f"it ended in a fault: {safety.reason}"
+        core.handle(inputs.Stop(), now_ns)
+        return failed
 
     def _obey(self, looks: bool, now_ns: int, supervised: SupervisedDevice) -> None:
         """Do what is asked for: leave a fault, set a marker, hold the clutch or release it. looks: at the terminal, too."""

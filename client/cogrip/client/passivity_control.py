@@ -21,9 +21,11 @@ from collections.abc import Sequence
 from math import inf
 
 from cogrip.client.coupling import LatestStateCoupling, PortEnergy, Row
+from cogrip.protocol.clock import Clock
+from cogrip.protocol.handle import Handle
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
-from cogrip.protocol.messages import Power, Stamp
+from cogrip.protocol.messages import Power, encode
 from cogrip.protocol.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.settings import SeatSettings
 
@@ -200,8 +202,9 @@ class PassivityControl(LatestStateCoupling[Power]):
         return wish
 
     def message(
-        self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
-    ) -> Power:
+        self, session: int, clock: Clock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
+        handle: Handle | None = None,
+    ) -> bytes:  # fmt: skip
         """Return the message of the frame that ended.
 
         Its position_m is the sum of the displacements entered: it stands still where nobody holds. Its taken_j is such
@@ -211,10 +214,10 @@ class PassivityControl(LatestStateCoupling[Power]):
         axes = zip(self._received, self._reserve, self._left, strict=True)
         taken = tuple([max(0.0, got + reserve - left.value) for got, reserve, left in axes])
         entered = tuple([energy.value for energy in self._in])
-        return Power(
+        return encode(Power(
             session, self._number, place, self._speed, tuple(self.applied_n), entered, taken, self.port_j,
-            self._receiver.acknowledged, stamp,
-        )  # fmt: skip
+            self._receiver.acknowledged, clock.stamp(now_ns), handle,
+        ))  # fmt: skip
 
     def receive(self, message: Power) -> bool:
         if not message.of_axes(len(self._in)):

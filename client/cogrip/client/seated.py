@@ -189,13 +189,11 @@ class SeatedClient(SeatHand):
                 self._frame_begin = tick - tick % self._ticks_per_frame
                 self._frame_end = self._frame_begin + self._ticks_per_frame
         elif (ended := self._account(elapsed, position)) and session.state == "seated":
-            message = self.coupling.message(
-                self.session_id, session.clock.stamp(now_ns), self._origin_pose, self.place(),
+            session.outbox.append(self.coupling.message(
+                self.session_id, session.clock, now_ns, self._origin_pose, self.place(),
                 hand.velocity_mps if self._hand_map is None else self._hand_map.shown(hand.velocity_mps),
-            )  # fmt: skip
-            if handle is not None and (told := handle.message(tick)) is not None:
-                message = replace(message, handle=told)
-            session.outbox.append(encode(message))
+                None if handle is None else handle.message(tick),
+            ))  # fmt: skip
         elif handle is not None and session.state == "seated" and (told := handle.message_at_once(tick)) is not None:
             session.outbox.append(encode(Edges(self.session_id, session.clock.stamp(now_ns), told)))
         if sample is not None and (self._hand_map is not None or self._ordered is not None):

@@ -8,9 +8,11 @@ from collections.abc import Sequence
 from math import inf
 
 from cogrip.client.coupling import DelayLine, LatestStateCoupling, Row, spring_j
+from cogrip.protocol.clock import Clock
+from cogrip.protocol.handle import Handle
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Stamp, State
+from cogrip.protocol.messages import State, encode
 from cogrip.protocol.settings import SeatSettings
 
 
@@ -106,10 +108,13 @@ class VirtualCoupling(LatestStateCoupling[State]):
         return force
 
     def message(
-        self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
-    ) -> State:
+        self, session: int, clock: Clock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
+        handle: Handle | None = None,
+    ) -> bytes:  # fmt: skip
         acknowledged = self._receiver.acknowledged
-        return State(session, self._number, position_m, tuple(velocity_mps), self.port_j, acknowledged, stamp)
+        return encode(State(
+            session, self._number, position_m, tuple(velocity_mps), self.port_j, acknowledged, clock.stamp(now_ns), handle,
+        ))  # fmt: skip
 
     def receive(self, message: State) -> bool:
         if not 2 * len(message.position_m) == 2 * len(message.velocity_mps) == len(self.object_state):

@@ -3,6 +3,7 @@ cimport cython
 from cogrip.client.coupling cimport Coupling, PortEnergy
 from cogrip.client.series_impedance cimport SeriesImpedance
 from cogrip.client.wave_lines cimport ForwardLine, ReturningLine
+from cogrip.protocol.waves_encoding cimport encode_waves
 
 
 cdef class WaveCoupling(Coupling):

@@ -27,12 +27,15 @@ from cogrip.client.velocity import largest_impedance
 from cogrip.client.wave_lines import ForwardLine, ReturningLine
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
+from cogrip.protocol.clock import Clock
+from cogrip.protocol.handle import Handle
 from cogrip.protocol.line_tuning import ImpedanceChanges, Tuning, bounded, corner_hz
 from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.messages import Stamp, Waves
+from cogrip.protocol.messages import Waves
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.waves import device_gain, wave_of
+from cogrip.protocol.waves_encoding import encode_waves
 
 Held = tuple[Row, float, float, Sequence[float] | None, float]
 """Returning wave of a tick, its gain s, the ratio r of impedances, what limits took from the force, and b."""
@@ -255,14 +258,14 @@ class WaveCoupling(Coupling):
         return self.energy.made_now_j
 
     def message(
-        self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
-    ) -> Waves:
-        first, waves, total, squares = self.up.sender.contents()
-        acknowledged, state = self.down.receiver.acknowledged, origin_m + position_m
+        self, session: int, clock: Clock, now_ns: int, origin_m: Row, position_m: Row, velocity_mps: Sequence[float],
+        handle: Handle | None = None,
+    ) -> bytes:  # fmt: skip
         tuned = self._tuner is not None
-        return Waves(
-            session, first, waves, total, squares, self.energy.made_j, self.port_j, acknowledged, stamp, state, self.up.phase,
-            self._applied, self._b if tuned else 0.0, self._since if tuned else 0,
+        return encode_waves(
+            session, self.up.sender, self.energy.made_j, self.port_j, self.down.receiver.acknowledged, clock, now_ns,
+            origin_m + position_m, self.up.phase, self._b if tuned else 0.0, self._since if tuned else 0, 0, self._applied,
+            handle,
         )  # fmt: skip
 
     def receive(self, message: Waves) -> bool:

@@ -7,6 +7,8 @@ from libc.string cimport memcpy
 from cogrip.protocol.clock cimport Clock
 from cogrip.protocol.line.sender cimport LineSender
 
+from cogrip.protocol.messages import encode
+
 cdef extern from *:
     """
     #include <stdint.h>
@@ -24,23 +26,29 @@ cdef extern from *:
 cdef enum:
     TAG = 4
     FIELDS = 16  # and the tag
-    MOST_BYTES = 9 * (192 + 2 * 6 + 4 + 18 + 12) + 32  # waves, sums, energies and impedance, state, whole numbers; headers
+    MOST_HANDLE_BYTES = 512
+    MOST_BYTES = 9 * (192 + 2 * 6 + 4 + 18 + 12) + 32 + MOST_HANDLE_BYTES  # waves, sums, energies and impedance, state, whole numbers; headers; handle
     FLOAT = 0xCB
-    NIL = 0xC0
+
+cdef bytes NOTHING = b"\xc0"  # nil
 
 
 cpdef bytes encode_waves(
     long long session, LineSender sender, double made_j, double port_j, long long acknowledged, Clock clock, long long now_ns,
     tuple state, long long phase, double impedance_nspm, long long since, long long edges,
+    long long applied=0, handle=None,
 ):
     cdef unsigned char[MOST_BYTES] datagram
     cdef unsigned char *at = datagram
     cdef double *values = sender._values
     cdef double *sums = sender._before.sums
     cdef Py_ssize_t axes = sender._axes, count = sender._count, place
+    cdef bytes told = NOTHING if handle is None else encode(handle)
     cdef Py_ssize_t oldest = sender._at if count == sender._capacity else 0
     if len(state) > 18:
         raise ValueError(f"a state of {len(state)} numbers")
+    if len(told) > MOST_HANDLE_BYTES:
+        raise ValueError(f"a handle of {len(told)} bytes")
     at = _array(at, FIELDS + 1)
     at = _whole(at, TAG)
     at = _whole(at, session)
@@ -67,11 +75,11 @@ cpdef bytes encode_waves(
     for value in state:
         at = _float(at, value)
     at = _whole(at, phase)
-    at = _whole(at, 0)
+    at = _whole(at, applied)
     at = _float(at, impedance_nspm)
     at = _whole(at, since)
-    at[0] = NIL
-    at = _whole(at + 1, edges)
+    memcpy(at, <const char *>told, len(told))
+    at = _whole(at + len(told), edges)
     return PyBytes_FromStringAndSize(<char *>datagram, at - datagram)
 
 
