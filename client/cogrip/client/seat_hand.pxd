@@ -2,6 +2,7 @@ cimport cython
 
 from cogrip.client.coupling cimport Coupling
 from cogrip.client.energy_ledger cimport EnergyLedger
+from cogrip.client.hand_aids cimport HandAids
 from cogrip.client.hand_changes cimport HandChanges
 from cogrip.client.hand_motion cimport HandMotion
 from cogrip.client.safety cimport Safety
@@ -23,7 +24,7 @@ cdef class SeatHand:
     cdef public tuple force_n
     cdef public object _hand_map
     cdef public object _ordered
-    cdef public object aids
+    cdef public HandAids aids
     cdef public HandChanges changes
 
     cpdef tuple tool_pose(self)

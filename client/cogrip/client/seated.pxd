@@ -3,7 +3,9 @@ cimport cython
 from cogrip.client.coupling cimport Coupling
 from cogrip.client.device_port cimport DevicePort
 from cogrip.client.energy_ledger cimport EnergyLedger
+from cogrip.client.hand_aids cimport HandAids
 from cogrip.client.hand_motion cimport HandMotion, work_and_velocity
+from cogrip.client.peaks cimport Peaks
 from cogrip.client.safety cimport Safety
 from cogrip.client.seat_hand cimport SeatHand
 
@@ -11,7 +13,7 @@ from cogrip.client.seat_hand cimport SeatHand
 cdef class SeatedClient(SeatHand):
     cdef public object session_id
     cdef public DevicePort port
-    cdef public object peaks
+    cdef public Peaks peaks
     cdef public long long tick
     cdef public long long _acted
     cdef public tuple _zero_n
@@ -32,7 +34,7 @@ cdef class SeatedClient(SeatHand):
     cpdef sense(self, long long tick, sample, long long now_ns)
     cpdef tuple place(self)
     @cython.locals(
-        coupling=Coupling, ledger=EnergyLedger, hand=HandMotion, port=DevicePort, ratio=double, work=double,
+        coupling=Coupling, ledger=EnergyLedger, hand=HandMotion, port=DevicePort, aids=HandAids, ratio=double, work=double,
         first="long long", tick="long long", length="long long", ended=bint, absent=bint, held=bint, hold=double,
         given_j=double, pending_j=double,
     )
@@ -42,10 +44,10 @@ cdef class SeatedClient(SeatHand):
     cdef _start_frame(self, long long tick)
     @cython.locals(stored_j=double)
     cdef _end_frame(self, tuple position_m, long long ticks)
-    @cython.locals(coupling=Coupling, safety=Safety, force=tuple, before=tuple, step=double, size=double)
+    @cython.locals(coupling=Coupling, safety=Safety, force=tuple)
     cpdef tuple act(self, long long now_ns)
     @cython.locals(
-        coupling=Coupling, safety=Safety, port=DevicePort, hand=HandMotion, force=tuple, reduced=bint, injected=double,
+        coupling=Coupling, safety=Safety, port=DevicePort, hand=HandMotion, aids=HandAids, force=tuple, reduced=bint, injected=double,
         law=double, speed=double, fraction=double, extra=double, local=double, left=double, other=double,
     )
     cdef tuple _render(self)

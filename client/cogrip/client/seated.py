@@ -7,7 +7,7 @@ skipped the device held the last force: its waves are computed as well.
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from math import dist, hypot
+from math import dist
 from operator import mul, sub
 
 from msgspec.structs import replace
@@ -309,15 +309,7 @@ class SeatedClient(SeatHand):
         elif safety.state == "degraded" and not self.port.releasing:
             safety.event("fresh")
         force = self._render()
-        before, peaks = self.force_n, self.peaks
-        if len(force) == PLACES:
-            step, size = dist(force, before), hypot(*force)
-            if step > peaks.step_n:
-                peaks.step_n = step
-            if size > peaks.force_n:
-                peaks.force_n = size
-        else:
-            peaks.enter(force, before, self._axis_units)
+        self.peaks.enter(force, self.force_n, self._axis_units)
         self.force_n = force
         return force if self._axis_units is None else self._axis_units.wrench(force)
 
