@@ -5,6 +5,7 @@ A module `x.py` with an `x.pxd` is compiled as it is, its classes as structs; `x
 are no part of the project, and nothing needs them; `dev.py` removes what is of sources that were changed meanwhile.
 What is compiled is a copy in which functions have the values of numeric constants in place of their names (`with_values`): a
 name of a module is an object in C as well, and each use of it in arithmetic makes another one.
+On Linux a module's sections are linked closely: what a tick touches is on fewer pages.
 `-ffp-contract=off`: no product and sum are rounded together, so that every number is the interpreted one, bit for bit;
 `-fwrapv`: whole numbers wrap.
 """
@@ -28,6 +29,7 @@ ROOT = Path(__file__).resolve().parent
 PARTS = ("protocol", "devices", "client", "server")
 SUFFIX = str(sysconfig.get_config_var("EXT_SUFFIX"))
 FLAGS = ["-O2", "-ffp-contract=off", "-fwrapv", "-fno-strict-aliasing", "-w", "-g0"]
+LINKER_FLAGS = ["-Wl,-z,noseparate-code,-z,norelro,-z,now"]  # Linux
 STAMP = ROOT / ".venv" / "cogrip-compiled.json"  # digest of the sources of what is compiled
 LINUX_ONLY = ("datagram_batch",)
 DIRECTIVES = {
@@ -169,8 +171,11 @@ def compile_all(folder: Path, checkout: Path = ROOT) -> None:
     from setuptools import Distribution, Extension  # type: ignore[import-untyped]
 
     flags = [] if sys.platform == "win32" else FLAGS
+    linker_flags = LINKER_FLAGS if sys.platform == "linux" else []
     copies = copy_sources(folder / "source")
-    modules = [Extension(name, [str(path)], extra_compile_args=flags) for name, path in copies]
+    modules = [
+        Extension(name, [str(path)], extra_compile_args=flags, extra_link_args=linker_flags) for name, path in copies
+    ]
     with contextlib.chdir(folder / "source"):  # tracebacks name the sources as they lie in a checkout
         generated = cythonize(  # type: ignore[no-untyped-call]
             modules, include_path=[str(ROOT / part) for part in PARTS], build_dir=str(folder / "c"), force=True, quiet=True,

@@ -6,6 +6,7 @@ from cogrip.client.device_port cimport DevicePort
 from cogrip.client.energy_ledger cimport EnergyLedger
 from cogrip.client.hand_motion cimport HandMotion
 from cogrip.client.seated cimport SeatedClient
+from cogrip.client.tick_packing cimport pack_tick
 
 
 cdef class TickRecord:
@@ -19,6 +20,6 @@ cdef class TickRecord:
 
     @cython.locals(
         coupling=Coupling, ledger=EnergyLedger, port=DevicePort, hand=HandMotion, velocity=tuple, used=bint, same=bint,
-        begun=bytes, numbers=tuple, head=tuple, whole=bytes,
+        numbers=tuple, work_j=double, port_j=double, left_j=double,
     )
     cpdef bytes of(self, SeatedClient seat, sample, tuple force_n, tuple timing, Delays delays)

@@ -9,6 +9,7 @@ from math import isfinite, nan
 from typing import TYPE_CHECKING, Any
 
 from cogrip.client.seated import SeatedClient
+from cogrip.client.tick_packing import BEGIN, pack_tick
 from cogrip.devices.device import Sample
 from cogrip.protocol.recording.records import Tick, TickHead
 from cogrip.protocol.recording.sink import encode
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from cogrip.client.core import Delays
 
 Rows = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
-_FIELDS = len(Tick.__struct_fields__)
 
 
 class TickRecord:
@@ -28,7 +28,7 @@ class TickRecord:
     def __init__(self, encoder: Callable[[Any], bytes] = encode) -> None:
         self._encode = encoder
         text = encoder is encode
-        self._begin = b"{" if text else b"\xde" + _FIELDS.to_bytes(2, "big")  # of a map with so many fields
+        self._begin = b"{" if text else BEGIN
         self._end = b"}" if text else b""
         self._none_bytes = len(encoder(None)) + len(self._end)
         self._rows: Rows = (), (), ()  # behind the head, as they were encoded last
@@ -55,8 +55,7 @@ class TickRecord:
             if unfit or given == velocity:
                 given = None
         late_us, work_us, skipped = timing
-        head = (seat.tick, late_us, work_us, position, velocity, force_n, ledger.work.value, ledger.port_j)
-        begun = encode_(TickHead(*head))[1 : -1 if self._end else None]
+        work_j, port_j, left_j = ledger.work.value, ledger.port_j, port.earned_j + port.reserve_j
         numbers: tuple[Any, ...] = (
             coupling.down_margin_j, delays.rtt_ms, ledger.lost, seat.safety.state, skipped, coupling.playout_frames,
             given, unfit, age_ticks, delays.up_ms, delays.down_ms, coupling.down_reserve.now_j, buttons, orientation, grip_m,
@@ -72,9 +71,16 @@ class TickRecord:
             or (orientation is not None and 0.0 in orientation)
         ):
             self._rows, self._numbers = (coupling.sent, coupling.returning, coupling.object_state), numbers
+            head = seat.tick, late_us, work_us, position, velocity, force_n, work_j, port_j
             tick = Tick(*head, coupling.sent, coupling.returning, coupling.object_state[: len(force_n)], *numbers)
-            self._rest = encode_(tick)[len(self._begin) + len(begun) : -self._none_bytes]
-        return b"".join((self._begin, begun, self._rest, encode_(port.earned_j + port.reserve_j), self._end))
+            head_bytes = len(encode_(TickHead(*head))) - 1 - len(self._end)
+            self._rest = encode_(tick)[len(self._begin) + head_bytes : -self._none_bytes]
+        if not self._end:
+            return pack_tick(
+                seat.tick, late_us, work_us, position, velocity, force_n, work_j, port_j, self._rest, left_j
+            )
+        begun = encode_(TickHead(seat.tick, late_us, work_us, position, velocity, force_n, work_j, port_j))[1:-1]
+        return b"".join((self._begin, begun, self._rest, encode_(left_j), self._end))
 
 
 def _texts(values: Iterable[float]) -> tuple[str, ...]:
