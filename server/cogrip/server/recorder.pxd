@@ -21,12 +21,17 @@ cdef class RecordedServer(ServerCore):
     cdef dict _step_topic
     cdef dict _scene_topic
     cdef dict _drawn
+    cdef Room _stepped
+    cdef long long _frames
 
     cpdef put(self, Py_ssize_t topic, record)
     cpdef note_timing(self, Room room, long long late_us, long long work_us, long long skipped)
     cpdef receive(self, bytes datagram, address, long long now_ns)
-    @cython.locals(seat=Seat)
     cpdef tick(self, Room room, long long now_ns, long long frames=*)
+    cpdef step(self, Room room, long long now_ns, long long frames=*)
+    @cython.locals(seat=Seat, room=Room)
+    cpdef finish_step(self)
+    cdef _put_waiting(self)
     cpdef _put_sent(self, tuple entry)
     cpdef _text(self, address)
 

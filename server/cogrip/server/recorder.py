@@ -76,11 +76,14 @@ class RecordedServer(ServerCore):
         self._step_topic = {room.name: len(KINDS) + number for number, room in enumerate(self.rooms)}
         self._scene_topic = {room: self.topics.index(scene_topics(room)[0]) for room in scenes}
         self._drawn: dict[str, bytes] = {}  # offsets with which a room's shapes were recorded last
+        self._stepped: Room | None = None  # whose last step is not recorded yet
+        self._frames = 1  # of that step
         for room in self.rooms:
             self.count_ticks(room, room.ticks)
 
     def record(self, sink: Sink, encode: Callable[[Record], bytes] = encode) -> None:
         """Write to `sink` what was held, and all that follows: see `CoreRecorder.record`."""
+        self.finish_step()
         self._recorder.record(sink, encode)
         self._sent.observe = self._put_sent if self._recorder.keeps else None
 
@@ -120,7 +123,7 @@ class RecordedServer(ServerCore):
             self.timing[room.name] = (late_us, work_us, skipped)
 
     def handle(self, given: ServerInput, now_ns: int) -> int:
-        self._put_idle()
+        self._put_waiting()
         self.now_ns = now_ns
         self._recorder.put_input(INPUT, now_ns, given)
         result = super().handle(given, now_ns)
@@ -129,8 +132,8 @@ class RecordedServer(ServerCore):
         return result
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> None:
-        if self._idle_steps:
-            self._put_idle()
+        if self._idle_steps or self._stepped is not None:
+            self._put_waiting()
         self.now_ns = now_ns
         if self._recorder.keeps:
             self.put(DATAGRAM_IN, Datagram(without_secrets(datagram, self._hash_ticket), self._text(address)))
@@ -141,6 +144,16 @@ class RecordedServer(ServerCore):
         super().idle(room, steps)
 
     def tick(self, room: Room, now_ns: int, frames: int = 1) -> None:
+        self.step(room, now_ns, frames)
+        self.finish_step()
+
+    def step(self, room: Room, now_ns: int, frames: int = 1) -> None:
+        """Step a room as `tick` does, but for the record of the step: it waits for `finish_step`, or for what comes next.
+
+        So the messages of the step can be sent first.
+        """
+        if self._stepped is not None:
+            self.finish_step()
         if room.deserted:
             self.now_ns = now_ns
             self._idle_steps[room.name] = self._idle_steps.get(room.name, 0) + 1
@@ -151,17 +164,24 @@ class RecordedServer(ServerCore):
         self.now_ns = now_ns
         ServerCore.tick(self, room, now_ns, frames)
         if self._recorder.keeps:
-            motion, axes = room.world.motion(), room.world.axes
-            seats = tuple([_seat_step(room, number) for number in range(len(room.seats))])
-            late_us, work_us, skipped = self.timing[room.name]
-            self.put(self._step_topic[room.name], Step(
-                room.steps, motion[:axes], motion[axes:], seats, frames, late_us, work_us, skipped,
-            ))  # fmt: skip
-            for seat in room.seats:
-                for edge in seat.port.handle.popped[0] if seat.port is not None else ():
-                    self.put(EVENT, Event(f"{room.name}: {seat.name} {edge_words(edge)}"))
-            if room.name in self._scene_topic and room.steps % -(-room.settings.rates.network_hz // VIEWS_HZ) == 0:
-                self._put_bodies(room)
+            self._stepped, self._frames = room, frames
+
+    def finish_step(self) -> None:
+        """Record the last step, where it is not recorded yet."""
+        room, self._stepped = self._stepped, None
+        if room is None:
+            return
+        motion, axes = room.world.motion(), room.world.axes
+        seats = tuple([_seat_step(room, number) for number in range(len(room.seats))])
+        late_us, work_us, skipped = self.timing[room.name]
+        self.put(self._step_topic[room.name], Step(
+            room.steps, motion[:axes], motion[axes:], seats, self._frames, late_us, work_us, skipped,
+        ))  # fmt: skip
+        for seat in room.seats:
+            for edge in seat.port.handle.popped[0] if seat.port is not None else ():
+                self.put(EVENT, Event(f"{room.name}: {seat.name} {edge_words(edge)}"))
+        if room.name in self._scene_topic and room.steps % -(-room.settings.rates.network_hz // VIEWS_HZ) == 0:
+            self._put_bodies(room)
 
     def _put_bodies(self, room: Room) -> None:
         topic, world = self._scene_topic[room.name], room.world
@@ -172,6 +192,11 @@ class RecordedServer(ServerCore):
             places[:, : min(PLACES, world.axes)] = world.offset[:, :PLACES]
             self.put(topic, Geoms(tuple(world.geoms()), tuple(places.ravel().tolist())))
         self.put(topic + 1, Poses(room.steps, tuple(world.poses_of_bodies().ravel().tolist())))
+
+    def _put_waiting(self) -> None:
+        if self._stepped is not None:
+            self.finish_step()
+        self._put_idle()
 
     def _put_idle(self) -> None:
         for room, steps in self._idle_steps.items():

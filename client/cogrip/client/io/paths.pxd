@@ -7,11 +7,12 @@ cdef class NetworkPath:
     cdef public object server
     cdef public object socket
     cdef public object arrived
+    cdef object _arrivals
     cdef public object channel
     cdef public bint refused
     cdef public bint met
 
-    cpdef receive(self)
+    cpdef receive(self, long long now_ns)
 
 
 cdef class Paths:
@@ -31,6 +32,7 @@ cdef class Paths:
     @cython.locals(path=NetworkPath)
     cpdef send(self, bytes message, bint hello=*)
     cdef bint _uses(self, path) except -1
+    @cython.locals(arrived_ns="long long")
     cdef _drain_path(self, NetworkPath path, long long now_ns, take, answers, redirect)
     @cython.locals(newest=NetworkPath, ready=bint, just_met=bint)
     cpdef bint poll(self, long long now_ns, bint resuming) except -1

@@ -14,6 +14,7 @@ from typing import Any, Protocol
 from cogrip.client.inputs import Connect, Poll
 from cogrip.client.path_migration import PathMigration
 from cogrip.protocol.channel import PEER, Channel, place_text
+from cogrip.protocol.io.arrivals import Arrivals
 from cogrip.protocol.io.platform import system, time
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.join_link import LinkError, split_place
@@ -94,18 +95,20 @@ class NetworkPath:
         self.socket = socket.socket(server.family, socket.SOCK_DGRAM)
         self.socket.setblocking(False)
         self.arrived = system.arrival_check(self.socket)
+        self._arrivals = Arrivals(self.socket)
         self.channel = channel
         self.refused = False
         self.met = self.ready
 
-    def receive(self) -> bytes | None:
-        """Return a datagram, None where there is none. Raises OSError."""
+    def receive(self, now_ns: int) -> tuple[bytes, int] | None:
+        """Return a datagram, and when it came as `Arrivals.receive` says; None where there is none. Raises OSError."""
         if not self.arrived():
             return None
         try:
-            return self.socket.recv(MAX_DATAGRAM_BYTES + 1)
+            datagram, _, arrived_ns = self._arrivals.receive(MAX_DATAGRAM_BYTES + 1, now_ns)
         except BlockingIOError:
             return None
+        return datagram, arrived_ns
 
     @property
     def ready(self) -> bool:
@@ -199,7 +202,7 @@ class Paths:
         self, now_ns: int, take: Callable[[bytes, int], None], answers: Callable[[bytes], bool],
         redirect: Callable[[bytes], Redirect | None] = lambda message: None,
     ) -> None:  # fmt: skip
-        """Give `take` the messages that have come; follow redirects.
+        """Give `take` the messages that have come, and when they came; follow redirects.
 
         answers: tells a welcome, whose path is used from then on; redirect: returns a redirect that is awaited.
         At most MOST_DATAGRAMS by each path: what is beyond them waits in the socket for the next drain.
@@ -219,25 +222,25 @@ class Paths:
         channel = path.channel
         for _ in range(MOST_DATAGRAMS):
             try:
-                datagram = path.receive()
+                found = path.receive(now_ns)
             except OSError as error:
                 path.refused = path.refused or isinstance(error, system.NOBODY_LISTENS)
                 self._count(error)
                 break
-            if datagram is None:
+            if found is None:
                 break
-            path.refused = False
+            (datagram, arrived_ns), path.refused = found, False
             messages = channel.receive(datagram, PEER, now_ns)
             if len(messages) > MOST_MESSAGES:
                 self._counts[TOO_MANY] += len(messages) - MOST_MESSAGES
                 messages = messages[:MOST_MESSAGES]
             for message in messages:
-                if (found := redirect(message)) is not None:
-                    self._follow(found, now_ns)
+                if (told := redirect(message)) is not None:
+                    self._follow(told, now_ns)
                     continue
                 if self._migration.newer is not None and answers(message):
                     self._adopt(path)
-                take(message, now_ns)
+                take(message, arrived_ns)
             if not self._uses(path):  # a redirect has closed it
                 break
         else:

@@ -34,7 +34,7 @@ class PacedRoom:
             return 0
         room, pacer = self.room, self.pacer
         core.note_timing(room, pacer.late_ns // 1000, self._work_us, pacer.skipped)
-        core.tick(room, now_ns, self._steps)
+        core.step(room, now_ns, self._steps)
         done_ns = time.monotonic_ns()
         self._work_us = (done_ns - now_ns + early_ns) // 1000
         pacer.done_at(done_ns, early_ns)
@@ -54,7 +54,7 @@ def take_due(rooms: Sequence[PacedRoom], now_ns: int) -> None:
 
 
 def step_due(rooms: Sequence[PacedRoom], core: RecordedServer, path: DatagramPath, now_ns: int, early_ns: int) -> None:
-    """Step the rooms by the ticks that were taken, and send what comes of it."""
+    """Step the rooms by the ticks that were taken, and send what comes of it; only then is the last step recorded."""
     sent_ns = now_ns
     for each in rooms:
         done_ns = each.step(core, now_ns, early_ns)
@@ -62,6 +62,7 @@ def step_due(rooms: Sequence[PacedRoom], core: RecordedServer, path: DatagramPat
             path.send()
             sent_ns = done_ns
     path.send()
+    core.finish_step()
 
 
 def deserted_among(rooms: Sequence[PacedRoom]) -> list[PacedRoom]:
