@@ -1,6 +1,8 @@
 """Paths over real sockets of this machine: hellos by the newest, the rest by the one in use, a welcome decides."""
 
 import socket
+import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from types import SimpleNamespace
@@ -268,6 +270,19 @@ def test_an_unknown_name(name: str) -> None:
         find(f"{name}.invalid", 47800)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel gives no arrival times here")
+def test_a_message_comes_with_the_time_at_which_its_datagram_came(paths: Paths, far: FarServer) -> None:
+    """Not with that of the loop, here an hour later."""
+    paths.send(b"hello")
+    far.say(b"word", far.hear()[1])
+    times_ns: list[int] = []
+    hour_ns, until = 3_600_000_000_000, time.monotonic() + LIMIT_S
+    while not times_ns:
+        assert time.monotonic() < until, "nothing came"
+        paths.drain(time.monotonic_ns() + hour_ns, lambda message, at_ns: times_ns.append(at_ns), lambda message: False)
+    assert times_ns[0] <= time.monotonic_ns()
+
+
 # A flood --------------------------------------------------------------------------------------------------------------
 
 
@@ -275,13 +290,14 @@ def queued(paths: Paths, count: int) -> list[bytes]:
     """Put `count` datagrams before the socket of the path in use. Returns those that wait there still."""
     waiting = [b"%d" % number for number in range(count)]
 
-    def recv(size: int) -> bytes:
+    def receive(most_bytes: int, now_ns: int) -> tuple[bytes, None, int]:
         if not waiting:
             raise BlockingIOError
-        return waiting.pop(0)
+        return waiting.pop(0), None, now_ns
 
     paths.paths[0].socket.close()
-    paths.paths[0].socket = SimpleNamespace(recv=recv, send=len, close=list)  # type: ignore[assignment]
+    paths.paths[0].socket = SimpleNamespace(send=len, close=list)  # type: ignore[assignment]
+    paths.paths[0].arrivals = SimpleNamespace(receive=receive)  # type: ignore[assignment]
     paths.paths[0].arrived = lambda: True
     return waiting
 

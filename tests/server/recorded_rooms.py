@@ -54,6 +54,7 @@ class Tokens:
 class Server(RecordedEnd):
     role, who, file, rate_hz = "server", "server", "server.mcap", 128
     core: RecordedServer
+    records_late = False  # a step, once its messages are sent
 
     def __init__(self, *rooms: Settings) -> None:
         self.rooms = rooms or (a_room(),)
@@ -157,7 +158,7 @@ class Server(RecordedEnd):
         self.hear(*words)
         room = self.core.rooms[number % len(self.core.rooms)]
         self.core.timing[room.name] = (number, frames * 10, frames - 1)
-        self.core.tick(room, self.now_ns, frames)
+        (self.core.step if self.records_late else self.core.tick)(room, self.now_ns, frames)
         self.core.events.clear()
         self.hear()
 
@@ -169,9 +170,10 @@ class Server(RecordedEnd):
                 self.tick(number, [] if number else words, later_ns=0 if number else FRAME_NS)
 
 
-def scripted() -> Server:
+def scripted(records_late: bool = False) -> Server:
     """A session with every kind of message and every input, in two rooms."""
     server = Server(a_room("lab", "ab", object={"axes": 2}), a_room("hall", "z", object={"axes": 2}))
+    server.records_late = records_late
     server.hear((0, "hello", 0, 0.0), (1, "hello", 0, 0.0), (1, "hello", 0, 0.0), (4, "newer", 0, 0.0))
     server.hear((2, "hello by name", 2, 0.0), (3, "hello", 0, 0.0), (4, "garbage", 7, 0.0))
     server.run(16, (0, 1, 2))

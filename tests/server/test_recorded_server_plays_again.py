@@ -18,7 +18,7 @@ from cogrip.server.inputs import CloseLedger, Idle, Restore, SocketFailed, Stop,
 from cogrip.server.recorder import ACCOUNT, ANSWER, DATAGRAM_IN, DATAGRAM_OUT, EVENT, INPUT, RecordedServer, start_of
 
 from tests.recorded_end import nothing_is_judged_after_a_gap, the_beginning_is_exact
-from tests.server.recorded_rooms import ADDRESSES, FRAME_NS, SCRIPT, STEP, TICKET, TOKEN, Server, a_room
+from tests.server.recorded_rooms import ADDRESSES, FRAME_NS, SCRIPT, STEP, TICKET, TOKEN, Server, a_room, scripted
 
 HELLOS = ("hello", "hello", "another hello", "hello by name", "hello to a room")
 REFUSED = ("other settings", "too few axes", "too slow", "newer", "short hello")
@@ -124,6 +124,17 @@ def test_a_scripted_session_has_everything() -> None:
     ):  # fmt: skip
         assert words in events, words
     assert SCRIPT.core.dropped["malformed"] >= 1
+
+
+def test_a_step_that_is_recorded_late_stands_where_it_would_stand_else() -> None:
+    assert scripted(records_late=True).noted == SCRIPT.noted
+    server = Server()
+    server.records_late = True
+    server.tick(0, [(0, "hello", 0, 0.0)])
+    assert not server.places("step")
+    for _ in range(2):
+        server.core.finish_step()
+        assert len(server.places("step")) == 1
 
 
 def test_no_secret_stands_in_a_recording() -> None:

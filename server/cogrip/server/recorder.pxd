@@ -23,6 +23,7 @@ cdef class RecordedServer(ServerCore):
     cdef dict _drawn
     cdef Room _stepped
     cdef long long _frames
+    cdef object _timed
 
     cpdef put(self, Py_ssize_t topic, record)
     cpdef note_timing(self, Room room, long long late_us, long long work_us, long long skipped)

@@ -77,7 +77,7 @@ class RecordedServer(ServerCore):
         self._scene_topic = {room: self.topics.index(scene_topics(room)[0]) for room in scenes}
         self._drawn: dict[str, bytes] = {}  # offsets with which a room's shapes were recorded last
         self._stepped: Room | None = None  # whose last step is not recorded yet
-        self._frames = 1  # of that step
+        self._frames, self._timed = 1, (0, 0, 0)  # of that step
         for room in self.rooms:
             self.count_ticks(room, room.ticks)
 
@@ -164,7 +164,7 @@ class RecordedServer(ServerCore):
         self.now_ns = now_ns
         ServerCore.tick(self, room, now_ns, frames)
         if self._recorder.keeps:
-            self._stepped, self._frames = room, frames
+            self._stepped, self._frames, self._timed = room, frames, self.timing[room.name]
 
     def finish_step(self) -> None:
         """Record the last step, where it is not recorded yet."""
@@ -173,10 +173,8 @@ class RecordedServer(ServerCore):
             return
         motion, axes = room.world.motion(), room.world.axes
         seats = tuple([_seat_step(room, number) for number in range(len(room.seats))])
-        late_us, work_us, skipped = self.timing[room.name]
-        self.put(self._step_topic[room.name], Step(
-            room.steps, motion[:axes], motion[axes:], seats, self._frames, late_us, work_us, skipped,
-        ))  # fmt: skip
+        step = Step(room.steps, motion[:axes], motion[axes:], seats, self._frames, *self._timed)
+        self.put(self._step_topic[room.name], step)
         for seat in room.seats:
             for edge in seat.port.handle.popped[0] if seat.port is not None else ():
                 self.put(EVENT, Event(f"{room.name}: {seat.name} {edge_words(edge)}"))

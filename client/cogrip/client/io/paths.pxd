@@ -7,7 +7,7 @@ cdef class NetworkPath:
     cdef public object server
     cdef public object socket
     cdef public object arrived
-    cdef object _arrivals
+    cdef public object arrivals
     cdef public object channel
     cdef public bint refused
     cdef public bint met

@@ -95,7 +95,7 @@ class NetworkPath:
         self.socket = socket.socket(server.family, socket.SOCK_DGRAM)
         self.socket.setblocking(False)
         self.arrived = system.arrival_check(self.socket)
-        self._arrivals = Arrivals(self.socket)
+        self.arrivals = Arrivals(self.socket)
         self.channel = channel
         self.refused = False
         self.met = self.ready
@@ -105,7 +105,7 @@ class NetworkPath:
         if not self.arrived():
             return None
         try:
-            datagram, _, arrived_ns = self._arrivals.receive(MAX_DATAGRAM_BYTES + 1, now_ns)
+            datagram, _, arrived_ns = self.arrivals.receive(MAX_DATAGRAM_BYTES + 1, now_ns)
         except BlockingIOError:
             return None
         return datagram, arrived_ns

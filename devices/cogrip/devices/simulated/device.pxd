@@ -8,9 +8,6 @@ cdef class SimulatedDevice(Driver):
     cdef public object plant
     cdef public object hand
     cdef public object presses
-    cdef object _step
-    cdef object _sense
-    cdef object _drive
     cdef public list _spans
     cdef public object _start_m
     cdef public object _force

@@ -88,7 +88,6 @@ class SimulatedDevice(Driver):
                     "or origin=start for a recording"
                 )
         self.plant.open(rate_hz, self.hand.stiffness_npm, self.hand.damping_nspm, start)
-        self._step, self._sense, self._drive = self.plant.step, self.plant.sense, self.hand.drive  # of each tick
         self._spans = [press.ticks(rate_hz) for press in self.presses]
         self._force, self._tick, self._open = self._zero, 0, True
         self._begins, self._waits = 0, False
@@ -108,13 +107,13 @@ class SimulatedDevice(Driver):
         if tick != last:
             if tick < last:
                 raise self._fallen(tick)
-            step, drive, force, begins = self._step, self._drive, self._force, self._begins
+            step, drive, force, begins = self.plant.step, self.hand.drive, self._force, self._begins
             for k in range(last, tick):
                 step(drive(0 if self._waits else k - begins), force)
             self._tick = tick
             if self._waits:
                 self._begins = tick
-        sample = self._sense()
+        sample = self.plant.sense()
         return replace(sample, buttons=self.buttons) if self._spans else sample
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
