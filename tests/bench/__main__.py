@@ -16,6 +16,7 @@ BENCHES = {  # each is the function bench_NAME of tests.bench.NAME
     "devices": "Run live sessions with emulated arms on serial lines, and the same with simulated devices.",
     "impaired": "Run whole sessions on every impaired network: each must be passive and hold; the baselines must fail.",
     "network": "Count the people whom one core serves, encrypted and not, beside a socket echo; or flood an encrypted server.",
+    "pauses": "Measure what this processor forgets between two ticks, and how often something takes it away.",
     "peers": "Compare what a person costs the server with a server in C and a bare Python echo.",
     "playout": "Compare the adaptive jitter buffer with the best fixed playout delay in hindsight, on each network.",
     "recording": "Run live sessions with recording and without, in turns; measure the size and reading speed of the files.",
