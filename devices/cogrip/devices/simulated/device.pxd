@@ -5,8 +5,11 @@ from cogrip.devices.driver cimport Driver
 
 cdef class SimulatedDevice(Driver):
     cdef public object capability
-    cdef public object plant
-    cdef public object hand
+    cdef object _plant
+    cdef object _step
+    cdef object _sense
+    cdef object _hand
+    cdef object _drive
     cdef public object presses
     cdef public list _spans
     cdef public object _start_m

@@ -56,6 +56,24 @@ class SimulatedDevice(Driver):
         self._begins, self._waits = 0, False  # tick at which the hand's own time begins; it is still to come
 
     @property
+    def plant(self) -> Plant:
+        """The machine."""
+        return self._plant
+
+    @plant.setter
+    def plant(self, plant: Plant) -> None:
+        self._plant, self._step, self._sense = plant, plant.step, plant.sense  # what each tick calls
+
+    @property
+    def hand(self) -> Hand:
+        """The person."""
+        return self._hand
+
+    @hand.setter
+    def hand(self, hand: Hand) -> None:
+        self._hand, self._drive = hand, hand.drive
+
+    @property
     def position_m(self) -> tuple[float, ...]:
         """True position [m], whatever the sensors say."""
         return tuple(self.plant.position_m)
@@ -107,13 +125,13 @@ class SimulatedDevice(Driver):
         if tick != last:
             if tick < last:
                 raise self._fallen(tick)
-            step, drive, force, begins = self.plant.step, self.hand.drive, self._force, self._begins
+            step, drive, force, begins = self._step, self._drive, self._force, self._begins
             for k in range(last, tick):
                 step(drive(0 if self._waits else k - begins), force)
             self._tick = tick
             if self._waits:
                 self._begins = tick
-        sample = self.plant.sense()
+        sample = self._sense()
         return replace(sample, buttons=self.buttons) if self._spans else sample
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
