@@ -41,3 +41,4 @@ cdef class Coupling:
         self, long long session, clock, long long now_ns, tuple origin_m, tuple position_m, velocity_mps, handle=*,
     )
     cpdef bint receive(self, message) except -1
+    cpdef tuple recorded(self)

@@ -248,6 +248,10 @@ class Coupling:
         """Frames that the jitter buffer holds back now; None without one."""
         return None
 
+    def recorded(self) -> tuple[float, int, float | None]:
+        """Return what the record of a tick has of the line: `port_j`, `lost()`, `playout_frames`."""
+        return self.port_j, self.lost(), self.playout_frames
+
     def playout_account(self) -> PlayoutAccount | None:
         """Return how frames were played out; None without a jitter buffer."""
         return None

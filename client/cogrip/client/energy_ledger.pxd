@@ -1,10 +1,11 @@
 cimport cython
 
+from cogrip.client.coupling cimport Coupling
 from cogrip.protocol.line.energy_sums cimport CompensatedSum
 
 
 cdef class EnergyLedger:
-    cdef public object coupling
+    cdef public Coupling coupling
     cdef public double power_ratio
     cdef public CompensatedSum work
     cdef public double leak_j
@@ -22,4 +23,6 @@ cdef class EnergyLedger:
     cpdef acting(self, long long elapsed, tuple force_n)
     @cython.locals(leak=double)
     cpdef compare(self)
+    @cython.locals(port_j=double, lost="long long")
+    cpdef tuple recorded(self)
     cpdef set_effects(self, double work_j)

@@ -98,6 +98,11 @@ class EnergyLedger:
         known = [each for each in (self._reserve_j, self.coupling.down_reserve.reported_j) if each is not None]
         return min(known, default=None)
 
+    def recorded(self) -> tuple[float, int, float | None]:
+        """Return what the record of a tick has of all lines, `port_j` and `lost`, and `playout_frames` of the one in use."""
+        port_j, lost, playout_frames = self.coupling.recorded()
+        return self.closed_port_j + self.power_ratio * port_j, self._lost + lost, playout_frames
+
     @property
     def lost(self) -> int:
         """Number of frames from the server that were lost."""

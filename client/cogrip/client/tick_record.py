@@ -55,9 +55,10 @@ class TickRecord:
             if unfit or given == velocity:
                 given = None
         late_us, work_us, skipped = timing
-        work_j, port_j, left_j = ledger.work.value, ledger.port_j, port.earned_j + port.reserve_j
+        (port_j, lost, playout_frames), work_j = ledger.recorded(), ledger.work.value
+        left_j = port.earned_j + port.reserve_j
         numbers: tuple[Any, ...] = (
-            coupling.down_margin_j, delays.rtt_ms, ledger.lost, seat.safety.state, skipped, coupling.playout_frames,
+            coupling.down_margin_j, delays.rtt_ms, lost, seat.safety.state, skipped, playout_frames,
             given, unfit, age_ticks, delays.up_ms, delays.down_ms, coupling.down_reserve.now_j, buttons, orientation, grip_m,
         )  # fmt: skip
         sent, returning, state = self._rows

@@ -3,6 +3,7 @@ cimport cython
 from cogrip.client.coupling cimport Coupling, PortEnergy
 from cogrip.client.series_impedance cimport SeriesImpedance
 from cogrip.client.wave_lines cimport ForwardLine, ReturningLine
+from cogrip.protocol.line.receiver cimport LineReceiver
 from cogrip.protocol.waves_encoding cimport encode_waves
 
 
@@ -51,3 +52,5 @@ cdef class WaveCoupling(Coupling):
     cpdef force(self, position_m, velocity_mps)
     @cython.locals(early="long long", fits=bint)
     cpdef bint receive(self, message) except -1
+    @cython.locals(receiver=LineReceiver)
+    cpdef tuple recorded(self)

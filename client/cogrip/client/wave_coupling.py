@@ -326,6 +326,10 @@ class WaveCoupling(Coupling):
     def playout_frames(self) -> float:
         return self.down.receiver.playout_frames
 
+    def recorded(self) -> tuple[float, int, float | None]:
+        receiver = self.down.receiver
+        return self.energy.port_j, receiver.lost, receiver.playout_frames
+
     @property
     def _filter_hz(self) -> float:
         return corner_hz(self.up.filter.lag_ticks * self._tick_s)
