@@ -22,7 +22,7 @@ KINDS = {
 
 
 class Answer(msgspec.Struct, frozen=True):
-    """What `pauses.c` prints. lost: share of the time in interruptions of more than 1 us; access_ns: at each pause."""
+    """Answer of `pauses.c`. lost: share of the time in interruptions of more than 1 us; access_ns: at each pause."""
 
     interruptions_per_s: float
     lost: float

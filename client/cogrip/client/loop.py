@@ -210,7 +210,7 @@ class LiveClient:
                 self._report_safety(safety_state, safety.state)
                 safety_state = safety.state
             over = last_tick is not None and tick >= last_tick + waiting.ticks
-            if tick >= next_chores or over or failed is not None:
+            if tick >= next_chores or over or failed is not None or self._unkept is not None:
                 next_chores, looks = tick + chore_ticks, tick >= next_look
                 self._poll_paths(now_ns)
                 waiting.poll(tick, core.markers.everybody)

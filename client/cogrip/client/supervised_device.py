@@ -162,8 +162,8 @@ class SupervisedDevice:
         """Return a sample of plain floats. Raises DeviceError for one that no core can take, or whatever its parts raise."""
         position, velocity, axes = sample.position_m, sample.velocity_mps, self._axes
         if not (_plain(position) and (velocity is None or _plain(velocity))):  # no recording holds others
-            position = tuple([float(part) for part in position])
-            velocity = None if velocity is None else tuple([float(part) for part in velocity])
+            position = tuple([float(part * 1.0) for part in position])  # text is no number
+            velocity = None if velocity is None else tuple([float(part * 1.0) for part in velocity])
             sample = replace(sample, position_m=position, velocity_mps=velocity)
         fits = not self._gives_velocity if velocity is None else len(velocity) == axes
         if not fits or len(position) != axes or type(sample.age_ticks) is not int:

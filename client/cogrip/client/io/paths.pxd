@@ -28,11 +28,12 @@ cdef class Paths:
     cdef list _known
     cdef Py_ssize_t _asked
     cdef Py_ssize_t _redirects
+    cdef long long _came_ns
 
     @cython.locals(path=NetworkPath)
     cpdef send(self, bytes message, bint hello=*)
     cdef bint _uses(self, path) except -1
-    @cython.locals(arrived_ns="long long")
+    @cython.locals(arrived_ns="long long", came_ns="long long")
     cdef _drain_path(self, NetworkPath path, long long now_ns, take, answers, redirect)
     @cython.locals(newest=NetworkPath, ready=bint, just_met=bint)
     cpdef bint poll(self, long long now_ns, bint resuming) except -1

@@ -25,6 +25,8 @@ REFUSED = "connection refused"
 POLL_S = 0.002  # between two polls where nothing ticks
 # Of one path in one drain: half a second of waves. A flood may not hold a tick up while the motors hold an old force.
 MOST_DATAGRAMS = 64
+# A datagram that waited longer, as a loop was away or a device was opened, is given on as if it had waited so long: as news.
+MOST_WAITED_NS = 20_000_000
 MOST_MESSAGES = 16  # of one datagram: an honest one holds one or two
 LEFT = "left for the next tick"  # counted by drain
 TOO_MANY = "too many messages"  # counted by message
@@ -137,6 +139,7 @@ class Paths:
         self.failed = ""
         self.make_channel, self._roams = make_channel, roams
         self._counts: Counter[str] = Counter()
+        self._came_ns = 0  # as which time the newest datagram was given on: it never falls, whatever path it came by
         self._migration: PathMigration
         self._opened = False
         self._hello = b""  # waits for its path to be ready
@@ -202,7 +205,7 @@ class Paths:
         self, now_ns: int, take: Callable[[bytes, int], None], answers: Callable[[bytes], bool],
         redirect: Callable[[bytes], Redirect | None] = lambda message: None,
     ) -> None:  # fmt: skip
-        """Give `take` the messages that have come, and when they came; follow redirects.
+        """Give `take` the messages that have come, and when they came, within MOST_WAITED_NS; follow redirects.
 
         answers: tells a welcome, whose path is used from then on; redirect: returns a redirect that is awaited.
         At most MOST_DATAGRAMS by each path: what is beyond them waits in the socket for the next drain.
@@ -230,6 +233,7 @@ class Paths:
             if found is None:
                 break
             (datagram, arrived_ns), path.refused = found, False
+            self._came_ns = came_ns = max(self._came_ns, arrived_ns, now_ns - MOST_WAITED_NS)
             messages = channel.receive(datagram, PEER, now_ns)
             if len(messages) > MOST_MESSAGES:
                 self._counts[TOO_MANY] += len(messages) - MOST_MESSAGES
@@ -240,7 +244,7 @@ class Paths:
                     continue
                 if self._migration.newer is not None and answers(message):
                     self._adopt(path)
-                take(message, arrived_ns)
+                take(message, came_ns)
             if not self._uses(path):  # a redirect has closed it
                 break
         else:
