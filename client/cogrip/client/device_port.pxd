@@ -1,6 +1,7 @@
 cimport cython
 
 from cogrip.client.oscillation cimport OscillationDetector
+from cogrip.client.row_size cimport surely_below
 
 
 cdef class DevicePort:

@@ -27,6 +27,7 @@ from typing import Literal
 
 from cogrip.client.force_limits import SOFT_SLOPE_NPS
 from cogrip.client.oscillation import OscillationDetector
+from cogrip.client.row_size import surely_below
 from cogrip.client.schemes import SCHEMES
 from cogrip.client.velocity import lag_ticks, largest_impedance
 from cogrip.devices.device import Capability
@@ -187,6 +188,8 @@ class DevicePort:
     def limit(self, force_n: Sequence[float]) -> Sequence[float]:
         """Return the law's force [N], shape (axes,), scaled down to the bound on |F(k)| above where E + E_1 is small."""
         left_j = self.balance_j + self._usable_j
+        if left_j > 0.0 and surely_below(force_n, left_j / (FADE_TICKS * self._most_step_m)):
+            return force_n
         size = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
         if size * FADE_TICKS * self._most_step_m <= left_j or size == 0.0:
             return force_n

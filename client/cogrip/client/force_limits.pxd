@@ -1,5 +1,6 @@
 cimport cython
 
+from cogrip.client.row_size cimport change_surely_below
 from cogrip.client.thermal cimport ThermalLimit
 
 

@@ -10,6 +10,7 @@ from math import dist
 
 from cogrip.client.handle import BEYOND
 from cogrip.client.pose_axes import further_axes
+from cogrip.client.row_size import change_surely_below
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
 from cogrip.protocol.setting_types import PLACES
@@ -97,7 +98,7 @@ class ForceLimits:
         """Return the force for the motors, limited in slope, and heat them. fall: of the peak a tick, allowed in a gap."""
         if gap or self._soft_left:
             wanted = self._soften(wanted, gap, fall)
-        if dist(wanted, self.out) > self._slope_n:
+        if not change_surely_below(wanted, self.out, self._slope_n) and dist(wanted, self.out) > self._slope_n:
             wanted, self.limited = self._slew(wanted, self._slope_n, "slew limited"), True
         self.out = wanted
         self.enter()

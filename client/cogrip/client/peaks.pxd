@@ -1,4 +1,4 @@
-cimport cython
+from cogrip.client.row_size cimport change_surely_below, surely_below
 
 
 cdef class Peaks:
@@ -7,6 +7,5 @@ cdef class Peaks:
     cdef public double step_n
     cdef public double travel_m
 
-    @cython.locals(square=double, change=double, axis=Py_ssize_t, force=double, step=double)
     cpdef enter(self, tuple force_n, tuple before_n, axes)
     cdef _enter(self, double size_n, double step_n)

@@ -4,9 +4,8 @@ from math import dist, hypot
 
 from cogrip.client.grip_axes import GripAxes
 from cogrip.client.pose_axes import PoseAxes, Row
+from cogrip.client.row_size import change_surely_below, surely_below
 from cogrip.protocol.setting_types import PLACES
-
-NEARLY = 1.0 - 1e-12  # a square that rounding keeps below the square of the largest
 
 
 class Peaks:
@@ -26,12 +25,7 @@ class Peaks:
         if len(force_n) == 1:
             self._enter(abs(force_n[0]), abs(force_n[0] - before_n[0]))
             return
-        square = change = 0.0
-        for axis, force in enumerate(force_n):
-            step = force - before_n[axis]
-            square += force * force
-            change += step * step
-        if square > NEARLY * self.force_n * self.force_n or change > NEARLY * self.step_n * self.step_n:  # seldom
+        if not (surely_below(force_n, self.force_n) and change_surely_below(force_n, before_n, self.step_n)):
             self._enter(hypot(*force_n), dist(force_n, before_n))
 
     def _enter(self, size_n: float, step_n: float) -> None:
