@@ -68,6 +68,18 @@ def test_hellos_are_repeated_until_the_client_gives_up() -> None:
     assert (client.state, client.failed) == ("closed", "no server answered within 3 s")
 
 
+def test_what_came_before_the_newest_makes_nothing_stale_sooner() -> None:
+    """A datagram has the time at which it came, which may lie before the first tick."""
+    client, _ = seated()
+    client.fresh_ns = 50 * MS
+    assert client.welcome is not None
+    client.receive(messages.encode(Heartbeat(client.welcome.session, Stamp(1))), 40 * MS)
+    assert not client.stale(50 * MS + session.STALE_NS)
+    client.mark_fresh(45 * MS)
+    assert not client.stale(50 * MS + session.STALE_NS)
+    assert client.stale(50 * MS + session.STALE_NS + 1)
+
+
 def test_a_silent_server_without_a_ticket_is_given_up_and_staleness_comes_long_before() -> None:
     client, _ = seated(now_ns=5)
     client.poll(5 + LOST_NS)

@@ -196,7 +196,7 @@ class ClientSession:
         if isinstance(message, Heartbeat):
             self.clock.read(message.stamp, now_ns)
             if not self._begun:  # the server's line begins with the hand's first frame
-                self.fresh_ns = now_ns
+                self.fresh_ns = max(self.fresh_ns, now_ns)
             return None
         return message
 
@@ -213,7 +213,7 @@ class ClientSession:
 
     def mark_fresh(self, now_ns: int) -> None:
         """Record that a frame was taken in that is newer than all before, or that one was played in its time."""
-        self._begun, self.fresh_ns = True, now_ns
+        self._begun, self.fresh_ns = True, max(self.fresh_ns, now_ns)  # it may have come before the first tick
 
     def _receive_answer(self, message: Welcome | Refuse, now_ns: int) -> None:
         if message.nonce != self._asked.nonce:
