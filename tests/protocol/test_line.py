@@ -365,7 +365,8 @@ def test_metadata_come_with_the_frame_they_belong_to() -> None:
         if number != 3:
             receiver.receive(*sender.contents(), (float(number), 2.0 * number, number))
         receiver.pop()
-        metadata.append(receiver.metadata)
+        popped = receiver.metadata
+        metadata.append(popped and (popped.made_j, popped.port_j, popped.acknowledged))
     assert metadata == [None, (0.0, 0.0, 0), (1.0, 2.0, 1), (2.0, 4.0, 2), None, (4.0, 8.0, 4)]
 
 

@@ -204,7 +204,7 @@ class WaveCoupling(Coupling):
             self._made_nspm = self._answered.at(receiver.acknowledged - 1)
         self._play(wave, receiver.hold)
         self._began = self.up.ticks
-        if receiver.metadata is not None and (acknowledged := receiver.metadata[2]):
+        if receiver.metadata is not None and (acknowledged := receiver.metadata.acknowledged):
             since = self.up.since(acknowledged - 1)
             if since is not None:
                 self.loops.add(since + self.up.frame_ticks)

@@ -145,7 +145,7 @@ class ReturningLine:
         self.gain, self.margin_j = receiver.gain, None
         self.reserve.elapse()
         if receiver.metadata is not None:
-            made_j, _, _ = receiver.metadata
+            made_j = receiver.metadata.made_j
             self.margin_j = margin = made_j - receiver.played_j + self._rounding * made_j
             self.reserve.update(margin)
         return wave

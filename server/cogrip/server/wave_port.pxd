@@ -1,6 +1,7 @@
 cimport cython
 
 from cogrip.protocol.clock cimport Clock
+from cogrip.protocol.line.arrived_frame cimport ArrivedFrame
 from cogrip.protocol.line.energy_sums cimport CompensatedSum
 from cogrip.protocol.line.receiver cimport LineReceiver
 from cogrip.protocol.line.sender cimport LineSender
@@ -33,7 +34,7 @@ cdef class WavePort(Port):
     @cython.locals(left_ns="long long")
     cdef long long _early(self, long long now_ns)
     @cython.locals(
-        receiver=LineReceiver, popped="long long", sent_j=double, margin=double, acknowledged="long long",
+        receiver=LineReceiver, metadata=ArrivedFrame, popped="long long", sent_j=double, margin=double, acknowledged="long long",
         behind="long long",
     )
     cpdef tuple pop(self, long long frames)

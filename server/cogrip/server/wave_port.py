@@ -114,9 +114,10 @@ class WavePort(Port):
             if len(self._poses) > FEW_KEPT:
                 self._poses = later_than(popped, self._poses)
         self.up_reserve.elapse(frames)
-        if receiver.metadata is not None:
-            sent_j, self._port_j, acknowledged = receiver.metadata
-            self._sent_j = sent_j
+        metadata = receiver.metadata
+        if metadata is not None:
+            sent_j, acknowledged = metadata.made_j, metadata.acknowledged
+            self._sent_j, self._port_j = sent_j, metadata.port_j
             margin = sent_j - receiver.energy_played_j() + self._rounding * sent_j
             self.up_reserve.update(margin)
             if self.up_margin_j is None or margin < self.up_margin_j:

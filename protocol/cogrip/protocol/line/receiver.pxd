@@ -1,5 +1,6 @@
 cimport cython
 
+from cogrip.protocol.line.arrived_frame cimport ArrivedFrame
 from cogrip.protocol.line.concealment cimport Concealment, clamped
 from cogrip.protocol.line.energy_ledger cimport WaveLedger
 from cogrip.protocol.line.energy_sums cimport CompensatedSum
@@ -29,7 +30,6 @@ cdef class LineReceiver:
     cdef public long long newest
     cdef dict _waiting
     cdef set _missing
-    cdef dict _metadata
     cdef long long _anchor
     cdef tuple _late_wave
     cdef bint _fresh
@@ -46,7 +46,7 @@ cdef class LineReceiver:
     cdef long long _longest_gap
     cdef long long _unheard
     cdef CompensatedSum _played_j
-    cdef public tuple metadata
+    cdef public ArrivedFrame metadata
     cdef public bint gap
     cdef public bint played
     cdef long long[256] _recent
@@ -56,16 +56,18 @@ cdef class LineReceiver:
 
     @cython.locals(
         axes=Py_ssize_t, first="long long", phase="long long", count=Py_ssize_t, newest="long long", slot=Py_ssize_t,
+        stored=ArrivedFrame, last=ArrivedFrame,
     )
     cpdef bint take_in(self, ReceivedWaves datagram, long long early) except -1
     @cython.locals(
         first="long long", phase="long long", cursor="long long", newest="long long", oldest="long long", adapts=bint,
         place=Py_ssize_t, number="long long", waiting=dict, missing=set, arrived="long long*",
+        frame=ArrivedFrame, stored=ArrivedFrame,
     )
-    cdef _store(self, ReceivedWaves datagram, Py_ssize_t count, long long early)
+    cdef ArrivedFrame _store(self, ReceivedWaves datagram, Py_ssize_t count, long long early)
     cdef bint _is_near(self, long long newest)
     cdef long long _begin(self) except? -1
-    @cython.locals(number="long long", ticks="long long", move="long long", part=double, frame=tuple, filling=tuple)
+    @cython.locals(number="long long", ticks="long long", move="long long", part=double, frame=tuple, filling=tuple, arrived=ArrivedFrame)
     cpdef tuple pop(self, long long frames=*)
     cpdef tuple play_overdue(self, long long ticks)
     cpdef tuple scale(self, tuple wave, double gain, double wanted, long long ticks)

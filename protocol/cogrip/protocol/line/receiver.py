@@ -12,6 +12,7 @@ from array import array
 from collections.abc import Sequence
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.line.arrived_frame import ArrivedFrame
 from cogrip.protocol.line.concealment import CONCEALMENTS, clamped
 from cogrip.protocol.line.energy_ledger import HISTORY, WaveLedger
 from cogrip.protocol.line.energy_sums import BOUND_FRACTION, NOTHING, CompensatedSum
@@ -27,14 +28,12 @@ MOST_FRAMES = 32  # of one datagram: the largest redundancy
 MOST_UNHEARD = 4
 """Frames in a row without a wave, after which an overdue one is not played: the line would jump to it past the cross-fade."""
 
-FrameMetadata = tuple[float, float, int]  # the sender's ledger up to a frame: made_j, port_j, acknowledged (SPEC 9)
-
 
 class LineReceiver:
     """Plays one direction's frames out. Call `receive` with any number of datagrams, then `pop` once a frame.
 
     newest    number of the newest frame received; -1 before the first
-    metadata  of the frame popped last, where a datagram ended with it
+    metadata  the frame popped last, where a datagram ended with it, so that its ledger is known
     played    the frame popped last had come in time
     gap       the wave popped last is a filling: its frame had not come, or the jitter buffer waits longer
     hold      ticks for which the wave popped last is to be played; a server plays every wave for one step
@@ -70,14 +69,13 @@ class LineReceiver:
 
         self._begun = False  # something has been popped
         self.newest, self._cursor = -1, 0  # the second: number of the frame that `pop` plays next, once it has begun
-        self._waiting: dict[int, Frame] = {}
+        self._waiting: dict[int, ArrivedFrame] = {}
         self._missing: set[int] = set()  # frames that had not arrived when they were due; they may still arrive late
         # newest frame of recent datagrams: a datagram with the same one is a duplicate
         self._recent = array("q", [-1]) * 256
         self._arrived = array("q", [-1]) * 64  # numbers of the newest frames that have arrived, at n modulo 64
-        self._metadata: dict[int, FrameMetadata] = {}
         self._anchor = -1  # newest frame of the first datagram: reference of `_is_near` until playing begins
-        self._late_wave: Frame | None = None  # the newest wave received, where it arrived too late to be played
+        self._late_wave: Frame | None = None  # the newest wave received, where it came too late to be played
         self._fresh = False  # a newer frame than any before has come since the last pop
         self._last = self._zero  # wave popped last
         self._concealing = False  # the wave popped last is played in place of a missing frame
@@ -88,7 +86,7 @@ class LineReceiver:
         self._unheard = 0  # frames in a row of which no wave was played
         self._compensated, self._spent = list(NOTHING), list(NOTHING)  # of the wave popped last
         self._played_j = CompensatedSum()
-        self.metadata: FrameMetadata | None = None
+        self.metadata: ArrivedFrame | None = None
         self.gap = self.played = False
 
     @property
@@ -121,7 +119,7 @@ class LineReceiver:
         return concealment.yielding_gain + (1.0 - concealment.yielding_gain) * concealment.line_quality
 
     def receive(
-        self, first: int, waves: Frame, total: Frame, squares: Frame, metadata: FrameMetadata = (0.0, 0.0, 0),
+        self, first: int, waves: Frame, total: Frame, squares: Frame, metadata: tuple[float, float, int] = (0.0, 0.0, 0),
         early: int = 0, phase: int = 0,
     ) -> bool:  # fmt: skip
         """Take in what a datagram says of this line: see `take_in`."""
@@ -148,26 +146,28 @@ class LineReceiver:
         if newest > self.newest:
             self.newest, self._fresh, self._early, self._phase = newest, True, early, phase
             self._late_wave = datagram.frame(count - 1) if newest < self._cursor else None
-        self._store(datagram, count, early)
+        stored = self._store(datagram, count, early)
         if newest >= self._cursor:
-            self._metadata[newest] = datagram.made_j, datagram.port_j, datagram.acknowledged
+            last = self._waiting[newest] if stored is None else stored
+            last.set_ledger(datagram)
         self.ledger.add_totals(datagram, self._cursor if self._begun else -1)
         return True
 
-    def _store(self, datagram: ReceivedWaves, count: int, early: int) -> None:
-        """Keep those of `count` frames that had not arrived before."""
+    def _store(self, datagram: ReceivedWaves, count: int, early: int) -> ArrivedFrame | None:
+        """Keep those of `count` frames that had not arrived before. Return the newest frame, where it is kept."""
         first, phase, cursor = datagram.first, datagram.phase, self._cursor
         newest, oldest = first + count - 1, cursor - HISTORY
         waiting, missing, arrived = self._waiting, self._missing, self._arrived
         adapts = self._jitter_buffer.adapts and self._begun
         for place in range(count):
-            number = first + place
+            number, stored = first + place, None
             if number >= oldest and arrived[number & 63] == number:
                 continue  # as nearly all that a datagram repeats
             if number >= cursor:
-                if number in waiting:
+                frame = ArrivedFrame(datagram.frame(place))
+                if waiting.setdefault(number, frame) is not frame:
                     continue
-                waiting[number] = datagram.frame(place)
+                stored = frame
             elif number in missing:
                 missing.discard(number)
                 self._late += 1
@@ -181,6 +181,7 @@ class LineReceiver:
             arrived[number & 63] = number
             if adapts:
                 self._jitter_buffer.arrived(number - cursor, early, phase)
+        return stored
 
     def _is_near(self, newest: int) -> bool:
         """Return whether a datagram that ends with this frame can be of this line. This bounds the memory of a line."""
@@ -199,7 +200,6 @@ class LineReceiver:
         for number in range(max(0, cursor - HISTORY), cursor):
             self._drop_or_miss(number)
         self._waiting = {number: frame for number, frame in self._waiting.items() if number >= cursor}
-        self._metadata = {number: each for number, each in self._metadata.items() if number >= cursor}
         self.ledger.begin(cursor)
         return cursor
 
@@ -220,8 +220,10 @@ class LineReceiver:
             for _ in range(frames - 1):
                 number = self._pass_over(number)
         ticks = self._ticks
-        frame = self._waiting.get(number)
-        move = self._jitter_buffer.decide(self.newest - number, frame is not None, self._fresh)
+        arrived = self._waiting.pop(number, None)
+        move = self._jitter_buffer.decide(self.newest - number, arrived is not None, self._fresh)
+        if arrived is not None and not -ticks < move <= 0:
+            self._waiting[number] = arrived  # it is not played now
         late, self._late_wave, self._fresh = self._late_wave, None, False
         self.gap = move > 0
         if self.gap:
@@ -232,10 +234,12 @@ class LineReceiver:
             return self._play(filling, move / ticks)
         if move == -ticks:
             number, move = self._pass_over(number), 0
-            frame = self._waiting.get(number)
+            arrived = self._waiting.pop(number, None)
         self.hold, part = ticks + move, 1.0 + move / ticks
-        if frame is not None:
-            del self._waiting[number]
+        if arrived is not None:
+            frame = arrived.wave
+            if arrived.has_ledger:
+                self.metadata = arrived
             self.played = True
             self._applied += 1
             self._gap_length = self._unheard = 0
@@ -250,9 +254,7 @@ class LineReceiver:
         if move:
             self.ledger.disturbed = True
             self._add_deficit(frame, 1.0 - part)
-        played = self._play(frame, part)
-        self.metadata = self._metadata.pop(number, None)
-        return played
+        return self._play(frame, part)
 
     def play_overdue(self, ticks: int) -> Frame:
         """Return the overdue frame, to be played in place of its filling for the `ticks` that are left of its time.
@@ -298,7 +300,6 @@ class LineReceiver:
         """Play nothing for frame `number`, which is late if it has come; return the next number."""
         if number >= 0:
             self._drop_or_miss(number)
-        self._metadata.pop(number, None)
         self._advance(number, self._zero)
         return number + 1
 
