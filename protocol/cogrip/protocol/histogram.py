@@ -11,6 +11,8 @@ from collections.abc import Iterable
 from itertools import accumulate
 from typing import NamedTuple
 
+from cogrip.protocol.bit_length import bit_length
+
 _SUB_BITS = 4
 _SUB_BINS = 1 << _SUB_BITS  # bins an octave
 _KEPT_BITS = _SUB_BITS + 1  # the leading one and the bits that pick the bin
@@ -48,7 +50,7 @@ class DurationHistogram:
         self.max_ns = self.total_ns = 0
 
     def add(self, value_ns: int) -> None:
-        """Count one duration. Negative ones (a clock read a little early) count as 0."""
+        """Count one duration, below 2**63. Negative ones (a clock read a little early) count as 0."""
         if value_ns > self.max_ns:
             if value_ns > _LARGEST_NS:
                 value_ns = _LARGEST_NS
@@ -56,7 +58,7 @@ class DurationHistogram:
         elif value_ns < 0:
             value_ns = 0
         self.total_ns += value_ns
-        shift = value_ns.bit_length() - 5  # _KEPT_BITS, written out: a global costs a tenth of the call
+        shift = bit_length(value_ns) - 5  # _KEPT_BITS, written out: a global costs a tenth of the call
         if shift > 0:
             self._counts[(shift << 4) + (value_ns >> shift)] += 1
         else:

@@ -153,7 +153,8 @@ class Room:
     def limited(self, number: int) -> dict[str, int]:
         """Return how often a seat was limited so far, by reason."""
         seat = self.seats[number]
-        return dict(Counter(seat.limited) + Counter(seat.port.limited if seat.port else {}))
+        now = seat.port.limited if seat.port else {}
+        return dict(Counter(seat.limited) + Counter(now) if seat.limited else now)
 
     def free(self, number: int, now_ns: int) -> bool:
         """Return whether a newcomer may have this seat."""
@@ -165,8 +166,7 @@ class Room:
 
     def checkpoint(self) -> RoomCheckpoint:
         """Return the state from which a restarted server continues."""
-        seats = tuple([seat.checkpoint() for seat in self.seats])
-        here = tuple(self.world.position.tolist())
+        here, seats = self.world_step.motion()[: self._axes], tuple([seat.checkpoint() for seat in self.seats])
         placed, progress = self.world.coordinates(), self.world.progress()
         return RoomCheckpoint(
             VERSION, self.name, self.digest, here, self.travel_m, self.steps, seats, *placed, progress
@@ -389,12 +389,12 @@ class Room:
 
     def account(self) -> RoomAccount:
         """Return the account of the object and of the loop."""
-        world = self.world
+        motion, axes = self.world_step.motion(), self._axes
         return RoomAccount(
-            position_m=tuple(world.position.tolist()),
-            velocity_mps=tuple(world.velocity.tolist()),
+            position_m=motion[:axes],
+            velocity_mps=motion[axes:],
             travel_m=self.travel_m,
             diverged=bool(self.diverged),
-            energy_balance_error_j=float(world.balance_error_j),
+            energy_balance_error_j=float(self.world.balance_error_j),
             ticks=self.ticks(),
         )

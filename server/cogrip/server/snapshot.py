@@ -138,7 +138,7 @@ class SnapshotMaker:
         self._least[name] = up_j, line_j
         diverged = room.diverged if room.world.left_workspace else ""  # it may have been put back
         return RoomSnapshot(
-            name, sum([seat.seated for seat in seats]), tuple(seats), tuple(room.world.position.tolist()), room.travel_m,
+            name, sum([seat.seated for seat in seats]), tuple(seats), room.world.motion()[: room.world.axes], room.travel_m,
             ticks.run, ticks.skipped, late, work, len(room.observer_slots.observers), up_j, line_j, diverged,
         )  # fmt: skip
 

@@ -56,7 +56,7 @@ cdef class LineReceiver:
 
     @cython.locals(
         axes=Py_ssize_t, first="long long", phase="long long", count=Py_ssize_t, newest="long long", slot=Py_ssize_t,
-        stored=ArrivedFrame, last=ArrivedFrame,
+        stored=ArrivedFrame,
     )
     cpdef bint take_in(self, ReceivedWaves datagram, long long early) except -1
     @cython.locals(

@@ -148,8 +148,7 @@ class LineReceiver:
             self._late_wave = datagram.frame(count - 1) if newest < self._cursor else None
         stored = self._store(datagram, count, early)
         if newest >= self._cursor:
-            last = self._waiting[newest] if stored is None else stored
-            last.set_ledger(datagram)
+            (self._waiting[newest] if stored is None else stored).set_ledger(datagram)
         self.ledger.add_totals(datagram, self._cursor if self._begun else -1)
         return True
 
@@ -159,6 +158,7 @@ class LineReceiver:
         newest, oldest = first + count - 1, cursor - HISTORY
         waiting, missing, arrived = self._waiting, self._missing, self._arrived
         adapts = self._jitter_buffer.adapts and self._begun
+        stored = None
         for place in range(count):
             number, stored = first + place, None
             if number >= oldest and arrived[number & 63] == number:

@@ -1,0 +1,1 @@
+cpdef int bit_length(long long number) noexcept
