@@ -1,6 +1,5 @@
 """`dev.py bench killed`: a worker of a server is killed with -9, again and again, while a person holds in each room."""
 
-import os
 import re
 import secrets
 import signal
@@ -21,6 +20,7 @@ from cogrip.cli.terminal.problem import Problem, within
 from tests.bench.losses import QUIET_S, WIDTH, Loss, Result, let_go, lose, result_of, stop, table_of
 from tests.free_ports import free_port
 from tests.live.held_arms import DEMO, Spoken
+from tests.live.raylets import kill
 from tests.live.test_unauthenticated_peers import PULL
 
 BACK_S = 1.0  # within which everybody is asked to have resumed
@@ -108,11 +108,11 @@ def _kill_workers(
         person.runs = runs
         person.hear(f"holds cube in room {name}")
 
-    def kill() -> None:
+    def kill_newest() -> None:
         newest = re.findall(r"worker \d+ \(process (\d+)\) serves", server.said)[-1]
-        os.kill(int(newest), signal.SIGKILL)
+        kill([int(newest)])
 
-    losses = [lose(f"kill -9, {number + 1}", kill, people, quiet_s, BACK_S) for number in range(rounds)]
+    losses = [lose(f"kill -9, {number + 1}", kill_newest, people, quiet_s, BACK_S) for number in range(rounds)]
     let_go(people)
     server.popen.send_signal(signal.SIGINT)
     server.end()

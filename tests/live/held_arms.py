@@ -60,7 +60,12 @@ sys.exit(main(sys.argv[1:]))
 
 
 class Spoken:
-    """A `cogrip` command that can be told something, and whose words are read as they come."""
+    """A `cogrip` command that can be told something, and whose words are read as they come.
+
+    runs: the folder of its recordings, set by whoever starts one that records
+    """
+
+    runs: Path
 
     def __init__(self, *arguments: str, stdin: int = subprocess.PIPE, code: str = "") -> None:
         self.popen = forked.start(

@@ -9,5 +9,5 @@ cdef class HandChanges:
     cdef long long _hz
     cdef long long _every
 
-    cpdef list due(self, long long session, long long step)
+    cpdef due(self, long long session, long long step)
     cpdef list untold(self, long long session)

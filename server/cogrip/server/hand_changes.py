@@ -1,6 +1,7 @@
 """Changes of a person's hand settings by the administrator, told to the client until it reports that it has taken them."""
 
 from collections import deque
+from collections.abc import Sequence
 
 from cogrip.protocol.hand_settings import HandChange, of_seat
 from cogrip.protocol.messages import SetHand
@@ -68,9 +69,9 @@ class HandChanges:
         """Return the message that acknowledges the newest report."""
         return SetHand(session, 0, self._reported)
 
-    def due(self, session: int, step: int) -> list[SetHand]:
+    def due(self, session: int, step: int) -> Sequence[SetHand]:
         """Return the changes to tell after a step."""
-        return self.untold(session) if self._told and step % self._every == 0 else []
+        return self.untold(session) if self._told and step % self._every == 0 else ()
 
     def untold(self, session: int) -> list[SetHand]:
         """Return the changes that the client has not answered."""

@@ -7,4 +7,4 @@ cdef class Markers:
     cdef long long _hz
     cdef dict _taken
 
-    cpdef list due(self, long long step)
+    cpdef due(self, long long step)

@@ -1,6 +1,7 @@
 """Markers of a room: short texts with the step they belong to, told to everybody in it."""
 
 from collections import Counter, deque
+from collections.abc import Sequence
 
 from msgspec.structs import replace
 
@@ -72,10 +73,10 @@ class Markers:
         told = [mark for mark in self._told if mark.seat is not None or mark.text != EVERYBODY]
         self._told = deque([replace(mark, theirs=0) if mark.seat == seat else mark for mark in told])
 
-    def due(self, step: int) -> list[Mark]:
+    def due(self, step: int) -> Sequence[Mark]:
         """Return what is to be told after this step."""
         if not self._told:
-            return []
+            return ()
         while self._told and step - self._told[0].step > self._steps:
             self._told.popleft()
         return [mark for mark in self._told if (step - mark.step) % self._every == 0 or step == mark.step + 1]

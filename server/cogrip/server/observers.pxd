@@ -11,4 +11,4 @@ cdef class ObserverSlots:
     cdef object _bodies
 
     @cython.locals(each=Observer)
-    cpdef list silent(self, long long now_ns)
+    cpdef silent(self, long long now_ns)

@@ -50,10 +50,10 @@ class ObserverSlots:
         """Free a slot."""
         del self.observers[number]
 
-    def silent(self, now_ns: int) -> list[Observer]:
+    def silent(self, now_ns: int) -> Sequence[Observer]:
         """Return the observers that have sent nothing for LOST_NS."""
         if not self.observers:
-            return []
+            return ()
         return [each for each in self.observers.values() if now_ns - each.last_received_ns > LOST_NS]
 
     def views(self, step: int, world: World, seats: Sequence[Seat], now_ns: int) -> list[tuple[Address, bytes]]:

@@ -52,4 +52,4 @@ cdef class Room:
     cdef bint _has_effects(self, Seat seat) except -1
     cdef _give_handle(self, number, EdgeReceiver handle)
     @cython.locals(seat=Seat)
-    cpdef list silent(self, long long now_ns)
+    cpdef tuple silent(self, long long now_ns)

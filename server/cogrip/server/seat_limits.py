@@ -13,6 +13,7 @@ A wave that is limited keeps its direction and loses energy, so everything stays
 from collections import Counter
 from collections.abc import Sequence
 from math import inf, sqrt
+from sys import float_info
 
 import msgspec
 
@@ -23,6 +24,7 @@ from cogrip.protocol.waves import wave_of
 
 BURST_S = 0.25  # of the power a seat may bring in at once
 
+LARGEST = float_info.max  # a bound above it is none: inf, which compiled code compares as an object
 MOST_S = 2.0  # between two states, in which a hand may have moved
 FASTER = 1.01  # by which a sender's clock may be faster than ours
 Row = tuple[float, ...]
@@ -181,7 +183,7 @@ class WaveLimiter(PowerBucket):
         for value in wave:
             square += value * value
         allowed, name = self._largest_square, "wave clipped"
-        if self._level_j < inf:
+        if self._level_j <= LARGEST:
             powered = self._returned + max(0.0, self._level_j) / self._half_frame_s
             if powered < allowed:
                 allowed, name = powered, "power limited"
@@ -198,7 +200,7 @@ class WaveLimiter(PowerBucket):
         square = 0.0
         for value in returned:
             square += value * value
-        if self._level_j < inf:
+        if self._level_j <= LARGEST:
             level = self._level_j + self._refill_j - (self._brought - square) * self._half_frame_s
             self._level_j = min(self._burst_j, level)
         self._returned = square

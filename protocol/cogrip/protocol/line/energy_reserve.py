@@ -4,7 +4,7 @@ An energy margin is the least balance of a run. It is at most 0, as the balance 
 the first second is reported as well: the energy reserve (SPEC.md 9).
 """
 
-from math import inf, isfinite
+from math import inf, isfinite, isnan, nan
 
 FIRST_S = 1.0
 
@@ -12,15 +12,14 @@ FIRST_S = 1.0
 class EnergyReserve:
     """Newest and least balance. Call `elapse` once a frame, `update` whenever the balance is known.
 
-    now_j    newest balance [J], None before the first
     least_j  least balance after the first second [J]: -inf until then, inf until the next `update`
     """
 
-    __slots__ = ("_left", "least_j", "now_j")
+    __slots__ = ("_left", "_now_j", "least_j")
 
     def __init__(self, network_hz: int) -> None:
         self._left = round(FIRST_S * network_hz)  # frames of the first second to come
-        self.now_j: float | None = None
+        self._now_j = nan  # before the first
         self.least_j = -inf
 
     def elapse(self, frames: int = 1) -> None:
@@ -32,9 +31,14 @@ class EnergyReserve:
 
     def update(self, balance_j: float) -> None:
         """Enter the balance of now [J]."""
-        self.now_j = balance_j
+        self._now_j = balance_j
         if balance_j < self.least_j:
             self.least_j = balance_j
+
+    @property
+    def now_j(self) -> float | None:
+        """Newest balance [J], None before the first."""
+        return None if isnan(self._now_j) else self._now_j
 
     @property
     def reported_j(self) -> float | None:

@@ -28,6 +28,7 @@ cdef class GripStep(WorldStep):
     cdef double[18] _waves
     cdef double[18] _mids
     cdef double[18] _taken
+    cdef double[18] _sent
     cdef public bint settled
     cdef public bint growing
     cdef public bint saving
@@ -41,7 +42,7 @@ cdef class GripStep(WorldStep):
         K="double*", B="double*", b="double*", c="double*", drive="double*", gains="double*", betas="double*",
         place="double*", speed="double*", stretch="double*", waves="double*", mids="double*", inertia=double,
         weight=double, row=tuple, gained=double, lost=double, supplied=double, was=double, external=double, pull=double,
-        mid=double, now=double, came=double, answers=list, answer=list, squares=double, relatives=double,
+        mid=double, now=double, came=double, answers=list, sent="double*", squares=double, relatives=double,
         springs=double, stiffness=double, impedance=double, factor=double, wave=double, f=double, back=double,
         relative=double, work=double, before=double, total=double, taken=double, error=double,
     )
@@ -51,7 +52,7 @@ cdef class GripStep(WorldStep):
     @cython.locals(axis=Py_ssize_t)
     cdef bint _within(self, double most_m)
     cpdef moved(self)
-    @cython.locals(axis=Py_ssize_t, place="double*", speed="double*", found=list, motion=tuple)
+    @cython.locals(axis=Py_ssize_t, axes=Py_ssize_t, place="double*", speed="double*", motion=tuple)
     cpdef tuple motion(self)
     @cython.locals(user=Py_ssize_t, work="double*")
     cpdef port_work_j(self)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from cogrip.protocol.effects import Effect
+from cogrip.protocol.setting_types import PLACES
 from cogrip.server.worlds.world_step import REACH_M, WORKSPACE_M, Row, WorldStep
 
 MOST = 18  # people times axes
@@ -45,7 +46,8 @@ class GripStep(WorldStep):
         )  # of each person, see `settle`
         self._beta_sum = 0.0
         self.work, self.excess, self.paid = list(NOTHING), list(NOTHING), list(NOTHING)
-        self._waves, self._mids, self._taken = list(NOTHING), list(NOTHING), list(NOTHING)  # of a step
+        # of a step
+        self._waves, self._mids, self._taken, self._sent = list(NOTHING), list(NOTHING), list(NOTHING), list(NOTHING)
         self.settled = False
         self.error_j = 0.0
 
@@ -85,7 +87,14 @@ class GripStep(WorldStep):
         self._motion = None
         users, axes, period, mass = self.users, self.axes, self._frame_s, self._mass_kg
         K, B, b, c, drive, gains, betas = self.K, self.B, self.b, self.c, self._drive, self._gain, self._beta
-        place, speed, stretch, waves, mids = self.place, self.speed, self.stretch, self._waves, self._mids
+        place, speed, stretch, waves, mids, sent = (
+            self.place,
+            self.speed,
+            self.stretch,
+            self._waves,
+            self._mids,
+            self._sent,
+        )
         inertia = 2.0 * mass / period
         weight = inertia + self._damping + self._beta_sum
         for user in range(users):
@@ -108,18 +117,17 @@ class GripStep(WorldStep):
             lost += self._damping * mid * mid
             supplied += external * mid
         came = 0.0
-        answers = []
+        answers: list[Row] = []
         for user in range(users):
             squares = relatives = springs = 0.0
             stiffness, impedance, factor = K[user], b[user], c[user]
-            answer = []
             for axis in range(axes):
                 at, mid = user * axes + axis, mids[axis]
                 wave, was = waves[at], stretch[at]
                 f = (stiffness * was + drive[user] * wave) * gains[user] - betas[user] * mid
                 self.force[at] = f
                 back = wave - factor * f  # `server_wave` and `proxy_velocity` inline: a call costs 6 % of the step
-                answer.append(back)
+                sent[axis] = back
                 relative = factor * wave - f / impedance - mid
                 now = was + period * relative
                 stretch[at] = now
@@ -137,7 +145,10 @@ class GripStep(WorldStep):
             taken = B[user] * relatives
             lost += taken
             self._taken[user] = taken
-            answers.append(tuple(answer))
+            if axes == PLACES:  # as below, without a list
+                answers.append((sent[0], sent[1], sent[2]))
+            else:
+                answers.append(tuple([sent[axis] for axis in range(axes)]))
         error = abs(came + period * supplied - 0.5 * gained - period * lost)
         if error > self.error_j:
             self.error_j = error
@@ -191,12 +202,12 @@ class GripStep(WorldStep):
         """Return position [m], then velocity [m/s]."""
         if self._motion is not None:
             return self._motion
-        place, speed, found = self.place, self.speed, []
-        for axis in range(self.axes):
-            found.append(place[axis])  # noqa: PERF401 - compiled, loops in plain C, and one list
-        for axis in range(self.axes):
-            found.append(speed[axis])  # noqa: PERF401
-        self._motion = motion = tuple(found)
+        place, speed, axes = self.place, self.speed, self.axes
+        if axes == PLACES:  # as below, without lists
+            motion: Row = place[0], place[1], place[2], speed[0], speed[1], speed[2]
+        else:
+            motion = *[place[axis] for axis in range(axes)], *[speed[axis] for axis in range(axes)]
+        self._motion = motion
         return motion
 
     def port_work_j(self) -> list[float]:
