@@ -76,3 +76,19 @@ def test_the_kernel_stamps_every_datagram_of_a_real_socket_in_order() -> None:
         assert 0 < times[-1] < far_ns, "stamped, each of them"
         with pytest.raises(BlockingIOError):
             arrivals.receive(100, far_ns)
+        assert arrivals.poll(100, far_ns) is None
+        sender.sendto(b"one more", receiver.getsockname())
+        found = arrivals.poll(100, far_ns)
+        assert found is not None
+        assert found[:2] == (b"one more", sender.getsockname())
+        assert times[-1] <= found[2] < far_ns
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_socket_with_nothing_is_not_asked_for_a_datagram(
+    stamped: tuple[Arrivals, SimpleNamespace], monkeypatch: pytest.MonkeyPatch, there: bool
+) -> None:
+    arrivals, _ = stamped
+    monkeypatch.setattr(system, "arrival_check", lambda receiver: lambda: there)
+    monkeypatch.setattr(arrivals, "receive", lambda most_bytes, now_ns: (b"asked", None, now_ns))
+    assert arrivals.poll(100, 7) == ((b"asked", None, 7) if there else None)

@@ -75,6 +75,7 @@ def test_datagrams_come_whole_and_in_order_with_their_sender(
     assert begun_ns - 50_000_000 <= stamps[0] <= time.monotonic_ns()
     with pytest.raises(BlockingIOError):
         ends.receive(1233, time.monotonic_ns())
+    assert not few_peers or ends.poll(1233, time.monotonic_ns()) is None
     other.sendto(bytes(1300), own.getsockname())
     ((longest, _, _),) = received(ends, 1)
     assert len(longest) == 1233, "as much as was asked for"

@@ -1,10 +1,21 @@
-"""`bit_length.py`, compiled: no object, no call of a method."""
+"""`bit_length.py`, compiled: an instruction of the processor, no object and no call of a method."""
+
+cdef extern from *:
+    """
+    #if defined(_MSC_VER)
+    #include <intrin.h>
+    static int length_of(unsigned long long number) {
+        unsigned long highest;
+        return _BitScanReverse64(&highest, number) ? (int)highest + 1 : 0;
+    }
+    #else
+    static int length_of(unsigned long long number) {
+        return number ? 64 - __builtin_clzll(number) : 0;
+    }
+    #endif
+    """
+    int length_of(unsigned long long) nogil
 
 
 cpdef int bit_length(long long number) noexcept:
-    cdef int length = 0, step
-    for step in (32, 16, 8, 4, 2, 1):
-        if number >> step:
-            number >>= step
-            length += step
-    return length + (number > 0)
+    return length_of(number)

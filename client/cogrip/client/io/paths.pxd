@@ -6,7 +6,6 @@ from cogrip.client.path_migration cimport PathMigration
 cdef class NetworkPath:
     cdef public object server
     cdef public object socket
-    cdef public object arrived
     cdef public object arrivals
     cdef public object channel
     cdef public bint refused

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from cogrip.client.inputs import Connect, Poll
 from cogrip.client.path_migration import PathMigration
 from cogrip.protocol.channel import PEER, Channel, place_text
-from cogrip.protocol.io.arrivals import Arrivals
+from cogrip.protocol.io.datagrams import open_arrivals
 from cogrip.protocol.io.platform import system, time
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.join_link import LinkError, split_place
@@ -87,7 +87,6 @@ def session_change(session: ClientSession, before: str, after: str) -> str:
 class NetworkPath:
     """One socket and its channel.
 
-    arrived  tells whether a datagram may be there
     refused  nobody listens at the other end
     met      a handshake was made, or none is needed
     """
@@ -96,21 +95,15 @@ class NetworkPath:
         self.server = server
         self.socket = socket.socket(server.family, socket.SOCK_DGRAM)
         self.socket.setblocking(False)
-        self.arrived = system.arrival_check(self.socket)
-        self.arrivals = Arrivals(self.socket)
+        self.arrivals = open_arrivals(self.socket)
         self.channel = channel
         self.refused = False
         self.met = self.ready
 
     def receive(self, now_ns: int) -> tuple[bytes, int] | None:
-        """Return a datagram, and when it came as `Arrivals.receive` says; None where there is none. Raises OSError."""
-        if not self.arrived():
-            return None
-        try:
-            datagram, _, arrived_ns = self.arrivals.receive(MAX_DATAGRAM_BYTES + 1, now_ns)
-        except BlockingIOError:
-            return None
-        return datagram, arrived_ns
+        """Return a datagram, and when it came as `Arrivals.poll` says; None where there is none. Raises OSError."""
+        found = self.arrivals.poll(MAX_DATAGRAM_BYTES + 1, now_ns)
+        return None if found is None else (found[0], found[2])
 
     @property
     def ready(self) -> bool:

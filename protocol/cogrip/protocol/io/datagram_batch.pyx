@@ -135,6 +135,13 @@ cdef class BatchArrivals:
 
     cpdef tuple receive(self, Py_ssize_t most_bytes, long long now_ns):
         """Return a datagram, its sender, and when it came. Raises BlockingIOError where there is none, OSError."""
+        found = self.poll(most_bytes, now_ns)
+        if found is None:
+            raise BlockingIOError
+        return found
+
+    cpdef tuple poll(self, Py_ssize_t most_bytes, long long now_ns):
+        """Return what `receive` does, None where there is nothing."""
         cdef Py_ssize_t size
         while True:
             self._in.msg_namelen = NAME
@@ -143,7 +150,7 @@ cdef class BatchArrivals:
             if size >= 0 or errno != EINTR:
                 break
         if size < 0 and errno == EAGAIN:
-            raise BlockingIOError
+            return None
         if size < 0:
             raise OSError(errno, os.strerror(errno))
         cdef bytes name = PyBytes_FromStringAndSize(<char *>self._name, self._in.msg_namelen)
