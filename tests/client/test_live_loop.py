@@ -13,6 +13,7 @@ from cogrip.client.loop import Ended, LiveClient, fade_out
 from cogrip.client.safety import FAULT_OUT_S
 from cogrip.devices.device import DeviceError, Sample
 from cogrip.protocol import messages
+from cogrip.protocol.io import pacing
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import LinkProfile
@@ -106,7 +107,7 @@ class Server:
 def clock(monkeypatch: pytest.MonkeyPatch) -> VirtualTime:
     found = VirtualTime()
     monkeypatch.setattr(loop, "time", found)
-    monkeypatch.setattr(loop, "Pacer", found.pacer)
+    monkeypatch.setattr(pacing, "Pacer", found.pacer)
     monkeypatch.setattr(loop, "engage", lambda names: [])
     return found
 

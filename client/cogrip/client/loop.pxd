@@ -2,10 +2,14 @@ cimport cython
 
 from cogrip.client.io.exchange cimport Exchange
 from cogrip.client.recorder cimport RecordedClient
+from cogrip.client.safety cimport Safety
 from cogrip.client.supervised_device cimport SupervisedDevice
+from cogrip.protocol.io.pacing cimport Pacer
+from cogrip.protocol.session cimport ClientSession
 
 
-@cython.locals(now_ns="long long")
-cpdef long long run_tick(
-    long long tick, RecordedClient core, Exchange exchange, SupervisedDevice supervised, pacer, long long work_us,
-) except? -1
+@cython.locals(session=ClientSession, safety=Safety, tick="long long", now_ns="long long", end_ns="long long")
+cpdef tuple run_ticks(
+    RecordedClient core, Exchange exchange, SupervisedDevice supervised, Pacer pacer, long long work_us, long long until,
+    str session_state, str safety_state,
+)

@@ -23,7 +23,7 @@ from cogrip.devices.for_user import first_axes
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.hand_settings import parsed, unfit
-from cogrip.protocol.io.pacing import Pacer
+from cogrip.protocol.io import pacing
 from cogrip.protocol.io.platform import system, time
 from cogrip.protocol.io.realtime import NAMES, Measure, engage, release
 from cogrip.protocol.io.recorder import Recorder, open_recorder
@@ -37,6 +37,7 @@ from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.texts import clipped_mark, shown
 
 CHORES_S = 0.004  # from one look at paths, orders and the session's end to the next
+NEVER = 2**62  # tick
 TYPED_TICKS = 64  # from one look at the terminal, or at what to say there, to the next
 LEAD_NS = 2_000_000  # from the welcome to the first tick
 NO_TICKS = TickCount()
@@ -126,7 +127,7 @@ class LiveClient:
             self.say(f"{seat.user} holds {seat.object.kind} in room {seat.room} with {self.hello.device}")
             if self.clutched:
                 core.handle(inputs.Clutch(True), time.monotonic_ns())
-            pacer = Pacer(seat.rates.device_hz, time.monotonic_ns() + LEAD_NS)
+            pacer = pacing.Pacer(seat.rates.device_hz, time.monotonic_ns() + LEAD_NS)
             try:
                 failed = self._loop(pacer, supervised)
             except BaseException:  # a defect, wherever it is: the hand may be pushed by the last force
@@ -186,22 +187,24 @@ class LiveClient:
         self._core.handle(inputs.KeepSeat(), now_ns)
         self._exchange.send(now_ns)
 
-    def _loop(self, pacer: Pacer, supervised: SupervisedDevice) -> str:
+    def _loop(self, pacer: pacing.Pacer, supervised: SupervisedDevice) -> str:
         """Tick until the session ends and the hand is released. Returns why it failed, "" if it did not."""
         core, safety, session, exchange = self._core, self._core.safety, self._core.session, self._exchange
-        clock = time.monotonic_ns
         last_tick = None if self.seconds is None else round(self.seconds * pacer.rate_hz)
         waiting = WaitingHand(self.waits, pacer.rate_hz, self.say)
         safety_state, session_state = safety.state, session.state
         failed: str | None = None  # once the session is being ended: why it failed, "" if it did not
         seat = core.seat
         assert seat is not None
-        ticks_per_frame, work_us, frame = seat.rates.ticks_per_frame, 0, -1
+        ticks_per_frame, work_us = seat.rates.ticks_per_frame, 0
         chore_ticks = max(1, round(CHORES_S * pacer.rate_hz))
         next_chores = next_look = 0
+        next_frame = NEVER if self.each_frame is None else 0
         while True:
-            tick = pacer.wait()
-            now_ns = run_tick(tick, core, exchange, supervised, pacer, work_us)
+            over_at = NEVER if last_tick is None else last_tick + waiting.ticks
+            chores_at = 0 if failed is not None or self._unkept is not None else min(next_chores, over_at)
+            until = min(chores_at, next_frame)
+            tick, now_ns = run_ticks(core, exchange, supervised, pacer, work_us, until, session_state, safety_state)
             if session.state != session_state:
                 if text := session_change(session, session_state, session.state):
                     self.say(text)
@@ -209,8 +212,7 @@ class LiveClient:
             if safety.state != safety_state:
                 self._report_safety(safety_state, safety.state)
                 safety_state = safety.state
-            over = last_tick is not None and tick >= last_tick + waiting.ticks
-            if tick >= next_chores or over or failed is not None or self._unkept is not None:
+            if tick >= chores_at:
                 next_chores, looks = tick + chore_ticks, tick >= next_look
                 self._poll_paths(now_ns)
                 waiting.poll(tick, core.markers.everybody)
@@ -219,14 +221,14 @@ class LiveClient:
                     self._tell_changes()
                 if failed is None:
                     self._obey(looks, now_ns, supervised)
-                    failed = self._end(over, now_ns)
+                    failed = self._end(tick >= over_at, now_ns)
                 elif core.may_leave:
                     return failed
-            if self.each_frame is not None and tick // ticks_per_frame != frame:
-                frame = tick // ticks_per_frame
-                self.each_frame(core, frame)
-            work_us = (clock() - now_ns) // 1000
+            if self.each_frame is not None and tick >= next_frame:
+                self.each_frame(core, tick // ticks_per_frame)
+                next_frame = (tick // ticks_per_frame + 1) * ticks_per_frame
             pacer.done()
+            work_us = (time.monotonic_ns() - now_ns) // 1000
 
     def _end(self, over: bool, now_ns: int) -> str | None:
         """Begin to end the session, where that is due. Returns why it failed, "" if it did not; None where it goes on."""
@@ -366,20 +368,28 @@ class LiveClient:
         return account
 
 
-def run_tick(
-    tick: int, core: RecordedClient, exchange: Exchange, supervised: SupervisedDevice, pacer: Pacer, work_us: int
-) -> int:
-    """Sense, exchange messages, and act. Returns when the tick began [ns]. work_us: of the tick before."""
-    now_ns = time.monotonic_ns()
-    core.sense(tick, supervised.read(tick), now_ns)
-    exchange.send(now_ns)
-    exchange.drain(time.monotonic_ns())  # what came since the tick began was sent by a server that had it so long
-    core.timing = (pacer.late_ns // 1000, work_us, pacer.skipped)
-    supervised.write(core.act(now_ns))
-    return now_ns
+def run_ticks(
+    core: RecordedClient, exchange: Exchange, supervised: SupervisedDevice, pacer: pacing.Pacer, work_us: int, until: int,
+    session_state: str, safety_state: str,
+) -> tuple[int, int]:  # fmt: skip
+    """Run ticks to `until`, or one that changes a state: return it, not done, and its begin [ns]. work_us: of one before."""
+    session, safety, clock = core.session, core.safety, time.monotonic_ns
+    while True:
+        tick = pacer.wait()
+        now_ns = pacer.started_ns
+        core.sense(tick, supervised.read(tick), now_ns)
+        exchange.send(now_ns)
+        exchange.drain(clock())  # what came since the tick began was sent by a server that had it so long
+        core.timing = (pacer.late_ns // 1000, work_us, pacer.skipped)
+        supervised.write(core.act(now_ns))
+        if tick >= until or session.state != session_state or safety.state != safety_state:
+            return tick, now_ns
+        end_ns = clock()
+        work_us = (end_ns - now_ns) // 1000
+        pacer.done_at(end_ns, 0)
 
 
-def fade_out(device: Device, force_n: Sequence[float], pacer: Pacer) -> None:
+def fade_out(device: Device, force_n: Sequence[float], pacer: pacing.Pacer) -> None:
     """Fade `force_n` [N], shape (axes,), out over FAULT_OUT_S, past all other parts. Raises nothing; `close` does the rest."""
     ticks = max(1, round(FAULT_OUT_S * pacer.rate_hz))
     with suppress(Exception):  # there is one on its way already

@@ -16,7 +16,8 @@ cdef class Pacer:
     cdef object _sleep
     cdef long long _next
     cdef public long long next_due_ns
-    cdef object _started_ns
+    cdef public long long started_ns
+    cdef bint _busy
 
     @cython.locals(seconds="long long", rest="long long")
     cpdef long long due_ns(self, long long tick) except? -1

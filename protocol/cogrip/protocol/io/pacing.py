@@ -22,12 +22,12 @@ class Pacer:
     """Deadlines of one loop or room at rate_hz, counted from t0_ns on `clock` (ns); `sleep` takes seconds.
 
     Either call `wait()`, or, with several pacers in one thread, sleep to the smallest `next_due_ns` (of the next tick) and
-    `take(now)`.
+    `take(now)`. started_ns: when the newest tick began.
     """
 
     __slots__ = (
-        "_clock", "_next", "_sleep", "_started_ns", "late_ns", "lateness", "next_due_ns", "rate_hz", "run", "skipped",
-        "spin_ns", "t0_ns", "work",
+        "_busy", "_clock", "_next", "_sleep", "late_ns", "lateness", "next_due_ns", "rate_hz", "run", "skipped", "spin_ns",
+        "started_ns", "t0_ns", "work",
     )  # fmt: skip
 
     def __init__(
@@ -45,7 +45,7 @@ class Pacer:
         self.lateness, self.work = DurationHistogram(), DurationHistogram()
         self._clock, self._sleep, self._next = clock, sleep, first
         self.next_due_ns = self.due_ns(first)
-        self._started_ns: int | None = None
+        self.started_ns, self._busy = 0, False
 
     def due_ns(self, tick: int) -> int:
         """Return the due time of a tick, in ns of the clock."""
@@ -79,7 +79,7 @@ class Pacer:
         self.run += 1
         self._next = tick + 1
         self.next_due_ns = following_ns
-        self._started_ns = now_ns
+        self.started_ns, self._busy = now_ns, True
         return tick
 
     def pass_by(self, now_ns: int) -> int:
@@ -113,9 +113,9 @@ class Pacer:
 
     def done_at(self, now_ns: int, early_ns: int) -> None:
         """Do what `done` does, now being known."""
-        if self._started_ns is not None:
-            self.work.add(now_ns - self._started_ns + early_ns)
-            self._started_ns = None
+        if self._busy:
+            self.work.add(now_ns - self.started_ns + early_ns)
+            self._busy = False
 
     def count(self) -> TickCount:
         """Return the account of the ticks so far, in us."""
