@@ -7,6 +7,7 @@ cdef class OpenPath:
     cdef public object address
     cdef public object socket
     cdef public object arrivals
+    cdef public object sender
     cdef public DtlsSession session
     cdef public long long seated_ns
 
@@ -25,6 +26,7 @@ cdef class WorkerPort:
     cdef int _front
     cdef object _readable
     cdef list _waiting
+    cdef bint _asked
     cdef object _overran
     cdef object _batched
 

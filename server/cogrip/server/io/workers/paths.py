@@ -32,13 +32,17 @@ from cogrip.server.io.workers.verdicts import FrontVerdicts
 
 
 class OpenPath:
-    """One path. session: None without encryption. seated_ns: when its peer was last seen with a seat."""
+    """One path. session: None without encryption. seated_ns: when its peer was last seen with a seat.
 
-    __slots__ = ("address", "arrivals", "seated_ns", "session", "socket")
+    sender: the peer's address as it came with the last datagram
+    """
+
+    __slots__ = ("address", "arrivals", "seated_ns", "sender", "session", "socket")
 
     def __init__(self, address: PeerAddress, owned: socket.socket, keys: SessionKeys | None, now_ns: int) -> None:
         owned.setblocking(False)
         self.address, self.socket = address, owned
+        self.sender: Address = None
         self.arrivals = open_arrivals(owned)
         self.session = None if keys is None else DtlsSession(keys)
         self.seated_ns = now_ns
@@ -68,12 +72,15 @@ class WorkerPort:
         self._readable = Readable()
         self._readable.add(self._front)
         self._waiting: list[int] = []  # descriptors
+        self._asked = False  # the message before came with a verdict
         self._overran = 0
         self._batched = None if public is None else open_batched(public)
 
     def receive(self, most_bytes: int, now_ns: int) -> tuple[bytes, Address, int]:
         """Return one datagram of each path that has some, in turn, and what the front has sent."""
-        self._verdicts.newest = None  # it is of the message before, which nothing else may use it for
+        if self._asked:
+            self._asked = False
+            self._verdicts.newest = None  # it is of the message before, which nothing else may use it for
         if not self._waiting:
             self._waiting = self._readable.ready()
         while self._waiting:
@@ -89,9 +96,12 @@ class WorkerPort:
                 datagram, sender, self.arrived_ns = path.arrivals.receive(most_bytes, now_ns)
             except BlockingIOError:
                 continue
-            if sender == path.address or tuple(sender[:2]) == path.address[:2]:
-                return datagram, path.address, self.arrived_ns
-            self.dropped["of another peer"] += 1  # it came before the path was connected
+            if sender is not path.sender:
+                if sender != path.address and tuple(sender[:2]) != path.address[:2]:
+                    self.dropped["of another peer"] += 1  # it came before the path was connected
+                    continue
+                path.sender = sender
+            return datagram, path.address, self.arrived_ns
         raise BlockingIOError
 
     def send(self, datagram: bytes, address: Address) -> None:
@@ -133,7 +143,7 @@ class WorkerPort:
             given, descriptors = self._link.take_at_worker()
             if isinstance(given, Ask):
                 self._verdicts.newest = given.verdict
-                self.from_front = True
+                self.from_front = self._asked = True
                 return given.message, given.address, min(given.arrived_ns, now_ns)
             if isinstance(given, Stray):
                 return given.datagram, given.address, now_ns
