@@ -24,7 +24,7 @@ from cogrip.server.io.workers.channel import WorkerChannel
 from cogrip.server.io.workers.front import shares
 from cogrip.server.io.workers.link import MOST_BYTES, Ask, Asked, Forget, Link, LinkEndedError, Path, Say
 from cogrip.server.io.workers.orders import LinkOrders
-from cogrip.server.io.workers.paths import WorkerPort
+from cogrip.server.io.workers.paths import TRIED_EVERY_NS, WorkerPort
 from cogrip.server.io.workers.steering import open_path, open_public
 from cogrip.server.io.workers.verdicts import FrontVerdicts
 from cogrip.server.rate_limit import RateLimiter
@@ -116,6 +116,41 @@ def test_a_worker_drops_what_came_to_a_path_before_it_was_connected(peers: Peers
             came.append(worker.port.receive(100, time.monotonic_ns())[:2])
     assert came == [(b"a datagram", mine.getsockname())]
     assert worker.port.dropped == {"of another peer": 1}
+
+
+@pytest.mark.parametrize("gap_ns", [0, TRIED_EVERY_NS - 1, TRIED_EVERY_NS, 10 * TRIED_EVERY_NS])
+def test_a_worker_receives_from_each_path_in_turn_whether_it_was_busy_or_not(
+    peers: Peers, public: socket.socket, gap_ns: int
+) -> None:
+    worker = peers.enter_context(closing(Linked()))
+    paths = [peers.new() for _ in range(3)]
+    for peer in paths:
+        worker.hand_over(public, peer)
+    now_ns = TRIED_EVERY_NS
+
+    def received() -> list[tuple[bytes, object]]:
+        came = []
+        with suppress(BlockingIOError):
+            while True:
+                came.append(worker.port.receive(100, now_ns)[:2])
+        return came
+
+    assert received() == []
+    for round_ in range(4):
+        talks = paths[: 2 + round_ % 2]  # the third one in every other round
+        for number in range(3):
+            talks[0].sendto(b"a%d" % number, public.getsockname())
+        for peer in talks[1:]:
+            peer.sendto(b"b", public.getsockname())
+        came = received()
+        assert [data for data, who in came if who == talks[0].getsockname()] == [b"a0", b"a1", b"a2"]
+        before = came[: came.index((b"a2", talks[0].getsockname()))]
+        assert {who for _, who in before} == {peer.getsockname() for peer in talks}, (
+            "nobody's third before another's first"
+        )
+        assert len(came) == len(talks) + 2
+        now_ns += gap_ns
+    assert received() == []
 
 
 @pytest.mark.parametrize("by_front", [False, True])

@@ -26,9 +26,13 @@ cdef class WorkerPort:
     cdef int _front
     cdef object _readable
     cdef list _waiting
+    cdef dict _busy
+    cdef long long _tried_ns
+    cdef dict _addresses
     cdef bint _asked
     cdef object _overran
     cdef object _batched
 
-    @cython.locals(ready=int, path=OpenPath)
+    @cython.locals(ready=int, path=OpenPath, looked=bint)
     cpdef tuple receive(self, Py_ssize_t most_bytes, long long now_ns)
+    cdef bint _look(self, long long now_ns) except -1

@@ -30,6 +30,9 @@ from cogrip.server.io.workers.link import (
 from cogrip.server.io.workers.orders import LinkOrders
 from cogrip.server.io.workers.verdicts import FrontVerdicts
 
+TRIED_EVERY_NS = 4_000_000  # half a frame of 128 Hz: from one round without asking the kernel to the next
+MOST_ADDRESSES = 4096
+
 
 class OpenPath:
     """One path. session: None without encryption. seated_ns: when its peer was last seen with a seat.
@@ -72,6 +75,9 @@ class WorkerPort:
         self._readable = Readable()
         self._readable.add(self._front)
         self._waiting: list[int] = []  # descriptors
+        self._busy: dict[int, None] = {}  # those from which something has come since they were tried; when that was:
+        self._tried_ns = 0
+        self._addresses: dict[PeerAddress, PeerAddress] = {}  # as they were told first
         self._asked = False  # the message before came with a verdict
         self._overran = 0
         self._batched = None if public is None else open_batched(public)
@@ -81,9 +87,11 @@ class WorkerPort:
         if self._asked:
             self._asked = False
             self._verdicts.newest = None  # it is of the message before, which nothing else may use it for
-        if not self._waiting:
-            self._waiting = self._readable.ready()
-        while self._waiting:
+        looked = False
+        while self._waiting or not looked:
+            if not self._waiting:
+                looked = self._look(now_ns)
+                continue
             ready = self._waiting.pop()
             path = self._by_descriptor.get(ready)
             try:
@@ -101,8 +109,21 @@ class WorkerPort:
                     self.dropped["of another peer"] += 1  # it came before the path was connected
                     continue
                 path.sender = sender
+            self._busy[ready] = None
             return datagram, path.address, self.arrived_ns
         raise BlockingIOError
+
+    def _look(self, now_ns: int) -> bool:
+        """Set where to receive from, in turn. Return whether the kernel was asked: else it is where something came lately.
+
+        To ask costs as much as half a receive, and in most frames something has come from everybody.
+        """
+        if self._busy and now_ns - self._tried_ns >= TRIED_EVERY_NS:
+            self._waiting, self._tried_ns = list(self._busy), now_ns
+            self._busy.clear()
+            return False
+        self._waiting = self._readable.ready()
+        return True
 
     def send(self, datagram: bytes, address: Address) -> None:
         """Send a datagram by a path; one whose path has gone meanwhile is counted."""
@@ -144,17 +165,24 @@ class WorkerPort:
             if isinstance(given, Ask):
                 self._verdicts.newest = given.verdict
                 self.from_front = self._asked = True
-                return given.message, given.address, min(given.arrived_ns, now_ns)
+                return given.message, self._same(given.address), min(given.arrived_ns, now_ns)
             if isinstance(given, Stray):
                 return given.datagram, given.address, now_ns
             self._follow(given, descriptors, now_ns)
+
+    def _same(self, address: PeerAddress) -> PeerAddress:
+        """Return the equal address that was told first: what is the same object is found faster, several times a frame."""
+        if len(self._addresses) >= MOST_ADDRESSES:
+            self._addresses.clear()
+        return self._addresses.setdefault(address, address)
 
     def _follow(self, given: AnyToWorker, descriptors: Sequence[int], now_ns: int) -> None:
         match given:
             case Path() if descriptors:
                 self.drop(given.address)
-                path = OpenPath(given.address, socket.socket(fileno=descriptors[0]), given.keys, now_ns)
-                self.paths[given.address] = self._by_descriptor[path.socket.fileno()] = path
+                address = self._same(given.address)
+                path = OpenPath(address, socket.socket(fileno=descriptors[0]), given.keys, now_ns)
+                self.paths[address] = self._by_descriptor[path.socket.fileno()] = path
                 self._readable.add(path.socket.fileno())
             case Forget():
                 self.drop(given.address)
