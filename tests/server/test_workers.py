@@ -153,6 +153,32 @@ def test_a_worker_receives_from_each_path_in_turn_whether_it_was_busy_or_not(
     assert received() == []
 
 
+@pytest.mark.parametrize("at_once", [1, 3, 5, 6, 20])
+def test_the_front_and_a_quiet_peer_have_their_turn_where_drains_are_cut_short(
+    peers: Peers, public: socket.socket, at_once: int
+) -> None:
+    """Six busy peers, and so many datagrams taken a frame: a worker that cannot take all of them in still obeys."""
+    worker = peers.enter_context(closing(Linked()))
+    busy, quiet, now_ns = [peers.new() for _ in range(6)], peers.new(), 0
+    for peer in [*busy, quiet]:
+        worker.hand_over(public, peer)
+    with suppress(BlockingIOError):
+        while True:
+            worker.port.receive(100, now_ns)
+    came: list[bytes] = []
+    for frame in range(60):
+        now_ns += 2 * TRIED_EVERY_NS
+        for peer in busy:
+            peer.sendto(b"busy", public.getsockname())
+        if frame == 20:
+            quiet.sendto(b"quiet", public.getsockname())
+            worker.front.send(Ask((HOST, 9), b"hello", Grant("player", "0b9ee21b"), time.monotonic_ns()))
+        with suppress(BlockingIOError):
+            came.extend(worker.port.receive(100, now_ns)[0] for _ in range(at_once))
+    assert b"quiet" in came
+    assert b"hello" in came
+
+
 @pytest.mark.parametrize("by_front", [False, True])
 def test_what_a_worker_sends_comes_from_the_public_port(peers: Peers, public: socket.socket, by_front: bool) -> None:
     worker, peer = peers.enter_context(closing(Linked(public if by_front else None))), peers.new()

@@ -28,6 +28,7 @@ cdef class WorkerPort:
     cdef list _waiting
     cdef dict _busy
     cdef long long _tried_ns
+    cdef bint _looked
     cdef dict _addresses
     cdef bint _asked
     cdef object _overran

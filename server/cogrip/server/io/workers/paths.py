@@ -76,7 +76,7 @@ class WorkerPort:
         self._readable.add(self._front)
         self._waiting: list[int] = []  # descriptors
         self._busy: dict[int, None] = {}  # those from which something has come since they were tried; when that was:
-        self._tried_ns = 0
+        self._tried_ns, self._looked = 0, True  # the second: the kernel has been asked since
         self._addresses: dict[PeerAddress, PeerAddress] = {}  # as they were told first
         self._asked = False  # the message before came with a verdict
         self._overran = 0
@@ -116,14 +116,16 @@ class WorkerPort:
     def _look(self, now_ns: int) -> bool:
         """Set where to receive from, in turn. Return whether the kernel was asked: else it is where something came lately.
 
-        To ask costs as much as half a receive, and in most frames something has come from everybody.
+        To ask costs as much as half a receive, and in most frames something has come from everybody. It is asked between two
+        such rounds at least: the front, and whoever was quiet, have their turn where each round takes longer than a drain may.
         """
-        if self._busy and now_ns - self._tried_ns >= TRIED_EVERY_NS:
+        self._looked = not (self._looked and self._busy and now_ns - self._tried_ns >= TRIED_EVERY_NS)
+        if self._looked:
+            self._waiting = self._readable.ready()
+        else:
             self._waiting, self._tried_ns = list(self._busy), now_ns
             self._busy.clear()
-            return False
-        self._waiting = self._readable.ready()
-        return True
+        return self._looked
 
     def send(self, datagram: bytes, address: Address) -> None:
         """Send a datagram by a path; one whose path has gone meanwhile is counted."""
