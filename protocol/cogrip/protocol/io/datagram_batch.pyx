@@ -6,7 +6,7 @@ Addresses are tuples as Python's sockets give them, each made once: equal sockad
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize, PyBytes_GET_SIZE
 from libc.errno cimport EAGAIN, EINTR, errno
 from libc.stdlib cimport calloc, free
-from libc.string cimport memcpy
+from libc.string cimport memcmp, memcpy
 
 import os
 import socket
@@ -107,28 +107,31 @@ cdef bytes _sockaddr_of(family, tuple address):
     return begin + int(flow).to_bytes(4, "big") + place + int(scope).to_bytes(4, sys.byteorder)
 
 
+cdef msghdr _message  # of every `BatchArrivals`: one datagram is received at a time, and these bytes are in the cache
+cdef iovec _part
+cdef unsigned long long[CONTROL_WORDS] _control  # aligned as its headers are
+cdef unsigned char[BUFFER] _buffer
+cdef unsigned char[NAME] _name
+
+_part.iov_base = _buffer
+_part.iov_len = BUFFER
+_message.msg_iov = &_part
+_message.msg_iovlen = 1
+_message.msg_name = _name
+_message.msg_control = _control
+
+
 cdef class BatchArrivals:
     """Receiving end of a socket that has few peers. Everything is as `Arrivals` has it."""
 
     cdef object _socket
     cdef int _fd
-    cdef msghdr _in
-    cdef iovec _part
-    cdef unsigned long long _control[CONTROL_WORDS]  # aligned as its headers are
-    cdef unsigned char _buffer[BUFFER]
-    cdef unsigned char _name[NAME]
     cdef long long _newest_ns
     cdef bytes _known  # sockaddr of the newest sender
     cdef tuple _address
 
     def __cinit__(self, own):
         self._socket, self._fd = own, own.fileno()
-        self._part.iov_base = self._buffer
-        self._part.iov_len = BUFFER
-        self._in.msg_iov = &self._part
-        self._in.msg_iovlen = 1
-        self._in.msg_name = self._name
-        self._in.msg_control = self._control
         self._newest_ns = 0
         self._known, self._address = b"", ()
         own.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
@@ -144,24 +147,25 @@ cdef class BatchArrivals:
         """Return what `receive` does, None where there is nothing."""
         cdef Py_ssize_t size
         while True:
-            self._in.msg_namelen = NAME
-            self._in.msg_controllen = CONTROL
-            size = recvmsg(self._fd, &self._in, MSG_DONTWAIT)
+            _message.msg_namelen = NAME
+            _message.msg_controllen = CONTROL
+            size = recvmsg(self._fd, &_message, MSG_DONTWAIT)
             if size >= 0 or errno != EINTR:
                 break
         if size < 0 and errno == EAGAIN:
             return None
         if size < 0:
             raise OSError(errno, os.strerror(errno))
-        cdef bytes name = PyBytes_FromStringAndSize(<char *>self._name, self._in.msg_namelen)
-        if name != self._known:
-            self._known, self._address = name, _address_of(name)
-        cdef long long arrived_ns = _arrived_ns(&self._in, _utc_offset_ns(), self._newest_ns, now_ns)
+        cdef Py_ssize_t named = _message.msg_namelen
+        if named != PyBytes_GET_SIZE(self._known) or memcmp(_name, PyBytes_AS_STRING(self._known), named):
+            self._known = PyBytes_FromStringAndSize(<char *>_name, named)
+            self._address = _address_of(self._known)
+        cdef long long arrived_ns = _arrived_ns(&_message, _utc_offset_ns(), self._newest_ns, now_ns)
         if arrived_ns < 0:
             arrived_ns = now_ns
         else:
             self._newest_ns = arrived_ns
-        return PyBytes_FromStringAndSize(<char *>self._buffer, min(size, most_bytes)), self._address, arrived_ns
+        return PyBytes_FromStringAndSize(<char *>_buffer, min(size, most_bytes)), self._address, arrived_ns
 
 
 cdef class DatagramBatch:
