@@ -8,7 +8,7 @@ from msgspec import structs
 
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line_tuning import LEAST_NSPM, MOST_NSPM
-from cogrip.protocol.messages import Stamp, Waves, decode
+from cogrip.protocol.messages import Stamp, Waves, decode, encode
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.protocol.waves import wave_of
 from cogrip.server.schemes import make_world
@@ -18,6 +18,7 @@ from cogrip.server.worlds.world import World
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import long
+from tests.interpreted import needs_interpreted
 from tests.server.broken_worlds import Springs
 from tests.server.scene_worlds import hold, port_j, world_of, world_of_settings
 from tests.server.test_guarded_world import guarded
@@ -150,6 +151,7 @@ def test_a_world_of_another_author_hears_of_it() -> None:
 
 
 @pytest.mark.long
+@needs_interpreted
 def test_a_client_that_lies_about_its_impedance_harms_its_own_line_alone() -> None:
     """Each frame says another b, and another beginning: the other person's ledgers and the object stay as they should."""
     users = [{"name": "mallory", "hand": "sine&amplitude_m=0.03"}, {"name": "ben", "hand": "sine&amplitude_m=0.02"}]
@@ -159,10 +161,11 @@ def test_a_client_that_lies_about_its_impedance_harms_its_own_line_alone() -> No
     random, coupling = np.random.default_rng(5), laboratory.people[0].core.coupling
     honest = coupling.message
 
-    def lie(*given: object) -> Waves:
-        true = honest(*given)
+    def lie(*given: object) -> bytes:
+        true = decode(honest(*given))
+        assert isinstance(true, Waves)
         since = max(0, true.first + len(true.waves) - 1 - int(random.integers(4)))
-        return structs.replace(true, impedance_nspm=float(10.0 ** random.uniform(-3.0, 4.0)), since=since)
+        return encode(structs.replace(true, impedance_nspm=float(10.0 ** random.uniform(-3.0, 4.0)), since=since))
 
     coupling.message = lie
     seen = set()
