@@ -5,9 +5,7 @@ share its processors.
 """
 
 import sys
-import tempfile
 from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,7 +15,7 @@ from cyclopts import Parameter
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import Problem, within
 
-from tests.bench.losses import QUIET_S, WIDTH, Loss, let_go, lose, result_of, stop, table_of
+from tests.bench.losses import QUIET_S, WIDTH, Loss, commands, let_go, lose, result_of, table_of
 from tests.live.held_arms import Spoken
 from tests.live.raylets import descendants, kill, raylet_of, raylets
 from tests.live.test_cluster import Fronts, rooms_of
@@ -59,18 +57,7 @@ def bench_cluster(
         import ray  # noqa: F401
     except ImportError:
         raise Problem("this needs the package ray: python3 dev.py setup") from None
-    started: list[Spoken] = []
-
-    def start(*arguments: object) -> Spoken:
-        started.append(Spoken(*map(str, arguments)))
-        return started[-1]
-
-    with ExitStack() as stack:
-        stack.callback(stop, started)
-        base = Path(
-            stack.enter_context(tempfile.TemporaryDirectory(prefix="cogrip-bench-", ignore_cleanup_errors=True))
-        )
-        cluster = stack.enter_context(raylets(hosts - 1))
+    with commands() as (start, base), raylets(hosts - 1) as cluster:
         try:
             losses, people = _lose_hosts(cluster, start, base, rooms, quiet, checkpoints)
             results = [result_of(loss, people, base / "rooms", quiet) for loss in losses]

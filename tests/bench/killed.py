@@ -4,9 +4,7 @@ import re
 import secrets
 import signal
 import sys
-import tempfile
 from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
 from statistics import median
 from typing import Annotated
@@ -17,7 +15,7 @@ from cyclopts import Parameter
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import Problem, within
 
-from tests.bench.losses import QUIET_S, WIDTH, Loss, Result, let_go, lose, result_of, stop, table_of
+from tests.bench.losses import QUIET_S, WIDTH, Loss, Result, commands, let_go, lose, result_of, table_of
 from tests.free_ports import free_port
 from tests.live.held_arms import DEMO, Spoken
 from tests.live.raylets import kill
@@ -61,17 +59,7 @@ def bench_killed(
         raise Problem("several workers need Linux")
     console = make_console(stderr=json == "-")
     console.width = max(console.width, WIDTH)
-    started: list[Spoken] = []
-
-    def start(*arguments: object) -> Spoken:
-        started.append(Spoken(*map(str, arguments)))
-        return started[-1]
-
-    with ExitStack() as stack:
-        stack.callback(stop, started)
-        base = Path(
-            stack.enter_context(tempfile.TemporaryDirectory(prefix="cogrip-bench-", ignore_cleanup_errors=True))
-        )
+    with commands() as (start, base):
         try:
             losses, people = _kill_workers(start, base, workers, rooms, rounds, quiet, insecure)
             results = [result_of(loss, people, base / "rooms", quiet) for loss in losses]

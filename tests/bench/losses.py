@@ -1,8 +1,10 @@
 """Loss of a process while people hold in rooms: when all are back, how their forces step, how late the other rooms are."""
 
 import signal
+import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -112,10 +114,21 @@ def let_go(people: Mapping[str, Spoken]) -> None:
         person.end()
 
 
-def stop(started: Sequence[Spoken]) -> None:
-    """End what is left of these processes, the newest first."""
-    for process in reversed(started):
-        process.stop()
+@contextmanager
+def commands() -> Iterator[tuple[Callable[..., Spoken], Path]]:
+    """Give a function that starts commands of `cogrip`, and a folder; end what is left of them, the newest first."""
+    started: list[Spoken] = []
+
+    def start(*arguments: object) -> Spoken:
+        started.append(Spoken(*map(str, arguments)))
+        return started[-1]
+
+    with tempfile.TemporaryDirectory(prefix="cogrip-bench-", ignore_cleanup_errors=True) as base:
+        try:
+            yield start, Path(base)
+        finally:
+            for process in reversed(started):
+                process.stop()
 
 
 def table_of(heading: str, results: Sequence[Result]) -> Table:
