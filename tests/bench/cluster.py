@@ -15,7 +15,7 @@ from cyclopts import Parameter
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import Problem, within
 
-from tests.bench.losses import QUIET_S, WIDTH, Loss, commands, let_go, lose, result_of, table_of
+from tests.bench.losses import QUIET_S, Loss, commands, let_go, lose, result_of, table_of
 from tests.live.held_arms import Spoken
 from tests.live.raylets import descendants, kill, raylet_of, raylets
 from tests.live.test_cluster import Fronts, rooms_of
@@ -52,7 +52,6 @@ def bench_cluster(
     if sys.platform != "linux":
         raise Problem("a cluster needs Linux")
     console = make_console(stderr=json == "-")
-    console.width = max(console.width, WIDTH)
     try:
         import ray  # noqa: F401
     except ImportError:

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import Problem, within
 
-from tests.bench.losses import QUIET_S, WIDTH, Loss, Result, commands, let_go, lose, result_of, table_of
+from tests.bench.losses import QUIET_S, Loss, Result, commands, let_go, lose, result_of, table_of
 from tests.free_ports import free_port
 from tests.live.held_arms import DEMO, Spoken
 from tests.live.raylets import kill
@@ -58,7 +58,6 @@ def bench_killed(
     if sys.platform != "linux":
         raise Problem("several workers need Linux")
     console = make_console(stderr=json == "-")
-    console.width = max(console.width, WIDTH)
     with commands() as (start, base):
         try:
             losses, people = _kill_workers(start, base, workers, rooms, rounds, quiet, insecure)

@@ -26,7 +26,6 @@ MOST_RATIO = 1.5  # of the p99 after to the one before, within what two spans of
 FEW_US = 100.0  # a p99 below which no ratio is asked for
 QUIET_S = 8.0
 LOOK_S = 0.02
-WIDTH = 120
 RESUMED = "the server answers again"
 
 
@@ -135,10 +134,10 @@ def table_of(heading: str, results: Sequence[Result]) -> Table:
     """Return the table of some losses of one kind. heading: of what was lost."""
     headings = (
         heading,
-        "rooms moved",
-        f"all back [s], asked {results[0].most_back_s:g}",
-        f"largest step [N], asked {MOST_STEP_N:g}",
-        "others' p99 late before, after [us]",
+        "rooms\nmoved",
+        f"all back [s],\nasked {results[0].most_back_s:g}",
+        f"largest step [N],\nasked {MOST_STEP_N:g}",
+        "others' p99 late\n[us], before, after",
         "",
     )
     rows = [
