@@ -43,7 +43,7 @@ COLD = "static void __Pyx_AddTraceback(const char *, int, int, const char *) __a
 """Declaration ahead of each module's C code: the compiler takes every path to this function for one that is not taken."""
 LINKER_FLAGS = ["-Wl,-z,noseparate-code,-z,norelro,-z,now"]  # Linux
 STAMP = ROOT / ".venv" / "cogrip-compiled.json"  # digest of the sources of what is compiled
-LINUX_ONLY = ("datagram_batch",)
+LINUX_ONLY = ("datagram_batch", "large_pages")
 DIRECTIVES = {
     "language_level": 3,
     "annotation_typing": False,  # a float in an annotation would turn 2 into 2.0; types stand in .pxd files alone

@@ -1,12 +1,13 @@
 """Memory of processes over time: the slope is that of a known line, a real process has memory, a dead one has none."""
 
+import ctypes
 import os
 import subprocess
 import sys
 
 import pytest
 
-from tests.bench.loads.process_memory import Growth, family_of, memory_kb
+from tests.bench.loads.process_memory import Growth, family_of, memory_kb, own_memory_in_use_kb
 
 needs_proc = pytest.mark.skipif(sys.platform != "linux", reason="/proc is Linux's")
 
@@ -53,3 +54,17 @@ def test_a_family_is_the_leader_and_its_children() -> None:
     assert family_of(leader.pid) == []
     assert memory_kb(leader.pid) is None
     assert (memory_kb(os.getpid()) or 0.0) > 1024.0, "our own"
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux" or not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="mallinfo2 is of glibc 2.33"
+)
+def test_memory_in_use_grows_by_what_is_allocated_and_not_by_what_the_heap_keeps_free() -> None:
+    before_kb = own_memory_in_use_kb()
+    made = [bytearray(10_000) for _ in range(4000)]
+    held_kb = own_memory_in_use_kb()
+    assert held_kb - before_kb == pytest.approx(39_000, abs=4000)
+    kept = made[::2]  # free parts between others: they stay resident
+    del made
+    assert held_kb - own_memory_in_use_kb() == pytest.approx(19_500, abs=4000)
+    assert len(kept) == 2000

@@ -12,6 +12,7 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.platform import use_utf8
 from cogrip.cli.terminal.problem import Problem
 from cogrip.protocol.io.compiled_files import outdated
+from cogrip.protocol.io.large_pages import use_large_pages
 from cogrip.protocol.version import VERSION
 from cogrip.sim.blas_threads import BLAS_THREADS, SAFE_PATH
 
@@ -89,6 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
     if arguments is None:  # this is a process of its own: those that it starts import nothing from where it stands
         os.environ[SAFE_PATH] = "1"
+        use_large_pages()  # before the command imports what it needs
     use_utf8()
     errors = make_console(stderr=True, soft_wrap=True)
     given = sys.argv[1:] if arguments is None else arguments

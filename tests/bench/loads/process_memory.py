@@ -1,6 +1,9 @@
 """The memory of running processes over time, as Linux tells it in /proc."""
 
+import ctypes
 import os
+import re
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -80,6 +83,32 @@ def own_memory_kb() -> int:
     if (now_kb := memory_kb(os.getpid())) is not None:
         return round(now_kb)
     return machine.peak_memory_kb()
+
+
+class _Mallinfo2(ctypes.Structure):
+    """`struct mallinfo2` of malloc.h."""
+
+    _fields_ = [(f"size{number}", ctypes.c_size_t) for number in range(7)] + [
+        (name, ctypes.c_size_t) for name in ("uordblks", "fordblks", "keepcost")
+    ]
+
+
+def own_memory_in_use_kb() -> int:
+    """Resident memory of this process without what the C library's heap keeps free, a large page at a time.
+
+    Where the system does not tell: `own_memory_kb`.
+    """
+    with suppress(OSError, AttributeError, TypeError):  # not Linux; not glibc 2.33; Windows
+        mallinfo2 = ctypes.CDLL(None).mallinfo2
+        mallinfo2.restype = _Mallinfo2
+        of_heap_kb = sum(
+            int(size)
+            for part in re.split(r"^(?=[0-9a-f]+-)", Path("/proc/self/smaps").read_text(), flags=re.MULTILINE)
+            if "[heap]" in part
+            for size in re.findall(r"^Rss: +(\d+)", part, re.MULTILINE)
+        )
+        return own_memory_kb() - of_heap_kb + int(mallinfo2().uordblks) // 1024
+    return own_memory_kb()
 
 
 def _parent_of(entry: Path) -> int:

@@ -1,4 +1,4 @@
-"""A server under load, in a process of its own that says how it fares: `python -m tests.bench.loads.server JOB`.
+"""A server under load, in a process of its own that says how it fares: `python -m tests.bench.loads.server_process JOB`.
 
 It runs what `cogrip serve` runs: loop, channel, authenticator, housekeeping with its checkpoints, and, where a folder is
 named, the recording. Or the bare echo it is compared with: the same socket, the same pace, and nothing else.
@@ -41,7 +41,7 @@ from cogrip.server.unencrypted_channel import UnencryptedListener
 from tests.bench import machine
 from tests.bench.children import start_python
 from tests.bench.loads.people import Echoed, Load, Person, make_people, room_name
-from tests.bench.loads.process_memory import own_memory_kb
+from tests.bench.loads.process_memory import own_memory_in_use_kb, own_memory_kb
 from tests.bench.loads.twin import start_twin
 
 Kind = Literal["c", "echo", "unencrypted", "encrypted"]
@@ -96,7 +96,7 @@ class Process:
         if job.kind == "c":
             self._child = start_twin(job.core)
         else:
-            self._child = start_python("-m", "tests.bench.loads.server", msgspec.json.encode(job).decode())
+            self._child = start_python("-m", "tests.bench.loads.server_process", msgspec.json.encode(job).decode())
         self.started = msgspec.json.decode(self._line(), type=Started)
 
     @property
@@ -173,7 +173,10 @@ def serve(job: Job) -> None:
     _, port = server.listen()
     housekeeping = Housekeeping(server, say, folder=folder, authenticator=authenticator)
 
+    reading_ns = 0  # processor time, of readings alone
+
     def read() -> Reading:
+        nonlocal reading_ns
         lateness, work = DurationHistogram(), DurationHistogram()
         pacers = list(server.pacers.values())
         lateness.merge(pacers[0].lateness)  # all rooms begin with the same look at the clock
@@ -182,8 +185,11 @@ def serve(job: Job) -> None:
             pacer.lateness.clear()
             pacer.work.clear()
         counts = [seat.port.count() for room in server.core.rooms for seat in room.seats if seat.port]
+        began_ns = time.process_time_ns()
+        memory_kb = own_memory_in_use_kb()
+        reading_ns += time.process_time_ns() - began_ns
         return Reading(
-            time.monotonic_ns(), time.process_time_ns(), own_memory_kb(), lateness.summary_us(), work.summary_us(),
+            time.monotonic_ns(), time.process_time_ns() - reading_ns, memory_kb, lateness.summary_us(), work.summary_us(),
             lateness.count, pacers[0].skipped, {**server.drops(), **server.losses()}, len(server.core.roster()),
             sum(count.lost for count in counts), sum(count.late for count in counts), said[0], tuple(trouble),
         )  # fmt: skip
@@ -278,7 +284,3 @@ def _print(what: msgspec.Struct) -> None:
 def main() -> None:
     job = msgspec.json.decode(sys.argv[1], type=Job)
     (echo if job.kind == "echo" else serve)(job)
-
-
-if __name__ == "__main__":
-    main()

@@ -45,6 +45,7 @@ def _machine_table(machine: Machine) -> Table:
     )
     table.add_row(f"SCHED_FIFO {PRIORITY} allowed", allowed(machine.fifo_permission))
     table.add_row("memory lock allowed", allowed(machine.lock_permission))
+    table.add_row("large pages of memory", allowed(machine.large_pages))
     table.add_row(
         "UDP loopback, there and back",
         f"p50 {loopback['p50']:.1f}  p99 {loopback['p99']:.1f}  max {loopback['max']:.1f} us"

@@ -71,7 +71,7 @@ class FrontServer:
         environ = {name: value for name, value in os.environ.items() if name != "NOTIFY_SOCKET"}
         handles = (link_end, self._job_file)
         return subprocess.Popen(
-            [sys.executable, "-P", "-m", "cogrip.cli.session.worker", *map(str, handles), str(number)],
+            [sys.executable, "-P", "-m", "cogrip.cli.session.worker_process", *map(str, handles), str(number)],
             stdin=subprocess.DEVNULL, env=environ, **system.own_session(*handles),
         )  # fmt: skip
 

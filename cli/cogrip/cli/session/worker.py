@@ -8,7 +8,6 @@ import secrets
 import select
 import signal
 import socket
-import sys
 from pathlib import Path
 from typing import Literal
 
@@ -122,7 +121,3 @@ def conclude(server: LiveServer, job: Job, losses: dict[str, int], lines: LogLin
                 lines.say(f"warning: {folder}: {error.strerror}; no settings are left there")
             leave_files(folder, summary, console, shown=False, report=job.report)
     return 0 if well else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -9,7 +9,7 @@ from cogrip.protocol.io.platform import system
 
 SUFFIX = EXTENSION_SUFFIXES[0]
 SOURCES = (".py", ".pyx", ".pxd")
-LINUX_ONLY = ("datagram_batch",)
+LINUX_ONLY = ("datagram_batch", "large_pages")
 
 
 def outdated(folders: Iterable[str] = ()) -> list[str]:

@@ -18,6 +18,7 @@ from timeit import timeit
 
 from cogrip.protocol.histogram import DurationHistogram
 from cogrip.protocol.io import realtime
+from cogrip.protocol.io.large_pages import large_pages_permission
 from cogrip.protocol.io.pacing import SPIN_NS, Pacer
 from cogrip.protocol.io.platform import system, time
 
@@ -80,6 +81,7 @@ class Machine:
     load_1min: float | None
     fifo_permission: str  # "yes, ..." or "no, ..." and by what
     lock_permission: str
+    large_pages: str
     loopback_us: dict[str, float] | None
     lacks: dict[str, str]  # of what Linux has, and what is there instead
     load_after: float | None = None  # the same load when all was measured; the measuring itself is up to 1 of it
@@ -234,6 +236,7 @@ def examine() -> Machine:
         load_1min=_load(),
         fifo_permission=fifo,
         lock_permission=lock,
+        large_pages=large_pages_permission(),
         loopback_us=loopback_us(),
         lacks=system.LACKS,
     )

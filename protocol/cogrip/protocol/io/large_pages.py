@@ -1,0 +1,10 @@
+"""Large pages for the memory of a process. Compiled, `large_pages.pyx` takes its place (Linux)."""
+
+
+def large_pages_permission() -> str:
+    """Return "yes" where processes can have large pages, else "no, " and why."""
+    return "no, only in the compiled form on Linux (`python3 dev.py compile`)"
+
+
+def use_large_pages() -> None:
+    """Ask for pages of 2 MB for what this process allocates from now on."""
