@@ -39,7 +39,7 @@ cdef extern from "<Python.h>":
 
 cdef enum:
     LARGE = 2 << 20
-    HEAP = 16 << 20  # of a server with some 500 people
+    HEAP = 32 << 20  # of a server with some 500 people, and what their handshakes take meanwhile
     PIECE = 64 << 10  # less than what the C library maps by itself
     MOST_PIECES = 64
     DEFAULT_PAD = 128 << 10  # of glibc
@@ -66,6 +66,10 @@ def use_large_pages():
         _used = True
         _use_for_objects()
         _use_for_heap()
+
+
+def uses_large_pages():
+    return _used
 
 
 cdef void _use_for_objects() noexcept:

@@ -15,6 +15,7 @@ from cogrip.protocol.dtls_records import (
 )
 from cogrip.protocol.io.dtls import Association
 from cogrip.protocol.io.dtls_session import SUITES, DtlsSession, export_keys
+from cogrip.protocol.io.large_pages import uses_large_pages
 from cogrip.protocol.io.platform import system
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
 from cogrip.server.rate_limit import network_of
@@ -102,6 +103,9 @@ _malloc_trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if system.LINUX e
 
 
 def trim() -> None:
-    """Give freed memory back (glibc's malloc_trim): 1 ms for some MB, 0.1 ms for none. Memory locked by mlockall stays."""
-    if _malloc_trim is not None:
+    """Give freed memory back (glibc's malloc_trim): 1 ms for some MB, 0.1 ms for none. Memory locked by mlockall stays.
+
+    Large pages stay whole: what handshakes have freed is there for the next ones.
+    """
+    if _malloc_trim is not None and not uses_large_pages():
         _malloc_trim(0)

@@ -10,6 +10,7 @@ cdef class OpenPath:
     cdef public object sender
     cdef public DtlsSession session
     cdef public long long seated_ns
+    cdef public bint closed
 
 
 cdef class WorkerPort:
@@ -22,18 +23,17 @@ cdef class WorkerPort:
     cdef object _stop
     cdef object _verdicts
     cdef object _orders
-    cdef dict _by_descriptor
-    cdef int _front
-    cdef object _readable
-    cdef list _waiting
-    cdef dict _busy
-    cdef long long _tried_ns
-    cdef bint _looked
+    cdef object _front_has_said
+    cdef long long _drain_ns
+    cdef bint _ask_front
+    cdef bint _begun
+    cdef list _untried
+    cdef list _tried
     cdef dict _addresses
     cdef bint _asked
     cdef object _overran
     cdef object _batched
 
-    @cython.locals(ready=int, path=OpenPath, looked=bint)
+    @cython.locals(path=OpenPath, found=tuple)
     cpdef tuple receive(self, Py_ssize_t most_bytes, long long now_ns)
-    cdef bint _look(self, long long now_ns) except -1
+    cdef _begin(self)

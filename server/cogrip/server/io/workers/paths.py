@@ -12,9 +12,9 @@ from contextlib import suppress
 from cogrip.protocol.channel import Address
 from cogrip.protocol.io.datagrams import open_arrivals, open_batched
 from cogrip.protocol.io.dtls_session import DtlsSession, SessionKeys
+from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.receive_buffer import overrun
 from cogrip.protocol.io.stop import Stop
-from cogrip.server.io.platform import Readable
 from cogrip.server.io.workers.link import (
     AnyToWorker,
     Ask,
@@ -30,17 +30,16 @@ from cogrip.server.io.workers.link import (
 from cogrip.server.io.workers.orders import LinkOrders
 from cogrip.server.io.workers.verdicts import FrontVerdicts
 
-TRIED_EVERY_NS = 4_000_000  # half a frame of 128 Hz: from one round without asking the kernel to the next
 MOST_ADDRESSES = 4096
 
 
 class OpenPath:
     """One path. session: None without encryption. seated_ns: when its peer was last seen with a seat.
 
-    sender: the peer's address as it came with the last datagram
+    sender: the peer's address as it came with the last datagram; closed: its descriptor may be another file's by now
     """
 
-    __slots__ = ("address", "arrivals", "seated_ns", "sender", "session", "socket")
+    __slots__ = ("address", "arrivals", "closed", "seated_ns", "sender", "session", "socket")
 
     def __init__(self, address: PeerAddress, owned: socket.socket, keys: SessionKeys | None, now_ns: int) -> None:
         owned.setblocking(False)
@@ -49,6 +48,7 @@ class OpenPath:
         self.arrivals = open_arrivals(owned)
         self.session = None if keys is None else DtlsSession(keys)
         self.seated_ns = now_ns
+        self.closed = False
 
 
 class WorkerPort:
@@ -70,62 +70,67 @@ class WorkerPort:
         self.renewed: deque[Address] = deque()
         self.dropped: Counter[str] = Counter()
         self._link, self._stop, self._verdicts, self._orders = link, stop, verdicts, orders
-        self._by_descriptor: dict[int, OpenPath] = {}
-        self._front = link.socket.fileno()
-        self._readable = Readable()
-        self._readable.add(self._front)
-        self._waiting: list[int] = []  # descriptors
-        self._busy: dict[int, None] = {}  # those from which something has come since they were tried; when that was:
-        self._tried_ns, self._looked = 0, True  # the second: the kernel has been asked since
+        self._front_has_said = system.arrival_check(link.socket)
+        self._drain_ns = -1  # when the drain began that goes on; -1: it has come to its end
+        self._ask_front = self._begun = False
+        self._untried: list[OpenPath] = []  # from the last one on
+        self._tried: list[OpenPath] = []  # of which something came: they have another turn after all others
         self._addresses: dict[PeerAddress, PeerAddress] = {}  # as they were told first
         self._asked = False  # the message before came with a verdict
         self._overran = 0
         self._batched = None if public is None else open_batched(public)
 
     def receive(self, most_bytes: int, now_ns: int) -> tuple[bytes, Address, int]:
-        """Return one datagram of each path that has some, in turn, and what the front has sent."""
+        """Return what the front has sent, then one datagram of each path that has some, in turn.
+
+        now_ns: the same during a drain. Raises BlockingIOError, at the end of each, once no path has anything left.
+        """
         if self._asked:
             self._asked = False
             self._verdicts.newest = None  # it is of the message before, which nothing else may use it for
-        looked = False
-        while self._waiting or not looked:
-            if not self._waiting:
-                looked = self._look(now_ns)
-                continue
-            ready = self._waiting.pop()
-            path = self._by_descriptor.get(ready)
+        if now_ns != self._drain_ns:  # a drain begins; the one before may have been cut short
+            self._drain_ns, self._ask_front, self._begun = now_ns, bool(self._front_has_said()), False
+        while self._ask_front:
             try:
-                if ready == self._front:
-                    datagram, address, self.arrived_ns = self._take_of_front(now_ns)
-                    self._waiting.append(ready)  # there may be more, and it comes first
-                    return datagram, address, self.arrived_ns
-                if path is None:
-                    continue
-                datagram, sender, self.arrived_ns = path.arrivals.receive(most_bytes, now_ns)
+                datagram, address, self.arrived_ns = self._take_of_front(now_ns)
             except BlockingIOError:
+                self._ask_front = False
+            else:
+                return datagram, address, self.arrived_ns
+        if not self._begun:
+            self._begin()
+        while self._untried or self._tried:
+            if not self._untried:
+                self._untried, self._tried = self._tried, []
+            path = self._untried.pop()
+            if path.closed:
                 continue
+            self._tried.append(path)
+            found = path.arrivals.poll(most_bytes, now_ns)
+            if found is None:
+                self._tried.pop()
+                continue
+            datagram, sender, self.arrived_ns = found
             if sender is not path.sender:
                 if sender != path.address and tuple(sender[:2]) != path.address[:2]:
                     self.dropped["of another peer"] += 1  # it came before the path was connected
                     continue
                 path.sender = sender
-            self._busy[ready] = None
             return datagram, path.address, self.arrived_ns
+        self._drain_ns = -1
         raise BlockingIOError
 
-    def _look(self, now_ns: int) -> bool:
-        """Set where to receive from, in turn. Return whether the kernel was asked: else it is where something came lately.
+    def _begin(self) -> None:
+        """Let each path have a turn in this drain, first those that had none in the one before.
 
-        To ask costs as much as half a receive, and in most frames something has come from everybody. It is asked between two
-        such rounds at least: the front, and whoever was quiet, have their turn where each round takes longer than a drain may.
+        A try of a path costs less than to ask the kernel where something has come: in most frames it has from everybody.
         """
-        self._looked = not (self._looked and self._busy and now_ns - self._tried_ns >= TRIED_EVERY_NS)
-        if self._looked:
-            self._waiting = self._readable.ready()
-        else:
-            self._waiting, self._tried_ns = list(self._busy), now_ns
-            self._busy.clear()
-        return self._looked
+        self._begun = True
+        waiting, self._untried = self._untried, list(self.paths.values())
+        if waiting:
+            first = set(waiting)
+            self._untried = [path for path in self._untried if path not in first] + waiting
+        self._tried = []
 
     def send(self, datagram: bytes, address: Address) -> None:
         """Send a datagram by a path; one whose path has gone meanwhile is counted."""
@@ -155,7 +160,6 @@ class WorkerPort:
         """Close all paths."""
         for address in list(self.paths):
             self.drop(address)
-        self._readable.close()
 
     def _take_of_front(self, now_ns: int) -> tuple[bytes, Address, int]:
         """Return the next datagram or message of the front, and when it came; do what else it says.
@@ -184,8 +188,7 @@ class WorkerPort:
                 self.drop(given.address)
                 address = self._same(given.address)
                 path = OpenPath(address, socket.socket(fileno=descriptors[0]), given.keys, now_ns)
-                self.paths[address] = self._by_descriptor[path.socket.fileno()] = path
-                self._readable.add(path.socket.fileno())
+                self.paths[address] = path
             case Forget():
                 self.drop(given.address)
                 self.renewed.append(given.address)
@@ -201,5 +204,5 @@ class WorkerPort:
         if path := self.paths.pop(address, None):
             with suppress(OSError):
                 self._overran += overrun(path.socket)
-            del self._by_descriptor[path.socket.fileno()]
-            path.socket.close()  # which ends its being watched
+            path.closed = True
+            path.socket.close()
