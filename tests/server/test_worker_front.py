@@ -1,27 +1,30 @@
 """The front of several workers: who comes while they start, and many people who come by one link."""
 
+import os
 import socket
 import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 from types import SimpleNamespace
 
 import msgspec
 import pytest
 
+from cogrip.protocol import messages
 from cogrip.protocol.channel import Address, UnencryptedChannel
 from cogrip.protocol.io.stop import Stop
-from cogrip.protocol.messages import Hello, padded
+from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Welcome, padded
 from cogrip.protocol.session import refusal
+from cogrip.protocol.settings import seat_settings
 from cogrip.server.admission import Grant
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.platform import message_pair
 from cogrip.server.io.workers.front import ASKED_NS, Front
-from cogrip.server.io.workers.link import Ask, Link, Ready, Say
+from cogrip.server.io.workers.link import Ask, Assign, Forget, Link, Path, Ready, Released, Say, ToFront, ToWorker
 from cogrip.server.io.workers.pool import Worker, WorkerPool
-from cogrip.server.io.workers.steering import open_public
+from cogrip.server.io.workers.steering import Steering, open_public
 
 from tests.protocol.two_ends import SETTINGS, hello
 
@@ -58,17 +61,21 @@ class OneToken:
 class Fronted:
     """A front of two rooms whose workers are the test itself: `ends` are their ends of the links, by number."""
 
-    def __init__(self) -> None:
+    def __init__(self, steers: bool = False) -> None:
         self.public = open_public(HOST, 0)
+        self._sockets = ExitStack()
+        self.steering = Steering(self.public, 2, self._sockets) if steers else None
         self.person = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.ends: dict[int, Link] = {}
         self.stop, self.channel = Stop(), Heard()
-        self.pool = WorkerPool([("attic",), ("cellar",)], lambda number, end: None, fresh=False)  # type: ignore[arg-type, return-value]
+        own = [each.fileno() for each in self.steering.own] if self.steering else []
+        self.pool = WorkerPool([("attic",), ("cellar",)], lambda number, end: None, fresh=False, own=own)  # type: ignore[arg-type, return-value]
         self.pool.add = self._add  # type: ignore[method-assign]
         self.pool.begin()
         self.front = Front(
-            self.public, ROOMS, self.pool, self.stop, lambda event: None, lambda asks: self.channel, OneToken()
-        )  # type: ignore[arg-type]
+            self.public, ROOMS, self.pool, self.stop, lambda event: None, lambda asks: self.channel, OneToken(),
+            self.steering,
+        )  # type: ignore[arg-type] # fmt: skip
 
     def _add(self) -> Worker:
         ours, theirs = message_pair()
@@ -94,6 +101,7 @@ class Fronted:
     def close(self) -> None:
         for each in (self.public, self.person, *self.ends.values(), *(worker.link for worker in self.pool.workers)):
             each.close()
+        self._sockets.close()
 
 
 @pytest.fixture
@@ -180,3 +188,89 @@ def test_an_answer_that_never_comes_holds_nobody_up_for_ever(ready: Fronted) -> 
     ready.front._poll(ASKED_NS + 1)
     assert ready.asked(1) == [(HOST, 3)]
     assert ready.front.dropped == {"token is asked about": 1}, "the second is gone, or says hello again"
+
+
+class Seated(Fronted):
+    """A front whose kernel steers, and a person with a seat in the second room."""
+
+    def __init__(self) -> None:
+        super().__init__(steers=True)
+        self.person.bind((HOST, 0))
+        self.place = self.person.getsockname()
+        for end in self.ends.values():
+            end.send(Ready())
+        assert self.front.await_ready(LIMIT_S)
+        self.seat()
+
+    def seat(self, number: int = 2) -> None:
+        """Let a worker welcome the person to the second room."""
+        self.front._take(self.ask("cellar"), self.place, time.monotonic_ns())
+        assert self.asked(number) == [self.place]
+        settings = seat_settings(ROOMS[1], 0)
+        self.tell(number, Say(self.place, messages.encode(Welcome(PROTOCOL_VERSION, 7, 5, "", "1", settings, "t"))))
+
+    def tell(self, number: int, said: ToFront) -> None:
+        """Let a worker say something, and the front take it in."""
+        self.ends[number].send(said)
+        self.front._take_of(next(worker for worker in self.pool.workers if worker.number == number))
+
+    def told(self, number: int) -> list[ToWorker]:
+        """Return what a worker was told since the last call."""
+        found: list[ToWorker] = []
+        with suppress(BlockingIOError):
+            while True:
+                found.append(self.ends[number].take_at_worker()[0])
+        return found
+
+    def arrives(self) -> list[int]:
+        """Let the person send a datagram, and return where it came: 0 the front, then the workers' own sockets."""
+        assert self.steering is not None
+        self.person.sendto(b"waves", self.public.getsockname())
+        found = []
+        for number, each in enumerate([self.public, *self.steering.own]):
+            with suppress(BlockingIOError):
+                each.recv(100)
+                found.append(number)
+        return found
+
+
+@pytest.fixture
+def seated() -> Iterator[Seated]:
+    with closing(Seated()) as made:
+        yield made
+
+
+def test_who_is_welcome_is_steered_to_the_worker_until_it_says_that_the_seat_is_over(seated: Seated) -> None:
+    assert [each for each in seated.told(2) if isinstance(each, Path)] == [Path(seated.place, None, True)]
+    assert seated.arrives() == [2]
+    seated.tell(2, Released(seated.place))
+    assert seated.arrives() == [0]
+    assert seated.front.seated == {}
+    seated.seat()
+    assert seated.arrives() == [2]
+
+
+def test_who_makes_a_new_association_comes_to_the_front_again(seated: Seated) -> None:
+    seated.told(2)
+    seated.front._take(seated.ask("cellar"), seated.place, time.monotonic_ns())
+    assert Forget(seated.place) in seated.told(2)
+    assert seated.arrives() == [0]
+
+
+def test_people_of_a_worker_that_has_ended_come_to_the_front_and_then_to_the_next_one_by_the_same_socket(
+    seated: Seated,
+) -> None:
+    dead = seated.pool.workers[1]
+    dead.process = SimpleNamespace(pid=2, poll=lambda: -9, wait=lambda: -9)  # type: ignore[assignment]
+    seated.ends[2].close()
+    seated.front._take_of(dead)
+    assert seated.arrives() == [0]
+    assigned, (descriptor,) = seated.ends[3].take_at_worker()
+    assert isinstance(assigned, Assign)
+    assert (assigned.rooms, assigned.own) == (("cellar",), True)
+    with socket.socket(fileno=descriptor) as handed:
+        assert seated.steering is not None
+        assert os.path.sameopenfile(handed.fileno(), seated.steering.own[1].fileno())
+    seated.tell(3, Ready())
+    seated.seat(3)
+    assert seated.arrives() == [2]

@@ -25,7 +25,7 @@ from cogrip.server.io.workers.front import shares
 from cogrip.server.io.workers.link import MOST_BYTES, Ask, Asked, Forget, Link, LinkEndedError, Path, Say
 from cogrip.server.io.workers.orders import LinkOrders
 from cogrip.server.io.workers.paths import WorkerPort
-from cogrip.server.io.workers.steering import open_path, open_public
+from cogrip.server.io.workers.steering import Steering, open_path, open_public
 from cogrip.server.io.workers.verdicts import FrontVerdicts
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.roster import RosterEntry
@@ -73,17 +73,20 @@ def public(peers: Peers) -> socket.socket:
 
 
 class Linked:
-    """A worker's port at its link, and the front's end of that. by_front: the public port, through which it sends."""
+    """A worker's port at its link, and the front's end of that. by_front: the public port, through which it sends.
 
-    def __init__(self, by_front: socket.socket | None = None) -> None:
+    own: this is the worker's own socket there, by which it receives as well
+    """
+
+    def __init__(self, by_front: socket.socket | None = None, own: bool = False) -> None:
         self.front, self.link = (Link(end) for end in message_pair())
         self.verdicts = FrontVerdicts(self.link)
-        self.port = WorkerPort(self.link, Stop(), self.verdicts, LinkOrders(self.link), by_front)
+        self.port = WorkerPort(self.link, Stop(), self.verdicts, LinkOrders(self.link), by_front, own)
 
     def hand_over(self, public: socket.socket, peer: socket.socket) -> None:
         """Hand over the path of a peer, as the front does."""
         with open_path(public, peer.getsockname()) as path:
-            self.front.send(Path(peer.getsockname(), None), [path.fileno()])
+            self.front.send(Path(peer.getsockname(), None, False), [path.fileno()])
 
     def close(self) -> None:
         for each in (self.port, self.front, self.link):
@@ -110,7 +113,7 @@ def test_a_worker_drops_what_came_to_a_path_before_it_was_connected(peers: Peers
     other.sendto(b"forged", path.getsockname())
     path.connect(mine.getsockname())
     mine.sendto(b"a datagram", path.getsockname())
-    worker.front.send(Path(mine.getsockname(), None), [path.fileno()])
+    worker.front.send(Path(mine.getsockname(), None, False), [path.fileno()])
     came = []
     for _ in range(4):
         with suppress(BlockingIOError):
@@ -120,9 +123,7 @@ def test_a_worker_drops_what_came_to_a_path_before_it_was_connected(peers: Peers
 
 
 @pytest.mark.parametrize("gap_ns", [0, 1, FRAME_NS])
-def test_a_worker_receives_from_each_path_in_turn(
-    peers: Peers, public: socket.socket, gap_ns: int
-) -> None:
+def test_a_worker_receives_from_each_path_in_turn(peers: Peers, public: socket.socket, gap_ns: int) -> None:
     worker = peers.enter_context(closing(Linked()))
     paths = [peers.new() for _ in range(3)]
     for peer in paths:
@@ -188,6 +189,61 @@ def test_what_a_worker_sends_comes_from_the_public_port(peers: Peers, public: so
         worker.port.receive(100, time.monotonic_ns())
     assert worker.port.send_all(deque((peer.getsockname(), bytes([number])) for number in range(70))) == []
     assert [peer.recvfrom(10) for _ in range(70)] == [(bytes([number]), public.getsockname()) for number in range(70)]
+
+
+def test_a_worker_receives_by_its_own_socket_from_peers_with_a_path_alone(peers: Peers, public: socket.socket) -> None:
+    steering = Steering(public, 2, peers)
+    worker = peers.enter_context(closing(Linked(steering.own[1], own=True)))
+    seated, alike, later = peers.new(), peers.new(), peers.new()
+    for peer in (seated, alike, later):  # of `alike` the worker knows nothing: so it is for an equal hash
+        assert steering.add(peer.getsockname(), 1)
+    worker.front.send(Path(seated.getsockname(), None, True))
+    worker.front.send(Path(later.getsockname(), None, True))
+
+    def received() -> list[tuple[bytes, object]]:
+        came = []
+        with suppress(BlockingIOError):
+            while True:
+                came.append(worker.port.receive(100, time.monotonic_ns())[:2])
+        return came
+
+    for number, peer in enumerate((seated, alike, later, seated)):
+        peer.sendto(b"%d" % number, public.getsockname())
+    worker.front.send(Ask((HOST, 9), b"hello", None, time.monotonic_ns()))
+    places = {peer: peer.getsockname() for peer in (seated, alike, later)}
+    assert received() == [(b"hello", (HOST, 9)), (b"0", places[seated]), (b"2", places[later]), (b"3", places[seated])]
+    assert worker.port.dropped == {"of another peer": 1}
+    worker.port.send(b"at once", places[seated])
+    assert worker.port.send_all(deque([(places[later], b"in turn"), (places[seated], b"in turn")])) == []
+    assert [each.recvfrom(10) for each in (seated, seated, later)] == [
+        (data, public.getsockname()) for data in (b"at once", b"in turn", b"in turn")
+    ]
+    worker.front.send(Forget(places[later]))
+    later.sendto(b"4", public.getsockname())
+    assert received() == []
+    assert list(worker.port.renewed) == [places[later]]
+    worker.port.send(b"to nobody", places[later])
+    assert worker.port.dropped == {"of another peer": 2, "path has gone": 1}
+    assert worker.port.overruns() == 0
+
+
+@pytest.mark.parametrize("at_once", [1, 5])
+def test_the_front_has_its_turn_where_a_worker_cannot_take_in_all_that_comes_to_its_own_socket(
+    peers: Peers, public: socket.socket, at_once: int
+) -> None:
+    steering, busy = Steering(public, 1, peers), peers.new()
+    worker = peers.enter_context(closing(Linked(steering.own[0], own=True)))
+    assert steering.add(busy.getsockname(), 0)
+    worker.front.send(Path(busy.getsockname(), None, True))
+    came: list[bytes] = []
+    for frame in range(10):
+        for _ in range(6):
+            busy.sendto(b"busy", public.getsockname())
+        if frame == 5:
+            worker.front.send(Ask((HOST, 9), b"hello", None, time.monotonic_ns()))
+        with suppress(BlockingIOError):
+            came.extend(worker.port.receive(100, frame * FRAME_NS)[0] for _ in range(at_once))
+    assert came.index(b"hello") == 5 * at_once
 
 
 def test_a_port_that_another_program_has_is_not_shared_until_it_is_free(public: socket.socket) -> None:
@@ -285,10 +341,10 @@ def test_a_link_carries_messages_and_descriptors_and_counts_what_it_cannot() -> 
     read, write = socket.socketpair()
     ask = Ask((HOST, 5), b"hello", Grant("player", "0b9ee21b"), 17)
     assert front.send(ask)
-    assert front.send(Path((HOST, 5), None), [write.fileno()])
+    assert front.send(Path((HOST, 5), None, False), [write.fileno()])
     assert worker.take_at_worker() == (ask, [])
     path, (descriptor,) = worker.take_at_worker()
-    assert path == Path((HOST, 5), None)
+    assert path == Path((HOST, 5), None, False)
     with socket.socket(fileno=descriptor) as handed:
         handed.send(b"by it")
     assert read.recv(10) == b"by it"

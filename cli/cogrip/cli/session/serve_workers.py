@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,7 +29,7 @@ from cogrip.server.io.udp_port import HostError, ServeError, cannot_listen
 from cogrip.server.io.workers.administration import Administration
 from cogrip.server.io.workers.front import DYING, Front, FrontChannel, shares
 from cogrip.server.io.workers.pool import START_LIMIT_S, WorkerPool
-from cogrip.server.io.workers.steering import open_public
+from cogrip.server.io.workers.steering import Steering, open_public
 
 ORPHANS_S = 1.0  # for which workers of a front that was killed may still have the port
 
@@ -64,7 +64,12 @@ class FrontServer:
         self.bound: tuple[str, int] = self._public.getsockname()[:2]
         self._job_file = -1
         names = [room.name for room in job.rooms]
-        self._pool = WorkerPool(shares(names, job.workers), self._start, job.fresh, self._public.fileno())
+        groups = shares(names, job.workers)
+        self._steering: Steering | None = None
+        with suppress(OSError):  # a kernel without such programs: then each path is a socket of its own
+            self._steering = Steering(self._public, len(groups), stack)
+        own = [each.fileno() for each in self._steering.own] if self._steering else []
+        self._pool = WorkerPool(groups, self._start, job.fresh, self._public.fileno(), own)
 
     def _start(self, number: int, link_end: int) -> subprocess.Popen[bytes]:
         """Start a worker; what it says goes where this process says its own."""
@@ -92,7 +97,9 @@ class FrontServer:
             open_channel: Callable[[Callable[[Address], bool]], FrontChannel] = lambda asks: front_channel_of(  # noqa: E731
                 asks, job.rooms, job.folder if job.encrypted else None
             )
-            self.front = Front(self._public, job.rooms, self._pool, self._stop, say, open_channel, job.authenticator)
+            self.front = Front(
+                self._public, job.rooms, self._pool, self._stop, say, open_channel, job.authenticator, self._steering
+            )
             feed = None if metrics is None else open_metrics(metrics, say)
             control = Control(job.folder) if job.folder else None
         except (MetricsError, StateError) as error:

@@ -69,12 +69,12 @@ def _serve(link: Link, job: Job, number: int) -> int:
     first, descriptors = link.take_at_worker()
     if not isinstance(first, Assign):  # the end, of one that was never needed
         return 0
-    public = socket.socket(fileno=descriptors[0]) if descriptors else None
+    shared = socket.socket(fileno=descriptors[0]) if descriptors else None
     rooms = [room for room in job.rooms if room.name in first.rooms]
     lines, stop = LogLines(job.log), Stop()
     verdicts, orders = FrontVerdicts(link), LinkOrders(link)
     verdicts.void(first.revoked, first.expired)
-    port = WorkerPort(link, stop, verdicts, orders, public)
+    port = WorkerPort(link, stop, verdicts, orders, shared, first.own)
     rate_limiter = RateLimiter(secrets.token_bytes(16), limits_for(max(room.rates.network_hz for room in rooms)))
     server = LiveServer(
         rooms, "", 0, stop, lines.say, lambda core: WorkerChannel(link, port, rate_limiter, core.knows),

@@ -88,7 +88,7 @@ class WorkerChannel:
         if path := self._port.paths.get(address):
             if path.session is not None:
                 with suppress(OSError):
-                    path.socket.send(path.session.close())
+                    self._port.send(path.session.close(), address)
             self._release(path)
 
     def _fault(self, datagram: bytes, address: Address, now_ns: int) -> str:

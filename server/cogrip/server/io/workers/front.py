@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 from cogrip.protocol import messages
 from cogrip.protocol.channel import Address
+from cogrip.protocol.io.dtls_session import SessionKeys
 from cogrip.protocol.io.receive_buffer import OVERRUN, overrun
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, MalformedError, Welcome
@@ -47,7 +48,7 @@ from cogrip.server.io.workers.link import (
     Stray,
 )  # fmt: skip
 from cogrip.server.io.workers.pool import Worker, WorkerPool
-from cogrip.server.io.workers.steering import open_path
+from cogrip.server.io.workers.steering import Steering, open_path
 from cogrip.server.snapshot import decode
 
 ASKED_NS = 1_000_000_000  # a worker answers a hello at its next tick
@@ -84,13 +85,15 @@ class Front(PublicPort):
     def __init__(
         self, public: socket.socket, rooms: Sequence[Settings], pool: WorkerPool, stop: Stop,
         say: Callable[[ServerEvent], None], open_channel: Callable[[Callable[[Address], bool]], FrontChannel],
-        authenticator: "Authenticator | None" = None,
+        authenticator: "Authenticator | None" = None, steering: Steering | None = None,
     ) -> None:  # fmt: skip
+        """steering: None where each path is a socket of its own."""
         self._asking: dict[Address, tuple[Worker, str, int]] = {}  # worker, token and when, of hellos without an answer
         self._waiting: dict[PeerAddress, Waiting] = {}  # newest of each address, in their order
         channel = open_channel(lambda address: address in self._asking)
         super().__init__(public, rooms, stop, say, channel, authenticator)
         self.pool = pool
+        self._steering = steering
         self.seated: dict[Address, Seated] = {}
         self.answered: Callable[[Answered], None] = lambda answer: None
         self.revoke: Callable[[str], None] = lambda token: None
@@ -159,7 +162,7 @@ class Front(PublicPort):
 
     def _take(self, datagram: bytes, address: PeerAddress, now_ns: int) -> None:
         for message in self._channel.receive(datagram, address, now_ns):
-            if seated := self.seated.pop(address, None):  # a new association, from the same address
+            if seated := self._unseat(address):  # a new association, from the same address
                 seated.worker.link.send(Forget(address))
             self._ask(message, address, now_ns)
         self._channel.renewed.clear()  # nobody here has a seat
@@ -255,7 +258,7 @@ class Front(PublicPort):
             case Astray():
                 self._take(given.datagram, given.address, now_ns)
             case Released():
-                self.seated.pop(given.address, None)
+                self._unseat(given.address)
             case Admitted():
                 self._authenticator.admitted(given.grant)
             case Revoke():
@@ -281,16 +284,31 @@ class Front(PublicPort):
         else:
             self._channel.send(said.message, address)
         self._flush()  # before the worker's first datagram
+        if self._open_path(worker, address, keys):
+            settings = message.settings
+            user = settings.user if message.role == "player" else ""
+            self.seated[address] = Seated(worker, settings.room, user, asked[1] if asked else "")
+
+    def _open_path(self, worker: Worker, address: PeerAddress, keys: SessionKeys | None) -> bool:
+        """Let a worker have a peer's datagrams from now on. Return False, with a count, where it cannot."""
+        if self._steering is not None and self._steering.add(address, worker.group):
+            if worker.link.send(Path(address, keys, True)):
+                return True
+            self._steering.remove(lambda each: each == address)
+            return False
         try:
-            path = open_path(self._public, address)
+            with open_path(self._public, address) as path:
+                return worker.link.send(Path(address, keys, False), [path.fileno()])
         except OSError as error:
             self.dropped[f"path: {error.strerror}"] += 1
-            return
-        with path:
-            if worker.link.send(Path(address, keys), [path.fileno()]):
-                settings = message.settings
-                user = settings.user if message.role == "player" else ""
-                self.seated[address] = Seated(worker, settings.room, user, asked[1] if asked else "")
+            return False
+
+    def _unseat(self, address: Address) -> Seated | None:
+        """Take in a peer's datagrams again. Return what it was."""
+        seated = self.seated.pop(address, None)
+        if seated and self._steering is not None:
+            self._steering.remove(lambda each: each == address)
+        return seated
 
     def _replace(self, worker: Worker) -> None:
         """Let another process have the rooms of a worker that has ended."""
@@ -306,6 +324,9 @@ class Front(PublicPort):
         rooms = self.pool.replace(worker)
         for added in set(self.pool.workers) - before:
             self._watch(added)
+        if self._steering is not None:
+            lost = {at for at, each in self.seated.items() if each.worker is worker}
+            self._steering.remove(lambda each: each in lost)
         self.seated = {at: each for at, each in self.seated.items() if each.worker is not worker}
         self._asking = {at: each for at, each in self._asking.items() if each[0] is not worker}
         self._waiting = {at: each for at, each in self._waiting.items() if each.by is not worker}

@@ -1,7 +1,6 @@
 """Link between the front process and one worker: a local socket of whole messages, which never waits.
 
-The front sends what comes of peers that have no path of their own yet; a worker sends what it answers them. With a `Path` goes
-the descriptor of a socket that the kernel gives that peer's datagrams to.
+The front sends what comes of peers that have no path of their own yet; a worker sends what it answers them.
 """
 
 import errno
@@ -31,13 +30,15 @@ class ToWorker(msgspec.Struct, frozen=True, array_like=True, tag_field="kind"):
 class Assign(ToWorker, frozen=True, tag="assign"):
     """Serve these rooms, and send by the socket that is sent with this.
 
-    fresh: whatever checkpoints there are; revoked, expired: ids of tokens, of all so far
+    fresh: whatever checkpoints there are; revoked, expired: ids of tokens, of all so far; own: the socket is this worker's, and
+    peers are steered to it
     """
 
     rooms: tuple[str, ...]
     fresh: bool
     revoked: tuple[str, ...]
     expired: tuple[str, ...]
+    own: bool
 
 
 class Ask(ToWorker, frozen=True, tag="ask"):
@@ -53,10 +54,14 @@ class Ask(ToWorker, frozen=True, tag="ask"):
 
 
 class Path(ToWorker, frozen=True, tag="path"):
-    """From now on this peer's datagrams come by the socket that is sent with this. keys: None without encryption."""
+    """From now on this peer's datagrams come to this worker. keys: None without encryption.
+
+    steered: to its own socket; else by the one that is sent with this
+    """
 
     address: PeerAddress
     keys: SessionKeys | None
+    steered: bool
 
 
 class Stray(ToWorker, frozen=True, tag="stray"):

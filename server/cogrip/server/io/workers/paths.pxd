@@ -26,14 +26,22 @@ cdef class WorkerPort:
     cdef object _front_has_said
     cdef long long _drain_ns
     cdef bint _ask_front
+    cdef bint _ask_own
     cdef bint _begun
     cdef list _untried
     cdef list _tried
     cdef dict _addresses
     cdef bint _asked
     cdef object _overran
-    cdef object _batched
+    cdef object _shared
+    cdef object _own
+    cdef object _ends
 
-    @cython.locals(path=OpenPath, found=tuple)
+    @cython.locals(found=tuple)
     cpdef tuple receive(self, Py_ssize_t most_bytes, long long now_ns)
+    cdef tuple _of_front(self, long long now_ns)
+    @cython.locals(path=OpenPath)
+    cdef tuple _of_own(self, Py_ssize_t most_bytes, long long now_ns)
+    @cython.locals(path=OpenPath, found=tuple)
+    cdef tuple _of_path(self, Py_ssize_t most_bytes, long long now_ns)
     cdef _begin(self)

@@ -1,7 +1,7 @@
-"""A worker's port: a socket for each of its people, and the front for all who have none yet.
+"""A worker's port: a socket to which its people are steered, and the front for all who are not yet.
 
-Where it is compiled, all is sent by the front's socket, many datagrams in a system call: the address that they come from is
-the same.
+Where the kernel steers nobody there is a socket for each of them. Where it is compiled all is sent by one socket, many
+datagrams in a system call: the address that they come from is the same.
 """
 
 import socket
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from cogrip.protocol.channel import Address
-from cogrip.protocol.io.datagrams import open_arrivals, open_batched
+from cogrip.protocol.io.datagrams import open_arrivals, open_batched, open_datagrams
 from cogrip.protocol.io.dtls_session import DtlsSession, SessionKeys
 from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.receive_buffer import overrun
@@ -36,16 +36,19 @@ MOST_ADDRESSES = 4096
 class OpenPath:
     """One path. session: None without encryption. seated_ns: when its peer was last seen with a seat.
 
-    sender: the peer's address as it came with the last datagram; closed: its descriptor may be another file's by now
+    socket, arrivals  None where the peer is steered to the worker's own socket
+    sender            the peer's address as it came with the last datagram
+    closed            its descriptor may be another file's by now
     """
 
     __slots__ = ("address", "arrivals", "closed", "seated_ns", "sender", "session", "socket")
 
-    def __init__(self, address: PeerAddress, owned: socket.socket, keys: SessionKeys | None, now_ns: int) -> None:
-        owned.setblocking(False)
-        self.address, self.socket = address, owned
+    def __init__(self, address: PeerAddress, own: socket.socket | None, keys: SessionKeys | None, now_ns: int) -> None:
+        self.address, self.socket = address, own
         self.sender: Address = None
-        self.arrivals = open_arrivals(owned)
+        if own is not None:
+            own.setblocking(False)
+        self.arrivals = None if own is None else open_arrivals(own)
         self.session = None if keys is None else DtlsSession(keys)
         self.seated_ns = now_ns
         self.closed = False
@@ -61,9 +64,10 @@ class WorkerPort:
     """
 
     def __init__(
-        self, link: Link, stop: Stop, verdicts: FrontVerdicts, orders: LinkOrders, public: socket.socket | None = None
-    ) -> None:
-        """public: the front's socket, to send by."""
+        self, link: Link, stop: Stop, verdicts: FrontVerdicts, orders: LinkOrders, shared: socket.socket | None = None,
+        own: bool = False,
+    ) -> None:  # fmt: skip
+        """shared: a socket at the public port, to send by. own: it is this worker's, and peers are steered to it."""
         self.paths: dict[Address, OpenPath] = {}
         self.from_front = False
         self.arrived_ns = 0
@@ -72,13 +76,14 @@ class WorkerPort:
         self._link, self._stop, self._verdicts, self._orders = link, stop, verdicts, orders
         self._front_has_said = system.arrival_check(link.socket)
         self._drain_ns = -1  # when the drain began that goes on; -1: it has come to its end
-        self._ask_front = self._begun = False
+        self._ask_front = self._ask_own = self._begun = False
         self._untried: list[OpenPath] = []  # from the last one on
         self._tried: list[OpenPath] = []  # of which something came: they have another turn after all others
         self._addresses: dict[PeerAddress, PeerAddress] = {}  # as they were told first
         self._asked = False  # the message before came with a verdict
         self._overran = 0
-        self._batched = None if public is None else open_batched(public)
+        self._shared, self._own = shared, shared if own else None
+        self._ends = None if shared is None else open_datagrams(shared) if own else open_batched(shared)
 
     def receive(self, most_bytes: int, now_ns: int) -> tuple[bytes, Address, int]:
         """Return what the front has sent, then one datagram of each path that has some, in turn.
@@ -89,14 +94,42 @@ class WorkerPort:
             self._asked = False
             self._verdicts.newest = None  # it is of the message before, which nothing else may use it for
         if now_ns != self._drain_ns:  # a drain begins; the one before may have been cut short
-            self._drain_ns, self._ask_front, self._begun = now_ns, bool(self._front_has_said()), False
-        while self._ask_front:
+            self._drain_ns, self._begun = now_ns, False
+            self._ask_front, self._ask_own = bool(self._front_has_said()), self._own is not None
+        found = self._of_front(now_ns) if self._ask_front else None
+        if found is None and self._ask_own:
+            found = self._of_own(most_bytes, now_ns)
+        if found is None:
+            found = self._of_path(most_bytes, now_ns)
+        if found is None:
+            self._drain_ns = -1
+            raise BlockingIOError
+        self.arrived_ns = found[2]
+        return found
+
+    def _of_front(self, now_ns: int) -> tuple[bytes, Address, int] | None:
+        try:
+            return self._take_of_front(now_ns)
+        except BlockingIOError:
+            self._ask_front = False
+            return None
+
+    def _of_own(self, most_bytes: int, now_ns: int) -> tuple[bytes, Address, int] | None:
+        """Return what has come to the worker's own socket, of peers that have a path."""
+        assert self._ends is not None
+        while True:
             try:
-                datagram, address, self.arrived_ns = self._take_of_front(now_ns)
+                datagram, sender, arrived_ns = self._ends.receive(most_bytes, now_ns)
             except BlockingIOError:
-                self._ask_front = False
-            else:
-                return datagram, address, self.arrived_ns
+                self._ask_own = False
+                return None
+            path = self.paths.get(sender)
+            if path is not None:
+                return datagram, path.address, arrived_ns
+            self.dropped["of another peer"] += 1  # it has the hash of one that is steered, or its path is over
+
+    def _of_path(self, most_bytes: int, now_ns: int) -> tuple[bytes, Address, int] | None:
+        """Return one datagram of the path whose turn it is, of those with a socket of their own."""
         if not self._begun:
             self._begin()
         while self._untried or self._tried:
@@ -105,28 +138,28 @@ class WorkerPort:
             path = self._untried.pop()
             if path.closed:
                 continue
+            assert path.arrivals is not None
             self._tried.append(path)
             found = path.arrivals.poll(most_bytes, now_ns)
             if found is None:
                 self._tried.pop()
                 continue
-            datagram, sender, self.arrived_ns = found
+            datagram, sender, arrived_ns = found
             if sender is not path.sender:
                 if sender != path.address and tuple(sender[:2]) != path.address[:2]:
                     self.dropped["of another peer"] += 1  # it came before the path was connected
                     continue
                 path.sender = sender
-            return datagram, path.address, self.arrived_ns
-        self._drain_ns = -1
-        raise BlockingIOError
+            return datagram, path.address, arrived_ns
+        return None
 
     def _begin(self) -> None:
-        """Let each path have a turn in this drain, first those that had none in the one before.
+        """Let each path with a socket have a turn in this drain, first those that had none in the one before.
 
-        A try of a path costs less than to ask the kernel where something has come: in most frames it has from everybody.
+        A try costs less than to ask the kernel where something has come: in most frames it has from everybody.
         """
         self._begun = True
-        waiting, self._untried = self._untried, list(self.paths.values())
+        waiting, self._untried = self._untried, [path for path in self.paths.values() if path.arrivals is not None]
         if waiting:
             first = set(waiting)
             self._untried = [path for path in self._untried if path not in first] + waiting
@@ -134,15 +167,18 @@ class WorkerPort:
 
     def send(self, datagram: bytes, address: Address) -> None:
         """Send a datagram by a path; one whose path has gone meanwhile is counted."""
-        if path := self.paths.get(address):
-            path.socket.send(datagram)
-        else:
+        path = self.paths.get(address)
+        if path is None:
             self.dropped["path has gone"] += 1
+        elif path.socket is not None:
+            path.socket.send(datagram)
+        elif self._own is not None:
+            self._own.sendto(datagram, path.address)
 
     def send_all(self, outbox: deque[tuple[Address, bytes]]) -> list[str]:
         """Send all (address, datagram) of a queue, and return for each that the system refused why it did."""
-        if self._batched is not None:
-            return self._batched.send_all(outbox)
+        if self._ends is not None:
+            return self._ends.send_all(outbox)
         refused = []
         while outbox:
             address, datagram = outbox.popleft()
@@ -154,7 +190,8 @@ class WorkerPort:
 
     def overruns(self) -> int:
         """Return the datagrams that the kernel dropped for want of room, of all paths so far."""
-        return self._overran + sum(overrun(path.socket) for path in self.paths.values())
+        sockets = [self._own, *(path.socket for path in self.paths.values())]
+        return self._overran + sum(overrun(each) for each in sockets if each is not None)
 
     def close(self) -> None:
         """Close all paths."""
@@ -184,11 +221,11 @@ class WorkerPort:
 
     def _follow(self, given: AnyToWorker, descriptors: Sequence[int], now_ns: int) -> None:
         match given:
-            case Path() if descriptors:
+            case Path() if descriptors or given.steered:
                 self.drop(given.address)
                 address = self._same(given.address)
-                path = OpenPath(address, socket.socket(fileno=descriptors[0]), given.keys, now_ns)
-                self.paths[address] = path
+                own = socket.socket(fileno=descriptors[0]) if descriptors else None
+                self.paths[address] = OpenPath(address, own, given.keys, now_ns)
             case Forget():
                 self.drop(given.address)
                 self.renewed.append(given.address)
@@ -202,7 +239,8 @@ class WorkerPort:
     def drop(self, address: Address) -> None:
         """Close a path."""
         if path := self.paths.pop(address, None):
-            with suppress(OSError):
-                self._overran += overrun(path.socket)
             path.closed = True
-            path.socket.close()
+            if path.socket is not None:
+                with suppress(OSError):
+                    self._overran += overrun(path.socket)
+                path.socket.close()

@@ -22,12 +22,16 @@ Start = Callable[[int, int], subprocess.Popen[bytes]]
 
 @dataclass(eq=False, slots=True)
 class Worker:
-    """One process. rooms: those that it serves; none of a spare. state: "ready" once it serves them."""
+    """One process. rooms: those that it serves; none of a spare. state: "ready" once it serves them.
+
+    group: number of these rooms, whoever serves them
+    """
 
     number: int
     process: subprocess.Popen[bytes]
     link: Link
     rooms: tuple[str, ...] = ()
+    group: int = -1
     state: Literal["spare", "assigned", "ready", "ended"] = "spare"
     snapshot: Snapshot | None = None
 
@@ -39,8 +43,14 @@ class WorkerPool:
     replaced count of workers that died
     """
 
-    def __init__(self, groups: Sequence[Sequence[str]], start: Start, fresh: bool, public: int | None = None) -> None:
-        """fresh: what `--fresh` says, for the first workers; public: descriptor of the front's socket, to send by."""
+    def __init__(
+        self, groups: Sequence[Sequence[str]], start: Start, fresh: bool, public: int | None = None,
+        own: Sequence[int] = (),
+    ) -> None:  # fmt: skip
+        """fresh: what `--fresh` says, for the first workers; public: descriptor of the front's socket, to send by.
+
+        own: of sockets that peers are steered to, one for each group
+        """
         self.workers: list[Worker] = []
         self.replaced = 0
         self._start = start
@@ -49,13 +59,14 @@ class WorkerPool:
         self._groups = [tuple(group) for group in groups]
         self._fresh = fresh
         self._public = () if public is None else (public,)
+        self._own = tuple(own)
 
     def begin(self) -> None:
         """Start all workers. Raises OSError."""
         for _ in self._groups:
             self.add()
-        for worker, rooms in zip(self.workers, self._groups, strict=False):
-            self.assign(worker, rooms, self._fresh)
+        for number, (worker, rooms) in enumerate(zip(self.workers, self._groups, strict=False)):
+            self.assign(worker, rooms, number, self._fresh)
 
     def add(self) -> Worker:
         """Start a spare. Raises OSError."""
@@ -72,11 +83,13 @@ class WorkerPool:
         self.workers.append(worker)
         return worker
 
-    def assign(self, worker: Worker, rooms: tuple[str, ...], fresh: bool = False) -> None:
+    def assign(self, worker: Worker, rooms: tuple[str, ...], group: int, fresh: bool = False) -> None:
         """Let a spare serve these rooms."""
-        worker.rooms, worker.state = rooms, "assigned"
+        worker.rooms, worker.group, worker.state = rooms, group, "assigned"
         revoked, expired = self._voided
-        worker.link.send(Assign(rooms, fresh, tuple(sorted(revoked)), tuple(sorted(expired))), self._public)
+        own = bool(self._own)
+        sockets = (self._own[group],) if own else self._public
+        worker.link.send(Assign(rooms, fresh, tuple(sorted(revoked)), tuple(sorted(expired)), own), sockets)
 
     def void(self, revoked: set[str], expired: set[str]) -> None:
         """Note void tokens, of which a worker that is assigned later must know."""
@@ -98,7 +111,7 @@ class WorkerPool:
         self.replaced += 1
         spare = next((worker for worker in self.workers if worker.state == "spare"), None) or self.add()
         if dead.rooms:
-            self.assign(spare, dead.rooms)
+            self.assign(spare, dead.rooms, dead.group)
             self.add()
         return dead.rooms
 
