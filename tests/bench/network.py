@@ -50,6 +50,7 @@ class Measured(msgspec.Struct, frozen=True):
     frames_late: int
     not_recorded: int
     memory_kb: int
+    used_kb: int
     load_late_us: float  # p99 of the people's own loop
     left_out: int  # datagrams that the people were too late to send
 
@@ -165,7 +166,7 @@ def measure(
         kind, recorded, people, cpu_us, last.late_us, last.work_us, last.ticks, last.skipped - first.skipped, sent, received,
         _more(first, last, "socket: receive buffer full"), max(0, (last.ticks - APART) * people - received),
         last.frames_lost - first.frames_lost, last.frames_late - first.frames_late, _more(first, last, "not recorded"),
-        last.memory_kb, load_late_us, now[2] - left_out,
+        last.memory_kb, last.used_kb, load_late_us, now[2] - left_out,
     )  # fmt: skip
 
 

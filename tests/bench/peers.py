@@ -30,7 +30,10 @@ MOST_PERSON_KB = 150.0
 
 
 class Cost(msgspec.Struct, frozen=True):
-    """Medians over rounds. over_c: how many times the C twin of the same round costs."""
+    """Medians over rounds, of memory the most. over_c: how many times the C twin of the same round costs.
+
+    used_kb: of the memory, without what the heap keeps free
+    """
 
     name: str
     people: int
@@ -38,6 +41,7 @@ class Cost(msgspec.Struct, frozen=True):
     over_c: float
     late_p99_us: float
     memory_kb: int
+    used_kb: int
     missed: float  # share of the people's frames that did not come in time; none are expected by the twin and the echo
 
 
@@ -99,7 +103,7 @@ def _judge_growth(console: Console, name: str, costs: Sequence[Cost]) -> list[bo
     frame_us = np.array([each.people * each.us for each in costs])
     slope_us, fixed_us = np.polyfit(people, frame_us, 1)
     off = 100.0 * float(np.max(np.abs(frame_us / np.polyval((slope_us, fixed_us), people) - 1.0)))
-    person_kb = float(np.polyfit(people, [each.memory_kb for each in costs], 1)[0])
+    person_kb = float(np.polyfit(people, [each.used_kb for each in costs], 1)[0])
     console.print(f"{name}: a frame takes {fixed_us:.0f} µs and {slope_us:.2f} µs a person", markup=False)
     return [
         judge(console, f"{name}, off that line [%]", off, MOST_OFF_LINE, most=True, form=".1f"),
@@ -124,6 +128,7 @@ def _cost(found: Sequence[Sequence[Measured]], people: int, case: int) -> Cost:
         median(each.cpu_us / twin.cpu_us for twin, each in rounds),
         median(each.late_us["p99"] for _, each in rounds),
         max(each.memory_kb for _, each in rounds),
+        max(each.used_kb for _, each in rounds),
         median((each.frames_lost + each.frames_late) / max(1, each.ticks * people) for _, each in rounds),
     )
 
