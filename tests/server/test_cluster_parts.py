@@ -13,7 +13,7 @@ from cogrip.server.io.cluster.connection import found_homes
 from cogrip.server.io.cluster.directory import Home
 from cogrip.server.io.cluster.guard import Guard
 from cogrip.server.io.cluster.lines import GatheredLines, Lines
-from cogrip.server.io.cluster.replicas import NOTHING, Kept, Replicas, newest, next_host
+from cogrip.server.io.cluster.replicas import KEPT_S, LATEST_S, NOTHING, Kept, Replicas, gather, newest, next_host
 from cogrip.server.io.cluster.room_checkpoints import newest as newest_checkpoint
 from cogrip.server.io.state_folder import StateFolder, make_folder
 from cogrip.server.io.udp_port import PortRange, ServeError, UdpPort
@@ -62,6 +62,32 @@ def test_a_host_sends_what_another_does_not_have() -> None:
     assert replicas.to_send("c", ["attic"]) == {"attic": Kept(1, 2, b"2")}, "an older one replaces none"
     assert replicas.get("cellar") == NOTHING == newest([])
     assert newest([Kept(1, 900, b"a"), Kept(2, 1, b"b"), NOTHING]) == Kept(2, 1, b"b"), "of the latest process"
+
+
+@pytest.mark.parametrize(
+    ("own", "answers", "found", "waited_s"),
+    [
+        (NOTHING, [([], 0)], NOTHING, KEPT_S),
+        (NOTHING, [([NOTHING, Kept(1, 3, b"3")], 1)], Kept(1, 3, b"3"), KEPT_S),
+        (Kept(1, 2, b"2"), [([], 1)], Kept(1, 2, b"2"), KEPT_S),
+        (Kept(1, 2, b"2"), [([Kept(1, 3, b"3")], 1)], Kept(1, 3, b"3"), KEPT_S),
+        (Kept(1, 2, b""), [([NOTHING], 1)], Kept(1, 2, b""), KEPT_S),
+        (NOTHING, [([NOTHING], 1), ([Kept(1, 3, b"3")], 0)], Kept(1, 3, b"3"), LATEST_S),
+        (NOTHING, [([NOTHING], 1), ([], 1)], NOTHING, LATEST_S),
+    ],
+    ids=["none", "another's", "own", "newer", "none is needed", "late", "never"],
+)
+def test_a_host_that_may_have_the_only_checkpoint_is_waited_for(
+    own: Kept, answers: list[tuple[list[Kept], int]], found: Kept, waited_s: float
+) -> None:
+    limits: list[float] = []
+
+    def come(limit_s: float) -> tuple[list[Kept], int]:
+        limits.append(limit_s)
+        return answers[len(limits) - 1]
+
+    assert gather(own, come) == found
+    assert sum(limits) == waited_s
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ import msgspec
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.cluster.directory import Report, Start
 from cogrip.server.io.cluster.lines import Lines
-from cogrip.server.io.cluster.replicas import Kept, Replicas, newest, next_host
+from cogrip.server.io.cluster.replicas import Kept, Replicas, gather, next_host
 from cogrip.server.io.cluster.room_process import RoomProcess
 from cogrip.server.io.cluster.template import Template, TemplateError
 from cogrip.server.io.control import Answer, AnyOrder
@@ -27,7 +27,6 @@ EVERY_S = 0.25  # a report
 HEAR_S = 1.0  # between two looks whether the directory has answered
 GIVE_UP_S = 10.0  # after which it is asked anew
 SILENT_S = 3.0  # without one: the rooms are told
-KEPT_S = 1.0  # for an answer of another host about a checkpoint
 HAND_OVER_S = 10.0
 LINGER_S = 1.0  # after all rooms: somebody may wait for the answer
 AT_ONCE = 64  # calls
@@ -133,12 +132,17 @@ class HostActor:
             with suppress(RayError, ValueError):
                 if host != self._host:
                     asked.append(ray.get_actor(actor_of(host), NAMESPACE).kept.remote(room))
-        done, _ = ray.wait(asked, num_returns=len(asked), timeout=KEPT_S) if asked else ([], [])
-        kept = [self._replicas.get(room)]
-        for each in done:
-            with suppress(RayError):
-                kept.append(Kept(*ray.get(each)))
-        return newest(kept).data
+
+        def come(limit_s: float) -> tuple[list[Kept], int]:
+            nonlocal asked
+            done, asked = ray.wait(asked, num_returns=len(asked), timeout=limit_s) if asked else ([], [])
+            answers = []
+            for each in done:
+                with suppress(RayError):
+                    answers.append(Kept(*ray.get(each)))
+            return answers, len(asked)
+
+        return gather(self._replicas.get(room), come).data
 
     def _save(self, room: str, number: int, checkpoint: bytes) -> None:
         self._turn += 1

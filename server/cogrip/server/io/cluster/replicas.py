@@ -4,8 +4,10 @@ The host of a room has its newest one, and sends it to the next host of a ring o
 store would end with the host that made it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
+
+KEPT_S, LATEST_S = 1.0, 5.0  # for the answers of other hosts; where none of them has a checkpoint
 
 
 class Kept(NamedTuple):
@@ -22,6 +24,21 @@ NOTHING = Kept(0, 0, b"")
 def newest(found: Sequence[Kept]) -> Kept:
     """Return the newest of some, NOTHING for none."""
     return max(found, default=NOTHING, key=lambda each: each[:2])
+
+
+def gather(own: Kept, come: Callable[[float], tuple[Sequence[Kept], int]]) -> Kept:
+    """Return the newest checkpoint of a room among what is here and what other hosts answer.
+
+    A host under load may answer late: where nobody else has one it is waited for, or the room would begin without.
+    come: waits so many seconds, and returns what came and the number of hosts that have not answered
+    """
+    found = [own]
+    for limit_s in (KEPT_S, LATEST_S - KEPT_S):
+        answers, silent = come(limit_s)
+        found += answers
+        if not silent or newest(found) != NOTHING:
+            break
+    return newest(found)
 
 
 def next_host(host: str, hosts: Sequence[str]) -> str:
