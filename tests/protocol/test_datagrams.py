@@ -6,6 +6,7 @@ import socket
 import time
 from collections import deque
 from collections.abc import Iterator
+from contextlib import ExitStack, suppress
 from typing import Any
 
 import pytest
@@ -114,3 +115,35 @@ def test_all_of_a_queue_is_sent_but_what_the_system_refuses_which_is_returned(
 def test_a_bound_socket_gets_the_form_that_is_there(sockets: tuple[socket.socket, socket.socket]) -> None:
     ends = open_datagrams(sockets[0])
     assert isinstance(ends, Datagrams) is (importlib.util.find_spec(BATCH) is None)
+
+
+def link_local() -> tuple[str, int] | None:
+    """Return an address of this machine that is valid on one link alone, and that link's number."""
+    with suppress(OSError), open("/proc/net/if_inet6", encoding="ascii") as known:
+        for line in known:
+            digits, number, _, scope, *_ = line.split()
+            if scope == "20":
+                return socket.inet_ntop(socket.AF_INET6, bytes.fromhex(digits)), int(number, 16)
+    return None
+
+
+@pytest.mark.parametrize("few_peers", [False, True])
+@pytest.mark.parametrize("form", FORMS)
+def test_an_address_of_a_link_is_as_the_socket_gives_it(form: str, few_peers: bool) -> None:
+    if (place := link_local()) is None:
+        pytest.skip("this machine has no address of a link (IPv6)")
+    with ExitStack() as stack:
+        own, plain, other = (stack.enter_context(socket.socket(socket.AF_INET6, socket.SOCK_DGRAM)) for _ in range(3))
+        for each in (own, plain, other):
+            each.bind((place[0], 0, 0, place[1]))
+        own.setblocking(False)
+        plain.settimeout(LIMIT_S)
+        for each in (own, plain):
+            other.sendto(b"a datagram", each.getsockname())
+        ends = ends_of(form, own, few_peers)
+        ((_, address, _),) = received(ends, 1)
+        assert address == plain.recvfrom(100)[1]
+        if not few_peers:
+            assert ends.send_all(deque([(address, b"an answer")])) == []
+            other.settimeout(LIMIT_S)
+            assert other.recv(100) == b"an answer"

@@ -2,14 +2,15 @@
 
 import socket
 import sys
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
-from ipaddress import IPv4Address
+from ipaddress import IPv4Address, IPv6Address
 from random import Random
 
 import pytest
 
-from cogrip.server.io.workers.steering import Steering, open_path, open_public
+from cogrip.server.io.workers.steering import Steering, open_path, open_public, replaces_safely
 from cogrip.server.io.workers.steering_program import LEAF, hash_of
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="several workers need Linux")
@@ -77,6 +78,7 @@ def test_each_peer_comes_to_its_worker_and_whoever_is_not_steered_to_the_front(s
     assert steered.received([*peers, *others]) == [*places, *[0] * 10]
     gone = {steered.address(peer) for peer in peers[::2]}
     steered.steering.remove(lambda address: address in gone)
+    steered.steering.refresh()
     assert steered.received(peers) == [0 if number % 2 == 0 else place for number, place in enumerate(places)]
 
 
@@ -86,6 +88,8 @@ def test_a_peer_that_is_steered_anew_comes_to_its_new_worker_alone(steered: Stee
         assert steered.steering.add(steered.address(peer), worker)
         assert steered.received([peer, other]) == [worker + 1, 0]
     steered.steering.remove(lambda _: True)
+    assert steered.received([peer, other]) == [2, 0], "until the kernel is told"
+    steered.steering.refresh()
     assert steered.received([peer, other]) == [0, 0]
 
 
@@ -97,7 +101,8 @@ def test_a_peer_beyond_the_size_of_a_program_is_refused_and_those_before_stay(ip
         steered += 1
         assert steered < 4096
     assert steered >= 500  # with the optmem_max of older kernels; 1272 of newer ones
-    assert not ipv4.steering.add(ipv4.address(last), 2)
+    for _ in range(2):
+        assert not ipv4.steering.add(ipv4.address(last), 2)
     path = open_path(ipv4.public, ipv4.address(last))  # its own socket, beside the program
     with path:
         path.settimeout(10.0)
@@ -105,7 +110,7 @@ def test_a_peer_beyond_the_size_of_a_program_is_refused_and_those_before_stay(ip
         assert path.recv(10) == b"1"
     assert ipv4.received([first, last, stranger]) == [1, 0, 0]
     ipv4.steering.remove(lambda address: address[0] != "127.0.0.1")
-    assert ipv4.steering.add(ipv4.address(last), 2)
+    assert ipv4.steering.add(ipv4.address(last), 2), "there is room again"
     assert ipv4.received([first, last, stranger]) == [1, 3, 0]
 
 
@@ -129,6 +134,67 @@ def test_of_two_peers_with_one_hash_the_second_is_refused_and_its_leaving_change
     assert not ipv4.steering.add(second, 1)
     ipv4.steering.remove(lambda address: address == first)
     assert ipv4.steering.add(second, 1)
+
+
+def test_a_bit_of_one_part_of_an_address_is_not_undone_by_one_of_another() -> None:
+    """For a plain sum of products the highest bits of two words cancel each other, whatever the secret multiplier."""
+    draw = Random(21)
+    flips = [
+        ((first, high), (second, low))
+        for first in range(4)
+        for second in range(first)
+        for high in (29, 30, 31)
+        for low in (29, 30, 31)
+    ]
+    alike: Counter[object] = Counter()
+    for _ in range(300):
+        multiplier = draw.randrange(1 << 32) | 1
+
+        def hash_with(*changes: tuple[int, int], multiplier: int = multiplier) -> int:
+            words = [0x2001_0DB8, 1, 2, 3]
+            for word, bit in changes:
+                words[word] ^= 1 << bit
+            place = IPv6Address(b"".join(each.to_bytes(4, "big") for each in words))
+            return hash_of((str(place), 5, 0, 0), multiplier)
+
+        plain = hash_with()
+        alike.update(each for each in flips if hash_with(*each) == plain)
+    assert alike.total() <= 2, alike
+
+
+def test_what_the_kernel_refuses_is_tried_again(ipv4: Steered, monkeypatch: pytest.MonkeyPatch) -> None:
+    peer = ipv4.peer()
+    assert ipv4.steering.add(ipv4.address(peer), 0)
+    ipv4.steering.remove(lambda _: True)
+    attach = Steering._attach
+    monkeypatch.setattr(Steering, "_attach", raising_once(OSError(12, "no memory"), attach))
+    ipv4.steering.refresh()
+    assert ipv4.received([peer]) == [1]
+    ipv4.steering.refresh()
+    assert ipv4.received([peer]) == [0]
+
+
+def raising_once(error: OSError, then: Callable[..., None]) -> Callable[..., None]:
+    errors = [error]
+
+    def call(*given: object) -> None:
+        if errors:
+            raise errors.pop()
+        then(*given)
+
+    return call
+
+
+@pytest.mark.parametrize(
+    ("release", "safely"),
+    [
+        ("7.1.0", True), ("7.1", True), ("8.0.3-amd64", True), ("7.0.99", False), ("6.18.36", True), ("6.18.44-fc-v669", True),
+        ("6.18.35", False), ("6.17.99", False), ("6.12.48+deb13-amd64", False), ("5.15.210-generic", True),
+        ("5.15.0-151-generic", False), ("4.4.0", False), ("", False), ("unknown", False),
+    ],
+)  # fmt: skip
+def test_kernels_that_free_a_program_while_it_runs_get_none(release: str, safely: bool) -> None:
+    assert replaces_safely(release) is safely
 
 
 def test_a_host_that_is_no_number_is_refused(ipv4: Steered) -> None:

@@ -22,7 +22,20 @@ from cogrip.server.admission import Grant
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.platform import message_pair
 from cogrip.server.io.workers.front import ASKED_NS, Front
-from cogrip.server.io.workers.link import Ask, Assign, Forget, Link, Path, Ready, Released, Say, ToFront, ToWorker
+from cogrip.server.io.workers.link import (
+    Ask,
+    Assign,
+    Astray,
+    Forget,
+    Link,
+    Path,
+    Ready,
+    Released,
+    Say,
+    Stray,
+    ToFront,
+    ToWorker,
+)
 from cogrip.server.io.workers.pool import Worker, WorkerPool
 from cogrip.server.io.workers.steering import Steering, open_public
 
@@ -225,6 +238,7 @@ class Seated(Fronted):
     def arrives(self) -> list[int]:
         """Let the person send a datagram, and return where it came: 0 the front, then the workers' own sockets."""
         assert self.steering is not None
+        self.steering.refresh()  # at the end of a turn
         self.person.sendto(b"waves", self.public.getsockname())
         found = []
         for number, each in enumerate([self.public, *self.steering.own]):
@@ -248,6 +262,21 @@ def test_who_is_welcome_is_steered_to_the_worker_until_it_says_that_the_seat_is_
     assert seated.front.seated == {}
     seated.seat()
     assert seated.arrives() == [2]
+
+
+def test_another_worker_that_gives_a_peer_up_too_late_changes_nothing(seated: Seated) -> None:
+    seated.tell(1, Released(seated.place))
+    assert seated.arrives() == [2]
+    assert list(seated.front.seated) == [seated.place]
+
+
+def test_a_datagram_that_was_faster_than_its_path_goes_back_to_the_worker(seated: Seated) -> None:
+    seated.told(2)
+    seated.tell(2, Astray(seated.place, b"waves"))
+    assert seated.told(2) == [Stray(seated.place, b"waves")]
+    assert seated.arrives() == [2]
+    seated.tell(1, Astray((HOST, 9), seated.ask("attic")))
+    assert seated.asked(1) == [(HOST, 9)], "of whoever has no seat: a hello"
 
 
 def test_who_makes_a_new_association_comes_to_the_front_again(seated: Seated) -> None:

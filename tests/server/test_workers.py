@@ -22,7 +22,19 @@ from cogrip.server.io.platform import message_pair
 from cogrip.server.io.workers.administration import merged
 from cogrip.server.io.workers.channel import WorkerChannel
 from cogrip.server.io.workers.front import shares
-from cogrip.server.io.workers.link import MOST_BYTES, Ask, Asked, Forget, Link, LinkEndedError, Path, Say
+from cogrip.server.io.workers.link import (
+    MOST_BYTES,
+    Ask,
+    Asked,
+    Astray,
+    Forget,
+    Link,
+    LinkEndedError,
+    Path,
+    Released,
+    Say,
+    Stray,
+)
 from cogrip.server.io.workers.orders import LinkOrders
 from cogrip.server.io.workers.paths import WorkerPort
 from cogrip.server.io.workers.steering import Steering, open_path, open_public
@@ -191,7 +203,7 @@ def test_what_a_worker_sends_comes_from_the_public_port(peers: Peers, public: so
     assert [peer.recvfrom(10) for _ in range(70)] == [(bytes([number]), public.getsockname()) for number in range(70)]
 
 
-def test_a_worker_receives_by_its_own_socket_from_peers_with_a_path_alone(peers: Peers, public: socket.socket) -> None:
+def test_a_worker_receives_by_its_own_socket(peers: Peers, public: socket.socket) -> None:
     steering = Steering(public, 2, peers)
     worker = peers.enter_context(closing(Linked(steering.own[1], own=True)))
     seated, alike, later = peers.new(), peers.new(), peers.new()
@@ -211,8 +223,9 @@ def test_a_worker_receives_by_its_own_socket_from_peers_with_a_path_alone(peers:
         peer.sendto(b"%d" % number, public.getsockname())
     worker.front.send(Ask((HOST, 9), b"hello", None, time.monotonic_ns()))
     places = {peer: peer.getsockname() for peer in (seated, alike, later)}
-    assert received() == [(b"hello", (HOST, 9)), (b"0", places[seated]), (b"2", places[later]), (b"3", places[seated])]
-    assert worker.port.dropped == {"of another peer": 1}
+    came = [(b"%d" % number, places[peer]) for number, peer in enumerate((seated, alike, later, seated))]
+    assert received() == [(b"hello", (HOST, 9)), *came], "the channel knows who has no path"
+    assert worker.port.dropped == {}
     worker.port.send(b"at once", places[seated])
     assert worker.port.send_all(deque([(places[later], b"in turn"), (places[seated], b"in turn")])) == []
     assert [each.recvfrom(10) for each in (seated, seated, later)] == [
@@ -220,10 +233,10 @@ def test_a_worker_receives_by_its_own_socket_from_peers_with_a_path_alone(peers:
     ]
     worker.front.send(Forget(places[later]))
     later.sendto(b"4", public.getsockname())
-    assert received() == []
+    assert received() == [(b"4", places[later])]
     assert list(worker.port.renewed) == [places[later]]
     worker.port.send(b"to nobody", places[later])
-    assert worker.port.dropped == {"of another peer": 2, "path has gone": 1}
+    assert worker.port.dropped == {"path has gone": 1}
     assert worker.port.overruns() == 0
 
 
@@ -246,6 +259,25 @@ def test_the_front_has_its_turn_where_a_worker_cannot_take_in_all_that_comes_to_
     assert came.index(b"hello") == 5 * at_once
 
 
+@pytest.mark.parametrize("at_once", [1, 2, 5])
+def test_neither_a_path_of_its_own_nor_the_own_socket_waits_for_ever_for_the_other(
+    peers: Peers, public: socket.socket, at_once: int
+) -> None:
+    steering, steered, apart = Steering(public, 1, peers), peers.new(), peers.new()
+    worker = peers.enter_context(closing(Linked(steering.own[0], own=True)))
+    assert steering.add(steered.getsockname(), 0)
+    worker.front.send(Path(steered.getsockname(), None, True))
+    worker.hand_over(public, apart)
+    came: list[bytes] = []
+    for frame in range(10):
+        for _ in range(6):
+            steered.sendto(b"steered", public.getsockname())
+            apart.sendto(b"apart", public.getsockname())
+        with suppress(BlockingIOError):
+            came.extend(worker.port.receive(100, frame * FRAME_NS)[0] for _ in range(at_once))
+    assert min(came.count(b"steered"), came.count(b"apart")) == 5 * at_once
+
+
 def test_a_port_that_another_program_has_is_not_shared_until_it_is_free(public: socket.socket) -> None:
     place = public.getsockname()
     with pytest.raises(OSError, match="in use"):
@@ -260,8 +292,8 @@ def test_a_port_that_another_program_has_is_not_shared_until_it_is_free(public: 
 class Served(Linked):
     """A worker with a room of two seats."""
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, own: socket.socket | None = None) -> None:
+        super().__init__(own, own is not None)
         services = AdmissionServices(count(100).__next__, self.verdicts, lambda: "ticket", lambda ticket: ticket)
         self.core = ServerCore([SETTINGS], "test", services)
         self.channel = WorkerChannel(self.link, self.port, RateLimiter(bytes(16)), self.core.knows)
@@ -292,6 +324,22 @@ class Served(Linked):
 @pytest.fixture
 def served(peers: Peers) -> Served:
     return peers.enter_context(closing(Served()))
+
+
+def test_what_is_of_no_path_goes_back_to_the_front_and_what_the_front_gave_does_not(
+    public: socket.socket, peers: Peers
+) -> None:
+    steering, peer = Steering(public, 1, peers), peers.new()
+    worker = peers.enter_context(closing(Served(steering.own[0])))
+    assert steering.add(peer.getsockname(), 0)
+    peer.sendto(b"hello again", public.getsockname())
+    peer.sendto(bytes(3000), public.getsockname())
+    worker.turn()
+    assert worker.said() == [Astray(peer.getsockname(), b"hello again")]
+    worker.front.send(Stray(peer.getsockname(), b"hello again"))
+    worker.turn()
+    assert worker.said() == [Released(peer.getsockname())], "the front takes it for one that is seated here"
+    assert worker.channel.dropped["path has gone"] == 1
 
 
 def test_who_has_no_address_any_more_ends_no_worker(served: Served) -> None:

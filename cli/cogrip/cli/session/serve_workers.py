@@ -1,6 +1,7 @@
 """`cogrip serve --workers N`: the front process of several workers (docs/scaling.md)."""
 
 import os
+import platform
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -29,7 +30,7 @@ from cogrip.server.io.udp_port import HostError, ServeError, cannot_listen
 from cogrip.server.io.workers.administration import Administration
 from cogrip.server.io.workers.front import DYING, Front, FrontChannel, shares
 from cogrip.server.io.workers.pool import START_LIMIT_S, WorkerPool
-from cogrip.server.io.workers.steering import Steering, open_public
+from cogrip.server.io.workers.steering import Steering, open_public, replaces_safely
 
 ORPHANS_S = 1.0  # for which workers of a front that was killed may still have the port
 
@@ -67,7 +68,8 @@ class FrontServer:
         groups = shares(names, job.workers)
         self._steering: Steering | None = None
         with suppress(OSError):  # a kernel without such programs: then each path is a socket of its own
-            self._steering = Steering(self._public, len(groups), stack)
+            if replaces_safely(platform.release()):
+                self._steering = Steering(self._public, len(groups), stack)
         own = [each.fileno() for each in self._steering.own] if self._steering else []
         self._pool = WorkerPool(groups, self._start, job.fresh, self._public.fileno(), own)
 

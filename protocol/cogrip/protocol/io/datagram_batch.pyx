@@ -91,10 +91,7 @@ cdef tuple _address_of(bytes name):
     if family == socket.AF_INET:
         return socket.inet_ntop(socket.AF_INET, name[4:8]), port
     flow, scope = int.from_bytes(name[4:8], "big"), int.from_bytes(name[24:28], sys.byteorder)
-    host = socket.inet_ntop(socket.AF_INET6, name[8:24])
-    if scope and name[8:10] == b"\xfe\x80":
-        host = f"{host}%{socket.if_indextoname(scope)}"
-    return host, port, flow, scope
+    return socket.inet_ntop(socket.AF_INET6, name[8:24]), port, flow, scope
 
 
 cdef bytes _sockaddr_of(family, tuple address):

@@ -23,11 +23,11 @@ cdef extern from *:
     #if defined(__GLIBC__)
     #include <malloc.h>
     #else
-    enum { M_TOP_PAD, M_TRIM_THRESHOLD };
+    enum { M_TOP_PAD, M_TRIM_THRESHOLD, M_MMAP_THRESHOLD };
     static int mallopt(int what, int value) { return 0; }
     #endif
     """
-    int M_TOP_PAD, M_TRIM_THRESHOLD
+    int M_TOP_PAD, M_TRIM_THRESHOLD, M_MMAP_THRESHOLD
     int mallopt(int, int) nogil
 
 cdef extern from "<Python.h>":
@@ -43,6 +43,7 @@ cdef enum:
     PIECE = 64 << 10  # less than what the C library maps by itself
     MOST_PIECES = 64
     DEFAULT_PAD = 128 << 10  # of glibc
+    MAPPED = 32 << 20  # its greatest threshold, to which it would go by itself: a mapping a block costs page faults each time
     NEVER = 0x7FFFFFFF
 
 SETTING = "/sys/kernel/mm/transparent_hugepage/enabled"
@@ -122,6 +123,7 @@ cdef void _use_for_heap() noexcept:
     cdef int count = 0
     if not (mallopt(M_TRIM_THRESHOLD, NEVER) and mallopt(M_TOP_PAD, HEAP)):
         return
+    mallopt(M_MMAP_THRESHOLD, MAPPED)
     while count < MOST_PIECES and <char *>sbrk(0) == before:
         pieces[count] = malloc(PIECE)
         count += 1

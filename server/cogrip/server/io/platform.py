@@ -6,7 +6,6 @@ metrics are refused on Windows, each in one line. What is left there is a server
 """
 
 import os
-import select
 import signal
 import socket
 import sys
@@ -98,22 +97,6 @@ else:
 
 
 if sys.platform == "linux":
-
-    class Readable:
-        """Descriptors that are watched (epoll). `ready` returns those that can be read now."""
-
-        def __init__(self) -> None:
-            self._epoll = select.epoll()
-            self.close = self._epoll.close
-
-        def add(self, descriptor: int) -> None:
-            """Watch a descriptor, until it is closed."""
-            self._epoll.register(descriptor, select.EPOLLIN)
-
-        def ready(self) -> list[int]:
-            """Return those that can be read, without waiting."""
-            return [descriptor for descriptor, _ in self._epoll.poll(0)]
-
     send_with_descriptors, receive_with_descriptors = socket.send_fds, socket.recv_fds
 
     def share_port(unbound: socket.socket) -> None:
@@ -150,23 +133,6 @@ if sys.platform == "linux":
 
 else:
     WITHOUT = "several workers need Linux"
-
-    class Readable:
-        """Not there."""
-
-        def __init__(self) -> None:
-            raise OSError(WITHOUT)
-
-        def add(self, descriptor: int) -> None:
-            """Raise OSError."""
-            raise OSError(WITHOUT)
-
-        def ready(self) -> list[int]:
-            """Raise OSError."""
-            raise OSError(WITHOUT)
-
-        def close(self) -> None:
-            """Do nothing."""
 
     def send_with_descriptors(link: socket.socket, pieces: Sequence[bytes], descriptors: Sequence[int]) -> int:
         """Raise OSError."""

@@ -42,10 +42,12 @@ class WorkerChannel:
             self._port.from_front = False
             return (datagram,)
         path = self._port.paths.get(address)
-        if reason := "path has gone" if path is None else self._fault(datagram, address, now_ns):
+        if reason := self._fault(datagram, address, now_ns):
             self._counts[reason] += 1
             return ()
-        assert path is not None
+        if path is None:
+            self._hand_back(datagram, address)
+            return ()
         if path.session is None:
             messages = [datagram]
         elif datagram[0] in (HANDSHAKE, CHANGE_CIPHER_SPEC):
@@ -90,6 +92,18 @@ class WorkerChannel:
                 with suppress(OSError):
                     self._port.send(path.session.close(), address)
             self._release(path)
+
+    def _hand_back(self, datagram: bytes, address: Address) -> None:
+        """Let the front judge what is of no path: its sender may be anew there, or have the hash of one that is steered.
+
+        What the front gave is not given back: it takes the sender for one that is seated here, and has to hear otherwise.
+        """
+        assert isinstance(address, tuple)
+        if self._port.is_stray:
+            self._counts["path has gone"] += 1
+            self._link.send(Released(address))
+        else:
+            self._link.send(Astray(address, datagram))
 
     def _fault(self, datagram: bytes, address: Address, now_ns: int) -> str:
         if not datagram or len(datagram) > MAX_DATAGRAM_BYTES:

@@ -151,6 +151,8 @@ class Front(PublicPort):
                 self._take_of(key.data)
         if any(key.data is None for key, _ in ready):
             self._drain()
+        if self._steering is not None:
+            self._steering.refresh()
         self._flush()
         self._report()
 
@@ -256,9 +258,10 @@ class Front(PublicPort):
             case Asked():
                 self._ask(given.message, given.address, now_ns, worker, given.arrived_ns)
             case Astray():
-                self._take(given.datagram, given.address, now_ns)
+                self._take_back(worker, given, now_ns)
             case Released():
-                self._unseat(given.address)
+                if self._is_at(given.address, worker):
+                    self._unseat(given.address)
             case Admitted():
                 self._authenticator.admitted(given.grant)
             case Revoke():
@@ -267,6 +270,18 @@ class Front(PublicPort):
                 self.answered(given)
             case Measured():
                 worker.snapshot = decode(given.snapshot)
+
+    def _is_at(self, address: Address, worker: Worker) -> bool:
+        """Return whether a peer has its seat at this worker."""
+        seated = self.seated.get(address)
+        return seated is not None and seated.worker is worker
+
+    def _take_back(self, worker: Worker, given: Astray, now_ns: int) -> None:
+        """Take in what came to a worker and is not its: a handshake, or a datagram without a path there."""
+        if self._is_at(given.address, worker) and not isinstance(self._channel, DtlsListener):
+            worker.link.send(Stray(given.address, given.datagram))  # it was faster than its path
+        else:
+            self._take(given.datagram, given.address, now_ns)
 
     def _answer(self, worker: Worker, said: Say) -> None:
         """Send a worker's message; with a welcome the peer gets a path to it."""

@@ -16,6 +16,7 @@ cdef class OpenPath:
 cdef class WorkerPort:
     cdef public dict paths
     cdef public bint from_front
+    cdef public bint is_stray
     cdef public long long arrived_ns
     cdef public object renewed
     cdef public object dropped
@@ -27,6 +28,7 @@ cdef class WorkerPort:
     cdef long long _drain_ns
     cdef bint _ask_front
     cdef bint _ask_own
+    cdef bint _own_first
     cdef bint _begun
     cdef list _untried
     cdef list _tried
@@ -42,6 +44,6 @@ cdef class WorkerPort:
     cdef tuple _of_front(self, long long now_ns)
     @cython.locals(path=OpenPath)
     cdef tuple _of_own(self, Py_ssize_t most_bytes, long long now_ns)
-    @cython.locals(path=OpenPath, found=tuple)
+    @cython.locals(path=OpenPath)
     cdef tuple _of_path(self, Py_ssize_t most_bytes, long long now_ns)
     cdef _begin(self)

@@ -59,6 +59,7 @@ class WorkerPort:
 
     paths       by the peer's address
     from_front  what `receive` returned last is a message, which the front has decrypted
+    is_stray    it is a datagram that came to the front
     arrived_ns  when it came
     renewed     addresses whose path is over, as somebody has made a new association from there
     """
@@ -69,19 +70,19 @@ class WorkerPort:
     ) -> None:  # fmt: skip
         """shared: a socket at the public port, to send by. own: it is this worker's, and peers are steered to it."""
         self.paths: dict[Address, OpenPath] = {}
-        self.from_front = False
+        self.from_front = self.is_stray = False
         self.arrived_ns = 0
         self.renewed: deque[Address] = deque()
         self.dropped: Counter[str] = Counter()
         self._link, self._stop, self._verdicts, self._orders = link, stop, verdicts, orders
         self._front_has_said = system.arrival_check(link.socket)
         self._drain_ns = -1  # when the drain began that goes on; -1: it has come to its end
-        self._ask_front = self._ask_own = self._begun = False
+        self._ask_front = self._ask_own = self._begun = self._own_first = False
         self._untried: list[OpenPath] = []  # from the last one on
         self._tried: list[OpenPath] = []  # of which something came: they have another turn after all others
         self._addresses: dict[PeerAddress, PeerAddress] = {}  # as they were told first
         self._asked = False  # the message before came with a verdict
-        self._overran = 0
+        self._overran = 0 if shared is None or not own else -overrun(shared)  # of the worker that had it before
         self._shared, self._own = shared, shared if own else None
         self._ends = None if shared is None else open_datagrams(shared) if own else open_batched(shared)
 
@@ -90,17 +91,21 @@ class WorkerPort:
 
         now_ns: the same during a drain. Raises BlockingIOError, at the end of each, once no path has anything left.
         """
+        self.is_stray = False
         if self._asked:
             self._asked = False
             self._verdicts.newest = None  # it is of the message before, which nothing else may use it for
         if now_ns != self._drain_ns:  # a drain begins; the one before may have been cut short
             self._drain_ns, self._begun = now_ns, False
             self._ask_front, self._ask_own = bool(self._front_has_said()), self._own is not None
+            self._own_first = not self._own_first
         found = self._of_front(now_ns) if self._ask_front else None
-        if found is None and self._ask_own:
+        if found is None and self._ask_own and self._own_first:
             found = self._of_own(most_bytes, now_ns)
         if found is None:
             found = self._of_path(most_bytes, now_ns)
+        if found is None and self._ask_own:
+            found = self._of_own(most_bytes, now_ns)
         if found is None:
             self._drain_ns = -1
             raise BlockingIOError
@@ -115,18 +120,15 @@ class WorkerPort:
             return None
 
     def _of_own(self, most_bytes: int, now_ns: int) -> tuple[bytes, Address, int] | None:
-        """Return what has come to the worker's own socket, of peers that have a path."""
+        """Return what has come to the worker's own socket; its sender may have no path."""
         assert self._ends is not None
-        while True:
-            try:
-                datagram, sender, arrived_ns = self._ends.receive(most_bytes, now_ns)
-            except BlockingIOError:
-                self._ask_own = False
-                return None
-            path = self.paths.get(sender)
-            if path is not None:
-                return datagram, path.address, arrived_ns
-            self.dropped["of another peer"] += 1  # it has the hash of one that is steered, or its path is over
+        try:
+            datagram, sender, arrived_ns = self._ends.receive(most_bytes, now_ns)
+        except BlockingIOError:
+            self._ask_own = False
+            return None
+        path = self.paths.get(sender)
+        return datagram, sender if path is None else path.address, arrived_ns
 
     def _of_path(self, most_bytes: int, now_ns: int) -> tuple[bytes, Address, int] | None:
         """Return one datagram of the path whose turn it is, of those with a socket of their own."""
@@ -140,11 +142,11 @@ class WorkerPort:
                 continue
             assert path.arrivals is not None
             self._tried.append(path)
-            found = path.arrivals.poll(most_bytes, now_ns)
-            if found is None:
+            try:
+                datagram, sender, arrived_ns = path.arrivals.receive(most_bytes, now_ns)
+            except BlockingIOError:
                 self._tried.pop()
                 continue
-            datagram, sender, arrived_ns = found
             if sender is not path.sender:
                 if sender != path.address and tuple(sender[:2]) != path.address[:2]:
                     self.dropped["of another peer"] += 1  # it came before the path was connected
@@ -210,6 +212,7 @@ class WorkerPort:
                 self.from_front = self._asked = True
                 return given.message, self._same(given.address), min(given.arrived_ns, now_ns)
             if isinstance(given, Stray):
+                self.is_stray = True
                 return given.datagram, given.address, now_ns
             self._follow(given, descriptors, now_ns)
 

@@ -42,7 +42,8 @@ def hash_of(address: PeerAddress, multiplier: int) -> int:
     found = 0
     for word in (*struct.unpack(f"!{len(packed) // 4}I", packed), int(address[1])):
         found = (found + word) * multiplier & 0xFFFFFFFF
-    return (found ^ found >> 16) & MASK
+        found ^= found >> 16  # or one bit of two words would leave it as it is, whatever the multiplier
+    return found & MASK
 
 
 def program(places: Mapping[int, int], multiplier: int) -> list[Instruction]:
@@ -65,16 +66,16 @@ def program(places: Mapping[int, int], multiplier: int) -> list[Instruction]:
 
 
 def _hash(words: Sequence[int], port: int, multiplier: int) -> Iterator[Instruction]:
-    yield _LOAD_WORD, 0, 0, _NET + words[0]
-    yield _MULTIPLY, 0, 0, multiplier
-    for code, place in [*((_LOAD_WORD, word) for word in words[1:]), (_LOAD_HALF, port)]:
-        yield _TO_X, 0, 0, 0
+    for number, (code, place) in enumerate([*((_LOAD_WORD, word) for word in words), (_LOAD_HALF, port)]):
+        if number:
+            yield _TO_X, 0, 0, 0
         yield code, 0, 0, _NET + place
-        yield _ADD_X, 0, 0, 0
+        if number:
+            yield _ADD_X, 0, 0, 0
         yield _MULTIPLY, 0, 0, multiplier
-    yield _TO_X, 0, 0, 0
-    yield _SHIFT, 0, 0, 16
-    yield _XOR_X, 0, 0, 0
+        yield _TO_X, 0, 0, 0
+        yield _SHIFT, 0, 0, 16
+        yield _XOR_X, 0, 0, 0
     yield _AND, 0, 0, MASK
 
 
