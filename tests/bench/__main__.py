@@ -9,6 +9,7 @@ from cogrip.cli.terminal.flag_errors import words_of
 from cogrip.cli.terminal.problem import Problem
 
 BENCHES = {  # each is the function bench_NAME of tests.bench.NAME
+    "capacity": "Measure what people cost a core, a join and a cluster's directory; compute what hosts and clusters carry.",
     "client": "Measure what a live client's tick takes at 1024 and 8192 Hz, encrypted and recorded, and how many ticks run.",
     "cluster": "Kill a host of a Ray cluster and drain another: time until all are back, steps of force, the other rooms.",
     "concealment": "Compare every packet loss concealment under the same hands, loss, jitter and outages, with a clean link.",
