@@ -174,6 +174,17 @@ def test_what_the_kernel_refuses_is_tried_again(ipv4: Steered, monkeypatch: pyte
     assert ipv4.received([peer]) == [0]
 
 
+def test_a_refusal_that_passes_by_keeps_nobody_out_for_ever(ipv4: Steered, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second, third = (ipv4.address(ipv4.peer()) for _ in range(3))
+    assert ipv4.steering.add(first, 0)
+    monkeypatch.setattr(Steering, "_attach", raising_once(OSError(12, "no memory"), Steering._attach))
+    assert not ipv4.steering.add(second, 0)
+    assert not ipv4.steering.add(second, 0), "not tried again for now: each try builds a program"
+    ipv4.steering.remove(lambda address: address == first)
+    assert ipv4.steering.add(second, 0)
+    assert ipv4.steering.add(third, 1)
+
+
 def raising_once(error: OSError, then: Callable[..., None]) -> Callable[..., None]:
     errors = [error]
 

@@ -70,6 +70,10 @@ class FrontServer:
         with suppress(OSError):  # a kernel without such programs: then each path is a socket of its own
             if replaces_safely(platform.release()):
                 self._steering = Steering(self._public, len(groups), stack)
+        if self._steering is None:
+            lines.say(
+                "each person gets a socket of the worker's: this kernel steers nobody, or not safely (docs/scaling.md)"
+            )
         own = [each.fileno() for each in self._steering.own] if self._steering else []
         self._pool = WorkerPool(groups, self._start, job.fresh, self._public.fileno(), own)
 

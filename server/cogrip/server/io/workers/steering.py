@@ -134,7 +134,7 @@ class Steering:
         """Let the peers for whom this is true come to the front again, from the next `refresh` on."""
         for address in [each for each in self._hashes if leaves(each)]:
             del self._places[self._hashes.pop(address)]
-            self._stale = True
+            self._stale, self._most = True, MOST_STEERED  # there is room again, or what was refused had another reason
 
     def refresh(self) -> None:
         """Let the kernel know who has left, of all since the last call. Where it refuses, the next call tries again."""
