@@ -27,9 +27,10 @@ HEADER = struct.Struct("<8sQLL")
 
 
 class WriterThread:
-    """A thread in which any number of writers write, one after the other; the first `call` starts it.
+    """A thread in which any number of writers write, one after the other; `begin` or the first `call` starts it.
 
-    Rooms share one: its stack is locked in memory with the rest of the process.
+    Rooms share one: its stack is locked in memory with the rest of the process. A real-time loop calls `begin` ahead: a start
+    waits until the new thread, an ordinary one, has had a processor, on a busy machine for some 0.1 s.
     """
 
     def __init__(self) -> None:
@@ -42,6 +43,11 @@ class WriterThread:
     def call(self, write: Callable[[], None]) -> None:
         """Call this in the thread, as soon as possible."""
         self._due.append(write)
+        self.begin()
+        self._wake()
+
+    def begin(self) -> None:
+        """Start the thread, unless it is there."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="checkpoints", daemon=True)
             before = threading.stack_size(STACK_BYTES)
@@ -49,7 +55,6 @@ class WriterThread:
                 self._thread.start()
             finally:
                 threading.stack_size(before)
-        self._wake()
 
     def _wake(self) -> None:
         if self._news.locked():  # only the thread locks it, only this end releases it: no race

@@ -103,13 +103,14 @@ class Housekeeping:
         self._control = orders or (Control(folder) if folder else None)
         self._hand_orders = HandOrders(server.core, lambda request, text, ok: self._answer(request, text, ok))
         self._writers: dict[str, Checkpoints] = {}
+        self._thread: WriterThread | None = None  # of all writers
         rooms = [room.name for room in server.core.rooms]
         if checkpoints:
             self._writers = {room: checkpoints(room, self._report_trouble) for room in rooms}
         elif folder:
-            thread = WriterThread()
+            self._thread = WriterThread()
             self._writers = {
-                room: CheckpointWriter(folder.checkpoint(room), self._report_trouble, thread) for room in rooms
+                room: CheckpointWriter(folder.checkpoint(room), self._report_trouble, self._thread) for room in rooms
             }
         self._kept: list[tuple[int, str, ToolFrame]] = []  # sessions, ticket hashes and tools' frames of all seats
         self._reported_limits: set[tuple[int, str]] = set()
@@ -125,6 +126,8 @@ class Housekeeping:
     def begin(self) -> None:
         """Go on from the checkpoints of a server that did not end in order; notify that all is ready."""
         core = self._server.core
+        if self._thread is not None:
+            self._thread.begin()
         for room, writer in self._writers.items():
             try:
                 self._leave_earlier(room, writer.path)
