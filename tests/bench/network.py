@@ -133,12 +133,22 @@ def counts_of(users: str) -> list[int]:
 
 
 def measure(
-    kind: Kind, recorded: bool, people: int, per_room: int, axes: int, seconds: float, core: int | None
+    kind: Kind,
+    recorded: bool,
+    people: int,
+    per_room: int,
+    axes: int,
+    seconds: float,
+    core: int | None,
+    vrpn: Path | None = None,
 ) -> Measured:
-    """One case, start to end. Raises Problem where somebody gets no seat, or loses it."""
+    """Measure one case, start to end. Raises Problem where somebody gets no seat, or loses it.
+
+    vrpn: the folder with its source, of kind "vrpn"
+    """
     with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base:
         record_at = str(Path(base) / "server.mcap") if recorded else ""
-        job = Job(kind, people, per_room, axes, core, str(Path(base) / "state"), record_at)
+        job = Job(kind, people, per_room, axes, core, str(Path(base) / "state"), record_at, str(vrpn or ""))
         server = Process(job)
         try:
             load = make_load(job, server)

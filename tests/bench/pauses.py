@@ -45,7 +45,7 @@ def bench_pauses(*, seconds: float = 2.0, rounds: int = 3, json: Json = None) ->
     within("--seconds", seconds, 0.1, 60)
     within("--rounds", rounds, 1, 100)
     console = make_console(stderr=json == "-")
-    command = [str(compiled("pauses")), str(seconds), str(ROUNDS), *map(str, PAUSES_US)]
+    command = [str(compiled("pauses.c")), str(seconds), str(ROUNDS), *map(str, PAUSES_US)]
     answers = [
         msgspec.json.decode(subprocess.run(command, capture_output=True, check=True).stdout, type=Answer)
         for _ in range(rounds)

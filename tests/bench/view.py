@@ -188,7 +188,7 @@ def _pictures(folder: Path, seconds: float, console: Console) -> tuple[list[floa
     settings = resolve({"name": room_name(0), "object": {"axes": 3}, "playout": playout, "users": users})
     with _served(settings, folder, record=True) as place, _viewed(place) as (_, url):
         host, _, port = place.rpartition(":")
-        load = Load(make_people(PEOPLE, PEOPLE, (host, int(port)), UnencryptedChannel), seat_settings(settings, 0))
+        load = Load(make_people(PEOPLE, PEOPLE, [(host, int(port))], UnencryptedChannel), seat_settings(settings, 0))
         load.join()
         with _holding(load), start_python("-m", "tests.bench.loads.page", url, str(seconds)) as page:
             printed, _ = page.communicate(timeout=seconds + END_S)

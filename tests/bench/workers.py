@@ -147,7 +147,7 @@ def measure(workers: int, people: int, flooded: bool, per_room: int, seconds: fl
                 TokenFile(state).change(lambda book: book.new(token, time.time(), role="player"))
             load = Load(
                 make_people(
-                    people, per_room, (HOST, started.port),
+                    people, per_room, [(HOST, started.port)],
                     UnencryptedChannel if insecure else lambda: DtlsClient(started.fingerprint), "" if insecure else token,
                 ),
                 seat_settings(settings_of(PeopleJob("encrypted", people, per_room))[0], 0),

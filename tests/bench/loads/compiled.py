@@ -1,27 +1,36 @@
-"""Programs in C beside benchmarks, compiled where there is a compiler."""
+"""Programs in C and C++ beside benchmarks, compiled where there is a compiler."""
 
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
 from cogrip.cli.terminal.problem import Problem
 
-COMPILERS = ("cc", "gcc", "clang")
+COMPILERS = {".c": ("cc", "gcc", "clang"), ".cpp": ("c++", "g++", "clang++")}
+STANDARDS = {".c": "gnu99", ".cpp": "gnu++17"}
+
+
+def compiler_of(suffix: str) -> str | None:
+    """Return the compiler for sources that end so, where there is one."""
+    return next(filter(None, map(shutil.which, COMPILERS[suffix])), None)
 
 
 @cache
-def compiled(name: str) -> Path:
-    """Return the program made of NAME.c in this folder. Raises Problem where it cannot be compiled."""
-    source = Path(__file__).with_name(f"{name}.c")
-    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
+def compiled(name: str, options: Sequence[str] = ()) -> Path:
+    """Return the program made of this source file of this folder. Raises Problem where it cannot be compiled."""
+    source = Path(__file__).with_name(name)
+    compiler = compiler_of(source.suffix)
     if compiler is None:
-        raise Problem(f"this benchmark has a part in C: no compiler ({', '.join(COMPILERS)}) is installed")
-    built = Path(_folder().name) / name
+        names = ", ".join(COMPILERS[source.suffix])
+        raise Problem(f"this benchmark has a part in C: {name} needs a compiler, and none ({names}) is installed")
+    built = Path(_folder().name) / source.stem
     done = subprocess.run(
-        [compiler, "-std=gnu99", "-O2", "-o", built, source], capture_output=True, text=True, check=False
-    )
+        [compiler, f"-std={STANDARDS[source.suffix]}", "-O2", "-o", built, source, *options],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
     if done.returncode:
         raise Problem(f"{source.name} cannot be compiled here (it is for Linux):\n{done.stderr.strip()}")
     return built

@@ -288,18 +288,22 @@ class Load:
 def make_people(
     count: int,
     per_room: int,
-    server: tuple[str, int],
+    servers: Sequence[tuple[str, int]],
     make_channel: Callable[[], Channel],
     token: str = "",
     kind: type[Person] = Person,
 ) -> list[Person]:
-    """People of rooms that are called as `room_name` says, `per_room` in each."""
+    """People of rooms that are called as `room_name` says, `per_room` in each.
+
+    servers: addresses, one for all rooms or one each
+    """
     people = []
     for number in range(count):
         hello = make_hello(
             software="bench", nonce=number + 1, room=room_name(number // per_room), name="", digest="", device="sim:light",
             axes=3, rate_hz=8192.0, force_n=PEAK_N, speed_mps=SPEED_MPS, token=token,
         )  # fmt: skip
+        server = servers[number // per_room % len(servers)]
         people.append(kind(f"person {number + 1}", hello, server, make_channel(), source(number)))
     return people
 

@@ -42,10 +42,11 @@ from tests.bench import machine
 from tests.bench.children import start_python
 from tests.bench.loads.people import Echoed, Load, Person, make_people, room_name
 from tests.bench.loads.process_memory import own_memory_in_use_kb, own_memory_kb
-from tests.bench.loads.twin import start_twin
+from tests.bench.loads.twin import start_twin, start_vrpn
+from tests.bench.loads.vrpn_person import VrpnPerson
 
-Kind = Literal["c", "echo", "unencrypted", "encrypted"]
-BARE = ("c", "echo")  # without sessions
+Kind = Literal["c", "vrpn", "echo", "unencrypted", "encrypted"]
+BARE: dict[Kind, type[Person]] = {"c": Echoed, "vrpn": VrpnPerson, "echo": Echoed}  # without sessions
 HOST = "127.0.0.1"
 NETWORK_HZ = 128
 MOST_BYTES = 2048
@@ -63,10 +64,12 @@ class Job(msgspec.Struct, frozen=True):
     core: int | None = None  # the processor to stay on
     state: str = ""  # folder, of a server
     record_at: str = ""  # "" no recording
+    vrpn: str = ""  # folder with the source of VRPN
 
 
 class Started(msgspec.Struct, frozen=True):
     port: int
+    ports: tuple[int, ...] = ()  # one a room, where a room has one
     fingerprint: str = ""
     token: str = ""
 
@@ -99,6 +102,8 @@ class Process:
     def __init__(self, job: Job) -> None:
         if job.kind == "c":
             self._child = start_twin(job.core)
+        elif job.kind == "vrpn":
+            self._child = start_vrpn(Path(job.vrpn), job.people, job.per_room, job.core)
         else:
             self._child = start_python("-m", "tests.bench.loads.server_process", msgspec.json.encode(job).decode())
         self.started = msgspec.json.decode(self._line(), type=Started)
@@ -152,9 +157,9 @@ def make_load(job: Job, server: Process) -> Load:
     """People for that server."""
     started = server.started
     people = make_people(
-        job.people, job.per_room, (HOST, started.port),
+        job.people, job.per_room, [(HOST, port) for port in started.ports or (started.port,)],
         (lambda: DtlsClient(started.fingerprint)) if job.kind == "encrypted" else UnencryptedChannel,
-        started.token, Echoed if job.kind in BARE else Person,
+        started.token, BARE.get(job.kind, Person),
     )  # fmt: skip
     return Load(people, seat_settings(settings_of(job)[0], 0))
 
@@ -204,7 +209,7 @@ def serve(job: Job) -> None:
     if isinstance(server.channel, DtlsListener):
         token = draw_token()
         TokenFile(folder).change(lambda book: book.new(token, time.time(), role="player"))
-        started = Started(port, server.channel.fingerprint, token)
+        started = Started(port, fingerprint=server.channel.fingerprint, token=token)
     _print(started)
     housekeeping.begin()
     try:
