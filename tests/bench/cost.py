@@ -11,7 +11,7 @@ from cogrip.cli.terminal.problem import within
 from cogrip.cli.terminal.tables import plain_table
 
 from tests.bench.loads.in_process import spent
-from tests.bench.loads.server import NETWORK_HZ, Kind
+from tests.bench.loads.server import NETWORK_HZ, Job, Kind
 from tests.bench.network import counts_of, measure, warn_if_busy
 from tests.bench.processors import two_processors
 
@@ -68,7 +68,7 @@ def bench_cost(
                     found.setdefault((step, people), []).append(took.all_us)
                     console.print(f"{people} people, {step}: receive {took.receive_us:.1f}, tick {took.tick_us:.1f} µs")
                 for step, kind, recorded in LIVE:
-                    live = measure(kind, recorded, people, per_room, axes, frames / NETWORK_HZ, cores[1])
+                    live = measure(Job(kind, people, per_room, axes, cores[1]), frames / NETWORK_HZ, recorded=recorded)
                     found.setdefault((step, people), []).append(live.cpu_us / NETWORK_HZ)
                     console.print(f"{people} people, {step}: {live.cpu_us / NETWORK_HZ:.1f} µs")
     steps = [*PACES.values(), *(step for step, _, _ in LIVE)]

@@ -103,7 +103,7 @@ def bench_network(
     with two_processors(console) as cores:
         for people in counts:
             for kind, recorded in CASES:
-                found.append(measure(kind, recorded, people, per_room, axes, seconds, cores[1]))
+                found.append(measure(Job(kind, people, per_room, axes, cores[1]), seconds, recorded=recorded))
                 console.print(_said(found[-1]))
     console.print(_table(found, per_room, axes))
     well = _judge(found, console)
@@ -132,23 +132,12 @@ def counts_of(users: str) -> list[int]:
     return counts
 
 
-def measure(
-    kind: Kind,
-    recorded: bool,
-    people: int,
-    per_room: int,
-    axes: int,
-    seconds: float,
-    core: int | None,
-    vrpn: Path | None = None,
-) -> Measured:
-    """Measure one case, start to end. Raises Problem where somebody gets no seat, or loses it.
-
-    vrpn: the folder with its source, of kind "vrpn"
-    """
+def measure(job: Job, seconds: float, *, recorded: bool = False) -> Measured:
+    """Measure one server, start to end. Raises Problem where somebody gets no seat, or loses it."""
+    kind, people = job.kind, job.people
     with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base:
         record_at = str(Path(base) / "server.mcap") if recorded else ""
-        job = Job(kind, people, per_room, axes, core, str(Path(base) / "state"), record_at, str(vrpn or ""))
+        job = msgspec.structs.replace(job, state=str(Path(base) / "state"), record_at=record_at)
         server = Process(job)
         try:
             load = make_load(job, server)

@@ -18,7 +18,7 @@ from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import within
 from cogrip.cli.terminal.tables import plain_table
 
-from tests.bench.loads.server import BARE, NETWORK_HZ, Kind
+from tests.bench.loads.server import BARE, NETWORK_HZ, Job, Kind
 from tests.bench.loads.twin import VRPN_VARIABLE, check_vrpn
 from tests.bench.network import Measured, counts_of, measure, warn_if_busy
 from tests.bench.processors import two_processors
@@ -99,7 +99,10 @@ def bench_peers(
     with two_processors(console) as cores:
         for number in range(rounds):
             for people in counts:
-                found.append([measure(*case, people, per_room, axes, seconds, cores[1], vrpn) for case in cases])
+                found.append([
+                    measure(Job(kind, people, per_room, axes, cores[1], vrpn=str(vrpn or "")), seconds, recorded=recorded)
+                    for kind, recorded in cases
+                ])  # fmt: skip
                 costs = "; ".join(f"{_name(each)} {_frame_us(each):.1f}" for each in found[-1])
                 console.print(f"round {number + 1}, {people} people, µs a person and frame: {costs}", markup=False)
     table = [_cost(found, people, case) for people in counts for case in range(len(cases))]

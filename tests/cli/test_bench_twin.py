@@ -69,7 +69,7 @@ def test_each_access_is_measured_after_each_pause(capsys: pytest.CaptureFixture[
 @needs_vrpn
 @pytest.mark.parametrize(("people", "per_room"), [(1, 1), (5, 2)])
 def test_vrpn_sends_each_person_a_datagram_a_frame(people: int, per_room: int) -> None:
-    found = measure("vrpn", False, people, per_room, 3, 1.0, None, Path(os.environ[VRPN_VARIABLE]))
+    found = measure(Job("vrpn", people, per_room, vrpn=os.environ[VRPN_VARIABLE]), seconds=1.0)
     assert found.ticks > 0
     assert found.cpu_us > 0.0
     assert found.sent > 0

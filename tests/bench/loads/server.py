@@ -65,6 +65,7 @@ class Job(msgspec.Struct, frozen=True):
     state: str = ""  # folder, of a server
     record_at: str = ""  # "" no recording
     vrpn: str = ""  # folder with the source of VRPN
+    rooms: int = 0  # at least so many, of which the last have nobody in them
 
 
 class Started(msgspec.Struct, frozen=True):
@@ -141,10 +142,11 @@ class Process:
 
 
 def settings_of(job: Job) -> list[Settings]:
-    """Rooms with a seat for everyone."""
+    """Rooms with a seat for everyone, and those where nobody will be."""
     rooms = []
-    for number in range(-(-job.people // job.per_room)):
-        seats = min(job.per_room, job.people - number * job.per_room)
+    used = -(-job.people // job.per_room)
+    for number in range(max(used, job.rooms)):
+        seats = min(job.per_room, job.people - number * job.per_room) if number < used else job.per_room
         rooms.append(resolve({
             "name": room_name(number), "rates": {"network_hz": NETWORK_HZ}, "object": {"axes": job.axes},
             "playout": {"frames": 2}, "users": [{"name": f"p{seat}"} for seat in range(seats)],
@@ -187,7 +189,7 @@ def serve(job: Job) -> None:
     def read() -> Reading:
         nonlocal reading_ns
         lateness, work = DurationHistogram(), DurationHistogram()
-        pacers = list(server.pacers.values())
+        pacers = [each for each in server.pacers.values() if each.lateness.count] or list(server.pacers.values())
         lateness.merge(pacers[0].lateness)  # all rooms begin with the same look at the clock
         work.merge(pacers[-1].work)
         for pacer in pacers:
