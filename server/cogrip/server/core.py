@@ -86,7 +86,7 @@ class ServerCore:
         return self._table.woken
 
     def idle(self, room: Room, steps: int) -> None:
-        """Count steps of a deserted room at once."""
+        """Count steps of a room where nobody holds the object at once."""
         room.idle(steps)
 
     @property
@@ -254,8 +254,8 @@ class ServerCore:
 
     def _idle(self, given: inputs.Idle, now_ns: int) -> None:
         room = next((room for room in self.rooms if room.name == given.room), None)
-        if room is None or not room.deserted:
-            raise ValueError(f"{given.steps} idle steps of room {given.room!r}, which is not deserted")
+        if room is None or room.anybody_holds():
+            raise ValueError(f"{given.steps} idle steps of room {given.room!r}, where somebody holds the object")
         room.idle(given.steps)
 
     def _mark(self, given: inputs.Mark, now_ns: int) -> int:

@@ -55,7 +55,7 @@ class Restore(msgspec.Struct, frozen=True, tag_field="kind", tag="restore"):
 
 
 class Idle(msgspec.Struct, frozen=True, tag_field="kind", tag="idle"):
-    """Step a room that is deserted, so often: a recording holds such steps as one input."""
+    """Step a room where nobody holds the object, so often: a recording holds steps of a deserted room as one input."""
 
     room: str
     steps: Annotated[int, msgspec.Meta(ge=1)]

@@ -33,13 +33,13 @@ from cogrip.server.io.paced_room import PacedRoom, deserted_among, next_due_ns, 
 from cogrip.server.io.udp_port import DatagramPort, PortRange, ServerChannel, UdpPort
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer
+from cogrip.server.room import Room
 from cogrip.server.worlds.guarded import GuardedWorld
 
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
 REPORTED = Budget(1, 40)  # of each of UNAUTHENTICATED_EVENTS
 OVERSLEEP_FRAMES = 8  # of whose wake-ups the delay is the mean
 EARLY_PART = 4  # of a frame, for which at most the loop wakes ahead of a step to take in what has come
-IDLE_NS, IDLE_TURNS = 500_000_000, 32  # a deserted room is stepped so often, and the rooms in so many turns
 
 
 Chore = Callable[[int], None]
@@ -78,6 +78,8 @@ class LiveServer:
     _oversleep_ns: int = field(init=False, default=SPIN_NS)
     _event_budget: Buckets = field(init=False, default_factory=lambda: Buckets(len(UNAUTHENTICATED_EVENTS), REPORTED))
     _withheld: Counter[str] = field(init=False, default_factory=Counter)
+    _awake: list[PacedRoom] = field(init=False, default_factory=list)
+    _asleep: dict[Room, PacedRoom] = field(init=False, default_factory=dict)  # those that are deserted
 
     def listen(self, ports: PortRange | None = None) -> tuple[str, int]:
         """Bind, and return (host, port). ports: to take one of, in place of `port`. Raises ServeError."""
@@ -125,6 +127,7 @@ class LiveServer:
         try:
             with closing(self._port):
                 self._loop(pacers)
+                self.count_deserted(time.monotonic_ns())
                 self._farewell()
             self.core.handle(inputs.CloseLedger(), time.monotonic_ns())
         finally:
@@ -174,8 +177,7 @@ class LiveServer:
     def _loop(self, pacers: dict[str, Pacer]) -> None:
         core, clock, path = self.core, time.monotonic_ns, self._path
         end_ns = None if self.seconds is None else self._start_ns + round(self.seconds * 1e9)
-        awake = [PacedRoom(room, pacers[room.name]) for room in core.rooms]
-        asleep = deque[tuple[int, PacedRoom]]()  # those that are deserted, and when they were stepped
+        awake = self._awake = [PacedRoom(room, pacers[room.name]) for room in core.rooms]
         quiet_ns = min(NS_PER_S // pacer.rate_hz for pacer in pacers.values())  # between looks where all are
         now_ns, early_ns = self._start_ns, 0
         while not self.stop.reason:
@@ -187,16 +189,10 @@ class LiveServer:
             path.drain(now_ns, now_ns - due_ns)
             step_due(awake, core, path, now_ns, early_ns)
             if core.woken:
-                woken = [each for _, each in asleep if each.room in core.woken]
-                for each in woken:
-                    each.pass_by(now_ns)
-                asleep = deque(each for each in asleep if each[1] not in woken)
-                awake += woken
-                core.woken.clear()
-            self._step_deserted(asleep, now_ns)
+                self._wake(now_ns)
             for each in deserted_among(awake):
                 awake.remove(each)
-                asleep.append((now_ns, each))
+                self._asleep[each.room] = each
             self._report()
             self.channel.poll(now_ns)
             path.flush()
@@ -225,16 +221,27 @@ class LiveServer:
             pass
         return now_ns, early_ns
 
-    def _step_deserted(self, asleep: "deque[tuple[int, PacedRoom]]", now_ns: int) -> None:
-        """Step rooms where nobody is, each now and then by all the ticks that were due, a few at a time."""
-        for _ in range(-(-len(asleep) // IDLE_TURNS)):
-            since_ns, each = asleep[0]
-            if now_ns - since_ns < IDLE_NS:
-                return
-            asleep.popleft()
-            if steps := each.pass_by(now_ns):
-                self.core.idle(each.room, steps)
-            asleep.append((now_ns, each))
+    def _wake(self, now_ns: int) -> None:
+        """Step rooms again that somebody has joined, and which nobody holds yet."""
+        for room in self.core.woken:
+            each = self._asleep.pop(room, None)
+            if each is not None:
+                each.count_passed(self.core, now_ns)
+                self._awake.append(each)
+        self.core.woken.clear()
+
+    @property
+    def awake(self) -> Sequence[Room]:
+        """Rooms that are stepped: all but those where nobody is; all before it runs."""
+        return [each.room for each in self._awake] if self.pacers else self.core.rooms
+
+    def count_deserted(self, now_ns: int, *, steps: bool = True) -> None:
+        """Bring the ticks of deserted rooms up to date, and their steps."""
+        for each in self._asleep.values():
+            if steps:
+                each.count_passed(self.core, now_ns)
+            else:
+                each.pass_by(now_ns)
 
     def _report(self) -> None:
         """Report events; of those that unauthenticated peers can cause a bounded number, then the count of the others."""

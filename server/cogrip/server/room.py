@@ -211,7 +211,7 @@ class Room:
         return found
 
     def idle(self, steps: int) -> None:
-        """Count steps of a deserted room: the object rests, in the workspace's middle if it had left it."""
+        """Count steps in which nobody held the object: it rests, in the workspace's middle if it had left it."""
         self.world.bring_to_rest()
         if self.world.left_workspace:
             self.world.position = np.zeros(self.world.axes)

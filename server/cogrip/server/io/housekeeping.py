@@ -114,7 +114,8 @@ class Housekeeping:
             }
         self._kept: list[tuple[int, str, ToolFrame]] = []  # sessions, ticket hashes and tools' frames of all seats
         self._reported_limits: set[tuple[int, str]] = set()
-        self._idle = {room.name for room in server.core.rooms}  # rooms that are deserted since their checkpoint
+        self._numbers = {room: number for number, room in enumerate(server.core.rooms)}
+        self._used: dict[Room, None] = {}  # rooms where somebody is, or was after their last checkpoint
         self._maker = SnapshotMaker(server.core.rooms, server.pacers, software)
         self._poll_ns = self._next_ns = self._watchdog_ns = 0
         self._turn = 0
@@ -160,8 +161,9 @@ class Housekeeping:
         if now_ns < self._poll_ns:
             return
         self._poll_ns = now_ns + POLL_EVERY_NS
+        self._used.update((room, None) for room in self._server.awake if not room.deserted)
         self._turn = (self._turn + 1) % TURNS  # each room once in EVERY_NS: no tick has to wait for many at once
-        self._write_checkpoints(self._server.core.rooms[self._turn :: TURNS])
+        self._write_checkpoints([room for room in self._used if self._numbers[room] % TURNS == self._turn])
         if self._server.stop.take_reload():
             self._notifier.reloading(now_ns)
             self._reload()
@@ -170,11 +172,11 @@ class Housekeeping:
             for request in self._control.poll(now_ns):
                 self._obey(request)
             self._hand_orders.poll(now_ns)
-        seats = [seat for room in self._server.core.rooms for seat in room.seats]
+        seats = [seat for room in self._used for seat in room.seats]
         kept = [(seat.session, seat.ticket_hash, seat.hand.wanted) for seat in seats]
         if kept != self._kept:  # the next server must know a new session too, and what a hand was set to
             self._kept = kept
-            self._write_checkpoints(self._server.core.rooms)
+            self.write_checkpoints()
         self._take_triggers()
         if now_ns >= self._next_ns:
             self._next_ns = now_ns + EVERY_NS
@@ -211,8 +213,9 @@ class Housekeeping:
 
     def _snapshot(self) -> Snapshot:
         server = self._server
+        server.count_deserted(time.monotonic_ns(), steps=False)
         drops = (server.drops(), server.losses(), self.counts())
-        return self._maker.make(server.elapsed_s, *drops, datagrams=server.datagrams)
+        return self._maker.make(server.elapsed_s, *drops, datagrams=server.datagrams, awake=server.awake)
 
     def end(self, *, said_goodbye: bool) -> None:
         """End with the server. said_goodbye: nobody resumes these sessions, so that no checkpoint is left."""
@@ -233,8 +236,8 @@ class Housekeeping:
         self._notifier.close()
 
     def write_checkpoints(self) -> None:
-        """Write checkpoints of all rooms as they are now; `end` waits for them."""
-        self._write_checkpoints(self._server.core.rooms)
+        """Write checkpoints of all rooms that have changed since; `end` waits for them."""
+        self._write_checkpoints(list(self._used))
 
     def last_checkpoint(self) -> bytes:
         """Write what waits, and no more. Return the checkpoint of the first room as it is now."""
@@ -243,17 +246,16 @@ class Housekeeping:
         return encode(self._server.core.rooms[0].checkpoint())
 
     def _write_checkpoints(self, rooms: Sequence[Room]) -> None:
-        for room in rooms if self._writers else ():
-            deserted = room.deserted
-            if deserted and room.name in self._idle:
-                continue
-            (self._idle.add if deserted else self._idle.discard)(room.name)
-            self._writers[room.name].put(encode(room.checkpoint()))
+        for room in rooms:
+            if room.deserted:
+                del self._used[room]
+            if self._writers:
+                self._writers[room.name].put(encode(room.checkpoint()))
 
     def _report_limits(self) -> None:
         """Report once for each session of a seat and each reason."""
         now, events = set(), self._server.events
-        for room in self._server.core.rooms:
+        for room in self._server.awake:
             for number, seat in enumerate(() if room.deserted else room.seats):
                 for reason in room.limited(number):
                     now.add(what := (seat.session, reason))
@@ -322,7 +324,9 @@ class Housekeeping:
         return f"{order.user} was kicked; {revoked}", True
 
     def _mark(self, order: Mark) -> tuple[str, bool]:
-        rooms = self._server.core.handle(inputs.Mark(order.text, order.room), time.monotonic_ns())
+        now_ns = time.monotonic_ns()
+        self._server.count_deserted(now_ns)  # the marker has a step
+        rooms = self._server.core.handle(inputs.Mark(order.text, order.room), now_ns)
         return (
             (f"marked in {rooms} room{'s' if rooms != 1 else ''}: {order.text}", True)
             if rooms

@@ -9,15 +9,18 @@ from cogrip.server.room cimport Room
 cdef class PacedRoom:
     cdef public Room room
     cdef public Pacer pacer
+    cdef public bint rested
     cdef long long _last
     cdef long long _steps
     cdef long long _work_us
+    cdef long long _passed
 
     cpdef take(self, long long now_ns)
     @cython.locals(room=Room, pacer=Pacer, done_ns="long long")
     cpdef long long step(self, RecordedServer core, long long now_ns, long long early_ns) except -1
     @cython.locals(steps="long long")
-    cpdef long long pass_by(self, long long now_ns) except -1
+    cpdef pass_by(self, long long now_ns)
+    cpdef count_passed(self, RecordedServer core, long long now_ns)
 
 
 @cython.locals(each=PacedRoom)

@@ -12,12 +12,17 @@ TOGETHER_NS = 100_000  # datagrams of rooms that are stepped so closely one afte
 
 
 class PacedRoom:
-    """A room that is stepped at its own rate. `take` before datagrams are received, then `step`."""
+    """A room that is stepped at its own rate. `take` before datagrams are received, then `step`.
+
+    Of a deserted room no step is run: `pass_by` counts its ticks, `count_passed` steps it by all that have passed since.
+
+    rested  whether nobody was there in the last step
+    """
 
     def __init__(self, room: Room, pacer: Pacer) -> None:
-        self.room, self.pacer = room, pacer
+        self.room, self.pacer, self.rested = room, pacer, False
         self._last = -1  # tick
-        self._steps = self._work_us = 0
+        self._steps = self._work_us = self._passed = 0
 
     def take(self, now_ns: int) -> None:
         """Take the tick that is due, if one is."""
@@ -33,6 +38,7 @@ class PacedRoom:
         if not self._steps:
             return 0
         room, pacer = self.room, self.pacer
+        self.rested = room.is_deserted()
         core.note_timing(room, pacer.late_ns // 1000, self._work_us, pacer.skipped)
         core.step(room, now_ns, self._steps)
         done_ns = time.monotonic_ns()
@@ -40,11 +46,18 @@ class PacedRoom:
         pacer.done_at(done_ns, early_ns)
         return done_ns
 
-    def pass_by(self, now_ns: int) -> int:
-        """Let the ticks that are due pass, of a room where nobody is. Returns how many."""
+    def pass_by(self, now_ns: int) -> None:
+        """Let the ticks that are due pass, of a room where nobody is."""
         steps = self.pacer.pass_by(now_ns)
         self._last += steps
-        return steps
+        self._passed += steps
+
+    def count_passed(self, core: RecordedServer, now_ns: int) -> None:
+        """Step a room where nobody holds the object by all ticks that have passed."""
+        self.pass_by(now_ns)
+        if self._passed:
+            core.idle(self.room, self._passed)
+        self._passed = 0
 
 
 def take_due(rooms: Sequence[PacedRoom], now_ns: int) -> None:
@@ -66,10 +79,10 @@ def step_due(rooms: Sequence[PacedRoom], core: RecordedServer, path: DatagramPat
 
 
 def deserted_among(rooms: Sequence[PacedRoom]) -> list[PacedRoom]:
-    """Return those where nobody is, and that have been stepped."""
+    """Return those where nobody is, and nobody was in the last step, which brought the object to rest."""
     found = []
     for each in rooms:
-        if each.room.is_deserted() and each.pacer.run:
+        if each.rested and each.room.is_deserted():
             found.append(each)  # noqa: PERF401 - compiled, a loop whose variable has a type
     return found
 
