@@ -189,13 +189,14 @@ def serve(job: Job) -> None:
     def read() -> Reading:
         nonlocal reading_ns
         lateness, work = DurationHistogram(), DurationHistogram()
-        pacers = [each for each in server.pacers.values() if each.lateness.count] or list(server.pacers.values())
+        awake = server.awake or server.core.rooms[:1]  # all are asleep before people come
+        pacers = [server.pacers[room.name] for room in awake]
         lateness.merge(pacers[0].lateness)  # all rooms begin with the same look at the clock
         work.merge(pacers[-1].work)
         for pacer in pacers:
             pacer.lateness.clear()
             pacer.work.clear()
-        counts = [seat.port.count() for room in server.core.rooms for seat in room.seats if seat.port]
+        counts = [seat.port.count() for room in awake for seat in room.seats if seat.port]
         began_ns = time.process_time_ns()
         used_kb = own_memory_in_use_kb()
         reading_ns += time.process_time_ns() - began_ns
