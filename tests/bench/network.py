@@ -28,6 +28,7 @@ CASES: tuple[tuple[Kind, bool], ...] = (
 )  # fmt: skip
 WIDTH = 120
 QUIET_LOAD = 0.5
+LEAST_ANSWERED = 0.5  # of what a bare server is sent
 APART = 4  # ticks, by which the server's count and the people's may have been read at different times
 
 
@@ -161,6 +162,10 @@ def measure(job: Job, seconds: float, *, recorded: bool = False) -> Measured:
         raise Problem(f"{kind} server: {people - last.seated} of {people} people lost their seat: {last.drops}")
     cpu_us = (last.cpu_ns - first.cpu_ns) / (last.time_ns - first.time_ns) / people * 1e6
     sent, received = now[0] - sent, now[1] - received
+    if kind in BARE and received < LEAST_ANSWERED * sent:
+        raise Problem(
+            f"{kind} server, {people} people: {received} answers to {sent} datagrams came, which measures nothing"
+        )
     return Measured(
         kind, recorded, people, cpu_us, last.late_us, last.work_us, last.ticks, last.skipped - first.skipped, sent, received,
         _more(first, last, "socket: receive buffer full"), max(0, (last.ticks - APART) * people - received),

@@ -4,20 +4,25 @@ import json
 import os
 import socket
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from cogrip.cli.terminal.problem import BadInput
+from cogrip.protocol.channel import UnencryptedChannel
+from cogrip.protocol.settings import seat_settings
 
 from tests.bench.loads.compiled import compiler_of
-from tests.bench.loads.server import HOST, Job, Process
+from tests.bench.loads.people import Swing, make_people
+from tests.bench.loads.server import HOST, Job, Process, make_load, settings_of
 from tests.bench.loads.twin import VRPN_SOURCES, VRPN_VARIABLE, check_vrpn
-from tests.bench.network import measure
+from tests.bench.loads.vrpn_person import COOKIE_BYTES, HEADER, VrpnPerson
 from tests.bench.pauses import KINDS, PAUSES_US, bench_pauses
 
 WAVE = b"\x93\xcb?\xf0\x00\x00\x00\x00\x00\x00"  # msgpack of a list that begins with 1.0
 MANY = 100
+LIMIT_NS = 30_000_000_000
 
 
 needs_compiler = pytest.mark.skipif(compiler_of(".c") is None, reason="no C compiler is installed")
@@ -68,13 +73,54 @@ def test_each_access_is_measured_after_each_pause(capsys: pytest.CaptureFixture[
 
 @needs_vrpn
 @pytest.mark.parametrize(("people", "per_room"), [(1, 1), (5, 2)])
-def test_vrpn_sends_each_person_a_datagram_a_frame(people: int, per_room: int) -> None:
-    found = measure(Job("vrpn", people, per_room, vrpn=os.environ[VRPN_VARIABLE]), seconds=1.0)
-    assert found.ticks > 0
-    assert found.cpu_us > 0.0
-    assert found.sent > 0
-    assert found.received >= 0.9 * found.sent - 4 * people
-    assert found.received <= found.sent + 4 * people
+def test_vrpn_answers_everybody_of_a_room(people: int, per_room: int) -> None:
+    job = Job("vrpn", people, per_room, vrpn=os.environ[VRPN_VARIABLE])
+    vrpn = Process(job)
+    load = make_load(job, vrpn)
+    try:
+        load.join()
+        line = Swing(seat_settings(settings_of(job)[0], 0), phase=1.0)
+        limit_ns = time.monotonic_ns() + LIMIT_NS
+        for number in range(MANY):
+            line.step()
+            for each in load.people:
+                each.say(line, 0)
+            while min(each.received for each in load.people) <= number:
+                assert time.monotonic_ns() < limit_ns
+                for each in load.people:
+                    each.hear(0)
+        vrpn.ask()
+        assert vrpn.answer().cpu_ns > 0
+        assert vrpn.started.port in vrpn.started.ports
+        assert len(vrpn.started.ports) == -(-people // per_room)
+    finally:
+        load.close()
+        vrpn.end()
+
+
+@pytest.mark.parametrize(
+    ("sent", "why"),
+    [(b"", "VRPN closed the connection"), (bytes(COOKIE_BYTES + HEADER.size), "VRPN sent a message of 0 bytes")],
+)
+def test_whoever_gets_no_connection_says_why(sent: bytes, why: str) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
+        server.bind((HOST, 0))
+        server.settimeout(30)
+        (person,) = make_people(1, 1, [server.getsockname()], UnencryptedChannel, kind=VrpnPerson)
+        try:
+            person.tend(1)
+            host, port = server.recv(100).rstrip(b"\0").split()
+            with socket.create_connection((host.decode(), int(port)), timeout=30) as stream:
+                stream.sendall(sent)
+                stream.shutdown(socket.SHUT_WR)
+                limit_ns = time.monotonic_ns() + LIMIT_NS
+                while not person.failed:
+                    assert time.monotonic_ns() < limit_ns
+                    person.tend(2)
+        finally:
+            person.close()
+    assert person.failed == why
+    assert person.state == "closed"
 
 
 def test_a_folder_without_vrpn_is_refused(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.recording.records import Input
 from cogrip.protocol.session import LOST_NS
 from cogrip.server import inputs
+from cogrip.server.checkpoint import decode
 from cogrip.server.io import checkpoint_file
 from cogrip.server.io.control import Mark
 from cogrip.server.io.housekeeping import EVERY_NS, POLL_EVERY_NS, Housekeeping
@@ -187,27 +188,59 @@ def test_a_marker_of_the_administrator_gets_the_step_of_now() -> None:
     loop = Loop()
     loop.frame()
     housekeeping = Housekeeping(loop.server, print)
-    assert housekeeping._mark(Mark("here", "")) == ("marked in 2 rooms: here", True)
+    assert housekeeping._mark(Mark("here", "hall")) == ("marked in 1 room: here", True)
+    assert (loop.lab.steps, loop.server.pacers["lab"].run) == (1, 1), "nothing is asked of it"
+    assert housekeeping._mark(Mark("there", "")) == ("marked in 2 rooms: there", True)
     for room in loop.people.core.rooms:
-        assert [mark.step for mark in room.markers._told] == [room.steps] == [loop.server.pacers[room.name].run] != [1]
+        assert room.markers._told[-1].step == room.steps == loop.server.pacers[room.name].run > 1
 
 
 def test_a_snapshot_of_a_deserted_room_is_the_last_one_with_its_ticks() -> None:
     loop = Loop()
     make = SnapshotMaker(loop.people.core.rooms, loop.server.pacers, "").make
     loop.frame()
-    first = make(1.0, awake=loop.server.awake).rooms
+    assert [room.ticks_run for room in make(1.0).rooms] == [1, 1]
     loop.lab.travel_m = 3.0
     loop.frame(frames=100)
     loop.server.count_deserted(loop.people.now_ns, steps=False)
-    second = make(2.0, awake=loop.server.awake).rooms
-    assert [room.ticks_run for room in first] == [1, 1]
+    second = make(2.0).rooms
     assert [room.ticks_run for room in second] == [101, 101]
     assert second[0].travel_m == 0.0, "nothing else can have changed"
     assert loop.lab.steps == 1
     loop.frame((0, "hello", 0, 0.0))
-    third = make(3.0, awake=loop.server.awake).rooms
-    assert [(room.ticks_run, room.travel_m, room.seated) for room in third] == [(102, 3.0, 1), (101, 0.0, 0)]
+    assert [(room.ticks_run, room.travel_m, room.seated) for room in make(3.0).rooms] == [(102, 3.0, 1), (101, 0.0, 0)]
     assert loop.lab.steps == 102
+
+
+def test_a_visit_between_two_snapshots_is_in_the_second() -> None:
+    loop = Loop()
+    make = SnapshotMaker(loop.people.core.rooms, loop.server.pacers, "").make
+    loop.frame()
+    assert make(1.0).rooms[0].travel_m == 0.0
+    loop.frame((0, "hello", 0, 0.0))
+    for _ in range(40):
+        loop.frame((0, "next", 0, 0.5))
     loop.frame((0, "leave", 0, 0.0))
-    assert make(4.0, awake=loop.server.awake).rooms[0].seated == 0
+    assert "lab" in loop.asleep
+    seen = make(1.5).rooms[0]
+    assert seen.travel_m == loop.lab.travel_m > 0.0
+    assert seen.seats[0].frames.received > 0
+    assert seen.least_up_margin_j is not None
+
+
+def test_a_room_that_is_handed_over_has_its_newest_people_and_steps(tmp_path: Path) -> None:
+    """Somebody may have come since rooms were last looked at, and nobody for an hour."""
+    loop, folder = Loop(), make_folder(tmp_path / "state")
+    housekeeping = Housekeeping(loop.server, print, folder=folder)
+    housekeeping.begin()
+    loop.frame()
+    housekeeping.chore(loop.people.now_ns)
+    loop.frame((0, "hello", 0, 0.0))
+    housekeeping.write_checkpoints()
+    kept = decode(housekeeping.last_checkpoint())
+    data = checkpoint_file.read(folder.checkpoint("lab"))
+    assert data is not None
+    assert decode(data).seats[0].ticket == kept.seats[0].ticket != ""
+    loop.frame((0, "leave", 0, 0.0))
+    assert decode(housekeeping.last_checkpoint()).steps == loop.server.pacers["lab"].run > 3
+    housekeeping.end(said_goodbye=False)

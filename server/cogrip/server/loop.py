@@ -235,9 +235,11 @@ class LiveServer:
         """Rooms that are stepped: all but those where nobody is; all before it runs."""
         return [each.room for each in self._awake] if self.pacers else self.core.rooms
 
-    def count_deserted(self, now_ns: int, *, steps: bool = True) -> None:
-        """Bring the ticks of deserted rooms up to date, and their steps."""
+    def count_deserted(self, now_ns: int, room: str = "", *, steps: bool = True) -> None:
+        """Bring the ticks of this deserted room, or of all of them, up to date, and their steps."""
         for each in self._asleep.values():
+            if room not in ("", each.room.name):
+                continue
             if steps:
                 each.count_passed(self.core, now_ns)
             else:

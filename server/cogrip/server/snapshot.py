@@ -106,27 +106,19 @@ class SnapshotMaker:
         self._times = {room.name: (Times(), Times()) for room in rooms}
         self._least: dict[str, tuple[Number, Number]] = {room.name: (None, None) for room in rooms}
         self._next = 0
-        self._asleep: dict[Room, RoomSnapshot] = {}  # those where nothing but ticks changes
+        self._deserted: dict[str, tuple[int, RoomSnapshot]] = {}  # the last of a room, and its step then
 
-    def make(
-        self,
-        uptime_s: float,
-        *dropped: Mapping[str, int],
-        datagrams: tuple[int, int] | None = None,
-        awake: "Sequence[Room] | None" = None,
-    ) -> Snapshot:
+    def make(self, uptime_s: float, *dropped: Mapping[str, int], datagrams: tuple[int, int] | None = None) -> Snapshot:
         """Return a snapshot.
 
         dropped: counts by reason, of core, channel and recording; the same reason is summed.
         datagrams: (received, sent) at the socket.
-        awake: rooms that have been stepped; all if not given
         """
         self._refresh()
         counts: Counter[str] = Counter()
         for some in dropped:
             counts.update(some)
-        stepped = set(self._rooms if awake is None else awake)
-        rooms = tuple([self._room(room) if room in stepped else self._resting(room) for room in self._rooms])
+        rooms = tuple([self._resting(room) if room.deserted else self._room(room) for room in self._rooms])
         received, sent = datagrams or (None, None)
         return Snapshot(self._software, uptime_s, rooms, dict(counts), received, sent)
 
@@ -138,16 +130,15 @@ class SnapshotMaker:
             self._next = (self._next + 1) % len(self._rooms)
 
     def _resting(self, room: "Room") -> RoomSnapshot:
-        """Return the last snapshot of a room that has not been stepped since: its ticks alone have changed."""
-        if room not in self._asleep:
-            self._asleep[room] = self._room(room)
+        """Return a snapshot of a deserted room: of the last one only the ticks have changed, unless it was stepped since."""
+        step, last = self._deserted.get(room.name, (-1, None))
+        if last is None or step != room.steps:
+            last = self._room(room)
+            self._deserted[room.name] = room.steps, last
         ticks, (late, work) = self._ticks[room.name], self._times[room.name]
-        return msgspec.structs.replace(
-            self._asleep[room], ticks_run=ticks.run, ticks_skipped=ticks.skipped, late=late, work=work
-        )
+        return msgspec.structs.replace(last, ticks_run=ticks.run, ticks_skipped=ticks.skipped, late=late, work=work)
 
     def _room(self, room: "Room") -> RoomSnapshot:
-        self._asleep.pop(room, None)
         name, ticks = room.name, self._ticks[room.name]
         late, work = self._times[name]
         seats = [_seat(room, number) for number in range(len(room.seats))]

@@ -16,7 +16,7 @@ ALIGN = 8
 COOKIE_BYTES = 24
 SENDER, TYPE, UDP = -1, -2, -3  # types of the messages that describe one, and the port for datagrams
 ASK_AGAIN_NS = 200_000_000  # the server takes one request at a time and forgets the others
-SEND_S = 5.0
+MOST_BYTES = 4096
 
 
 def message(sender: int, kind: int, payload: bytes) -> bytes:
@@ -40,6 +40,7 @@ class VrpnPerson(Echoed):
         self._stream: socket.socket | None = None
         self._read = b""
         self._greeted = False
+        self._failed = ""
         self._ask_at_ns = 0
         self._server: tuple[str, int] | None = None  # where its datagrams go
 
@@ -48,6 +49,10 @@ class VrpnPerson(Echoed):
         if self.socket.fileno() < 0:
             return "closed"
         return "seated" if self._server else "joining"
+
+    @property
+    def failed(self) -> str:
+        return self._failed
 
     def tend(self, now_ns: int) -> None:
         """Ask for a connection, accept it, and read where datagrams go."""
@@ -59,11 +64,13 @@ class VrpnPerson(Echoed):
                     self._asks.send(f"{host} {port}".encode() + b"\0")
             with suppress(BlockingIOError):
                 self._stream, _ = self._listening.accept()
-                self._stream.settimeout(SEND_S)
+                self._stream.setblocking(False)
         elif self._server is None:
             with suppress(BlockingIOError):
-                self._read += self._stream.recv(4096, socket.MSG_DONTWAIT)
-            self._greet()
+                came = self._stream.recv(MOST_BYTES)
+                self._read += came
+                self._failed = "" if came else "VRPN closed the connection"
+                self._greet()
 
     def _greet(self) -> None:
         """Answer the server's cookie with the same, and with a description of this end; then look for the server's."""
@@ -80,7 +87,9 @@ class VrpnPerson(Echoed):
         rest = self._read[COOKIE_BYTES:]
         while len(rest) >= HEADER.size:
             length, _, _, sender, kind, _ = HEADER.unpack_from(rest)
-            if len(rest) < length:
+            if not HEADER.size <= length <= MOST_BYTES:
+                self._failed = f"VRPN sent a message of {length} bytes"
+            if self._failed or len(rest) < length:
                 return
             if kind == UDP:
                 self._server = (rest[HEADER.size : length].split(b"\0")[0].decode(), sender)

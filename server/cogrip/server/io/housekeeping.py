@@ -161,7 +161,7 @@ class Housekeeping:
         if now_ns < self._poll_ns:
             return
         self._poll_ns = now_ns + POLL_EVERY_NS
-        self._used.update((room, None) for room in self._server.awake if not room.deserted)
+        self._look_for_people()
         self._turn = (self._turn + 1) % TURNS  # each room once in EVERY_NS: no tick has to wait for many at once
         self._write_checkpoints([room for room in self._used if self._numbers[room] % TURNS == self._turn])
         if self._server.stop.take_reload():
@@ -215,7 +215,7 @@ class Housekeeping:
         server = self._server
         server.count_deserted(time.monotonic_ns(), steps=False)
         drops = (server.drops(), server.losses(), self.counts())
-        return self._maker.make(server.elapsed_s, *drops, datagrams=server.datagrams, awake=server.awake)
+        return self._maker.make(server.elapsed_s, *drops, datagrams=server.datagrams)
 
     def end(self, *, said_goodbye: bool) -> None:
         """End with the server. said_goodbye: nobody resumes these sessions, so that no checkpoint is left."""
@@ -237,12 +237,17 @@ class Housekeeping:
 
     def write_checkpoints(self) -> None:
         """Write checkpoints of all rooms that have changed since; `end` waits for them."""
+        self._look_for_people()
         self._write_checkpoints(list(self._used))
+
+    def _look_for_people(self) -> None:
+        self._used.update((room, None) for room in self._server.awake if not room.deserted)
 
     def last_checkpoint(self) -> bytes:
         """Write what waits, and no more. Return the checkpoint of the first room as it is now."""
         for writer in self._writers.values():
             writer.close()
+        self._server.count_deserted(time.monotonic_ns())
         return encode(self._server.core.rooms[0].checkpoint())
 
     def _write_checkpoints(self, rooms: Sequence[Room]) -> None:
@@ -325,7 +330,7 @@ class Housekeeping:
 
     def _mark(self, order: Mark) -> tuple[str, bool]:
         now_ns = time.monotonic_ns()
-        self._server.count_deserted(now_ns)  # the marker has a step
+        self._server.count_deserted(now_ns, order.room)  # the marker has a step
         rooms = self._server.core.handle(inputs.Mark(order.text, order.room), now_ns)
         return (
             (f"marked in {rooms} room{'s' if rooms != 1 else ''}: {order.text}", True)
