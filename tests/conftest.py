@@ -158,11 +158,11 @@ def pytest_collection_finish() -> None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> None:
     """Show where a test hangs, and end it. `faulthandler_timeout` would start a thread for each test, and await its end."""
-    now_s = time.monotonic()
-    if now_s - item.config.stash.get(_WATCHED_S, -WATCH_EVERY_S) >= WATCH_EVERY_S:
-        item.config.stash[_WATCHED_S] = now_s
+    now_s, lasts = time.monotonic(), item.get_closest_marker("lasts")
+    if lasts or now_s - item.config.stash.get(_WATCHED_S, -WATCH_EVERY_S) >= WATCH_EVERY_S:
+        item.config.stash[_WATCHED_S] = -WATCH_EVERY_S if lasts else now_s  # the next test is watched for its own time
         stderr = item.config.stash[fault_handler_stderr_fd_key]
-        faulthandler.dump_traceback_later(HANGS_S, file=stderr, exit=True)
+        faulthandler.dump_traceback_later(HANGS_S + (lasts.args[0] if lasts else 0.0), file=stderr, exit=True)
 
 
 def pytest_sessionfinish() -> None:

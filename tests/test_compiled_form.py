@@ -165,6 +165,7 @@ def test_every_compiled_source_is_the_same_program_with_values() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.lasts(600.0)
 @pytest.mark.skipif(not compiling.has_compiler(), reason="no C compiler")
 def test_recorded_sessions_and_laws_hold_in_the_compiled_form(tmp_path: Path) -> None:
     """Bit for bit: a recorded session is played again by the compiled form, from a recording of the interpreted one."""

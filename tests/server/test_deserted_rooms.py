@@ -108,7 +108,8 @@ def test_steps_are_the_ticks_that_were_due_and_the_recording_plays_again(
     for room in loop.people.core.rooms:
         pacer = loop.server.pacers[room.name]
         assert room.steps == pacer.run
-        assert pacer.due == pacer.tick_at(loop.people.now_ns) + 1
+        behind = pacer.tick_at(loop.people.now_ns) + 1 - pacer.due
+        assert behind == 0 if room.name in loop.asleep else behind in (0, 1), "a tick may be run a period late"
     loop.people.handle(inputs.CloseLedger())
     loop.people.exact()
 
