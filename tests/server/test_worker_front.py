@@ -20,6 +20,7 @@ from cogrip.protocol.session import refusal
 from cogrip.protocol.settings import seat_settings
 from cogrip.server.admission import Grant
 from cogrip.server.events import ServerEvent
+from cogrip.server.io import public_port
 from cogrip.server.io.platform import message_pair
 from cogrip.server.io.workers.front import ASKED_NS, Front
 from cogrip.server.io.workers.link import (
@@ -43,6 +44,7 @@ from tests.protocol.two_ends import SETTINGS, hello
 
 HOST = "127.0.0.1"
 LIMIT_S = 60.0
+CLOCKS_NS = 1_000_000_000  # by which two clocks may be read apart on a busy machine
 ROOMS = [msgspec.structs.replace(SETTINGS, name=name) for name in ("attic", "cellar")]
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="several workers need Linux")
@@ -151,7 +153,7 @@ def test_a_room_is_served_while_another_worker_still_starts_and_the_spare_comes_
 def test_a_room_that_is_not_there_yet_is_asked_for_again_and_a_start_that_is_stopped_ends_at_once(
     fronted: Fronted,
 ) -> None:
-    fronted.front._take(fronted.ask("cellar"), (HOST, 1), 0)
+    fronted.front._take(fronted.ask("cellar"), (HOST, 1), 0, 0)
     assert fronted.front.dropped == {"room not there yet": 1}
     assert fronted.asked(2) == []
     fronted.stop.reason = "stopped"
@@ -176,7 +178,7 @@ def test_people_who_come_by_one_link_at_once_wait_for_no_second_hello(ready: Fro
     """After a server stood still all its people notice it in the same moment, and repeat their hellos in step."""
     people = [(HOST, 1 + number) for number in range(40)]
     for number, address in enumerate(people):
-        ready.front._take(ready.ask(("attic", "cellar")[number % 2]), address, time.monotonic_ns())
+        ready.front._take(ready.ask(("attic", "cellar")[number % 2]), address, time.monotonic_ns(), 0)
     for number, address in enumerate(people):
         worker = 1 + number % 2
         assert ready.asked(worker) == [address], "one at a time: the token may be good for one seat"
@@ -188,7 +190,7 @@ def test_people_who_come_by_one_link_at_once_wait_for_no_second_hello(ready: Fro
 def test_who_waits_for_a_token_is_asked_about_once_by_the_newest_hello(ready: Fronted) -> None:
     now_ns = time.monotonic_ns()
     for room, address in (("attic", (HOST, 1)), ("attic", (HOST, 2)), ("cellar", (HOST, 2))):
-        ready.front._take(ready.ask(room), address, now_ns)
+        ready.front._take(ready.ask(room), address, now_ns, now_ns)
     assert ready.asked(1) == [(HOST, 1)]
     answer(ready, 1, (HOST, 1))
     assert (ready.asked(1), ready.asked(2)) == ([], [(HOST, 2)])
@@ -196,11 +198,27 @@ def test_who_waits_for_a_token_is_asked_about_once_by_the_newest_hello(ready: Fr
 
 def test_an_answer_that_never_comes_holds_nobody_up_for_ever(ready: Fronted) -> None:
     for address, at_ns in (((HOST, 1), 0), ((HOST, 2), 1), ((HOST, 3), ASKED_NS)):
-        ready.front._take(ready.ask("attic"), address, at_ns)
+        ready.front._take(ready.ask("attic"), address, at_ns, at_ns)
     assert ready.asked(1) == [(HOST, 1)]
     ready.front._poll(ASKED_NS + 1)
     assert ready.asked(1) == [(HOST, 3)]
     assert ready.front.dropped == {"token is asked about": 1}, "the second is gone, or says hello again"
+
+
+def test_a_hello_goes_to_its_worker_with_the_time_at_which_it_came(
+    ready: Fronted, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A front that stood still has the hellos of seconds at once, and a worker bounds how many one person may send in one."""
+    ready.person.bind((HOST, 0))
+    sent_ns = time.monotonic_ns()
+    ready.person.sendto(ready.ask("cellar"), ready.public.getsockname())
+    came_ns = time.monotonic_ns()
+    monkeypatch.setattr(public_port, "time", SimpleNamespace(monotonic_ns=lambda: came_ns + 3_000_000_000))
+    assert ready.asked(2) == []
+    ready.front._drain()
+    given, _ = ready.ends[2].take_at_worker()
+    assert isinstance(given, Ask)
+    assert sent_ns - CLOCKS_NS <= given.arrived_ns <= came_ns + CLOCKS_NS
 
 
 class Seated(Fronted):
@@ -217,7 +235,7 @@ class Seated(Fronted):
 
     def seat(self, number: int = 2) -> None:
         """Let a worker welcome the person to the second room."""
-        self.front._take(self.ask("cellar"), self.place, time.monotonic_ns())
+        self.front._take(self.ask("cellar"), self.place, time.monotonic_ns(), 0)
         assert self.asked(number) == [self.place]
         settings = seat_settings(ROOMS[1], 0)
         self.tell(number, Say(self.place, messages.encode(Welcome(PROTOCOL_VERSION, 7, 5, "", "1", settings, "t"))))
@@ -281,7 +299,7 @@ def test_a_datagram_that_was_faster_than_its_path_goes_back_to_the_worker(seated
 
 def test_who_makes_a_new_association_comes_to_the_front_again(seated: Seated) -> None:
     seated.told(2)
-    seated.front._take(seated.ask("cellar"), seated.place, time.monotonic_ns())
+    seated.front._take(seated.ask("cellar"), seated.place, time.monotonic_ns(), 0)
     assert Forget(seated.place) in seated.told(2)
     assert seated.arrives() == [0]
 

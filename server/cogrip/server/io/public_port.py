@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence, Set
 from typing import Protocol
 
 from cogrip.protocol.channel import Address, Channel, place_text
+from cogrip.protocol.io.arrivals import Arrivals
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Hello
 from cogrip.protocol.session import SECONDS_OVER, refusal
@@ -42,6 +43,7 @@ class PublicPort:
         self.received = 0
         self.sent = 0
         self._public, self._stop, self._say, self._channel = public, stop, say, channel
+        self._arrivals = Arrivals(public)
         self._authenticator = authenticator or AdmitAll()
         self._selector = selectors.DefaultSelector()
         self._selector.register(public, selectors.EVENT_READ)
@@ -78,22 +80,22 @@ class PublicPort:
         self._flush()
         self._report()
 
-    def _arrived(self, datagram: bytes, address: PeerAddress, now_ns: int) -> None:
-        """Take in a datagram."""
+    def _arrived(self, datagram: bytes, address: PeerAddress, now_ns: int, arrived_ns: int) -> None:
+        """Take in a datagram. arrived_ns: when it came, which is long before now where this process stood still."""
         raise NotImplementedError
 
     def _drain(self) -> None:
         now_ns = time.monotonic_ns()
         for _ in range(MOST_AT_ONCE):
             try:
-                datagram, address = self._public.recvfrom(MAX_DATAGRAM_BYTES + 1)
+                datagram, address, arrived_ns = self._arrivals.receive(MAX_DATAGRAM_BYTES + 1, now_ns)
             except BlockingIOError:
                 return
             except OSError as error:
                 self.dropped[f"socket: {error.strerror}"] += 1
                 continue
             self.received += 1
-            self._arrived(datagram, address, now_ns)
+            self._arrived(datagram, address, now_ns, arrived_ns)
 
     def room_for(self, hello: Hello, verdict: Grant | Denied, taken: Set[tuple[str, str]]) -> str | Denied:
         """Return the room that a hello is for: of those that it lets us choose the first with a seat that is free.

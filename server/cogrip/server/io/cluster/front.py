@@ -64,7 +64,7 @@ class ClusterFront(PublicPort):
                 self._told[room] = home.place
                 self._say(ServerEvent("notice", f"room {room} is served at {home.place}", room))
 
-    def _arrived(self, datagram: bytes, address: PeerAddress, now_ns: int) -> None:
+    def _arrived(self, datagram: bytes, address: PeerAddress, now_ns: int, arrived_ns: int) -> None:
         for message in self._channel.receive(datagram, address, now_ns):
             self._answer(message, address)
         self._channel.renewed.clear()  # nobody has a seat here

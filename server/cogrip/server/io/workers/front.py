@@ -156,34 +156,33 @@ class Front(PublicPort):
         self._flush()
         self._report()
 
-    def _arrived(self, datagram: bytes, address: PeerAddress, now_ns: int) -> None:
+    def _arrived(self, datagram: bytes, address: PeerAddress, now_ns: int, arrived_ns: int) -> None:
         if seated := self.seated.get(address):
             seated.worker.link.send(Stray(address, datagram))
         else:
-            self._take(datagram, address, now_ns)
+            self._take(datagram, address, now_ns, arrived_ns)
 
-    def _take(self, datagram: bytes, address: PeerAddress, now_ns: int) -> None:
+    def _take(self, datagram: bytes, address: PeerAddress, now_ns: int, arrived_ns: int) -> None:
         for message in self._channel.receive(datagram, address, now_ns):
             if seated := self._unseat(address):  # a new association, from the same address
                 seated.worker.link.send(Forget(address))
-            self._ask(message, address, now_ns)
+            self._ask(message, address, now_ns, arrived_ns)
         self._channel.renewed.clear()  # nobody here has a seat
 
     def _ask(
-        self, message: bytes, address: PeerAddress, now_ns: int, by: Worker | None = None, arrived_ns: int | None = None
+        self, message: bytes, address: PeerAddress, now_ns: int, arrived_ns: int, by: Worker | None = None
     ) -> None:
-        """Hand a message over to the worker that answers it. by: the one by whose path it came; arrived_ns: before now."""
-        came_ns = now_ns if arrived_ns is None else arrived_ns
+        """Hand a message over to the worker that answers it. by: the one by whose path it came."""
         try:
             hello = messages.decode(message)
         except MalformedError:  # also a hello of another version, which every worker can refuse
             worker = next((each for each in self.pool.workers if each.state == "ready"), None)
             if worker is not None:
-                worker.link.send(Ask(address, message, None, came_ns))
+                worker.link.send(Ask(address, message, None, arrived_ns))
             return
         if not isinstance(hello, Hello):
             if asked := self._asking.get(address):
-                asked[0].link.send(Ask(address, message, None, came_ns))
+                asked[0].link.send(Ask(address, message, None, arrived_ns))
             else:
                 self.dropped["not seated"] += 1
             return
@@ -205,11 +204,13 @@ class Front(PublicPort):
         elif by not in (None, worker):
             self._refuse(hello, Denied("room", f"room {room!r} is reached by a new connection; join anew"), address)
         elif token and any(other != address and each[1] == token for other, each in self._asking.items()):
-            self._waiting[address] = Waiting(message, token, by, came_ns, now_ns)  # the token may be good for one time
+            self._waiting[address] = Waiting(
+                message, token, by, arrived_ns, now_ns
+            )  # the token may be good for one time
         else:
             self._waiting.pop(address, None)
             self._asking[address] = worker, token, now_ns
-            worker.link.send(Ask(address, message, verdict, came_ns))
+            worker.link.send(Ask(address, message, verdict, arrived_ns))
 
     def _ask_next(self, token: str, now_ns: int) -> None:
         """Ask about the hello that waits for this token, if none is asked about: many people may come by one link at once."""
@@ -217,7 +218,7 @@ class Front(PublicPort):
             if any(each[1] == token for each in self._asking.values()):
                 return
             waiting = self._waiting.pop(address)
-            self._ask(waiting.message, address, now_ns, waiting.by, waiting.arrived_ns)
+            self._ask(waiting.message, address, now_ns, waiting.arrived_ns, waiting.by)
 
     def _too_many(self, token: str, room: str, address: Address) -> Denied | None:
         """Return a refusal where the token holds as many seats in other workers as it may in all."""
@@ -256,7 +257,7 @@ class Front(PublicPort):
                 if asked and asked[1]:
                     self._ask_next(asked[1], now_ns)
             case Asked():
-                self._ask(given.message, given.address, now_ns, worker, given.arrived_ns)
+                self._ask(given.message, given.address, now_ns, given.arrived_ns, worker)
             case Astray():
                 self._take_back(worker, given, now_ns)
             case Released():
@@ -281,7 +282,7 @@ class Front(PublicPort):
         if self._is_at(given.address, worker) and not isinstance(self._channel, DtlsListener):
             worker.link.send(Stray(given.address, given.datagram))  # it was faster than its path
         else:
-            self._take(given.datagram, given.address, now_ns)
+            self._take(given.datagram, given.address, now_ns, now_ns)
 
     def _answer(self, worker: Worker, said: Say) -> None:
         """Send a worker's message; with a welcome the peer gets a path to it."""
