@@ -167,9 +167,13 @@ def test_a_stopped_job_gives_the_terminal_back_and_takes_it_again(shell, tmp_pat
     shell.type("\x1a")
     shell.settle(lambda: shell.modes == shell.before)
     shell.see("Stopped")
+    end_stopped_job(shell)
+    assert shell.modes == shell.before
+
+
+def end_stopped_job(shell: JobShell) -> None:
     shell.type("kill -9 %1; echo killed-$((1 + 1))\n")
     shell.see("killed-2")
-    assert shell.modes == shell.before
 
 
 @pytest.mark.parametrize("key", ["\x03", long("\x1a")])
@@ -180,3 +184,5 @@ def test_a_drawing_that_was_killed_leaves_no_silent_terminal(shell, tmp_path, ke
     os.kill(shell.drawing(), signal.SIGKILL)
     shell.type(key)
     shell.settle(lambda: shell.modes == shell.before and not shell.screen.hidden)
+    if key == "\x1a":
+        end_stopped_job(shell)
