@@ -20,7 +20,7 @@ BENCHES = {  # each is the function bench_NAME of tests.bench.NAME
     "killed": "Kill workers of a server with -9: time until all are back, steps of force, the other rooms.",
     "network": "Count the people whom one core serves, encrypted and not, beside a socket echo; or flood an encrypted server.",
     "pauses": "Measure what this processor forgets between two ticks, and how often something takes it away.",
-    "peers": "Compare what a person costs the server with a server in C and a bare Python echo.",
+    "peers": "Compare what a person costs the server with a server in C, VRPN and a bare Python echo.",
     "playout": "Compare the adaptive jitter buffer with the best fixed playout delay in hindsight, on each network.",
     "recording": "Run live sessions with recording and without, in turns; measure the size and reading speed of the files.",
     "relay": "Measure the delay that `cogrip relay` itself adds to a datagram.",
