@@ -66,11 +66,15 @@ class VrpnPerson(Echoed):
                 self._stream, _ = self._listening.accept()
                 self._stream.setblocking(False)
         elif self._server is None:
-            with suppress(BlockingIOError):
+            try:
                 came = self._stream.recv(MOST_BYTES)
                 self._read += came
                 self._failed = "" if came else "VRPN closed the connection"
                 self._greet()
+            except BlockingIOError:
+                return  # it comes later
+            except OSError as error:
+                self._failed = f"the connection to VRPN broke: {error.strerror}"
 
     def _greet(self) -> None:
         """Answer the server's cookie with the same, and with a description of this end; then look for the server's."""
