@@ -72,7 +72,7 @@ def bench_idle(*, rooms: int = 1000, used: int = 10, seconds: float = 5.0, round
         f"a room without people: {(all_rooms.frame_us - alone.frame_us) / (rooms - used):.3f} µs a frame, {room_kb:.0f} KB"
     )
     well = judge(
-        console, f"{rooms} rooms over {used}, processor time", all_rooms.over, MOST_OVER, most=True, form=".2f"
+        console, f"{rooms} rooms over {used}, processor time", all_rooms.over, MOST_OVER, most=True, form=".3f"
     )
     late = judge(
         console, f"{rooms} rooms, p99 lateness [µs]", all_rooms.late_p99_us, MOST_LATE_US, most=True, form=".0f"
