@@ -67,6 +67,20 @@ def test_what_is_compiled_of_older_sources_is_stale(monkeypatch: pytest.MonkeyPa
     assert compiling.stale()
 
 
+def test_modules_share_libraries_in_which_each_is_found_by_its_name() -> None:
+    names = [name for name, _ in compiling.sources()]
+    libraries = compiling.shared_libraries(names)
+    assert sorted([name for library in libraries for name in library]) == sorted(names)
+    for library in libraries:
+        last = [name.rpartition(".")[2] for name in library]
+        assert len(set(last)) == len(last), "the importer looks for the last part of a name"
+        assert len({name.startswith("cogrip.server.") for name in library}) == 1, "no client loads a server's"
+    assert len(libraries) < 6
+    assert compiling.shared_libraries(["cogrip.a.loop", "cogrip.b.loop", "cogrip.a.core"]) == [
+        ["cogrip.a.core", "cogrip.a.loop"], ["cogrip.b.loop"],
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("made", "said"),
     [
