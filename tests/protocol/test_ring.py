@@ -11,6 +11,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
 
+from cogrip.protocol.io.byte_copy import copy_into
 from cogrip.protocol.io.ring import LOST, Ring, make_ring
 
 CAPACITY = 4096  # of the smallest ring
@@ -200,3 +201,17 @@ def test_two_processes_at_full_speed_lose_nothing_while_there_is_room():
     assert taker.returncode == 0, words
     loop.close()
     answers.close()
+
+
+@pytest.mark.parametrize(
+    ("start", "size", "fits"), [(0, 8, True), (8, 0, True), (7, 1, True), (8, 1, False), (1, 8, False)]
+)
+def test_bytes_are_copied_where_there_is_room(start: int, size: int, fits: bool) -> None:
+    target = memoryview(bytearray(8))
+    if fits:
+        copy_into(target, start, b"x" * size)
+        assert bytes(target) == bytes(start) + b"x" * size + bytes(8 - start - size)
+    else:
+        with pytest.raises(ValueError, match=r"."):
+            copy_into(target, start, b"x" * size)
+        assert bytes(target) == bytes(8)

@@ -1,5 +1,7 @@
 cimport cython
 
+from cogrip.protocol.io.byte_copy cimport copy_into
+
 cdef long long _HEAD_BYTES, _TOPIC_BITS, _DATA
 cdef Py_ssize_t _PUT, _TAKEN, _LOST, _CLOSED, _SAID, _SAVED
 
@@ -7,6 +9,7 @@ cdef Py_ssize_t _PUT, _TAKEN, _LOST, _CLOSED, _SAID, _SAVED
 cdef class Ring:
     cdef public int fd
     cdef object _map
+    cdef unsigned char[::1] _bytes
     cdef unsigned long long[::1] _counters
     cdef unsigned long long[::1] _words
     cdef long long _capacity
@@ -19,6 +22,6 @@ cdef class Ring:
     cpdef put(self, Py_ssize_t topic, unsigned long long time_ns, bytes payload)
     @cython.locals(
         size="long long", need="long long", put="long long", capacity="long long", at="long long", room="long long",
-        whole="long long", start="long long", words="unsigned long long[::1]",
+        whole="long long", words="unsigned long long[::1]",
     )
     cdef bint _place(self, Py_ssize_t topic, unsigned long long time_ns, bytes payload) except -1

@@ -21,6 +21,8 @@ import tempfile
 from collections.abc import Iterator
 from struct import Struct
 
+from cogrip.protocol.io.byte_copy import copy_into
+
 PAGE = 4096
 SKIP = 0xFFFF_FFFF
 LOST = 0xFFFF
@@ -36,12 +38,25 @@ _TEXT = 8 * _COUNTERS
 class Ring:
     """Map the ring behind file descriptor `fd`; `make_ring` makes one."""
 
-    __slots__ = ("_capacity", "_counters", "_map", "_marked", "_put", "_taken", "_words", "fd", "lost", "missed")
+    __slots__ = (
+        "_bytes",
+        "_capacity",
+        "_counters",
+        "_map",
+        "_marked",
+        "_put",
+        "_taken",
+        "_words",
+        "fd",
+        "lost",
+        "missed",
+    )
 
     def __init__(self, fd: int) -> None:
         self.fd = fd
         self._map = mmap.mmap(fd, 0)
         self._capacity = len(self._map) - PAGE
+        self._bytes = memoryview(self._map)
         self._counters = memoryview(self._map)[:_TEXT].cast("Q")
         self._words = memoryview(self._map)[PAGE:].cast("Q")
         self._put = self._counters[_PUT]
@@ -72,8 +87,7 @@ class Ring:
             at = 0
         words[at >> 3] = topic << _TOPIC_BITS | size
         words[(at >> 3) + 1] = time_ns
-        start = _DATA + at
-        self._map[start : start + size] = payload
+        copy_into(self._bytes, _DATA + at, payload)
         self._put = put + whole
         self._counters[_PUT] = self._put
         return True
@@ -132,7 +146,7 @@ class Ring:
         return self._map[_TEXT : _TEXT + self._counters[_SAID]].decode("utf-8", "replace")
 
     def close(self) -> None:
-        self._counters = self._words = None  # type: ignore[assignment]  # else the map could not be closed
+        self._bytes = self._counters = self._words = None  # type: ignore[assignment]  # else the map could not be closed
         self._map.close()
         os.close(self.fd)
 
