@@ -147,7 +147,7 @@ def test_force_of_a_line_that_ends_falls_softly_and_without_delay() -> None:
         assert coupling.receive(next_waves(line, wave, 0.0, 0.0, state=(*STILL, *STILL, *engaged)))
         coupling.start_frame()
         for _ in range(M):
-            felt.append(safety.limit(coupling.force(place, STILL), coupling.gap)[0])
+            felt.append(safety.limit(coupling.force(place, STILL), coupling.gap())[0])
             coupling.elapse(STILL, STILL)
         coupling.end_frame()
     ends = felt[60 * M - 1 :]

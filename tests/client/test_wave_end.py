@@ -21,6 +21,7 @@ from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Waves, decode
 
 from tests.client.seated_client import ROOT, T_C, T_N, M, next_waves, seat
+from tests.interpreted import needs_interpreted
 
 B = 20.0
 AUTO = {"impedance_nspm": "auto", "wave_filter_hz": "auto"}
@@ -240,6 +241,7 @@ def test_a_gap_feels_like_a_sixth_of_the_damping() -> None:
     assert max(abs(after - before) for before, after in pairwise(soft[90:])) < 0.4
 
 
+@needs_interpreted
 def test_what_is_not_sent_in_a_gap_is_written_off_by_the_receiver() -> None:
     """sum u = sqrt(2b) x - sum v - sum e, and the receiver holds e: no displacement is forgotten."""
     end, written_off = yielding(), []
@@ -249,7 +251,7 @@ def test_what_is_not_sent_in_a_gap_is_written_off_by_the_receiver() -> None:
     down = end.coupling.down
     receiver = down.receiver
 
-    class Listening:  # a method of a compiled class cannot be replaced
+    class Listening:
         """The receiver, and what is written off."""
 
         def __getattr__(self, name: str) -> object:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from math import nan
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from cogrip.devices import Capability, Device, Sample, conformance, make
@@ -145,7 +144,7 @@ class SlowClock:
 
 def reads(change: Callable[[int, Sample], dict[str, object]], **keys: str) -> Callable[[], Liar]:
     """A device whose samples are changed so, by tick and sample."""
-    return lambda: Liar(lambda tick, sample: msgspec.structs.replace(sample, **change(tick, sample)), **keys)
+    return lambda: Liar(lambda tick, sample: sample.replaced(**change(tick, sample)), **keys)
 
 
 def writes(write: Callable[[Sequence[float]], Sequence[float] | None]) -> Callable[[], Liar]:

@@ -159,7 +159,7 @@ class Turning:
         sample = self._device.read(tick)
         angle, bad = 1e-3 * tick, tick % 50 == 49
         turned = (nan if bad else cos(angle), 0.0, 0.0, sin(angle))
-        return replace(sample, orientation=turned, grip_m=0.2 if bad else 0.05 - 1e-5 * tick)
+        return sample.replaced(orientation=turned, grip_m=0.2 if bad else 0.05 - 1e-5 * tick)
 
 
 @pytest.fixture
@@ -212,7 +212,7 @@ class Closed(Turning):
     def read(self, tick: int) -> Sample | None:
         sample = self._device.read(tick)
         zero = -0.0 if tick % M == M - 1 else 0.0
-        return None if tick % M == 0 else replace(sample, orientation=(1.0, zero, 0.0, 0.0), grip_m=zero)
+        return None if tick % M == 0 else sample.replaced(orientation=(1.0, zero, 0.0, 0.0), grip_m=zero)
 
 
 def test_a_recording_tells_the_signs_of_zeros(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

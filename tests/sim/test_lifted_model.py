@@ -22,6 +22,7 @@ from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
 from cogrip.protocol.line.delays import OneWayDelay
 from cogrip.protocol.messages import Stamp, State
 from cogrip.protocol.rates import Rates
+from cogrip.protocol.setting_types import POSE_AXES
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.server.schemes import make_world
 from cogrip.server.worlds.grip import GripWorld
@@ -40,6 +41,11 @@ TOUCH_M = 10.0  # how deep inside a one-sided contact its map is taken
 NUDGE = 1e-3
 
 
+def axes(row: list[float]) -> list[float]:
+    """Fill up to as many axes as there may be."""
+    return row + [0.0] * (POSE_AXES - len(row))
+
+
 class Device:
     """A client's device and its samples at the start of a frame: `state`, in the order of the blocks' states."""
 
@@ -53,7 +59,8 @@ class Device:
         self.places = deque(places[::-1].tolist(), maxlen=late + 1)  # oldest first
         self.estimator = AlphaBeta(1, rates.tick_s, person.memory)
         if person.estimated:
-            self.estimator._position, self.estimator._velocity = [state[2] + self.places[0]], [state[3]]
+            self.estimator._begun = True
+            self.estimator._estimate_m, self.estimator._velocity = axes([state[2] + self.places[0]]), [state[3]]
 
     def read(self) -> tuple[list[float], list[float]]:
         return [self.places[0]], [self.estimator._velocity[0] if self.person.estimated else self.speeds[0]]
@@ -72,7 +79,7 @@ class Device:
         old = np.diff(self.places)[::-1] * self.rates.device_hz
         own = list(self.speeds)[:-1][::-1]
         if self.person.estimated:
-            own = [self.estimator._position[0] - self.places[0], self.estimator._velocity[0]]
+            own = [self.estimator._estimate_m[0] - self.places[0], self.estimator._velocity[0]]
         return [self.plant.position_m[0], self.plant.velocity_mps[0], *own, *old]
 
 
@@ -156,7 +163,7 @@ class CoresFrame:
             if person.decimator == "lowpass":
                 client.up.decimator._state = [float(own[-1])]
             if split:
-                client.up.decimator._sum = [float(own[-1]) * self.ticks]
+                client.up.decimator._sum = axes([float(own[-1]) * self.ticks])
             sent = self.run_ticks(client, person, device)
             waves = [client.late.push(((0.0,), 1.0, 1.0, None, client._b))[0][0] for _ in range(booked)]  # oldest first
             after = [*device.state(), *reversed(waves)]

@@ -217,7 +217,7 @@ def test_reports_repeat_until_they_are_answered_and_no_longer() -> None:
     core.handle(client_inputs.SetHand(parsed(["position_scale=2"])), 0)
     laboratory.run()
     assert laboratory.room.seats[0].hand.holds.position_scale == 2.0
-    assert not core._seat.changes.pending
+    assert not core._seat.changes.pending()
 
 
 def test_a_client_that_reports_without_end_fills_no_log_and_loosens_no_limit() -> None:

@@ -3,6 +3,7 @@ cimport cython
 from cogrip.client.hand_changes cimport HandChanges
 from cogrip.client.markers cimport Markers
 from cogrip.client.seated cimport SeatedClient
+from cogrip.devices.sample cimport Sample
 from cogrip.protocol.histogram cimport DurationHistogram
 from cogrip.protocol.session cimport ClientSession
 
@@ -32,5 +33,5 @@ cdef class ClientCore:
     @cython.locals(seated=SeatedClient, session=ClientSession)
     cpdef receive(self, datagram, long long now_ns)
     @cython.locals(seated=SeatedClient, session=ClientSession, changes=HandChanges)
-    cpdef sense(self, long long tick, sample, long long now_ns)
+    cpdef sense(self, long long tick, Sample sample, long long now_ns)
     cpdef tuple act(self, long long now_ns)

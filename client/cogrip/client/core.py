@@ -18,7 +18,8 @@ from cogrip.client.markers import Markers
 from cogrip.client.safety import Safety
 from cogrip.client.seat_account import account_of
 from cogrip.client.seated import MakePort, SeatedClient
-from cogrip.devices.device import Capability, Sample
+from cogrip.devices.device import Capability
+from cogrip.devices.sample import Sample
 from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
 from cogrip.protocol.histogram import DurationHistogram
 from cogrip.protocol.messages import Bodies, Effects, Geom, Hello, Mark, Person, SetHand, Stamp, Waves, encode
@@ -131,9 +132,9 @@ class ClientCore:
         if session.state != "seated":
             return
         changes = seated.changes
-        if self.markers.pending:
+        if self.markers.pending():
             session.outbox.extend(map(encode, self.markers.due(seated.session_id, now_ns)))
-        if changes.pending:
+        if changes.pending():
             session.outbox.extend(map(encode, changes.due(seated.session_id, now_ns)))
 
     def act(self, now_ns: int) -> tuple[float, ...]:

@@ -12,6 +12,7 @@ cdef class PortEnergy:
     cdef public double used_now_j
 
     cpdef end_frame(self)
+    cpdef double port_j(self)
 
 
 cdef class Coupling:
@@ -31,6 +32,10 @@ cdef class Coupling:
     cdef public object down_margin_j
     cdef public EnergyReserve down_reserve
 
+    cpdef bint gap(self) except -1
+    cpdef double given_j(self) except? -1.0
+    cpdef double pending_j(self) except? -1.0
+    cpdef double entered_j(self) except? -1.0
     cpdef elapse(self, mean_velocity_mps, velocity_mps, double hold=*)
     cpdef elapse_held(self)
     cpdef elapse_absent(self)

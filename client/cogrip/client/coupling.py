@@ -88,9 +88,8 @@ class PortEnergy:
     def used_j(self) -> float:
         return self._used.value + self.used_now_j
 
-    @property
     def port_j(self) -> float:
-        """Energy that stayed in the line."""
+        """Return the energy that stayed in the line."""
         return self._stored_j + (self.made_now_j - self.used_now_j)
 
 
@@ -135,9 +134,8 @@ class Coupling:
         self.down_margin_j: float | None = 0.0
         self.down_reserve = EnergyReserve(seat.rates.network_hz)
 
-    @property
     def gap(self) -> bool:
-        """True where the wave held now stands for one that is missing."""
+        """Return whether the wave held now stands for one that is missing."""
         return False
 
     @property
@@ -165,19 +163,16 @@ class Coupling:
         """Energy that went into the coupling here."""
         raise NotImplementedError
 
-    @property
     def entered_j(self) -> float:
-        """Energy that the hand put in: into the line, unless there is something between the two."""
+        """Return the energy that the hand put in: into the line, unless there is something between the two."""
         return self.port_j
 
-    @property
     def given_j(self) -> float:
-        """Energy that the other end gave this one, less what it took up to the last frame that ended."""
+        """Return the energy that the other end gave this one, less what it took up to the last frame that ended."""
         raise NotImplementedError
 
-    @property
     def pending_j(self) -> float:
-        """Energy that the ticks of the frame under way would have the other end take."""
+        """Return the energy that the ticks of the frame under way would have the other end take."""
         return 0.0
 
     @property

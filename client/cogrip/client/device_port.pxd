@@ -54,5 +54,6 @@ cdef class DevicePort:
     )
     cpdef watch(self, force_n, bint clipped, local_n, bint limited=*, bint reduced=*)
     cpdef elapse(self)
+    cpdef double left_j(self)
     cpdef rearm(self)
     cpdef _write_off(self)

@@ -152,6 +152,10 @@ class DevicePort:
         if self.later_j == -inf and self._tick * self._tick_s >= FIRST_S:
             self.later_j = inf
 
+    def left_j(self) -> float:
+        """Return what is left to the device's force before this port limits it [J]: earned, and in reserve."""
+        return self.balance_j - self._forgiven_j + self.reserve_j
+
     @property
     def earned_j(self) -> float:
         """E now, less all that was forgiven."""

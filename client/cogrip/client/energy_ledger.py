@@ -54,7 +54,7 @@ class EnergyLedger:
 
     def compare(self) -> None:
         """Compare the work with the energy that went into all lines."""
-        self.leak_j = leak = self.work.value - (self.closed_entered_j + self.power_ratio * self.coupling.entered_j)
+        self.leak_j = leak = self.work.value - (self.closed_entered_j + self.power_ratio * self.coupling.entered_j())
         if leak < self.least_leak_j:
             self.least_leak_j = leak
 
@@ -68,9 +68,9 @@ class EnergyLedger:
         self.coupling = coupling
 
     def _close(self, coupling: Coupling, power_ratio: float) -> None:
-        self.closed_given_j += power_ratio * coupling.given_j
+        self.closed_given_j += power_ratio * coupling.given_j()
         self.closed_port_j += power_ratio * coupling.port_j
-        self.closed_entered_j += power_ratio * coupling.entered_j
+        self.closed_entered_j += power_ratio * coupling.entered_j()
 
     def set_effects(self, work_j: float) -> None:
         """Count the hand's work against effects as entered, like that into closed lines."""
@@ -85,7 +85,7 @@ class EnergyLedger:
     @property
     def given_j(self) -> float:
         """Energy at the hand that all lines gave, less what they took."""
-        return self.closed_given_j + self.power_ratio * self.coupling.given_j
+        return self.closed_given_j + self.power_ratio * self.coupling.given_j()
 
     @property
     def port_j(self) -> float:

@@ -5,3 +5,5 @@ cdef class HandChanges:
     cdef long long _number
     cdef long long _answered
     cdef long long _next_ns
+
+    cpdef bint pending(self) except -1

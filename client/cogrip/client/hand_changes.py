@@ -38,14 +38,13 @@ class HandChanges:
         self._number += 1
         self._next_ns = 0
 
-    @property
     def pending(self) -> bool:
         """Return whether the server has not answered the newest report."""
         return self._answered < self._number
 
     def due(self, session: int, now_ns: int) -> list[SetHand]:
         """Return the messages to send now."""
-        if not self.pending or now_ns < self._next_ns:
+        if not self.pending() or now_ns < self._next_ns:
             return []
         self._next_ns = now_ns + AGAIN_NS
         return [SetHand(session, self._number, self.reported, self.holds)]

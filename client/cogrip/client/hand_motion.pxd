@@ -3,6 +3,7 @@ cimport cython
 from cogrip.client.safety cimport Safety
 from cogrip.client.velocity cimport AlphaBeta
 from cogrip.devices.plausibility cimport Plausibility
+from cogrip.devices.sample cimport Sample
 
 
 cdef class HandMotion:
@@ -22,7 +23,7 @@ cdef class HandMotion:
     cdef public long long latency_ticks
 
     @cython.locals(taken="long long", age="long long", position=tuple, known=tuple)
-    cpdef update(self, long long tick, long long elapsed, sample)
+    cpdef update(self, long long tick, long long elapsed, Sample sample)
 
 
 @cython.locals(

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 
 from cogrip.client.safety import Safety
 from cogrip.client.velocity import estimator_for
-from cogrip.devices.device import Capability, Sample
+from cogrip.devices.device import Capability
 from cogrip.devices.plausibility import JUMP, Plausibility
+from cogrip.devices.sample import Sample
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.setting_types import PLACES
 

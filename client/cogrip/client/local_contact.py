@@ -105,11 +105,9 @@ class LocalCoupling(WaveCoupling):
         if isinstance(before, LocalCoupling):
             self.proxy_m, self.gate, self.ramp_gain = before.proxy_m, before.gate, before.ramp_gain
 
-    @property
     def entered_j(self) -> float:
         return self._hand_j.value
 
-    @property
     def gap(self) -> bool:
         return False  # the force is made here
 
@@ -236,11 +234,9 @@ class LocalWall(LocalFace):
         hand = self.object_state[0] if self._position is None else self._position[0]
         return self._side * (hand - self.object_state[0]), (self._side, *(0.0,) * (len(self.sent) - 1))
 
-    @property
     def given_j(self) -> float:
         return 0.0
 
-    @property
     def pending_j(self) -> float:
         return 0.0
 
@@ -281,10 +277,9 @@ class LocalFaces(LocalFace):
         self._mass = seat.copy_kg
         self._worked, self._lined = CompensatedSum(), CompensatedSum()
 
-    @property
     def given_j(self) -> float:
         """Energy that copy and line gave the contact: what the copy puts into the line is the line's own to send."""
-        return super().given_j + self._lined.value - self._worked.value
+        return super().given_j() + self._lined.value - self._worked.value
 
     def _move(self, applied_n: Sequence[float], mean_velocity_mps: Sequence[float]) -> None:
         gain = self.down.gain

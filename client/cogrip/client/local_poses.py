@@ -31,7 +31,6 @@ class LocalPoses(LocalScene):
         """Turning is a wave port at the hand: what an old sample shows was done against the wave of then."""
         WaveCoupling.set_latency(self, ticks)
 
-    @property
     def gap(self) -> bool:
         return self._leaving or self.down.receiver.gap
 

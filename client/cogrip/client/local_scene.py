@@ -114,7 +114,6 @@ class LocalScene(LocalCoupling):
             self.down.gain *= self._share
         return ticks
 
-    @property
     def gap(self) -> bool:
         """True where the line's force ends, too: it falls softly."""
         return self._leaving or (self.engaged_m is not None and self.down.receiver.gap)

@@ -5,3 +5,5 @@ cdef class Markers:
     cdef object _unanswered
     cdef long long _next_ns
     cdef object _known
+
+    cpdef bint pending(self) except -1

@@ -22,7 +22,6 @@ class Markers:
         self._next_ns = 0
         self._known: deque[tuple[int, int]] = deque(maxlen=MOST_KNOWN)
 
-    @property
     def pending(self) -> bool:
         """Return whether one that was set has not been answered."""
         return bool(self._unanswered)

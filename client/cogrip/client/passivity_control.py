@@ -73,14 +73,13 @@ class PassivityControl(LatestStateCoupling[Power]):
 
     @property
     def port_j(self) -> float:
-        return self.energy.port_j
+        return self.energy.port_j()
 
     @property
     def left_j(self) -> tuple[float, ...]:
         """W of each axis."""
         return tuple([left.value for left in self._left])
 
-    @property
     def given_j(self) -> float:
         """Energy that has gone in at the object, less what was sent as gone in here."""
         return sum(self._received) - sum([energy.value for energy in self._in])

@@ -15,7 +15,8 @@ from cogrip.client.device_port import DevicePort
 from cogrip.client.inputs import ClientInput
 from cogrip.client.seated import MakePort
 from cogrip.client.tick_record import TickRecord
-from cogrip.devices.device import Capability, Sample
+from cogrip.devices.device import Capability
+from cogrip.devices.sample import Sample
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.hello_padding import with_short_device, with_whole_device
 from cogrip.protocol.messages import Hello

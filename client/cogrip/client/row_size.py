@@ -17,6 +17,6 @@ def change_surely_below(row: Sequence[float], before: Sequence[float], most: flo
     """Return whether dist(row, before) is below `most` by more than rounding. False for numbers that are not finite."""
     square = 0.0
     for axis, value in enumerate(row):
-        change = value - before[axis]
-        square += change * change
+        was = before[axis]
+        square += (value - was) * (value - was)
     return square < NEARLY * most * most

@@ -1,6 +1,7 @@
 cimport cython
 
 from cogrip.client.force_limits cimport ForceLimits
+from cogrip.client.row_size cimport surely_below
 
 
 cdef class Safety:
@@ -40,6 +41,9 @@ cdef class Safety:
     cpdef bint check(self, long long ticks, position_m, velocity_mps) except -1
     cpdef double coming_gain(self, bint wished=*)
     @cython.locals(
-        gain=double, translation=ForceLimits, further=ForceLimits, size_n=double, out=tuple, fall=double, over=bint, warm=bint,
+        gain=double, translation=ForceLimits, further=ForceLimits, out=tuple, fall=double, over=bint, warm=bint,
     )
     cpdef tuple limit(self, force_n, bint gap=*)
+    cpdef bint at_peak(self) except -1
+    @cython.locals(size_n=double)
+    cdef _clip(self, force_n)

@@ -17,6 +17,7 @@ from math import hypot, inf, isfinite, sqrt
 from typing import Literal, get_args
 
 from cogrip.client.force_limits import Bounds, ForceLimits, bounds_of
+from cogrip.client.row_size import surely_below
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
 from cogrip.protocol.setting_types import PLACES
@@ -121,9 +122,8 @@ class Safety:
         if self.event("fail", reason):
             self.note("fault")
 
-    @property
     def at_peak(self) -> bool:
-        """True where the law's force is above the device's peak (not where warm motors alone limit it)."""
+        """Return whether the law's force is above the device's peak (not where warm motors alone limit it)."""
         return self._at_limit > 0
 
     @property
@@ -169,8 +169,9 @@ class Safety:
         if self._further is not None:
             self._check_further(self._further.bounds, sqrt(other), position_m[-1])
         for axis, (low, high) in enumerate(self._workspace_m):  # angles have none
-            if not low <= position_m[axis] <= high:
-                self.diverged = self.diverged or f"the hand left the workspace at {position_m[axis]:.4g} m"
+            place = position_m[axis]
+            if not low <= place <= high:
+                self.diverged = self.diverged or f"the hand left the workspace at {place:.4g} m"
         return True
 
     def _check_further(self, bounds: Bounds, speed_mps: float, last_m: float) -> None:
@@ -201,15 +202,10 @@ class Safety:
         if further is not None:
             further.limited = further.derated = further.over = False
         if force_n is not None:
-            size_n = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
-            if not size_n < inf:  # nan, too
-                self.note("non-finite force")
-                self.fail("the force law gave a number that is not finite; re-arm")
-            elif further is None:
-                self.clamped_n = translation.clip(force_n, size_n)
+            if further is None and surely_below(force_n, translation.thermal.limit_n):
+                self.clamped_n = force_n
             else:
-                force, rest = force_n[:PLACES], force_n[PLACES:]
-                self.clamped_n = [*translation.clip(force, hypot(*force)), *further.clip(rest, hypot(*rest))]
+                self._clip(force_n)
         out = tuple(self.clamped_n) if gain == 1.0 else tuple([gain * value for value in self.clamped_n])
         fall = self._fault_fall if self.state == "fault" else 0.0  # also for a fault that this call has found
         if further is None:
@@ -228,6 +224,18 @@ class Safety:
         if warm or self.warning or self.derated or self._derated:
             self._warm()
         return out
+
+    def _clip(self, force_n: Sequence[float]) -> None:
+        """Set `clamped_n`, the law's force within the limits of peak and warm motors; one that is not finite is a fault."""
+        size_n = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
+        if not size_n < inf:  # nan, too
+            self.note("non-finite force")
+            self.fail("the force law gave a number that is not finite; re-arm")
+        elif self._further is None:
+            self.clamped_n = self._translation.clip(force_n, size_n)
+        else:
+            force, rest = force_n[:PLACES], force_n[PLACES:]
+            self.clamped_n = [*self._translation.clip(force, hypot(*force)), *self._further.clip(rest, hypot(*rest))]
 
     def _parts(self, force_n: Sequence[float]) -> Sequence[Sequence[float]]:
         """Return the part of a force of each group of axes."""

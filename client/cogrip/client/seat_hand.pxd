@@ -6,6 +6,7 @@ from cogrip.client.hand_aids cimport HandAids
 from cogrip.client.hand_changes cimport HandChanges
 from cogrip.client.hand_motion cimport HandMotion
 from cogrip.client.safety cimport Safety
+from cogrip.devices.sample cimport Sample
 from cogrip.protocol.session cimport ClientSession
 
 
@@ -28,4 +29,4 @@ cdef class SeatHand:
     cdef public HandChanges changes
 
     cpdef tuple tool_pose(self)
-    cpdef _follow(self, sample, bint border)
+    cpdef _follow(self, Sample sample, bint border)

@@ -19,7 +19,8 @@ from cogrip.client.hand_motion import HandMotion
 from cogrip.client.handle import HandleReader, has_handle
 from cogrip.client.pose_axes import PoseAxes, Row, in_lengths
 from cogrip.client.safety import Safety
-from cogrip.devices.device import Capability, Sample
+from cogrip.devices.device import Capability
+from cogrip.devices.sample import Sample
 from cogrip.protocol.hand_settings import HandChange, of_seat, unfit
 from cogrip.protocol.messages import SetHand
 from cogrip.protocol.session import ClientSession

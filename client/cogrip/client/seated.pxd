@@ -8,6 +8,7 @@ from cogrip.client.hand_motion cimport HandMotion, work_and_velocity
 from cogrip.client.peaks cimport Peaks
 from cogrip.client.safety cimport Safety
 from cogrip.client.seat_hand cimport SeatHand
+from cogrip.devices.sample cimport Sample
 
 
 cdef class SeatedClient(SeatHand):
@@ -31,7 +32,7 @@ cdef class SeatedClient(SeatHand):
     cdef public object felt
 
     @cython.locals(elapsed="long long", hand=HandMotion, ended=bint)
-    cpdef sense(self, long long tick, sample, long long now_ns)
+    cpdef sense(self, long long tick, Sample sample, long long now_ns)
     cpdef tuple place(self)
     @cython.locals(
         coupling=Coupling, ledger=EnergyLedger, hand=HandMotion, port=DevicePort, aids=HandAids, ratio=double, work=double,

@@ -24,7 +24,8 @@ from cogrip.client.pose_axes import PoseAxes, Row
 from cogrip.client.safety import Safety
 from cogrip.client.schemes import SCHEMES
 from cogrip.client.seat_hand import SeatHand
-from cogrip.devices.device import Capability, Sample
+from cogrip.devices.device import Capability
+from cogrip.devices.sample import Sample
 from cogrip.protocol.messages import Edges, Effects, Frame, View, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.setting_types import PLACES
@@ -243,13 +244,13 @@ class SeatedClient(SeatHand):
                 coupling.elapse(mean, velocity, hold)
             if tick >= self._frame_end:
                 ended = True
-                port.set_energies(ledger.work.value + aids.potential_j, ledger.given_j, ratio * coupling.pending_j)
+                port.set_energies(ledger.work.value + aids.potential_j, ledger.given_j, ratio * coupling.pending_j())
                 length = coupling.end_frame(port.spare_j / ratio)
                 port.set_energies(ledger.work.value + aids.potential_j, ledger.given_j)  # less what was sent
                 if position_m is not None:
                     self._end_frame(position_m, tick - self._frame_begin)
                 self._frame_begin, self._frame_end = tick, tick + length
-        given_j, pending_j = coupling.given_j, coupling.pending_j
+        given_j, pending_j = coupling.given_j(), coupling.pending_j()
         if hand_map is not None:
             given_j, pending_j = ratio * given_j, ratio * pending_j
         port.set_energies(ledger.work.value + aids.potential_j, ledger.closed_given_j + given_j, pending_j)
@@ -338,7 +339,7 @@ class SeatedClient(SeatHand):
         if aids.active and rendered_n is not None:
             aids_n = aids.force(hand.position_m, hand.velocity_mps)
             wanted_n = [law + extra for law, extra in zip(rendered_n, aids_n, strict=True)]
-        force = safety.limit(port.limit(wanted_n) if wanted_n is not None else None, coupling.gap)
+        force = safety.limit(port.limit(wanted_n) if wanted_n is not None else None, coupling.gap())
         coupling.ramp_gain = safety.gain
         port.ramped = safety.gain != 1.0
         coupling.cut_n = None
@@ -361,7 +362,7 @@ class SeatedClient(SeatHand):
                     fraction = 1.0 - part_of(clamped_n, wanted_n)
                     cut_n = [fraction * (law - other) for law, other in zip(rendered_n, effects_n, strict=True)]
                 coupling.cut_n = cut_n if hand_map is None else hand_map.tool_force(cut_n)
-            if cause := port.watch(watched_n, safety.at_peak, local_n, safety.limited, reduced):
+            if cause := port.watch(watched_n, safety.at_peak(), local_n, safety.limited, reduced):
                 self._degrade(cause)
         return force
 

@@ -1,5 +1,8 @@
 cimport cython
 
+from cogrip.devices.plausibility cimport ForceReports
+from cogrip.devices.sample cimport Sample
+
 
 cdef class SupervisedDevice:
     cdef public object device
@@ -13,7 +16,7 @@ cdef class SupervisedDevice:
     cdef object _record
     cdef Py_ssize_t _axes
     cdef bint _gives_velocity
-    cdef object _reports
+    cdef ForceReports _reports
     cdef double _blocked_ns
     cdef str _slow
     cdef bint _failed
@@ -28,7 +31,7 @@ cdef class SupervisedDevice:
     cpdef write(self, force_n)
     cdef _set_record(self, record)
     @cython.locals(axes=Py_ssize_t, fits=bint)
-    cdef _checked(self, sample)
+    cdef Sample _checked(self, Sample sample)
     cdef _applied(self, tuple force_n)
     @cython.locals(tick_ns=double)
     cdef bint _blocks(self, str verb, long long took_ns) except -1

@@ -12,14 +12,13 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Literal
 
-from msgspec.structs import replace
-
 from cogrip.client.core import ClientCore
 from cogrip.client.inputs import DeviceFailed, DeviceOpened, ForceApplied, Rearm
 from cogrip.client.rendered_damper import OverloadError, refusal
 from cogrip.client.safety import STALL_S
-from cogrip.devices.device import Capability, Device, DeviceError, Sample, defect, defects_named
+from cogrip.devices.device import Capability, Device, DeviceError, defect, defects_named
 from cogrip.devices.plausibility import ForceReports
+from cogrip.devices.sample import Sample
 
 SETTLED_S = 0.03  # of samples without a gap, after which the velocity estimate has forgotten the time before
 ARMING_S = 1.0
@@ -164,7 +163,7 @@ class SupervisedDevice:
         if not (_plain(position) and (velocity is None or _plain(velocity))):  # no recording holds others
             position = tuple([float(part * 1.0) for part in position])  # text is no number
             velocity = None if velocity is None else tuple([float(part * 1.0) for part in velocity])
-            sample = replace(sample, position_m=position, velocity_mps=velocity)
+            sample = sample.replaced(position_m=position, velocity_mps=velocity)
         fits = not self._gives_velocity if velocity is None else len(velocity) == axes
         if not fits or len(position) != axes or type(sample.age_ticks) is not int:
             record = self._record

@@ -5,11 +5,12 @@ cdef class AlphaBeta:
     cdef double _alpha
     cdef double _beta_rate
     cdef double _tick_s
-    cdef public list _position
+    cdef public double[6] _estimate_m
+    cdef public bint _begun
     cdef public list _velocity
 
     @cython.locals(
-        estimate=list, velocity=list, step_s=double, alpha=double, beta_rate=double, axis=Py_ssize_t, measured=double,
+        estimate="double*", place=double, velocity=list, step_s=double, alpha=double, beta_rate=double, axis=Py_ssize_t, measured=double,
         predicted=double, error=double, x=double, y=double, z=double, px=double, py=double, pz=double, vx=double, vy=double,
         vz=double,
     )

@@ -19,7 +19,7 @@ from math import inf, sqrt
 from typing import Literal
 
 from cogrip.devices.device import Capability
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.setting_types import PLACES, POSE_AXES
 
 MEMORY, LEAST_MEMORY = 0.6, 0.5
 MEMORY_TICK_S = 1.0 / 1024.0
@@ -28,6 +28,8 @@ WANTED_NSPM = 20.0
 """Impedance that a device should carry, if it can: the paper's."""
 NOISE_N = 0.175
 """F_q: a hand does not tell forces apart that differ by less than 7 %, from 2.5 N on (Pang, Tan and Durlach 1991)."""
+
+NOTHING = (0.0,) * POSE_AXES
 
 Bound = Literal["lag", "noise", "record"]
 
@@ -38,26 +40,29 @@ class AlphaBeta:
     memory: pole mu both errors decay with, alpha = 1 - mu^2, beta = (1 - mu)^2; more is quieter and later (`memory_for`)
     """
 
-    __slots__ = ("_alpha", "_beta_rate", "_position", "_tick_s", "_velocity")
+    __slots__ = ("_alpha", "_begun", "_beta_rate", "_estimate_m", "_tick_s", "_velocity")
 
     def __init__(self, axes: int, tick_s: float, memory: float = MEMORY) -> None:
         self._alpha = 1.0 - memory * memory
         self._beta_rate = (1.0 - memory) ** 2 / tick_s
         self._tick_s = tick_s
-        self._position: list[float] | None = None
+        self._estimate_m = list(NOTHING)
+        self._begun = False
         self._velocity = [0.0] * axes
 
     def update(self, position_m: Sequence[float], ticks: int = 1) -> list[float]:
         """Return the velocity [m/s], shape (axes,), after `ticks` ticks at the position [m] read now. The list is reused."""
-        estimate, velocity = self._position, self._velocity
-        if estimate is None:
-            self._position = list(position_m)
+        estimate, velocity = self._estimate_m, self._velocity
+        if not self._begun:
+            self._begun = True
+            for axis, place in enumerate(position_m):
+                estimate[axis] = place
             return velocity
         step_s = self._tick_s * ticks
         alpha, beta_rate = self._alpha, self._beta_rate / ticks
         if len(velocity) == PLACES:  # as below, without a loop
-            (x, y, z), (px, py, pz), (vx, vy, vz) = position_m, estimate, velocity
-            px, py, pz = px + step_s * vx, py + step_s * vy, pz + step_s * vz
+            (x, y, z), (vx, vy, vz) = position_m, velocity
+            px, py, pz = estimate[0] + step_s * vx, estimate[1] + step_s * vy, estimate[2] + step_s * vz
             x, y, z = x - px, y - py, z - pz
             estimate[0], estimate[1], estimate[2] = px + alpha * x, py + alpha * y, pz + alpha * z
             velocity[0], velocity[1], velocity[2] = vx + beta_rate * x, vy + beta_rate * y, vz + beta_rate * z
@@ -71,7 +76,7 @@ class AlphaBeta:
 
     def reset(self) -> None:
         """Reset, because the last sample could not be used."""
-        self._position = None
+        self._begun = False
         self._velocity = [0.0] * len(self._velocity)
 
 

@@ -40,7 +40,6 @@ class VirtualCoupling(LatestStateCoupling[State]):
     def port_j(self) -> float:
         return self._port_j.value
 
-    @property
     def given_j(self) -> float:
         """Energy that the object's motion put into the spring, and into the hand through the damper."""
         return self._given_j.value

@@ -19,6 +19,7 @@ cdef class WaveCoupling(Coupling):
     cdef public double _most_wave
     cdef public tuple _most_motion
     cdef public object late
+    cdef long long _late_ticks
     cdef public SeriesImpedance _series
     cdef public double _ratio
     cdef public double _made_nspm
@@ -33,6 +34,10 @@ cdef class WaveCoupling(Coupling):
     cdef public tuple _filters_hz
     cdef public object loops
 
+    cpdef bint gap(self) except -1
+    cpdef double given_j(self) except? -1.0
+    cpdef double pending_j(self) except? -1.0
+    cpdef double entered_j(self) except? -1.0
     @cython.locals(
         up=ForwardLine, down=ReturningLine, energy=PortEnergy, gain=double, ratio=double, b=double, full=double, root=double,
         impedance=double, per_wave=double, kept=double, axis=Py_ssize_t, made=double, used=double, vx=double, vy=double,

@@ -47,8 +47,8 @@ class WaveCoupling(Coupling):
 
     __slots__ = (
         "_acknowledged", "_answered", "_applied", "_b", "_began", "_filters_hz", "_from_displacement", "_half_tick_s",
-        "_impedances", "_made_nspm", "_most_motion", "_most_wave", "_ratio", "_root", "_series", "_since", "_tick_s",
-        "_tuner", "down", "down_reserve", "energy", "forward", "late", "loops", "up",
+        "_impedances", "_late_ticks", "_made_nspm", "_most_motion", "_most_wave", "_ratio", "_root", "_series", "_since",
+        "_tick_s", "_tuner", "down", "down_reserve", "energy", "forward", "late", "loops", "up",
     )  # fmt: skip
 
     def __init__(self, seat: SeatSettings) -> None:
@@ -65,6 +65,7 @@ class WaveCoupling(Coupling):
         self._most_wave = inf
         self._most_motion = inf, inf
         self.late: DelayLine[Held] = DelayLine()
+        self._late_ticks = 0
         self._series = SeriesImpedance(axes, tick_s)
         self._ratio = 1.0  # r of this tick
         self._made_nspm = self._b  # with which the wave that plays now was made
@@ -83,11 +84,10 @@ class WaveCoupling(Coupling):
 
     @property
     def port_j(self) -> float:
-        return self.energy.port_j
+        return self.energy.port_j()
 
-    @property
     def entered_j(self) -> float:
-        return self.energy.port_j
+        return self.energy.port_j()
 
     def fit(self, record: Capability, lag_s: float) -> None:
         """Go by this device. Waves are plausible up to its speed, at twice its peak force: (b v_m + 2 F) / sqrt(2b)."""
@@ -125,9 +125,9 @@ class WaveCoupling(Coupling):
 
     def set_latency(self, ticks: int) -> None:
         """Samples are `ticks` ticks old from now on. A velocity sample goes with the wave of its own force."""
-        self.late.set_ticks(ticks if self._from_displacement else 0, ((0.0,) * len(self.sent), 1.0, 1.0, None, self._b))
+        self._late_ticks = ticks if self._from_displacement else 0
+        self.late.set_ticks(self._late_ticks, ((0.0,) * len(self.sent), 1.0, 1.0, None, self._b))
 
-    @property
     def gap(self) -> bool:
         return self.down.receiver.gap
 
@@ -137,7 +137,7 @@ class WaveCoupling(Coupling):
         up.ticks += 1
         velocity = mean_velocity_mps if self._from_displacement else velocity_mps
         wave, gain, ratio, cut, b = self.returning, down.gain, self._ratio, self.cut_n, self._b
-        if self.late.ticks:
+        if self._late_ticks:
             wave, gain, ratio, cut, b = self.late.push((wave, gain, ratio, cut, b))
         full = root = self._root if b == self._b else device_gain(b)
         if ratio != 1.0 or cut is not None or self._series.deflected:
@@ -184,7 +184,7 @@ class WaveCoupling(Coupling):
         self.forward = forward = (0.0,) * len(self.sent)
         self._series.reset()
         up.decimator.push(forward)
-        if self.late.ticks:
+        if self._late_ticks:
             wave = self.late.push((wave, self.down.gain, self._ratio, self.cut_n, self._b))[0]
         for v in wave:
             self.energy.used_now_j += v * v * self._half_tick_s
@@ -248,11 +248,9 @@ class WaveCoupling(Coupling):
         self.local_n = local_n = [b * velocity for velocity in velocity_mps]
         return list(map(sub, local_n, [root * wave for wave in self.returning]))
 
-    @property
     def given_j(self) -> float:
         return self.up.given.value + self.energy.used_now_j
 
-    @property
     def pending_j(self) -> float:
         """The frame's mean has no more energy than its ticks (Cauchy-Schwarz)."""
         return self.energy.made_now_j
@@ -328,7 +326,7 @@ class WaveCoupling(Coupling):
 
     def recorded(self) -> tuple[float, int, float | None]:
         receiver = self.down.receiver
-        return self.energy.port_j, receiver.lost, receiver.playout_frames
+        return self.energy.port_j(), receiver.lost, receiver.playout_frames
 
     @property
     def _filter_hz(self) -> float:

@@ -4,6 +4,7 @@ from cogrip.client.coupling cimport PortEnergy
 from cogrip.protocol.decimation cimport Decimator
 from cogrip.protocol.line.energy_reserve cimport EnergyReserve
 from cogrip.protocol.line.energy_sums cimport CompensatedSum
+from cogrip.protocol.line.receiver cimport LineReceiver
 from cogrip.protocol.line.sender cimport LineSender
 from cogrip.protocol.line.wave_filter cimport WaveFilter
 
@@ -32,7 +33,7 @@ cdef class ForwardLine:
 
 
 cdef class ReturningLine:
-    cdef public object receiver
+    cdef public LineReceiver receiver
     cdef public WaveFilter filter
     cdef public double gain
     cdef public list written_off

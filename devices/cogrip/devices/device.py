@@ -19,6 +19,7 @@ from typing import Any, Protocol
 
 import msgspec
 
+from cogrip.devices.sample import Sample as Sample  # for drivers: part of the interface
 from cogrip.protocol.handle import MOST_BUTTONS
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
 from cogrip.protocol.setting_types import GRIP_AXES, POSE_AXES
@@ -265,28 +266,6 @@ def check_rate(rate_hz: int, record: Capability, where: str) -> None:
         raise DeviceError(
             f"{where}: rate_hz={rate_hz} is out of {LEAST_DEVICE_HZ} to {record.rate_hz}; set rates.device_hz between them"
         )
-
-
-class Sample(msgspec.Struct, frozen=True, gc=False):
-    """One reading: position [m] and, where the device knows it, velocity [m/s], each of shape (axes,).
-
-    Of six axes the last three are a rotation vector [rad] and an angular velocity [rad/s], in the device's own frame; of four
-    the last is the opening of a gripper with force [m] and its rate.
-
-    It was taken `age_ticks` ticks before the tick it is read at: a device that answers a request is asked at one tick, with
-    the force that begins then, and read at the next.
-
-    buttons             bit k is 1 while button k + 1 is held down
-    orientation         unit quaternion (w, x, y, z) of the handle in the device's own frame, where the device knows it
-    grip_m              opening of the gripper [m], where there is one
-    """
-
-    position_m: tuple[float, ...]
-    velocity_mps: tuple[float, ...] | None
-    age_ticks: int = 0
-    buttons: int = 0
-    orientation: tuple[float, float, float, float] | None = None
-    grip_m: float | None = None
 
 
 class Device(Protocol):

@@ -2,8 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 
-from msgspec.structs import replace
-
 from cogrip.devices.device import Capability, Device, DeviceError, Sample, defects_named
 from cogrip.devices.registry import make, record_of
 from cogrip.protocol.setting_types import GRIP_AXES, PINCH
@@ -79,8 +77,8 @@ class FirstAxes:
         if sample is None:
             return None
         axes, velocity = self._axes, sample.velocity_mps
-        return replace(
-            sample, position_m=sample.position_m[:axes], velocity_mps=None if velocity is None else velocity[:axes]
+        return sample.replaced(
+            position_m=sample.position_m[:axes], velocity_mps=None if velocity is None else velocity[:axes]
         )
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:

@@ -1,5 +1,7 @@
 cimport cython
 
+from cogrip.devices.sample cimport Sample
+
 
 @cython.locals(axis=Py_ssize_t)
 cdef double _length(double* row, Py_ssize_t axes) except? -1.0
@@ -38,7 +40,7 @@ cdef class Plausibility:
         taken="long long", ticks="long long", step="double*", square=double, x=double,
         y=double, z=double, then_x=double, then_y=double, then_z=double, moved=double, axis=Py_ssize_t,
     )
-    cpdef judge(self, long long tick, sample)
+    cpdef judge(self, long long tick, Sample sample)
     cdef double _most_m(self, double time_s, double late_s)
     @cython.locals(
         fewest=double, rate=double, ahead_s=double, behind_s=double, square=double, axis=Py_ssize_t, moved=double,
@@ -52,3 +54,11 @@ cdef class Plausibility:
     cdef _move(self, long long ticks)
     @cython.locals(half_s=double, keep=double, axis=Py_ssize_t)
     cdef _denied(self, reported, long long ticks)
+
+
+cdef class ForceReports:
+    cdef double _slack_n
+    cdef object _asked
+    cdef readonly object asked
+    cdef double _odd
+    cdef public object fault

@@ -7,11 +7,14 @@ cdef class Decimator:
 
 
 cdef class Boxcar(Decimator):
-    cdef public list _sum
+    cdef Py_ssize_t _axes
+    cdef public double[6] _sum
     cdef double _scale
 
-    @cython.locals(total=list, x=double, y=double, z=double)
+    @cython.locals(total="double*", x=double, y=double, z=double, axis=Py_ssize_t, value=double)
     cpdef push(self, wave)
+    @cython.locals(total="double*", scale=double, axis=Py_ssize_t)
+    cpdef tuple take(self)
 
 
 cdef class Lowpass(Decimator):

@@ -7,11 +7,11 @@ A decimator gets one wave a device tick and gives one a frame. `boxcar` cannot c
 
 from collections.abc import Callable, Sequence
 from math import exp, expm1
-from operator import add
 
-from cogrip.protocol.setting_types import PLACES
+from cogrip.protocol.setting_types import PLACES, POSE_AXES
 
 Wave = Sequence[float]
+NOTHING = (0.0,) * POSE_AXES
 
 
 class Decimator:
@@ -31,26 +31,28 @@ class Decimator:
 class Boxcar(Decimator):
     """Mean of the M fast waves of a frame."""
 
-    __slots__ = ("_scale", "_sum")
+    __slots__ = ("_axes", "_scale", "_sum")
 
     def __init__(self, axes: int, ticks_per_frame: int) -> None:
-        self._sum = [0.0] * axes
+        self._axes = axes
+        self._sum = list(NOTHING)
         self._scale = 1.0 / ticks_per_frame
 
     def push(self, wave: Wave) -> None:
         total = self._sum
-        if len(total) == PLACES:  # as below, without a loop
+        if self._axes == PLACES:  # as below, without a loop
             x, y, z = wave
             total[0] += x
             total[1] += y
             total[2] += z
         else:
-            self._sum = list(map(add, total, wave))
+            for axis, value in enumerate(wave):
+                total[axis] += value
 
     def take(self) -> tuple[float, ...]:
-        scale = self._scale
-        mean = tuple([value * scale for value in self._sum])
-        self._sum = [0.0] * len(mean)
+        scale, total = self._scale, self._sum
+        mean = tuple([total[axis] * scale for axis in range(self._axes)])
+        self._sum = list(NOTHING)
         return mean
 
 

@@ -19,4 +19,5 @@ cdef class SimulatedDevice(Driver):
 
     @cython.locals(last="long long", begins="long long", k="long long", waits=bint)
     cpdef read(self, long long tick)
+    @cython.locals(total=double, part=double)
     cpdef write(self, force_n)

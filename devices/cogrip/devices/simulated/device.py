@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Protocol
 
-from msgspec.structs import replace
-
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.driver import Driver
 from cogrip.devices.settings import fit_axes
@@ -132,14 +130,17 @@ class SimulatedDevice(Driver):
             if self._waits:
                 self._begins = tick
         sample = self._sense()
-        return replace(sample, buttons=self.buttons) if self._spans else sample
+        return sample.replaced(buttons=self.buttons) if self._spans else sample
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         if not self._open:
             self._need_open("write")
         if len(force_n) != self._axes:
             raise self._wrong_force(force_n)
-        if not isfinite(sum(force_n)) and not all(map(isfinite, force_n)):
+        total = 0.0
+        for part in force_n:
+            total += part
+        if not isfinite(total) and not all(map(isfinite, force_n)):
             raise self._wrong_force(force_n, f"; the held force stays {self.force_n}")
         self._force = tuple(force_n)
         return None

@@ -8,7 +8,6 @@ from math import hypot
 from typing import Protocol
 
 import msgspec
-from msgspec.structs import replace as replace_fields
 
 from cogrip.devices.device import IDEAL_SPEED_MPS, Sample
 from cogrip.devices.simulated.device import SimulatedDevice
@@ -79,7 +78,7 @@ class WebDevice(SimulatedDevice):
             self._counts["page gone: let go"] += 1
         if self._pressed and (link.closed or tick - self._newest_tick > SILENCE_S * self._rate_hz):
             self._pressed = 0  # a page that is gone holds nothing down
-        sample = replace_fields(super().read(tick), buttons=self._pressed)
+        sample = super().read(tick).replaced(buttons=self._pressed)
         if tick % self._every == 0:
             state: State = "live" if self.pointer.holds else "free"
             force, limit_n = vector([-force for force in self.pointer.force_n()]), self.capability.peak_force_n

@@ -1,6 +1,6 @@
 cdef class EnergyReserve:
     cdef long long _left
-    cdef double _now_j
+    cdef public double balance_j
     cdef public double least_j
 
     cpdef elapse(self, long long frames=*)

@@ -12,14 +12,15 @@ FIRST_S = 1.0
 class EnergyReserve:
     """Newest and least balance. Call `elapse` once a frame, `update` whenever the balance is known.
 
-    least_j  least balance after the first second [J]: -inf until then, inf until the next `update`
+    balance_j  newest balance [J], nan before the first
+    least_j    least balance after the first second [J]: -inf until then, inf until the next `update`
     """
 
-    __slots__ = ("_left", "_now_j", "least_j")
+    __slots__ = ("_left", "balance_j", "least_j")
 
     def __init__(self, network_hz: int) -> None:
         self._left = round(FIRST_S * network_hz)  # frames of the first second to come
-        self._now_j = nan  # before the first
+        self.balance_j = nan
         self.least_j = -inf
 
     def elapse(self, frames: int = 1) -> None:
@@ -31,14 +32,14 @@ class EnergyReserve:
 
     def update(self, balance_j: float) -> None:
         """Enter the balance of now [J]."""
-        self._now_j = balance_j
+        self.balance_j = balance_j
         if balance_j < self.least_j:
             self.least_j = balance_j
 
     @property
     def now_j(self) -> float | None:
         """Newest balance [J], None before the first."""
-        return None if isnan(self._now_j) else self._now_j
+        return None if isnan(self.balance_j) else self.balance_j
 
     @property
     def reported_j(self) -> float | None:

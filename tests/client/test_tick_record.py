@@ -1,0 +1,77 @@
+"""The record of a tick keeps bytes from the tick before: it is the same as one that keeps nothing."""
+
+from math import cos, nan, sin
+from typing import Any
+
+import msgspec
+import pytest
+
+from cogrip.client.recorder import TICK
+from cogrip.client.tick_record import TickRecord
+from cogrip.devices.device import Device, Sample
+from cogrip.protocol.recording.records import Tick
+from cogrip.protocol.recording.sink import encode, pack
+from cogrip.protocol.settings import resolve
+from cogrip.sim.session import laboratory as session_laboratory
+from cogrip.sim.session.laboratory import Laboratory, make_for
+
+
+class Varied:
+    """A device that gives one reading of every kind: plain, old, none, not finite, with buttons, a handle, signs of zero."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self.capability = device.capability
+        self.newest: Sample | None = None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._device, name)
+
+    def read(self, tick: int) -> Sample | None:
+        sample, kind = self._device.read(tick), tick // 3 % 16
+        assert sample is not None
+        zero = -0.0 if tick % 2 else 0.0
+        changes: dict[int, dict[str, Any]] = {
+            3: {"age_ticks": 1},
+            5: {"buttons": tick % 2},
+            7: {"position_m": (nan, *sample.position_m[1:])},
+            9: {"orientation": (cos(tick), 0.0, zero, sin(tick))},
+            11: {"grip_m": zero},
+        }
+        self.newest = None if kind == 13 and tick % 3 else sample.replaced(**changes.get(kind, {}))
+        return self.newest
+
+
+@pytest.mark.parametrize("encoder", [encode, pack])
+@pytest.mark.parametrize("device", ["sim:phantom?hand=reach", "sim:ideal?hand=reach"])
+def test_a_record_is_that_of_an_encoder_without_memory(
+    monkeypatch: pytest.MonkeyPatch, encoder: Any, device: str
+) -> None:
+    monkeypatch.setattr(session_laboratory, "make_for", lambda user, axes: Varied(make_for(user, axes)))
+    settings = resolve(
+        {"users": [{"name": "anna", "device": device}], "object": {"axes": 3}, "seconds": 1.5,
+         "link": {"delay_ms": 8.0, "jitter_ms": 4.0, "loss": 0.2}}
+    )  # fmt: skip
+    laboratory = Laboratory(settings)
+    core, varied = laboratory.people[0].core, laboratory.people[0].device
+    assert isinstance(varied, Varied)
+    assert core.seated is not None
+    read = msgspec.json.Decoder(Tick) if encoder is encode else msgspec.msgpack.Decoder(Tick)
+    seen: list[Tick] = []
+
+    class Checking:
+        keeps = True
+
+        def put(self, topic: int, time_ns: int, payload: bytes) -> None:
+            if topic != TICK:
+                return
+            tick = read.decode(payload)
+            timing = tick.late_us, tick.work_us, tick.skipped
+            assert payload == TickRecord(encoder).of(core.seated, varied.newest, tick.force_n, timing, core.delays)
+            assert payload == encoder(tick), "whole"
+            seen.append(tick)
+
+    core.record(Checking(), encoder)
+    laboratory.run()
+    assert len(seen) > 1400
+    assert {tick.buttons for tick in seen} == {0, 1}
