@@ -81,7 +81,9 @@ def digest() -> str:
 
 
 def stale() -> bool:
-    """Return whether something is compiled of sources that have been changed since, or of nobody knows which."""
+    """Return whether something is compiled of sources that have been changed since, or of nobody knows which, or is gone."""
+    if not all(each.exists() for each in compiled()):  # a link to a library that was removed
+        return True
     if not STAMP.exists():  # the environment that it was in was made anew
         return any(compiled())
     return bool(json.loads(STAMP.read_text()) != digest())
@@ -183,7 +185,7 @@ def copy_sources(folder: Path) -> list[tuple[str, Path]]:
 
 
 def compile_all(folder: Path, checkout: Path = ROOT) -> None:
-    """Compile everything in a folder, then put it beside the sources of a checkout: an error leaves what was there."""
+    """Compile everything in a folder, then put it beside the sources of a checkout, where nothing compiled may lie."""
     from Cython.Build import cythonize
     from setuptools import Distribution, Extension  # type: ignore[import-untyped]
 
@@ -206,31 +208,51 @@ def compile_all(folder: Path, checkout: Path = ROOT) -> None:
     command.ensure_finalized()
     command.run()
     places = {name: checkout / source.relative_to(ROOT).with_name(_last(name) + SUFFIX) for name, source in sources()}
-    if sys.platform == "linux":
+    made = {name: folder / "lib" / Path(*name.split(".")).with_name(place.name) for name, place in places.items()}
+    if sys.platform == "linux" and _has_links(checkout / PARTS[0]):
         with contextlib.chdir(folder / "source"):
             objects = {
                 each.name: command.compiler.object_filenames(each.sources, output_dir=command.build_temp)
                 for each in generated
             }
-            link_together(command.compiler, objects, folder.resolve(), places)
-        return
-    for name, place in places.items():
-        shutil.copy(folder / "lib" / Path(*name.split(".")).with_name(place.name), place)
+            made = link_together(command.compiler, objects, folder.resolve())
+    put(made, places)
 
 
-def link_together(compiler: Any, objects: Mapping[str, list[str]], folder: Path, places: Mapping[str, Path]) -> None:
-    """Link the object files of modules to few libraries. Each lies where its first module does, and the others are links to it.
+def link_together(compiler: Any, objects: Mapping[str, list[str]], folder: Path) -> dict[str, Path]:
+    """Link the object files of modules to few libraries in a folder. Return the library of each module.
 
     Python finds a module in a library by the last part of its name, so that each library has no two of the same.
     """
-    for number, names in enumerate(shared_libraries(places)):
+    made = {}
+    for number, names in enumerate(shared_libraries(objects)):
         library = folder / f"{number}{SUFFIX}"
         linked = [each for name in names for each in objects[name]]
         compiler.link_shared_object(linked, str(library), extra_postargs=LINKER_FLAGS)
-        first, *others = [places[name] for name in names]
-        shutil.copy(library, first)
-        for other in others:
-            other.symlink_to(os.path.relpath(first, other.parent))
+        made.update(dict.fromkeys(names, library))
+    return made
+
+
+def put(made: Mapping[str, Path], places: Mapping[str, Path]) -> None:
+    """Copy each library to the place of the first module that it has, and lead there by links from those of the others."""
+    first: dict[Path, Path] = {}
+    for name, library in made.items():
+        place = places[name]
+        if library in first:
+            place.symlink_to(os.path.relpath(first[library], place.parent))
+        else:
+            first[library] = shutil.copy(library, place)
+
+
+def _has_links(folder: Path) -> bool:
+    """Return whether a link can be made in a folder: some file systems have none."""
+    probe = folder / f"link-{os.getpid()}"
+    try:
+        probe.symlink_to(".")
+    except OSError:
+        return False
+    probe.unlink()
+    return True
 
 
 def shared_libraries(names: Iterable[str]) -> list[list[str]]:
@@ -269,7 +291,8 @@ def main(arguments: list[str]) -> int:
             compile_all(Path(folder))
             STAMP.write_text(json.dumps(wanted))
         except Exception as error:  # noqa: BLE001 - whatever a compiler or its set-up lacks
-            print(f"dev.py compile: {type(error).__name__}: {error}; cogrip runs interpreted, as before")
+            remove()
+            print(f"dev.py compile: {type(error).__name__}: {error}; cogrip runs interpreted")
             return 1
     print(f"compiled {len(sources())} modules; `python3 dev.py compile --remove` removes them")
     return 0

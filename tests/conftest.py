@@ -81,9 +81,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     if changed := outdated():
-        raise pytest.UsageError(
-            f"sources have changed since they were compiled: {', '.join(changed)}; see dev.py compile"
-        )
+        raise pytest.UsageError(f"what was compiled is not of these sources: {', '.join(changed)}; see dev.py compile")
     settings.load_profile(extent(config))
     gc.disable()  # until all is collected: nearly nothing of it is garbage
 

@@ -67,6 +67,33 @@ def test_what_is_compiled_of_older_sources_is_stale(monkeypatch: pytest.MonkeyPa
     assert compiling.stale()
 
 
+def test_a_link_to_a_library_that_is_gone_is_stale(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(compiling, "STAMP", tmp_path / "stamp.json")
+    monkeypatch.setattr(compiling, "ROOT", tmp_path)
+    compiling.STAMP.write_text(json.dumps(compiling.digest()))
+    folder = tmp_path / "client/cogrip"
+    folder.mkdir(parents=True)
+    (folder / "core.cpython-311.so").touch()
+    (folder / "loop.cpython-311.so").symlink_to("core.cpython-311.so")
+    assert not compiling.stale()
+    (folder / "core.cpython-311.so").unlink()
+    assert compiling.stale()
+    assert compiling.remove() == 1
+    assert not list(folder.iterdir())
+
+
+def test_a_library_lies_once_with_links_to_it(tmp_path: Path) -> None:
+    library, other = tmp_path / "0.so", tmp_path / "1.so"
+    library.write_text("code")
+    other.write_text("more")
+    (tmp_path / "a").mkdir()
+    places = {"core": tmp_path / "core.so", "loop": tmp_path / "a/loop.so", "alone": tmp_path / "a/alone.so"}
+    compiling.put({"core": library, "loop": library, "alone": other}, places)
+    assert [places[name].is_symlink() for name in places] == [False, True, False]
+    assert [places[name].read_text() for name in places] == ["code", "code", "more"]
+    assert not os.path.isabs(os.readlink(places["loop"])), "a checkout can be moved"
+
+
 def test_modules_share_libraries_in_which_each_is_found_by_its_name() -> None:
     names = [name for name, _ in compiling.sources()]
     libraries = compiling.shared_libraries(names)

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from itertools import count, islice
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -115,6 +117,16 @@ def test_the_core_goes_by_the_record_of_a_device_that_is_open(held: Held) -> Non
     held.supervised.open()
     assert held.core.equipped == [weaker]
     assert held.device.calls == [("open", RATE_HZ)] * 2
+
+
+@pytest.mark.parametrize(
+    "given", [((0.01,), None), SimpleNamespace(position_m=(0.01,), velocity_mps=None, age_ticks=0)]
+)
+def test_what_is_no_sample_is_a_fault_that_says_so(held: Held, given: Any) -> None:
+    held.device.sample = given
+    held.run(1)
+    assert held.safety.state == "fault"
+    assert "which is no Sample; correct its driver" in held.safety.reason
 
 
 def test_only_open_raises(held: Held) -> None:

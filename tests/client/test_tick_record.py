@@ -71,7 +71,26 @@ def test_a_record_is_that_of_an_encoder_without_memory(
             assert payload == encoder(tick), "whole"
             seen.append(tick)
 
+    def vary(running: Laboratory) -> None:
+        """Change, one at a time, what the record keeps: what changes in a session changes at once with other numbers."""
+        tick, coupling, delays = core.tick, core.coupling, core.delays
+        core.timing = tick % 3, tick % 5, tick // 5
+        match tick % 13:
+            case 1:
+                delays.rtt_ms = 0.1 * tick
+            case 3:
+                delays.up_ms = 0.1 * tick
+            case 5:
+                delays.down_ms = 0.1 * tick
+            case 7:
+                coupling.down_margin_j = -1e-6 * tick
+            case 9:
+                coupling.down_reserve.balance_j = 1e-6 * tick
+            case 11:
+                coupling.object_state = tuple([1e-6 * tick] * 6)
+
     core.record(Checking(), encoder)
-    laboratory.run()
+    laboratory.run(vary)
     assert len(seen) > 1400
     assert {tick.buttons for tick in seen} == {0, 1}
+    assert len({tick.skipped for tick in seen}) > 280

@@ -256,3 +256,14 @@ def test_the_memory_of_a_faster_loop() -> None:
     assert memory_for(heavy, T_C / 4) == pytest.approx(0.8, abs=1e-12)
     jumps = [(1.0 - memory_for(heavy, T_C / times)) ** 2 * times for times in (1, 2, 4, 8)]
     assert jumps == pytest.approx([0.16] * 4, rel=1e-12)
+
+
+@pytest.mark.parametrize("axes", [1, 3, 6])
+@pytest.mark.parametrize("more", [-1, 1, 200])
+def test_a_place_of_other_axes_is_refused(axes: int, more: int) -> None:
+    """A recording may hold one: of these numbers there is room for six."""
+    for _ in range(20):
+        estimator = AlphaBeta(axes, 1e-3)
+        with pytest.raises(ValueError, match=rf"a position of {axes + more} axes, and there are {axes}"):
+            estimator.update((0.5,) * (axes + more))
+        assert estimator.update((0.5,) * axes) == [0.0] * axes

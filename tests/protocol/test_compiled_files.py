@@ -37,3 +37,14 @@ def test_a_constant_of_an_interpreted_module_may_stand_in_a_compiled_one(tmp_pat
     at(package / f"ring{SUFFIX}", 1000)
     at(package / f"clock{SUFFIX}", 2000)
     assert outdated(folders) == ["rates"], "older than one of them"
+
+
+def test_a_module_whose_library_is_gone(tmp_path: Path) -> None:
+    """Modules share libraries: what lies at a module's place may be a link."""
+    at(tmp_path / f"core{SUFFIX}", 1000)
+    at(tmp_path / "core.py", 900)
+    at(tmp_path / "ring.py", 900)
+    (tmp_path / f"ring{SUFFIX}").symlink_to(f"core{SUFFIX}")
+    assert outdated([str(tmp_path)]) == []
+    (tmp_path / f"core{SUFFIX}").unlink()
+    assert outdated([str(tmp_path)]) == ["ring"]

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.decimation import KINDS, Decimator, lag_s, make_decimator
+from cogrip.protocol.setting_types import PLACES
 
 M = 8
 TICK_S = 1.0 / 1024.0
@@ -109,3 +110,15 @@ def test_lowpass_lag_is_the_closed_form() -> None:
     assert lag_s("lowpass", FRAME_S, 50.0) == pytest.approx(FRAME_S / (1.0 - exp(-50.0 * FRAME_S)))
     assert f"{lag_s('lowpass', FRAME_S, 50.0) * 1e3:.3f}" == "24.160"
     assert lag_s("boxcar", FRAME_S, 50.0) == lag_s("none", FRAME_S, 50.0) == FRAME_S == 0.0078125
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3, 6])
+def test_no_more_numbers_are_added_than_there_are_axes(axes: int) -> None:
+    made = [make_decimator("boxcar", axes, 2, 1e-3, 50.0) for _ in range(20)]
+    for boxcar in made:
+        if axes == PLACES:
+            with pytest.raises(ValueError, match=r"."):
+                boxcar.push((1.0,) * 30)
+        else:
+            boxcar.push((1.0,) * 30)
+            assert boxcar.take() == (0.5,) * axes

@@ -204,7 +204,7 @@ def test_two_processes_at_full_speed_lose_nothing_while_there_is_room():
 
 
 @pytest.mark.parametrize(
-    ("start", "size", "fits"), [(0, 8, True), (8, 0, True), (7, 1, True), (8, 1, False), (1, 8, False)]
+    ("start", "size", "fits"), [(0, 8, True), (8, 0, True), (7, 1, True), (8, 1, False), (1, 8, False), (-2, 1, False)]
 )
 def test_bytes_are_copied_where_there_is_room(start: int, size: int, fits: bool) -> None:
     target = memoryview(bytearray(8))

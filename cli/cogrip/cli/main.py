@@ -101,7 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         cure = (
             "`python3 dev.py compile` compiles them anew, `python3 dev.py compile --remove` removes what was compiled"
         )
-        errors.print(f"cogrip: sources have changed since they were compiled ({', '.join(changed[:3])}); {cure}")
+        errors.print(f"cogrip: what was compiled is not of these sources ({', '.join(changed[:3])}); {cure}")
         return 2
     try:
         show_docstrings(app, given)

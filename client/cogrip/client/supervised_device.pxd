@@ -31,7 +31,7 @@ cdef class SupervisedDevice:
     cpdef write(self, force_n)
     cdef _set_record(self, record)
     @cython.locals(axes=Py_ssize_t, fits=bint)
-    cdef Sample _checked(self, Sample sample)
+    cdef Sample _checked(self, sample)
     cdef _applied(self, tuple force_n)
     @cython.locals(tick_ns=double)
     cdef bint _blocks(self, str verb, long long took_ns) except -1

@@ -159,6 +159,8 @@ class SupervisedDevice:
 
     def _checked(self, sample: Sample) -> Sample:
         """Return a sample of plain floats. Raises DeviceError for one that no core can take, or whatever its parts raise."""
+        if not isinstance(sample, Sample):
+            raise DeviceError(f"{self._name}: gives {sample!r:.200}, which is no Sample; correct its driver")
         position, velocity, axes = sample.position_m, sample.velocity_mps, self._axes
         if not (_plain(position) and (velocity is None or _plain(velocity))):  # no recording holds others
             position = tuple([float(part * 1.0) for part in position])  # text is no number

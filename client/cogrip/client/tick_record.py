@@ -5,12 +5,13 @@ number of every tick again, is put behind them.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from math import isfinite, isnan, nan
+from math import inf, isfinite, nan
 from typing import TYPE_CHECKING, Any
 
 from cogrip.client.seated import SeatedClient
 from cogrip.client.tick_packing import BEGIN, pack_tick
 from cogrip.devices.sample import Sample
+from cogrip.protocol.line.energy_reserve import known
 from cogrip.protocol.recording.records import Tick, TickHead
 from cogrip.protocol.recording.sink import encode
 
@@ -52,7 +53,7 @@ class TickRecord:
         self._plain = False  # the sample had nothing but a position that was used, and whole numbers
         self._held: tuple[Any, ...] = (None,) * 8
         self._lost = self._skipped = self._age_ticks = self._buttons = -1
-        self._reserve_j = nan
+        self._reserve_j = -inf
         self._playout_frames: float | None = None
 
     def of(
@@ -101,7 +102,7 @@ class TickRecord:
     def _encode_rest(self, head: Head, given: Any, unfit: Any, orientation: Any, grip_m: Any) -> bytes:
         """Return the bytes of a record that stand between its head and its last field."""
         sent, returning, state, margin_j, rtt_ms, up_ms, down_ms, safety = self._held
-        reserve_j = None if isnan(self._reserve_j) else self._reserve_j
+        reserve_j = known(self._reserve_j)
         tick = Tick(
             *head, sent, returning, state[: len(sent)], margin_j, rtt_ms, self._lost, safety, self._skipped,
             self._playout_frames, given, unfit, self._age_ticks, up_ms, down_ms, reserve_j, self._buttons, orientation, grip_m,

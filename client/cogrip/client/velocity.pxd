@@ -10,7 +10,7 @@ cdef class AlphaBeta:
     cdef public list _velocity
 
     @cython.locals(
-        estimate="double*", place=double, velocity=list, step_s=double, alpha=double, beta_rate=double, axis=Py_ssize_t, measured=double,
+        estimate="double*", velocity=list, step_s=double, alpha=double, beta_rate=double, axis=Py_ssize_t,
         predicted=double, error=double, x=double, y=double, z=double, px=double, py=double, pz=double, vx=double, vy=double,
         vz=double,
     )

@@ -54,9 +54,11 @@ class AlphaBeta:
         """Return the velocity [m/s], shape (axes,), after `ticks` ticks at the position [m] read now. The list is reused."""
         estimate, velocity = self._estimate_m, self._velocity
         if not self._begun:
+            if len(position_m) != len(velocity):
+                raise ValueError(f"a position of {len(position_m)} axes, and there are {len(velocity)}")
             self._begun = True
-            for axis, place in enumerate(position_m):
-                estimate[axis] = place
+            for axis in range(len(velocity)):
+                estimate[axis] = position_m[axis]
             return velocity
         step_s = self._tick_s * ticks
         alpha, beta_rate = self._alpha, self._beta_rate / ticks
@@ -67,9 +69,9 @@ class AlphaBeta:
             estimate[0], estimate[1], estimate[2] = px + alpha * x, py + alpha * y, pz + alpha * z
             velocity[0], velocity[1], velocity[2] = vx + beta_rate * x, vy + beta_rate * y, vz + beta_rate * z
             return velocity
-        for axis, measured in enumerate(position_m):
+        for axis in range(len(velocity)):
             predicted = estimate[axis] + step_s * velocity[axis]
-            error = measured - predicted
+            error = position_m[axis] - predicted
             estimate[axis] = predicted + alpha * error
             velocity[axis] += beta_rate * error
         return velocity

@@ -8,7 +8,9 @@ FIELDS = "position_m", "velocity_mps", "age_ticks", "buttons", "orientation", "g
 
 
 class Sample:
-    """One reading: position [m] and, where the device knows it, velocity [m/s], each of shape (axes,). A value: never changed.
+    """One reading: position [m] and, where the device knows it, velocity [m/s], each of shape (axes,).
+
+    A value: a driver makes a new one for each reading (compiled, none can be changed).
 
     Of six axes the last three are a rotation vector [rad] and an angular velocity [rad/s], in the device's own frame; of four
     the last is the opening of a gripper with force [m] and its rate.

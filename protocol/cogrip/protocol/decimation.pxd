@@ -11,7 +11,7 @@ cdef class Boxcar(Decimator):
     cdef public double[6] _sum
     cdef double _scale
 
-    @cython.locals(total="double*", x=double, y=double, z=double, axis=Py_ssize_t, value=double)
+    @cython.locals(total="double*", x=double, y=double, z=double, axis=Py_ssize_t)
     cpdef push(self, wave)
     @cython.locals(total="double*", scale=double, axis=Py_ssize_t)
     cpdef tuple take(self)

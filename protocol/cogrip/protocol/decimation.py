@@ -46,8 +46,8 @@ class Boxcar(Decimator):
             total[1] += y
             total[2] += z
         else:
-            for axis, value in enumerate(wave):
-                total[axis] += value
+            for axis in range(self._axes):
+                total[axis] += wave[axis]
 
     def take(self) -> tuple[float, ...]:
         scale, total = self._scale, self._sum

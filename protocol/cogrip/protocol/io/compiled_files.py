@@ -15,15 +15,20 @@ LINUX_ONLY = ("datagram_batch", "large_pages")
 def outdated(folders: Iterable[str] = ()) -> list[str]:
     """Return the names of modules that were changed after something was compiled: Python would run what is older.
 
-    A compiled module has the values of constants of other modules in it, so all beside compiled ones count.
+    A compiled module has the values of constants of other modules in it, so all beside compiled ones count. So does one whose
+    library is gone: what is left of it is a link.
     folders: to look below; those of all packages of cogrip if none is given
     """
     compiled = {Path(folder): list(Path(folder).rglob(f"*{SUFFIX}")) for folder in folders or cogrip.__path__}
-    since_ns = min((each.stat().st_mtime_ns for made in compiled.values() for each in made), default=0)
+    gone = {each for made in compiled.values() for each in made if not each.exists()}
+    since_ns = min(
+        (each.stat().st_mtime_ns for made in compiled.values() for each in made if each not in gone), default=0
+    )
     sources = (
         each for folder, made in compiled.items() if made for each in folder.rglob("*.p*") if each.suffix in SOURCES
     )
-    return sorted({each.stem for each in sources if each.stat().st_mtime_ns > since_ns})
+    newer = {each.stem for each in sources if each.stat().st_mtime_ns > since_ns} if since_ns else set()
+    return sorted(newer | {each.name.partition(".")[0] for each in gone})
 
 
 def compiled_modules() -> Mapping[str, bool]:

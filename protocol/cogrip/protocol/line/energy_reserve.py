@@ -4,7 +4,7 @@ An energy margin is the least balance of a run. It is at most 0, as the balance 
 the first second is reported as well: the energy reserve (SPEC.md 9).
 """
 
-from math import inf, isfinite, isnan, nan
+from math import inf, isfinite
 
 FIRST_S = 1.0
 
@@ -12,7 +12,7 @@ FIRST_S = 1.0
 class EnergyReserve:
     """Newest and least balance. Call `elapse` once a frame, `update` whenever the balance is known.
 
-    balance_j  newest balance [J], nan before the first
+    balance_j  newest balance [J], -inf before the first
     least_j    least balance after the first second [J]: -inf until then, inf until the next `update`
     """
 
@@ -20,7 +20,7 @@ class EnergyReserve:
 
     def __init__(self, network_hz: int) -> None:
         self._left = round(FIRST_S * network_hz)  # frames of the first second to come
-        self.balance_j = nan
+        self.balance_j = -inf
         self.least_j = -inf
 
     def elapse(self, frames: int = 1) -> None:
@@ -39,7 +39,7 @@ class EnergyReserve:
     @property
     def now_j(self) -> float | None:
         """Newest balance [J], None before the first."""
-        return None if isnan(self.balance_j) else self.balance_j
+        return known(self.balance_j)
 
     @property
     def reported_j(self) -> float | None:
