@@ -21,7 +21,7 @@ from cogrip.client.device_port import (
     DevicePort,
 )
 from cogrip.client.force_limits import SOFT_SLOPE_NPS
-from cogrip.client.oscillation import TRAIN
+from cogrip.client.oscillation import REVERSALS, TRAIN
 from cogrip.client.velocity import largest_impedance
 
 from tests.client.seated_client import DEVICE_HZ, T_C, T_N, Client, M, at_ns, capability
@@ -222,6 +222,21 @@ def test_the_impedance_comes_down_with_a_train_of_turns_and_is_tried_again_below
     for _ in range(60):
         _shake(tried, 10)
     assert tried.carried_nspm == pytest.approx(LEAST_FRACTION * carried, rel=0.05)
+
+
+@pytest.mark.parametrize("absorbs", [False, True])
+def test_a_line_that_rings_takes_impedance_where_that_absorbs_what_returns(absorbs: bool) -> None:
+    """The whole force reverses at each frame, the local one does not: from the fifth fast reversal in a row on."""
+    tried = DevicePort(RECORD, T_C, M)
+    carried = tried.carried_nspm
+    for frame in range(REVERSALS + 3):
+        force = (0.4 if frame % 2 else -0.4, 0.0, 0.0)
+        for _ in range(M):
+            tried.elapse()
+            assert tried.watch(force, False, STILL, absorbs=absorbs) == ""
+        backed_off = absorbs and frame >= REVERSALS
+        assert (tried.carried_nspm < 0.6 * carried) is backed_off, frame
+    assert not tried.oscillates
 
 
 def test_a_shaken_hand_is_seen_however_little_is_rendered(tried: DevicePort) -> None:

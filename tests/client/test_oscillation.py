@@ -5,16 +5,16 @@ from math import pi, sin
 
 import pytest
 
-from cogrip.client.oscillation import FAST_HZ, MOST_AT_LIMIT, SWING_N, WINDOW_S, OscillationDetector
+from cogrip.client.oscillation import FAST_HZ, MOST_AT_LIMIT, REVERSALS, SWING_N, WINDOW_S, OscillationDetector
 
 RATE_HZ = 1024
 T = 1.0 / RATE_HZ
 
 
 def found(
-    force: Callable[[float], float], local: Callable[[float], float] = lambda t: 0.0, seconds: float = 2.0
+    force: Callable[[float], float], local: Callable[[float], float] = lambda t: 0.0, seconds: float = 2.0, M: int = 1
 ) -> bool:
-    detector = OscillationDetector(1, T)
+    detector = OscillationDetector(1, T, M)
     ticks = [k * T for k in range(round(seconds * RATE_HZ))]
     return any(detector.add([force(t)], False, [local(t)]) or detector.oscillates for t in ticks)
 
@@ -73,3 +73,51 @@ def test_axes_are_watched_each() -> None:
     assert detector.oscillates
     detector.forget()
     assert not detector.oscillates
+
+
+def held(hz: float, newton: float, M: int = 8) -> Callable[[float], float]:
+    """Return a sine that is held over frames of M ticks."""
+    return lambda t: sine(hz, newton)(round(t * RATE_HZ) // M * M * T + 0.5 * T)
+
+
+def test_a_ramp_that_steps_back_at_each_frame_is_none() -> None:
+    """Free motion of a hand that accelerates: the local force ramps, the wave steps (1 N a frame, around 0)."""
+    assert not found(ramp(1.0), M=8)
+    assert found(ramp(1.0)), "frames of a tick: 128 Hz"
+
+
+def alternating(newton: float) -> Callable[[float], float]:
+    """Return a force of another sign in each frame: 64 Hz."""
+    return lambda t: newton * (-1.0) ** (round(t * RATE_HZ) // 8)
+
+
+def ramp(newton: float) -> Callable[[float], float]:
+    """Return a force that ramps by so much in each frame, and steps back, around 0."""
+    return lambda t: newton * (round(t * RATE_HZ) % 8 / 8.0 - 0.4375)
+
+
+@pytest.mark.parametrize(
+    "loop", [held(FAST_HZ * 1.2, 0.7 * SWING_N), held(39.0, 0.7 * SWING_N), alternating(0.51 * SWING_N)]
+)
+def test_an_oscillation_of_the_loop_through_the_server_is_found_by_its_means(loop: Callable[[float], float]) -> None:
+    assert found(loop, M=8)
+    assert found(lambda t: loop(t) + ramp(0.6)(t), M=8), "whatever ramps within a frame"
+    assert not found(lambda t: 0.7 * loop(t), M=8)
+
+
+def test_the_device_end_is_watched_within_a_frame() -> None:
+    """At 200 Hz the mean of a frame has next to nothing; the local force turns."""
+    assert found(sine(200.0, 0.6), sine(200.0, 0.6), M=8)
+    assert not found(sine(200.0, 0.6), M=8), "nothing else varies within a frame"
+
+
+def test_a_train_of_reversals_begins_with_the_fifth_in_a_row() -> None:
+    detector = OscillationDetector(1, T, 8)
+    told = []
+    for frame in range(12):
+        sign = -1.0 if frame % 2 else 1.0
+        told.append([detector.add([0.3 * sign], False, [0.0]) or detector.reverses for _ in range(8)])
+    # the first one, in frame 1, is not fast: nothing was before it
+    first = 1 + REVERSALS
+    assert [any(frame) for frame in told] == [number >= first for number in range(12)]
+    assert all(frame[:7] == [False] * 7 for frame in told), "at the end of a frame, and in that tick alone"

@@ -242,3 +242,27 @@ def test_whoever_leaves_a_push_alone_is_followed_by_no_energy() -> None:
     laboratory.run(None, lambda lab: lab.leave(1) if lab.seconds >= 1.5 and not lab.people[1].going else None)
     margin_j = laboratory.people[0].core.port.account().margin_j
     assert margin_j > 0.0
+
+
+SWING = "sine&amplitude_m=0.0143&frequency_hz=1.356&direction=-1&offset_m=0.03"
+TREMBLE = "tremor&amplitude_m=0&tremor_m=0.0008&direction=-1"
+
+
+@pytest.mark.parametrize("delay_ms", [0.0, 0.1, 1.0, 8.0])
+@pytest.mark.parametrize("hand", [SWING, TREMBLE])
+def test_a_hand_that_moves_freely_is_not_let_go(hand: str, delay_ms: float) -> None:
+    """Nothing is touched. A line that ends freely rings on a device that estimates velocity, at b = 20: the port quiets it.
+
+    The force of a hand that trembles steps at each frame, and ramps back: that is no oscillation.
+    """
+    device = "sim:phantom?resolution_m=0&friction_n=0"
+    settings = resolve({
+        "users": [{"name": "anna", "device": device, "hand": hand, "side": "left"}], "object": {"kind": "faces"},
+        "link": {"delay_ms": delay_ms}, "playout": {"frames": "auto"}, "seconds": 4.0,
+    })  # fmt: skip
+    running = Laboratory(settings)
+    running.run()
+    core = running.people[0].core
+    assert core.safety.state == "live"
+    assert "released: oscillation" not in core.safety.counts
+    assert (core.port.carried_nspm < core.port._record_nspm) is (delay_ms > 0.0), "without a delay it does not ring"

@@ -24,6 +24,7 @@ cdef class Coupling:
     cdef public object cut_n
     cdef public object local_n
     cdef public bint reduced
+    cdef public bint absorbs
     cdef public bint implausible
     cdef public tuple still
     cdef public tuple returning

@@ -108,6 +108,7 @@ class Coupling:
         frame_ticks    device ticks in a frame, M
         local_n        part of the law that follows the hand's own motion
         reduced        whether less than the settings ask for is rendered
+        absorbs        whether rendering less absorbs a part of what returns
         implausible    whether the wave of this frame was larger than any device like this one brings about
         returning      v held over this frame, `sent` u of the last one [sqrt(W)]; 0 without waves
         object_state   positions and velocities of the object as last received, shape (2 axes,)
@@ -119,6 +120,7 @@ class Coupling:
     credit_left = inf
 
     def __init__(self, seat: SeatSettings) -> None:
+        self.absorbs = False
         self._seat, axes = seat, seat.object.axes
         self.frame_ticks = seat.rates.ticks_per_frame
         self.applied_n: Sequence[float] = (0.0,) * axes

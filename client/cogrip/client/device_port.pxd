@@ -50,9 +50,9 @@ cdef class DevicePort:
     @cython.locals(left_j=double, size=double, most_n=double, force=double)
     cpdef limit(self, force_n)
     @cython.locals(
-        carried=double, record=double, detector=OscillationDetector, local=double, exhausted=bint, now="long long",
+        carried=double, record=double, detector=OscillationDetector, local=double, turns=bint, exhausted=bint, now="long long",
     )
-    cpdef watch(self, force_n, bint clipped, local_n, bint limited=*, bint reduced=*)
+    cpdef watch(self, force_n, bint clipped, local_n, bint limited=*, bint reduced=*, bint absorbs=*)
     cpdef elapse(self)
     cpdef double left_j(self)
     cpdef rearm(self)

@@ -72,7 +72,7 @@ class DevicePort:
         "carried_nspm", "lag_s", "later_j", "least_j", "oscillates", "ramped", "reserve_j",
     )  # fmt: skip
 
-    def __init__(self, capability: Capability, tick_s: float) -> None:
+    def __init__(self, capability: Capability, tick_s: float, frame_ticks: int = 1) -> None:
         self._tick_s = tick_s
         self._growth, self._retry_growth = exp(tick_s / RECOVERY_S), exp(tick_s / RETRY_RECOVERY_S)
         self._released_ticks, self._persists_ticks = round(RELEASED_S / tick_s), round(PERSISTS_S / tick_s)
@@ -92,7 +92,7 @@ class DevicePort:
         self._releases = 0
         self._released_at: list[int] = []  # ticks of the releases of the last PERSISTS_S
         self._released_left = 0
-        self._detector = OscillationDetector(capability.axes, tick_s)
+        self._detector = OscillationDetector(capability.axes, tick_s, frame_ticks)
         self.set_record(capability)
 
     def set_record(self, capability: Capability) -> None:
@@ -211,6 +211,7 @@ class DevicePort:
         local_n: Sequence[float],
         limited: bool = False,
         reduced: bool = False,
+        absorbs: bool = False,
     ) -> Cause:
         """Check the force of a tick for oscillation, and adapt `carried_nspm`. Return why the force is to be released, or "".
 
@@ -219,6 +220,7 @@ class DevicePort:
         limited   whether any limit of the device holds it
         reduced   whether the coupling renders less than its settings, for `carried_nspm`
         local_n   the part of the law that follows the hand's own motion [N], shape (axes,)
+        absorbs   whether the coupling absorbs the returning wave where less is rendered: then that quiets a line, too
         """
         self._ticks += 1
         self._limited += limited
@@ -228,7 +230,8 @@ class DevicePort:
         detector = self._detector
         if carried < record:  # as it would be at the record's impedance: less impedance must not hide an oscillation
             local_n = [record / carried * local for local in local_n]
-        if detector.add(force_n, clipped, local_n):
+        turns = detector.add(force_n, clipped, local_n)
+        if turns or (absorbs and detector.reverses):
             if self._tick - self._last_turn > self._released_ticks:  # the first of its train
                 self._retry_nspm = max(LEAST_FRACTION * record, RETRY_FRACTION * carried)
             self._last_turn = self._tick
@@ -243,6 +246,8 @@ class DevicePort:
         found: Cause = "oscillation" if detector.oscillates else "limit" if detector.at_limit else "energy"
         if exhausted:
             self._write_off()
+        if absorbs and detector.oscillates:  # it comes back with less
+            self.carried_nspm = self._retry_nspm = max(LEAST_FRACTION * record, BACKOFF_FACTOR * self.carried_nspm)
         self.oscillates = self.oscillates or detector.oscillates
         self._releases += 1
         self._released_left, now = self._released_ticks, self._tick

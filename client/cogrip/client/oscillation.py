@@ -1,10 +1,14 @@
 """Detection of oscillation at the hand: a force that reverses fast, or that sits at its limit.
 
-Two forces are watched, axis by axis. The whole force reverses where its sign changes, by half of SWING_N on either side of
-0. The local force, the part that follows the hand's own motion, turns (has an extremum) where it goes back by more than
-SWING_N, whatever its sign: then the hand itself moves to and fro, also where it presses. (The whole force may turn without
-that: an object's state comes in steps.) A reversal or turn is fast if the one before was at most half a period of FAST_HZ
-ago. Hands turn at 12 Hz at most, so that a train of fast turns is no person's.
+Two forces are watched, axis by axis. The whole force, as its mean over a frame, reverses where its sign changes, by half of
+SWING_N on either side of 0. The local force, the part that follows the hand's own motion, turns (has an extremum) where it goes
+back by more than SWING_N, whatever its sign: then the hand itself moves to and fro, also where it presses. A reversal or turn
+is fast if the one before was at most half a period of FAST_HZ ago. Hands turn at 12 Hz at most, so that a train of fast turns
+is no person's.
+
+The mean, because what comes from the server is held over a frame: where a hand accelerates, the force of a line ramps with it
+and steps back at each frame, by b T_n xddot (0.8 N for a tremor of 1.3 mm at 9 Hz), and in free motion that is around 0. An
+oscillation of the loop through the server reverses its mean. Within a frame only the local force varies.
 """
 
 from collections import deque
@@ -15,6 +19,7 @@ FAST_HZ = 20.0
 SWING_N = 0.5  # from one turn to the next, or it is none
 HALF_SWING_N, BACK_N = 0.5 * SWING_N, -0.5 * SWING_N
 TRAIN = 3  # fast turns of the local force in a row: the device end oscillates. A tap on a wall makes two
+REVERSALS = 5  # fast reversals of the whole force in a row: the loop through the server does
 WINDOW_S = 0.5
 MOST_FAST = 10  # fast reversals and turns of one axis within the window: a quarter of a second at FAST_HZ
 MOST_AT_LIMIT = 0.1  # of the window
@@ -23,17 +28,19 @@ MOST_AT_LIMIT = 0.1  # of the window
 class AxisTurns:
     """Reversals of the whole force on one axis, and turns of the local one, by its extremes.
 
-    fast   ticks of the fast ones within the window
-    train  fast turns in a row
+    fast       ticks of the fast ones within the window
+    sum_n      of the force in the frame under way
+    train      fast turns in a row
+    reversals  fast reversals in a row
     """
 
-    __slots__ = ("extreme", "fast", "positive", "reversed_at", "rising", "train", "turned_at")
+    __slots__ = ("extreme", "fast", "positive", "reversals", "reversed_at", "rising", "sum_n", "train", "turned_at")
 
     def __init__(self) -> None:
         self.positive = self.rising = True
         self.reversed_at = self.turned_at = -1e9  # ticks of the last ones
-        self.extreme = 0.0
-        self.train = 0
+        self.extreme = self.sum_n = 0.0
+        self.train = self.reversals = 0
         self.fast: deque[int] = deque()
 
 
@@ -41,10 +48,12 @@ class OscillationDetector:
     """The last WINDOW_S of one device's force; `add` once a tick.
 
     oscillates  whether an axis has had so many fast reversals and turns within the window
+    reverses    whether the whole force has reversed in this tick, in a train of REVERSALS fast reversals or more
     at_limit    whether a limit has held the force for so much of it
     """
 
-    def __init__(self, axes: int, tick_s: float) -> None:
+    def __init__(self, axes: int, tick_s: float, frame_ticks: int = 1) -> None:
+        self._frame_ticks, self._in_frame = frame_ticks, 0  # ticks of a frame, and of the one under way so far
         self._axes = [AxisTurns() for _ in range(axes)]
         self._half_period = 0.5 / (FAST_HZ * tick_s)  # of FAST_HZ [ticks]
         self._window = round(WINDOW_S / tick_s)
@@ -52,7 +61,7 @@ class OscillationDetector:
         self._limited: deque[int] = deque()
         self._tick = 0
         self._forgets_at = inf  # tick at which the oldest one that is known leaves the window
-        self.oscillates = self.at_limit = False
+        self.oscillates = self.at_limit = self.reverses = False
 
     def add(self, force_n: Sequence[float], limited: bool, local_n: Sequence[float]) -> bool:
         """Add a tick. Return True at each turn of the local force in a train of TRAIN fast turns or more.
@@ -62,13 +71,22 @@ class OscillationDetector:
         local_n   the part of the law that follows the hand's own motion [N], shape (axes,)
         """
         self._tick = tick = self._tick + 1
-        train = False
+        train = self.reverses = False
         changed = limited or tick >= self._forgets_at
+        self._in_frame += 1
+        ended = self._in_frame >= self._frame_ticks
+        if ended:
+            self._in_frame = 0
         for number, axis in enumerate(self._axes):
             force, local, fast = force_n[number], local_n[number], False
-            if not (force > BACK_N if axis.positive else force < HALF_SWING_N):
+            axis.sum_n += force
+            if ended:
+                force, axis.sum_n = axis.sum_n / self._frame_ticks, 0.0
+            if ended and not (force > BACK_N if axis.positive else force < HALF_SWING_N):
                 fast = tick - axis.reversed_at <= self._half_period
                 axis.reversed_at, axis.positive = tick, not axis.positive
+                axis.reversals = axis.reversals + 1 if fast else 0
+                self.reverses = self.reverses or axis.reversals >= REVERSALS
             swing = local - axis.extreme
             if (swing > 0.0) == axis.rising:
                 axis.extreme = local
@@ -101,6 +119,8 @@ class OscillationDetector:
     def forget(self) -> None:
         """Reset, because the force was released."""
         self._limited.clear()
+        self._in_frame = 0
         for axis in self._axes:
             axis.fast.clear()
+            axis.sum_n = 0.0
         self._judge(self._tick)

@@ -33,7 +33,7 @@ from cogrip.protocol.settings import SeatSettings
 
 LEAVE_FADE_S = 0.5  # from `stop`: fade of what the line still holds the object by
 MOST_LOOP_S = 0.5  # then a client that leaves stays for one measured loop, so that the end of it arrives: this at most
-MakePort = Callable[[Capability, float], DevicePort]
+MakePort = Callable[[Capability, float, int], DevicePort]
 
 
 class SeatedClient(SeatHand):
@@ -50,7 +50,7 @@ class SeatedClient(SeatHand):
         self.session_id = session.welcome.session if session.welcome else 0
         self.coupling: Coupling = SCHEMES[seat.coupling.kind].make(seat)
         self.safety = Safety(self.capability, rates.tick_s, seat.coupling.length_scale)
-        self.port = make_port(self._record, rates.tick_s)
+        self.port = make_port(self._record, rates.tick_s, rates.ticks_per_frame)
         self.ledger = EnergyLedger(self.coupling)
         self.effects: EffectForce | None = None  # once one was told
         self.hand = HandMotion(self._record, rates, self.safety)
@@ -362,7 +362,7 @@ class SeatedClient(SeatHand):
                     fraction = 1.0 - part_of(clamped_n, wanted_n)
                     cut_n = [fraction * (law - other) for law, other in zip(rendered_n, effects_n, strict=True)]
                 coupling.cut_n = cut_n if hand_map is None else hand_map.tool_force(cut_n)
-            if cause := port.watch(watched_n, safety.at_peak(), local_n, safety.limited, reduced):
+            if cause := port.watch(watched_n, safety.at_peak(), local_n, safety.limited, reduced, coupling.absorbs):
                 self._degrade(cause)
         return force
 

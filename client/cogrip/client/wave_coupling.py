@@ -53,6 +53,7 @@ class WaveCoupling(Coupling):
 
     def __init__(self, seat: SeatSettings) -> None:
         super().__init__(seat)
+        self.absorbs = True
         axes, tick_s, coupling = seat.object.axes, seat.rates.tick_s, seat.coupling
         self._tick_s = tick_s
         self._b = coupling.impedance_nspm
