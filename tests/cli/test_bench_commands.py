@@ -196,7 +196,7 @@ def test_tables_fit_eighty_columns_with_the_widest_that_networks_make() -> None:
          "late_share": 0.12345, "moves_a_minute": 123.4,
          "best_late_share": 0.12345, "delay_ratio": 1.234, "late_ratio": 12.345, "beaten": True,
          "number": 12, "number_late_share": 0.12345}  # fmt: skip
-    storm = SessionRow("satellite", 16, 100_000.0, 400, 400, -1.2e-10, 12.34, 123.4, 12.345, 12.34, 12.3, 12.3)
+    storm = SessionRow("satellite", 16, 100_000.0, 400, 400, 400, -1.2e-10, 12.34, 123.4, 12.345, 12.34, 12.3, 12.3)
     loose = LooseRow("satellite", 16, "coupling", 100_000.0, 400, 400, 400, 12.3456, 515.7, 400)
     for table, rows_below in (
         (playout._table([played], 128), 2),

@@ -1,13 +1,15 @@
 """A seeded sample of the matrix of impaired networks, which `dev.py bench impaired` runs whole; and proof that it can fail."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from cogrip.devices.registry import make
 from cogrip.sim.experiments.experiment import Result, run_case
 
 from tests.bench.__main__ import main as bench
-from tests.bench.impaired_network.case import Job, growth, measure_case, radius
+from tests.bench.impaired_network.case import Job, Pushes, growth, measure_case, radius
 from tests.bench.impaired_network.matrix import LEAST_GROWTH, Matrix, batch, rows, wrong
 from tests.bench.impaired_network.room import NETWORKS, impaired
 from tests.extent import every, long
@@ -71,6 +73,43 @@ def test_a_session_that_shows_less_than_it_must_is_wrong(changed: dict[str, Any]
     assert wrong(JOBS[0], Result(0, well)) == ""
     assert words in wrong(JOBS[0], Result(0, {**well, **changed}))
     assert wrong(JOBS[0], Result(0, {}, "MemoryError: no")) == "MemoryError: no"
+    stronger = {**well, "overpowered": True}
+    assert wrong(JOBS[0], Result(0, {**stronger, "diverged": True, "faults": 1})) == ""
+    assert "not passive" in wrong(JOBS[0], Result(0, {**stronger, "margin_mj": -2.0})), "whoever pushes"
+
+
+@pytest.mark.parametrize(
+    ("newton", "oscillates", "let_go"),
+    [(9.0, False, True), (7.5, False, False), (9.0, True, False), (-9.0, False, True)],
+)
+def test_a_hand_that_pushes_with_more_than_its_device_has_is_let_go_rightly(
+    newton: float, oscillates: bool, let_go: bool
+) -> None:
+    """Of two people at the peak of their devices, 8.5 N, the first is in a fault. What the device pushes is no hand's push."""
+    device = make(f"sim:phantom?hand=push&force_n={newton}")
+    device.open(1024)
+    people = [
+        SimpleNamespace(
+            device=device,
+            core=SimpleNamespace(
+                tick=1, capability=device.capability, port=SimpleNamespace(oscillates=oscillates),
+                safety=SimpleNamespace(at_peak=lambda: True, state=state),
+            ),
+        )
+        for state in ("fault", "live")
+    ]  # fmt: skip
+    laboratory: Any = SimpleNamespace(people=people)
+    pushes = Pushes(laboratory)
+    assert not pushes.overpowered(laboratory), "nobody was at a peak"
+    pushes.each_tick(laboratory)
+    assert pushes.overpowered(laboratory) is let_go
+
+
+def test_people_who_are_stronger_than_phantoms_end_a_session_rightly() -> None:
+    result = run_case(measure_case, Job(0, "lan", 4, 1e4, 0, 8.0))
+    assert result.measures["overpowered"]
+    assert result.measures["faults"] == 1
+    assert wrong(Job(0, "lan", 4, 1e4, 0, 8.0), result) == ""
 
 
 def test_a_baseline_that_holds_where_it_must_fail_is_wrong() -> None:
@@ -91,7 +130,8 @@ def test_the_matrix_is_every_combination_and_rows_keep_the_worst() -> None:
     assert batch(jobs) == 2, "one room on both networks: its clean link is run once"
     results = [
         Result(job.case, {
-            "passive": True, "diverged": False, "faults": 0, "margin_mj": -1e-12 * job.seed, "coherence_rms_mm": job.seed,
+            "passive": True, "diverged": False, "faults": 0, "overpowered": job.seed == 1,
+            "margin_mj": -1e-12 * job.seed, "coherence_rms_mm": job.seed,
             "coherence_max_mm": 1.0, "drift_mm": float(job.seed), "peak_force_n": 1.0, "force_step_n": 1.0,
         }) for job in sessions
     ]  # fmt: skip
@@ -101,6 +141,7 @@ def test_the_matrix_is_every_combination_and_rows_keep_the_worst() -> None:
     assert {(row.sessions, row.wrong, row.margin_mj, row.drift_mm, row.median_drift_mm) for row in found} == {
         (3, 0, -2e-12, 2.0, 1.0)
     }
+    assert {row.overpowered for row in found} == {1}
 
 
 def test_every_seed_is_another_room_and_the_same_every_time() -> None:

@@ -25,6 +25,7 @@ from tests.bench.impaired_network.room import CLEAN, impaired, loose, settled
 
 REST_S = 3.0  # at the end, or in its second half, in which hands hold where they began
 RESTLESS_N = 1.0  # swing of a force long after the push
+PUSHED = 0.9  # of a device's peak force, and of the ticks at it: a person who pushes so is stronger than the device
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +53,34 @@ def measure_case(job: Job) -> dict[str, Any]:
     return _loose(job) if job.scheme else _impaired(job)
 
 
+class Pushes:
+    """How long the force on each person is at the device's peak, and for how many of these ticks the hand itself pushes so."""
+
+    def __init__(self, laboratory: Laboratory) -> None:
+        self._at_peak = [0] * len(laboratory.people)
+        self._pushed = [0] * len(laboratory.people)
+
+    def each_tick(self, laboratory: Laboratory) -> None:
+        """Look at the force that was asked for in this tick, and at the hand."""
+        for number, person in enumerate(laboratory.people):
+            if not person.core.safety.at_peak():
+                continue
+            device: Any = person.device
+            hand = device.hand
+            own = zip(hand.drive(person.core.tick), device.position_m, device.velocity_mps, strict=True)
+            push_n = math.hypot(*[n - hand.stiffness_npm * x - hand.damping_nspm * v for n, x, v in own])
+            self._at_peak[number] += 1
+            self._pushed[number] += push_n >= PUSHED * person.core.capability.peak_force_n
+
+    def overpowered(self, laboratory: Laboratory) -> bool:
+        """Return whether each hand that was let go for good had pushed with more than its device has, and did not oscillate."""
+        faults = [n for n, person in enumerate(laboratory.people) if person.core.safety.state == "fault"]
+        return bool(faults) and all(
+            self._pushed[n] >= PUSHED * self._at_peak[n] > 0 and not laboratory.people[n].core.port.oscillates
+            for n in faults
+        )
+
+
 def rest_from_s(seconds: float) -> float:
     """Return the time at which the hands of a session of this length begin to rest [s]."""
     return max(0.5 * seconds, seconds - REST_S)
@@ -62,12 +91,17 @@ def gaps_m(summary: Mapping[str, Any]) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.array([np.subtract(user["position_m"], user["proxy_m"]) for user in summary["users"]])
 
 
-def _run(settings: Settings, seconds: float) -> tuple[Laboratory, dict[str, Any], TraceRecorder]:
+def _run(settings: Settings, seconds: float) -> tuple[Laboratory, dict[str, Any], TraceRecorder, bool]:
     laboratory = Laboratory(settings)
     starts = [let_rest(person.device, person.rates.device_hz, rest_from_s(seconds)) for person in laboratory.people]
-    watch = TraceRecorder(laboratory, starts)
-    laboratory.run(watch.each_tick, watch.each_frame)
-    return laboratory, of_laboratory(laboratory), watch
+    watch, pushes = TraceRecorder(laboratory, starts), Pushes(laboratory)
+
+    def each_tick(running: Laboratory) -> None:
+        watch.each_tick(running)
+        pushes.each_tick(running)
+
+    laboratory.run(each_tick, watch.each_frame)
+    return laboratory, of_laboratory(laboratory), watch, pushes.overpowered(laboratory)
 
 
 @lru_cache(maxsize=8)
@@ -79,8 +113,11 @@ def _clean_gaps(
 
 
 def _impaired(job: Job) -> dict[str, Any]:
-    """drift_mm: how far hand and proxy have come apart at the end, where hands rest, beyond what they do on a clean link."""
-    laboratory, summary, watch = _run(job.settings(), job.seconds)
+    """drift_mm: how far hand and proxy have come apart at the end, where hands rest, beyond what they do on a clean link;
+
+    overpowered: a hand was let go for good, rightly, as it pushed with more than its device has (`Pushes`).
+    """
+    laboratory, summary, watch, overpowered = _run(job.settings(), job.seconds)
     trace, users = watch.trace(), people(summary)
     worst = worst_margin(users)
     rms, most = furthest(trace.view_m)
@@ -89,6 +126,7 @@ def _impaired(job: Job) -> dict[str, Any]:
         "diverged": bool(laboratory.diverged),
         "reason": laboratory.diverged,
         "faults": sum(user["state"] == "fault" for user in users),
+        "overpowered": overpowered,
         "margin_mj": worst[0] * 1e3 if worst else None,
         "balance_mj": summary["server"]["energy_balance_error_j"] * 1e3,
         "created_mj": created_j(trace.work_j, trace.object_j) * 1e3,

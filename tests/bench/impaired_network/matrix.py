@@ -69,14 +69,15 @@ def wrong(job: Job, result: Result) -> str:
     if result.error:
         return result.error
     if job.scheme in ("", OURS):
-        if found["diverged"]:
+        overpowered = found.get("overpowered", False)
+        if found["diverged"] and not overpowered:
             return f"diverged: {found.get('reason') or 'a loose cube'}"
         margin_mj = found["margin_mj"]
         if margin_mj is None:
             return "not passive: no finite margin was kept"
         if not found["passive"] or margin_mj < NOTHING_MJ - 1e3 * _credit_j(job):
             return f"not passive: margin {margin_mj:.3g} mJ"
-        if found.get("faults"):
+        if found.get("faults") and not overpowered:
             return f"{found['faults']} in a fault"
         return ""
     if found["radius"] is None:
@@ -93,13 +94,17 @@ def _credit_j(job: Job) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Sessions of one network, number of people and stiffness; the worst of each measure, and the median drift."""
+    """Sessions of one network, number of people and stiffness; the worst of each measure, and the median drift.
+
+    overpowered: sessions that ended early, as somebody pushed with more than a device has
+    """
 
     network: str
     people: int
     stiffness_npm: float
     sessions: int
     wrong: int
+    overpowered: int
     margin_mj: float
     coherence_rms_mm: float
     coherence_max_mm: float
@@ -145,9 +150,9 @@ def rows(pairs: Iterable[tuple[Job, Result]]) -> tuple[list[Row], list[LooseRow]
             continue
         drifts = _known(found, "drift_mm")
         impaired.append(Row(
-            network, people, K, len(group), bad, min(_known(found, "margin_mj")),
-            max(_known(found, "coherence_rms_mm")), max(_known(found, "coherence_max_mm")), max(drifts),
-            statistics.median(drifts), max(_known(found, "peak_force_n")), max(_known(found, "force_step_n")),
+            network, people, K, len(group), bad, sum(bool(each.get("overpowered")) for each in found),
+            min(_known(found, "margin_mj")), max(_known(found, "coherence_rms_mm")), max(_known(found, "coherence_max_mm")),
+            max(drifts), statistics.median(drifts), max(_known(found, "peak_force_n")), max(_known(found, "force_step_n")),
         ))  # fmt: skip
     return impaired, cubes
 
