@@ -5,7 +5,15 @@ from math import pi, sin
 
 import pytest
 
-from cogrip.client.oscillation import FAST_HZ, MOST_AT_LIMIT, REVERSALS, SWING_N, WINDOW_S, OscillationDetector
+from cogrip.client.oscillation import (
+    FAST_HZ,
+    MOST_AT_LIMIT,
+    REVERSALS,
+    RINGS_DOWN,
+    SWING_N,
+    WINDOW_S,
+    OscillationDetector,
+)
 
 RATE_HZ = 1024
 T = 1.0 / RATE_HZ
@@ -111,13 +119,18 @@ def test_the_device_end_is_watched_within_a_frame() -> None:
     assert not found(sine(200.0, 0.6), M=8), "nothing else varies within a frame"
 
 
-def test_a_train_of_reversals_begins_with_the_fifth_in_a_row() -> None:
+def test_a_train_of_reversals_is_told_with_the_fifth_in_a_row_and_each_third_after_it() -> None:
     detector = OscillationDetector(1, T, 8)
     told = []
-    for frame in range(12):
+    for frame in range(14):
         sign = -1.0 if frame % 2 else 1.0
-        told.append([detector.add([0.3 * sign], False, [0.0]) or detector.reverses for _ in range(8)])
-    # the first one, in frame 1, is not fast: nothing was before it
-    first = 1 + REVERSALS
-    assert [any(frame) for frame in told] == [number >= first for number in range(12)]
-    assert all(frame[:7] == [False] * 7 for frame in told), "at the end of a frame, and in that tick alone"
+        for tick in range(8):
+            assert not detector.add([0.3 * sign], False, [0.0])
+            assert not detector.reverses or tick == 7, "at the end of a frame, and in that tick alone"
+        if detector.reverses:
+            told.append(frame)
+    # the reversal in frame 1 is not fast: there was none before it
+    assert told == [1 + REVERSALS, 1 + REVERSALS + RINGS_DOWN, 1 + REVERSALS + 2 * RINGS_DOWN]
+    for _ in range(100):
+        detector.add([0.0], False, [0.0])
+    assert not detector.reverses

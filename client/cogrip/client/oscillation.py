@@ -20,6 +20,7 @@ SWING_N = 0.5  # from one turn to the next, or it is none
 HALF_SWING_N, BACK_N = 0.5 * SWING_N, -0.5 * SWING_N
 TRAIN = 3  # fast turns of the local force in a row: the device end oscillates. A tap on a wall makes two
 REVERSALS = 5  # fast reversals of the whole force in a row: the loop through the server does
+RINGS_DOWN = 3  # reversals in which a loop that is damped more is given time to ring down
 WINDOW_S = 0.5
 MOST_FAST = 10  # fast reversals and turns of one axis within the window: a quarter of a second at FAST_HZ
 MOST_AT_LIMIT = 0.1  # of the window
@@ -31,7 +32,7 @@ class AxisTurns:
     fast       ticks of the fast ones within the window
     sum_n      of the force in the frame under way
     train      fast turns in a row
-    reversals  fast reversals in a row
+    reversals  fast reversals in a row, less those in which it was to ring down
     """
 
     __slots__ = ("extreme", "fast", "positive", "reversals", "reversed_at", "rising", "sum_n", "train", "turned_at")
@@ -48,7 +49,7 @@ class OscillationDetector:
     """The last WINDOW_S of one device's force; `add` once a tick.
 
     oscillates  whether an axis has had so many fast reversals and turns within the window
-    reverses    whether the whole force has reversed in this tick, in a train of REVERSALS fast reversals or more
+    reverses    whether the whole force has reversed fast in this tick, REVERSALS times in a row, and RINGS_DOWN times more each
     at_limit    whether a limit has held the force for so much of it
     """
 
@@ -86,7 +87,9 @@ class OscillationDetector:
                 fast = tick - axis.reversed_at <= self._half_period
                 axis.reversed_at, axis.positive = tick, not axis.positive
                 axis.reversals = axis.reversals + 1 if fast else 0
-                self.reverses = self.reverses or axis.reversals >= REVERSALS
+                if axis.reversals >= REVERSALS:
+                    self.reverses = True
+                    axis.reversals -= RINGS_DOWN
             swing = local - axis.extreme
             if (swing > 0.0) == axis.rising:
                 axis.extreme = local
