@@ -241,7 +241,8 @@ def put(made: Mapping[str, Path], places: Mapping[str, Path]) -> None:
         if library in first:
             place.symlink_to(os.path.relpath(first[library], place.parent))
         else:
-            first[library] = shutil.copy(library, place)
+            shutil.copy(library, place)
+            first[library] = place
 
 
 def _has_links(folder: Path) -> bool:

@@ -85,7 +85,7 @@ def test_a_session_that_shows_less_than_it_must_is_wrong(changed: dict[str, Any]
 def test_a_hand_that_pushes_with_more_than_its_device_has_is_let_go_rightly(
     newton: float, oscillates: bool, let_go: bool
 ) -> None:
-    """Of two people at the peak of their devices, 8.5 N, the first is in a fault. What the device pushes is no hand's push."""
+    """Two people are at the peak of their devices, 8.5 N, and the first is in a fault."""
     device = make(f"sim:phantom?hand=push&force_n={newton}")
     device.open(1024)
     people = [
