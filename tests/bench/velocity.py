@@ -11,7 +11,7 @@ from rich.table import Table
 
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.client.velocity import AlphaBeta, impedance_bounds, largest_impedance, memory_for
+from cogrip.client.velocity import MotionObserver, impedance_bounds, largest_impedance, memory_for
 from cogrip.devices.device import Capability
 
 from tests.bench.velocity_trial.comparison import Found, chosen, compare, devices
@@ -118,8 +118,8 @@ def _spent(motions: Sequence[Motion]) -> dict[str, float]:
     longest = max(motions, key=lambda motion: len(motion.position_m)).position_m
     place = np.resize(np.round(longest / count_m) * count_m, _UPDATES)
     samples = [(x, -x, 0.5 * x) for x in place.tolist()]
-    makers: dict[str, Callable[[], AlphaBeta | AdaptiveWindow | FollowingAlphaBeta]] = {
-        "alpha-beta": lambda: AlphaBeta(3, tick_s),
+    makers: dict[str, Callable[[], MotionObserver | AdaptiveWindow | FollowingAlphaBeta]] = {
+        "alpha-beta": lambda: MotionObserver(3, tick_s),
         "following": lambda: FollowingAlphaBeta(3, tick_s, count_m),
         "window 8": lambda: AdaptiveWindow(3, tick_s, count_m, 8),
         "window 16": lambda: AdaptiveWindow(3, tick_s, count_m, 16),

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.client.inputs import DeviceFailed, DeviceOpened, ForceApplied, Rearm
-from cogrip.client.velocity import AlphaBeta, memory_for
+from cogrip.client.velocity import MotionObserver, memory_for
 from cogrip.devices.device import Sample
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Stamp, State
@@ -174,8 +174,9 @@ def test_the_record_says_what_the_core_estimates_with() -> None:
     light = replace(capability(gives_velocity=False, latency=1), apparent_mass_kg=0.03)
     client = Client()
     client.core.handle(DeviceOpened(light), client.core.now_ns)
-    estimator = AlphaBeta(1, T_C, memory_for(light, T_C))
+    estimator = MotionObserver(1, T_C, memory_for(light, T_C), (light.apparent_mass_kg,), 1)
     for number, place in enumerate(np.random.default_rng(8).uniform(-1e-4, 1e-4, 50).tolist()):
+        estimator.hold(client.core.force_n, 1 if number else 0)
         client.core.sense(number, Sample((place,), None, 1), at_ns(number))
         client.core.act(at_ns(number))
         assert list(client.core.velocity_mps) == estimator.update((place,))

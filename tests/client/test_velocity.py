@@ -14,12 +14,12 @@ from cogrip.client.velocity import (
     LEAST_MEMORY,
     MEMORY,
     WANTED_NSPM,
-    AlphaBeta,
-    estimator_for,
+    MotionObserver,
     impedance_bounds,
     lag_ticks,
     largest_impedance,
     memory_for,
+    observer_for,
 )
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make
@@ -55,7 +55,7 @@ RECORDS = st.builds(record, st.floats(0.01, 1.0), COUNTS_M, st.integers(0, 3))
 def test_a_steady_speed_is_found_exactly_whatever_ticks_are_skipped(
     memory: float, speed_mps: float, gaps: list[int]
 ) -> None:
-    estimator, velocity = AlphaBeta(2, T_C, memory), [0.0, 0.0]
+    estimator, velocity = MotionObserver(2, T_C, memory), [0.0, 0.0]
     for gap, tick in zip(gaps, accumulate(gaps), strict=True):
         velocity = estimator.update((speed_mps * tick * T_C, 0.1 - speed_mps * tick * T_C), gap)
     assert velocity == pytest.approx([speed_mps, -speed_mps], abs=1e-6)
@@ -64,7 +64,7 @@ def test_a_steady_speed_is_found_exactly_whatever_ticks_are_skipped(
 @given(MEMORIES, st.lists(st.integers(-40, 40), min_size=1, max_size=60))
 def test_the_estimate_stays_among_the_speeds_that_were_seen(memory: float, counts: list[int]) -> None:
     """The estimate is a mean of the steps so far, with weights (k + 1) memory^k (1 - memory)^2: never outside of them and 0."""
-    estimator, place = AlphaBeta(1, T_C, memory), 0.0
+    estimator, place = MotionObserver(1, T_C, memory), 0.0
     estimator.update((place,))
     low = high = 0.0
     for count in counts:
@@ -77,13 +77,13 @@ def test_the_estimate_stays_among_the_speeds_that_were_seen(memory: float, count
 
 @given(MEMORIES, st.floats(-0.2, 0.2), st.integers(1, 5))
 def test_a_hand_at_rest_makes_no_noise_at_all(memory: float, place: float, gap: int) -> None:
-    estimator = AlphaBeta(1, T_C, memory)
+    estimator = MotionObserver(1, T_C, memory)
     assert {estimator.update((place,), gap)[0] for _ in range(50)} == {0.0}
 
 
 @given(MEMORIES)
 def test_one_count_moves_the_estimate_by_what_the_noise_bound_says_and_is_a_count_in_all(memory: float) -> None:
-    q, estimator = 3e-5, AlphaBeta(1, T_C, memory)
+    q, estimator = 3e-5, MotionObserver(1, T_C, memory)
     estimator.update((0.0,))
     first = estimator.update((q,))[0]
     assert first == pytest.approx((1.0 - memory) ** 2 * q / T_C, rel=1e-12)
@@ -92,7 +92,7 @@ def test_one_count_moves_the_estimate_by_what_the_noise_bound_says_and_is_a_coun
 
 
 def test_what_was_before_a_reset_does_not_count() -> None:
-    estimator = AlphaBeta(1, T_C)
+    estimator = MotionObserver(1, T_C)
     for tick in range(20):
         estimator.update((0.01 * tick,))
     estimator.reset()
@@ -110,7 +110,7 @@ ALPHA, BETA = 1.0 - 0.6**2, (1.0 - 0.6) ** 2
 
 def test_noise_of_the_estimate_is_what_the_filter_promises() -> None:
     """var = 2 beta^2 / (alpha (4 - 2 alpha - beta)) of the noise's over T^2, for white noise of a count's width."""
-    random, estimator = np.random.default_rng(1), AlphaBeta(1, T_C)
+    random, estimator = np.random.default_rng(1), MotionObserver(1, T_C)
     noise = random.uniform(-COUNT_M / 2, COUNT_M / 2, 200_000)
     found = np.array([estimator.update((value,))[0] for value in noise.tolist()])[1000:]
     expected = COUNT_M / sqrt(12) / T_C * sqrt(2 * BETA**2 / (ALPHA * (4 - 2 * ALPHA - BETA)))
@@ -120,7 +120,7 @@ def test_noise_of_the_estimate_is_what_the_filter_promises() -> None:
 
 def test_an_accelerating_hand_is_followed_three_and_a_half_ticks_late() -> None:
     """Lag = (alpha / beta - 1/2) T_c = 3.4 ms."""
-    estimator, velocity = AlphaBeta(1, T_C), 0.0
+    estimator, velocity = MotionObserver(1, T_C), 0.0
     for tick in range(500):
         (velocity,) = estimator.update((0.5 * 3.0 * (tick * T_C) ** 2,))
     lag_s = 499 * T_C - velocity / 3.0
@@ -132,7 +132,7 @@ def test_an_accelerating_hand_is_followed_three_and_a_half_ticks_late() -> None:
 )
 def test_a_damper_that_lags_too_much_shakes_the_arm(memory: float, mass_kg: float, holds: bool) -> None:
     """F = b y_est on a bare arm, b = 20: it holds from 20.8 g with memory 0.6, from 44.5 g with 0.8."""
-    plant, estimator = bare_arm(mass_kg), AlphaBeta(1, T_C, memory)
+    plant, estimator = bare_arm(mass_kg), MotionObserver(1, T_C, memory)
     for _ in range(4096):
         (speed,) = estimator.update(plant.position_m)
         plant.step((0.0,), (20.0 * speed,))
@@ -153,7 +153,7 @@ def bare_limit(memory: float, latency: int) -> float:
 
 def speeds(share: float, memory: float, latency: int) -> Sequence[float]:
     """A bare device of 0.1 kg, pushed once, on the damper b = share m / T of its estimate from old samples."""
-    plant, estimator = bare_arm(0.1), AlphaBeta(1, T_C, memory)
+    plant, estimator = bare_arm(0.1), MotionObserver(1, T_C, memory)
     places, found = [0.0] * (latency + 1), []
     for _ in range(6000):
         places = [*places[1:], plant.position_m[0]]
@@ -234,7 +234,7 @@ def test_an_older_sample_a_lighter_arm_a_coarser_count_never_carries_more(found:
 
 def test_a_device_that_gives_velocity_needs_no_estimator_and_is_bound_as_theory_has_it() -> None:
     ideal = make("sim:ideal").capability
-    assert estimator_for(ideal, T_C) is None
+    assert observer_for(ideal, T_C, (1.0,)) is None
     assert impedance_bounds(ideal, T_C) == {"lag": pytest.approx(102.4), "noise": inf, "record": 51.2}
     assert impedance_bounds(replace(ideal, latency_ticks=1), T_C)["lag"] == pytest.approx(51.2)
 
@@ -263,7 +263,7 @@ def test_the_memory_of_a_faster_loop() -> None:
 def test_a_place_of_other_axes_is_refused(axes: int, more: int) -> None:
     """A recording may hold one: of these numbers there is room for six."""
     for _ in range(20):
-        estimator = AlphaBeta(axes, 1e-3)
+        estimator = MotionObserver(axes, 1e-3)
         with pytest.raises(ValueError, match=rf"a position of {axes + more} axes, and there are {axes}"):
             estimator.update((0.5,) * (axes + more))
         assert estimator.update((0.5,) * axes) == [0.0] * axes

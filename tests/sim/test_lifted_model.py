@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cogrip.client.velocity import AlphaBeta
+from cogrip.client.velocity import MotionObserver
 from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
@@ -52,24 +52,28 @@ class Device:
     def __init__(self, plant: IdealPlant, person: Person, state: Array, rates: Rates) -> None:
         late = person.latency_ticks
         self.plant, self.person, self.rates = plant, person, rates
-        own = 2 if person.estimated else late
+        own = 3 + late if person.estimated else late
         self.states = 2 + own + late
         self.speeds = deque([*state[2 : 2 + late][::-1], state[1]])
         places = state[0] - rates.tick_s * np.cumsum([0.0, *state[2 + own : self.states]])
         self.places = deque(places[::-1].tolist(), maxlen=late + 1)  # oldest first
-        self.estimator = AlphaBeta(1, rates.tick_s, person.memory)
+        self.estimator = MotionObserver(1, rates.tick_s, person.memory, (person.device_mass_kg,), late)
         if person.estimated:
             self.estimator._begun = True
-            self.estimator._estimate_m, self.estimator._velocity = axes([state[2] + self.places[0]]), [state[3]]
+            self.estimator._estimate_m, self.estimator._accelerations = axes([state[2] + self.places[0]]), axes([state[4]])
+            self.estimator._velocity[0] = state[3]
+            self.estimator._forces = deque((force,) for force in state[5 : 5 + late][::-1])
+            self.estimator._now()
 
     def read(self) -> tuple[list[float], list[float]]:
-        return [self.places[0]], [self.estimator._velocity[0] if self.person.estimated else self.speeds[0]]
+        return [self.places[0]], [self.estimator._newest[0] if self.person.estimated else self.speeds[0]]
 
     def step(self, held: float, force: Sequence[float]) -> float:
         """Run one tick; return the displacement that the next sample shows."""
         before = self.places[0]
         self.plant.step((held,), force)
         self.places.append(self.plant.position_m[0])
+        self.estimator.hold(force, 1)
         self.estimator.update([self.places[0]])
         self.speeds.append(self.plant.velocity_mps[0])
         self.speeds.popleft()
@@ -79,7 +83,9 @@ class Device:
         old = np.diff(self.places)[::-1] * self.rates.device_hz
         own = list(self.speeds)[:-1][::-1]
         if self.person.estimated:
-            own = [self.estimator._estimate_m[0] - self.places[0], self.estimator._velocity[0]]
+            found = self.estimator
+            held = [force[0] for force in found._forces][::-1]
+            own = [found._estimate_m[0] - self.places[0], found._velocity[0], found._accelerations[0], *held]
         return [self.plant.position_m[0], self.plant.velocity_mps[0], *own, *old]
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.velocity import AlphaBeta, memory_for
+from cogrip.client.velocity import MotionObserver, memory_for
 
 from tests.bench.__main__ import main as bench
 from tests.bench.velocity_trial import hands, session
@@ -116,14 +116,14 @@ def swing(hz: float, seconds: float = 8.0) -> Motion:
 def test_the_measured_delay_is_the_closed_form(memory: float, late: int) -> None:
     """(1 + mu) / (1 - mu) - 1/2 + L ticks; with the hold's half tick it is the lag of the bound."""
     record = replace(VINTAGE, resolution_m=0.0, latency_ticks=late)
-    found = measure("", record, lambda: AlphaBeta(1, T_C, memory), [swing(1.0)], T_C, 0.0)
+    found = measure("", record, lambda: MotionObserver(1, T_C, memory), [swing(1.0)], T_C, 0.0)
     assert found.delay_s / T_C == pytest.approx((1 + memory) / (1 - memory) - 0.5 + late, abs=0.1)
     assert found.noise_mps < 0.01 * found.error_mps
 
 
 def test_noise_is_what_counts_make_of_it_and_grows_with_them() -> None:
     coarse, fine = (
-        measure("", replace(VINTAGE, resolution_m=q), lambda: AlphaBeta(1, T_C, 0.5), [swing(0.7)], T_C, 0.0)
+        measure("", replace(VINTAGE, resolution_m=q), lambda: MotionObserver(1, T_C, 0.5), [swing(0.7)], T_C, 0.0)
         for q in (6e-5, 3e-5)
     )
     assert coarse.noise_mps == pytest.approx(2.0 * fine.noise_mps, rel=0.1)
@@ -132,7 +132,7 @@ def test_noise_is_what_counts_make_of_it_and_grows_with_them() -> None:
 
 def test_an_old_sample_is_what_was_there_before() -> None:
     motion = swing(1.0, 0.5)
-    young, old = (estimate(motion, lambda: AlphaBeta(1, T_C, 0.0), 0.0, late) for late in (0, 2))
+    young, old = (estimate(motion, lambda: MotionObserver(1, T_C, 0.0), 0.0, late) for late in (0, 2))
     np.testing.assert_allclose(old[3:], young[1:-2], rtol=1e-9, atol=1e-12)
 
 
@@ -183,7 +183,7 @@ def test_on_a_real_hand_the_client_is_near_the_best_of_its_kind() -> None:
     assert [len(motion.position_m) // HZ for motion in motions] == [27, 27, 27]
     rows: dict[str, Any] = {}
     for memory in (0.0, 0.4, memory_for(VINTAGE, T_C), 0.6, 0.8):
-        rows[f"{memory:.2f}"] = measure("", VINTAGE, lambda memory=memory: AlphaBeta(1, T_C, memory), motions, T_C, 0.0)
+        rows[f"{memory:.2f}"] = measure("", VINTAGE, lambda memory=memory: MotionObserver(1, T_C, memory), motions, T_C, 0.0)
     noises = [row.noise_mps for row in rows.values()]
     assert noises == sorted(noises, reverse=True)
     own = rows["0.50"]

@@ -1,7 +1,7 @@
 cimport cython
 
 from cogrip.client.safety cimport Safety
-from cogrip.client.velocity cimport AlphaBeta
+from cogrip.client.velocity cimport MotionObserver
 from cogrip.devices.plausibility cimport Plausibility
 from cogrip.devices.sample cimport Sample
 
@@ -18,12 +18,12 @@ cdef class HandMotion:
     cdef public tuple position_m
     cdef public object start_mps
     cdef public object velocity_mps
-    cdef AlphaBeta _estimator
+    cdef MotionObserver _observer
     cdef public Plausibility plausibility
     cdef public long long latency_ticks
 
-    @cython.locals(taken="long long", age="long long", position=tuple, known=tuple)
-    cpdef update(self, long long tick, long long elapsed, Sample sample)
+    @cython.locals(taken="long long", age="long long", position=tuple, known=tuple, observer=MotionObserver)
+    cpdef update(self, long long tick, long long elapsed, Sample sample, force_n)
 
 
 @cython.locals(

@@ -1,6 +1,6 @@
 """Position and velocity of the hand, from the samples of a device.
 
-A sample that no held device gives is not used, and a device without velocities has them estimated. Where no sample comes, or
+A sample that no held device gives is not used, and a device without velocities has them observed. Where no sample comes, or
 an older one than usual, the hand is taken to go on as it did (dead reckoning): the next sample corrects that. To stand still
 and catch up in one tick would be a jump that never was, and a damper's energy goes with its square.
 """
@@ -8,7 +8,7 @@ and catch up in one tick would be a jump that never was, and a damper's energy g
 from collections.abc import Sequence
 
 from cogrip.client.safety import Safety
-from cogrip.client.velocity import estimator_for
+from cogrip.client.velocity import observer_for
 from cogrip.devices.device import Capability
 from cogrip.devices.plausibility import JUMP, Plausibility
 from cogrip.devices.sample import Sample
@@ -27,7 +27,7 @@ class HandMotion:
     begun                     whether there has been a sample that could be used
     """
 
-    def __init__(self, capability: Capability, rates: Rates, safety: Safety) -> None:
+    def __init__(self, capability: Capability, rates: Rates, safety: Safety, masses_kg: Sequence[float]) -> None:
         self._rate_hz, self._tick_s = float(rates.device_hz), rates.tick_s
         self._safety = safety
         self._reckon_ticks = round(RECKON_S * rates.device_hz)
@@ -37,18 +37,23 @@ class HandMotion:
         self.start_m = self.position_m = (0.0,) * capability.axes
         self.start_mps: Sequence[float] = self.position_m
         self.velocity_mps: Sequence[float] = self.position_m
-        self.fit(capability)
+        self.fit(capability, masses_kg)
 
-    def fit(self, capability: Capability) -> None:
-        """Set velocity estimator and age of samples by the device record."""
-        self._estimator = estimator_for(capability, self._tick_s)
+    def fit(self, capability: Capability, masses_kg: Sequence[float]) -> None:
+        """Set observer and age of samples by the device record. masses_kg: of each axis."""
+        self._observer = observer_for(capability, self._tick_s, masses_kg)
         self.plausibility = Plausibility(capability, self._tick_s)
         self.latency_ticks = capability.latency_ticks
 
-    def update(self, tick: int, elapsed: int, sample: Sample | None) -> Position:
-        """Use the sample of `tick`, `elapsed` ticks after the one before. Return the position, None where it is not known."""
+    def update(self, tick: int, elapsed: int, sample: Sample | None, force_n: Sequence[float]) -> Position:
+        """Use the sample of `tick`, `elapsed` ticks after the one before. Return the position, None where it is not known.
+
+        force_n: that the motors held in those ticks [N], shape (axes,)
+        """
         position: Position = None
-        velocity, taken, age = self.velocity_mps, self._sampled, 0
+        velocity, taken, age, observer = self.velocity_mps, self._sampled, 0, self._observer
+        if observer is not None:
+            observer.hold(force_n, elapsed)
         if sample is not None and (wrong := self.plausibility.judge(tick, sample)):
             sample = self._refused(wrong, tick, sample)
         if sample is None:
@@ -61,11 +66,11 @@ class HandMotion:
             if reported is not None:
                 velocity = reported
             else:
-                assert self._estimator is not None
-                velocity = self._estimator.update(position, max(1, taken - self._sampled))
+                assert observer is not None
+                velocity = observer.update(position, max(1, taken - self._sampled))
             if not self._safety.check(elapsed, here, velocity):
-                if self._estimator is not None:
-                    self._estimator.reset()
+                if observer is not None:
+                    observer.reset()
                 position = None
         before = self.velocity_mps
         known = position

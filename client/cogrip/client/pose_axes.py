@@ -89,6 +89,14 @@ def further_axes(record: Capability, length_scale: float) -> FurtherAxes | None:
     )  # fmt: skip
 
 
+def axis_masses(record: Capability, length_scale: float) -> Row:
+    """Return the apparent mass of each axis of a device, as lengths [kg], shape (axes,)."""
+    other = further_axes(record, length_scale)
+    places = min(record.axes, PLACES)
+    further = () if other is None else (other.mass_kg,) * (record.axes - places)
+    return (record.apparent_mass_kg,) * places + further
+
+
 def in_lengths(record: Capability, length_scale: float) -> Capability:
     """Return the record of a device with more than three axes as one of lengths: its bounds hold for q on every axis.
 

@@ -17,7 +17,7 @@ from cogrip.client.hand_changes import HandChanges
 from cogrip.client.hand_map import HandMap
 from cogrip.client.hand_motion import HandMotion
 from cogrip.client.handle import HandleReader, has_handle
-from cogrip.client.pose_axes import PoseAxes, Row, in_lengths
+from cogrip.client.pose_axes import PoseAxes, Row, axis_masses, in_lengths
 from cogrip.client.safety import Safety
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
@@ -73,6 +73,10 @@ class SeatHand:
             self.handle = HandleReader(self.session.dropped)
         if self.handle is not None:
             self.handle.fit(capability)
+
+    def _masses_kg(self) -> Row:
+        """Apparent mass of each axis, in lengths."""
+        return axis_masses(self.capability, self._axis_units.length_scale if self._axis_units is not None else 1.0)
 
     @property
     def pose(self) -> Row:

@@ -53,7 +53,7 @@ class SeatedClient(SeatHand):
         self.port = make_port(self._record, rates.tick_s, rates.ticks_per_frame)
         self.ledger = EnergyLedger(self.coupling)
         self.effects: EffectForce | None = None  # once one was told
-        self.hand = HandMotion(self._record, rates, self.safety)
+        self.hand = HandMotion(self._record, rates, self.safety, self._masses_kg())
         self.peaks = Peaks()
         self.tick = self._acted = -1
         self._zero_n = self.force_n
@@ -94,7 +94,7 @@ class SeatedClient(SeatHand):
         self._set_record(capability)
         self.safety.set_record(self.capability)
         self.port.set_record(self._record)
-        self.hand.fit(self._record)
+        self.hand.fit(self._record, self._masses_kg())
         self.aids.set_record(self.capability)
         if self.effects is not None:
             self.effects.fit(self._record, self.port.tolerated_j)
@@ -178,7 +178,7 @@ class SeatedClient(SeatHand):
             handle.read(sample, tick)
         if self._axis_units is not None and sample is not None:
             sample = self._axis_units.lengths(sample)
-        position = hand.update(tick, elapsed, sample)
+        position = hand.update(tick, elapsed, sample, self.force_n)
         ended = False
         if self._origin_m is None:
             self.ledger.elapse(elapsed, self.force_n)

@@ -1,21 +1,26 @@
-"""Velocity from encoder positions, for devices that give none (theory section 3.6), and the impedance a device carries.
+"""Velocity of a device that gives positions alone (theory section 3.6), and the impedance a device carries.
 
 symbols: b impedance [N s/m], m apparent mass [kg], q one count [m], T tick [s], L age of a sample [ticks], mu memory,
-s = 1 - mu, F_q the largest jump of the force that one count may make [N]
+s = 1 - mu, rho memory of the hand's force, F force that the motors hold [N], F_q the largest jump of the force that one
+count may make [N]
 
-A damper of the estimate acts l = L + (1 + mu) / (1 - mu) ticks late, the hold counted. Bounds:
+A damper of an estimate that knows positions alone acts l = L + (1 + mu) / (1 - mu) ticks late, the hold counted, and gives
+energy to whatever swings: a line whose far end is free rings on it. `MotionObserver` knows the force of the motors as well, so
+it is late only to what the hand does. Bounds:
 
     lag     b < m / (l T)               no more than there is: being late takes b l T from the mass
     noise   b < F_q T / (s^2 q)         one count moves the estimate by s^2 q / T
 
+The lag bound is that of positions alone: what the observer gains on it is margin for a record whose mass is wrong.
 docs/velocity.md has the comparison that chose this estimator, its stability, and how far sessions really go.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, sqrt
+from math import exp, inf, pi, sqrt
 from typing import Literal
 
 from cogrip.devices.device import Capability
@@ -34,52 +39,113 @@ NOTHING = (0.0,) * POSE_AXES
 Bound = Literal["lag", "noise", "record"]
 
 
-class AlphaBeta:
-    """Critically damped alpha-beta (g-h) filter, one state pair an axis.
+HAND_HZ = 10.0
+"""Rate below which the observer tells the hand's force from its estimate: hands turn at 12 Hz at most, lines ring above."""
 
-    memory: pole mu both errors decay with, alpha = 1 - mu^2, beta = (1 - mu)^2; more is quieter and later (`memory_for`)
+
+def observer_gains(memory: float, hand_memory: float) -> tuple[float, float, float]:
+    """Return alpha, beta and gamma, with which the error of a `MotionObserver` has the poles mu, mu and rho.
+
+    beta is for displacements of one tick, gamma for those of a tick times T: (1 - mu)^2 and 0 where rho = 1.
+    """
+    gamma = (1.0 - hand_memory) * (1.0 - memory) ** 2
+    alpha = 1.0 - memory * memory * hand_memory
+    return alpha, 2.0 - 2.0 * memory - hand_memory + memory * memory * hand_memory - 0.5 * gamma, gamma
+
+
+def hand_memory(tick_s: float) -> float:
+    """Return rho, the memory of the hand's force."""
+    return exp(-2.0 * pi * HAND_HZ * tick_s)
+
+
+class MotionObserver:
+    """Observer of an arm of known mass: places z that are read, and the force F that its motors held meanwhile.
+
+    Per axis, x and v its place and velocity, a what the hand adds to its acceleration, c = a - F / m, e = z - x before:
+
+        x <- x + T v + T^2 c / 2 + alpha e        v <- v + T c + beta e / T        a <- a + gamma e / T^2
+
+    Samples are L ticks old, so x and v are of then; the velocity that it returns is taken on to now by a and the F since.
+
+    memory       mu; more is quieter, and later to what the hand does (`memory_for`)
+    masses_kg    m of each axis; none: positions alone, a critically damped alpha-beta filter
     """
 
-    __slots__ = ("_alpha", "_begun", "_beta_rate", "_estimate_m", "_tick_s", "_velocity")
+    __slots__ = (
+        "_accelerations", "_alpha", "_begun", "_beta_rate", "_estimate_m", "_forces", "_gamma_rate", "_impulse", "_late_ticks",
+        "_newest", "_per_mass", "_tick_s", "_velocity",
+    )  # fmt: skip
 
-    def __init__(self, axes: int, tick_s: float, memory: float = MEMORY) -> None:
-        self._alpha = 1.0 - memory * memory
-        self._beta_rate = (1.0 - memory) ** 2 / tick_s
+    def __init__(
+        self, axes: int, tick_s: float, memory: float = MEMORY, masses_kg: Sequence[float] = (), latency_ticks: int = 0
+    ) -> None:
+        alpha, beta, gamma = observer_gains(memory, hand_memory(tick_s) if masses_kg else 1.0)
+        self._alpha, self._beta_rate, self._gamma_rate = alpha, beta / tick_s, gamma / (tick_s * tick_s)
         self._tick_s = tick_s
-        self._estimate_m = list(NOTHING)
+        self._per_mass = list(NOTHING)
+        self._per_mass[: len(masses_kg)] = [1.0 / mass for mass in masses_kg]
+        self._late_ticks = latency_ticks if masses_kg else 0
+        self._forces: deque[Sequence[float]] = deque([NOTHING] * self._late_ticks)  # of the last L ticks, oldest first
+        self._estimate_m, self._accelerations = list(NOTHING), list(NOTHING)
+        self._impulse = list(NOTHING)  # sum of F over the ticks whose displacement the next sample shows [N ticks]
         self._begun = False
-        self._velocity = [0.0] * axes
+        self._velocity = [0.0] * axes  # at the newest sample, and now
+        self._newest = self._velocity if not self._late_ticks else [0.0] * axes
+
+    def hold(self, force_n: Sequence[float], ticks: int) -> None:
+        """Enter the force [N] that the motors have held for the last ticks, whether a sample has come or not."""
+        if self._late_ticks:
+            for _ in range(ticks):
+                self._forces.append(force_n)
+                self._push(self._forces.popleft(), 1)
+        else:
+            self._push(force_n, ticks)
+
+    def _push(self, force_n: Sequence[float], ticks: int) -> None:
+        impulse = self._impulse
+        for axis in range(len(self._velocity)):
+            impulse[axis] += ticks * force_n[axis]
 
     def update(self, position_m: Sequence[float], ticks: int = 1) -> list[float]:
         """Return the velocity [m/s], shape (axes,), after `ticks` ticks at the position [m] read now. The list is reused."""
-        estimate, velocity = self._estimate_m, self._velocity
+        estimate, velocity, push, impulse = self._estimate_m, self._velocity, self._accelerations, self._impulse
         if not self._begun:
             if len(position_m) != len(velocity):
                 raise ValueError(f"a position of {len(position_m)} axes, and there are {len(velocity)}")
             self._begun = True
             for axis in range(len(velocity)):
                 estimate[axis] = position_m[axis]
-            return velocity
+                impulse[axis] = 0.0
+            return self._now()
         step_s = self._tick_s * ticks
-        alpha, beta_rate = self._alpha, self._beta_rate / ticks
-        if len(velocity) == PLACES:  # as below, without a loop
-            (x, y, z), (vx, vy, vz) = position_m, velocity
-            px, py, pz = estimate[0] + step_s * vx, estimate[1] + step_s * vy, estimate[2] + step_s * vz
-            x, y, z = x - px, y - py, z - pz
-            estimate[0], estimate[1], estimate[2] = px + alpha * x, py + alpha * y, pz + alpha * z
-            velocity[0], velocity[1], velocity[2] = vx + beta_rate * x, vy + beta_rate * y, vz + beta_rate * z
-            return velocity
+        alpha, beta_rate, gamma_rate = self._alpha, self._beta_rate / ticks, self._gamma_rate / (ticks * ticks)
         for axis in range(len(velocity)):
-            predicted = estimate[axis] + step_s * velocity[axis]
+            gained = step_s * push[axis] - self._tick_s * impulse[axis] * self._per_mass[axis]
+            predicted = estimate[axis] + step_s * (velocity[axis] + 0.5 * gained)
             error = position_m[axis] - predicted
             estimate[axis] = predicted + alpha * error
-            velocity[axis] += beta_rate * error
-        return velocity
+            velocity[axis] += gained + beta_rate * error
+            push[axis] += gamma_rate * error
+            impulse[axis] = 0.0
+        return self._now()
+
+    def _now(self) -> list[float]:
+        """Return the velocity that the newest sample's has become by now, by the forces since."""
+        velocity, newest = self._velocity, self._newest
+        if self._late_ticks:
+            for axis in range(len(velocity)):
+                force_n = 0.0
+                for held_n in self._forces:
+                    force_n += held_n[axis]
+                gained = self._late_ticks * self._accelerations[axis] - force_n * self._per_mass[axis]
+                newest[axis] = velocity[axis] + self._tick_s * gained
+        return newest
 
     def reset(self) -> None:
         """Reset, because the last sample could not be used."""
         self._begun = False
-        self._velocity = [0.0] * len(self._velocity)
+        for axis in range(len(self._velocity)):
+            self._velocity[axis] = self._accelerations[axis] = 0.0
 
 
 def memory_for(capability: Capability, tick_s: float) -> float:
@@ -94,11 +160,12 @@ def memory_for(capability: Capability, tick_s: float) -> float:
     return memory if tick_s >= MEMORY_TICK_S else 1.0 - (1.0 - memory) * sqrt(tick_s / MEMORY_TICK_S)
 
 
-def estimator_for(capability: Capability, tick_s: float) -> AlphaBeta | None:
-    """Return the estimator for a device; None where the device gives velocity."""
+def observer_for(capability: Capability, tick_s: float, masses_kg: Sequence[float]) -> MotionObserver | None:
+    """Return the observer of a device with these masses on its axes; None where the device gives velocity."""
     if capability.gives_velocity:
         return None
-    return AlphaBeta(capability.axes, tick_s, memory_for(capability, tick_s))
+    memory = memory_for(capability, tick_s)
+    return MotionObserver(capability.axes, tick_s, memory, masses_kg, capability.latency_ticks)
 
 
 @dataclass(frozen=True, slots=True)

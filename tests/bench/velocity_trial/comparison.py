@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cogrip.client.velocity import WANTED_NSPM, AlphaBeta, memory_for
+from cogrip.client.velocity import WANTED_NSPM, MotionObserver, memory_for
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.device import Capability
 from cogrip.devices.openhaptics.models import RECORDS
@@ -48,9 +48,9 @@ def devices() -> dict[str, Capability]:
 def estimators(record: Capability, tick_s: float) -> dict[str, Make]:
     """Name -> maker, for one axis: alpha-beta with each memory, and the others; "client" is what runs with this device."""
     q, own = record.resolution_m, memory_for(record, tick_s)
-    found: dict[str, Make] = {"client": lambda: AlphaBeta(1, tick_s, own)}
+    found: dict[str, Make] = {"client": lambda: MotionObserver(1, tick_s, own)}
     for memory in MEMORIES:
-        found[f"memory {memory:g}"] = lambda memory=memory: AlphaBeta(1, tick_s, memory)  # type: ignore[misc]
+        found[f"memory {memory:g}"] = lambda memory=memory: MotionObserver(1, tick_s, memory)  # type: ignore[misc]
     for most in WINDOWS:
         found[f"window {most}"] = lambda most=most: AdaptiveWindow(1, tick_s, q, most)  # type: ignore[misc]
     found["following"] = lambda: FollowingAlphaBeta(1, tick_s, q)

@@ -1,4 +1,4 @@
-"""Estimators that the client's `AlphaBeta` was compared with (docs/velocity.md). Same calls, plain floats."""
+"""Estimators that the client's `MotionObserver` was compared with (docs/velocity.md). Same calls, plain floats."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class AdaptiveWindow:
 
 
 class FollowingAlphaBeta:
-    """`AlphaBeta` whose memory falls from `slow` at rest to `fast` at one count a tick: quiet where counts come one by one."""
+    """`MotionObserver` whose memory falls from `slow` at rest to `fast` at one count a tick: quiet where counts come one by one."""
 
     def __init__(self, axes: int, tick_s: float, resolution_m: float, slow: float = 0.8, fast: float = 0.4) -> None:
         self._tick_s = tick_s

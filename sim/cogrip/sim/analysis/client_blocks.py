@@ -12,6 +12,7 @@ from math import sqrt
 
 import numpy as np
 
+from cogrip.client.velocity import hand_memory, observer_gains
 from cogrip.devices.simulated.zero_order_hold import discretise
 from cogrip.protocol.rates import Rates
 from cogrip.sim.analysis.decimation_passivity import lowpass_pole
@@ -22,9 +23,9 @@ from cogrip.sim.analysis.state_space import Array, StateSpace, close, delay, dia
 def device_block(person: Person, rates: Rates) -> StateSpace:
     """Return the device with its estimator: input F, held over a tick; outputs y_est, w and x as read (P eq. 9; F_h apart).
 
-    States: x, y; the estimator's two if estimated, else y of the last L ticks, newest first; w of the last L ticks, for samples
-    that are L ticks old when read. The estimator is `AlphaBeta`, with the errors of position and velocity as states: it reads
-    displacements alone.
+    States: x, y; the observer's if estimated (its place less that read, velocity, acceleration by the hand, F of the last L
+    ticks, newest first), else y of the last L ticks, newest first; w of the last L ticks, for samples that are L ticks old when
+    read. The observer is `MotionObserver`: it reads displacements alone, and the F that made them.
     """
     step = discretise(
         person.device_mass_kg,
@@ -45,23 +46,46 @@ def device_block(person: Person, rates: Rates) -> StateSpace:
     C[2, 0] = 1.0
     C[2, past] = -T
     if person.estimated:
-        # error of the prediction at the next sample: T_c (w - y_est) - d, with d the error of the estimated position
-        error, driven = T * C[1], T * D[1]
-        error[2:4] -= (1.0, T)
-        left, gained = -(person.memory**2), (1.0 - person.memory) ** 2 / T
-        A[2], B[2] = left * error, left * driven
-        A[3], B[3] = gained * error, gained * driven
-        A[3, 3] += 1.0
-        C[0, 3] = 1.0
+        _observe(person, rates, A, B, C, D)
     else:
         _remember(A, B, slice(2, 2 + L), np.eye(n)[1], np.zeros(1))
         C[0, 1 + L] = 1.0
     return StateSpace(A, B, C, D)
 
 
+def _observe(person: Person, rates: Rates, A: Array, B: Array, C: Array, D: Array) -> None:
+    """Enter the observer of a device whose samples show displacements C[1], D[1] times T_c."""
+    L, T = person.latency_ticks, rates.tick_s
+    alpha, beta, gamma = observer_gains(person.memory, hand_memory(T) if person.observes else 1.0)
+    off, v, a, held = 2, 3, 4, slice(5, 5 + L)
+    gained, driven = np.zeros(len(A)), np.zeros(1)  # velocity that the observer expects to be gained in a tick
+    per_newton = T / person.assumed_mass_kg
+    if person.observes:
+        gained[a] = T
+        if L:
+            gained[held.stop - 1] = -per_newton
+        else:
+            driven[0] = -per_newton
+    error, error_driven = T * C[1] - 0.5 * T * gained, T * D[1] - 0.5 * T * driven
+    error[off] -= 1.0
+    error[v] -= T
+    A[off], B[off] = (alpha - 1.0) * error, (alpha - 1.0) * error_driven
+    A[v], B[v] = gained + beta / T * error, driven + beta / T * error_driven
+    A[v, v] += 1.0
+    C[0, v] = 1.0
+    if not person.observes:
+        return
+    A[a], B[a] = gamma / T**2 * error, gamma / T**2 * error_driven
+    A[a, a] += 1.0
+    _remember(A, B, held, np.zeros(len(A)), np.ones(1))
+    C[0, a], C[0, held] = L * T, -per_newton
+
+
 def _layout(person: Person) -> tuple[int, slice]:
     """Return the number of states for y_est, and the slice of w of the last ticks."""
-    own = 2 if person.estimated else person.latency_ticks
+    own = (3 if person.observes else 0) + person.latency_ticks
+    if person.estimated and not person.observes:
+        own = 2
     return own, slice(2 + own, 2 + own + person.latency_ticks)
 
 

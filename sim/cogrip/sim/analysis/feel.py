@@ -24,6 +24,7 @@ from math import pi, sqrt
 
 import numpy as np
 
+from cogrip.client.velocity import hand_memory, observer_gains
 from cogrip.protocol.rates import Rates
 from cogrip.sim.analysis.client_blocks import booked_late, decimator_row
 from cogrip.sim.analysis.decimation_passivity import filter_of, lowpass_pole
@@ -161,14 +162,22 @@ def _held(rates: Rates, w: Array) -> Complex:
     return np.asarray(np.exp(-1j * w[:, None] * ticks * rates.tick_s).mean(axis=1), dtype=np.complex128)
 
 
-def _velocity_sample(person: Person, rates: Rates, w: Array) -> Complex:
-    """Return the velocity in the force law for y = 1: exact, or `AlphaBeta` in closed form, of a sample of its age."""
+def _velocity_sample(person: Person, rates: Rates, w: Array) -> tuple[Complex, Complex]:
+    """Return the velocity in the force law for y = 1, and for a force of 1: exact, or that of `MotionObserver`."""
     if not person.estimated:
-        return _late(person, rates, w)
-    back = np.exp(-1j * w * rates.tick_s)
-    beta = (1.0 - person.memory) ** 2
-    gain = 1.0 - back * person.memory**2 + back * beta / (1.0 - back)
-    return np.asarray(_late(person, rates, w) * beta / rates.tick_s / (1j * w) / gain, dtype=np.complex128)
+        return _late(person, rates, w), np.zeros(len(w), dtype=np.complex128)
+    T, L, tick = rates.tick_s, person.latency_ticks, np.exp(1j * w * rates.tick_s)
+    alpha, beta, gamma = observer_gains(person.memory, hand_memory(T) if person.observes else 1.0)
+    gain, step = np.array([alpha, beta / T, gamma / T**2]), np.array([[1.0, T, 0.5 * T * T], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
+    corrected = np.eye(3) - np.outer(gain, [1.0, 0.0, 0.0])
+    pushed = corrected @ np.array([-0.5 * T * T, -T, 0.0]) / person.assumed_mass_kg
+    inputs = np.stack(
+        (gain * (tick * _late(person, rates, w) / (1j * w))[:, None], pushed * tick[:, None] ** -L), axis=-1
+    )
+    place = np.linalg.solve(tick[:, None, None] * np.eye(3) - corrected @ step, inputs)
+    seen = place[:, 1] + L * T * place[:, 2]
+    since = sum((tick**-age for age in range(1, L + 1)), np.zeros(len(w), dtype=np.complex128))
+    return seen[:, 0], seen[:, 1] - since * T / person.assumed_mass_kg
 
 
 def _late(person: Person, rates: Rates, w: Array) -> Complex:
@@ -179,7 +188,7 @@ def _late(person: Person, rates: Rates, w: Array) -> Complex:
 def encoded(person: Person, rates: Rates, w: Array) -> Complex:
     """Return s(w): the velocity in the waves of a tick, for y = 1 at the tick's start."""
     if person.encoder == "velocity":
-        return _velocity_sample(person, rates, w)
+        return _velocity_sample(person, rates, w)[0]
     turn = 1j * w * rates.tick_s
     return np.asarray(np.expm1(turn) / turn * _late(person, rates, w), dtype=np.complex128)
 
@@ -212,15 +221,16 @@ Law = Callable[[Complex], Complex]
 def _wave_port(person: Person, rates: Rates, w: Array) -> tuple[Complex, Law]:
     b, root = person.impedance_nspm, sqrt(2.0 * person.impedance_nspm)
     sent = (root * decimated(person, rates, w) * encoded(person, rates, w))[:, None]
-    read = _velocity_sample(person, rates, w)
-    return sent, lambda back: np.asarray(b * read - root * back[:, 0], dtype=np.complex128)
+    read, pushed = _velocity_sample(person, rates, w)
+    return sent, lambda back: np.asarray((b * read - root * back[:, 0]) / (1.0 - b * pushed), dtype=np.complex128)
 
 
 def _coupled_port(person: Person, rates: Rates, w: Array) -> tuple[Complex, Law]:
     K, B = person.stiffness_npm, person.damping_nspm
-    state = np.stack((_late(person, rates, w) / (1j * w), _velocity_sample(person, rates, w)), axis=1)
+    read, pushed = _velocity_sample(person, rates, w)
+    state = np.stack((_late(person, rates, w) / (1j * w), read), axis=1)
     law = np.array([K, B])
-    return state, lambda back: np.asarray((state - back) @ law, dtype=np.complex128)
+    return state, lambda back: np.asarray((state - back) @ law / (1.0 - B * pushed), dtype=np.complex128)
 
 
 @dataclass(frozen=True, slots=True)

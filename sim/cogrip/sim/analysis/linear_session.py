@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 from typing import Literal, NamedTuple, assert_never
 
 import numpy as np
@@ -75,7 +76,9 @@ class Person:
     stiffness_npm, damping_nspm           K, B of the spring to the object
     up, down                              delay of the line in each direction
     rates                                 of this user's device, and the room's network
-    memory                                of that estimate, see `AlphaBeta`
+    memory                                of that estimate, see `MotionObserver`
+    mass_known                            factor of the record's mass, by which that estimate goes, on the device's; inf: it
+                                          knows positions alone
     latency_ticks                         age of a sample when it is read
     filter_lag_s                          S of the filter on each wave; 0: none
     """
@@ -98,6 +101,17 @@ class Person:
     memory: float = MEMORY
     latency_ticks: int = 0
     filter_lag_s: float = 0.0
+    mass_known: float = 1.0
+
+    @property
+    def observes(self) -> bool:
+        """True where the velocity estimate goes by the force as well."""
+        return self.estimated and isfinite(self.mass_known)
+
+    @property
+    def assumed_mass_kg(self) -> float:
+        """Mass of the device by its record."""
+        return self.mass_known * self.device_mass_kg
 
     @property
     def filter_kept(self) -> float:
