@@ -11,6 +11,8 @@ cdef class DevicePort:
     cdef public long long _released_ticks
     cdef public long long _persists_ticks
     cdef public double balance_j
+    cdef public double given_out_j
+    cdef double _written_off_j
     cdef public double least_j
     cdef public double later_j
     cdef public double _given_j

@@ -56,6 +56,7 @@ class DevicePort:
 
     balance_j     E, now
     least_j       the least E so far, less all that was forgiven (`set_energies`)
+    given_out_j   the largest energy that the motors gave out beyond what came in, what was forgiven apart
     later_j       the same after the first second: -inf until then, inf until the next `set_energies`
     reserve_j     E_0
     carried_nspm  the impedance, or damping of virtual coupling, that may be rendered now [N s/m]
@@ -68,15 +69,16 @@ class DevicePort:
         "_changed", "_controlled", "_count_m", "_cut_j", "_damping", "_detector", "_dissipated_j", "_exhausted",
         "_forgiven_j", "_free_j", "_friction_n", "_given_j", "_growth", "_last_turn", "_limited", "_most_step_m",
         "_pending_j", "_persists_ticks", "_record_nspm", "_released_at", "_released_left", "_released_ticks",
-        "_releases", "_retry_growth", "_retry_nspm", "_tick", "_tick_s", "_ticks", "_usable_j", "balance_j",
-        "carried_nspm", "lag_s", "later_j", "least_j", "oscillates", "ramped", "reserve_j",
+        "_releases", "_retry_growth", "_retry_nspm", "_tick", "_tick_s", "_ticks", "_usable_j", "_written_off_j", "balance_j",
+        "carried_nspm", "given_out_j", "lag_s", "later_j", "least_j", "oscillates", "ramped", "reserve_j",
     )  # fmt: skip
 
     def __init__(self, capability: Capability, tick_s: float, frame_ticks: int = 1) -> None:
         self._tick_s = tick_s
         self._growth, self._retry_growth = exp(tick_s / RECOVERY_S), exp(tick_s / RETRY_RECOVERY_S)
         self._released_ticks, self._persists_ticks = round(RELEASED_S / tick_s), round(PERSISTS_S / tick_s)
-        self.balance_j = self.least_j = 0.0
+        self.balance_j = self.least_j = self.given_out_j = 0.0
+        self._written_off_j = 0.0  # of deficits that were set to 0
         self.later_j = -inf
         self._given_j = self._pending_j = 0.0  # of the last call
         self._dissipated_j = 0.0  # by the device's own damping and friction
@@ -132,6 +134,9 @@ class DevicePort:
             self._cut_j -= forgiven_j
             self._forgiven_j += forgiven_j
             self.balance_j = balance = balance + forgiven_j
+        given_out_j = self._written_off_j - balance
+        if given_out_j > self.given_out_j:
+            self.given_out_j = given_out_j
         earned_j = balance - self._forgiven_j
         if earned_j < self.least_j:
             self.least_j = earned_j
@@ -285,6 +290,7 @@ class DevicePort:
         self._exhausted = 0
         if self.balance_j < 0.0:
             self._forgiven_j -= self.balance_j
+            self._written_off_j -= self.balance_j
             self._cut_j += self.balance_j
             self.balance_j = 0.0
 
@@ -295,10 +301,11 @@ class DevicePort:
             oscillates=self.oscillates,
             at_limit=self._limited / ticks,
             controlled=self._controlled / ticks,
-            leak_j=max(0.0, -self.least_j),
+            leak_j=self.given_out_j,
             margin_j=self.least_j + self.reserve_j,
             let_go=self._releases,
             reserve_j=known(self.later_j + self.reserve_j),
+            budget_j=self.reserve_j,
         )
 
 

@@ -3,6 +3,7 @@
 from collections import deque
 
 REST_S = 0.5  # for which frames must agree before a hand is at rest
+STILL_FRACTION = 0.1  # of the depth, within which a hand at rest stays: half of what tells two stiffnesses apart
 LEAST_N = 0.05  # with which it presses then: less is the rounding of a hand that touches nothing
 
 
@@ -24,6 +25,6 @@ class FeltStiffness:
             return None
         depths = [depth for depth, _ in self._samples]
         depth, force = sum(depths) / count, sum([force for _, force in self._samples]) / count
-        if depth <= 0.0 or force < LEAST_N or max(depths) - min(depths) > max(2.0 * self.resolution_m, 1e-3 * depth):
+        if depth <= 0.0 or force < LEAST_N or max(depths) - min(depths) > max(2.0 * self.resolution_m, STILL_FRACTION * depth):
             return None
         return force / depth

@@ -28,7 +28,7 @@ def account_of(seat: SeatedClient, ticks: TickCount, rtt_ms: Percentiles, delay:
         peak_step_n=peaks.step_n,
         playout=ledger.playout_account(),
         delay=delay,
-        device=seat.port.account(),
+        device=replace(seat.port.account(), shake_n=seat.shaking.shake_n),
         down_reserve_j=ledger.down_reserve_j,
         peak_torque_nm=peaks.further,
         line=coupling.line_account(),

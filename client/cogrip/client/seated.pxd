@@ -8,6 +8,7 @@ from cogrip.client.hand_motion cimport HandMotion, work_and_velocity
 from cogrip.client.peaks cimport Peaks
 from cogrip.client.safety cimport Safety
 from cogrip.client.seat_hand cimport SeatHand
+from cogrip.client.shaking cimport Shaking
 from cogrip.devices.sample cimport Sample
 
 
@@ -15,6 +16,7 @@ cdef class SeatedClient(SeatHand):
     cdef public object session_id
     cdef public DevicePort port
     cdef public Peaks peaks
+    cdef public Shaking shaking
     cdef public long long tick
     cdef public long long _acted
     cdef public tuple _zero_n

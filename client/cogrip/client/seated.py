@@ -24,6 +24,7 @@ from cogrip.client.pose_axes import PoseAxes, Row
 from cogrip.client.safety import Safety
 from cogrip.client.schemes import SCHEMES
 from cogrip.client.seat_hand import SeatHand
+from cogrip.client.shaking import Shaking
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
 from cogrip.protocol.messages import Edges, Effects, Frame, View, encode
@@ -41,7 +42,7 @@ class SeatedClient(SeatHand):
 
     __slots__ = (
         "_acted", "_frame_begin", "_frame_end", "_frame_start_m", "_origin_m", "_origin_pose", "_rate_hz", "_stop_mps",
-        "_stopped", "_ticks_per_frame", "_wave_end", "_zero_n", "deficit_frames", "felt", "peaks", "port", "session_id", "tick",
+        "_stopped", "_ticks_per_frame", "_wave_end", "_zero_n", "deficit_frames", "felt", "peaks", "port", "session_id", "shaking", "tick",
     )  # fmt: skip
 
     def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability, make_port: MakePort) -> None:
@@ -55,6 +56,7 @@ class SeatedClient(SeatHand):
         self.effects: EffectForce | None = None  # once one was told
         self.hand = HandMotion(self._record, rates, self.safety, self._masses_kg())
         self.peaks = Peaks()
+        self.shaking = Shaking(seat.object.axes, rates.tick_s)
         self.tick = self._acted = -1
         self._zero_n = self.force_n
         self._ticks_per_frame = rates.ticks_per_frame
@@ -311,6 +313,10 @@ class SeatedClient(SeatHand):
             safety.event("fresh")
         force = self._render()
         self.peaks.enter(force, self.force_n, self._axis_units)
+        if safety.state == "live" and safety.gain == 1.0:
+            self.shaking.enter(force if self.effects is None else self.effects.rest_of(force))
+        else:
+            self.shaking.pause()
         self.force_n = force
         return force if self._axis_units is None else self._axis_units.wrench(force)
 

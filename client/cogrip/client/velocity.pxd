@@ -17,11 +17,11 @@ cdef class MotionObserver:
     cdef list _newest
 
     cpdef hold(self, force_n, long long ticks)
-    @cython.locals(impulse="double*", axis=Py_ssize_t)
+    @cython.locals(impulse="double*", axis=Py_ssize_t, x=double, y=double, z=double)
     cdef _push(self, force_n, long long ticks)
     @cython.locals(
         estimate="double*", velocity=list, push="double*", impulse="double*", step_s=double, alpha=double, beta_rate=double,
-        gamma_rate=double, axis=Py_ssize_t, gained=double, predicted=double, error=double, before=double,
+        gamma_rate=double, axis=Py_ssize_t, gained=double, predicted=double, error=double, per_mass="double*", tick_s=double,
     )
     cpdef list update(self, position_m, long long ticks=*)
     @cython.locals(velocity=list, newest=list, axis=Py_ssize_t, force_n=double, gained=double)

@@ -103,6 +103,12 @@ class MotionObserver:
 
     def _push(self, force_n: Sequence[float], ticks: int) -> None:
         impulse = self._impulse
+        if len(self._velocity) == PLACES:  # as below, without a loop
+            x, y, z = force_n
+            impulse[0] += ticks * x
+            impulse[1] += ticks * y
+            impulse[2] += ticks * z
+            return
         for axis in range(len(self._velocity)):
             impulse[axis] += ticks * force_n[axis]
 
@@ -119,8 +125,9 @@ class MotionObserver:
             return self._now()
         step_s = self._tick_s * ticks
         alpha, beta_rate, gamma_rate = self._alpha, self._beta_rate / ticks, self._gamma_rate / (ticks * ticks)
+        per_mass, tick_s = self._per_mass, self._tick_s
         for axis in range(len(velocity)):
-            gained = step_s * push[axis] - self._tick_s * impulse[axis] * self._per_mass[axis]
+            gained = step_s * push[axis] - tick_s * impulse[axis] * per_mass[axis]
             predicted = estimate[axis] + step_s * (velocity[axis] + 0.5 * gained)
             error = position_m[axis] - predicted
             estimate[axis] = predicted + alpha * error

@@ -77,11 +77,13 @@ class DeviceAccount(msgspec.Struct, frozen=True, array_like=True):
     oscillates: bool = False  # the force oscillated fast and was released for it
     at_limit: Fraction = 0.0  # ticks in which a limit of the device held the force
     controlled: Fraction = 0.0  # ticks in which the device port changed the force, or rendered less than was asked
-    # largest energy given to the hand beyond what came in, what the line gave and what the device's damping takes
+    # largest energy that the hand was given beyond what it had put in, the line had given and the device's damping takes
     leak_j: float = 0.0
     margin_j: float | None = None  # least energy balance of the port, its reserve included; below 0: not passive
     let_go: int = 0  # times that the force was released: it oscillated, stayed at its limit, or ran out of energy
     reserve_j: float | None = None  # least of the energy that the port could still give, after the first second
+    budget_j: float | None = None  # energy that the port may give out beyond what came in (its reserve, E_0)
+    shake_n: float | None = None  # largest rms of the force above 12 Hz that lasted half a second [N]
 
 
 class LineAccount(msgspec.Struct, frozen=True, array_like=True):

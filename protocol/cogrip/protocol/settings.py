@@ -81,7 +81,7 @@ class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     frames: Annotated[int, msgspec.Meta(ge=0, le=256)] | Literal["auto"] = "auto"  # auto: adapted to the jitter
     late: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] = 0.01  # rate of late frames that "auto" aims at
     redundancy: Annotated[int, msgspec.Meta(ge=1, le=32)] = 8
-    tank_mj: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 1.0
+    tank_mj: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 80.0
     concealment: types.Concealed = "elastic"  # of frames that are missing
 
 

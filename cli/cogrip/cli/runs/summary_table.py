@@ -143,15 +143,17 @@ def _device_ports(summary: Summary) -> str:
     reserve, margin = least_reserve(users, "device_reserve_j"), least_reserve(users, "device_margin_j")
     if margin and margin[0] < -ROUNDING_J:  # in the first second, or with energy that was written off
         reserve = margin
-    leak = least_reserve(users, "device_leak_j")  # below 0: a hand got more than was taken from it
+    sessions = seat_sessions(users)
+    leaks = [(float(row["leak_j"]), str(row.get("name") or "")) for row in sessions if is_number(row.get("leak_j"))]
+    leak = max(leaks, default=None)
 
     def of(least: tuple[float, str]) -> str:
         return f" ({shown(least[1])})" if len(seat_sessions(users)) > 1 else ""
 
     parts = [f"least reserve {energy(reserve[0])}{of(reserve)}"] if reserve else []
     if leak:
-        leaked = f"{energy(-leak[0])} leaked to the hand at most{of(leak)}"
-        parts.append(leaked if leak[0] < 0.0 else "no leak to the hand")
+        leaked = f"{energy(leak[0])} leaked to the hand at most{of(leak)}"
+        parts.append(leaked if leak[0] > 0.0 else "no leak to the hand")
     claimed = ", say the clients" if any(user.get("claimed") for user in users) else ""
     return f"device ports: {', '.join(parts)}{claimed}" if parts else ""
 

@@ -29,9 +29,12 @@ COMPENSATION_LIMIT = 0.02  # sqrt(W) in one frame
 FADE = 0.85  # of `tank`: factor from frame to frame in a gap
 RESERVE_FRAMES = 8.0  # of `tank`: frames like the last one that compensation leaves in the reserve
 
+GAP_S = 0.125  # gap through which `held_force` is held: three of the mean bursts of a wireless network
+
 # of `elastic`
 BASE_HZ = 128.0  # frame rate at which the numbers below hold; at other rates they are converted to the same time
 ELASTIC_FADE = 0.93  # factor from frame to frame in a gap
+LAST_FADE = 0.75  # factor from frame to frame once no more than such a fade to the end is left to pay for
 SMOOTHING = 1.0 / 12.0  # of the difference between p and its target, in one frame
 DEFICIT_FRACTION = 1.0 / 64.0  # of the deficit, in one frame
 DISSIPATION_FRACTION = 1.0 / 16.0  # of the deficit, in one frame, where p lowers the energy of the wave
@@ -106,7 +109,7 @@ class ElasticConcealment(Concealment):
     """`elastic`: hold or slow fade in a gap, and a cross-fade after it, so that the played wave does not jump.
 
     _stillness       of the hand: 1 while it is still, 0 while it moves
-    _limit_fraction  of the limit of x, in one frame: what is left pays for the fade until its end
+    _limit_fraction  of the limit of x, in one frame: what is left pays for a fade by LAST_FADE until its end
     """
 
     def __init__(self, axes: int, frame_s: float) -> None:
@@ -117,7 +120,7 @@ class ElasticConcealment(Concealment):
         self._smoothing = 1.0 - (1.0 - SMOOTHING) ** frames
         self._deficit_fraction = min(1.0, DEFICIT_FRACTION * frames)
         self._dissipation_fraction = min(1.0, DISSIPATION_FRACTION * frames)
-        self._limit_fraction = square_root(1.0 - self._fade * self._fade)
+        self._limit_fraction = square_root(1.0 - LAST_FADE ** (2.0 * frames))
         self._stillness = 1.0
         self._was_gap = False
 
@@ -191,9 +194,10 @@ def clamped(value: float, least: float, most: float) -> float:
 
 
 def held_force(impedance_nspm: float, credit_j: float, frame_s: float, axes: int) -> float:
-    """Return the force [N] on one axis that `elastic` holds in full in the first missing frame (theory 3.5)."""
-    fade = ELASTIC_FADE ** (frame_s * BASE_HZ)
-    return square_root(4.0 * impedance_nspm * (1.0 - fade * fade) * credit_j / (frame_s * axes))
+    """Return the force [N] on one axis that `elastic` holds for a hand at rest through a gap of GAP_S (theory 3.5)."""
+    last = LAST_FADE ** (2.0 * frame_s * BASE_HZ)
+    frames = max(1.0, GAP_S / frame_s) + last / (1.0 - last)  # those of the gap, and what a fade after them takes
+    return square_root(4.0 * impedance_nspm * credit_j / (frame_s * axes * frames))
 
 
 Maker = Callable[[int, float], Concealment]

@@ -103,6 +103,13 @@ def gliding(person: Person) -> tuple[slice, ...]:
     return (slice(1, 2), slice(3, 4), past) if person.estimated else (slice(1, 2 + own), past)
 
 
+def pressed(person: Person) -> tuple[tuple[slice, float], ...]:
+    """Return the states of a client that stand off 0 under a force of 1 N that stands: the hand's acceleration, and F kept."""
+    if not person.observes:
+        return ()
+    return (slice(4, 5), 1.0 / person.assumed_mass_kg), (slice(5, 5 + person.latency_ticks), 1.0)
+
+
 def kept_waves(person: Person) -> slice:
     """Return the states of a client of the wave scheme that are v of the last ticks, newest first."""
     _, past = _layout(person)

@@ -26,7 +26,7 @@ from math import sqrt
 
 import numpy as np
 
-from cogrip.sim.analysis.client_blocks import gliding, kept_waves, sent_later
+from cogrip.sim.analysis.client_blocks import gliding, kept_waves, pressed, sent_later
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import FORMS, Person
 from cogrip.sim.analysis.state_space import Array
@@ -132,6 +132,8 @@ def _pull(model: LiftedModel, user: int, force: Array, stiffness: Array, vector:
     if (part := sent_later(person)) or person.decimator == "lowpass":
         vector[..., own.stop - 1] = (part or 1.0) * wave[..., 0]
     vector[..., own][..., kept_waves(person)] = -wave
+    for part, each in pressed(person):
+        vector[..., own][..., part] = each * force[..., None]
     vector[..., layout.ups[user]], vector[..., layout.downs[user]] = wave, -wave
     vector[..., layout.server.start + user] = force / stiffness
     if model.session.scheme == "paper":

@@ -17,6 +17,9 @@ MOST_LENT = 0.4
 """Fraction of the credit that a line has lent at most where the credit paid: compensation spends no more than half of it."""
 MOST_MOVED = 0.01
 """Largest fraction of a direction's frames at which the playout delay changed. Felt stiffness depends on that delay."""
+MOST_SHAKEN_N = 0.1
+"""Largest rms of a force above 12 Hz that may last for half a second. Hands detect less (`cogrip.client.shaking` has the sources);
+from here on any hand notices it beside a force of 1 N, of which it tells 7 % apart (Pang, Tan and Durlach 1991)."""
 STIFFNESS_JND = 0.23
 """Fraction by which two stiffnesses differ before a hand tells them apart (Jones and Hunter 1990)."""
 SOFTER, SOFTER_BRIEF = "Softer than asked for", "softer than asked"
@@ -48,11 +51,22 @@ def felt_as_intended(summary: Summary, stable: bool) -> Judgement:
         text = "Nothing was felt: no hand met a force."
     elif softer := _softer(held):
         text, brief = f"{SOFTER}: {softer}.", SOFTER_BRIEF
-    elif unmeasured := names_of(row for row in held if row.get("local") == "scene" and not _rested(row)):
-        text = f"How stiff it felt is not known: {some(unmeasured)} rested on no fixed shape that a client renders."
+    elif unknown := _unknown_stiffness(held):
+        text = f"How stiff it felt is not known: {unknown}."
     else:
-        tone, text = "good", f"Felt as intended{_stiffness(held)}."
+        tone, text = "good", f"Felt as intended{_stiffness(held)}{_shaken(held)}."
     return Judgement("felt as intended", tone, text, brief)
+
+
+def _unknown_stiffness(held: list[Row]) -> str:
+    """Return whose stiffness was asked for, and is neither measured nor predicted, and why; "" where there is nobody."""
+    unknown = [row for row in held if not _rested(row)]
+    if not unknown:
+        return ""
+    if resting := names_of(row for row in unknown if row.get("local") == "scene"):
+        return f"{some(resting)} rested on no fixed shape that a client renders"
+    why = next((f" ({row['not_predicted']})" for row in unknown if row.get("not_predicted")), "")
+    return f"that of {some(names_of(unknown))} was neither measured at rest nor can be predicted{why}"
 
 
 def _rested(row: Row) -> bool:
@@ -60,6 +74,12 @@ def _rested(row: Row) -> bool:
     return any(_value(row, key) is not None for key in ("felt_stiffness_npm", "predicted_stiffness_npm")) or not _value(
         row, "asked_stiffness_npm"
     )
+
+
+def _shaken(held: list[Row]) -> str:
+    """Return the largest shaking that lasted, "" where it is less than anybody detects."""
+    most_n = max((_value(row, "shake_n") or 0.0 for row in held), default=0.0)
+    return f"; the force shook by {number(most_n, digits=2)} N rms above 12 Hz at most" if most_n >= 0.01 else ""
 
 
 def _taken(summary: Summary) -> str:
@@ -92,10 +112,7 @@ def _stiffness(held: list[Row]) -> str:
     if felt and not found:  # what is pressed on in a scene is predicted of nobody: it may move
         return f"; {' to '.join(dict.fromkeys(f'{value:.0f}' for value in (min(felt), max(felt))))} N/m at rest, as measured"
     if not found:
-        if all(_value(row, "asked_stiffness_npm") is None for row in held):
-            return "; no stiffness is asked for here, so none is judged"
-        why = next((f" ({name_of(row)}: {row['not_predicted']})" for row in held if row.get("not_predicted")), "")
-        return f"; how stiff at rest is neither measured nor predicted{why}" if why else ""
+        return "; no stiffness is asked for here, so none is judged"
     span = " to ".join(dict.fromkeys(f"{value:.0f}" for value in (min(found), max(found))))
     measured = all(_value(row, "felt_stiffness_npm") is not None for row in held)
     return f"; {span} N/m at rest, {'felt as predicted' if measured else 'predicted, not measured'}"
@@ -109,6 +126,11 @@ def _worst_reasons(held: list[Row]) -> Iterator[str]:
             share, row = max(found, key=lambda each: each[0])
             others = f" (and more than {100.0 * bound:g} % with {len(found) - 1} more)" if len(found) > 1 else ""
             yield words.format(share=_percent(share), name=name_of(row), direction=_replaced(row)[1]) + others
+    shaken = [(shake, row) for row in held if (shake := _value(row, "shake_n")) is not None and shake > MOST_SHAKEN_N]
+    if shaken:
+        shake, row = max(shaken, key=lambda each: each[0])
+        others = f" (and that on {len(shaken) - 1} more)" if len(shaken) > 1 else ""
+        yield f"the force on {name_of(row)}{others} shook by {number(shake, digits=2)} N rms above 12 Hz for half a second"
     for row in held:
         if row.get("state") in FORCELESS:
             yield f"{name_of(row)} ended without force"

@@ -19,7 +19,6 @@ from cogrip.protocol.accounts import (
     SeatAccount,
     TickCount,
 )
-from cogrip.protocol.coupling_kinds import lent_mj
 from cogrip.protocol.hand_settings import HandChange, of_seat
 from cogrip.protocol.messages import Farewell
 from cogrip.protocol.setting_types import GRIP_AXES
@@ -156,7 +155,7 @@ def _of_settings(
 ) -> dict[str, Any]:  # fmt: skip
     return summarise(
         name=name, seed=settings.seed, seconds=seconds, users=users,
-        tank_mj=lent_mj(settings.coupling.kind, settings.playout.tank_mj),
+        tank_mj=settings.playout.tank_mj,
         room=room, dropped=dropped, playout_frames=settings.playout.frames, claims=claims,
     )  # fmt: skip
 
@@ -204,6 +203,7 @@ def _user(user: UserRecord, claims: bool, credit_j: float) -> dict[str, Any]:
             "down_reserve_j": _of(client, "down_reserve_j"),
             "line_reserve_j": _of(seat, "line_reserve_j"),
             "device_reserve_j": device.reserve_j,
+            "budget_j": None if device.budget_j is None else device.budget_j + 2.0 * credit_j,
         },
         # null where nobody looked at the device port: the margin says whether somebody did
         **{key: getattr(device, key) if device.margin_j is not None else None for key in _DEVICE},
@@ -228,7 +228,7 @@ def _user(user: UserRecord, claims: bool, credit_j: float) -> dict[str, Any]:
     }
 
 
-_DEVICE = ("oscillates", "at_limit", "controlled", "leak_j", "let_go")
+_DEVICE = ("oscillates", "at_limit", "controlled", "leak_j", "let_go", "shake_n")
 
 
 def _link(up: LinkCount | None, down: LinkCount | None, rtt_ms: Percentiles | None) -> dict[str, Any]:

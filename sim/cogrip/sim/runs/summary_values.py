@@ -132,10 +132,10 @@ def traits_of(settings: Any) -> CouplingKind | None:
 
 
 def lent_j(settings: Any) -> float | None:
-    """Return what each direction of a line may lend itself [J], by the settings of a run; None where they do not tell."""
-    traits = traits_of(settings)
-    if traits is not None and traits.lent_j is not None:
-        return traits.lent_j
+    """Return what each direction of a line may lend itself [J], by the settings of a run; None where they do not tell.
+
+    It bounds every scheme alike: a hand that gets no more than its energy budget is as safe whatever law made the force.
+    """
     tank_mj = dig(settings, "playout", "tank_mj")
     return tank_mj * 1e-3 if is_number(tank_mj) else None
 

@@ -88,7 +88,7 @@ def passive(summary: Summary, credit_j: float | None = None) -> Judgement:
         credit_j = recorded
     users, said = people(summary), summary.get("passive")
     worst, device = worst_margin(users), _worst_device(users)
-    lent = f" The credit of each direction is {energy(credit_j)}." if credit_j else ""
+    lent = _budget(users, credit_j)
     if said is False:
         return Judgement("passive", "bad", *_not_passive(users, worst, device, credit_j or 0.0, lent))
     if claims := _claimed_margins(users, credit_j or 0.0):
@@ -111,6 +111,16 @@ def passive(summary: Summary, credit_j: float | None = None) -> Judgement:
     else:
         text = f"Passive: no line ever gave out more energy than had been put in, {port}.{lent}"
     return Judgement("passive", "good", text)
+
+
+def _budget(users: list[Row], credit_j: float | None) -> str:
+    """Return what a person may be given beyond what came in: by the lines, and by the device's motors."""
+    lent = f"{energy(credit_j)} lent by the line in each direction" if credit_j else "nothing lent by the line"
+    found = [float(value) for row in seat_sessions(users) if is_number(value := dig(row, "energy", "budget_j"))]
+    if not found:
+        return f" The credit of each direction is {energy(credit_j)}." if credit_j else ""
+    span = " to ".join(dict.fromkeys(energy(value) for value in (min(found), max(found))))
+    return f" A person's energy budget is {span}, with {lent}."
 
 
 def _claimed_margins(users: list[Row], credit_j: float) -> list[str]:
