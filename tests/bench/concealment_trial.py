@@ -63,7 +63,7 @@ class Setup:
     kind: str = "cube"
     frames: Frames = 8
     seed: int = 1
-    tank_mj: float = 1.0  # credit of the rows that fill gaps
+    tank_mj: float = 80.0  # credit of the rows that fill gaps
     hand: str = HAND
     overrides: tuple[tuple[str, Any], ...] = ()  # of settings, by their paths; the link keeps its own
 

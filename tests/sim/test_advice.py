@@ -88,15 +88,15 @@ def test_what_a_decimator_may_make(decimator: str, level: str) -> None:
 
 
 def test_up_to_which_force_the_credit_holds_a_hand_through_gaps() -> None:
-    """Theory 3.5: F = sqrt(4 b (1 - f^2) E / (T_n axes)); what is said to be enough is, and holds what is asked for."""
+    """Theory 3.5: F = sqrt(4 b E / (T_n axes (n + f^2 / (1 - f^2)))); what is said to be enough is, and holds what is asked for."""
     phantoms = {f"users__{number}__device": "sim:phantom?hand=hold" for number in (0, 1)}
-    lossy = {"link__loss": 0.01, **phantoms}
+    lossy = {"link__loss": 0.01, "playout__tank_mj": 1.0, **phantoms}
     said = words(advise(settings_of(**lossy)), "gaps")
-    assert "1.2 N are held in full" in said
+    assert "0.77 N are held in full" in said
     enough = float(said.rsplit("tank_mj = ", 1)[1])
     wanted = float(said.split("the ", 1)[1].split(" N that the device")[0])
     assert held_force(20.0, enough * 1e-3, 1.0 / 128.0, 1) == pytest.approx(wanted, rel=0.03)
-    rich = advise(settings_of(playout__tank_mj=1.1 * enough, **lossy))
+    rich = advise(settings_of(**{**lossy, "playout__tank_mj": 1.1 * enough}))
     assert {finding.level for finding in rich.findings if finding.topic == "gaps"} == {"ok"}
     assert words(advise(settings_of()), "gaps") == ""
 

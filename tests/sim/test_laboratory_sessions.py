@@ -183,7 +183,8 @@ def test_one_seed_gives_one_summary_to_the_byte() -> None:
 def test_aliasing_creates_energy_without_a_filter_and_none_with_the_mean_of_a_frame(decimator: str) -> None:
     """A hand that trembles so that every last sample of a frame is at a crest: 128 Hz, the frame rate itself."""
     users = [{"name": name, "device": "sim:ideal", "hand": "hold&hand_stiffness_npm=300"} for name in "ab"]
-    laboratory = laboratory_of(seconds=2, coupling={"decimator": decimator, "impedance_nspm": 2.0}, users=users)
+    coupling = {"decimator": decimator, "impedance_nspm": 2.0}
+    laboratory = laboratory_of(seconds=2, coupling=coupling, users=users, playout={"tank_mj": 1.0})
     device = laboratory.people[0].device
     write, ticks = device.write, itertools.count(1)
 

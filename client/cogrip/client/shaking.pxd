@@ -3,10 +3,10 @@ cimport cython
 
 cdef class Shaking:
     cdef Py_ssize_t _axes
-    cdef double _fraction
+    cdef double[3] _first
+    cdef double[3] _second
+    cdef double[12] _kept
     cdef long long _window
-    cdef double[3] _lower
-    cdef double[3] _lowest
     cdef object _recent
     cdef bint _started
     cdef long long _left
@@ -14,6 +14,9 @@ cdef class Shaking:
     cdef public double shake_n
 
     cpdef pause(self)
-    @cython.locals(lower="double*", lowest="double*", fraction=double, axis=Py_ssize_t, total=double, low=double, high=double)
+    @cython.locals(
+        kept="double*", c=double, a1=double, a2=double, d=double, b1=double, b2=double, axis=Py_ssize_t, at=Py_ssize_t,
+        total=double, x=double, y=double, z=double,
+    )
     cpdef enter(self, force_n)
     cdef _end_window(self)

@@ -1,8 +1,8 @@
 """Shaking that a hand feels: the force that varies faster than hands move, for as long as it goes on.
 
-Per axis a high-pass filter of two equal poles at SHAKE_HZ, F the force of a tick [N]:
+Each axis has a Butterworth high-pass filter of four poles at SHAKE_HZ: two stages, x in and y out, of
 
-    l <- l + a (F - l)        h = F - l        l' <- l' + a (h - l')        h' = h - l'
+    y = c (x - 2 x' + x'') - a_1 y' - a_2 y''        ' the tick before
 
 Its root mean square over all places, in windows of WINDOW_S; what the last SUSTAINED of them all exceed has lasted. A contact
 that is made or lost is in one of them or two. Hands detect vibration of a stylus or a grasped handle at a few hundredths of a
@@ -11,13 +11,14 @@ newton, the less the nearer to 200 Hz (Israr, Choi and Tan 2006; Brisben, Hsiao 
 
 from collections import deque
 from collections.abc import Sequence
-from math import exp, pi, sqrt
+from math import cos, pi, sin, sqrt
 
 from cogrip.protocol.setting_types import PLACES
 
 SHAKE_HZ = 12.0  # rate at which hands turn at most
 WINDOW_S = 0.125
 SUSTAINED = 4  # windows
+QUALITIES = 0.5411961001461971, 1.3065629648763766  # of the two stages: 1 / (2 cos(pi/8)) and 1 / (2 cos(3 pi/8))
 
 
 class Shaking:
@@ -26,13 +27,14 @@ class Shaking:
     shake_n  largest so far that has lasted for SUSTAINED windows [N rms]
     """
 
-    __slots__ = ("_axes", "_fraction", "_left", "_lower", "_lowest", "_recent", "_started", "_sum", "_window", "shake_n")
+    __slots__ = ("_axes", "_first", "_kept", "_left", "_recent", "_second", "_started", "_sum", "_window", "shake_n")
 
     def __init__(self, axes: int, tick_s: float) -> None:
         self._axes = min(axes, PLACES)
-        self._fraction = 1.0 - exp(-2.0 * pi * SHAKE_HZ * tick_s)
+        turn = 2.0 * pi * min(SHAKE_HZ * tick_s, 0.25)
+        self._first, self._second = ([*_stage(turn, quality)] for quality in QUALITIES)  # c, a_1 and a_2
         self._window = max(1, round(WINDOW_S / tick_s))
-        self._lower, self._lowest = [0.0] * PLACES, [0.0] * PLACES
+        self._kept = [0.0] * (4 * PLACES)  # two numbers a stage and axis
         self._recent: deque[float] = deque(maxlen=SUSTAINED)
         self._started = False
         self._left, self._sum = self._window, 0.0
@@ -46,20 +48,25 @@ class Shaking:
 
     def enter(self, force_n: Sequence[float]) -> None:
         """Add the force of a tick [N]."""
-        lower, lowest, fraction = self._lower, self._lowest, self._fraction
-        if not self._started:
+        kept = self._kept
+        c, a1, a2 = self._first
+        d, b1, b2 = self._second
+        if not self._started:  # as if that force had always been
             self._started, self._left, self._sum = True, self._window, 0.0
             for axis in range(self._axes):
-                lower[axis], lowest[axis] = force_n[axis], 0.0
+                x = force_n[axis]
+                kept[4 * axis], kept[4 * axis + 1] = -c * x, c * x
+                kept[4 * axis + 2] = kept[4 * axis + 3] = 0.0
         total = self._sum
         for axis in range(self._axes):
-            low = lower[axis] + fraction * (force_n[axis] - lower[axis])
-            high = force_n[axis] - low
-            lower[axis] = low
-            low = lowest[axis] + fraction * (high - lowest[axis])
-            lowest[axis] = low
-            high -= low
-            total += high * high
+            at, x = 4 * axis, force_n[axis]
+            y = c * x + kept[at]
+            kept[at] = kept[at + 1] - 2.0 * c * x - a1 * y
+            kept[at + 1] = c * x - a2 * y
+            z = d * y + kept[at + 2]
+            kept[at + 2] = kept[at + 3] - 2.0 * d * y - b1 * z
+            kept[at + 3] = d * y - b2 * z
+            total += z * z
         self._sum = total
         self._left -= 1
         if not self._left:
@@ -71,3 +78,9 @@ class Shaking:
         self._left, self._sum = self._window, 0.0
         if len(recent) == SUSTAINED and min(recent) > self.shake_n:
             self.shake_n = min(recent)
+
+
+def _stage(turn: float, quality: float) -> tuple[float, float, float]:
+    """Return c, a_1 and a_2 of a stage with its corner at `turn` rad a tick, by the bilinear transform."""
+    alpha = sin(turn) / (2.0 * quality)
+    return 0.5 * (1.0 + cos(turn)) / (1.0 + alpha), -2.0 * cos(turn) / (1.0 + alpha), (1.0 - alpha) / (1.0 + alpha)

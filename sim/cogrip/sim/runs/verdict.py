@@ -106,7 +106,7 @@ def passive(summary: Summary, credit_j: float | None = None) -> Judgement:
     port += _least_reserves(users)
     margin_j, ledger, who = worst
     if margin_j < -ROUNDING_J:
-        most = f"by {energy(-margin_j)} at most ({ledger} of {who}), which its credit had lent"
+        most = f"by {energy(-margin_j)} at most ({ledger} of {who}), within what a line may lend"
         text = f"Passive: no line gave out more energy than had been put in but {most}; {port}.{lent}"
     else:
         text = f"Passive: no line ever gave out more energy than had been put in, {port}.{lent}"

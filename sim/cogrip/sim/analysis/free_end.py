@@ -1,0 +1,70 @@
+"""The free end of a session: a hand that touches nothing, held by nobody, lightly, or firmly (theory 3.6).
+
+A line whose far end is free sends back all that comes, so it is a resonator that only hand, device and decimator damp; a device
+whose damper acts late feeds it. So it is judged apart from contact, for every way in which somebody may hold the device.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from cogrip.sim.analysis.feel import no_contact
+from cogrip.sim.analysis.lifted_model import LiftedModel
+from cogrip.sim.analysis.linear_session import FORMS, LinearSession
+from cogrip.sim.analysis.stability import verdict
+
+_HALVINGS = 7  # of an impedance, to find the largest with which nothing grows
+
+
+@dataclass(frozen=True, slots=True)
+class Grip:
+    """How somebody holds a device: stiffness [N/m] and damping [N s/m] of the hand; 0: nobody does."""
+
+    name: str
+    stiffness_npm: float
+    damping_nspm: float
+
+
+GRIPS = (Grip("with nobody holding it", 0.0, 0.0), Grip("in a light grip", 60.0, 1.0), Grip("in a firm grip", 300.0, 5.0))
+
+
+@dataclass(frozen=True, slots=True)
+class FreeEnd:
+    """One person's free end: the grips in which it grows, growth of the worst a frame, and the largest b [N s/m] that is
+    quiet in all of them at this delay (0: none is known)."""
+
+    growing: tuple[Grip, ...]
+    radius: float
+    quiet_nspm: float
+
+
+def free_end(session: LinearSession, number: int) -> FreeEnd | None:
+    """Return the judgement of a person's free end; None for a scheme whose free hand feels no line."""
+    if not FORMS[session.scheme].waves or session.local:
+        return None
+    b = session.people[number].impedance_nspm
+    radii = {grip: _radius(session, number, grip, b) for grip in GRIPS}
+    growing = tuple(grip for grip, radius in radii.items() if radius >= 1.0)
+    if not growing:
+        return FreeEnd((), max(radii.values()), b)
+
+    def quiet(impedance_nspm: float) -> bool:
+        return all(_radius(session, number, grip, impedance_nspm) < 1.0 for grip in growing)
+
+    low = next((share for power in range(1, _HALVINGS) if quiet((share := 0.5**power) * b)), 0.0)
+    high = 2.0 * low
+    for _ in range(_HALVINGS if low else 0):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if quiet(middle * b) else (low, middle)
+    return FreeEnd(growing, max(radii.values()), low * b)
+
+
+def _radius(session: LinearSession, number: int, grip: Grip, impedance_nspm: float) -> float:
+    alone = no_contact(session, number)
+    person = replace(
+        alone.people[0],
+        hand_stiffness_npm=grip.stiffness_npm,
+        hand_damping_nspm=grip.damping_nspm,
+        impedance_nspm=impedance_nspm,
+    )
+    return verdict(LiftedModel(replace(alone, people=(person,)))).decaying
