@@ -1287,7 +1287,8 @@ typedef struct account {
     int64_t ticks_due, ticks_run, repeated, skipped, concealed, longest_gap;
     char state[41], reason[COGRIP_TEXT_BYTES];
     double peak_step_n, depth_frames, least_frames, most_frames;
-    double at_limit, controlled, port_leak_j, port_margin_j, port_reserve_j, down_reserve_j, peak_torque_nm, line[6];
+    double at_limit, controlled, port_leak_j, port_margin_j, port_reserve_j, port_budget_j, port_shake_n;
+    double down_reserve_j, peak_torque_nm, line[6];
     int has_effects;
     double least_tank_j, drawn_j;
 } account;
@@ -1319,7 +1320,7 @@ static void put_account(writer *to, const account *from) {
     put_known_row(to, from->work_us, 4);
     put_bool(to, from->diverged);
     put_text(to, from->state, 40);
-    put_text(to, from->reason, 300);
+    put_text(to, from->reason, 280);
     put_real(to, from->peak_step_n);
     put_array(to, 7);
     put_real(to, from->depth_frames);
@@ -1334,7 +1335,7 @@ static void put_account(writer *to, const account *from) {
     put_known_row(to, from->down_ms, 4);
     put_known(to, from->offset_ms);
     put_known(to, from->uncertainty_ms);
-    put_array(to, 7);
+    put_array(to, 9);
     put_bool(to, from->oscillates);
     put_real(to, from->at_limit);
     put_real(to, from->controlled);
@@ -1342,6 +1343,8 @@ static void put_account(writer *to, const account *from) {
     put_known(to, from->port_margin_j);
     put_int(to, from->let_go);
     put_known(to, from->port_reserve_j);
+    put_real(to, from->port_budget_j);
+    put_known(to, from->port_shake_n);
     put_known(to, from->down_reserve_j);
     put_real(to, from->peak_torque_nm);
     put_row(to, from->line, 6);
@@ -2539,6 +2542,8 @@ static void make_account(const cogrip_client *client, account *into) {
     into->controlled = (double)client->controlled_ticks / ticks;
     into->port_leak_j = most(0.0, -client->least_j);
     into->port_margin_j = client->least_j + client->reserve_j;
+    into->port_budget_j = client->reserve_j;
+    into->port_shake_n = NAN; /* it is not measured here */
     into->port_reserve_j = known(client->later_j + client->reserve_j);
     memcpy(into->line, line_values, sizeof line_values);
     into->has_effects = client->effects.told;

@@ -179,6 +179,8 @@ def test_felt_stiffness_needs_a_hand_at_rest_that_presses(network_hz: int) -> No
     rest.add(2e-3, 1.5)
     assert rest.stiffness_npm() == pytest.approx(750.0)
     rest.add(2.1e-3, 1.5)
+    assert rest.stiffness_npm() == pytest.approx(750.0, rel=0.01), "it stayed within a tenth"
+    rest.add(2.3e-3, 1.5)
     assert rest.stiffness_npm() is None, "it moved"
     for depth, force in ((-1e-3, 1.0), (1e-3, 0.0), (1e-18, 1e-15)):
         rest = FeltStiffness(0.0, frame_s)

@@ -14,6 +14,7 @@ from cogrip.devices.device import Sample
 from cogrip.protocol.accounts import LinkCount
 from cogrip.protocol.messages import Hello, Waves
 from cogrip.protocol.session import QUIET_NS
+from cogrip.protocol.settings import Playout
 
 from tests.client.seated_client import DEVICE_HZ, ROOT, T_N, Client, M, at_ns, walk
 
@@ -200,7 +201,7 @@ def test_a_server_that_is_started_anew_again_and_again_gets_one_credit(client: C
         for ticks, wave in ((range(back, back + 200), -0.3), (range(back + 200, back + 1000), None)):
             client.run(ticks, wave=wave)
             left.append(client.core.coupling.credit_left)
-    full_w = 1e-3 / (0.5 * T_N)
+    full_w = 1e-3 * Playout().tank_mj / (0.5 * T_N)
     assert all(later <= earlier + 1e-12 for earlier, later in zip(left[::2], left[1::2], strict=True))
     assert left[0] <= full_w
     assert left[-1] < 0.5 * left[0], "it was asked for"

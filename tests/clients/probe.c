@@ -114,7 +114,8 @@ size_t probe_leave(int64_t session, int with_account, void *into) {
     copy_text(report.state, sizeof report.state, "live");
     report.peak_step_n = 0.625, report.depth_frames = 2.5, report.least_frames = 1.0, report.most_frames = 4.0;
     report.oscillates = 1, report.at_limit = 0.0625, report.controlled = 0.03125, report.port_leak_j = 0.00048828125;
-    report.port_margin_j = 0.0009765625, report.let_go = 2, report.port_reserve_j = 0.25, report.down_reserve_j = 0.0078125;
+    report.port_margin_j = 0.0009765625, report.let_go = 2, report.port_reserve_j = 0.25, report.port_budget_j = 0.5;
+    report.port_shake_n = 0.03125, report.down_reserve_j = 0.0078125;
     memcpy(report.line, line_values, sizeof line_values);
     write_leave(&out, session, "done", with_account ? &report : NULL);
     return given(&out, into);

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Edges, Waves, decode
 from cogrip.protocol.rates import Rates
+from cogrip.protocol.settings import Playout
 from cogrip.protocol.texts import clipped
 from cogrip.server.inputs import Kick, Stop
 
@@ -22,11 +23,12 @@ from tests.extent import every
 pytestmark = needs_compiler
 
 ROUNDING_J = 1e-12
+CREDIT_J = 1e-3 * Playout().tank_mj
 SLEW_N = 1000.0 / HZ * (1.0 + 1e-9)  # the steepest force, in a tick
 PEAK_N = 8.0
 
 
-def loses_nothing(person: CClient, credit_j: float = 1e-3) -> None:
+def loses_nothing(person: CClient, credit_j: float = CREDIT_J) -> None:
     """No line gave out more than came in, and its credit."""
     status = person.status
     assert min(status.up_margin_j, status.down_margin_j, 0.5 * status.line_margin_j) >= -credit_j - ROUNDING_J
@@ -74,8 +76,8 @@ def test_other_settings_of_a_line_are_passive_too(library: Any, change: dict[str
     session.leave(2.0)
     status = session.person.status
     if "encoder" not in change.get("coupling", {}):
-        assert status.up_margin_j >= -1e-3 - ROUNDING_J
-    assert status.down_margin_j >= -1e-3 - ROUNDING_J
+        assert status.up_margin_j >= -CREDIT_J - ROUNDING_J
+    assert status.down_margin_j >= -CREDIT_J - ROUNDING_J
     assert session.core.dropped["unfit"] == 0
     assert session.sends_what_the_reference_would()
 
@@ -157,7 +159,7 @@ def test_all_lines_of_a_client_lend_one_credit(library: Any) -> None:
         session.run(0.3, silent=True)  # what fills this gap is never settled
         session.restart()
     assert session.person.counts["line begun anew"] == 3
-    assert lent[0] == pytest.approx(2.0 * 1e-3 * 128)
+    assert lent[0] == pytest.approx(2.0 * CREDIT_J * 128)
     assert all(0.0 <= after <= before for before, after in pairwise(lent))
     assert lent[1] < 0.99 * lent[0]
 

@@ -11,7 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.protocol import accounts, messages
-from cogrip.protocol.accounts import ClientAccount, DeviceAccount, PlayoutAccount, RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.accounts import (
+    REASON_BYTES,
+    ClientAccount,
+    DeviceAccount,
+    PlayoutAccount,
+    RoomAccount,
+    SeatAccount,
+    TickCount,
+)
 from cogrip.protocol.effects import MOST_POINTS, Effect
 from cogrip.protocol.hand_settings import HandChange, WorkspaceLimit
 from cogrip.protocol.messages import HELLO_BYTES, VIEWED_SEATS, Hello, MalformedError, decode, encode, padded
@@ -240,7 +248,7 @@ def test_the_largest_legal_messages_are_read_and_fit_a_datagram_when_they_are_en
 
 @given(texts, short_texts, texts)
 def test_a_leave_with_any_texts_fits_once_they_are_cut(reason: str, state: str, account_reason: str) -> None:
-    account = msgspec.structs.replace(CLIENT, state=clipped(state), reason=clipped(account_reason))
+    account = msgspec.structs.replace(CLIENT, state=clipped(state), reason=clipped(account_reason, REASON_BYTES))
     leave = messages.Leave(BIG, clipped(reason, messages.LEAVE_TEXT_BYTES), account)
     assert len(encode(leave)) <= messages.MAX_MESSAGE_BYTES
     assert decode(encode(leave)) == leave

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.protocol.passivity_control import LENT_J
-from cogrip.protocol.settings import SettingsError, resolve, seat_settings
+from cogrip.protocol.settings import Playout, SettingsError, resolve, seat_settings
 from cogrip.sim.analysis.linear_session import ModelError, linear_session
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
@@ -149,17 +149,18 @@ def test_a_lost_address_and_a_new_server_are_survived() -> None:
 
 
 def test_e0_is_all_that_a_passive_session_may_have_lent_itself() -> None:
-    """`passive` allows E(0) of each direction, and of the whole line what both may lend; not a microjoule more."""
+    """`passive` allows the credit in each direction, and in the whole line that of both; not a microjoule more."""
     laboratory = session(0.5)
     energy = of_laboratory(laboratory)["users"][0]["energy"]
     assert of_laboratory(laboratory)["passive"]
     assert -LENT_J <= energy["up_margin_j"] < 0.0, "it was used"
     port = laboratory.room.seats[0].port
-    for margin, passive in ((-LENT_J, True), (-LENT_J - 1e-6, False)):
+    credit_j = 1e-3 * Playout().tank_mj
+    for margin, passive in ((-credit_j, True), (-credit_j - 1e-6, False)):
         port.up_margin_j = margin
         assert of_laboratory(laboratory)["passive"] is passive
     port.up_margin_j = 0.0
-    for margin, passive in ((-2.0 * LENT_J, True), (-2.0 * LENT_J - 1e-6, False)):
+    for margin, passive in ((-2.0 * credit_j, True), (-2.0 * credit_j - 1e-6, False)):
         laboratory.room.seats[0].line_margin_j = margin
         assert of_laboratory(laboratory)["passive"] is passive
 

@@ -3,7 +3,7 @@
 from msgspec.structs import replace
 
 from cogrip.client.seated import SeatedClient
-from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
+from cogrip.protocol.accounts import REASON_BYTES, ClientAccount, DelayAccount, Percentiles, TickCount
 from cogrip.protocol.texts import clipped
 
 
@@ -24,7 +24,7 @@ def account_of(seat: SeatedClient, ticks: TickCount, rtt_ms: Percentiles, delay:
         ticks=ticks,
         diverged=bool(safety.diverged),
         state=safety.state,
-        reason=clipped(seat.session.failed or safety.diverged or safety.reason),
+        reason=clipped(seat.session.failed or safety.diverged or safety.reason, REASON_BYTES),
         peak_step_n=peaks.step_n,
         playout=ledger.playout_account(),
         delay=delay,

@@ -7,6 +7,7 @@ import msgspec
 
 from cogrip.protocol.histogram import DurationHistogram
 
+REASON_BYTES = 280  # of a client's account: the largest one fits a datagram once it is encrypted
 Row = Annotated[tuple[float, ...], msgspec.Meta(max_length=6)]  # one number an axis
 
 
@@ -120,7 +121,7 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     ticks: TickCount
     diverged: bool
     state: Annotated[str, msgspec.Meta(max_length=40)]
-    reason: Annotated[str, msgspec.Meta(max_length=300)]
+    reason: Annotated[str, msgspec.Meta(max_length=REASON_BYTES)]
     peak_step_n: float = 0.0  # the largest change of the force from one tick to the next
     playout: PlayoutAccount | None = None  # of the downlink; None without waves
     delay: DelayAccount = DelayAccount()
