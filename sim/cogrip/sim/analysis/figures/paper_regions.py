@@ -110,8 +110,8 @@ def side_by_side() -> Page:
         "exact velocities. Largest stable stiffness of two alike at 0, 1, 2, 4 frames each way [N/m], estimated: "
         f"{results[True]}; idealised: {results[False]}. With exact velocities P's claim of a larger region holds from two "
         "frames of delay on; at one frame the regions are alike. Without delay the answers of virtual coupling are ahead of "
-        "the hands, which nothing damps here. cogrip's server step, which solves the ports within the step, has no border of its "
-        "own. An estimate that is given the forces and the devices' exact masses leaves the limits as they are."
+        "the hands, which nothing damps here. cogrip's server step, which solves the ports within the step, has no border "
+        "of its own. An estimate that is given the forces and the devices' exact masses leaves the limits as they are."
     )
     columns = ("scheme", "estimated", *COLUMNS)
     return Page("regions", "Virtual coupling, the paper's waves, and ours", caption, figure, Table(columns, rows))
