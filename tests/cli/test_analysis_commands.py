@@ -27,7 +27,7 @@ def brief(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(
     ("scheme", "delay", "stiffness", "radius", "structural", "states"),
-    [("paper", 2, 1000, 1.0406, 4, 22), ("coupling", 1, 2000, 1.3257, 1, 14), ("passive", 4, 20000, 1.0, 4, 26)],
+    [("paper", 2, 1000, 1.0406, 4, 22), ("coupling", 1, 2000, 1.2289, 1, 14), ("passive", 4, 20000, 1.0, 4, 26)],
 )
 def test_radius_is_the_contract_to_the_letter(
     cogrip: Cogrip, scheme: str, delay: int, stiffness: int, radius: float, structural: int, states: int

@@ -306,14 +306,18 @@ def test_paper_step_decodes_with_the_force_of_the_step_before() -> None:
     assert answers == pytest.approx(u - np.sqrt(2 / 20.0) * force, rel=1e-12)
 
 
-def test_virtual_coupling_sums_springs_and_answers_with_what_it_stepped_from() -> None:
+def test_virtual_coupling_sums_springs_and_answers_with_the_object_after_the_step() -> None:
+    """F held over T moves a mass m at v by v T + F T^2/2m, and makes it v + F T/m."""
     world = CoupledWorld(seats(2, kind="coupling"))
     world.join(0, np.array([0.1]))
     world.join(1, np.array([-0.1]))
     world.position, world.velocity = np.array([0.02]), np.array([0.3])
     answers = world.step(np.array([[0.13, 0.0], [-0.1, 0.2]]))
     assert world.force == pytest.approx(np.array([[1000 * 0.01 - 3.0], [1000 * -0.02 - 1.0]]))
-    assert answers == pytest.approx(np.array([[0.12, 0.3], [-0.08, 0.3]])), "each in their own frame"
+    gained = T / world.mass_kg * (1000 * 0.01 - 3.0 + 1000 * -0.02 - 1.0)
+    place, speed = 0.02 + T * (0.3 + 0.5 * gained), 0.3 + gained
+    assert world.motion() == pytest.approx((place, speed), rel=1e-12)
+    assert answers == pytest.approx(np.array([[0.1 + place, speed], [-0.1 + place, speed]])), "each in their own frame"
 
 
 @pytest.mark.parametrize("step", ["passive", "paper"])

@@ -67,7 +67,7 @@ def distances(points: Array, line: Array) -> Array:
         ("unalike", "coupling", (1,), 120),
         long("alike", "paper", DELAYS, 120),
         long("unalike", "paper", DELAYS, 200),
-        long("unalike", "coupling", DELAYS, 120),
+        long("unalike", "coupling", DELAYS, 200),
     ],
 )
 def test_the_boundary_lies_within_half_a_percent_of_that_of_a_dense_grid(

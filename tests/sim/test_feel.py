@@ -75,11 +75,28 @@ def test_felt_stiffness_is_theory_4(
 
 
 def test_virtual_coupling_renders_its_spring_at_rest_and_holds_its_answers_for_half_a_frame() -> None:
-    assert total_s(budget(session("coupling", 2), 0)) == pytest.approx(5.5 / 128.0, abs=1e-12)
+    assert total_s(budget(session("coupling", 2), 0)) == pytest.approx(4.5 / 128.0, abs=1e-12)
     slow = slow_feel(on_wall(session("coupling", 3), 0), 0)
     assert slow.stiffness_npm == pytest.approx(1000.0, rel=1e-9)
     assert slow.damping_nspm == pytest.approx(10.0, rel=1e-6)
     assert slow.inertia_kg == pytest.approx(0.0, abs=1e-6)
+
+
+@given(st.integers(0, 5), st.floats(50.0, 5000.0))
+@settings(deadline=None)
+def test_virtual_coupling_brakes_a_steady_motion_by_its_delay_less_the_frame_that_a_step_is_ahead(
+    frames: int, K: float
+) -> None:
+    """Theory section 5: at velocity V the object after a step is V T ahead of the place that it was sent, as no force is left.
+
+    The client holds that over M ticks, (M - 1)/2 ticks on average.
+    """
+    which = alone(session("coupling", frames, stiffness_npm=K), 0)
+    rates = which.people[0].rates
+    late_s = (2.0 * frames - 1.0) * rates.frame_s + 0.5 * (rates.ticks_per_frame - 1) * rates.tick_s
+    slow = slow_feel(which, 0)
+    assert slow.damping_nspm == pytest.approx(K * late_s, rel=1e-4)
+    assert slow.stiffness_npm == pytest.approx(0.0, abs=1e-6 * K)
 
 
 @given(st.integers(0, 5), st.floats(5.0, 80.0), st.sampled_from(("displacement", "velocity")))

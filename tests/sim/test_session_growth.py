@@ -20,7 +20,7 @@ from tests.extent import every
 from tests.sim.session_measures import FRAME_MS
 
 SKIPPED = 128  # frames
-WINDOW = 64  # frames: longer than a period of what is watched
+WINDOW = 128  # frames: longer than a beat of what is watched, near a quarter of the frames' rate too, with the frames
 KICKS_MPS = (1e-8, -4e-9)
 
 
@@ -53,12 +53,14 @@ def growth(settings: Settings, frames: int) -> float:
 
 
 def long_enough(rate: float) -> int:
-    """Return the frames in which a growth of `rate` a frame makes e^2, between 3 and 12 s."""
-    return int(min(12 * 128, max(3 * 128, 2.0 / abs(rate))))
+    """Return the frames in which a growth of `rate` a frame makes e^2, between 6 and 12 s."""
+    return int(min(12 * 128, max(6 * 128, 2.0 / abs(rate))))
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize(("scheme", "frames"), every(5, product(("paper", "coupling"), (0, 1, 2, 4))))
+@pytest.mark.parametrize(
+    ("scheme", "frames"), every(4, (*product(("paper",), (0, 1, 2, 4)), *product(("coupling",), (1, 2, 4))))
+)
 def test_a_session_grows_beyond_its_limit_and_decays_before(scheme: str, frames: int) -> None:
     limit = largest_stable(model(settings_at(scheme, frames, 1.0))).stiffness_npm
     for share, sign in ((0.98, -1.0), (1.02, 1.0)):
@@ -68,6 +70,16 @@ def test_a_session_grows_beyond_its_limit_and_decays_before(scheme: str, frames:
         measured = growth(settings, long_enough(rate))
         assert np.sign(measured) == sign
         assert measured == pytest.approx(rate, rel=0.05)
+
+
+@pytest.mark.long
+def test_virtual_coupling_without_delay_grows_as_predicted() -> None:
+    """Theory section 5: its answers are ahead of the hands, at any stiffness; here so little that no clamp is near."""
+    settings = settings_at("coupling", 0, 5.0)
+    assert largest_stable(model(settings)).stiffness_npm == 0.0
+    rate = float(np.log(verdict(model(settings)).decaying))
+    assert rate > 0.0
+    assert growth(settings, long_enough(rate)) == pytest.approx(rate, rel=0.05)
 
 
 @pytest.mark.long

@@ -255,7 +255,7 @@ def test_a_push_beyond_the_motors_is_not_green() -> None:
 
 
 def test_an_unstable_coupling_is_not_green() -> None:
-    summary = session(coupling={"kind": "coupling"}, link={"delay_ms": 30.0})
+    summary = session(coupling={"kind": "coupling", "stiffness_npm": 2000.0}, link={"delay_ms": 30.0})
     assert stable(summary).tone == "bad"
     assert felt(summary).tone == "warn"
     assert not succeeded(summary)

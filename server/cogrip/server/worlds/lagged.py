@@ -75,7 +75,7 @@ class PaperWorld(LaggedWorld):
 
 
 class CoupledWorld(LaggedWorld):
-    """Inputs are device position and velocity, shape (n, 2a); so is what goes back, in each user's own frame."""
+    """Inputs are device position and velocity, shape (n, 2a). The object's after the step go back, in each user's own frame."""
 
     inputs_per_axis = 2
 
@@ -84,8 +84,7 @@ class CoupledWorld(LaggedWorld):
         hands = inputs[:, :axes] - self.offset
         self.hand = np.where(self.holding[:, None], hands, self.hand)
         self.force = self.contact(inputs[:, axes:])
-        # what goes back is the object as it is now, beside the hands as they are now: theory section 6 is in this order
-        seen = self.position + self.offset
-        answers: Array = np.concatenate((seen, np.broadcast_to(self.velocity, seen.shape)), axis=1)
         self._count_work((self.force * self.move_object()).sum(axis=1))
+        seen = self.position + self.offset  # after the step, as a wave that goes back is: theory section 6
+        answers: Array = np.concatenate((seen, np.broadcast_to(self.velocity, seen.shape)), axis=1)
         return answers

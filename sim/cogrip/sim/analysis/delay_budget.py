@@ -37,7 +37,7 @@ def budget(session: LinearSession, user: int) -> tuple[Stage, ...]:
         return (Stage("client", "hold", 0.5 * rates.tick_s, why),)
     hold = Stage("down", "hold", 0.5 * rates.frame_s, "an answer is held over a frame: half a frame on average")
     if not FORMS[session.scheme].waves:
-        server = Stage("server", "step", rates.frame_s, "what a step has moved is seen after it")
+        server = Stage("server", "step", 0.0, "a place is answered with the object after the step that it reaches")
         return (*_line("up", person.up, rates), server, *_line("down", person.down, rates), hold)
     return (
         _encoder(person, rates),

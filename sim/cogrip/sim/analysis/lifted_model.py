@@ -8,9 +8,10 @@ Each block is expanded over the frame's M ticks, then they are joined, for each 
     -> up_i (wave filter, delay) -> server step -> down_i
 
 Order inside a frame, as in theory section 6: clients run their M ticks on the wave that has come back, and send; the
-server steps with what has reached it; its answer is seen in the next frame, so the downlink holds one frame more than
-its delay. Virtual coupling exchanges states as of the frame's start instead, so there is no such frame. No loop
-is without delay: with G all users' chains and S the server, D_G = 0 and P eq. 36 is
+server steps with what has reached it; its answer, as of after the step, is seen in the next frame, so the downlink holds
+one frame more than its delay. A client of virtual coupling sends its place as of the frame's start, which is the end of the
+one before, so the answer to that is seen in this frame: there is no such frame in its downlink. No loop is without delay:
+with G all users' chains and S the server, D_G = 0 and P eq. 36 is
 
     A = [ A_G + B_G D_S C_G    B_G C_S ]
         [ B_S C_G              A_S     ]
@@ -43,7 +44,7 @@ class Kind:
     """The parts of a scheme.
 
     width         signals in each direction of a user's line
-    server_delay  frames that the server's answer takes by itself
+    server_delay  frames from what a client sends to the answer in its ticks, without a link
     stiff_client  K stands in the client's law
     """
 

@@ -52,6 +52,17 @@ def regions(
     sessions = [
         linear_session(settings, delay_frames=frames, hands=hands, estimated=estimated) for frames in delays_frames
     ]
+    return traced(sessions, delays_frames, to_npm=to_npm, grid_cells=grid_cells)
+
+
+def traced(
+    sessions: Sequence[LinearSession],
+    delays_frames: Sequence[float],
+    *,
+    to_npm: tuple[float, float] | None = None,
+    grid_cells: int = 0,
+) -> tuple[list[Region], tuple[float, float]]:
+    """Return the boundary of each session, called by its delay, and their box as `regions` does."""
     models = [LiftedModel(_springy(session)) for session in sessions]
     box = to_npm or _box(models)
     if not all(0.0 < side < np.inf for side in box):

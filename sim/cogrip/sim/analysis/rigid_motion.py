@@ -16,7 +16,7 @@ Freedoms:
                          f = K_i e_i = -K_h x_i, x_i the device; on an object that may move these sum to 0, one freedom less
     uniform motion       everyone who is coupled, and the object, at one velocity: where no damper and no hand brakes it;
                          a person without coupling (K_i = B_i = 0) alone. Virtual coupling brakes it by its old
-                         positions, unless K = 0.
+                         positions, or drives it where there is no delay (theory section 5), unless K = 0.
 """
 
 from __future__ import annotations
@@ -207,7 +207,9 @@ def _place(model: LiftedModel, users: list[int], with_object: bool, name: str) -
 
 
 def _drift(model: LiftedModel, users: list[int], with_object: bool, name: str) -> Freedom:
-    """Return a uniform motion where dampers alone couple: a frame k steps old has a place k T behind."""
+    """Return a uniform motion where dampers alone couple: a device's place k steps old is k T behind, an answer (k - 1) T,
+    as it is of the object after its step.
+    """
     layout, T = model.layout, model.session.frame_s
     vector = np.zeros(model.states)
     for i in users:
@@ -219,7 +221,7 @@ def _drift(model: LiftedModel, users: list[int], with_object: bool, name: str) -
     if with_object:
         vector[layout.server.start + 1] = 1.0
         for down in layout.downs:
-            vector[down] = _trail(vector[down].size, T)
+            vector[down] = _trail(vector[down].size, T, -T)
     return Freedom(
         f"uniform motion of {name}",
         vector,
@@ -227,7 +229,7 @@ def _drift(model: LiftedModel, users: list[int], with_object: bool, name: str) -
     )
 
 
-def _trail(size: int, period: float, late_s: float = 0.0) -> Array:
+def _trail(size: int, period: float, late_s: float) -> Array:
     steps = np.arange(1, size // 2 + 1)
     return np.column_stack((-period * steps - late_s, np.ones(size // 2))).ravel()
 

@@ -67,8 +67,8 @@ def paper_step(session: LinearSession, stiffness: Array) -> StateSpace:
 
 
 def coupled_step(session: LinearSession, stiffness: Array) -> StateSpace:
-    """Return virtual coupling, theory section 5, from x_i, y_i of each user (place and velocity of
-    the device) to x_o, v_o as of the start, to each.
+    """Return virtual coupling, theory section 5, from x_i, y_i of each user (place and velocity of the device) to x_o, v_o
+    after the step, to each.
 
     States x_o, v_o.
     """
@@ -80,7 +80,8 @@ def coupled_step(session: LinearSession, stiffness: Array) -> StateSpace:
     (x_o, v_o), hands = _rows(2, 0, size), _rows(2 * N, 2, size)
     force = stiffness[..., None] * (hands[0::2] - x_o) + B * (hands[1::2] - v_o)
     moved, after = _held(session, v_o, force.sum(axis=-2, keepdims=True))
-    return _block(stiffness.shape[:-1], [x_o + moved, after], np.tile(np.stack((x_o, v_o)), (N, 1)))
+    here = x_o + moved
+    return _block(stiffness.shape[:-1], [here, after], np.concatenate((here, after) * N, axis=-2))
 
 
 def _ports(session: LinearSession) -> tuple[Array, Array, Array]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from math import isnan
 from typing import Any
 
 import msgspec
@@ -13,8 +15,8 @@ from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.analysis.figures.page import Page, Table
 from cogrip.sim.analysis.figures.region import COLUMNS, SCHEME_NAMES, draw_regions, frames, line_style, region_rows
 from cogrip.sim.analysis.lifted_model import LiftedModel
-from cogrip.sim.analysis.linear_session import LinearSession, Scheme, linear_session, scheme_overrides
-from cogrip.sim.analysis.region import Region, regions
+from cogrip.sim.analysis.linear_session import LinearSession, Person, Scheme, linear_session, scheme_overrides
+from cogrip.sim.analysis.region import Region, regions, traced
 from cogrip.sim.analysis.stability import largest_stable
 from cogrip.sim.runs.plots.style import INK, Sheet, title
 
@@ -38,32 +40,51 @@ def paper_settings(scheme: Scheme, device_kg: float = DEVICE_KG, object_kg: floa
     return resolve({"object": {"mass_kg": object_kg}, "users": people}, scheme_overrides(scheme))
 
 
-def one_scheme(scheme: Scheme, name: str, heading: str) -> Page:
-    """Draw one scheme's region at the four delays, for a light device and for theory section 6's, on the same axes."""
-    side = max(
-        regions(paper_settings(scheme, device), DELAYS_FRAMES, estimated=False)[1][0] for device in SHOWN_DEVICES_KG
-    )
-    sheet = Sheet(1, len(SHOWN_DEVICES_KG), row_in=4.2)
+def one_scheme(scheme: Scheme, name: str, heading: str, ways: Sequence[tuple[str, int]] = (("", 0),)) -> Page:
+    """Draw one scheme's region at the four delays, for a light device and for theory section 6's, on the same axes.
+
+    ways: a row of panels each, and by how many frames the server's answer is older there.
+    """
+    cases = [(way, older, device) for way, older in ways for device in SHOWN_DEVICES_KG]
+    side = max(traced(_older(scheme, device, older), DELAYS_FRAMES)[1][0] for _, older, device in cases)
+    sheet = Sheet(len(ways), len(SHOWN_DEVICES_KG), row_in=4.2)
     rows: list[list[Any]] = []
     results = []
-    for panel, device in zip(sheet.panels[0], SHOWN_DEVICES_KG, strict=True):
-        found, box = regions(paper_settings(scheme, device), DELAYS_FRAMES, to_npm=(side, side), estimated=False)
+    for panel, (way, older, device) in zip(np.ravel(sheet.panels), cases, strict=True):
+        found, box = traced(_older(scheme, device, older), DELAYS_FRAMES, to_npm=(side, side))
         draw_regions(panel, found, box)
-        title(panel, f"devices of {device:g} kg, object of {OBJECT_KG:g} kg")
-        rows += [[device, *row] for row in region_rows(found, box)]
-        results.append(
-            f"devices of {device:g} kg: "
-            + ", ".join(f"{_largest(region.session) or 0.0:.0f}" for region in found)
-            + " N/m"
-        )
-    figure = sheet.finish("stiffness $K_1$ [kN/m]", ["stiffness $K_2$ [kN/m]"], _delays_legend(), columns=4)
+        title(panel, f"{f'{way}, ' if way else ''}devices of {device:g} kg, object of {OBJECT_KG:g} kg")
+        rows += [[older, device, *row] for row in region_rows(found, box)]
+        limits = ", ".join(_words(region) for region in found)
+        _note(panel, f"two alike: {limits} N/m")
+        results.append(f"{f'{way}, ' if way else ''}devices of {device:g} kg: {limits} N/m")
+    labels = ["stiffness $K_2$ [kN/m]"] * len(ways)
+    figure = sheet.finish("stiffness $K_1$ [kN/m]", labels, _delays_legend(), columns=4)
     caption = (
         f"{heading}. Stable below and to the left of a line, idealised as in P: exact velocities; b = 20, B = 10 N s/m, "
         f"no device damping, object {OBJECT_KG:g} kg "
         "(P prints no masses: these are ours). Largest stable stiffness of two alike, at 0, 1, 2, 4 frames each way: "
         f"{'; '.join(results)}. Every line is traced and verified on both sides."
     )
-    return Page(name, heading, caption, figure, Table(("device_mass_kg", *COLUMNS), rows))
+    return Page(name, heading, caption, figure, Table(("answer_older_frames", "device_mass_kg", *COLUMNS), rows))
+
+
+def virtual_coupling() -> Page:
+    """Draw Fig. 6 with the object after the server's step as its answer, as in every scheme here, and before it."""
+    ways = (("answer after the step", 0), ("answer before the step", 1))  # which is after the one before
+    return one_scheme("coupling", "fig6", "Fig. 6: virtual coupling", ways)
+
+
+def _older(scheme: Scheme, device_kg: float, older_frames: int) -> list[LinearSession]:
+    """Return the session at each delay, with answers that are so many frames older."""
+    settings = paper_settings(scheme, device_kg)
+    sessions = [linear_session(settings, delay_frames=delay, estimated=False) for delay in DELAYS_FRAMES]
+    return [replace(session, people=tuple(_late(one, older_frames) for one in session.people)) for session in sessions]
+
+
+def _late(person: Person, frames: int) -> Person:
+    ticks = frames * person.rates.ticks_per_frame
+    return replace(person, down=person.down._replace(link_ticks=person.down.link_ticks + ticks))
 
 
 def side_by_side() -> Page:
@@ -87,10 +108,10 @@ def side_by_side() -> Page:
         f"The same two users, devices of {DEVICE_KG:g} kg, object of {OBJECT_KG:g} kg, on the same axes. Above, devices give "
         "positions alone and clients estimate velocities, as they do at a real arm; below, the idealised session of P, with "
         "exact velocities. Largest stable stiffness of two alike at 0, 1, 2, 4 frames each way [N/m], estimated: "
-        f"{results[True]}; idealised: {results[False]}. With exact velocities P's claim of a larger region holds with delay; "
-        "without delay virtual coupling has the larger one. cogrip's server step, which solves the ports within the step, has "
-        "no border of its own: "
-        "what is left above is each device's sampled damper."
+        f"{results[True]}; idealised: {results[False]}. With exact velocities P's claim of a larger region holds from two "
+        "frames of delay on; at one frame the regions are alike. Without delay the answers of virtual coupling are ahead of "
+        "the hands, which nothing damps here. cogrip's server step, which solves the ports within the step, has no border "
+        "of its own. An estimate that is given the forces and the devices' exact masses leaves the limits as they are."
     )
     columns = ("scheme", "estimated", *COLUMNS)
     return Page("regions", "Virtual coupling, the paper's waves, and ours", caption, figure, Table(columns, rows))
@@ -125,6 +146,8 @@ def masses() -> Page:
                 rows += [[scheme, delay, device, object_, limit] for object_, limit in pairs]
             title(panel, f"{SCHEME_NAMES[scheme]}, {frames(delay)} each way")
             _logarithmic(panel)
+            if all(isnan(limit) for *_, limit in rows[-len(DEVICE_MASSES_KG) * len(OBJECT_MASSES_KG) :]):
+                _note(panel, "stable at no stiffness")
     legend = [(f"device {device:g} kg", line_style(number)) for number, device in enumerate(DEVICE_MASSES_KG)]
     labels: Sequence[str] = ["largest stable\n$K_1 = K_2$ [N/m]"] * len(MASS_DELAYS_FRAMES)
     figure = sheet.finish("mass of the object [kg]", labels, legend, columns=4)
@@ -153,6 +176,11 @@ def _delays_legend() -> list[tuple[str, dict[str, Any]]]:
         (f"{frames(delay)} ({1e3 * delay / NETWORK_HZ:.3g} ms)", line_style(number))
         for number, delay in enumerate(DELAYS_FRAMES)
     ]
+
+
+def _note(panel: Axes, text: str) -> None:
+    """Write a line in a panel's upper right corner."""
+    panel.text(0.97, 0.94, text, transform=panel.transAxes, ha="right", va="top", color=INK, backgroundcolor="w")
 
 
 def _logarithmic(panel: Axes) -> None:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from cogrip.sim.analysis.figures.decimators import decimator_page
 from cogrip.sim.analysis.figures.page import Page
-from cogrip.sim.analysis.figures.paper_regions import masses, one_scheme, side_by_side
+from cogrip.sim.analysis.figures.paper_regions import masses, one_scheme, side_by_side, virtual_coupling
 from cogrip.sim.analysis.figures.wall_contact import wall_page
 
 
@@ -20,7 +20,7 @@ class Entry(NamedTuple):
 
 FIGURES = (
     Entry("fig4", lambda: one_scheme("paper", "fig4", "Fig. 4: the paper's wave scheme")),
-    Entry("fig6", lambda: one_scheme("coupling", "fig6", "Fig. 6: virtual coupling")),
+    Entry("fig6", virtual_coupling),
     Entry("regions", side_by_side),
     Entry("masses", masses),
     Entry("fig5", wall_page),
