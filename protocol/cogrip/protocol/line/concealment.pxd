@@ -34,6 +34,9 @@ cdef class ElasticConcealment(Concealment):
     cdef double _deficit_fraction
     cdef double _dissipation_fraction
     cdef double _limit_fraction
+    cdef double _gone
+    cdef long long _gap_frames
+    cdef long long _held_frames
     cdef double _stillness
     cdef bint _was_gap
 

@@ -26,9 +26,10 @@ PerAxis = Sequence[float]  # one value an axis
 
 COMPENSATION_FRACTION = 1.0 / 16.0  # of the deficit, in one frame
 COMPENSATION_LIMIT = 0.02  # sqrt(W) in one frame
-FADE = 0.85  # of `tank`: factor from frame to frame in a gap
+FADE = 0.85  # of `tank`: factor from frame to frame in a gap; of `elastic` after HELD_S of it
 RESERVE_FRAMES = 8.0  # of `tank`: frames like the last one that compensation leaves in the reserve
 
+HELD_S = 0.25  # of a gap, in which a hand at rest is held; then its wave fades by FADE: whoever is silent for longer is gone
 GAP_S = 0.125  # gap through which `held_force` is held: three of the mean bursts of a wireless network
 
 # of `elastic`
@@ -109,6 +110,8 @@ class ElasticConcealment(Concealment):
     """`elastic`: hold or slow fade in a gap, and a cross-fade after it, so that the played wave does not jump.
 
     _stillness       of the hand: 1 while it is still, 0 while it moves
+    _gap_frames      of the gap under way
+    _gone            factor from frame to frame after HELD_S of a gap
     _limit_fraction  of the limit of x, in one frame: what is left pays for a fade by LAST_FADE until its end
     """
 
@@ -116,19 +119,23 @@ class ElasticConcealment(Concealment):
         super().__init__(axes, frame_s)
         frames = frame_s * BASE_HZ
         self.yielding_gain = YIELDING_GAIN
-        self._fade = ELASTIC_FADE**frames
+        self._fade, self._gone = ELASTIC_FADE**frames, FADE**frames
         self._smoothing = 1.0 - (1.0 - SMOOTHING) ** frames
         self._deficit_fraction = min(1.0, DEFICIT_FRACTION * frames)
         self._dissipation_fraction = min(1.0, DISSIPATION_FRACTION * frames)
         self._limit_fraction = square_root(1.0 - LAST_FADE ** (2.0 * frames))
         self._stillness = 1.0
         self._was_gap = False
+        self._gap_frames, self._held_frames = 0, round(HELD_S / frame_s)
 
     def fill(
         self, last: PerAxis, limit: PerAxis, answer: PerAxis, late: PerAxis | None = None, silent: bool = True
     ) -> PerAxis:
+        self._gap_frames = self._gap_frames + 1 if self._was_gap else 1
         self._stillness = self._stillness_of(last, answer)
         fade = self._fade + (1.0 - self._fade) * self._stillness
+        if self._gap_frames > self._held_frames:
+            fade = self._gone
         if late is not None:  # the other end still sends
             self._recover()
         elif silent:
