@@ -16,7 +16,7 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings
-from cogrip.sim.analysis.advice import AMPLE, Advice, Finding, advise, plain
+from cogrip.sim.analysis.advice import AMPLE, Advice, Finding, advise, in_rows, plain
 from cogrip.sim.analysis.advice_change import Change, ranked_changes
 from cogrip.sim.analysis.delay_budget import Stage, budget, total_s
 from cogrip.sim.analysis.line_advice import own_world_findings
@@ -151,14 +151,9 @@ def _seen(checked: Check | None, expected_npm: Mapping[str, float] | None = None
 
 def _rows(findings: Iterable[Finding], people: Sequence[str]) -> list[Row]:
     """Return a row a finding; people with the same finding share one."""
-    named: dict[tuple[str, str, str], list[str]] = {}
-    for finding in findings:
-        name, _, rest = finding.text.partition(": ")
-        whose = name if name in people else ""
-        named.setdefault((finding.level, finding.topic, rest if whose else finding.text), []).append(whose)
     return [
         (level, topic, f"{', '.join(names)}: {text}" if any(names) else text)
-        for (level, topic, text), names in named.items()
+        for (level, topic, text), names in in_rows(findings, people).items()
     ]
 
 

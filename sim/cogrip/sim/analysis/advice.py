@@ -6,7 +6,7 @@ words about what each of them knows. A finding that warns says why and what to d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import expm1, log, sqrt
 from typing import Literal
@@ -46,6 +46,7 @@ INSTEAD: dict[Scheme, str] = {
     "coupling": '; set coupling.kind to "wave"',
 }
 Level = Literal["ok", "note", "warning"]
+LEVELS: tuple[Level, ...] = ("ok", "note", "warning")
 _HALVINGS = 12  # of a damper, to find one with which a session is stable
 
 
@@ -101,6 +102,27 @@ class Advice:
     def refusals(self) -> tuple[str, ...]:
         """Warnings that refuse a session: what is known to be unstable, each with the value that would do."""
         return tuple(finding.text for finding in self.findings if finding.refused)
+
+
+def said_of(finding: Finding, people: Iterable[str]) -> str:
+    """Return the person of whom a finding is, "" where it is of all."""
+    name, _, _ = finding.text.partition(": ")
+    return name if name in people else ""
+
+
+def in_rows(findings: Iterable[Finding], people: Sequence[str]) -> dict[tuple[Level, str, str], list[str]]:
+    """Return the people of each row, by level, topic and words: those with the same finding share one."""
+    rows: dict[tuple[Level, str, str], list[str]] = {}
+    for finding in findings:
+        whose = said_of(finding, people)
+        text = finding.text.removeprefix(f"{whose}: ") if whose else finding.text
+        rows.setdefault((finding.level, finding.topic, text), []).append(whose)
+    return rows
+
+
+def warning_rows(findings: Iterable[Finding], people: Sequence[str]) -> int:
+    """Return how many warnings are printed."""
+    return sum(level == "warning" for level, _, _ in in_rows(findings, people))
 
 
 def plain(value: float, digits: int = 4) -> str:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import chain, islice
 from math import ceil, isfinite
+from statistics import mean
 from typing import Literal
 
 from msgspec import to_builtins
@@ -20,8 +21,8 @@ from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_real
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings, User, not_passive, resolve, seat_axes
-from cogrip.sim.analysis.advice import Advice, Finding, Level, feel_level, plain
-from cogrip.sim.analysis.advice_change import Change, change_to, ranked_changes
+from cogrip.sim.analysis.advice import Advice, Finding, Level, feel_level, plain, warning_rows
+from cogrip.sim.analysis.advice_change import Change, Score, change_to, ranked_changes
 from cogrip.sim.analysis.line_advice import hand_query
 from cogrip.sim.analysis.stiffest import Stiffest, eased, stiffest
 from cogrip.sim.experiments.methods.felt import measure_felt
@@ -41,6 +42,7 @@ SESSION_S, LONGEST_S = 6.0, 20.0  # longer where hands or outages begin late
 SHORT_S = 3.0  # a shorter session says little
 EASED = ((1.0, 1.0), (1.0, 0.7), (0.75, 1.0), (0.75, 0.6), (0.5, 0.6))  # of b and K, the stiffest first
 MOST_CHANGES = 4  # tried in the laboratory
+MORE_CONTROLLED = 0.01  # of the ticks, in which the device port may change more than before
 DIRECTIONS: tuple[Literal["up", "down"], ...] = ("up", "down")
 _LEVELS: dict[Tone, Level] = {"good": "ok", "warn": "note", "bad": "warning"}
 _TONES: tuple[Tone, ...] = tuple(_LEVELS)
@@ -80,6 +82,25 @@ class Check:
             if asked_npm.get(name)
         ]
         return max(shares, default=None)
+
+    def spoils(self, before: Check) -> bool:
+        """Return whether sessions judge something worse than before: a verdict, the device port, a task."""
+        return (
+            _TONES.index(self.passive) > _TONES.index(before.passive)
+            or _TONES.index(self.stable) > _TONES.index(before.stable)
+            or self.controlled > before.controlled + MORE_CONTROLLED
+            or self.let_go > before.let_go
+            or (before.done and not self.done)
+        )
+
+    def scored(self, score: Score, missed: float) -> Score:
+        """Return a score of the model with what sessions have measured in its place, and their warnings counted, too."""
+        felt = tuple(0.0 if None in values else mean(map(float, values)) for values in self.felt_npm.values())
+        shown = (self.session, *self.felt())
+        whole = len(felt) == len(score.felt_npm)
+        return dataclasses.replace(
+            score, missed=missed, rows=score.rows + warning_rows(shown, ()), felt_npm=felt if whole else score.felt_npm
+        )
 
     @property
     def session(self) -> Finding:
@@ -238,23 +259,16 @@ def checked_change(
     if settings.playout.frames != "auto" and _draws(settings):
         tried = chain([change_to(settings, now, "playout.frames", "auto")], tried)
     for change in tried:
-        after = check(resolve(table, {change.key: change.value}))
+        after = check(resolve(table, change.overrides))
         fewer = change.after.warnings < change.before.warnings
-        worse = any(
-            _TONES.index(new) > _TONES.index(old)
-            for new, old in ((after.passive, checked.passive), (after.stable, checked.stable))
-        )
         missed = after.missed(asked)
-        if (worse and not fewer) or "bad" in (after.passive, after.stable):
+        if after.spoils(checked) or "bad" in (after.passive, after.stable):
             continue
         if before is None or missed is None:
             return dataclasses.replace(change, measured=False)
         only_feel = change.after.key()[:2] == change.before.key()[:2]
         if fewer or round(missed, 2) < round(before, 2) + (0.0 if only_feel else 0.01):
-            scores = (
-                dataclasses.replace(change.before, missed=before),
-                dataclasses.replace(change.after, missed=missed),
-            )
+            scores = checked.scored(change.before, before), after.scored(change.after, missed)
             found.append(dataclasses.replace(change, before=scores[0], after=scores[1]))
             if change.value != "auto":
                 break
