@@ -142,6 +142,16 @@ def test_surface_yields_where_the_motors_cannot_follow_the_law() -> None:
     assert -0.001 < place < 0.01
 
 
+def test_surface_stays_where_motors_round_the_force() -> None:
+    coupling = LocalWall(seat_of("wall"))
+    hand = Hand(coupling, -0.001)
+    for k in range(300):
+        hand.force = [round(hand.force[0], 1)]  # as a driver's converter does
+        hand.move(-0.001 + 0.003 * min(1.0, k / 60))
+        assert coupling.surface_m == 0.0
+    assert hand.force[0] == pytest.approx(2.0)
+
+
 paths = st.lists(
     st.tuples(st.floats(-0.0004, 0.0004), st.none() | st.floats(-0.02, 0.02), st.floats(0.0, 1.0)), max_size=300
 )

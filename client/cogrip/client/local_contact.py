@@ -25,6 +25,7 @@ from math import inf, sqrt
 from operator import mul
 
 from cogrip.client.coupling import Coupling, Row, spring_j, stretch_m
+from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.velocity import largest_impedance
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability
@@ -39,7 +40,7 @@ LENT_J = (
     1e-4  # by which E may be below 0 while the force is ramped: a touch loads the spring before any force has worked
 )
 MOST_STEP_N = 0.5  # by which a surface that moves may change the force in a tick
-BEHIND_N = 1e-9  # of rounding
+AT_SLOPE = 0.9  # of the slope limit: a force that rises so fast is held by it; motors also round forces
 RETURN_S = 0.05  # time constant with which a face that nobody touches goes to where the object is
 
 
@@ -190,6 +191,7 @@ class LocalFace(LocalCoupling):
         self.surface_m: float | None = None
         self._speed = 0.0  # v_p
         self._law_n = self._behind_n = 0.0  # F at the last tick, along s; how far the motors are behind it
+        self._held_n, self._slope_n = 0.0, inf  # force that they held in the last tick, along s; what it rises by at most
 
     def go_on_from(self, before: Coupling) -> None:
         """Keep the surface where it is: what the hand presses on does not vanish under it."""
@@ -200,10 +202,16 @@ class LocalFace(LocalCoupling):
     def stored_j(self) -> float:
         return self._spring_j(self._depth())
 
+    def fit(self, record: Capability, lag_s: float) -> None:
+        super().fit(record, lag_s)
+        self._slope_n = min(record.slew_nps, MOST_SLOPE_NPS) * self._tick_s
+
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
-        cut_n = self.cut_n[0] if self.cut_n is not None else 0.0
-        behind_n = self._law_n - self._side * (self.applied_n[0] + cut_n)
-        self._behind_n = behind_n if self.ramp_gain == 1.0 and behind_n > BEHIND_N else 0.0
+        before_n, self._held_n = self._held_n, self._side * self.applied_n[0]
+        self._behind_n = 0.0
+        if self._held_n - before_n > AT_SLOPE * self._slope_n and self.ramp_gain == 1.0:
+            cut_n = self._side * self.cut_n[0] if self.cut_n is not None else 0.0
+            self._behind_n = max(0.0, self._law_n - self._held_n - cut_n)
         super().elapse(mean_velocity_mps, velocity_mps, hold)
 
     def _depth(self) -> float:

@@ -82,6 +82,7 @@ class UserAdvice:
     device_mass_kg: float
     b_tc_over_m: float
     advised_damping_nspm: float
+    advised_stiffness_npm: float
     largest_impedance_nspm: float
     impedance_bound: Bound
 
@@ -280,7 +281,7 @@ def _user(session: LinearSession, number: int, seat: SeatSettings, record: Capab
     carried = largest_impedance(record, seat.rates.tick_s)
     return UserAdvice(
         person.name, coupling.stiffness_npm, felt, compensated, enough, free_kg, person.device_mass_kg, share,
-        record.damping_nspm, carried.impedance_nspm, carried.bound,
+        record.damping_nspm, record.stiffness_npm, carried.impedance_nspm, carried.bound,
     )  # fmt: skip
 
 

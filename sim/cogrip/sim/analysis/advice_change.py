@@ -216,11 +216,16 @@ def score_of(advice: Advice, asked_npm: Sequence[float]) -> Score:
 
 
 def besides(settings: Settings, now: Advice, key: str, value: Any) -> tuple[tuple[str, Any], ...]:
-    """Return what has to be set with a change: the damper of a contact, where devices do not carry it."""
+    """Return what has to be set with a change: damper and spring of a contact, where devices do not carry them."""
     if (key, value) != ("coupling.kind", "local"):
         return ()
-    carried = rounded_down(min(user.largest_impedance_nspm for user in now.users))
-    return (("coupling.damping_nspm", carried),) if settings.coupling.damping_nspm > carried else ()
+    bounds = {
+        "damping_nspm": min(user.largest_impedance_nspm for user in now.users),
+        "stiffness_npm": min(user.advised_stiffness_npm for user in now.users),
+    }
+    return tuple(
+        (f"coupling.{name}", rounded_down(most)) for name, most in bounds.items() if getattr(settings.coupling, name) > most
+    )
 
 
 def candidates_of(settings: Settings, now: Advice) -> Iterator[tuple[str, Any]]:
