@@ -134,8 +134,8 @@ def test_advice_in_words_and_in_numbers(cogrip: Cogrip) -> None:
         "conditions velocities as clients estimate them",
         "b T_c / m = 0.20",
         "b = 20 of at most 25.6 N s/m, its lag bound, where the 4 ticks that its damper is late take all of its 0.1 kg",
-        "--set coupling.impedance_nspm=25.6: felt stiffness would miss what is asked by 58 % in place of 64 % (421 N/m in place "
-        "of 363); it costs: free motion is heavier (0.987 kg in place of 0.793)",
+        "--set coupling.impedance_nspm=25.6: felt stiffness would miss what is asked by 58 % in place of 64 %",
+        "(421 N/m in place of 363); it costs: free motion is heavier (0.987 kg in place of 0.793)",
     ):
         assert words in out
     assert "20.48 device ticks" in err

@@ -85,7 +85,12 @@ def test_felt_more_than_the_record_advises() -> None:
 
 @pytest.mark.parametrize(
     ("stiffness_npm", "level", "fastest"),
-    [(3000.0, None, None), (3400.0, "note", "0.29 m/s"), (9000.0, "note", "0.11 m/s"), (11000.0, "warning", "0.091 m/s")],
+    [
+        (3000.0, None, None),
+        (3400.0, "note", "0.29 m/s"),
+        (9000.0, "note", "0.11 m/s"),
+        (11000.0, "warning", "0.091 m/s"),
+    ],
 )
 def test_a_wall_that_the_motors_cannot_follow_is_said(
     stiffness_npm: float, level: str | None, fastest: str | None
@@ -216,12 +221,12 @@ def test_a_change_that_trades_says_what_it_costs() -> None:
     assert change.key == "coupling.impedance_nspm"
     after = advise(resolve(msgspec.to_builtins(settings), change.overrides))
     before = advise(settings)
-    for text in (
-        f"({after.users[0].felt_npm:.3g} N/m in place of {before.users[0].felt_npm:.3g})",
-        f"it costs: free motion is heavier ({after.users[0].free_mass_kg:.3g} kg in place of "
-        f"{before.users[0].free_mass_kg:.3g})",
-    ):
-        assert text in change.effect
+    felt_npm, free_kg = (
+        [getattr(each.users[0], key) for each in (after, before)] for key in ("felt_npm", "free_mass_kg")
+    )
+    assert f"({felt_npm[0]:.3g} N/m in place of {felt_npm[1]:.3g})" in change.effect
+    heavier = f"it costs: free motion is heavier ({free_kg[0]:.3g} kg in place of {free_kg[1]:.3g})"
+    assert heavier in change.effect
     assert after.users[0].free_mass_kg > 5.0 * before.users[0].free_mass_kg
 
 

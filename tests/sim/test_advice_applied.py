@@ -126,7 +126,9 @@ def test_no_advice_makes_a_judged_case_worse(number: int) -> None:
     assert then.refusals == ()
     for old, new in zip(before.tones, after.tones, strict=True):
         assert [TONES.index(tone) for tone in new] <= [max(TONES.index(tone), 0 if not lost else 1) for tone in old]
-    assert all(new <= old + MORE_CONTROLLED for old, new in zip(before.controlled, after.controlled, strict=True)) or lost
+    assert (
+        all(new <= old + MORE_CONTROLLED for old, new in zip(before.controlled, after.controlled, strict=True)) or lost
+    )
     assert sum(after.let_go) <= sum(before.let_go)
     fewer = change.after.warnings < change.before.warnings
     asked = {user.name: user.asked_npm for user in now.users}

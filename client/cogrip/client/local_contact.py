@@ -191,7 +191,10 @@ class LocalFace(LocalCoupling):
         self.surface_m: float | None = None
         self._speed = 0.0  # v_p
         self._law_n = self._behind_n = 0.0  # F at the last tick, along s; how far the motors are behind it
-        self._held_n, self._slope_n = 0.0, inf  # force that they held in the last tick, along s; what it rises by at most
+        self._held_n, self._slope_n = (
+            0.0,
+            inf,
+        )  # force that they held in the last tick, along s; what it rises by at most
 
     def go_on_from(self, before: Coupling) -> None:
         """Keep the surface where it is: what the hand presses on does not vanish under it."""

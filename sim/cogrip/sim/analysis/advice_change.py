@@ -224,7 +224,9 @@ def besides(settings: Settings, now: Advice, key: str, value: Any) -> tuple[tupl
         "stiffness_npm": min(user.advised_stiffness_npm for user in now.users),
     }
     return tuple(
-        (f"coupling.{name}", rounded_down(most)) for name, most in bounds.items() if getattr(settings.coupling, name) > most
+        (f"coupling.{name}", rounded_down(most))
+        for name, most in bounds.items()
+        if getattr(settings.coupling, name) > most
     )
 
 

@@ -95,7 +95,9 @@ class Check:
 
     def scored(self, score: Score, missed: float) -> Score:
         """Return a score of the model with what sessions have measured in its place, and their warnings counted, too."""
-        felt = tuple(0.0 if None in values else mean(map(float, values)) for values in self.felt_npm.values())
+        felt = tuple(
+            0.0 if None in values else mean(value or 0.0 for value in values) for values in self.felt_npm.values()
+        )
         shown = (self.session, *self.felt())
         whole = len(felt) == len(score.felt_npm)
         return dataclasses.replace(
