@@ -110,7 +110,7 @@ def test_wall_that_leaves_lets_go_step_by_step() -> None:
 
 
 def test_spring_comes_down_with_its_damper() -> None:
-    """What the device port takes from a contact it takes from both: a spring that stays while its damper goes rings more."""
+    """The device port takes from both of a contact: a spring that stays while its damper goes rings more."""
     coupling = LocalWall(seat_of("wall"))
     hand = Hand(coupling, -0.001)
     record_nspm = largest_impedance(capability(), T_C).impedance_nspm

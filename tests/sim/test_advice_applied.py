@@ -16,7 +16,8 @@ from cogrip.client.velocity import largest_impedance
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.settings import Settings, rates_of, resolve
 from cogrip.protocol.settings_table import SettingsError
-from cogrip.sim.analysis.advice import LEVELS, Advice, Finding, advise
+from cogrip.sim.analysis.advice import Advice, advise
+from cogrip.sim.analysis.finding import LEVELS, Finding
 from cogrip.sim.analysis.linear_session import ModelError
 from cogrip.sim.experiments.methods import felt
 from cogrip.sim.experiments.methods.felt import measure_felt

@@ -10,7 +10,7 @@ from cogrip.cli.session.before_run import advice_on
 from cogrip.cli.session.settings_file import load
 from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.settings import Settings, resolve, seat_settings
-from cogrip.sim.analysis.advice import plain
+from cogrip.sim.analysis.finding import plain
 from cogrip.sim.analysis.line_advice import LIGHT_GRIP_N, loop_s, own_world_findings, press_n, stroke_s
 from cogrip.sim.analysis.scene_advice import scene_findings
 from cogrip.sim.runs.report.tables import room_table

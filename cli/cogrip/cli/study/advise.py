@@ -16,9 +16,10 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings
-from cogrip.sim.analysis.advice import AMPLE, Advice, Finding, advise, in_rows, plain
+from cogrip.sim.analysis.advice import AMPLE, Advice, advise
 from cogrip.sim.analysis.advice_change import Change, ranked_changes
 from cogrip.sim.analysis.delay_budget import Stage, budget, total_s
+from cogrip.sim.analysis.finding import Finding, in_rows, plain
 from cogrip.sim.analysis.line_advice import own_world_findings
 from cogrip.sim.analysis.linear_session import LinearSession, ModelError, linear_session
 from cogrip.sim.analysis.stiffest import NEARLY, Stiffest, stiffest

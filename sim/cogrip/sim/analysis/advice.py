@@ -6,10 +6,9 @@ words about what each of them knows. A finding that warns says why and what to d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import expm1, log, sqrt
-from typing import Literal
 
 from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.rendered_damper import ROUNDING, bound_words, damper_key, damper_on, refusal, rounded_down
@@ -23,6 +22,7 @@ from cogrip.protocol.settings import SeatSettings, Settings, seat_axes, seat_set
 from cogrip.sim.analysis.decimation_passivity import filter_of, largest_gain
 from cogrip.sim.analysis.effect_advice import effect_advice
 from cogrip.sim.analysis.feel import no_contact, on_wall, slow_feel
+from cogrip.sim.analysis.finding import Finding, Level, plain
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import FORMS, LinearSession, Scheme, linear_session, seat_session
 from cogrip.sim.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, largest_stable, optimistic_limit, verdict
@@ -45,23 +45,7 @@ INSTEAD: dict[Scheme, str] = {
     "paper": '; set coupling.server_step to "passive"',
     "coupling": '; set coupling.kind to "wave"',
 }
-Level = Literal["ok", "note", "warning"]
-LEVELS: tuple[Level, ...] = ("ok", "note", "warning")
 _HALVINGS = 12  # of a damper, to find one with which a session is stable
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One sentence. "warning": the session lies outside; "note": worth knowing. refused: nobody should hold a device in it."""
-
-    topic: str
-    text: str
-    level: Level = "ok"
-    refused: bool = False
-
-    @property
-    def warns(self) -> bool:
-        return self.level == "warning"
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,32 +87,6 @@ class Advice:
     def refusals(self) -> tuple[str, ...]:
         """Warnings that refuse a session: what is known to be unstable, each with the value that would do."""
         return tuple(finding.text for finding in self.findings if finding.refused)
-
-
-def said_of(finding: Finding, people: Iterable[str]) -> str:
-    """Return the person of whom a finding is, "" where it is of all."""
-    name, _, _ = finding.text.partition(": ")
-    return name if name in people else ""
-
-
-def in_rows(findings: Iterable[Finding], people: Sequence[str]) -> dict[tuple[Level, str, str], list[str]]:
-    """Return the people of each row, by level, topic and words: those with the same finding share one."""
-    rows: dict[tuple[Level, str, str], list[str]] = {}
-    for finding in findings:
-        whose = said_of(finding, people)
-        text = finding.text.removeprefix(f"{whose}: ") if whose else finding.text
-        rows.setdefault((finding.level, finding.topic, text), []).append(whose)
-    return rows
-
-
-def warning_rows(findings: Iterable[Finding], people: Sequence[str]) -> int:
-    """Return how many warnings are printed."""
-    return sum(level == "warning" for level, _, _ in in_rows(findings, people))
-
-
-def plain(value: float, digits: int = 4) -> str:
-    """Return a number rounded to so many digits, written without an exponent below a million."""
-    return f"{float(f'{value:.{digits}g}'):g}"
 
 
 def growth(radius: float, frame_s: float) -> str:

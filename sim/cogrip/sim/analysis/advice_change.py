@@ -15,18 +15,8 @@ from cogrip.client.rendered_damper import rounded_down
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.protocol.settings_table import SettingsError
-from cogrip.sim.analysis.advice import (
-    AMPLE,
-    LEVELS,
-    Advice,
-    Level,
-    advise,
-    ample,
-    at_best,
-    plain,
-    said_of,
-    warning_rows,
-)
+from cogrip.sim.analysis.advice import AMPLE, Advice, advise, ample, at_best
+from cogrip.sim.analysis.finding import LEVELS, Level, plain, said_of, warning_rows
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import ModelError
 from cogrip.sim.analysis.stability import Limit
@@ -125,7 +115,7 @@ class Change:
 
     @property
     def costs(self) -> tuple[str, ...]:
-        """What the change makes worse, in words."""
+        """Words for all that the change makes worse."""
         before, after = self.before, self.after
         found = [COSTS[self.key, self.value]] if (self.key, self.value) in COSTS else []
         if self.key == "playout.frames" and self.value != "auto":

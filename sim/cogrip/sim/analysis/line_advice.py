@@ -1,4 +1,4 @@
-"""What a wave line asks of a task, where no linear model says more: scenes of rigid bodies, and worlds of one's own.
+"""Demands of a task on its wave line, where no linear model says more: scenes of rigid bodies, and worlds of one's own.
 
 A line of loop time T and impedance b is a spring k = 2b/T and a mass m = bT/2 (theory 7.1). So a hand that presses with F is
 F/k further than its tool, and on its line a tool swings with the period 2 pi sqrt(m/k) = pi T, whatever b is: a hand that
@@ -14,7 +14,8 @@ from cogrip.devices.settings import parse_address
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.line_tuning import filter_lag_s
 from cogrip.protocol.settings import SeatSettings, Settings, User, seat_axes, seat_settings
-from cogrip.sim.analysis.advice import HEAVY_KG, Finding, Level, carried_finding, gaps, plain
+from cogrip.sim.analysis.advice import HEAVY_KG, carried_finding, gaps
+from cogrip.sim.analysis.finding import Finding, Level, plain
 
 LIGHT_GRIP_N = 3.0  # with which a hand presses, where the settings' hand does not say
 DEEP_M, OUT_OF_REACH_M = 0.01, 0.05  # a hand beyond what it presses: a fingertip's breadth; half of a wrist's reach

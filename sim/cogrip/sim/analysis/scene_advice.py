@@ -15,7 +15,8 @@ from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, held_by, lo
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_surfaces import MOST_MESHES
 from cogrip.server.worlds.scene_text import MOST_NAMED
-from cogrip.sim.analysis.advice import Finding, gaps, overloads, plain, unbounded
+from cogrip.sim.analysis.advice import gaps, overloads, unbounded
+from cogrip.sim.analysis.finding import Finding, plain
 from cogrip.sim.analysis.line_advice import free_tool, loop_s, press_n, pressed, stroke_s
 
 

@@ -21,8 +21,9 @@ from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_real
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings, User, not_passive, resolve, seat_axes
-from cogrip.sim.analysis.advice import Advice, Finding, Level, feel_level, plain, warning_rows
+from cogrip.sim.analysis.advice import Advice, feel_level
 from cogrip.sim.analysis.advice_change import Change, Score, change_to, ranked_changes
+from cogrip.sim.analysis.finding import Finding, Level, plain, warning_rows
 from cogrip.sim.analysis.line_advice import hand_query
 from cogrip.sim.analysis.stiffest import Stiffest, eased, stiffest
 from cogrip.sim.experiments.methods.felt import measure_felt
