@@ -43,7 +43,8 @@ def test_limit_is_the_contract_to_the_letter(cogrip: Cogrip) -> None:
     paper = "stability limit demo --scheme paper --delay-frames"
     found = cogrip.answer(f"{paper} 0 --exact-velocity")
     assert found == {"largest_stable_stiffness_npm": pytest.approx(1977.675, rel=1e-4), "searched_to_npm": 1e7}
-    assert cogrip.answer(f"{paper} 0")["largest_stable_stiffness_npm"] < 1900.0
+    # of a device whose motors' force the client knows, its estimate costs next to nothing
+    assert cogrip.answer(f"{paper} 0")["largest_stable_stiffness_npm"] == pytest.approx(1977.68, rel=1e-4)
     found = cogrip.answer("stability limit demo --exact-velocity")
     assert found == {"largest_stable_stiffness_npm": None, "searched_to_npm": 1e7}
     own = "--set users.0.stiffness_npm=100"
@@ -127,13 +128,14 @@ def test_advice_in_words_and_in_numbers(cogrip: Cogrip) -> None:
     out = " ".join(out.split())
     for words in (
         "note feel anna, ben: 1000 N/m will feel like 362.6 N/m at rest; compensation is out of reach at b = 20 N s/m",
-        "note free motion anna, ben: will feel like 0.72 kg, 0.1 kg of it the device",
+        "note free motion anna, ben: will feel like 0.79 kg, 0.1 kg of it the device",
         "note laboratory anna, ben: a spring of 1000 N/m felt like 363 N/m at rest over this link",
         "ok laboratory a session of 3.25 s with these settings: passive and stable",
         "conditions velocities as clients estimate them",
         "b T_c / m = 0.20",
         "b = 20 of at most 25.6 N s/m, its lag bound, where the 4 ticks that its damper is late take all of its 0.1 kg",
         "--set coupling.impedance_nspm=25.6: felt stiffness would miss what is asked by 58 % in place of 64 %",
+        "(421 N/m in place of 363); it costs: free motion is heavier (0.987 kg in place of 0.793)",
     ):
         assert words in out
     assert "20.48 device ticks" in err

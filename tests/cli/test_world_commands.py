@@ -165,3 +165,18 @@ def test_a_check_says_what_is_broken_and_fails(monkeypatch: pytest.MonkeyPatch, 
     cogrip.refuses('there is no world "cubes"; did you mean "cube"?', "worlds check cubes")
     cogrip.refuses("mine.py has no class Absent", "worlds check python:mine.py:Absent")
     cogrip.refuses("there is no such file", "worlds check none.toml")
+
+
+def test_a_world_of_ones_own_gets_advice_of_its_line_and_a_session(cogrip: Cogrip, folder: Path) -> None:
+    people = '[link]\ndelay_ms = 40.0\n[[users]]\nname = "anna"\nhand = "reach&stroke_s=0.2"\n'
+    (folder / "quiet.py").write_text(BROKEN.read_text())
+    settings = 'seconds = 1.0\n[object]\nkind = "python:quiet.py:Springs"\n'
+    (folder / "room.toml").write_text(f"{settings}{people}")
+    found = cogrip.answer("advise room.toml")
+    levels = {each["topic"]: each["level"] for each in found["findings"]}
+    assert "a session of 1 s with these settings" in found["findings"][-1]["text"]
+    assert levels.pop("laboratory") == "warning", "this world makes energy"
+    assert levels == {"device": "ok", "felt": "ok", "free motion": "warning", "conditions": "note"}
+    assert "no linear model" in found["findings"][3]["text"]
+    assert found["laboratory"]["seconds"] == 1.0
+    assert "laboratory" not in cogrip.out("advise room.toml --no-laboratory")

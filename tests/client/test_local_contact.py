@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.client.local_contact import LENT_J, MOST_SAVED_J, MOST_STEP_N, LocalFaces, LocalWall
+from cogrip.client.velocity import largest_impedance
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.settings import SeatSettings
 
@@ -106,6 +107,49 @@ def test_wall_that_leaves_lets_go_step_by_step() -> None:
     assert (felt[0], felt[-1]) == (pytest.approx(3.0), 0.0)
     assert largest_step(felt) <= MOST_STEP_N * (1 + 1e-9)
     assert coupling.surface_m == 0.05
+
+
+def test_spring_comes_down_with_its_damper() -> None:
+    """The device port takes from both of a contact: a spring that stays while its damper goes rings more."""
+    coupling = LocalWall(seat_of("wall"))
+    hand = Hand(coupling, -0.001)
+    record_nspm = largest_impedance(capability(), T_C).impedance_nspm
+    whole = hand.move(0.002, 2)
+    for share in (1.0, 0.5, 0.1, 0.02):
+        coupling.carried_nspm = share * B
+        assert hand.move(0.002) == pytest.approx(share * whole)
+        watched = record_nspm / coupling.carried_nspm * coupling.local_n[0]
+        assert watched == pytest.approx(whole), "the port watches the contact as it would be with all of both"
+    coupling.carried_nspm = record_nspm
+    assert hand.move(0.002) == pytest.approx(whole)
+
+
+def test_surface_yields_where_the_motors_cannot_follow_the_law() -> None:
+    """Forces that rise by a slope go on to rise as the hand is pushed out, where the surface stays: the hand is thrown."""
+    slope_n, stiffness, mass_kg, push_n = 1000.0 * T_C, 8847.0, 0.1, 6.0
+    coupling = LocalWall(seat_of("wall", stiffness_npm=stiffness, damping_nspm=7.2))
+    hand = Hand(coupling, 0.0)
+    speed, place, force = 0.0, 0.0, 0.0
+    speeds: list[float] = []
+    for _ in range(200):
+        accelerated = speed + (push_n - force) / mass_kg * T_C
+        place, speed = place + 0.5 * (speed + accelerated) * T_C, accelerated
+        law = hand.move(place)
+        force = min(max(law, force - slope_n), force + slope_n)
+        hand.force = [force]
+        speeds.append(abs(speed))
+    assert max(speeds[100:]) < 0.5
+    assert -0.001 < place < 0.01
+
+
+def test_surface_stays_where_motors_round_the_force() -> None:
+    coupling = LocalWall(seat_of("wall"))
+    hand = Hand(coupling, -0.001)
+    for k in range(300):
+        hand.force = [round(hand.force[0], 1)]  # as a driver's converter does
+        hand.move(-0.001 + 0.003 * min(1.0, k / 60))
+        assert coupling.surface_m == 0.0
+    assert hand.force[0] == pytest.approx(2.0)
 
 
 paths = st.lists(

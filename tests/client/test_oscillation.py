@@ -1,7 +1,7 @@
 """Detection of oscillation at the hand, from both sides of each bound."""
 
 from collections.abc import Callable
-from math import pi, sin
+from math import exp, pi, sin, sqrt
 
 import pytest
 
@@ -9,6 +9,7 @@ from cogrip.client.oscillation import (
     FAST_HZ,
     MOST_AT_LIMIT,
     REVERSALS,
+    RING_KEPT,
     RINGS_DOWN,
     SWING_N,
     WINDOW_S,
@@ -53,6 +54,36 @@ def test_the_local_force_counts_on_a_bias_too() -> None:
     """A hand that presses with 3 N and is shaken: the whole force keeps its sign."""
     assert found(sine(67.0, 1.0, 3.0), sine(67.0, 1.0))
     assert not found(sine(67.0, 1.0, 3.0), sine(67.0, 0.49 * SWING_N))
+
+
+def ringing(hz: float, damping_ratio: float, newton: float = 6.0) -> Callable[[float], float]:
+    """Return the force of a contact of this frequency and damping ratio that a hand pushes with `newton` at once."""
+    decay, damped = 2.0 * pi * hz * damping_ratio, 2.0 * pi * hz * sqrt(1.0 - damping_ratio**2)
+    return lambda t: newton * (1.0 - exp(-decay * t) * (sin(damped * t + 0.5 * pi)))
+
+
+@pytest.mark.parametrize("hz", [21.0, 29.0, 60.0, 130.0])
+@pytest.mark.parametrize("damping_ratio", [0.02, 0.05, 0.2, 0.5])
+def test_a_ring_that_decays_is_none(hz: float, damping_ratio: float) -> None:
+    """A hard wall rings when it is met; nothing makes energy, and what is damped less makes it ring the more."""
+    assert exp(-2.0 * pi * damping_ratio) < RING_KEPT
+    assert not found(lambda t: 3.0, ringing(hz, damping_ratio), M=8)
+
+
+@pytest.mark.parametrize("hz", [21.0, 29.0, 60.0, 130.0])
+@pytest.mark.parametrize("damping_ratio", [0.0, 0.002, -0.01, -0.05])
+def test_one_that_stays_or_grows_is_found(hz: float, damping_ratio: float) -> None:
+    assert found(lambda t: 3.0, ringing(hz, damping_ratio, 2.0), M=8)
+
+
+def test_a_bounce_that_comes_lower_each_time_is_none_and_one_that_does_not_is() -> None:
+    """Contact of 15 ms, every 20 ms: each touch half as hard as the one before, or as hard."""
+
+    def bounce(kept: float) -> Callable[[float], float]:
+        return lambda t: 20.0 * kept ** (t // 0.02) * max(0.0, sin(pi * (t % 0.02) / 0.015))
+
+    assert not found(lambda t: 1.0, bounce(0.5), M=8)
+    assert found(lambda t: 1.0, bounce(1.0), M=8)
 
 
 def test_a_tap_is_none() -> None:

@@ -5,14 +5,17 @@ from typing import Any
 import msgspec
 import pytest
 
+from cogrip.client.rendered_damper import rounded_down
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.analysis import advice_change
 from cogrip.sim.analysis.advice import AMPLE, HEAVY_KG, Advice, advise, advise_seat, feel_level, growth
-from cogrip.sim.analysis.advice_change import Change, ranked_changes
+from cogrip.sim.analysis.advice_change import Change, change_to, ranked_changes
+from cogrip.sim.analysis.finding import warning_rows
 from cogrip.sim.analysis.linear_session import ModelError, scheme_overrides
+from cogrip.sim.analysis.stability import Limit
 
 from tests.extent import long
 from tests.sim.session_measures import FRAME_MS
@@ -83,6 +86,35 @@ def test_felt_more_than_the_record_advises() -> None:
     assert any("felt 1030" in text and "1000 N/m" in text for text in loud.warnings)
 
 
+@pytest.mark.parametrize(
+    ("stiffness_npm", "level", "fastest"),
+    [
+        (3000.0, None, None),
+        (3400.0, "note", "0.29 m/s"),
+        (9000.0, "note", "0.11 m/s"),
+        (11000.0, "warning", "0.091 m/s"),
+    ],
+)
+def test_a_wall_that_the_motors_cannot_follow_is_said(
+    stiffness_npm: float, level: str | None, fastest: str | None
+) -> None:
+    """A force rises by 1000 N/s at most, and hands touch with 0.3 m/s, with care with 0.1."""
+    local = settings_of(object__kind="wall", coupling__kind="local", coupling__stiffness_npm=stiffness_npm)
+    said = [each for each in advise(local).findings if "1000 N/s" in each.text]
+    assert [each.level for each in said] == ([level] * 2 if level else [])
+    assert all(f"met faster than {fastest} would" in each.text for each in said)
+
+
+def test_what_the_device_port_takes_of_a_contact_is_said() -> None:
+    """A damper that is four ticks late carries K l T < B: 25.6 / 3.9 ms."""
+    device = {"users__0__device": "sim:phantom?hand=hold", "object__kind": "wall", "coupling__kind": "local"}
+    most_npm = 25.6 / (4.0 / 1024.0)
+    for share, said in ((0.999, False), (1.001, True), (2.0, True)):
+        findings = advise(settings_of(coupling__stiffness_npm=share * most_npm, **device)).findings
+        found = [each for each in findings if "the device port renders 6554 N/m at most" in each.text]
+        assert [each.level for each in found] == (["note"] if said else [])
+
+
 @pytest.mark.parametrize(("decimator", "level"), [("boxcar", "ok"), ("lowpass", "note"), ("none", "warning")])
 def test_what_a_decimator_may_make(decimator: str, level: str) -> None:
     advice = advise(settings_of(coupling__decimator=decimator))
@@ -136,12 +168,13 @@ def test_free_motion_that_the_line_makes_heavy_is_not_ok(delay_ms: float, level:
 
 
 def test_compensation_that_would_not_be_stable_is_not_called_possible() -> None:
-    device = "sim:phantom?hand=hold&friction_n=0"
-    people = {f"users__{number}__device": device for number in (0, 1)}
-    near, far = (advise(settings_of(link__delay_ms=20.0, coupling__stiffness_npm=K, **people)) for K in (300.0, 660.0))
-    assert "compensation is possible" in words(near, "feel")
-    assert far.users[0].compensated_npm > far.limit.stiffness_npm
-    assert "which is not stable" in words(far, "feel")
+    """K = 660 at 20 ms takes 4400 N/m: possible where the session is stable so far, or at any stiffness."""
+    settings = settings_of(link__delay_ms=20.0, coupling__stiffness_npm=660.0)
+    compensated_npm = advise(settings).users[0].compensated_npm
+    assert compensated_npm is not None
+    for share, said in ((None, "is possible"), (1.001, "is possible"), (0.999, "which is not stable")):
+        limit = Limit(None if share is None else share * compensated_npm, 1e7)
+        assert said in words(advise(settings, lambda model, limit=limit: limit), "feel")
 
 
 def test_a_seat_alone_hears_the_same_words_as_its_room() -> None:
@@ -182,6 +215,75 @@ def test_slack_against_jitter_is_given_up_last(b: float, setting: str) -> None:
     table = {"coupling": {"impedance_nspm": b}, "link": {"delay_ms": 20.0}, "playout": {"frames": 1}, "users": people}
     change = best_change(resolve(table), advise(resolve(table)))
     assert change.setting == setting
+
+
+def test_a_change_that_trades_says_what_it_costs() -> None:
+    """K m = b^2 (theory 7.1): what a larger b gives in stiffness it takes in mass."""
+    settings = settings_of(coupling__impedance_nspm=3.0, link__delay_ms=100.0, coupling__stiffness_npm=1000.0)
+    change = best_change(settings, advise(settings))
+    assert change.key == "coupling.impedance_nspm"
+    after = advise(resolve(msgspec.to_builtins(settings), change.overrides))
+    before = advise(settings)
+    felt_npm, free_kg = (
+        [getattr(each.users[0], key) for each in (after, before)] for key in ("felt_npm", "free_mass_kg")
+    )
+    assert f"({felt_npm[0]:.3g} N/m in place of {felt_npm[1]:.3g})" in change.effect
+    heavier = f"it costs: free motion is heavier ({free_kg[0]:.3g} kg in place of {free_kg[1]:.3g})"
+    assert heavier in change.effect
+    assert after.users[0].free_mass_kg > 5.0 * before.users[0].free_mass_kg
+
+
+def test_a_change_that_makes_a_level_worse_is_not_given() -> None:
+    """At 6 ms the line adds 0.23 kg with b = 20, and with all that the device carries more than 0.25 kg."""
+    device = {f"users__{number}__device": "sim:phantom?hand=hold" for number in (0, 1)}
+    settings = settings_of(link__delay_ms=6.0, coupling__stiffness_npm=10000.0, **device)
+    now = advise(settings)
+    assert {finding.level for finding in now.findings if finding.topic == "free motion"} == {"ok"}
+    for change in ranked_changes(settings, now):
+        after = advise(resolve(msgspec.to_builtins(settings), change.overrides))
+        assert {finding.level for finding in after.findings if finding.topic == "free motion"} == {"ok"}
+        assert (change.key, change.value) != ("coupling.impedance_nspm", 25.6)
+
+
+@pytest.mark.parametrize(("kind", "tried"), [("wall", True), ("faces", False), ("cube", False)])
+def test_local_contact_is_tried_where_it_fits(kind: str, tried: bool) -> None:
+    settings = settings_of(object__kind=kind, link__delay_ms=100.0, coupling__stiffness_npm=1000.0)
+    change = best_change(settings, advise(settings))
+    assert (change.setting == 'coupling.kind="local"') == tried
+    if tried:
+        assert "(1000 N/m in place of " in change.effect
+        assert "it costs: a wall that moves" in change.effect
+        assert change.after.missed == pytest.approx(0.0, abs=1e-9)
+
+
+def test_local_contact_comes_with_a_damper_and_a_spring_that_the_devices_carry() -> None:
+    device = {f"users__{number}__device": "emulated:vintage?hand=hold" for number in (0, 1)}
+    settings = settings_of(
+        object__kind="wall", link__delay_ms=100.0, coupling__impedance_nspm=2.0, coupling__damping_nspm=40.0, **device
+    )
+    now = advise(settings)
+    changes = {change.value: change for change in ranked_changes(settings, now)}
+    carried, advised = (
+        rounded_down(each) for each in (now.users[0].largest_impedance_nspm, now.users[0].advised_stiffness_npm)
+    )
+    assert carried < 40.0
+    assert advised < 1000.0
+    also = f"--set coupling.damping_nspm={carried} --set coupling.stiffness_npm={advised}"
+    assert changes["local"].setting == f'coupling.kind="local" {also}'
+    assert advise(resolve(msgspec.to_builtins(settings), changes["local"].overrides)).refusals == ()
+
+
+def test_warnings_are_counted_as_they_are_printed() -> None:
+    """One of the decimator and one of the feel, each of both people; a third of the one whose damper is too large."""
+    settings = settings_of(
+        coupling__decimator="none", link__delay_ms=100.0, coupling__stiffness_npm=2000.0, users__0__impedance_nspm=60.0
+    )
+    now = advise(settings)
+    people = [user.name for user in settings.users]
+    assert warning_rows(now.findings, people) == 4, "the feel of the two is not the same"
+    change = change_to(settings, now, "coupling.decimator", "boxcar")
+    assert (change.before.rows, change.after.rows) == (4, 3)
+    assert "1 of 4 warnings would go" in change.effect
 
 
 def test_where_nothing_would_be_better_nothing_is_said() -> None:

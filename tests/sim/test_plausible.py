@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from cogrip.protocol.settings import resolve
-from cogrip.sim.analysis.advice import Finding
+from cogrip.sim.analysis.finding import Finding
 from cogrip.sim.analysis.plausible import implausible
 
 

@@ -1,19 +1,24 @@
 """Words about scenes of rigid bodies: before a run by `advise`, after it in summary, verdict and report."""
 
+from math import pi
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from cogrip.cli.session.before_run import advice_on
 from cogrip.cli.session.settings_file import load
 from cogrip.protocol.line.concealment import held_force
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.sim.analysis.finding import plain
+from cogrip.sim.analysis.line_advice import LIGHT_GRIP_N, loop_s, own_world_findings, press_n, stroke_s
 from cogrip.sim.analysis.scene_advice import scene_findings
 from cogrip.sim.runs.report.tables import room_table
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.runs.verdict import judgements
 from cogrip.sim.runs.verdict_text import notes
 from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.session.laboratory_check import check
 
 LIFT = Path("lift")
 OWN = """<mujoco><worldbody><geom type="plane" size="1 1 .1"/><body name="box" pos="0 0 .03"><freejoint/>
@@ -34,11 +39,71 @@ def test_advice_says_what_a_hand_will_feel_and_which_contact_is_set() -> None:
     assert [text.partition(":")[0] for text in felt] == ["anna", "ben"]
     frame_s, loop_frames = 1.0 / 128.0, 9.0
     mass_kg = 0.05 + 0.5 * 20.0 * loop_frames * frame_s
-    assert f"the free tool as {mass_kg:.3g} kg" in felt[0]
+    assert f"the free tool feels like {mass_kg:.3g} kg" in texts(settings, "free motion")[0]
     contact_mpn = 1.0 / (4e5 * (0.05 + 20.0 * frame_s / 4.0))
     line_mpn = (loop_frames * frame_s) / (2.0 * 20.0)
     said = float(felt[0].partition("felt with ")[2].partition(" N/m")[0])
     assert said == pytest.approx(1.0 / (contact_mpn + line_mpn), rel=0.02)  # the client's end adds parts of a frame
+
+
+@pytest.mark.parametrize(
+    ("delay_ms", "felt", "free"),
+    [(20.0, "ok", "note"), (100.0, "note", "note"), (200.0, "warning", "warning"), (300.0, "warning", "warning")],
+)
+def test_a_scene_has_the_levels_that_other_objects_have(delay_ms: float, felt: str, free: str) -> None:
+    """A line of loop T gives way by F T / 2b to the hands' 5 N, weighs b T / 2, and swings in pi T: their strokes take 1 s."""
+    settings = load(LIFT, [f"link.delay_ms={delay_ms}"])
+    found = {finding.topic: finding for finding in scene_findings(settings) if finding.text.startswith("anna: ")}
+    T = loop_s(seat_settings(settings, 0))
+    assert (found["felt"].level, found["free motion"].level) == (felt, free)
+    sunk_mm = float(found["felt"].text.partition("5 N go ")[2].partition(" mm")[0])
+    assert sunk_mm == pytest.approx(1e3 * 5.0 * T / 40.0, rel=0.03)
+    assert felt == ("ok" if sunk_mm <= 10.0 else "note" if sunk_mm <= 50.0 else "warning")
+    assert f"like {plain(0.05 + 10.0 * T, 3)} kg" in found["free motion"].text
+    assert (free == "warning") == (pi * T > 1.0) == ("too fast for it" in found["free motion"].text)
+    assert ("lags behind" in found["free motion"].text) == (0.5 < pi * T <= 1.0)
+
+
+@pytest.mark.parametrize(
+    ("hand", "force_n", "seconds"),
+    [
+        ("grasp&press_n=7&stroke_s=1.5", 7.0, 1.5), ("reach&stroke_s=0.6", LIGHT_GRIP_N, 0.6), ("reach", LIGHT_GRIP_N, 0.8),
+        ("crank&radius_m=0.06&speed_radps=2", LIGHT_GRIP_N, pi), ("sine&frequency_hz=0.5", LIGHT_GRIP_N, 1.0),
+        ("push&force_n=-4", 4.0, None), ("hold", LIGHT_GRIP_N, None),
+        ("waypoints&times_s=1,1.2,3,4&x_m=0,0,0.1,0.1&z_m=0.2,0.2,0.2,0", LIGHT_GRIP_N, 1.0),
+    ],
+)  # fmt: skip
+def test_what_a_hand_demands_of_its_line(hand: str, force_n: float, seconds: float | None) -> None:
+    [user] = resolve({"users": [{"name": "anna", "device": "sim:ideal", "hand": hand}]}).users
+    assert press_n(user) == force_n
+    assert stroke_s(user) == (None if seconds is None else pytest.approx(seconds))
+
+
+def test_a_world_of_ones_own_hears_of_its_line_and_what_is_not_known() -> None:
+    """40 ms each way, b = 20, m = 0.1 kg."""
+    table = {
+        "link": {"delay_ms": 40.0, "loss": 0.02},
+        "users": [{"name": "anna", "hand": "reach&stroke_s=0.25"}],
+    }
+    table["object"] = {"kind": "python:own.py:Own"}
+    settings = msgspec.convert(table, Settings)
+    found = {finding.topic: finding for finding in own_world_findings(settings)}
+    T = loop_s(seat_settings(settings, 0))
+    assert f"a spring of {plain(40.0 / T)} N/m at rest" in found["felt"].text
+    assert f"like {plain(0.1 + 10.0 * T, 3)} kg, 0.1 kg of it the device" in found["free motion"].text
+    assert found["free motion"].level == "warning", "it swings in 0.3 s"
+    assert "1.2 N are held in full" in found["gaps"].text
+    assert "b = 20 of at most 25.6" in found["device"].text
+    assert "no linear model" in found["conditions"].text
+
+
+@pytest.mark.long
+def test_a_session_of_a_scene_tells_whether_its_task_is_done() -> None:
+    near, far = (check(load(LIFT, [f"link.delay_ms={delay_ms}"])) for delay_ms in (20.0, 300.0))
+    assert (near.done, near.session.level) == (True, "ok")
+    assert "task reached after 5.66 s" in near.session.text
+    assert (far.done, far.session.level) == (False, "warning")
+    assert "task not reached: box" in far.session.text
 
 
 @pytest.mark.long
@@ -49,7 +114,7 @@ def test_advice_says_what_a_gripper_will_feel_and_the_fingers_feel_it() -> None:
     loop_s = 9.0 / 128.0
     said = float(grip.partition("a spring of ")[2].partition(" N/m")[0])
     assert said == pytest.approx(2.0 * 10.0 / loop_s, rel=1e-3)
-    assert f"the free finger is felt as {0.025 + 0.5 * 10.0 * loop_s:.3g} kg" in grip
+    assert f"the free finger feels like {0.025 + 0.5 * 10.0 * loop_s:.3g} kg" in texts(settings, "free motion")[1]
     laboratory = Laboratory(load(Path("pinch"), ["seconds=4.0"]))
     laboratory.run()
     device = laboratory.people[0].device

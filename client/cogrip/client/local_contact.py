@@ -25,6 +25,8 @@ from math import inf, sqrt
 from operator import mul
 
 from cogrip.client.coupling import Coupling, Row, spring_j, stretch_m
+from cogrip.client.force_limits import MOST_SLOPE_NPS
+from cogrip.client.velocity import largest_impedance
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability
 from cogrip.protocol.clock import Clock
@@ -38,6 +40,7 @@ LENT_J = (
     1e-4  # by which E may be below 0 while the force is ramped: a touch loads the spring before any force has worked
 )
 MOST_STEP_N = 0.5  # by which a surface that moves may change the force in a tick
+AT_SLOPE = 0.9  # of the slope limit: a force that rises so fast is held by it; motors also round forces
 RETURN_S = 0.05  # time constant with which a face that nobody touches goes to where the object is
 
 
@@ -85,12 +88,10 @@ class LocalCoupling(WaveCoupling):
         super().__init__(seat)
         self._side = seat.side_sign
         self._asked_npm, self._asked_nspm = seat.coupling.stiffness_npm, seat.coupling.damping_nspm
-        self._lag_s, self._peak_n = 0.0, inf  # of the device
+        self._lag_s, self._peak_n, self._record_nspm = 0.0, inf, inf  # of the device
         self._stiffness, self._damping = self._asked_npm, self._asked_nspm  # K and B as they are rendered now
-        self._carried, self._carries_less = (
-            -1.0,
-            False,
-        )  # `carried_nspm` for which they are; whether it leaves less of them
+        self._carried, self._carries_less = -1.0, False  # `carried_nspm` they are for; whether it leaves less of them
+        self._watched = 1.0  # factor on a contact's force that makes it what the device port watches
         self._hand_j = CompensatedSum()  # work of the hand
         self._position: Row | None = None  # of the hand at this tick
         self.gate = ContactGate()
@@ -99,6 +100,7 @@ class LocalCoupling(WaveCoupling):
     def fit(self, record: Capability, lag_s: float) -> None:
         super().fit(record, lag_s)
         self._lag_s, self._peak_n, self._carried = lag_s, record.peak_force_n, -1.0
+        self._record_nspm = largest_impedance(record, self._tick_s).impedance_nspm
 
     def go_on_from(self, before: Coupling) -> None:
         super().go_on_from(before)
@@ -155,14 +157,22 @@ class LocalCoupling(WaveCoupling):
         return depth_m if kept == stored else stretch_m(self._stiffness, kept / gain, self._peak_n)
 
     def _carry(self) -> float:
-        """Set the stiffness to what the device carries; return the damping that it does."""
+        """Set the stiffness to what the device carries; return the damping that it does.
+
+        Where the device port takes from the damper, the spring is reduced with it: a spring that keeps its stiffness while
+        its damper goes rings the more. The port watches the contact as it would be with all of both (`DevicePort.watch`).
+        """
         carried = self.carried_nspm
         if carried == self._carried:  # as mostly
             self.reduced = self._carries_less
             return self._damping
-        self._carried, self._damping = carried, min(self._asked_nspm, carried)
-        self._stiffness = min(self._asked_npm, carried / self._lag_s if self._lag_s else inf)
+        self._carried, whole = carried, min(self._asked_nspm, self._record_nspm)
+        self._damping = min(whole, carried)
+        kept = self._damping / whole if whole else 1.0
+        self._stiffness = min(kept * self._asked_npm, carried / self._lag_s if self._lag_s else inf)
         self.reduced = self._carries_less = self._stiffness < self._asked_npm or self._damping < self._asked_nspm
+        left = min(kept, self._stiffness / self._asked_npm) if self._asked_npm else kept
+        self._watched = min(1.0, carried / self._record_nspm / left) if self._record_nspm < inf and left else 1.0
         return self._damping
 
     def message(
@@ -180,6 +190,11 @@ class LocalFace(LocalCoupling):
         super().__init__(seat)
         self.surface_m: float | None = None
         self._speed = 0.0  # v_p
+        self._law_n = self._behind_n = 0.0  # F at the last tick, along s; how far the motors are behind it
+        self._held_n, self._slope_n = (
+            0.0,
+            inf,
+        )  # force that they held in the last tick, along s; what it rises by at most
 
     def go_on_from(self, before: Coupling) -> None:
         """Keep the surface where it is: what the hand presses on does not vanish under it."""
@@ -189,6 +204,18 @@ class LocalFace(LocalCoupling):
     @property
     def stored_j(self) -> float:
         return self._spring_j(self._depth())
+
+    def fit(self, record: Capability, lag_s: float) -> None:
+        super().fit(record, lag_s)
+        self._slope_n = min(record.slew_nps, MOST_SLOPE_NPS) * self._tick_s
+
+    def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
+        before_n, self._held_n = self._held_n, self._side * self.applied_n[0]
+        self._behind_n = 0.0
+        if self._held_n - before_n > AT_SLOPE * self._slope_n and self.ramp_gain == 1.0:
+            cut_n = self._side * self.cut_n[0] if self.cut_n is not None else 0.0
+            self._behind_n = max(0.0, self._law_n - self._held_n - cut_n)
+        super().elapse(mean_velocity_mps, velocity_mps, hold)
 
     def _depth(self) -> float:
         """Return max(d, 0)."""
@@ -201,24 +228,29 @@ class LocalFace(LocalCoupling):
         damping = self._carry()
         self._position = tuple(position_m)
         self._yield(position_m[0])
-        self._place(position_m[0])
+        if not self._behind_n:
+            self._place(position_m[0])
         depth = self._depth()
         self.proxy_m = (position_m[0] - side * depth, *position_m[1:])
         law = 0.0
         if depth > 0.0:
             law = max(0.0, self._stiffness * depth + damping * side * (velocity_mps[0] - self._speed))
-        self.local_n = [self._own_n(side * law, position_m[0], damping * velocity_mps[0]), *zero[1:]]
+        self._law_n = law
+        self.local_n = [self._watched * side * law, *zero[1:]]
         return [side * law, *zero[1:]]
 
     def _yield(self, hand_m: float) -> None:
-        """Let the surface go with the hand where the depth has not been paid for."""
+        """Let the surface go with the hand where the depth has not been paid for, or the motors cannot follow the law.
+
+        A force that rises by the slope limit is behind its law, and would go on to rise as the hand is pushed out: the hand
+        would be thrown. So the surface yields by what the motors are behind.
+        """
         depth = self._depth()
+        if self._behind_n and self._stiffness:
+            depth = max(0.0, depth - self._behind_n / self._stiffness)
+            self.surface_m = hand_m - self._side * depth
         if (kept := self._kept_m(depth)) < depth:
             self.surface_m = hand_m - self._side * kept
-
-    def _own_n(self, law_n: float, hand_m: float, damped_n: float) -> float:
-        """Return the part of the law's force that follows the hand's own motion: all of it, where nothing else moves."""
-        return law_n
 
     def _place(self, hand_m: float) -> None:
         """Put the surface where it should be, as far as energy allows."""

@@ -73,7 +73,8 @@ class LocalPoses(LocalScene):
         if self._depth > 0.0:
             size = max(0.0, self._stiffness * self._depth + damping * (i * x + j * y + k * z))
         (a, b, c), local_n = self._shown(self.local_n[:PLACES], s), self.local_n
-        self.local_n = (a + size * i, b + size * j, c + size * k, *local_n[PLACES:])
+        watched = self._watched * size
+        self.local_n = (a + watched * i, b + watched * j, c + watched * k, *local_n[PLACES:])
         a, b, c = self._shown(line_n[:PLACES], s)
         return [a + size * i, b + size * j, c + size * k, *line_n[PLACES:]]
 

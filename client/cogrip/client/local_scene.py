@@ -210,8 +210,8 @@ class LocalScene(LocalCoupling):
             i, j, k = self._along
             speed = damping * (i * velocity_mps[0] + j * velocity_mps[1] + k * velocity_mps[2])
             size = max(0.0, self._stiffness * self._depth + speed)
-            a, b, c = self.local_n
-            self.local_n = a + size * i, b + size * j, c + size * k
+            (a, b, c), watched = self.local_n, self._watched * size
+            self.local_n = a + watched * i, b + watched * j, c + watched * k
             a, b, c = total
             return [a + size * i, b + size * j, c + size * k]
         return list(total)

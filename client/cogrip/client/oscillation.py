@@ -6,6 +6,9 @@ back by more than SWING_N, whatever its sign: then the hand itself moves to and 
 is fast if the one before was at most half a period of FAST_HZ ago. Hands turn at 12 Hz at most, so that a train of fast turns
 is no person's.
 
+A hand that meets a stiff wall rings, and the ring decays: that is how a hard thing feels, and nothing makes energy. So a turn
+counts only if the swing that it ends is RING_KEPT times the one of a period before, in the same direction, or more.
+
 The mean, because what comes from the server is held over a frame: where a hand accelerates, the force of a line ramps with it
 and steps back at each frame, by b T_n xddot (0.8 N for a tremor of 1.3 mm at 9 Hz), and in free motion that is around 0. An
 oscillation of the loop through the server reverses its mean. Within a frame only the local force varies.
@@ -18,6 +21,7 @@ from math import inf
 FAST_HZ = 20.0
 SWING_N = 0.5  # from one turn to the next, or it is none
 HALF_SWING_N, BACK_N = 0.5 * SWING_N, -0.5 * SWING_N
+RING_KEPT = 0.95  # of a swing, a period later: a ring that keeps less decays, at a damping ratio of 0.008 or more
 TRAIN = 3  # fast turns of the local force in a row: the device end oscillates. A tap on a wall makes two
 REVERSALS = 5  # fast reversals of the whole force in a row: the loop through the server does
 RINGS_DOWN = 3  # reversals in which a loop that is damped more is given time to ring down
@@ -31,16 +35,21 @@ class AxisTurns:
 
     fast       ticks of the fast ones within the window
     sum_n      of the force in the frame under way
-    train      fast turns in a row
+    swing_n    of the local force, to its last turn; swing_before_n: to the turn before that
+    train      fast turns in a row, those of a ring that decays left out
     reversals  fast reversals in a row, less those in which it was to ring down
     """
 
-    __slots__ = ("extreme", "fast", "positive", "reversals", "reversed_at", "rising", "sum_n", "train", "turned_at")
+    __slots__ = (
+        "extreme", "fast", "positive", "reversals", "reversed_at", "rising", "sum_n", "swing_before_n", "swing_n", "train",
+        "turned_at", "turned_n",
+    )  # fmt: skip
 
     def __init__(self) -> None:
         self.positive = self.rising = True
         self.reversed_at = self.turned_at = -1e9  # ticks of the last ones
         self.extreme = self.sum_n = 0.0
+        self.turned_n = self.swing_n = self.swing_before_n = 0.0  # turned_n: the local force at its last turn
         self.train = self.reversals = 0
         self.fast: deque[int] = deque()
 
@@ -95,10 +104,13 @@ class OscillationDetector:
                 axis.extreme = local
             elif not -SWING_N <= swing <= SWING_N:
                 turned_fast = tick - axis.turned_at <= self._half_period
+                ended_n = abs(axis.extreme - axis.turned_n)
+                rings = turned_fast and ended_n >= RING_KEPT * axis.swing_before_n
+                axis.swing_before_n, axis.swing_n, axis.turned_n = axis.swing_n, ended_n, axis.extreme
                 axis.turned_at, axis.extreme, axis.rising = tick, local, not axis.rising
-                axis.train = axis.train + 1 if turned_fast else 0
-                fast = fast or turned_fast
-                train = train or axis.train >= TRAIN
+                axis.train = axis.train + rings if turned_fast else 0
+                fast = fast or rings
+                train = train or (rings and axis.train >= TRAIN)
             if fast:
                 axis.fast.append(tick)
                 changed = True

@@ -15,7 +15,8 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.registry import FAMILIES, is_real
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings
-from cogrip.sim.analysis.advice import Finding, advise, ample, overloads, unbounded
+from cogrip.sim.analysis.advice import advise, ample, overloads, unbounded
+from cogrip.sim.analysis.finding import Finding
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import ModelError, linear_session
 from cogrip.sim.analysis.plausible import implausible

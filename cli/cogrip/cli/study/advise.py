@@ -7,16 +7,20 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
+from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
 from cogrip.cli.session.settings_file import load, with_people
 from cogrip.cli.study.analysis_query import AS_IT_STANDS, Query
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Config, Devices, Overrides
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.device import DeviceError
+from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings
-from cogrip.sim.analysis.advice import AMPLE, Advice, Finding, advise, plain
+from cogrip.sim.analysis.advice import AMPLE, Advice, advise
 from cogrip.sim.analysis.advice_change import Change, ranked_changes
 from cogrip.sim.analysis.delay_budget import Stage, budget, total_s
+from cogrip.sim.analysis.finding import Finding, in_rows, plain
+from cogrip.sim.analysis.line_advice import own_world_findings
 from cogrip.sim.analysis.linear_session import LinearSession, ModelError, linear_session
 from cogrip.sim.analysis.stiffest import NEARLY, Stiffest, stiffest
 from cogrip.sim.session.laboratory_check import Check, check, checked_change, checked_stiffest
@@ -30,6 +34,7 @@ def advise_command(
     laboratory: bool = True,
     overrides: Overrides = (),
     device: Devices = (),
+    python_worlds: PythonWorlds = (),
     json: Json = None,
 ) -> int:
     """Advise on stability, feel and improvements before anyone holds a device.
@@ -45,10 +50,11 @@ def advise_command(
     laboratory
         Check the advice by sessions in virtual time: some seconds; `--no-laboratory` leaves that out.
     """
+    allow_python_worlds(python_worlds)
     settings = with_people(load(config, overrides), (), device)
     with BadInput.of(ModelError, DeviceError, where=f"{config}: "):
-        if settings.object.kind == "scene" and not for_stiffness:
-            return _of_scene(settings, json)
+        if not kind_of(settings.object.kind).spring and not for_stiffness:
+            return _without_model(settings, laboratory, json)
         if for_stiffness:
             return _print_stiffest(config, settings, laboratory, json)
         advice = advise(settings)
@@ -79,16 +85,26 @@ def advise_command(
     return 0
 
 
-def _of_scene(settings: Settings, json: Json) -> int:
-    from cogrip.sim.analysis.scene_advice import scene_findings  # with MuJoCo
-
+def _without_model(settings: Settings, laboratory: bool, json: Json) -> int:
+    """Advise on a scene or a world of one's own: what can be said of devices, line and contact, and what a session shows."""
     with BadInput.of(ValueError):  # a SceneError
-        findings = scene_findings(settings)
+        if settings.object.kind == "scene":
+            from cogrip.sim.analysis.scene_advice import scene_findings  # with MuJoCo
+
+            findings = scene_findings(settings)
+        else:
+            findings = list(own_world_findings(settings))
+        refused = any(finding.refused for finding in findings)
+        checked = None
+        if laboratory and not refused:
+            checked = _watched("running a session in virtual time", lambda _: check(settings))
+            findings.append(checked.session)
     if json:
         warnings = [finding.text for finding in findings if finding.warns]
-        write_json({"findings": _told(findings), "warnings": warnings}, json)
+        write_json({"findings": _told(findings), "warnings": warnings, "laboratory": _judged(checked)}, json)
     else:
-        _print(_rows(findings, [user.name for user in settings.users]), "")
+        rows = _rows(findings, [user.name for user in settings.users])
+        _print(rows, "most helpful: not looked for, as there is no linear model of this object to rank changes by")
     return 0
 
 
@@ -136,14 +152,9 @@ def _seen(checked: Check | None, expected_npm: Mapping[str, float] | None = None
 
 def _rows(findings: Iterable[Finding], people: Sequence[str]) -> list[Row]:
     """Return a row a finding; people with the same finding share one."""
-    named: dict[tuple[str, str, str], list[str]] = {}
-    for finding in findings:
-        name, _, rest = finding.text.partition(": ")
-        whose = name if name in people else ""
-        named.setdefault((finding.level, finding.topic, rest if whose else finding.text), []).append(whose)
     return [
         (level, topic, f"{', '.join(names)}: {text}" if any(names) else text)
-        for (level, topic, text), names in named.items()
+        for (level, topic, text), names in in_rows(findings, people).items()
     ]
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import expm1, log, sqrt
-from typing import Literal
 
-from cogrip.client.rendered_damper import bound_words, damper_key, damper_on, refusal, rounded_down
+from cogrip.client.force_limits import MOST_SLOPE_NPS
+from cogrip.client.rendered_damper import ROUNDING, bound_words, damper_key, damper_on, refusal, rounded_down
 from cogrip.client.velocity import Bound, largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for
@@ -22,6 +22,7 @@ from cogrip.protocol.settings import SeatSettings, Settings, seat_axes, seat_set
 from cogrip.sim.analysis.decimation_passivity import filter_of, largest_gain
 from cogrip.sim.analysis.effect_advice import effect_advice
 from cogrip.sim.analysis.feel import no_contact, on_wall, slow_feel
+from cogrip.sim.analysis.finding import Finding, Level, plain
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import FORMS, LinearSession, Scheme, linear_session, seat_session
 from cogrip.sim.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, largest_stable, optimistic_limit, verdict
@@ -31,6 +32,7 @@ AMPLE = 1.5  # times its stiffness that a session should stay stable to
 MUCH_GAIN = 1.1  # of a decimator: more than that warns
 LITTLE_FELT = 0.25  # of the stiffness asked for: a felt stiffness below it warns
 HEAVY_KG = 0.25  # added to free motion by a line: a mug of coffee
+BRISK_MPS, SLOW_TOUCH_MPS = 0.3, 0.1  # speeds with which hands touch things: briskly, and with care
 _TINY = 1e-9
 _NEAR = 1e-4  # of a stiffness
 TOO_MUCH: dict[Scheme, str] = {
@@ -43,22 +45,7 @@ INSTEAD: dict[Scheme, str] = {
     "paper": '; set coupling.server_step to "passive"',
     "coupling": '; set coupling.kind to "wave"',
 }
-Level = Literal["ok", "note", "warning"]
 _HALVINGS = 12  # of a damper, to find one with which a session is stable
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One sentence. "warning": the session lies outside; "note": worth knowing. refused: nobody should hold a device in it."""
-
-    topic: str
-    text: str
-    level: Level = "ok"
-    refused: bool = False
-
-    @property
-    def warns(self) -> bool:
-        return self.level == "warning"
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +66,7 @@ class UserAdvice:
     device_mass_kg: float
     b_tc_over_m: float
     advised_damping_nspm: float
+    advised_stiffness_npm: float
     largest_impedance_nspm: float
     impedance_bound: Bound
 
@@ -99,11 +87,6 @@ class Advice:
     def refusals(self) -> tuple[str, ...]:
         """Warnings that refuse a session: what is known to be unstable, each with the value that would do."""
         return tuple(finding.text for finding in self.findings if finding.refused)
-
-
-def plain(value: float, digits: int = 4) -> str:
-    """Return a number rounded to so many digits, written without an exponent below a million."""
-    return f"{float(f'{value:.{digits}g}'):g}"
 
 
 def growth(radius: float, frame_s: float) -> str:
@@ -256,7 +239,7 @@ def _user(session: LinearSession, number: int, seat: SeatSettings, record: Capab
     carried = largest_impedance(record, seat.rates.tick_s)
     return UserAdvice(
         person.name, coupling.stiffness_npm, felt, compensated, enough, free_kg, person.device_mass_kg, share,
-        record.damping_nspm, carried.impedance_nspm, carried.bound,
+        record.damping_nspm, record.stiffness_npm, carried.impedance_nspm, carried.bound,
     )  # fmt: skip
 
 
@@ -282,18 +265,13 @@ def _calmer(session: LinearSession) -> str:
 
 
 def _seat(user: UserAdvice, seat: SeatSettings, record: Capability, section: str, limit: Limit) -> Iterator[Finding]:
-    damper, carried = damper_on(seat, record), largest_impedance(record, seat.rates.tick_s)
+    damper = damper_on(seat, record)
     if is_input_only(f"{record.family}:"):
         text = "is input only: no force reaches the hand, and what is said of its feel is that of its simulated mass"
         yield Finding("device", f"{user.name}: {record.family}:{record.model} {text}", "note")
-    if text := refusal(seat, record, section):
-        yield Finding("device", text, "warning", refused=True)
-    else:
-        yield Finding(
-            "device",
-            f"{user.name}: {damper.symbol} T_c / m = {user.b_tc_over_m:.2f}; {damper.symbol} = {damper.value_nspm:g} of "
-            f"at most {carried.impedance_nspm:.3g} N s/m, its {carried.bound} bound, where {bound_words(carried, record)}",
-        )
+    yield _carried(user.name, seat, record, section)
+    if not seat.coupling.traits.felt_through_waves:
+        yield from _own_spring(user, seat, record)
     if user.felt_npm > record.stiffness_npm * (1.0 + 1e-9):
         yield Finding(
             "device",
@@ -307,6 +285,44 @@ def _seat(user: UserAdvice, seat: SeatSettings, record: Capability, section: str
         yield Finding("line", _line_text(user.name, seat, damper.value_nspm))
     yield from gaps(f"{user.name}: ", seat, damper.value_nspm, record.continuous_force_n)
     yield _free(user)
+
+
+def carried_finding(settings: Settings, number: int, record: Capability) -> Finding:
+    """Return whether a person's device carries the damper that the settings ask of it."""
+    return _carried(settings.users[number].name, seat_settings(settings, number), record, _section(settings, number))
+
+
+def _carried(name: str, seat: SeatSettings, record: Capability, section: str) -> Finding:
+    damper, carried = damper_on(seat, record), largest_impedance(record, seat.rates.tick_s)
+    if text := refusal(seat, record, section):
+        return Finding("device", text, "warning", refused=True)
+    share = damper.value_nspm * seat.rates.tick_s / record.apparent_mass_kg
+    return Finding(
+        "device",
+        f"{name}: {damper.symbol} T_c / m = {share:.2f}; {damper.symbol} = {damper.value_nspm:g} of at most "
+        f"{carried.impedance_nspm:.3g} N s/m, its {carried.bound} bound, where {bound_words(carried, record)}",
+    )
+
+
+def _own_spring(user: UserAdvice, seat: SeatSettings, record: Capability) -> Iterator[Finding]:
+    """Yield what bounds a spring that the client renders itself: the device port, and the slope of its force."""
+    carried, K = largest_impedance(record, seat.rates.tick_s), seat.rendered_npm
+    most_npm = carried.impedance_nspm / (carried.lag_ticks * seat.rates.tick_s)
+    if most_npm * (1.0 + ROUNDING) < K:
+        yield Finding(
+            "device",
+            f"{user.name}: of {plain(K)} N/m the device port renders {plain(most_npm)} N/m at most, as the damper of this "
+            f"device is {carried.lag_ticks:.2g} ticks late; set coupling.stiffness_npm to {rounded_down(most_npm):g} or less",
+            feel_level(most_npm, K) if feel_level(most_npm, K) != "ok" else "note",
+        )
+    slope_nps = min(record.slew_nps, MOST_SLOPE_NPS)
+    if K and (fastest_mps := slope_nps / K) < BRISK_MPS:
+        yield Finding(
+            "device",
+            f"{user.name}: {plain(K)} N/m met faster than {plain(fastest_mps, 2)} m/s would need a force that rises by more "
+            f"than {plain(slope_nps)} N/s: it is softer then",
+            "warning" if fastest_mps < SLOW_TOUCH_MPS else "note",
+        )
 
 
 def _line_text(name: str, seat: SeatSettings, impedance_nspm: float) -> str:

@@ -21,7 +21,7 @@ from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.simulated.hands import DirectedHand, Hand, PushHand
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import Settings, rates_of, seat_axes
-from cogrip.sim.analysis.advice import Finding
+from cogrip.sim.analysis.finding import Finding
 
 FAR_OUTSIDE = (
     2.0  # half widths of a workspace from its middle: a hand may mean to press a little beyond an end, not so far

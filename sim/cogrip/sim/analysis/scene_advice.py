@@ -8,7 +8,6 @@ import numpy as np
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.felt_stiffness import felt_stiffness
 from cogrip.protocol.line.delays import line_delay
-from cogrip.protocol.line_tuning import filter_lag_s
 from cogrip.protocol.setting_types import GRIP_AXES
 from cogrip.protocol.settings import SeatSettings, Settings, seat_axes, seat_settings
 from cogrip.server.worlds.local_geometry import local_geometry, unfit_tool
@@ -16,7 +15,9 @@ from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, held_by, lo
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_surfaces import MOST_MESHES
 from cogrip.server.worlds.scene_text import MOST_NAMED
-from cogrip.sim.analysis.advice import Finding, gaps, overloads, plain, unbounded
+from cogrip.sim.analysis.advice import gaps, overloads, unbounded
+from cogrip.sim.analysis.finding import Finding, plain
+from cogrip.sim.analysis.line_advice import free_tool, loop_s, press_n, pressed, stroke_s
 
 
 def scene_findings(settings: Settings) -> list[Finding]:
@@ -24,8 +25,9 @@ def scene_findings(settings: Settings) -> list[Finding]:
     seats = [seat_settings(settings, number) for number in range(len(settings.users))]
     given = settings.object
     scene = load_scene(Path(given.file), held_by(settings), seats[0].rates.frame_s / given.substeps)
-    felt = [_felt(scene, seat) for seat in seats if seat.coupling.traits.felt_through_waves]
-    local = [each for seat in seats if seat.coupling.traits.local for each in _local(scene, seat)]
+    waves = [seat for seat in seats if seat.coupling.traits.felt_through_waves]
+    felt = [each for seat in waves for each in _felt(settings, scene, seat)]
+    local = [each for seat in seats if seat.coupling.traits.local for each in _local(settings, scene, seat)]
     grips = [each for seat in seats if seat.object.axes == GRIP_AXES for each in _grip(settings, scene, seat)]
     return [*_contact(scene), *felt, *grips, *local, *_drawn(scene), *_loads(settings)]
 
@@ -52,7 +54,7 @@ def _drawn(scene: Scene) -> Iterator[Finding]:
         yield Finding("drawn", text, "note")
 
 
-def _local(scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
+def _local(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
     """Yield which contact is rendered at the hand, and which the server's is felt through the line (theory 8.7)."""
     geometry = local_geometry(scene, seat.seat)
     if geometry.why and scene.tools[seat.seat].driven:
@@ -61,7 +63,7 @@ def _local(scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
     if geometry.why:
         text = f"{seat.user}: all contact is the server's, and the line holds the tool all the time: {geometry.why}"
         yield Finding("local", text, "warning")
-        yield _felt(scene, seat)
+        yield from _felt(settings, scene, seat)
         return
     fixed = len(geometry.shapes) - len(geometry.balls)
     shapes = "1 fixed shape" if fixed == 1 else f"{fixed} fixed shapes"
@@ -73,15 +75,17 @@ def _local(scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
         yield Finding("local", text, "note")
 
 
-def _felt(scene: Scene, seat: SeatSettings) -> Finding:
-    """Return the stiffness and the mass that a hand feels (theory 8.4)."""
+def _felt(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
+    """Yield the stiffness and the mass that a hand feels (theory 8.4), and whether its task is too much for them."""
     tool_kg, b = float(scene.model.body_mass[scene.tools[seat.seat].body]), seat.coupling.impedance_nspm
     contact_npm = CONTACT_RATE_PS2 * (tool_kg + b * float(scene.model.opt.timestep))
     felt_npm = felt_stiffness(contact_npm, seat.line_compliance(_loop_frames(seat)))
-    mass_kg = tool_kg + _line_kg(seat, b)
     own = "" if "geom solref" not in scene.own else " where contact is as hard as by default"
-    text = f"{seat.user}: a fixed body is felt with {plain(felt_npm)} N/m at rest{own}; the free tool as {plain(mass_kg, 3)} kg"
-    return Finding("felt", text)
+    user = settings.users[seat.seat]
+    level, words = pressed(felt_npm, press_n(user))
+    text = f"{seat.user}: a fixed body is felt with {plain(felt_npm)} N/m at rest{own}: {words}"
+    yield Finding("felt", text, level)
+    yield free_tool(seat.user, "tool", tool_kg + _line_kg(seat, b), tool_kg, loop_s(seat), stroke_s(user))
 
 
 def _grip(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
@@ -90,12 +94,13 @@ def _grip(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Find
     finger_kg = float(scene.model.body_mass[scene.model.jnt_bodyid[joint]])
     most_npm = b_g / (seat.coupling.impedance_nspm * seat.line_compliance(_loop_frames(seat)))
     mass_kg = finger_kg + _line_kg(seat, b_g)
+    user = settings.users[seat.seat]
     text = (
         f"{seat.user}: the gripper's line is a spring of {plain(most_npm)} N/m at rest, at b_g = {plain(b_g, 3)} N s/m, in "
-        f"series with what is between the fingers; the free finger is felt as {plain(mass_kg, 3)} kg"
+        f"series with what is between the fingers"
     )
     yield Finding("felt", text)
-    user = settings.users[seat.seat]
+    yield free_tool(seat.user, "finger", mass_kg, finger_kg, loop_s(seat), None)
     if gripper := make_for(user, seat_axes(settings, user)).capability.gripper:
         yield from gaps(f"{seat.user}: between the fingers ", seat, b_g, gripper.continuous_force_n)
 
@@ -107,8 +112,7 @@ def _loop_frames(seat: SeatSettings) -> float:
 
 def _line_kg(seat: SeatSettings, impedance_nspm: float) -> float:
     """Return the mass of a line of this impedance that moves freely (theory 8.4)."""
-    lag_s = 2.0 * filter_lag_s(seat.line.wave_filter_hz)
-    return 0.5 * impedance_nspm * (_loop_frames(seat) * seat.rates.frame_s + lag_s)
+    return 0.5 * impedance_nspm * loop_s(seat)
 
 
 def _loads(settings: Settings) -> Iterator[Finding]:

@@ -11,22 +11,26 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import chain, islice
 from math import ceil, isfinite
+from statistics import mean
 from typing import Literal
 
 from msgspec import to_builtins
 from msgspec.structs import replace
 
-from cogrip.devices.for_user import address_of, make_for
+from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_real
-from cogrip.devices.settings import parse_address
+from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings, User, not_passive, resolve, seat_axes
-from cogrip.sim.analysis.advice import Advice, Finding, Level, feel_level, plain
-from cogrip.sim.analysis.advice_change import Change, change_to, ranked_changes
+from cogrip.sim.analysis.advice import Advice, feel_level
+from cogrip.sim.analysis.advice_change import Change, Score, change_to, ranked_changes
+from cogrip.sim.analysis.finding import Finding, Level, plain, warning_rows
+from cogrip.sim.analysis.line_advice import hand_query
 from cogrip.sim.analysis.stiffest import Stiffest, eased, stiffest
 from cogrip.sim.experiments.methods.felt import measure_felt
 from cogrip.sim.runs.felt_as_intended import SOFTER
 from cogrip.sim.runs.judgement import Tone
 from cogrip.sim.runs.summary import of_laboratory
+from cogrip.sim.runs.summary_values import Summary, task_goals, task_of, task_result
 from cogrip.sim.runs.verdict import felt as felt_as_intended
 from cogrip.sim.runs.verdict import passive, stable
 from cogrip.sim.session.laboratory import Laboratory
@@ -39,6 +43,7 @@ SESSION_S, LONGEST_S = 6.0, 20.0  # longer where hands or outages begin late
 SHORT_S = 3.0  # a shorter session says little
 EASED = ((1.0, 1.0), (1.0, 0.7), (0.75, 1.0), (0.75, 0.6), (0.5, 0.6))  # of b and K, the stiffest first
 MOST_CHANGES = 4  # tried in the laboratory
+MORE_CONTROLLED = 0.01  # of the ticks, in which the device port may change more than before
 DIRECTIONS: tuple[Literal["up", "down"], ...] = ("up", "down")
 _LEVELS: dict[Tone, Level] = {"good": "ok", "warn": "note", "bad": "warning"}
 _TONES: tuple[Tone, ...] = tuple(_LEVELS)
@@ -53,6 +58,8 @@ class Check:
     empty where no balanced load exists (one person alone at a free object)
     begun_s: when the last of hands and the first of periodic outages have begun, of those that the settings' time reaches
     stand_ins: people whose hardware a simulated device replaced
+    controlled: largest share of ticks in which a device port changed what somebody felt; let_go: how often a force was
+    task: what became of the task of a scene, None without one; done: whether it was done
     """
 
     passive: Tone
@@ -63,6 +70,10 @@ class Check:
     seconds: float
     begun_s: float
     stand_ins: tuple[str, ...]
+    controlled: float = 0.0
+    let_go: int = 0
+    task: str | None = None
+    done: bool = True
 
     def missed(self, asked_npm: dict[str, float]) -> float | None:
         """Return the largest |mean felt / asked - 1| of anybody; None if nobody's was measured, 1 where nothing rests."""
@@ -72,6 +83,27 @@ class Check:
             if asked_npm.get(name)
         ]
         return max(shares, default=None)
+
+    def spoils(self, before: Check) -> bool:
+        """Return whether sessions judge something worse than before: a verdict, the device port, a task."""
+        return (
+            _TONES.index(self.passive) > _TONES.index(before.passive)
+            or _TONES.index(self.stable) > _TONES.index(before.stable)
+            or self.controlled > before.controlled + MORE_CONTROLLED
+            or self.let_go > before.let_go
+            or (before.done and not self.done)
+        )
+
+    def scored(self, score: Score, missed: float) -> Score:
+        """Return a score of the model with what sessions have measured in its place, and their warnings counted, too."""
+        felt = tuple(
+            0.0 if None in values else mean(value or 0.0 for value in values) for values in self.felt_npm.values()
+        )
+        shown = (self.session, *self.felt())
+        whole = len(felt) == len(score.felt_npm)
+        return dataclasses.replace(
+            score, missed=missed, rows=score.rows + warning_rows(shown, ()), felt_npm=felt if whole else score.felt_npm
+        )
 
     @property
     def session(self) -> Finding:
@@ -84,6 +116,9 @@ class Check:
         text += "passive and stable. " if worst == "good" else ""
         text = f"{text}{' '.join(self.said)}".rstrip(". ")
         text += f"; {self.beyond}" if self.beyond else ""
+        text += f"; {self.task}" if self.task else ""
+        if not self.done:
+            return Finding("laboratory", text, "warning")
         doubt = worst == "good" and (self.beyond or self.said)
         return Finding("laboratory", text, "note" if doubt else _LEVELS[worst])
 
@@ -133,13 +168,16 @@ def check(settings: Settings) -> Check:
     """Run the sessions. Raises DeviceError for a device that cannot be had."""
     stand_ins = tuple(user.name for user in settings.users if is_real(user.device))
     settings = replace(settings, users=tuple(_stand_in(settings, user) for user in settings.users))
-    seconds = min(settings.seconds, max(SESSION_S, min(LONGEST_S, _begun_s(settings) + SESSION_S)))
+    whole = kind_of(settings.object.kind).spring  # else the session is all that there is, and its task wants its time
+    least_s = max(SESSION_S, min(LONGEST_S, _begun_s(settings) + SESSION_S)) if whole else LONGEST_S
+    given_s, seconds = settings.seconds, min(settings.seconds, least_s)
     laboratory = Laboratory(replace(settings, seconds=seconds))
     laboratory.run()
     summary = of_laboratory(laboratory)
     judged = passive(summary), stable(summary), felt_as_intended(summary)
     # the static load measures how soft it is
     said = tuple(each.sentence for each in judged if each.tone != "good" and not each.sentence.startswith(SOFTER))
+    told, done = _task(summary, seconds >= given_s)
     felt: dict[str, list[float | None]] = {}
     asked: dict[str, float] = {}
     seeds = min(MOST_SEEDS, ceil(LINES / len(settings.users))) if _draws(settings) else 1
@@ -151,7 +189,19 @@ def check(settings: Settings) -> Check:
         judged[0].tone, judged[1].tone, said,
         {name: tuple(values) for name, values in felt.items()}, asked, seconds,
         _begun_s(settings), stand_ins,
+        max((user["controlled"] or 0.0 for user in summary["users"]), default=0.0),
+        sum(user["let_go"] or 0 for user in summary["users"]),
+        told, done,
     )  # fmt: skip
+
+
+def _task(summary: Summary, over: bool) -> tuple[str | None, bool]:
+    """Return what became of a task, None where that is not known, and whether it was done. over: the session is."""
+    task = task_of(summary)
+    if task is None or not (over or task.get("reached") is True):
+        return None, True
+    goals = "; ".join(f"{words} {value}" for words, value in task_goals(task))
+    return f"task {task_result(task)}: {task.get('body')} {goals}", task.get("reached") is True
 
 
 def _draws(settings: Settings) -> bool:
@@ -167,7 +217,7 @@ def _begun_s(settings: Settings) -> float:
     """Return when everything has begun that begins late: hands that wait, and outages."""
     begun: list[tuple[float, float]] = []  # start and end of each beginning
     for user in settings.users:
-        query = parse_address(f"sim:hand?hand={user.hand}").query | parse_address(address_of(user)).query
+        query = hand_query(user)
         begun += [(float(query[key]),) * 2 for key in ("delay_s", "start_s") if _is_number(query.get(key, ""))]
     for direction in DIRECTIONS:
         profile = settings.link.direction(direction)
@@ -212,23 +262,16 @@ def checked_change(
     if settings.playout.frames != "auto" and _draws(settings):
         tried = chain([change_to(settings, now, "playout.frames", "auto")], tried)
     for change in tried:
-        after = check(resolve(table, {change.key: change.value}))
+        after = check(resolve(table, change.overrides))
         fewer = change.after.warnings < change.before.warnings
-        worse = any(
-            _TONES.index(new) > _TONES.index(old)
-            for new, old in ((after.passive, checked.passive), (after.stable, checked.stable))
-        )
         missed = after.missed(asked)
-        if (worse and not fewer) or "bad" in (after.passive, after.stable):
+        if after.spoils(checked) or "bad" in (after.passive, after.stable):
             continue
         if before is None or missed is None:
             return dataclasses.replace(change, measured=False)
         only_feel = change.after.key()[:2] == change.before.key()[:2]
         if fewer or round(missed, 2) < round(before, 2) + (0.0 if only_feel else 0.01):
-            scores = (
-                dataclasses.replace(change.before, missed=before),
-                dataclasses.replace(change.after, missed=missed),
-            )
+            scores = checked.scored(change.before, before), after.scored(change.after, missed)
             found.append(dataclasses.replace(change, before=scores[0], after=scores[1]))
             if change.value != "auto":
                 break

@@ -1,0 +1,50 @@
+"""One sentence of advice with its level, and the rows that people with the same one share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+Level = Literal["ok", "note", "warning"]
+LEVELS: tuple[Level, ...] = ("ok", "note", "warning")
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One sentence. "warning": the session lies outside; "note": worth knowing. refused: nobody should hold a device in it."""
+
+    topic: str
+    text: str
+    level: Level = "ok"
+    refused: bool = False
+
+    @property
+    def warns(self) -> bool:
+        return self.level == "warning"
+
+
+def said_of(finding: Finding, people: Iterable[str]) -> str:
+    """Return the person of whom a finding is, "" where it is of all."""
+    name, _, _ = finding.text.partition(": ")
+    return name if name in people else ""
+
+
+def in_rows(findings: Iterable[Finding], people: Sequence[str]) -> dict[tuple[Level, str, str], list[str]]:
+    """Return the people of each row, by level, topic and words: those with the same finding share one."""
+    rows: dict[tuple[Level, str, str], list[str]] = {}
+    for finding in findings:
+        whose = said_of(finding, people)
+        text = finding.text.removeprefix(f"{whose}: ") if whose else finding.text
+        rows.setdefault((finding.level, finding.topic, text), []).append(whose)
+    return rows
+
+
+def warning_rows(findings: Iterable[Finding], people: Sequence[str]) -> int:
+    """Return how many warnings are printed."""
+    return sum(level == "warning" for level, _, _ in in_rows(findings, people))
+
+
+def plain(value: float, digits: int = 4) -> str:
+    """Return a number rounded to so many digits, written without an exponent below a million."""
+    return f"{float(f'{value:.{digits}g}'):g}"
