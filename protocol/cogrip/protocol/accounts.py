@@ -116,7 +116,7 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     down: LinkCount
     rtt_ms: Percentiles
     ticks: TickCount
-    diverged: bool
+    unstable: bool  # a force oscillated until it was a fault, was not finite, or took out energy without end
     state: Annotated[str, msgspec.Meta(max_length=40)]
     reason: Annotated[str, msgspec.Meta(max_length=300)]
     peak_step_n: float = 0.0  # the largest change of the force from one tick to the next
@@ -127,6 +127,8 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     peak_torque_nm: float = 0.0  # of a seat with a gripper its largest force [N]
     line: LineAccount | None = None  # of the last line; None without waves
     effects: EffectAccount | None = None  # None where none were told
+    left: bool = False  # the hand was outside of its device's workspace
+    saturated: bool = False  # the force sat at the device's limit, and was let go
 
 
 class SeatAccount(msgspec.Struct, frozen=True, array_like=True):
@@ -148,6 +150,7 @@ class RoomAccount(msgspec.Struct, frozen=True, array_like=True):
     position_m: Row
     velocity_mps: Row
     travel_m: float
-    diverged: bool
+    unstable: bool  # numbers of the world were not finite, or grew beyond what hands can bring about
     energy_balance_error_j: float
     ticks: TickCount
+    left: bool = False  # the object, or a body of the scene, left the workspace
