@@ -4,7 +4,7 @@ from msgspec.structs import replace
 
 from cogrip.client.safety import Safety
 from cogrip.client.seated import SeatedClient
-from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
+from cogrip.protocol.accounts import LEFT, SATURATED, ClientAccount, DelayAccount, Percentiles, TickCount
 from cogrip.protocol.texts import clipped
 
 
@@ -34,8 +34,7 @@ def account_of(seat: SeatedClient, ticks: TickCount, rtt_ms: Percentiles, delay:
         peak_torque_nm=peaks.further,
         line=coupling.line_account(),
         effects=seat.effects.account() if seat.effects else None,
-        left=bool(safety.left),
-        saturated=bool(safety.saturated),
+        incidents=(LEFT if safety.left else 0) + (SATURATED if safety.saturated else 0),
     )
 
 

@@ -7,6 +7,7 @@ import msgspec
 
 from cogrip.protocol.histogram import DurationHistogram
 
+LEFT, SATURATED = 1, 2  # of a client's `incidents`: one byte, as the largest account has no room for more
 Row = Annotated[tuple[float, ...], msgspec.Meta(max_length=6)]  # one number an axis
 
 
@@ -127,8 +128,17 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     peak_torque_nm: float = 0.0  # of a seat with a gripper its largest force [N]
     line: LineAccount | None = None  # of the last line; None without waves
     effects: EffectAccount | None = None  # None where none were told
-    left: bool = False  # the hand was outside of its device's workspace
-    saturated: bool = False  # the force sat at the device's limit, and was let go
+    incidents: Annotated[int, msgspec.Meta(ge=0, le=127)] = 0  # sum of LEFT and SATURATED; others are of later versions
+
+    @property
+    def left(self) -> bool:
+        """Return whether the hand was outside of its device's workspace."""
+        return bool(self.incidents & LEFT)
+
+    @property
+    def saturated(self) -> bool:
+        """Return whether the force sat at the device's limit, and was let go."""
+        return bool(self.incidents & SATURATED)
 
 
 class SeatAccount(msgspec.Struct, frozen=True, array_like=True):

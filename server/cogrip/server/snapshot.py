@@ -147,7 +147,8 @@ class SnapshotMaker:
         for seat in seats:
             up_j, line_j = _lesser(up_j, seat.up_margin_j), _lesser(line_j, seat.line_margin_j)
         self._least[name] = up_j, line_j
-        left = tuple([body.what for body in room.left]) if room.world.left_workspace else ()  # it may have been put back
+        there = room.left if room.world.left_workspace else ()  # it may have been put back
+        left = tuple([body.what for body in there])
         return RoomSnapshot(
             name, sum([seat.seated for seat in seats]), tuple(seats), room.world.motion()[: room.world.axes], room.travel_m,
             ticks.run, ticks.skipped, late, work, len(room.observer_slots.observers), up_j, line_j,

@@ -1,4 +1,4 @@
-"""Free bodies of a scene beside its object and its tools: which have left the workspace, and which nobody can reach any more."""
+"""Free bodies of a scene beside its object and tools: which have left the workspace, and which nobody can reach any more."""
 
 from collections.abc import Sequence
 

@@ -16,8 +16,8 @@ class TaskWatch:
     """Watches one body, a step a frame, from when somebody has taken hold, or everybody where the task is begun together.
 
     It is reached once all that is asked for has been met for `dwell_s` on end. What is met at the start is nobody's doing: it
-    counts once it has been lost and is met again, or is kept until `by_s`. With dwell_s = 0 the first moment counts, whenever it
-    is. Once the task is reached, all stands still.
+    counts once it has been lost and is met again, or is kept until `by_s`. With dwell_s = 0 the first moment counts, whichever
+    it is. Once the task is reached, all stands still.
 
     lifted_m, tilted_rad  most so far
     turned_rad            about the task's axis so far, whole turns counted

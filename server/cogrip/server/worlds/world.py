@@ -99,7 +99,8 @@ class World(ABC):
         self.external_force = np.zeros(axes)  # F_ext [N]
         self.balance_error_j = 0.0
         self.events: list[str] = []  # what has happened in this step: a marker each
-        self.departed: list[tuple[str, Row]] = []  # bodies that left the workspace in this step, each with its place [m]
+        # bodies that left the workspace in this step, each with its place [m]
+        self.departed: list[tuple[str, Row]] = []
         # that everybody's client renders, places in the object's frame at its start
         self.effects: Sequence[Effect] = ()
 

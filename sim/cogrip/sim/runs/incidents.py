@@ -60,6 +60,11 @@ def incidents(summary: Summary) -> list[tuple[str, str]]:
     return found
 
 
+def ended_saturated(summary: Summary) -> bool:
+    """Return whether somebody ended in the fault of a force that sat at its limit."""
+    return any(user.get("saturated") is True and user.get("state") == "fault" for user in people(summary))
+
+
 def _saturated(summary: Summary) -> list[str]:
     return names_of(row for row in seat_sessions(people(summary)) if row.get("saturated") is True)
 

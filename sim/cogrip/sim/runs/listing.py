@@ -14,7 +14,7 @@ from cogrip.protocol.recording.recover import is_closed
 from cogrip.protocol.texts import all_shown, shown
 from cogrip.sim.runs.felt_as_intended import SOFTER_BRIEF
 from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_recording
-from cogrip.sim.runs.incidents import is_unstable, word_of
+from cogrip.sim.runs.incidents import ended_saturated, is_unstable, word_of
 from cogrip.sim.runs.judgement import Judgement, Tone
 from cogrip.sim.runs.kind import Kind, Word, comparison_words, is_comparison, kind_of
 from cogrip.sim.runs.summary_values import Summary, dig, is_number, name_of, people
@@ -181,7 +181,8 @@ def _of_summary(summary: Summary) -> Iterator[Word]:
         yield Word("good", ", ".join(good))
     for tone, sentence, about in () if broken else notes(summary):
         if tone != "good":
-            yield Word(tone, _as_part(sentence), about)
+            saturated = about == "ended badly" and ended_saturated(summary)
+            yield Word(tone, _as_part(sentence), word_of(summary) if saturated else about)
     for name in _LOST:
         if count := dig(summary, "server", "dropped", name):
             yield Word("warn", f"{count} messages not recorded" if name == _LOST[0] else name, "not recorded")

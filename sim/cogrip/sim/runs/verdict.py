@@ -225,7 +225,8 @@ def _stability(summary: Summary) -> Judgement:
     not_known = "Whether the run was stable is not known:"
     if said is not False:
         return Judgement("stable", "warn", f"{not_known} no end reported whether anything was unstable.")
-    unstable = names_of(row for row in sessions if any(dig(row, "claimed", key) is True for key in ("unstable", "diverged")))
+    said_so = ("unstable", "diverged")  # the second in earlier versions
+    unstable = names_of(row for row in sessions if any(dig(row, "claimed", key) is True for key in said_so))
     if theirs := [(what, who) for what, who in (("the force", names_of(shaking)), ("the hand", unstable)) if who]:
         claims = ", ".join(f"{what} of {some(who)}" for what, who in theirs)
         text = f"Stable as far as this end measured, but clients say that they were not: {claims}."
