@@ -131,7 +131,7 @@ def test_a_world_that_raises_ends_its_session_by_name(tmp_path: Path) -> None:
     assert laboratory.incident.startswith(words)
     assert laboratory.room.steps == 40
     summary = of_laboratory(laboratory)
-    assert stable(summary).sentence.startswith(f"Diverged. The world has ended: {words}")
+    assert stable(summary).sentence.startswith(f"Not stable: The world has ended: {words}")
     run_frames(laboratory, 64)
     for person in laboratory.people:
         assert words[:40] in person.core.session.failed

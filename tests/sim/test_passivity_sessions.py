@@ -41,9 +41,9 @@ def test_it_holds_where_virtual_coupling_does_not(frames: int, stiffness: float)
     bad: dict[str, Any] = {"coupling__stiffness_npm": stiffness, "link__delay_ms": frames * FRAME_MS}
     held, loose = session(1.5, **bad), session(1.5, **bad, coupling__kind="coupling", bare=True)
     ours, theirs = of_laboratory(held), of_laboratory(loose)
-    assert not ours["diverged"]
+    assert not any(ours[key] for key in ("unstable", "saturated", "left"))
     assert ours["object"]["travel_m"] < 0.15
-    assert theirs["diverged"] or theirs["object"]["travel_m"] > 0.5
+    assert theirs["unstable"] or theirs["left"] or theirs["object"]["travel_m"] > 0.5
     assert min(margins(ours, "up_margin_j")) >= -LENT_J - 1e-12
     assert min(margins(theirs, "line_margin_j")) < -0.1
     assert ours["server"]["energy_balance_error_j"] < 1e-12

@@ -230,6 +230,11 @@ class ClientCore:
         return self._seat.may_leave
 
     @property
+    def in_fault(self) -> bool:
+        """Return whether the force is off until the user re-arms."""
+        return self.seated is not None and self.seated.safety.state == "fault"
+
+    @property
     def unstable(self) -> str:
         """Return how the force of this end was unstable, "" if it was not."""
         return self.seated.safety.unstable if self.seated else ""

@@ -326,8 +326,12 @@ class Laboratory:
 
     @property
     def incident(self) -> str:
-        """What went wrong, the gravest first: unstable, saturated, left; "" where nothing did."""
-        return next(iter([*self.unstable, *self.saturated, *self.left]), "")
+        """What went wrong so that later numbers are nothing to compare, the gravest first; "" where nothing did.
+
+        That is what was unstable, saturated until it was a fault, or left.
+        """
+        faulty = [person for person in self.people if person.core.in_fault]
+        return next(iter([*self.unstable, *_told(faulty, "saturated"), *self.left]), "")
 
     @property
     def seconds(self) -> float:
