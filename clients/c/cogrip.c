@@ -79,7 +79,7 @@ enum {
 #define FAULT_OUT_S 0.015
 #define STALL_S 0.02       /* without samples: then the device has stalled */
 #define WATCHDOG_S 0.1     /* without a tick: the hand held an old force */
-#define AT_LIMIT_S 0.5     /* at the peak force: then it has diverged */
+#define AT_LIMIT_S 0.5     /* at the peak force: then it is saturated */
 #define MOST_SLOPE_NPS 1000.0
 #define SOFT_SLOPE_NPS 410.0 /* in a gap, and until the force has met the law again, SOFT_S at most */
 #define SOFT_S 0.05
@@ -1280,7 +1280,7 @@ static void delays_percentiles(const delays *from, double *into) {
 }
 
 typedef struct account {
-    int axes, diverged, oscillates, let_go;
+    int axes, unstable, oscillates, let_go, incidents;
     double position_m[WIRE_AXES], force_n[WIRE_AXES], peak_force_n, travel_m, felt_npm, predicted_npm, down_margin_j, leak_j;
     cogrip_link_count down;
     double rtt_ms[4], up_ms[4], down_ms[4], late_us[4], work_us[4], offset_ms, uncertainty_ms;
@@ -1302,7 +1302,7 @@ static void put_account(writer *to, const account *from) {
     const cogrip_link_count *down = &from->down;
     const int64_t counts[] =
         {down->sent, down->received, down->applied, down->lost, down->late, down->duplicate, down->pending};
-    put_array(to, 22);
+    put_array(to, 23);
     put_row(to, from->position_m, from->axes);
     put_row(to, from->force_n, from->axes);
     put_real(to, from->peak_force_n);
@@ -1318,7 +1318,7 @@ static void put_account(writer *to, const account *from) {
     put_int(to, from->ticks_run);
     put_known_row(to, from->late_us, 4);
     put_known_row(to, from->work_us, 4);
-    put_bool(to, from->diverged);
+    put_bool(to, from->unstable);
     put_text(to, from->state, 40);
     put_text(to, from->reason, 280);
     put_real(to, from->peak_step_n);
@@ -1355,6 +1355,7 @@ static void put_account(writer *to, const account *from) {
     } else {
         put_nil(to);
     }
+    put_int(to, from->incidents);
 }
 
 /* ---- Haptic effects [3.18, 7d; docs/theory.md 7.8] -------------------------------------------- */
@@ -1931,6 +1932,7 @@ struct cogrip_client {
     cogrip_safety safety;
     char why[COGRIP_TEXT_BYTES];
     double gain, law_n[AXES], force_n[AXES], absent_ticks;
+    int unstable, saturated;
     int64_t at_limit, soft_ticks, limited_ticks, controlled_ticks, forced_ticks;
 
     /* Device port (docs/device_port.md) */
@@ -2213,13 +2215,16 @@ static int limit(cogrip_client *client, const double *wish, int gap, double *out
         const double size = size_of(wish, client->axes);
         const double scale = size > config->peak_force_n ? config->peak_force_n / size : 1.0;
         if (!(size < HUGE_VAL)) { /* nan, too */
+            client->unstable = 1;
             fail(client, "the force law gave a number that is not finite; re-arm");
         } else {
             limited = scale < 1.0;
             client->counts[COGRIP_FORCE_CLIPPED] += (uint64_t)limited;
             client->at_limit = limited && client->gain == 1.0 ? client->at_limit + 1 : 0;
-            if ((double)client->at_limit * client->tick_s > AT_LIMIT_S)
+            if ((double)client->at_limit * client->tick_s > AT_LIMIT_S) {
+                client->saturated = 1;
                 fail(client, "the force sat at its limit for 0.5 s; press less or lower coupling.stiffness_npm, then re-arm");
+            }
             for (int axis = 0; axis < client->axes; axis++) client->law_n[axis] = scale * wish[axis];
         }
     }
@@ -2527,6 +2532,8 @@ static void make_account(const cogrip_client *client, account *into) {
     into->uncertainty_ms = client->clock.known ? (double)(client->clock.high_ns - client->clock.low_ns + 1) * 0.5e-6 : NAN;
     into->ticks_due = client->tick < 0 ? 0 : client->tick - client->first_tick + 1;
     into->ticks_run = client->ticks_run;
+    into->unstable = client->unstable;
+    into->incidents = client->saturated ? 2 : 0; /* the hand's workspace is not known here */
     copy_text(into->state, sizeof into->state, safety_names[client->safety]);
     copy_text(into->reason, sizeof into->reason, client->failed[0] ? client->failed : client->why);
     into->depth_frames = buffer->automatic ? (double)buffer->depth_sum / (double)most_int(1, buffer->borders) / buffer->ticks

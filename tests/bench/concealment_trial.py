@@ -178,7 +178,7 @@ def try_out(setup: Setup, name: str) -> Trial:
         longest_gap=longest,
         gaps_m=tuple(watch.gaps_m),
         deficit_m=watch.deficit_m,
-        diverged=laboratory.diverged,
+        diverged=laboratory.incident,
     )
 
 

@@ -169,7 +169,7 @@ def _judge(
             "not recorded" in line or "recording stopped" in line for line in words.values()
         ),
         "every frame has a name": all(_adds_up(user["link"]) for user in summary["users"]),
-        "passive, and not diverged": summary["passive"] and not summary["diverged"],
+        "passive, and not unstable": summary["passive"] and not summary["unstable"],
         "no process has grown": all(each.slope_kb_per_h <= MOST_GROWTH_KB_PER_H for each in growths.values()),
     }
     for how in failed:

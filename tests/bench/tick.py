@@ -99,7 +99,7 @@ def _blocks_us(file: str, both: tuple[str, ...], more: tuple[str, ...], seconds:
                 session.laboratory.frame()
             if frame % BLOCK == BLOCK - 1:
                 took.append([session.take_us() for session in pair])
-            if any(session.laboratory.diverged for session in pair):
+            if any(session.laboratory.incident for session in pair):
                 break
     finally:
         gc.enable()

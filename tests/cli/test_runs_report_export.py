@@ -69,7 +69,7 @@ def test_runs_are_listed_newest_first_with_a_line_each(base, cogrip, monkeypatch
     assert [line.split()[0] for line in lines] == [SOFT, FIRST, THREE, APART, SPRING]
     assert heading.split() == ["run", "age", "kind", "people", "verdict", "length", "size"]
     assert re.search(r" \d+ d +lab +anna, ben +✓ good +1\.0 s +[\d.]+ kB$", lines[1])
-    assert re.search(r"✗ diverged\b", lines[3])
+    assert re.search(r"✗ unstable\b", lines[3])
     assert re.search(r"✗ not passive\b", lines[4])
 
 
@@ -224,10 +224,10 @@ anything = st.recursive(
     max_leaves=8,
 )
 users = st.lists(anything | st.fixed_dictionaries({}, optional=dict.fromkeys(
-    ("name", "state", "reason", "energy", "ticks"), anything
+    ("name", "state", "reason", "energy", "ticks", "unstable", "saturated", "left"), anything
 )), max_size=3)  # fmt: skip
 strange = st.fixed_dictionaries({}, optional={
-    "seconds": anything, "passive": anything, "diverged": anything, "users": users | anything, "server": anything,
+    **dict.fromkeys(("seconds", "passive", "diverged", "unstable", "left", "server"), anything), "users": users | anything,
 })  # fmt: skip
 
 

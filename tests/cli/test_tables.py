@@ -88,7 +88,9 @@ SUMMARY: dict[str, Any] = {
     "name": "a session with a name that is longer than most are " * 2,
     "seconds": 3.0,
     "passive": True,
-    "diverged": False,
+    "unstable": False,
+    "saturated": False,
+    "left": False,
     "object": {"position_m": [-0.1234, 0.2222, -0.9999], "travel_m": None},
     "users": [person(number) for number in range(8)],
     "server": {"ticks": {"due": 100, "run": 100, "late_us": {"p99": None}}},
@@ -320,7 +322,7 @@ def test_what_a_check_found(width: int) -> None:
 
 @pytest.mark.parametrize("many", [2, long(3), 4, long(6)])
 def test_runs_side_by_side(width: int, many: int) -> None:
-    summaries = [{**SUMMARY, "seconds": 3.0 + number, "diverged": None} for number in range(many)]
+    summaries = [{**SUMMARY, "seconds": 3.0 + number, "unstable": None} for number in range(many)]
     labels = [f"20260101-1200{number:02}-a-name-that-is-long-enough-to-be-cut-somewhere" for number in range(many)]
     text = printed(compared_table(differences(summaries), labels), width)
     check(text, width, "difference", "least margin of the device port", "not measured", *labels)

@@ -67,7 +67,7 @@ class Session:
         assert self.largest_step() < 0.5
         assert max(map(abs, self.forces[BEGIN:])) < held + 0.5
         assert self.laboratory.people[1].core.safety.state == "live"
-        assert not self.laboratory.diverged
+        assert not self.laboratory.incident
 
 
 def moved_by(by_m: float, every_tick: int = 1) -> Lie:

@@ -223,35 +223,37 @@ def test_the_watchdog_on_both_sides(safety: Safety) -> None:
 
 def test_the_workspace_is_reported_and_is_no_fault(safety: Safety) -> None:
     safety.check(1, (0.1, -0.1, 0.1), STILL)
-    assert safety.diverged == ""
+    assert safety.left == ""
     safety.check(1, (0.0, 0.1001, 0.0), STILL)
-    assert "left the workspace" in safety.diverged
+    assert "left the workspace" in safety.left
+    assert (safety.unstable, safety.saturated) == ("", "")
     assert safety.state == "live"
 
 
-def test_half_a_second_at_the_limit_is_divergence_and_a_fault(safety: Safety) -> None:
+def test_half_a_second_at_the_limit_is_saturation_and_a_fault(safety: Safety) -> None:
     """A force that is asked for beyond the peak is none that a person chose."""
     give(safety, BEYOND, round(AT_LIMIT_S / TICK_S))
-    assert (safety.state, safety.diverged) == ("live", "")
+    assert (safety.state, safety.saturated) == ("live", "")
     safety.limit(BEYOND)
     assert safety.state == "fault"
-    assert "at its limit of 8 N for 0.5 s" in safety.diverged
+    assert "at its limit of 8 N for 0.5 s" in safety.saturated
+    assert (safety.unstable, safety.left) == ("", "")
     assert "at its limit of 8 N for 0.5 s" in safety.reason
 
 
-def test_a_force_that_comes_off_its_limit_has_not_diverged(safety: Safety) -> None:
+def test_a_force_that_comes_off_its_limit_is_not_saturated(safety: Safety) -> None:
     for _ in range(5):
         give(safety, BEYOND, round(AT_LIMIT_S / TICK_S))
         safety.limit((PEAK_N, 0.0, 0.0))
-    assert safety.diverged == ""
+    assert safety.saturated == ""
 
 
 def test_time_at_the_limit_does_not_count_while_the_force_is_ramped() -> None:
     safety = live()
     give(safety, BEYOND, round(RAMP_IN_S / TICK_S) - 1 + round(AT_LIMIT_S / TICK_S))
-    assert safety.diverged == ""
+    assert safety.saturated == ""
     give(safety, BEYOND, 3)
-    assert safety.diverged != ""
+    assert safety.saturated != ""
 
 
 number = st.floats(allow_nan=True, allow_infinity=True)

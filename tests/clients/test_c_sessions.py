@@ -88,7 +88,7 @@ def test_its_account_is_what_the_server_saw(library: Any) -> None:
     assert account == session.core.rooms[0].seats[0].account
     assert account.down_margin_j == status.down_margin_j
     assert account.peak_force_n == status.peak_force_n
-    assert (account.ticks.run, account.state, account.diverged) == (account.ticks.due, "idle", False)
+    assert (account.ticks.run, account.state, account.unstable) == (account.ticks.due, "idle", False)
     assert account.down.applied > 100
     assert account.down.lost > 0
     assert account.rtt_ms.p50 == pytest.approx(2e3 * 3 / HZ, abs=6.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.protocol.accounts import ClientAccount, DeviceAccount, LinkCount, Percentiles, TickCount
+from cogrip.protocol.accounts import LEFT, SATURATED, ClientAccount, DeviceAccount, LinkCount, Percentiles, TickCount
 from cogrip.protocol.messages import Leave, encode
 from cogrip.protocol.session import ClientSession, make_hello
 
@@ -23,7 +23,8 @@ def lie(**changed: object) -> ClientAccount:
     told: dict[str, object] = {
         "position_m": (0.0,), "force_n": (0.0,), "peak_force_n": 0.0, "travel_m": 0.0, "felt_stiffness_npm": None,
         "predicted_stiffness_npm": None, "down_margin_j": -5.0, "device_leak_j": 0.0, "down": LinkCount(),
-        "rtt_ms": Percentiles(), "ticks": TickCount(), "diverged": True, "state": f"fault{ESCAPES[:20]}",
+        "rtt_ms": Percentiles(), "ticks": TickCount(), "unstable": True, "incidents": LEFT + SATURATED,
+        "state": f"fault{ESCAPES[:20]}",
         "reason": f"the server burns{ESCAPES}", "device": DeviceAccount(oscillates=True, margin_j=-9.0),
     }  # fmt: skip
     return ClientAccount(**{**told, **changed})  # type: ignore[arg-type]
@@ -62,9 +63,10 @@ def test_what_a_client_says_as_it_leaves_is_shown_clean_and_decides_nothing(serv
     assert not [each for each in RAW if each in said]
     assert "\nPassive: all is well" not in said  # no line of its own
     summary = json.loads(next((tmp_path / "server").glob("*/summary.json")).read_text())
-    assert (summary["passive"], summary["diverged"]) == (True, False)
+    assert (summary["passive"], summary["unstable"]) == (True, False)
+    assert (summary["saturated"], summary["left"]) == (False, False)
     ben = summary["users"][1]
-    assert ben["claimed"] == {"diverged": True, "down_margin_j": -5.0}
+    assert ben["claimed"] == {"unstable": True, "saturated": True, "left": True, "down_margin_j": -5.0}
     assert not [each for each in (*RAW, "\n") if each in ben["reason"] + ben["state"]]
     assert "Not passive" not in said
     if log == "json":  # the words about the run are for people

@@ -69,7 +69,8 @@ def test_the_rooms_own_frame_is_timed_with_everybody_holding_on(kind: str, coupl
     assert timed.steps == cost.frames + WARM
     assert all(seat.on_object for seat in timed.seats)
     assert all(seat.port is not None and seat.port.count().applied >= cost.frames // 2 for seat in timed.seats)
-    assert not timed.diverged
+    assert not timed.unstable
+    assert not timed.left
     assert timed.world.holding.all()
 
 

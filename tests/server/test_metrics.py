@@ -81,7 +81,7 @@ def test_a_snapshot_says_what_the_room_knows():
     assert (snapshot.software, snapshot.uptime_s) == ("1.2.3", 2.5)
     assert snapshot.dropped == {"malformed": 7, "rate": 1}
     assert (snapshot.received, snapshot.sent) == (7, 8)
-    assert (seen.room, seen.seated, seen.observers, seen.diverged) == ("lab", 1, 0, "")
+    assert (seen.room, seen.seated, seen.observers, seen.unstable, seen.left) == ("lab", 1, 0, "", ())
     assert (seen.ticks_due, seen.ticks_run, seen.ticks_skipped) == (6, 3, 3)
     assert seen.position_m == tuple(room.world.position.tolist()) != (0.0,)
     assert seen.travel_m == room.travel_m > 0.0
@@ -159,29 +159,34 @@ def test_what_is_not_finite_is_said_as_such():
     take_seat(room)
     room.world.position = np.array([nan])
     room.travel_m = inf
-    room.diverged = "the object left the workspace at (nan,) m"
+    room.unstable = "place and velocity of the object are not finite"
     back = decode(encode(maker(room).make(1.0)))
     assert back.rooms[0].position_m == (None,)
     assert back.rooms[0].travel_m is None
     samples = scraped(back)
     assert isnan(samples["cogrip_object_position_meters"][0].value)
     assert isnan(samples["cogrip_object_travel_meters_total"][0].value)
-    assert samples["cogrip_diverged"][0].value == 1.0
+    assert samples["cogrip_unstable"][0].value == 1.0
 
 
 # how well it is ------------------------------------------------------------------------------------------------------
 
 
-def state(uptime_s: float = 1.0, ticks: int = 128, diverged: str = "", rooms: tuple[str, ...] = ("lab",)) -> Snapshot:
-    return Snapshot(
-        "1.2.3", uptime_s, tuple([RoomSnapshot(name, 0, (), (0.0,), 0.0, ticks, diverged=diverged) for name in rooms])
-    )
+def state(
+    uptime_s: float = 1.0,
+    ticks: int = 128,
+    unstable: str = "",
+    left: tuple[str, ...] = (),
+    rooms: tuple[str, ...] = ("lab",),
+) -> Snapshot:
+    each = [RoomSnapshot(name, 0, (), (0.0,), 0.0, ticks, unstable=unstable, left=left) for name in rooms]
+    return Snapshot("1.2.3", uptime_s, tuple(each))
 
 
 def test_a_snapshot_is_good_for_two_seconds_also_of_a_room_whose_people_took_the_object_away():
     health = Health()
     assert health.trouble(0) == "the server has said nothing yet"
-    health.take(state(diverged="the object left"), 10**9)
+    health.take(state(left=("the object",)), 10**9)
     assert health.trouble(10**9 + FRESH_NS - 1) == ""
     assert "has said nothing for 2.0 s" in health.trouble(10**9 + FRESH_NS)
 
@@ -240,7 +245,8 @@ def test_the_text_says_what_the_snapshot_says():
     assert "cogrip_tick_work_max_seconds" not in found, "not known, not said"
     assert [value("object_position_meters", room="lab", axis=axis) for axis in "xyz"] == [0.1, 0.2, 0.3]
     assert value("object_travel_meters_total", room="lab") == 1.5
-    assert value("diverged", room="lab") == 0.0
+    assert value("unstable", room="lab") == 0.0
+    assert value("object_left", room="lab") == 0.0
     assert (value("least_up_margin_joules", room="lab"), value("least_line_margin_joules", room="lab")) == (1e-3, -2e-3)
     assert (value("up_margin_joules", **anna), value("line_margin_joules", **anna)) == (1e-3, -2e-3)
     assert value("rtt_seconds", **anna) == 0.04

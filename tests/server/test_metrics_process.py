@@ -54,9 +54,9 @@ class Site:
         except (OSError, http.client.HTTPException):
             return False
 
-    def tell(self, uptime_s: float, diverged: str = "") -> None:
+    def tell(self, uptime_s: float, *left: str) -> None:
         """Put a snapshot in, and wait until it is served."""
-        self.feed.put(state(uptime_s, diverged=diverged))
+        self.feed.put(state(uptime_s, left=left))
         until(lambda: self.seen("uptime_seconds") == uptime_s)
 
 
@@ -91,10 +91,10 @@ def test_it_serves_metrics_and_health_and_nothing_else_to_this_machine_alone(sit
     assert samples_in(body)["cogrip_healthy"][0].value == 1.0
     assert samples_in(body)["cogrip_process_resident_memory_bytes"][0].value > 1e6, "of the server, not of the scraped"
 
-    site.tell(2.0, diverged="the object left")
+    site.tell(2.0, "the object")
     status, _, body = site.ask("/healthz")
     assert (status, json.loads(body)["status"]) == (200, "ok")
-    assert json.loads(body)["rooms"] == {"lab": {"seated": 0, "observers": 0, "diverged": "the object left"}}
+    assert json.loads(body)["rooms"] == {"lab": {"seated": 0, "observers": 0, "left": ["the object"]}}
 
     assert [site.ask(path)[0] for path in ("/", "/metrics/", "/../etc/passwd", "/favicon.ico")] == [404] * 4
     assert site.ask("/metrics", verb="POST")[0] == 501
@@ -145,10 +145,10 @@ def test_a_process_that_reads_nothing_costs_snapshots_and_no_time(site):
     last = 0
     while site.feed.not_taken < 3:  # nothing here waits: else this never ends
         last += 1
-        site.feed.put(state(float(last), diverged=many))
+        site.feed.put(state(float(last), unstable=many))
     os.kill(site.pid, signal.SIGCONT)
     until(lambda: site.feed.put(state(-1.0)) or site.seen("uptime_seconds") == -1.0)
-    assert site.seen("diverged") is not None, "whole, after one of which a part had been taken"
+    assert site.seen("unstable") is not None, "whole, after one of which a part had been taken"
     assert site.words == []
     assert site.feed._process.poll() is None
 

@@ -385,11 +385,12 @@ def test_an_object_that_was_thrown_out_is_put_back_when_nobody_is_left(desk: Gua
     desk.say(waves(player.session, 0, 0.1), "x")
     desk.core.rooms[0].world.position = np.array([7.0])
     desk.tick()
-    assert desk.core.rooms[0].diverged
+    assert [body.what for body in desk.core.rooms[0].left] == ["the object"]
     desk.leave("x", player)
     desk.tick()
     assert desk.core.rooms[0].world.position[0] == 0.0
-    assert desk.core.rooms[0].diverged  # of this run it stays true
+    assert desk.core.rooms[0].left, "of this run it stays so"
+    assert desk.core.rooms[0].unstable == ""
 
 
 def test_a_seat_session_begins_with_an_empty_energy_ledger(desk: Guarded) -> None:

@@ -372,12 +372,16 @@ def test_missed_steps_send_zeros_and_are_numbered_on(desk: Desk) -> None:
     assert (count.applied, count.late, count.pending) == (2, 3, 0)
 
 
-def test_an_object_that_leaves_the_room_has_diverged(desk: Desk) -> None:
+def test_an_object_that_leaves_the_room_is_named_and_everybody_told(desk: Desk) -> None:
     session = desk.welcome("x").session
     for number in range(400):  # with true totals: a line whose sums say that nothing was sent plays ever less
         sums = ((3.0 * number,), (9.0 * number,))
         wave = Waves(session, number, (3.0,), *sums, 0.0, 0.0, 0, Stamp(1), (0.0, 0.0))
         desk.core.receive(messages.encode(wave), "x", desk.now_ns)
         desk.tick()
-    assert "left the workspace" in desk.core.rooms[0].diverged
-    assert desk.core.rooms[0].account().diverged
+    room = desk.core.rooms[0]
+    assert [body.what for body in room.left] == ["the object"]
+    assert room.unstable == ""
+    assert (room.account().left, room.account().unstable) == (True, False)
+    marks = [event.text for event in desk.core.events if "left the workspace" in event.text]
+    assert len(marks) == 1

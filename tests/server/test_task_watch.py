@@ -13,7 +13,8 @@ START = (0.1, 0.2, 0.3)
 
 
 def watch_of(**task: object) -> TaskWatch:
-    return TaskWatch(Task(**task), T, START, UNTURNED)
+    """A watch of a task that is reached at the first moment, if no dwell time is given."""
+    return TaskWatch(Task(**{"dwell_s": 0.0, **task}), T, START, UNTURNED)
 
 
 def moved(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> tuple[float, float, float]:
@@ -70,7 +71,7 @@ def test_what_was_tilted_too_far_stays_spilt(tilt_rad: float, reached: bool) -> 
 
 @pytest.mark.parametrize(("frames", "reached"), [(10, True), (11, False)])
 def test_time_runs_from_when_somebody_took_hold(frames: int, reached: bool) -> None:
-    watch = TaskWatch(Task(lifted_m=0.01, by_s=10 * T), T, START, UNTURNED)
+    watch = TaskWatch(Task(lifted_m=0.01, by_s=10 * T, dwell_s=0.0), T, START, UNTURNED)
     for _ in range(100):
         watch.step(moved(z=1.0), UNTURNED, held=False)
     assert watch.lifted_m == 0.0
@@ -114,3 +115,64 @@ def test_else_it_begins_when_somebody_takes_hold_and_tells_nobody() -> None:
     assert watch.frame(moved(z=0.03), UNTURNED, [False, False]) == []
     assert watch.frame(START, UNTURNED, [True, True]) == []
     assert watch.frame(moved(z=0.03), UNTURNED, [False, True]) == ["the task is reached"]
+
+
+DWELL = 8  # frames
+
+
+@pytest.mark.parametrize(("frames", "reached"), [(DWELL, False), (DWELL + 1, True)])
+def test_a_task_is_reached_once_all_has_been_met_for_its_dwell_time(frames: int, reached: bool) -> None:
+    """It counts from the first moment of these: as a goal of a study does."""
+    watch = watch_of(place_m=(0.05, 0.0, 0.0), within_m=0.002, dwell_s=DWELL * T)
+    for _ in range(3):
+        watch.step(moved(x=0.05), UNTURNED)
+    watch.step(moved(x=0.06), UNTURNED)  # through it, and on
+    for frame in range(frames):
+        assert watch.step(moved(x=0.05), UNTURNED) == (reached and frame == DWELL)
+    assert watch.at_s == (5 * T if reached else None)
+    assert watch.account()["dwell_s"] == DWELL * T
+
+
+def test_what_is_met_at_the_start_is_nobodys_doing_until_it_was_lost() -> None:
+    watch = watch_of(within_m=0.002, dwell_s=DWELL * T)
+    for _ in range(10 * DWELL):
+        assert not watch.step(START, UNTURNED)
+    watch.step(moved(x=0.01), UNTURNED)
+    assert [watch.step(START, UNTURNED) for _ in range(DWELL + 1)] == [False] * DWELL + [True]
+    assert watch.at_s == (10 * DWELL + 2) * T
+
+
+@pytest.mark.parametrize("lost", [None, 0, 3 * DWELL])
+def test_what_is_to_be_kept_is_reached_once_it_was_kept_until_its_time(lost: int | None) -> None:
+    watch = watch_of(within_m=0.002, dwell_s=DWELL * T, by_s=4 * DWELL * T)
+    for frame in range(6 * DWELL):
+        watch.step(moved(x=0.01) if frame == lost or lost == 3 * DWELL <= frame else START, UNTURNED)
+    assert watch.at_s == {None: 4 * DWELL * T, 0: 2 * T, 3 * DWELL: None}[lost]
+
+
+def test_a_body_that_is_put_back_has_not_come_back() -> None:
+    watch = watch_of(within_m=0.002, dwell_s=DWELL * T)
+    watch.step(moved(x=2.0), UNTURNED)
+    watch.put_back()
+    for _ in range(10 * DWELL):
+        assert not watch.step(START, UNTURNED)
+
+
+@pytest.mark.parametrize("cut", [0, 3, 15])
+def test_a_dwell_time_goes_on_after_being_saved(cut: int) -> None:
+    task = {"within_m": 0.002, "dwell_s": DWELL * T}
+    whole, first, second = (watch_of(**task) for _ in range(3))
+    for number, place in enumerate([START] * 4 + [moved(x=0.01)] + [START] * 20):
+        if number == cut:
+            second.restore(first.save(), UNTURNED)
+        whole.step(place, UNTURNED)
+        (first if number < cut else second).step(place, UNTURNED)
+    assert second.account() == whole.account()
+    assert whole.at_s == 6 * T
+
+
+def test_a_progress_of_an_earlier_version_goes_on() -> None:
+    watch = watch_of(lifted_m=0.04)
+    watch.restore((10.0, 0.03, 0.0, 0.0, 0.0, -1.0), UNTURNED)
+    assert watch.step(moved(z=0.05), UNTURNED)
+    assert watch.at_s == 11 * T

@@ -30,7 +30,7 @@ class Felt:
     def run(self, frames: int) -> None:
         for _ in range(frames):
             self.laboratory.frame(self.tick)
-        assert not self.laboratory.diverged
+        assert not self.laboratory.incident
 
     def until(self, done: Callable[[], bool], seconds: float) -> float:
         """Run until something is so. Returns how long that took [s]."""

@@ -114,13 +114,13 @@ def _settle(laboratory: Laboratory, seconds: float) -> list[dict[str, int]]:
         if frame >= seconds * hz and np.array_equal(world.stiffness, world.target_stiffness):
             return [dict(person.core.safety.counts) for person in laboratory.people]
         laboratory.frame()
-        assert not laboratory.diverged
+        assert not laboratory.incident
     raise AssertionError("a spring is still growing; only what its damper takes may pay for it: give damping_nspm > 0")
 
 
 def _check(laboratory: Laboratory, before: list[dict[str, int]]) -> None:
     """Hold that the session stayed linear: no limit acted."""
-    assert not laboratory.diverged
+    assert not laboratory.incident
     for person, then in zip(laboratory.people, before, strict=True):
         assert person.core.safety.state == "live", person.core.safety.reason
         now = {**person.core.safety.counts, NEAR_THERMAL_LIMIT: 0}

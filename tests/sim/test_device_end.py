@@ -192,7 +192,7 @@ def test_a_law_that_oscillates_over_the_network_is_let_go_and_ends_in_a_fault_if
     for one in people:
         if one.core.safety.state == "fault":
             assert "set coupling.stiffness_npm lower" in one.core.safety.reason
-            assert one.laboratory.diverged or not one.forces[-1].any()
+            assert one.laboratory.incident or not one.forces[-1].any()
         assert one.core.port.balance_j >= -one.core.port.reserve_j
         assert one.largest_step_n < 1.0
 

@@ -97,7 +97,7 @@ def run(
 
     run_frames(
         laboratory, laboratory.frames, watch
-    )  # also beyond what a session would call diverged: a force at its limit
+    )  # also beyond what a session would call saturated: a force at its limit
     return course
 
 
@@ -156,7 +156,7 @@ def test_the_force_ends_and_the_other_goes_on(wire: str, verb: str) -> None:
     assert course.kick_n(whole, 1, begin) < KICK_N
     assert all(state == "live" for _, state in course.state[begin:]), "the other goes on"
     assert passive(laboratory)
-    assert not laboratory.diverged
+    assert not laboratory.incident
     if verb in TOLERATED or lasting:
         assert anna.core.safety.state == "live"
         assert sum(anna.device.counts.values()) > 0 or verb == "split"

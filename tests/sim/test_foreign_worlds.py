@@ -128,10 +128,10 @@ def test_a_world_that_raises_ends_its_session_by_name(tmp_path: Path) -> None:
     laboratory = Laboratory(failing(tmp_path))
     laboratory.run()
     words = "python:failing.py:Failing: RuntimeError: the spring broke (line "
-    assert laboratory.diverged.startswith(words)
+    assert laboratory.incident.startswith(words)
     assert laboratory.room.steps == 40
     summary = of_laboratory(laboratory)
-    assert stable(summary).sentence.startswith(f"Diverged. The world has ended: {words}")
+    assert stable(summary).sentence.startswith(f"Not stable: The world has ended: {words}")
     run_frames(laboratory, 64)
     for person in laboratory.people:
         assert words[:40] in person.core.session.failed
@@ -183,7 +183,7 @@ def test_after_a_kill_the_next_server_goes_on_where_the_world_was() -> None:
     assert after.inner.save()[-54:] == state[-54:]  # places and speeds of nine beads in three axes
     assert not after.holding.any()
     laboratory.run()
-    assert not laboratory.diverged
+    assert not laboratory.incident
     assert after.holding.all(), "both came back"
     assert after.limiter.limited == 0
 

@@ -134,7 +134,7 @@ def test_what_both_lines_owe_is_all_by_which_a_lossy_network_softens_the_fingers
 def test_a_gripper_is_passive_on_every_network(scene: dict[str, Any], network: str) -> None:
     held = session(scene, link={"profile": network}, seconds=3.0)
     held.run()
-    assert not held.diverged
+    assert not held.incident
     assert held.people[0].core.safety.state == "live"
     assert least(held) >= 0.0
 
@@ -163,8 +163,8 @@ def test_no_gripper_brings_energy_about(
     held.run()
     gripper = held.people[0].device.capability.gripper
     assert gripper is not None
-    if held.diverged:  # fingers that pull harder than the motor can are let go
-        assert "the force sits at its limit" in held.diverged
+    if held.incident:  # fingers that pull harder than the motor can are let go
+        assert "the force sits at its limit" in held.incident
         assert fingers_npm * (REST_M - squeeze_m) > gripper.peak_force_n
     assert least(held) >= 0.0
 

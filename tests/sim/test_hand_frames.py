@@ -62,7 +62,7 @@ def test_clutches_of_50_mm_displace_nothing(times: int) -> None:
     )
     places, held, offsets = map(np.array, zip(*rows, strict=True))
     seat = core._seat
-    assert not laboratory.diverged
+    assert not laboratory.incident
     assert np.count_nonzero(held[1:] & ~held[:-1]) == times
     moved = np.diff(places, axis=0)[~held[:-1]].sum(axis=0)
     assert dist(seat.tool_m(), seat._origin_pose + moved) < 1e-9
@@ -85,7 +85,7 @@ def test_a_clutch_in_contact_lets_the_hand_go_without_a_step_of_force() -> None:
     assert max(dist(after, before) for before, after in pairwise(forces)) < SOFT_SLOPE_NPS / 1024
     assert max(hypot(*forces[int(1024 * s)]) for s in (1.2, 1.49, 2.3, 3.15)) == 0.0, "while it is held"
     assert hypot(*forces[-1]) > 0.05, "the wall is felt again"
-    assert not laboratory.diverged
+    assert not laboratory.incident
     assert "clutched" in states
     assert "fault" not in states
     account = account_of(laboratory)

@@ -71,7 +71,7 @@ def stiff(step: str) -> Table:
 def test_a_hundred_times_the_papers_stiffness_at_four_frames_follows_and_settles() -> None:
     summary = stiff("passive")
     assert summary["passive"]
-    assert not summary["diverged"]
+    assert not any(summary[key] for key in ("unstable", "saturated", "left"))
     assert least_margin(summary) >= -1e-12
     assert summary["object"]["travel_m"] > 0.05, "three strokes of 30 mm, less what the line yields"
     assert abs(summary["object"]["velocity_mps"][0]) < 1e-3
@@ -82,8 +82,7 @@ def test_a_hundred_times_the_papers_stiffness_at_four_frames_follows_and_settles
 
 def test_the_papers_step_diverges_there() -> None:
     summary = stiff("paper")
-    assert summary["diverged"]
-    assert summary["seconds"] < 4.5
+    assert summary["unstable"]
 
 
 # Bad links -----------------------------------------------------------------------------------------------------------
@@ -139,7 +138,7 @@ def test_the_worst_link(kind: str, seed: int) -> None:
     summary = bad_link(kind, seed, jitter_ms=20, loss=0.3, burst_frames=4, duplicate=0.05, reorder=0.05)
     assert least_margin(summary) >= -1e-12
     assert summary["passive"]
-    assert not summary["diverged"]
+    assert not any(summary[key] for key in ("unstable", "saturated", "left"))
     check_fates(summary)
     assert all(count["duplicate"] > 0 for count in counts(summary))
     assert np.abs(gaps(summary) - gaps(clean(kind))).max() < 1e-3
@@ -256,7 +255,7 @@ def test_a_cube_follows_a_real_hand(which: str, axes: int, seconds: float, tmp_p
     hand = touch() if which == "touch" else panda(tmp_path) if which == "panda" else tue(*which.split())
     summary, place, cube = alone(hand, axes, seconds)
     assert summary["passive"]
-    assert not summary["diverged"]
+    assert not any(summary[key] for key in ("unstable", "saturated", "left"))
     assert least_margin(summary) >= -1e-12
     for axis in range(axes):
         assert np.corrcoef(place[:, axis], cube[:, axis])[0, 1] > 0.95
@@ -268,7 +267,7 @@ def test_two_real_people_hold_one_cube() -> None:
     link = {"delay_ms": 20, "jitter_ms": 5, "loss": 0.05}
     summary = summary_of(seconds=2, link=link, playout={"frames": 3}, users=users)
     assert summary["passive"]
-    assert not summary["diverged"]
+    assert not any(summary[key] for key in ("unstable", "saturated", "left"))
     assert least_margin(summary) >= -1e-12
     assert summary["object"]["travel_m"] > 0.02
 

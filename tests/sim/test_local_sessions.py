@@ -102,7 +102,7 @@ def test_people_push_an_object_to_and_fro_and_it_comes_to_rest(network: str) -> 
     laboratory = Laboratory(pushed(network, 1, 2))
     moved = by_tick(laboratory, lambda now: float(now.room.world.position[0]))
     assert max(moved) - min(moved) > 0.005
-    assert not laboratory.room.diverged
+    assert not laboratory.room.unstable
 
 
 def of_scene(name: str, network: str, seconds: float, loss: float = 0.0, **user: object) -> Settings:

@@ -198,7 +198,7 @@ def test_a_marker_is_told_for_a_while() -> None:
 
 def test_a_task_that_is_reached_is_a_marker() -> None:
     scene = Path(__file__).parents[2] / "configs" / "scenes" / "lift.xml"
-    task = {"lifted_m": 0.0}
+    task = {"lifted_m": 0.0, "dwell_s": 0.0}
     laboratory, said = session(0.5, object={"kind": "scene", "file": str(scene), "axes": 3}, task=task)
     laboratory.run()
     assert len(marked(said[""])) == len(marked(said["anna"])) == 1

@@ -207,7 +207,7 @@ def test_the_stiffness_is_felt_as_asked_before_and_after_the_delay_changes(
     assert felt[0] == pytest.approx(K_NPM, rel=0.01)
     assert felt[-1] == pytest.approx(K_NPM, rel=0.02)
     assert summary["passive"]
-    assert not summary["diverged"]
+    assert not any(summary[key] for key in ("unstable", "saturated", "left"))
     assert least_margin(summary) >= -1e-12
     assert summary["server"]["energy_balance_error_j"] < 1e-12
     way = line_delay(Playout(), LinkProfile(delay_ms=after_ms), Rates(device_hz, 128))

@@ -130,7 +130,7 @@ def test_a_session_stays_passive_and_comes_to_the_depth_that_is_expected(name: s
             depths["down"] += [person.core.coupling.playout_frames or 0.0 for person in lab.people]
 
     lab.run(each_frame=note)
-    assert not lab.diverged
+    assert not lab.incident
     for seat, person in enumerate(lab.people):
         assert person.core.coupling.down_margin_j + allowed("down_margin_j") >= -1e-12
         up = lab.room.seat_account(seat)

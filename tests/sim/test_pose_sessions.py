@@ -88,7 +88,7 @@ def wheel(stop_s: float, *overrides: str) -> Settings:
 @pytest.mark.parametrize(("stop_s", "overrides"), [(2.0, LOSSY), long(5.0, ())])
 def test_two_people_turn_a_wheel(stop_s: float, overrides: tuple[str, ...]) -> None:
     session = Turned(wheel(stop_s, *overrides))
-    assert not session.laboratory.diverged
+    assert not session.laboratory.incident
     assert all(person.core.safety.state == "live" for person in session.laboratory.people)
     assert session.drift.max() <= 0.01
     assert session.apart.max() <= 3.0, "at 3 rad/s a hand is ahead by 0.17 degrees each ms"
@@ -158,7 +158,7 @@ def test_a_hand_that_does_not_turn_holds_a_tool_in_a_room_of_poses(orientation: 
     world = laboratory.room.world
     assert isinstance(world, SceneWorld)
     assert [len(person.core.force_n) for person in laboratory.people] == [3, 6]
-    assert not laboratory.diverged
+    assert not laboratory.incident
     assert laboratory.people[0].core.force_n[0] == pytest.approx(laboratory.people[1].core.force_n[0] * -1.0, abs=0.05)
     assert laboratory.people[0].core.force_n[0] > 1.0
     assert world.scene.tools[0].turns == (orientation != "fixed")

@@ -107,3 +107,10 @@ def test_a_room_without_a_scene_takes_none() -> None:
     wrong = msgspec.structs.replace(room.checkpoint(), coordinates=(0.0,), scene="other")
     with pytest.raises(CheckpointError, match="a scene of rigid bodies, and this room has none"):
         room.restore(wrong, 0)
+
+
+def test_progress_of_an_earlier_version_without_dwell_times_goes_on(lifted: tuple[Room, RoomCheckpoint]) -> None:
+    checkpoint = lifted[1]
+    room = Room(load(LIFT))
+    room.restore(msgspec.structs.replace(checkpoint, progress=checkpoint.progress[:-2]), 0)
+    assert room.world.progress()[:-2] == checkpoint.progress[:-2]

@@ -50,7 +50,7 @@ class Lift:
 def test_two_people_lift_a_box_by_friction_and_set_it_down_elsewhere() -> None:
     """Without its last seconds, in which the hands are home."""
     lift = Lift("seconds=8")
-    assert not lift.laboratory.diverged
+    assert not lift.laboratory.incident
     assert lift.places[round(4.9 * HZ), 0] == pytest.approx([0.04, 0.0, 0.045], abs=2e-3), "lifted and carried"
     assert lift.places[-1, 0] == pytest.approx([0.04, 0.0, 0.0], abs=2e-3), "set down"
     assert lift.slip_m() <= 1e-4
@@ -70,7 +70,7 @@ def test_two_people_lift_a_box_by_friction_and_set_it_down_elsewhere() -> None:
 )
 def test_the_box_slips_no_further_on_impaired_networks(network: tuple[str, ...], most_m: float) -> None:
     lift = Lift(*network)
-    assert not lift.laboratory.diverged
+    assert not lift.laboratory.incident
     assert lift.slip_m() <= most_m
     assert lift.world.limiter.limited == 0
 
@@ -93,7 +93,7 @@ def test_a_scene_that_fails_ends_the_session_by_name(kind: str) -> None:
         laboratory.frame()
     world.data.qvel[:] = np.nan
     laboratory.frame()
-    assert laboratory.diverged.startswith("the scene left all bounds at 0.5")
+    assert laboratory.incident.startswith("the scene left all bounds at 0.5")
     assert world.holding.all(), "everybody has taken hold anew, at the start"
     laboratory.frame()
     assert np.isfinite(world.force).all()

@@ -74,7 +74,7 @@ def test_scales_that_change_each_second_leave_every_line_passive(profile: str) -
     laboratory = Laboratory(resolve(table))
     laboratory.run(each_frame=back_and_forth)
     account = assert_passive(laboratory)
-    assert not laboratory.diverged
+    assert not laboratory.incident
     assert account.state == "live"
     hand = laboratory.room.seats[0].hand
     assert (hand.taken, hand.number) == (19, 19)

@@ -36,9 +36,11 @@ def test_strange_summaries_print(strange: dict[str, Any]) -> None:
     assert printed(strange)
 
 
-def test_verdict_says_who_broke_passivity_why_it_diverged_and_which_ticks_did_not_run(summary: dict[str, Any]) -> None:
+def test_verdict_says_who_broke_passivity_why_it_was_unstable_and_which_ticks_did_not_run(
+    summary: dict[str, Any],
+) -> None:
     assert "Passive" in words(summary)
-    assert "nothing diverged" in words(summary)
+    assert "Stable: no number grew out of bounds" in words(summary)
     assert "Every loop ran every tick." in words(summary)
     anna, ben = summary["users"]
     anna["ticks"] = {"due": 1000, "run": 990, "late_us": {"p99": 312.4}}
@@ -46,9 +48,22 @@ def test_verdict_says_who_broke_passivity_why_it_diverged_and_which_ticks_did_no
     assert "within 312 µs" in words(summary)
     summary["passive"], ben["energy"]["down_margin_j"] = False, -0.0034
     assert "Not passive: the line down of ben gave out 3.4 mJ more than had been put in." in words(summary)
+    summary["unstable"] = True
+    assert "Not stable: numbers grew out of bounds" in words(summary)
+    anna["reason"], anna["unstable"] = "the force oscillates at the hand", True
+    assert "Not stable: anna: the force oscillates at the hand." in words(summary)
+
+
+def test_a_run_of_an_earlier_version_has_one_word_for_what_left_saturated_or_was_unstable(
+    summary: dict[str, Any],
+) -> None:
+    del summary["unstable"], summary["saturated"], summary["left"]
+    assert "whether anything was unstable" in words(summary)
+    summary["diverged"] = False
+    assert "Stable:" in words(summary)
     summary["diverged"] = True
-    assert "The object left the workspace" in words(summary)
-    anna["reason"] = "force at its limit"
+    assert "Diverged. The object left the workspace" in words(summary)
+    summary["users"][0]["reason"] = "force at its limit"
     assert "Diverged. anna: force at its limit." in words(summary)
 
 
@@ -195,9 +210,9 @@ def test_texts_of_a_run_folder_that_somebody_else_wrote_are_shown_clean(finished
     path = folder / "summary.json"
     summary = json.loads(path.read_text())
     summary["name"] = summary["users"][0]["name"] = f"anna{CONTROLS}"
-    summary["users"][0] |= {"state": f"fault{CONTROLS}", "reason": f"why{CONTROLS}"}
+    summary["users"][0] |= {"state": f"fault{CONTROLS}", "reason": f"why{CONTROLS}", "unstable": True}
     table = printed(summary)
-    path.write_text(json.dumps({**summary, "diverged": True}))
+    path.write_text(json.dumps({**summary, "unstable": True}))
     (listed,) = list_runs(folder, lambda _: False)
     run = load_run(folder)
     for text in (table.replace("\n", ""), listed.verdict, "".join(listed.people), "".join(run.names)):
@@ -207,7 +222,7 @@ def test_texts_of_a_run_folder_that_somebody_else_wrote_are_shown_clean(finished
 
 def test_what_only_a_client_of_others_says_decides_no_verdict(summary: dict[str, Any]) -> None:
     ben = summary["users"][1]
-    ben["claimed"] = {"diverged": True, "down_margin_j": -0.0034}
+    ben["claimed"] = {"unstable": True, "down_margin_j": -0.0034}
     ben["energy"]["down_margin_j"] = -0.0034
     assert verdict(summary)[0][0] == verdict(summary)[1][0] == "warn"
     assert succeeded(summary), "it is the client's word"

@@ -128,7 +128,7 @@ def test_a_fault_in_an_earlier_seat_session_counts() -> None:
         if before.client.device.margin_j == 0.1:
             assert worst_margin(summary["users"])[0] == -0.5
     assert stable(summarised(replace(person(), earlier=(port(oscillates=True),)))).tone == "bad"
-    assert summarised(replace(person(), earlier=(person(diverged=True),)))["diverged"]
+    assert summarised(replace(person(), earlier=(person(unstable=True),)))["unstable"]
 
 
 def test_a_force_that_oscillated_is_not_stable_and_was_not_felt_as_intended() -> None:
@@ -263,7 +263,7 @@ def test_an_unstable_coupling_is_not_green() -> None:
 
 def test_what_only_clients_of_others_say_in_their_favour_is_said_to_be_theirs() -> None:
     summary = summarised(person())
-    summary["users"][0]["claimed"] = {"diverged": False, "down_margin_j": 0.0}
+    summary["users"][0]["claimed"] = {"unstable": False, "saturated": False, "left": False, "down_margin_j": 0.0}
     assert passive(summary).tone == "good"
     assert passive(summary).sentence.endswith("than had been put in, nor, say the clients, any motors.")
     summary["users"][0]["energy"] |= {"line_reserve_j": 2e-3, "device_reserve_j": 0.2}
@@ -272,7 +272,7 @@ def test_what_only_clients_of_others_say_in_their_favour_is_said_to_be_theirs() 
 
 def test_what_clients_of_others_say_against_themselves_is_judged_by_the_credit() -> None:
     summary = summarised(person())
-    summary["users"][0]["claimed"] = {"diverged": False, "down_margin_j": 0.0}
+    summary["users"][0]["claimed"] = {"unstable": False, "saturated": False, "left": False, "down_margin_j": 0.0}
     summary["credit_j"] = 1e-3
     for margin_j, tone in ((-0.9e-3, "good"), (-1.1e-3, "warn")):
         summary["users"][0]["energy"]["down_margin_j"] = margin_j

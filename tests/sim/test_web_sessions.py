@@ -81,7 +81,7 @@ class Session:
     def holds_its_bounds(self) -> None:
         """Passive at the line and at the device, and nobody in a fault."""
         assert self.summary["passive"]
-        assert not self.summary["diverged"]
+        assert not any(self.summary[key] for key in ("unstable", "saturated", "left"))
         assert least_margin(self.summary) >= -1e-12
         for user in self.summary["users"]:
             assert user["energy"]["device_margin_j"] >= 0.0

@@ -19,7 +19,7 @@ from cogrip.sim.runs.summary import UserRecord, summarise
 CLIENT = ClientAccount(
     position_m=(0.0,), force_n=(1.0,), peak_force_n=2.0, travel_m=0.1, felt_stiffness_npm=None, predicted_stiffness_npm=363.0,
     down_margin_j=0.0, device_leak_j=-0.03, down=LinkCount(sent=1000, received=1000, applied=1000), rtt_ms=Percentiles(),
-    ticks=TickCount(1000, 1000), diverged=False, state="live", reason="", playout=PlayoutAccount(),
+    ticks=TickCount(1000, 1000), unstable=False, state="live", reason="", playout=PlayoutAccount(),
     device=DeviceAccount(margin_j=0.1),
 )  # fmt: skip
 SEAT = SeatAccount((0.0,), 0.0, 0.0, LinkCount(sent=1000, received=1000, applied=1000), PlayoutAccount())

@@ -230,9 +230,24 @@ class ClientCore:
         return self._seat.may_leave
 
     @property
-    def diverged(self) -> str:
-        """Reason why this end has diverged, "" if it has not."""
-        return self.seated.safety.diverged if self.seated else ""
+    def in_fault(self) -> bool:
+        """Return whether the force is off until the user re-arms."""
+        return self.seated is not None and self.seated.safety.state == "fault"
+
+    @property
+    def unstable(self) -> str:
+        """Return how the force of this end was unstable, "" if it was not."""
+        return self.seated.safety.unstable if self.seated else ""
+
+    @property
+    def saturated(self) -> str:
+        """Return how the force sat at the device's limit until it was let go, "" if it did not."""
+        return self.seated.safety.saturated if self.seated else ""
+
+    @property
+    def left(self) -> str:
+        """Return how the hand left the device's workspace, "" if it did not."""
+        return self.seated.safety.left if self.seated else ""
 
 
 def _seatless() -> ValueError:

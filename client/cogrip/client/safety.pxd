@@ -28,7 +28,9 @@ cdef class Safety:
     cdef public str state
     cdef public object reason
     cdef public object warning
-    cdef public object diverged
+    cdef public object unstable
+    cdef public object saturated
+    cdef public object left
     cdef public object counts
 
     cpdef note(self, name)

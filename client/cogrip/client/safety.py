@@ -28,7 +28,7 @@ FAULT_OUT_S = 0.015
 STALL_S = 0.02  # of ticks without a sample, in a leaky counter: a device that reaches it has stalled
 STALL_DECAY = 0.5  # ticks that each sample takes off that counter
 WATCHDOG_S = 0.1  # time without a tick after which the watchdog ends the force: the hand held an old one
-AT_LIMIT_S = 0.5  # time at its limit after which a force has diverged
+AT_LIMIT_S = 0.5  # time at its limit after which a force is saturated: a fault
 NEAR_THERMAL_LIMIT = "near thermal limit"  # counted before anything is limited
 DERATED_S = 10.0  # of thermal derating, in a counter that falls while there is none: at more it is a fault
 
@@ -52,7 +52,9 @@ class Safety:
     gain       of the ramp, 0 to 1
     clamped_n  force of this tick before ramp and slope limit, clamped to the device's peak
     limited    whether a limit held the force of this tick: peak, warm motors or slope; `derated` whether warm motors did
-    diverged   why this end has diverged, "" if it has not
+    unstable   how the force was unstable: it oscillated, was not finite, or took energy out without end; "" if it was not
+    saturated  how the force sat at the device's limit until it was let go, "" if it did not
+    left       how the hand left the device's workspace, "" if it did not
     """
 
     def __init__(self, capability: Capability, tick_s: float, length_scale: float = 1.0) -> None:
@@ -79,7 +81,8 @@ class Safety:
         self._derated = 0
         self.limited = self.derated = False
         self.state: State = "idle"
-        self.reason = self.warning = self.diverged = ""
+        self.reason = self.warning = ""
+        self.unstable = self.saturated = self.left = ""
         self.counts: Counter[str] = Counter()
 
     def set_record(self, capability: Capability) -> None:
@@ -171,7 +174,7 @@ class Safety:
         for axis, (low, high) in enumerate(self._workspace_m):  # angles have none
             place = position_m[axis]
             if not low <= place <= high:
-                self.diverged = self.diverged or f"the hand left the workspace at {place:.4g} m"
+                self.left = self.left or f"the hand left the workspace at {place:.4g} m"
         return True
 
     def _check_further(self, bounds: Bounds, speed_mps: float, last_m: float) -> None:
@@ -230,6 +233,7 @@ class Safety:
         size_n = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
         if not size_n < inf:  # nan, too
             self.note("non-finite force")
+            self.unstable = self.unstable or "the force law gave a number that is not finite"
             self.fail("the force law gave a number that is not finite; re-arm")
         elif self._further is None:
             self.clamped_n = self._translation.clip(force_n, size_n)
@@ -283,5 +287,5 @@ class Safety:
         if self._at_limit > self._limit_ticks:
             bounds = next(group.bounds for group in self._groups if group.over)
             reason = f"the force sat at its limit of {bounds.shown(bounds.peak_n)} for {AT_LIMIT_S:g} s"
-            self.diverged = self.diverged or reason
+            self.saturated = self.saturated or reason
             self.fail(f"{reason}; press less or lower coupling.stiffness_npm, then re-arm")

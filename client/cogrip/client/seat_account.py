@@ -2,8 +2,9 @@
 
 from msgspec.structs import replace
 
+from cogrip.client.safety import Safety
 from cogrip.client.seated import SeatedClient
-from cogrip.protocol.accounts import REASON_BYTES, ClientAccount, DelayAccount, Percentiles, TickCount
+from cogrip.protocol.accounts import LEFT, REASON_BYTES, SATURATED, ClientAccount, DelayAccount, Percentiles, TickCount
 from cogrip.protocol.texts import clipped
 
 
@@ -22,9 +23,9 @@ def account_of(seat: SeatedClient, ticks: TickCount, rtt_ms: Percentiles, delay:
         down=ledger.count(),
         rtt_ms=rtt_ms,
         ticks=ticks,
-        diverged=bool(safety.diverged),
+        unstable=bool(safety.unstable),
         state=safety.state,
-        reason=clipped(seat.session.failed or safety.diverged or safety.reason, REASON_BYTES),
+        reason=clipped(seat.session.failed or _why(safety), REASON_BYTES),
         peak_step_n=peaks.step_n,
         playout=ledger.playout_account(),
         delay=delay,
@@ -33,7 +34,15 @@ def account_of(seat: SeatedClient, ticks: TickCount, rtt_ms: Percentiles, delay:
         peak_torque_nm=peaks.further,
         line=coupling.line_account(),
         effects=seat.effects.account() if seat.effects else None,
+        incidents=(LEFT if safety.left else 0) + (SATURATED if safety.saturated else 0),
     )
+
+
+def _why(safety: Safety) -> str:
+    """Return the gravest reason that safety gives: a fault as it was latched, else what went wrong first."""
+    if safety.state == "fault":
+        return safety.reason
+    return safety.unstable or safety.saturated or safety.left or safety.reason
 
 
 def _predicted_npm(seat: SeatedClient) -> float | None:

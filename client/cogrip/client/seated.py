@@ -376,8 +376,11 @@ class SeatedClient(SeatHand):
         """Ramp the force out (`degraded`); a fault where that has not helped MOST_RELEASES times."""
         safety, reason = self.safety, cure(cause, self.settings, self.capability)
         safety.note(f"released: {cause}")
+        if cause == "limit":
+            safety.saturated = safety.saturated or reason
         if self.port.persists:
-            safety.diverged = safety.diverged or reason
+            if cause != "limit":
+                safety.unstable = safety.unstable or reason
             safety.fail(f"{reason}, then re-arm")
         else:
             safety.event("stale", reason)

@@ -8,6 +8,7 @@ import msgspec
 from cogrip.protocol.histogram import DurationHistogram
 
 REASON_BYTES = 280  # of a client's account: the largest one fits a datagram once it is encrypted
+LEFT, SATURATED = 1, 2  # of a client's `incidents`: one byte, as the largest account has no room for more
 Row = Annotated[tuple[float, ...], msgspec.Meta(max_length=6)]  # one number an axis
 
 
@@ -119,7 +120,7 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     down: LinkCount
     rtt_ms: Percentiles
     ticks: TickCount
-    diverged: bool
+    unstable: bool  # a force oscillated until it was a fault, was not finite, or took out energy without end
     state: Annotated[str, msgspec.Meta(max_length=40)]
     reason: Annotated[str, msgspec.Meta(max_length=REASON_BYTES)]
     peak_step_n: float = 0.0  # the largest change of the force from one tick to the next
@@ -130,6 +131,17 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     peak_torque_nm: float = 0.0  # of a seat with a gripper its largest force [N]
     line: LineAccount | None = None  # of the last line; None without waves
     effects: EffectAccount | None = None  # None where none were told
+    incidents: Annotated[int, msgspec.Meta(ge=0, le=127)] = 0  # sum of LEFT and SATURATED; others are of later versions
+
+    @property
+    def left(self) -> bool:
+        """Return whether the hand was outside of its device's workspace."""
+        return bool(self.incidents & LEFT)
+
+    @property
+    def saturated(self) -> bool:
+        """Return whether the force sat at the device's limit, and was let go."""
+        return bool(self.incidents & SATURATED)
 
 
 class SeatAccount(msgspec.Struct, frozen=True, array_like=True):
@@ -151,6 +163,7 @@ class RoomAccount(msgspec.Struct, frozen=True, array_like=True):
     position_m: Row
     velocity_mps: Row
     travel_m: float
-    diverged: bool
+    unstable: bool  # numbers of the world were not finite, or grew beyond what hands can bring about
     energy_balance_error_j: float
     ticks: TickCount
+    left: bool = False  # the object, or a body of the scene, left the workspace

@@ -1,7 +1,7 @@
 """Messages: MessagePack arrays, coded and checked by msgspec (`SPEC.md` section 3).
 
 Every decoded number is finite and bounded, every list and text has a bounded length; anything else raises MalformedError and
-nothing but it. Only the accounts of the last two messages hold free numbers: a session that diverged may report inf or nan, and
+nothing but it. Only the accounts of the last two messages hold free numbers: an unstable session may report inf or nan, and
 no force is computed from them.
 """
 

@@ -13,7 +13,9 @@ EVERYBODY = "everybody holds on"
 class Task(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """[task]: what people are to do with a body of a scene. The server's own; goals that are None are none.
 
-    Reached at the first moment at which all goals are: once lifted and turned far enough, and in its place now.
+    Reached at the first moment from which all goals are met for `dwell_s`: once lifted and turned far enough, and in its place
+    now. What is so from the start is nobody's doing: it counts once it has been lost and is met again, or is kept until `by_s`.
+    dwell_s = 0: at the first moment at which all are met, also where that is the start.
     """
 
     body: str = ""  # "" the object
@@ -24,6 +26,7 @@ class Task(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     within_m: Goal | None = None  # of that place
     tilt_rad: Goal | None = None  # at most, of its upright, at all times before
     by_s: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None  # after it began; None: until the end
+    dwell_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e4)] = 0.5  # for which all is met before it is reached
     together: bool = False  # it begins when every seat is held; else when somebody takes hold
 
     @property

@@ -31,7 +31,8 @@ cdef class Room:
     cdef public long long steps
     cdef public object ticks
     cdef public double travel_m
-    cdef public object diverged
+    cdef public object unstable
+    cdef public list left
     cdef public long long put_back
 
     @cython.locals(seat=Seat)

@@ -21,6 +21,7 @@ from cogrip.protocol.session import LOST_NS
 from cogrip.protocol.settings import Settings, seat_settings
 from cogrip.protocol.settings_digest import digest
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint
+from cogrip.server.departures import Departure, growth, left_text, put_back_text
 from cogrip.server.effects import EffectSender, RoomEffects
 from cogrip.server.geometry_sender import GeometrySender
 from cogrip.server.hand_changes import HandChanges
@@ -41,7 +42,8 @@ class Room:
     """Seats and world of one settings file. In a step the world takes a row of each seat, and gives an answer to each.
 
     travel_m  path length of the object so far
-    diverged  how the object left the workspace, "" if it has not
+    unstable  why numbers of the world were not finite, or grew beyond what hands bring about; "" if they did not
+    left      what left the workspace, each the first time
     put_back  times that the object was put back from out of everybody's reach
     ticks     source of the tick count: the loop sets its own
     """
@@ -67,7 +69,8 @@ class Room:
         self.steps = 0
         self.ticks: Callable[[], TickCount] = lambda: TickCount(due=self.steps, run=self.steps)
         self.travel_m, self.put_back = 0.0, 0
-        self.diverged = ""
+        self.unstable = ""
+        self.left: list[Departure] = []
 
     def take_seat(
         self, number: int, session: int, nonce: int, now_ns: int, record: Record, hand: HandChanges | None = None
@@ -261,16 +264,37 @@ class Room:
         try:
             answers = step.advance(rows)
         except WorldError as error:
-            failed, self.diverged = True, self.diverged or str(error)
+            failed, self.unstable = True, self.unstable or str(error)
             self.world.reset()
         self.steps += 1
         here = step.motion()[:places]
-        if step.left_workspace() and not self.diverged:
-            self.diverged = f"the object left the workspace at {here} m"
-        if failed or step.out_of_reach():
+        if step.left_workspace():
+            self._watch_object(here)
+        if self.world.departed:
+            self._let_leave()
+        if failed:
+            return self._put_back()
+        if step.out_of_reach():
+            self.world.events.append(put_back_text(self.world.object_name))
             return self._put_back()
         self.travel_m += dist(here, before)
         return answers
+
+    def _watch_object(self, here: Row) -> None:
+        """Name an object that has left the workspace, once; or say that its numbers are none, or grow."""
+        rates = self.world_step.motion()[self._axes : self._axes + self._places]
+        if why := growth(here, rates):
+            self.unstable = self.unstable or why
+        elif all(departure.what != self.world.object_name for departure in self.left):
+            self.world.departed.append((self.world.object_name, here))
+
+    def _let_leave(self) -> None:
+        """Note what has left the workspace in this step, and tell everybody."""
+        world, now_s = self.world, self.steps / self.settings.rates.network_hz
+        for what, place in world.departed:
+            self.left.append(Departure(what, now_s, place))
+            world.events.append(left_text(what))
+        world.departed.clear()
 
     def _message_of(self, seat: Seat, answer: Row, work_j: float, state: Row, frames: int, now_ns: int) -> bytes:
         """Push a step's answer into a seat's line, update its energy reserve and margin, and return the message."""
@@ -394,7 +418,8 @@ class Room:
             position_m=motion[:axes],
             velocity_mps=motion[axes:],
             travel_m=self.travel_m,
-            diverged=bool(self.diverged),
+            unstable=bool(self.unstable),
             energy_balance_error_j=float(self.world.balance_error_j),
             ticks=self.ticks(),
+            left=bool(self.left),
         )

@@ -8,7 +8,7 @@ from cogrip.protocol.accounts import LinkCount, SeatAccount
 from cogrip.server.checkpoint import CheckpointError, RoomCheckpoint
 from cogrip.server.participants import Seat
 from cogrip.server.port import Row
-from cogrip.server.worlds.world import World, WorldError, check_saved
+from cogrip.server.worlds.world import World, WorldError
 
 
 def account_of(seat: Seat, world: World) -> SeatAccount:
@@ -30,7 +30,7 @@ def place_again(world: World, seats: Sequence[Seat], checkpoint: RoomCheckpoint)
         raise CheckpointError("its seats or axes are not this room's")
     try:
         if checkpoint.progress:
-            check_saved(checkpoint.progress, len(world.progress()))
+            world.check_progress(checkpoint.progress)
         world.restore_coordinates(checkpoint.position_m, checkpoint.scene, checkpoint.coordinates)
     except WorldError as error:
         raise CheckpointError(str(error)) from None

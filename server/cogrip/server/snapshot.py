@@ -61,7 +61,8 @@ class RoomSnapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
     observers: int = 0
     least_up_margin_j: Number = None  # of all seat sessions since the start
     least_line_margin_j: Number = None
-    diverged: str = ""
+    unstable: str = ""  # why, where it was
+    left: tuple[str, ...] = ()  # what left the workspace, while the object is outside
 
     @property
     def ticks_due(self) -> int:
@@ -146,10 +147,12 @@ class SnapshotMaker:
         for seat in seats:
             up_j, line_j = _lesser(up_j, seat.up_margin_j), _lesser(line_j, seat.line_margin_j)
         self._least[name] = up_j, line_j
-        diverged = room.diverged if room.world.left_workspace else ""  # it may have been put back
+        there = room.left if room.world.left_workspace else ()  # it may have been put back
+        left = tuple([body.what for body in there])
         return RoomSnapshot(
             name, sum([seat.seated for seat in seats]), tuple(seats), room.world.motion()[: room.world.axes], room.travel_m,
-            ticks.run, ticks.skipped, late, work, len(room.observer_slots.observers), up_j, line_j, diverged,
+            ticks.run, ticks.skipped, late, work, len(room.observer_slots.observers), up_j, line_j,
+            room.unstable, left,
         )  # fmt: skip
 
 
@@ -191,7 +194,7 @@ def _lesser(one: Number, other: Number) -> Number:
 
 
 class Health:
-    """Health of a server by its snapshots. A room that has diverged is its people's affair: the server stays healthy."""
+    """Health of a server by its snapshots. A room that is unstable is its people's affair: the server stays healthy."""
 
     def __init__(self) -> None:
         self.newest: Snapshot | None = None

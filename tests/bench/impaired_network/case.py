@@ -123,8 +123,8 @@ def _impaired(job: Job) -> dict[str, Any]:
     rms, most = furthest(trace.view_m)
     measures = {
         "passive": summary["passive"],
-        "diverged": bool(laboratory.diverged),
-        "reason": laboratory.diverged,
+        "diverged": bool(laboratory.incident),
+        "reason": laboratory.incident,
         "faults": sum(user["state"] == "fault" for user in users),
         "overpowered": overpowered,
         "margin_mj": worst[0] * 1e3 if worst else None,
@@ -136,7 +136,7 @@ def _impaired(job: Job) -> dict[str, Any]:
         "coherence_max_mm": most * 1e3,
         "drift_mm": None,
     }
-    if not laboratory.diverged:
+    if not laboratory.incident:
         clean = _clean_gaps(job.people, job.stiffness_npm, job.seed, job.seconds, tuple(job.overrides.items()))
         measures["drift_mm"] = float(np.abs(gaps_m(summary) - clean).max()) * 1e3
     return measures
@@ -156,8 +156,8 @@ def _loose(job: Job) -> dict[str, Any]:
     swing_n = at_rest(watch.trace())[1]
     return {
         "passive": summary["passive"],
-        "diverged": bool(laboratory.diverged),
-        "restless": bool(laboratory.diverged) or swing_n > RESTLESS_N,
+        "diverged": bool(laboratory.incident),
+        "restless": bool(laboratory.incident) or swing_n > RESTLESS_N,
         "swing_n": swing_n,
         "margin_mj": worst[0] * 1e3 if worst else None,
         "radius": radius(settings),

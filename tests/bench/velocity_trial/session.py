@@ -89,7 +89,7 @@ def comes_to_rest(
                 seen.append(person.core.force_n[0])
 
     laboratory.run(watch)
-    if laboratory.diverged or any(person.core.safety.state != "live" for person in laboratory.people):
+    if laboratory.incident or any(person.core.safety.state != "live" for person in laboratory.people):
         return False  # a force that a fault took is no rest
     return max(_deviation(seen) for seen in forces) < NOISE_N
 

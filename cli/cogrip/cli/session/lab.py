@@ -33,7 +33,8 @@ def lab(
     """Run a whole session in virtual time, without sleeping.
 
     The cores are those of the live processes. A run folder is left, or with --json only the summary is written. Exit code 0
-    only if the run was passive and stable, devices included, and nobody ended in a fault.
+    only if the run was passive and stable, devices included, and nobody ended in a fault; what left the workspace, or sat at a
+    device's limit and was let go, is a warning.
     """
     allow_python_worlds(python_worlds)
     rates = RateChoices(stated)
@@ -68,8 +69,9 @@ def lab(
         done_s = float(summary["seconds"])
         console.print(f"{done_s:g} s in {took_s:.1f} s: {done_s / took_s:.1f} times real time", highlight=False)
         make_console().print(f"report: {report}")
-    if outcome.diverged:
-        console.print(f"diverged: {outcome.diverged}", highlight=False)
+    for word in ("unstable", "saturated", "left"):
+        for text in getattr(outcome, word):
+            console.print(f"{word}: {text}", highlight=False)
     if outcome.interrupted:
         console.print("interrupted: the summary covers what was run", highlight=False)
         return 130

@@ -127,7 +127,8 @@ class Page(BaseHTTPRequestHandler):
 
 def _room(room: RoomSnapshot) -> dict[str, Any]:
     words: dict[str, Any] = {"seated": room.seated, "observers": room.observers}
-    return {**words, "diverged": room.diverged} if room.diverged else words
+    incidents: dict[str, Any] = {"unstable": room.unstable, "left": list(room.left)}
+    return words | {name: value for name, value in incidents.items() if value}
 
 
 class MetricsServer(ThreadingHTTPServer):

@@ -30,16 +30,18 @@ from cogrip.protocol.rotations import log
 from cogrip.protocol.setting_types import GRIP_AXES, PLACES
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.task import Task
+from cogrip.server.departures import put_back_text
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.equality_rows import EqualityRows
 from cogrip.server.worlds.opening_ports import OpeningPorts
+from cogrip.server.worlds.scene_bodies import SceneBodies
 from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
 from cogrip.server.worlds.scene_file import Scene, body_of
 from cogrip.server.worlds.scene_grips import grip_of
 from cogrip.server.worlds.scene_object import SceneObject
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_state import SceneEnergy, check_memory, check_rates
-from cogrip.server.worlds.task_watch import TaskWatch
+from cogrip.server.worlds.task_watch import SAVED, TaskWatch
 from cogrip.server.worlds.turning_ports import TurningPorts
 from cogrip.server.worlds.warm_start import WarmStart
 from cogrip.server.worlds.world import Array, Row, World, WorldError, check_saved, dot
@@ -79,6 +81,7 @@ class SceneWorld(World):
         self._driven_axes = np.ones((len(seats), self.axes), dtype=bool)
         self._driven_axes[:, PLACES:] = [[tool.driven or tool.opening >= 0] for tool in scene.tools]
         self._grips = [grip_of(model, tool) for tool in scene.tools]
+        self._free_bodies = SceneBodies(scene, any(grip.tied for grip in self._grips))
         self._zero = model.qpos0[self._places]  # coordinates of a hand at 0
         start = np.array([model.body_pos[tool.body] for tool in scene.tools])
         self._from_object = self.object.start - start  # to a hand's own frame, as long as _zero is as it is now
@@ -111,6 +114,7 @@ class SceneWorld(World):
             if any(grip.tied for grip in self._grips):  # the whole scene goes back to its start, with what ties them
                 self.data.qpos[:], self.data.qvel[:] = self.scene.model.qpos0, 0.0
             self.object.put(value)
+            self._task_put_back(self.scene.object)
             self._refresh()
 
     @property
@@ -126,6 +130,16 @@ class SceneWorld(World):
 
     def motion(self) -> Row:
         return self.object.motion() if self.object.there and self.axes == PLACES else super().motion()
+
+    @property
+    def object_name(self) -> str:
+        name = self.scene.model.body(self.scene.object).name if self.object.there else ""
+        return name or super().object_name
+
+    def _task_put_back(self, body: int) -> None:
+        """Tell the task that a body has been put where it started, all bodies where tools are tied."""
+        if self._watch and (self._watch[0] == body or any(grip.tied for grip in self._grips)):
+            self._watch[1].put_back()
 
     @property
     def orientation(self) -> Array:
@@ -211,6 +225,8 @@ class SceneWorld(World):
         self.limiter = EnergyLimiter(self.frame_s)
         for user in range(len(self.holding)):
             self._park(user)
+        if self._watch:
+            self._watch[1].put_back()
         self._refresh()
 
     def _park(self, user: int) -> None:
@@ -302,6 +318,7 @@ class SceneWorld(World):
         """Step through a frame, these forces on the tools [N, N m]. Return the sums of q_k and q_k^2. Raises WorldError."""
         model, data, dofs = self.scene.model, self.data, self._dofs
         turning = self.turning.driven
+        self._put_back()
         data.qfrc_applied[dofs] = force[:, :PLACES]
         if turning:
             data.qfrc_applied[self.turning.dofs] = force[turning, PLACES:]
@@ -324,12 +341,21 @@ class SceneWorld(World):
                 self.contacts.read(data)
             mujoco.mj_step1(model, data)
         check_memory(data)
+        self.departed += self._free_bodies.departed(data)
         if self._watch:
             body, progress = self._watch
             self.events += progress.frame(*self._pose_of(body), self.holding.tolist())
         moved: Array = np.add.reduce(rates, axis=0, initial=0.0)
         squares: Array = np.add.reduce(rates * rates, axis=0, initial=0.0)
         return moved, squares
+
+    def _put_back(self) -> None:
+        """Put bodies that nobody can reach any more where they started. The energy that they lose or get so is nobody's."""
+        if bodies := self._free_bodies.put_back(self.data):
+            for body in bodies:
+                self.events.append(put_back_text(self._free_bodies.name(body)))
+                self._task_put_back(body)
+            self._refresh()
 
     def limiter_account(self) -> dict[str, float] | None:
         return self.limiter.account()
@@ -346,6 +372,10 @@ class SceneWorld(World):
         if self._watch:
             body, watch = self._watch
             watch.restore(progress[own:], self._pose_of(body)[1])
+
+    def check_progress(self, progress: Row) -> None:
+        lengths = [len(self.contacts.save()) + each for each in (SAVED if self._watch else (0,))]
+        check_saved(progress, len(progress) if len(progress) in lengths else lengths[0])
 
     def scene_account(self) -> dict[str, Any]:
         return self.contacts.account(self._users)

@@ -8,18 +8,22 @@ from cogrip.protocol.rotations import between, inverse, product, turned
 from cogrip.protocol.task import EVERYBODY, Task
 
 _AXES = "xyz"
+_ROUNDING_S = 1e-9
+SAVED = (8, 6)  # numbers that `save` gives; 6 in earlier versions
 
 
 class TaskWatch:
     """Watches one body, a step a frame, from when somebody has taken hold, or everybody where the task is begun together.
 
-    Once the task is reached, all stands still.
+    It is reached once all that is asked for has been met for `dwell_s` on end. What is met at the start is nobody's doing: it
+    counts once it has been lost and is met again, or is kept until `by_s`. With dwell_s = 0 the first moment counts, whichever
+    it is. Once the task is reached, all stands still.
 
     lifted_m, tilted_rad  most so far
     turned_rad            about the task's axis so far, whole turns counted
                           (turned and tilted where the task asks for it)
     off_m                 distance from the task's place now
-    at_s                  when the task was reached, None if it is not
+    at_s                  when the task was reached, the first moment from which all was met; None if it is not
     """
 
     def __init__(self, task: Task, frame_s: float, place_m: Sequence[float], quaternion: Sequence[float]) -> None:
@@ -33,6 +37,8 @@ class TaskWatch:
         self.lifted_m = self.turned_rad = self.tilted_rad = 0.0
         self.off_m = dist(place_m, self._goal)
         self.at_s: float | None = None
+        self._met = 0  # frames on end in which all was met
+        self._kept = self._all_met()  # since the start
 
     def frame(self, place_m: Sequence[float], quaternion: Sequence[float], holding: Sequence[bool]) -> list[str]:
         """Enter a frame. holding: who holds a tool. Return what has happened: markers for everybody."""
@@ -56,10 +62,28 @@ class TaskWatch:
         if task.tilt_rad is not None:
             up = turned(product(quaternion, inverse(self._upright)), (0.0, 0.0, 1.0))
             self.tilted_rad = max(self.tilted_rad, acos(max(-1.0, min(1.0, up[2]))))
-        now_s = self._frames * self._frame_s
-        if all(met for _, _, met in self._goals().values()) and (task.by_s is None or now_s <= task.by_s):
-            self.at_s = now_s
+        self.at_s = self._judge()
         return self.at_s is not None
+
+    def _judge(self) -> float | None:
+        """Return when the task was reached, now that this frame is entered; None if it is not."""
+        if not self._all_met():
+            self._met, self._kept = 0, False
+            return None
+        self._met += 1
+        task, now_s = self.task, self._frames * self._frame_s
+        if self._kept and task.dwell_s:
+            return task.by_s if task.by_s is not None and now_s >= task.by_s - _ROUNDING_S else None
+        since_s = (self._frames - self._met + 1) * self._frame_s
+        in_time = task.by_s is None or since_s <= task.by_s
+        return since_s if in_time and now_s - since_s >= task.dwell_s - _ROUNDING_S else None
+
+    def put_back(self) -> None:
+        """Begin to judge anew, as the body has been put where it started: what is met there is nobody's doing."""
+        self._met, self._kept = 0, True
+
+    def _all_met(self) -> bool:
+        return all(met for _, _, met in self._goals().values())
 
     def _goals(self) -> dict[str, tuple[float, float, bool]]:
         """Return what is asked for, what is there, and whether that will do, by the setting's name."""
@@ -74,11 +98,14 @@ class TaskWatch:
     def save(self) -> tuple[float, ...]:
         """Return the progress so far."""
         reached_s = -1.0 if self.at_s is None else self.at_s
-        return float(self._frames), self.lifted_m, self.turned_rad, self.tilted_rad, self.off_m, reached_s
+        judged = float(self._met), float(self._kept)
+        return float(self._frames), self.lifted_m, self.turned_rad, self.tilted_rad, self.off_m, reached_s, *judged
 
     def restore(self, saved: Sequence[float], quaternion: Sequence[float]) -> None:
         """Go on from there, the body being turned so."""
-        frames, self.lifted_m, self.turned_rad, self.tilted_rad, self.off_m, reached_s = saved
+        frames, self.lifted_m, self.turned_rad, self.tilted_rad, self.off_m, reached_s, *judged = saved
+        if judged:
+            self._met, self._kept = int(judged[0]), bool(judged[1])
         self._frames, self.at_s = int(frames), None if reached_s < 0.0 else reached_s
         self._orientation = quaternion
 
@@ -92,5 +119,6 @@ class TaskWatch:
             "reached": self.at_s is not None,
             "at_s": self.at_s,
             "by_s": self.task.by_s,
+            "dwell_s": self.task.dwell_s,
             "goals": goals,
         }

@@ -99,8 +99,15 @@ class World(ABC):
         self.external_force = np.zeros(axes)  # F_ext [N]
         self.balance_error_j = 0.0
         self.events: list[str] = []  # what has happened in this step: a marker each
+        # bodies that left the workspace in this step, each with its place [m]
+        self.departed: list[tuple[str, Row]] = []
         # that everybody's client renders, places in the object's frame at its start
         self.effects: Sequence[Effect] = ()
+
+    @property
+    def object_name(self) -> str:
+        """Name of the object, in texts."""
+        return "the object"
 
     def take_events(self) -> Sequence[str]:
         """Return the texts of `events` since the last call, and clear them; the room sends each to everybody as a marker."""
@@ -280,6 +287,10 @@ class World(ABC):
     def progress(self) -> Row:
         """Return measures of the run so far, of contacts and of the task, for a checkpoint. No step depends on them."""
         return ()
+
+    def check_progress(self, progress: Row) -> None:
+        """Raise WorldError for measures that `restore_progress` cannot go on from."""
+        check_saved(progress, len(self.progress()))
 
     def restore_progress(self, progress: Row) -> None:
         """Continue the measures of the run from those that `progress` returned; called after `restore_coordinates`."""

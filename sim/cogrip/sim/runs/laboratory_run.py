@@ -25,10 +25,12 @@ BUFFER_BYTES = 2**20  # of a recording: a laboratory's files need not be on the 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """A run in virtual time: its summary, why it diverged ("" if it did not), and whether it was cut short."""
+    """A run in virtual time: its summary, what was unstable, saturated or left, in words, and whether it was cut short."""
 
     summary: dict[str, Any]
-    diverged: str
+    unstable: Sequence[str]
+    saturated: Sequence[str]
+    left: Sequence[str]
     interrupted: bool
 
 
@@ -70,7 +72,8 @@ def run_laboratory(
     if folder:
         write_settings(folder, settings)
         write_summary(folder, summary)
-    return Outcome(summary, laboratory.diverged, bool(stop and stop.reason))
+    told = laboratory.unstable, laboratory.saturated, laboratory.left
+    return Outcome(summary, *told, bool(stop and stop.reason))
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from cogrip.protocol.recording.recover import is_closed
 from cogrip.protocol.texts import all_shown, shown
 from cogrip.sim.runs.felt_as_intended import SOFTER_BRIEF
 from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_recording
+from cogrip.sim.runs.incidents import ended_saturated, is_unstable, word_of
 from cogrip.sim.runs.judgement import Judgement, Tone
 from cogrip.sim.runs.kind import Kind, Word, comparison_words, is_comparison, kind_of
 from cogrip.sim.runs.summary_values import Summary, dig, is_number, name_of, people
@@ -165,7 +166,7 @@ def _seats(recordings: list[Recording], words: list[Word]) -> list[str]:
 
 
 def _of_summary(summary: Summary) -> Iterator[Word]:
-    """Return what a report says, but in a line: of a session that diverged or oscillated nothing else."""
+    """Return what a report says, but in a line: of a session that was unstable nothing else."""
     broken = stable(summary).tone == "bad"
     found: tuple[Judgement, ...] = judgements(summary)
     if unjudged(summary) and came(summary) and "bad" not in (judgement.tone for judgement in found):
@@ -180,7 +181,8 @@ def _of_summary(summary: Summary) -> Iterator[Word]:
         yield Word("good", ", ".join(good))
     for tone, sentence, about in () if broken else notes(summary):
         if tone != "good":
-            yield Word(tone, _as_part(sentence), about)
+            saturated = about == "ended badly" and ended_saturated(summary)
+            yield Word(tone, _as_part(sentence), word_of(summary) if saturated else about)
     for name in _LOST:
         if count := dig(summary, "server", "dropped", name):
             yield Word("warn", f"{count} messages not recorded" if name == _LOST[0] else name, "not recorded")
@@ -193,10 +195,12 @@ def _short(judgement: Judgement, summary: Summary) -> str:
             return SOFTER_BRIEF
         return "not as intended" if judgement.brief else "not known"
     if judgement.tone == "warn":
-        return "not known"
+        return (judgement.name == "stable" and word_of(summary)) or "not known"
     if judgement.name == "passive":
         return "not passive"
-    return "diverged" if summary.get("diverged") is True else "oscillates"
+    if not is_unstable(summary):
+        return "oscillates"
+    return "unstable" if "unstable" in summary else "diverged"
 
 
 def _as_part(sentence: str) -> str:

@@ -25,6 +25,7 @@ from cogrip.protocol.setting_types import GRIP_AXES
 from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
 from cogrip.protocol.texts import shown
 from cogrip.sim.runs.felt_as_intended import not_predicted
+from cogrip.sim.runs.incidents import INCIDENTS
 from cogrip.sim.runs.verdict import passive_of
 
 if TYPE_CHECKING:  # a client leaves a summary too, and has neither
@@ -58,23 +59,24 @@ def summarise(
 ) -> dict[str, Any]:
     """The summary of a run. What only an end knew from which nothing came is null. playout_frames: as the settings have it.
 
-    claims: the clients are others', so that what they alone say decides neither `passive` nor `diverged`; it stands in
-    `claimed` of each user, null elsewhere.
+    claims: the clients are others', so that what they alone say decides none of `passive`, `unstable`, `saturated` and
+    `left`; it stands in `claimed` of each user, null elsewhere.
     """
     credit_j = tank_mj * 1e-3
     rows = [
         {**_user(user, claims, credit_j), "earlier": [_user(before, claims, credit_j) for before in user.earlier]}
         for user in users
     ]
-    sessions = [session for user in users for session in (*user.earlier, user)]
-    said = not claims and any(each.client.diverged for each in sessions if each.client)
+    clients = [each.client for user in users for each in (*user.earlier, user) if each.client and not claims]
     return {
         "name": name,
         "seed": seed,
         "seconds": seconds,
         "passive": passive_of(rows, credit_j),
         "credit_j": credit_j,
-        "diverged": said or bool(room and room.diverged),
+        "unstable": bool(room and room.unstable) or any(client.unstable for client in clients),
+        "saturated": any(client.saturated for client in clients),
+        "left": bool(room and room.left) or any(client.left for client in clients),
         "playout_frames": playout_frames,
         "object": {
             "position_m": _of(room, "position_m"),
@@ -125,6 +127,10 @@ def _of_room(
         summary["task"] = task
     if (scene := room.world.scene_account()) is not None:
         summary["server"]["scene"] = scene
+    if room.left:
+        summary["server"]["left"] = [departure.table for departure in room.left]
+    if room.unstable:
+        summary["server"]["unstable"] = room.unstable
     if room.world.failed:
         summary["server"]["world_failed"] = room.world.failed
     return summary
@@ -214,9 +220,10 @@ def _user(user: UserRecord, claims: bool, credit_j: float) -> dict[str, Any]:
         "line": _struct(_of(client, "line")),
         "effects": _struct(_of(client, "effects")),
         "ticks": _ticks(_of(client, "ticks")),
+        **{key: _of(client, key) for key in INCIDENTS},
         "state": shown(client.state) if client else None,
         "reason": shown(client.reason) if client else None,
-        "claimed": {key: _of(client, key) for key in ("diverged", "down_margin_j")} if claims else None,
+        "claimed": {key: _of(client, key) for key in (*INCIDENTS, "down_margin_j")} if claims else None,
     }
     if client and len(client.force_n) == GRIP_AXES:  # the account has one number for what is behind the places
         row["peak_grip_n"], row["peak_torque_nm"] = client.peak_torque_nm, 0.0

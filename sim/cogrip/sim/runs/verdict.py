@@ -7,6 +7,7 @@ judged (`lab`, `demo`, `join`, `serve`, reports, `runs`, `compare`, exit codes);
 from __future__ import annotations
 
 from cogrip.sim.runs.felt_as_intended import felt_as_intended
+from cogrip.sim.runs.incidents import incidents, is_unstable, why_unstable
 from cogrip.sim.runs.judgement import Judgement, Row, names_of, occupied, some
 from cogrip.sim.runs.summary_values import (
     ROUNDING_J,
@@ -19,7 +20,6 @@ from cogrip.sim.runs.summary_values import (
     name_of,
     people,
     seat_sessions,
-    vector,
     worst_margin,
 )
 
@@ -32,18 +32,19 @@ def judgements(summary: Summary, credit_j: float | None = None) -> tuple[Judgeme
 def succeeded(summary: Summary) -> bool:
     """Return what exit code 0 stands for: passive and stable as far as every end goes, and nobody's device ended in a fault.
 
-    A force at its limit is no failure of the session; what clients of others say of themselves fails nothing.
+    A force at its limit, and what left the workspace, are no failure of the session; what clients of others say of themselves
+    fails nothing.
     """
     users = people(summary)
     in_fault = any(user.get("state") == "fault" and not user.get("claimed") for user in users)
     fails = {"bad"} if any(user.get("claimed") for user in users) else {"bad", "warn"}
-    return not in_fault and not fails & {passive(summary).tone, stable(summary).tone}
+    return not in_fault and not fails & {passive(summary).tone, _stability(summary).tone}
 
 
 def why_not(summary: Summary) -> str:
     """Return the reason why a run has not `succeeded`, in sentences."""
     faults = [f"{name_of(user)} ended in a fault." for user in people(summary) if user.get("state") == "fault"]
-    parts = (passive(summary), stable(summary))
+    parts = (passive(summary), _stability(summary))
     return " ".join([*(part.sentence for part in parts if part.tone != "good"), *faults])
 
 
@@ -202,19 +203,29 @@ def _untold(row: Row) -> list[str]:
 
 
 def stable(summary: Summary) -> Judgement:
-    """Judge whether nothing diverged and no force oscillated at a hand."""
-    users, said = people(summary), summary.get("diverged")
+    """Judge whether nothing was unstable and no force oscillated at a hand; warn of what saturated or left the workspace."""
+    judged, found = _stability(summary), incidents(summary)
+    if not found:
+        return judged
+    texts, brief = "; ".join(words for words, _ in found), ", ".join(short for _, short in found)
+    if judged.tone == "good":
+        return Judgement("stable", "warn", f"Stable, but {texts}.", brief)
+    also = f"{judged.sentence} {texts[0].upper()}{texts[1:]}."
+    return Judgement("stable", judged.tone, also, judged.brief and f"{judged.brief}, {brief}")
+
+
+def _stability(summary: Summary) -> Judgement:
+    """Judge stability alone, whatever saturated or left."""
+    users, said = people(summary), is_unstable(summary)
     sessions = seat_sessions(users)
     shaking = [row for row in sessions if row.get("oscillates") is True]
     ours = names_of(row for row in shaking if not row.get("claimed"))
     found, brief = [], []
     if said is True:
-        why = [f"{name_of(user)}: {user['reason']}" for user in users if user.get("reason") and not user.get("claimed")]
-        if failed := dig(summary, "server", "world_failed"):
-            why.insert(0, f"The world has ended: {failed}")
-        where = vector(dig(summary, "object", "position_m"), scale=1e3)
-        found.append(f"Diverged. {'; '.join(why) or f'The object left the workspace, it was last at {where} mm'}")
-        brief.append(f"diverged{f' ({why[0]})' if why else ''}")
+        why = why_unstable(summary)
+        began, word = ("Not stable:", "unstable") if "unstable" in summary else ("Diverged.", "diverged")
+        found.append(f"{began} {'; '.join(why)}")
+        brief.append(f"{word} ({why[0]})")
     if ours:
         begins = "The" if found else "Not stable: the"
         found.append(f"{begins} force on {some(ours)} oscillated, and was let go")
@@ -223,22 +234,23 @@ def stable(summary: Summary) -> Judgement:
         return Judgement("stable", "bad", f"{'. '.join(found)}.", ", ".join(brief))
     not_known = "Whether the run was stable is not known:"
     if said is not False:
-        return Judgement("stable", "warn", f"{not_known} no end reported whether anything diverged.")
-    diverged = names_of(row for row in sessions if dig(row, "claimed", "diverged") is True)
-    if theirs := [(what, who) for what, who in (("the force", names_of(shaking)), ("the hand", diverged)) if who]:
+        return Judgement("stable", "warn", f"{not_known} no end reported whether anything was unstable.")
+    said_so = ("unstable", "diverged")  # the second in earlier versions
+    unstable = names_of(row for row in sessions if any(dig(row, "claimed", key) is True for key in said_so))
+    if theirs := [(what, who) for what, who in (("the force", names_of(shaking)), ("the hand", unstable)) if who]:
         claims = ", ".join(f"{what} of {some(who)}" for what, who in theirs)
         text = f"Stable as far as this end measured, but clients say that they were not: {claims}."
         return Judgement(
-            "stable", "warn", text, f"not stable, says the client of {some([*names_of(shaking), *diverged])}"
+            "stable", "warn", text, f"not stable, says the client of {some([*names_of(shaking), *unstable])}"
         )
     unknown = names_of(row for row in occupied(users) if not isinstance(row.get("oscillates"), bool))
     if unknown or not users:
-        text = f"{not_known} nothing diverged; whether a force oscillated was not reported of {some(unknown) or 'anybody'}."
+        text = f"{not_known} nothing was unstable; whether a force oscillated was not reported of {some(unknown) or 'anybody'}."
         return Judgement("stable", "warn", text)
-    if let_go := names_of(row for row in sessions if row.get("let_go")):
+    if let_go := names_of(row for row in sessions if row.get("let_go") and row.get("saturated") is not True):
         text = f"Not known to be stable: the force on {some(let_go)} was let go, at its limit or for want of energy."
         return Judgement("stable", "warn", text, f"let go ({some(let_go)})")
-    return Judgement("stable", "good", "Stable: nothing diverged, and no force oscillated at a hand.")
+    return Judgement("stable", "good", "Stable: no number grew out of bounds, and no force oscillated at a hand.")
 
 
 def felt(summary: Summary) -> Judgement:

@@ -77,7 +77,7 @@ def _states(summary: Summary) -> Iterator[tuple[Tone, str]]:
                 continue
             silent = "never sent anything" if dig(user, "link", "up", "received") == 0 else "reported no account"
             yield "warn", f"The client of {name_of(user)} {silent}: what it alone knows is missing."
-        elif state in ("fault", "degraded") and not summary.get("diverged"):
+        elif state in ("fault", "degraded") and not (summary.get("diverged") or user.get("unstable")):
             said = ", its client says" if user.get("claimed") else ""
             yield (
                 ("bad" if state == "fault" else "warn"),

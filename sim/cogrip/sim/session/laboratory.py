@@ -14,6 +14,7 @@ between two frames. A network path is an address here, and path migration gives 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from itertools import count
+from typing import Literal
 
 from cogrip.client import inputs
 from cogrip.client.device_port import BarePort, DevicePort
@@ -289,8 +290,11 @@ class Laboratory:
         each_frame: Watch | None = None,
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Run to the end of the session, until it has diverged, or until `stopped` returns True."""
-        while self._frame < self.frames and not self.diverged and not stopped():
+        """Run to the end of the session, until the world has ended, or until `stopped` returns True.
+
+        What is unstable, saturates or leaves ends nothing: the ends let go and go on, as live.
+        """
+        while self._frame < self.frames and not self.room.world.failed and not stopped():
             self.frame(each_tick)
             if each_frame is not None:
                 each_frame(self)
@@ -305,12 +309,29 @@ class Laboratory:
             person.core.record(Nowhere())
 
     @property
-    def diverged(self) -> str:
-        """The reason why the session has diverged, or ""."""
-        for person in self.people:
-            if person.core.diverged:
-                return f"{person.name}: {person.core.diverged}"
-        return self.room.diverged
+    def unstable(self) -> Sequence[str]:
+        """What was unstable so far, in words: the force at a hand, the numbers of the world."""
+        return [*_told(self.people, "unstable"), *([self.room.unstable] if self.room.unstable else ())]
+
+    @property
+    def saturated(self) -> Sequence[str]:
+        """Whose force sat at a device's limit and was let go so far, in words."""
+        return _told(self.people, "saturated")
+
+    @property
+    def left(self) -> Sequence[str]:
+        """What left the workspace so far, in words: hands, the object, bodies of a scene."""
+        bodies = [f"{body.what} left the workspace at {body.at_s:.3g} s" for body in self.room.left]
+        return [*_told(self.people, "left"), *bodies]
+
+    @property
+    def incident(self) -> str:
+        """What went wrong so that later numbers are nothing to compare, the gravest first; "" where nothing did.
+
+        That is what was unstable, saturated until it was a fault, or left.
+        """
+        faulty = [person for person in self.people if person.core.in_fault]
+        return next(iter([*self.unstable, *_told(faulty, "saturated"), *self.left]), "")
 
     @property
     def seconds(self) -> float:
@@ -321,6 +342,11 @@ class Laboratory:
         """Return the tick count of one person's loop. In virtual time every tick is run, and none is late."""
         ticks = self._frame * self.people[number].ticks_per_frame
         return TickCount(due=ticks, run=ticks)
+
+
+def _told(people: Sequence[Person], what: Literal["unstable", "saturated", "left"]) -> list[str]:
+    """Return what the clients tell of themselves, with names."""
+    return [f"{person.name}: {words}" for person in people if (words := getattr(person.core, what))]
 
 
 def moments_of(ticks_per_frame: Sequence[int]) -> tuple[Moment, ...]:

@@ -40,7 +40,11 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """A session that was run; `diverged` is the reason, or ""."""
+    """A session that was run, up to its first incident: `diverged` says what was unstable, saturated or left, "" for nothing.
+
+    Under the same hands and on the same network another method, or a clean link, has no such incident: what follows it is
+    nothing to compare.
+    """
 
     trace: Trace
     summary: dict[str, Any]
@@ -52,8 +56,8 @@ def run_session(settings: Settings, rest_s: float) -> Session:
     laboratory = Laboratory(settings)
     starts = [let_rest(person.device, person.rates.device_hz, rest_s) for person in laboratory.people]
     recorder = TraceRecorder(laboratory, starts)
-    laboratory.run(recorder.each_tick, recorder.each_frame)
-    return Session(recorder.trace(), of_laboratory(laboratory), laboratory.diverged)
+    laboratory.run(recorder.each_tick, recorder.each_frame, lambda: bool(laboratory.incident))
+    return Session(recorder.trace(), of_laboratory(laboratory), laboratory.incident)
 
 
 @lru_cache(maxsize=1)

@@ -58,7 +58,7 @@ def measure_felt(settings: Settings) -> tuple[Felt, ...]:
     probe = probe_settings(settings, loads)
     laboratory = Laboratory(probe)
     watch = TraceRecorder(laboratory, [(0.0,) * probe.object.axes] * len(probe.users))
-    laboratory.run(watch.each_tick, watch.each_frame)
+    laboratory.run(watch.each_tick, watch.each_frame, lambda: bool(laboratory.incident))
     trace = watch.trace()
     frames = round(LAST_S * probe.rates.network_hz)
     ticks = round(len(trace.force_n) * frames / max(1, len(trace.position_m)))
@@ -69,7 +69,7 @@ def measure_felt(settings: Settings) -> tuple[Felt, ...]:
             continue
         force = trace.force_n[-ticks:, number, 0]
         stretch = float((trace.position_m[-frames:, number, 0] - trace.object_m[-frames:, 0]).mean())
-        rests = not laboratory.diverged and np.ptp(force) <= SHAKING * abs(load) and stretch != 0.0
+        rests = not laboratory.incident and np.ptp(force) <= SHAKING * abs(load) and stretch != 0.0
         found.append(Felt(user.name, asked, float(force.mean()) / stretch if rests else None))
     return tuple(found)
 

@@ -46,6 +46,9 @@ class LaboratorySessions:
             return Ended(Event.FAILED, str(error))
         if self._stopped():
             raise Quit
-        if outcome.diverged:
-            return Ended(Event.FAILED, f"diverged: {outcome.diverged}")
+        if outcome.unstable:
+            return Ended(Event.FAILED, f"unstable: {outcome.unstable[0]}")
+        faults = [user for user in outcome.summary["users"] if user["saturated"] and user["state"] == "fault"]
+        if faults:
+            return Ended(Event.FAILED, f"saturated: {faults[0]['name']}: {faults[0]['reason']}")
         return Ended(Event.ENDED, how)

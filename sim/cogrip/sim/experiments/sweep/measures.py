@@ -16,7 +16,7 @@ from cogrip.sim.analysis.linear_session import linear_session
 from cogrip.sim.analysis.stability import largest_stable, verdict
 from cogrip.sim.runs.folder import finite
 
-DEFAULT = ("passive", "diverged", "users.*.peak_force_n", "users.*.energy.line_margin_j", "object.travel_m")
+DEFAULT = ("passive", "unstable", "users.*.peak_force_n", "users.*.energy.line_margin_j", "object.travel_m")
 SCENE = tuple(f"server.scene.{name}" for name in ("lifted_m", "lifted_s", "lifted_slip_m", "slip_m", "peak_contact_n"))
 PREFIX = "lifted."
 

@@ -1,0 +1,46 @@
+"""What left the workspace: of each body the first time, for the summary and as a marker for everybody.
+
+Bodies may leave: a thing that is shoved glides on, a ball rolls off its board. That is no instability; numbers that are not
+finite, or that grow beyond what hands bring about, are.
+"""
+
+from collections.abc import Sequence
+from math import hypot, isfinite
+from typing import Any, NamedTuple
+
+from cogrip.server.worlds.world_step import Row
+
+MOST_SPEED_MPS = 10.0  # of an object outside: hands that are faster are refused as implausible (docs/verdict.md)
+
+
+class Departure(NamedTuple):
+    """A body that left the workspace: its name, when that was, and where it was then, from its start."""
+
+    what: str
+    at_s: float
+    position_m: Row
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Return it as `summary.json` has it."""
+        return {"what": self.what, "at_s": self.at_s, "position_m": list(self.position_m)}
+
+
+def left_text(what: str) -> str:
+    """Return the marker that tells of a body that left the workspace."""
+    return f"{what} left the workspace"
+
+
+def put_back_text(what: str) -> str:
+    """Return the marker that tells of a body that nobody could reach any more."""
+    return f"{what} was out of reach, and was put back"
+
+
+def growth(place_m: Sequence[float], velocity_mps: Sequence[float]) -> str:
+    """Return why an object outside of the workspace is unstable, "" where it has merely left."""
+    speed_mps = hypot(*velocity_mps)
+    if not (isfinite(speed_mps) and all(map(isfinite, place_m))):
+        return f"place and velocity of the object are not finite: {tuple(place_m)} m, {tuple(velocity_mps)} m/s"
+    if speed_mps > MOST_SPEED_MPS:
+        return f"the object left the workspace at {speed_mps:.3g} m/s; no hand brings about more than {MOST_SPEED_MPS:g} m/s"
+    return ""
