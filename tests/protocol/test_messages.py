@@ -42,8 +42,8 @@ HANDLE = messages.Handle(2**32 - 1, (-32,) * 16, (65535,) * 16, TURNED, 0.1)
 PLAYOUT = PlayoutAccount(0.1, 0.1, 0.1, *[BIG] * 4)
 TICKS = TickCount(BIG, BIG, TIMES, TIMES)
 CLIENT = ClientAccount(
-    POSE, POSE, *[0.1] * 6, COUNT, TIMES, TICKS, True, "s" * 40, "r" * 300, 0.1, PLAYOUT,
-    accounts.DelayAccount(TIMES, TIMES, 0.1, 0.1), DeviceAccount(True, 0.1, 0.1, 0.1, 0.1, BIG, 0.1), 0.1, 0.1,
+    POSE, POSE, *[0.1] * 6, COUNT, TIMES, TICKS, True, "s" * 40, "r" * REASON_BYTES, 0.1, PLAYOUT,
+    accounts.DelayAccount(TIMES, TIMES, 0.1, 0.1), DeviceAccount(True, 0.1, 0.1, 0.1, 0.1, BIG, 0.1, 0.1, 0.1), 0.1, 0.1,
     accounts.LineAccount(*[0.1] * 6), accounts.EffectAccount(0.1, 0.1),
 )  # fmt: skip
 SEAT = SeatAccount(POSE, 0.1, 0.1, COUNT, PLAYOUT, 0.1, 0.1, 0.1)
@@ -236,7 +236,7 @@ def test_the_largest_legal_messages_are_read_and_fit_a_datagram_when_they_are_en
         assert decode(encode(legal)) == legal
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
-        "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1195,
+        "hello": 964, "welcome": 1022, "refuse": 485, "waves": 1187, "state": 303, "power": 468, "heartbeat": 39, "leave": 1193,
         "farewell": 767, "view": 1008, "person": 424, "bodies": 1193, "geom": 1151, "mark": 122, "set hand": 123,
         "effects": 702, "edges": 161, "redirect": 579,
     }  # fmt: skip
@@ -259,7 +259,7 @@ def test_a_session_leaves_with_the_longest_reason_and_the_largest_account() -> N
     session.state, session.welcome = "seated", LARGEST["welcome"]  # type: ignore[assignment]
     session.leave("r" * 1000, CLIENT, 0)
     [datagram] = session.outbox
-    assert len(datagram) == 1195
+    assert len(datagram) == 1193
     assert decode(datagram) == LARGEST["leave"]
 
 
@@ -268,7 +268,7 @@ def test_accounts_of_older_peers_have_no_reserves() -> None:
     whole[3][17] = whole[3][17][:6]
     read = decode(msgpack.packb([*whole[:3], whole[3][:18]]))
     assert isinstance(read, messages.Leave)
-    device = msgspec.structs.replace(CLIENT.device, reserve_j=None)
+    device = msgspec.structs.replace(CLIENT.device, reserve_j=None, budget_j=None, shake_n=None)
     assert read.account == msgspec.structs.replace(
         CLIENT, down_reserve_j=None, peak_torque_nm=0.0, device=device, line=None, effects=None
     )

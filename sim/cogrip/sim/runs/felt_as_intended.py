@@ -113,9 +113,10 @@ def _stiffness(held: list[Row]) -> str:
         return f"; {' to '.join(dict.fromkeys(f'{value:.0f}' for value in (min(felt), max(felt))))} N/m at rest, as measured"
     if not found:
         return "; no stiffness is asked for here, so none is judged"
-    span = " to ".join(dict.fromkeys(f"{value:.0f}" for value in (min(found), max(found))))
     measured = all(_value(row, "felt_stiffness_npm") is not None for row in held)
-    return f"; {span} N/m at rest, {'felt as predicted' if measured else 'predicted, not measured'}"
+    told = felt if measured else found  # what was felt is what is told, wherever it was measured
+    span = " to ".join(dict.fromkeys(f"{value:.0f}" for value in (min(told), max(told))))
+    return f"; {span} N/m at rest, {'as measured and predicted' if measured else 'predicted, not measured'}"
 
 
 def _worst_reasons(held: list[Row]) -> Iterator[str]:
