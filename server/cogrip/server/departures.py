@@ -1,4 +1,4 @@
-"""What left the workspace: of each body the first time, for the summary and as a marker for everybody.
+"""Departures: bodies that left the workspace, each the first time, for the summary and as a marker for everybody.
 
 Bodies may leave: a thing that is shoved glides on, a ball rolls off its board. That is no instability; numbers that are not
 finite, or that grow beyond what hands bring about, are.
@@ -6,9 +6,13 @@ finite, or that grow beyond what hands bring about, are.
 
 from collections.abc import Sequence
 from math import hypot, isfinite
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from cogrip.protocol.setting_types import PLACES
 from cogrip.server.worlds.world_step import Row
+
+if TYPE_CHECKING:
+    from cogrip.server.worlds.world import World
 
 MOST_SPEED_MPS = 10.0  # of an object outside: hands that are faster are refused as implausible (docs/verdict.md)
 
@@ -32,8 +36,8 @@ def left_text(what: str) -> str:
 
 
 def put_back_text(what: str) -> str:
-    """Return the marker that tells of a body that nobody could reach any more."""
-    return f"{what} was out of reach, and was put back"
+    """Return the marker that tells of a body that nobody could reach any more, or of a world that could not go on."""
+    return f"{what} was put back where it started"
 
 
 def growth(place_m: Sequence[float], velocity_mps: Sequence[float]) -> str:
@@ -44,3 +48,23 @@ def growth(place_m: Sequence[float], velocity_mps: Sequence[float]) -> str:
     if speed_mps > MOST_SPEED_MPS:
         return f"the object left the workspace at {speed_mps:.3g} m/s; no hand brings about more than {MOST_SPEED_MPS:g} m/s"
     return ""
+
+
+def watch_object(world: "World", motion: Row, left: Sequence[Departure], unstable: str) -> str:
+    """Let an object that is outside of the workspace depart, once; return why it is unstable, if it was not before.
+
+    motion: of the object, its place and then its velocity; left: what has left so far; unstable: why the world was, so far
+    """
+    place, rates = motion[: world.places], motion[world.axes :][:PLACES]
+    why = growth(place, rates)
+    if not why and all(departure.what != world.object_name for departure in left):
+        world.departed.append((world.object_name, place))
+    return unstable or why
+
+
+def let_leave(world: "World", left: list[Departure], now_s: float) -> None:
+    """Note what has departed in this step, and tell everybody."""
+    for what, place in world.departed:
+        left.append(Departure(what, now_s, place))
+        world.events.append(left_text(what))
+    world.departed.clear()

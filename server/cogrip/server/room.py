@@ -21,7 +21,7 @@ from cogrip.protocol.session import LOST_NS
 from cogrip.protocol.settings import Settings, seat_settings
 from cogrip.protocol.settings_digest import digest
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint
-from cogrip.server.departures import Departure, growth, left_text, put_back_text
+from cogrip.server.departures import Departure, let_leave, watch_object
 from cogrip.server.effects import EffectSender, RoomEffects
 from cogrip.server.geometry_sender import GeometrySender
 from cogrip.server.hand_changes import HandChanges
@@ -81,9 +81,8 @@ class Room:
         """
         seat = self.seats[number]
         seat.step("hello")
-        rested_s = (
-            max(0, now_ns - seat.last_received_ns) * 1e-9
-        )  # a new session continues the power limiter's token bucket
+        # a new session continues the power limiter's token bucket
+        rested_s = max(0, now_ns - seat.last_received_ns) * 1e-9
         power_left = min(1.0, seat.power_left + rested_s / BURST_S)
         seat.begin(session, nonce, now_ns)
         seat.farewell, seat.rtt_ns = b"", None
@@ -269,32 +268,13 @@ class Room:
         self.steps += 1
         here = step.motion()[:places]
         if step.left_workspace():
-            self._watch_object(here)
+            self.unstable = watch_object(self.world, step.motion(), self.left, self.unstable)
         if self.world.departed:
-            self._let_leave()
-        if failed:
-            return self._put_back()
-        if step.out_of_reach():
-            self.world.events.append(put_back_text(self.world.object_name))
+            let_leave(self.world, self.left, self.steps / self.settings.rates.network_hz)
+        if failed or step.out_of_reach():
             return self._put_back()
         self.travel_m += dist(here, before)
         return answers
-
-    def _watch_object(self, here: Row) -> None:
-        """Name an object that has left the workspace, once; or say that its numbers are none, or grow."""
-        rates = self.world_step.motion()[self._axes : self._axes + self._places]
-        if why := growth(here, rates):
-            self.unstable = self.unstable or why
-        elif all(departure.what != self.world.object_name for departure in self.left):
-            self.world.departed.append((self.world.object_name, here))
-
-    def _let_leave(self) -> None:
-        """Note what has left the workspace in this step, and tell everybody."""
-        world, now_s = self.world, self.steps / self.settings.rates.network_hz
-        for what, place in world.departed:
-            self.left.append(Departure(what, now_s, place))
-            world.events.append(left_text(what))
-        world.departed.clear()
 
     def _message_of(self, seat: Seat, answer: Row, work_j: float, state: Row, frames: int, now_ns: int) -> bytes:
         """Push a step's answer into a seat's line, update its energy reserve and margin, and return the message."""
@@ -415,11 +395,6 @@ class Room:
         """Return the account of the object and of the loop."""
         motion, axes = self.world_step.motion(), self._axes
         return RoomAccount(
-            position_m=motion[:axes],
-            velocity_mps=motion[axes:],
-            travel_m=self.travel_m,
-            unstable=bool(self.unstable),
-            energy_balance_error_j=float(self.world.balance_error_j),
-            ticks=self.ticks(),
-            left=bool(self.left),
-        )
+            position_m=motion[:axes], velocity_mps=motion[axes:], travel_m=self.travel_m, unstable=bool(self.unstable),
+            energy_balance_error_j=float(self.world.balance_error_j), ticks=self.ticks(), left=bool(self.left),
+        )  # fmt: skip

@@ -6,9 +6,10 @@ import numpy as np
 
 from cogrip.protocol.accounts import LinkCount, SeatAccount
 from cogrip.server.checkpoint import CheckpointError, RoomCheckpoint
+from cogrip.server.departures import put_back_text
 from cogrip.server.participants import Seat
 from cogrip.server.port import Row
-from cogrip.server.worlds.world import World, WorldError
+from cogrip.server.worlds.world import World, WorldError, check_saved
 
 
 def account_of(seat: Seat, world: World) -> SeatAccount:
@@ -30,7 +31,8 @@ def place_again(world: World, seats: Sequence[Seat], checkpoint: RoomCheckpoint)
         raise CheckpointError("its seats or axes are not this room's")
     try:
         if checkpoint.progress:
-            world.check_progress(checkpoint.progress)
+            expected, short = len(world.progress()), world.unsaved_progress
+            check_saved(checkpoint.progress, expected - short * (len(checkpoint.progress) == expected - short))
         world.restore_coordinates(checkpoint.position_m, checkpoint.scene, checkpoint.coordinates)
     except WorldError as error:
         raise CheckpointError(str(error)) from None
@@ -46,6 +48,7 @@ def put_back(world: World, seats: Sequence[Seat], idle_row: Row) -> list[Row]:
             world.leave(number)
     world.position = np.zeros(world.axes)
     world.bring_to_rest()
+    world.events.append(put_back_text(world.object_name))
     for number, seat in enumerate(seats):
         port = seat.port
         if seat.on_object and port is not None and port.hand is not None:

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cogrip.protocol.settings import SeatSettings
-from cogrip.server.worlds.world import Array, HandWorld, Row, dot, pressed_n
+from cogrip.protocol.settings import REMOTE_FORCE_N, SeatSettings
+from cogrip.server.worlds.world import Array, HandWorld, Row, dot
 
 
 class LocalFacesWorld(HandWorld):
@@ -77,3 +77,11 @@ class LocalFacesWorld(HandWorld):
             self.balance_error_j = max(self.balance_error_j, abs(came - gained))
         self._count_work((0.5 * period) * (u * u - back * back).sum(axis=1))
         return back
+
+
+def pressed_n(stiffness_npm: float, hand_m: Row, proxy_m: Row) -> Array:
+    """Return the force of contact that a client renders [N], shape (a,), by what it reports: an estimate, and bounded."""
+    deep = np.subtract(hand_m, proxy_m)
+    size_n = stiffness_npm * float(np.sqrt(dot(deep, deep)))
+    force: Array = stiffness_npm * min(1.0, REMOTE_FORCE_N / size_n if size_n else 1.0) * deep
+    return force

@@ -18,11 +18,12 @@ from cogrip.protocol.drawing import Shape
 from cogrip.protocol.setting_types import PLACES
 from cogrip.protocol.settings import REMOTE_SPEED_MPS, SeatSettings
 from cogrip.server.worlds.clearance import Clearance
+from cogrip.server.worlds.local_faces import pressed_n
 from cogrip.server.worlds.local_geometry import local_geometry, tree_of, unfit_tool
 from cogrip.server.worlds.scene import SceneWorld
 from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.scene_text import SceneError
-from cogrip.server.worlds.world import Array, Row, check_saved, pressed_n
+from cogrip.server.worlds.world import Array, Row, check_saved
 
 RELEASE_S = 0.25
 MOST_ADVANCES = 8  # in which a tool goes to its proxy in a frame, each as far as it is clear

@@ -20,7 +20,6 @@ Data are kept as after `mj_step1`: places, energies and contacts are those of th
 
 from collections.abc import Sequence
 from math import isfinite
-from typing import Any
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
@@ -29,19 +28,17 @@ from cogrip.protocol.drawing import Shape
 from cogrip.protocol.rotations import log
 from cogrip.protocol.setting_types import GRIP_AXES, PLACES
 from cogrip.protocol.settings import SeatSettings
-from cogrip.protocol.task import Task
-from cogrip.server.departures import put_back_text
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.equality_rows import EqualityRows
 from cogrip.server.worlds.opening_ports import OpeningPorts
 from cogrip.server.worlds.scene_bodies import SceneBodies
-from cogrip.server.worlds.scene_contacts import SceneContacts, Touch
-from cogrip.server.worlds.scene_file import Scene, body_of
+from cogrip.server.worlds.scene_contacts import SceneContacts
+from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.scene_grips import grip_of
+from cogrip.server.worlds.scene_measures import SceneMeasures
 from cogrip.server.worlds.scene_object import SceneObject
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_state import SceneEnergy, check_memory, check_rates
-from cogrip.server.worlds.task_watch import SAVED, TaskWatch
 from cogrip.server.worlds.turning_ports import TurningPorts
 from cogrip.server.worlds.warm_start import WarmStart
 from cogrip.server.worlds.world import Array, Row, World, WorldError, check_saved, dot
@@ -49,7 +46,7 @@ from cogrip.server.worlds.world import Array, Row, World, WorldError, check_save
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
-class SceneWorld(World):
+class SceneWorld(SceneMeasures):
     """`position` and `velocity` are those of the scene's object, its start being 0; `orientation` is its quaternion.
 
     A tool starts where the file has it, for a hand in the middle of its own frame. One that nobody holds touches nothing,
@@ -66,13 +63,13 @@ class SceneWorld(World):
         self.scene, self.substeps = scene, substeps
         self.data = mujoco.MjData(model)
         self.object = SceneObject(scene, self.data)
+        self.object_name = (self.object.there and model.body(scene.object).name) or World.object_name
         self._shapes, self._drawn, _ = shapes_of(scene, self.object.start)
         self._energy = SceneEnergy(model)
         self._equalities, self._warm = EqualityRows(model), WarmStart(model)
         super().__init__(seats)
         self.limiter = EnergyLimiter(self.frame_s)
         self.contacts = SceneContacts(scene, self.frame_s)
-        self._users = [seat.user for seat in seats]
         self.solid, self.kinematic = np.zeros((2, len(seats)), dtype=bool)
         self._dofs = np.array([range(tool.dof, tool.dof + 3) for tool in scene.tools])
         self._places = np.array([range(tool.coordinate, tool.coordinate + 3) for tool in scene.tools])
@@ -90,16 +87,6 @@ class SceneWorld(World):
         for user in range(len(seats)):
             self._park(user)
         self._refresh()
-        self._watch: tuple[int, TaskWatch] | None = None  # body of the task, and its progress
-
-    def watch(self, task: Task) -> None:
-        """Watch how far a task comes, if it states one. Raises SceneError for a body that the scene has not."""
-        if task.stated:
-            body = body_of(self.scene, task.body)
-            self._watch = body, TaskWatch(task, self.frame_s, *self._pose_of(body))
-
-    def _pose_of(self, body: int) -> tuple[list[float], list[float]]:
-        return self.data.xpos[body].tolist(), self.data.xquat[body].tolist()
 
     # Motion of the object
 
@@ -111,11 +98,12 @@ class SceneWorld(World):
     @position.setter
     def position(self, value: Array) -> None:
         if self.object.there and not np.array_equal(value, self.position):
+            bodies: Sequence[int] = (self.scene.object,)
             if any(grip.tied for grip in self._grips):  # the whole scene goes back to its start, with what ties them
+                bodies = range(self.scene.model.nbody)
                 self.data.qpos[:], self.data.qvel[:] = self.scene.model.qpos0, 0.0
             self.object.put(value)
-            self._task_put_back(self.scene.object)
-            self._refresh()
+            self._begin_anew(bodies)
 
     @property
     def velocity(self) -> Array:
@@ -130,16 +118,6 @@ class SceneWorld(World):
 
     def motion(self) -> Row:
         return self.object.motion() if self.object.there and self.axes == PLACES else super().motion()
-
-    @property
-    def object_name(self) -> str:
-        name = self.scene.model.body(self.scene.object).name if self.object.there else ""
-        return name or super().object_name
-
-    def _task_put_back(self, body: int) -> None:
-        """Tell the task that a body has been put where it started, all bodies where tools are tied."""
-        if self._watch and (self._watch[0] == body or any(grip.tied for grip in self._grips)):
-            self._watch[1].put_back()
 
     @property
     def orientation(self) -> Array:
@@ -225,9 +203,7 @@ class SceneWorld(World):
         self.limiter = EnergyLimiter(self.frame_s)
         for user in range(len(self.holding)):
             self._park(user)
-        if self._watch:
-            self._watch[1].put_back()
-        self._refresh()
+        self._begin_anew(range(self.scene.model.nbody))
 
     def _park(self, user: int) -> None:
         model, tool = self.scene.model, self.scene.tools[user]
@@ -318,7 +294,8 @@ class SceneWorld(World):
         """Step through a frame, these forces on the tools [N, N m]. Return the sums of q_k and q_k^2. Raises WorldError."""
         model, data, dofs = self.scene.model, self.data, self._dofs
         turning = self.turning.driven
-        self._put_back()
+        if put_back := self._free_bodies.put_back(data, self.events):
+            self._begin_anew(put_back)
         data.qfrc_applied[dofs] = force[:, :PLACES]
         if turning:
             data.qfrc_applied[self.turning.dofs] = force[turning, PLACES:]
@@ -349,39 +326,14 @@ class SceneWorld(World):
         squares: Array = np.add.reduce(rates * rates, axis=0, initial=0.0)
         return moved, squares
 
-    def _put_back(self) -> None:
-        """Put bodies that nobody can reach any more where they started. The energy that they lose or get so is nobody's."""
-        if bodies := self._free_bodies.put_back(self.data):
-            for body in bodies:
-                self.events.append(put_back_text(self._free_bodies.name(body)))
-                self._task_put_back(body)
-            self._refresh()
+    def _begin_anew(self, put_back: Sequence[int]) -> None:
+        """Bring data up to bodies that were put where they started: what a task asks for there is nobody's doing."""
+        if self._watch and self._watch[0] in put_back:
+            self._watch[1].put_back()
+        self._refresh()
 
     def limiter_account(self) -> dict[str, float] | None:
         return self.limiter.account()
-
-    def contact_of(self, user: int) -> Touch:
-        return self.contacts.touches[user]
-
-    def progress(self) -> Row:
-        return (*self.contacts.save(), *(self._watch[1].save() if self._watch else ()))
-
-    def restore_progress(self, progress: Row) -> None:
-        own = len(self.contacts.save())
-        self.contacts.restore(progress[:own])
-        if self._watch:
-            body, watch = self._watch
-            watch.restore(progress[own:], self._pose_of(body)[1])
-
-    def check_progress(self, progress: Row) -> None:
-        lengths = [len(self.contacts.save()) + each for each in (SAVED if self._watch else (0,))]
-        check_saved(progress, len(progress) if len(progress) in lengths else lengths[0])
-
-    def scene_account(self) -> dict[str, Any]:
-        return self.contacts.account(self._users)
-
-    def task_account(self) -> dict[str, Any] | None:
-        return self._watch[1].account() if self._watch else None
 
     # Saving
 

@@ -6,6 +6,7 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.protocol.setting_types import PLACES
+from cogrip.server.departures import put_back_text
 from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.world_step import REACH_M, WORKSPACE_M, Row
 
@@ -43,8 +44,11 @@ class SceneBodies:
         self._left |= outside
         return [(self._names[each], tuple(off[each].tolist())) for each in np.flatnonzero(outside).tolist()]
 
-    def put_back(self, data: mujoco.MjData) -> Sequence[int]:
-        """Put bodies that are beyond reach where they started, at rest. Return them; the caller brings data up to it."""
+    def put_back(self, data: mujoco.MjData, events: list[str]) -> Sequence[int]:
+        """Put bodies that are beyond reach where they started, at rest. Return them; the caller brings data up to it.
+
+        events: where each is told. The energy that bodies get or lose so is nobody's.
+        """
         if self._tied or not self._left.any():
             return ()
         off = data.qpos[self._places] - self._start[self._places]
@@ -53,8 +57,5 @@ class SceneBodies:
             pose, rates = self._first[each], self._dofs[each]
             data.qpos[pose : pose + _POSE] = self._start[pose : pose + _POSE]
             data.qvel[rates : rates + _RATES] = 0.0
+            events.append(put_back_text(self._names[each]))
         return [self._numbers[each] for each in beyond]
-
-    def name(self, body: int) -> str:
-        """Return the name of one of these bodies."""
-        return self._names[self._numbers.index(body)]

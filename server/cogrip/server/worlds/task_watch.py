@@ -9,7 +9,7 @@ from cogrip.protocol.task import EVERYBODY, Task
 
 _AXES = "xyz"
 _ROUNDING_S = 1e-9
-SAVED = (8, 6)  # numbers that `save` gives; 6 in earlier versions
+ADDED = 2  # numbers at the end of `save` that earlier versions lack
 
 
 class TaskWatch:

@@ -14,7 +14,7 @@ from cogrip.protocol.line.energy_sums import add_compensated
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rotations import between, exp
 from cogrip.protocol.setting_types import PLACES, POSE_AXES
-from cogrip.protocol.settings import REMOTE_FORCE_N, SeatSettings
+from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.waves import server_gain
 from cogrip.server.worlds.world_step import REACH_M as REACH_M
 from cogrip.server.worlds.world_step import WORKSPACE_M as WORKSPACE_M
@@ -68,6 +68,8 @@ class World(ABC):
     """Names of the attributes, numbers or arrays of them, that make up the state. Each class names its own; `save` and
     `restore` go through those of all base classes."""
     inputs_per_axis = 1  # waves
+    object_name = "the object"  # in texts
+    unsaved_progress = 0  # numbers at the end of `progress` that checkpoints of earlier versions lack
     gained_j = 0.0  # energy that the bodies of a scene have got in all steps so far
     can_adapt_stiffness = False  # `set_target_stiffness` may be called
     failed = ""
@@ -103,11 +105,6 @@ class World(ABC):
         self.departed: list[tuple[str, Row]] = []
         # that everybody's client renders, places in the object's frame at its start
         self.effects: Sequence[Effect] = ()
-
-    @property
-    def object_name(self) -> str:
-        """Name of the object, in texts."""
-        return "the object"
 
     def take_events(self) -> Sequence[str]:
         """Return the texts of `events` since the last call, and clear them; the room sends each to everybody as a marker."""
@@ -288,10 +285,6 @@ class World(ABC):
         """Return measures of the run so far, of contacts and of the task, for a checkpoint. No step depends on them."""
         return ()
 
-    def check_progress(self, progress: Row) -> None:
-        """Raise WorldError for measures that `restore_progress` cannot go on from."""
-        check_saved(progress, len(self.progress()))
-
     def restore_progress(self, progress: Row) -> None:
         """Continue the measures of the run from those that `progress` returned; called after `restore_coordinates`."""
         return
@@ -350,14 +343,6 @@ class World(ABC):
     def out_of_reach(self) -> bool:
         """Return whether nobody can hold the object where it is, or it is not a number."""
         return not all(abs(place) <= REACH_M for place in self.motion()[: self.places])
-
-
-def pressed_n(stiffness_npm: float, hand_m: Row, proxy_m: Row) -> Array:
-    """Return the force of contact that a client renders [N], shape (a,), by what it reports: an estimate, and bounded."""
-    deep = np.subtract(hand_m, proxy_m)
-    size_n = stiffness_npm * float(np.sqrt(dot(deep, deep)))
-    force: Array = stiffness_npm * min(1.0, REMOTE_FORCE_N / size_n if size_n else 1.0) * deep
-    return force
 
 
 def check_saved(saved: Row, length: int) -> None:

@@ -310,23 +310,23 @@ class Laboratory:
 
     @property
     def unstable(self) -> Sequence[str]:
-        """What was unstable so far, in words: the force at a hand, the numbers of the world."""
+        """Return what was unstable so far, in words: the force at a hand, the numbers of the world."""
         return [*_told(self.people, "unstable"), *([self.room.unstable] if self.room.unstable else ())]
 
     @property
     def saturated(self) -> Sequence[str]:
-        """Whose force sat at a device's limit and was let go so far, in words."""
+        """Return whose force sat at a device's limit and was let go so far, in words."""
         return _told(self.people, "saturated")
 
     @property
     def left(self) -> Sequence[str]:
-        """What left the workspace so far, in words: hands, the object, bodies of a scene."""
+        """Return what left the workspace so far, in words: hands, the object, bodies of a scene."""
         bodies = [f"{body.what} left the workspace at {body.at_s:.3g} s" for body in self.room.left]
         return [*_told(self.people, "left"), *bodies]
 
     @property
     def incident(self) -> str:
-        """What went wrong so that later numbers are nothing to compare, the gravest first; "" where nothing did.
+        """Return what went wrong so that later numbers are nothing to compare, the gravest first; "" where nothing did.
 
         That is what was unstable, saturated until it was a fault, or left.
         """
