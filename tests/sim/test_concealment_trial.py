@@ -31,7 +31,9 @@ def trials(setup: Setup) -> dict[str, Trial]:
 def test_no_way_through_gaps_makes_energy(name: str, setup: Setup) -> None:
     trial = trial_of(setup, name)
     assert trial.diverged == ""
-    assert trial.lent_j == (0.0 if name in ("zero", "repaid") else 2e-3 * (Playout().tank_mj if name == CLEAN else setup.tank_mj))
+    assert trial.lent_j == (
+        0.0 if name in ("zero", "repaid") else 2e-3 * (Playout().tank_mj if name == CLEAN else setup.tank_mj)
+    )
     assert trial.least_margin_j >= -trial.lent_j + NOTHING_J
 
 

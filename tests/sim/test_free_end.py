@@ -27,7 +27,9 @@ MODELS = (
 )  # fmt: skip
 
 
-def held(record: Capability, b: float, delay_ms: float, stiffness: float, damping: float, known: float) -> LinearSession:
+def held(
+    record: Capability, b: float, delay_ms: float, stiffness: float, damping: float, known: float
+) -> LinearSession:
     """Return the model of a hand in free air."""
     table = {"link": {"delay_ms": delay_ms}, "coupling": {"impedance_nspm": b}, "users": [{"name": "a"}]}
     found = no_contact(seat_session(seat_settings(resolve(table), 0), record), 0)
@@ -43,7 +45,13 @@ RECORDS = st.builds(
 DELAYS = st.floats(0.0, 40.0) | st.floats(0.0, 300.0)
 
 
-@given(RECORDS, st.floats(0.05, 1.0), DELAYS, st.sampled_from([(60.0, 1.0), (300.0, 5.0), (1000.0, 10.0)]), st.floats(0.67, 1.33))
+@given(
+    RECORDS,
+    st.floats(0.05, 1.0),
+    DELAYS,
+    st.sampled_from([(60.0, 1.0), (300.0, 5.0), (1000.0, 10.0)]),
+    st.floats(0.67, 1.33),
+)
 @settings(deadline=None)
 def test_nothing_grows_in_a_hand_within_what_a_device_carries_though_its_mass_is_wrong_by_a_third(
     record: Capability, share: float, delay_ms: float, grip: tuple[float, float], known: float
@@ -54,7 +62,9 @@ def test_nothing_grows_in_a_hand_within_what_a_device_carries_though_its_mass_is
 
 @given(RECORDS, st.floats(0.05, 1.0), DELAYS, st.floats(1.0, 1.33))
 @settings(deadline=None)
-def test_nothing_grows_where_nobody_holds_the_device(record: Capability, share: float, delay_ms: float, known: float) -> None:
+def test_nothing_grows_where_nobody_holds_the_device(
+    record: Capability, share: float, delay_ms: float, known: float
+) -> None:
     b = share * largest_impedance(record, T_C).impedance_nspm
     assert verdict(LiftedModel(held(record, b, delay_ms, 0.0, 0.0, known))).stable
 
@@ -84,7 +94,9 @@ def test_positions_alone_ring_and_the_number_that_would_do_is_named() -> None:
     assert set(found.growing).isdisjoint(again.growing)
 
 
-@pytest.mark.parametrize("grip", ["hand_stiffness_npm=60&hand_damping_nspm=1", "hand_stiffness_npm=300&hand_damping_nspm=5"])
+@pytest.mark.parametrize(
+    "grip", ["hand_stiffness_npm=60&hand_damping_nspm=1", "hand_stiffness_npm=300&hand_damping_nspm=5"]
+)
 @pytest.mark.parametrize("delay_ms", [0.0, 5.0, 20.0, 80.0, 300.0])
 def test_a_free_hand_is_left_alone_by_the_device_port(grip: str, delay_ms: float) -> None:
     """Counts, friction and the actual cores, and a motion that stays clear of wall and stops: nothing is let go, the port changes nothing, and what shakes is bounded."""

@@ -60,7 +60,10 @@ class Device:
         self.estimator = MotionObserver(1, rates.tick_s, person.memory, (person.device_mass_kg,), late)
         if person.estimated:
             self.estimator._begun = True
-            self.estimator._estimate_m, self.estimator._accelerations = axes([state[2] + self.places[0]]), axes([state[4]])
+            self.estimator._estimate_m, self.estimator._accelerations = (
+                axes([state[2] + self.places[0]]),
+                axes([state[4]]),
+            )
             self.estimator._velocity[0] = state[3]
             self.estimator._forces = deque((force,) for force in state[5 : 5 + late][::-1])
             self.estimator._now()

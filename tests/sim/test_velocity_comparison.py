@@ -183,7 +183,9 @@ def test_on_a_real_hand_the_client_is_near_the_best_of_its_kind() -> None:
     assert [len(motion.position_m) // HZ for motion in motions] == [27, 27, 27]
     rows: dict[str, Any] = {}
     for memory in (0.0, 0.4, memory_for(VINTAGE, T_C), 0.6, 0.8):
-        rows[f"{memory:.2f}"] = measure("", VINTAGE, lambda memory=memory: MotionObserver(1, T_C, memory), motions, T_C, 0.0)
+        rows[f"{memory:.2f}"] = measure(
+            "", VINTAGE, lambda memory=memory: MotionObserver(1, T_C, memory), motions, T_C, 0.0
+        )
     noises = [row.noise_mps for row in rows.values()]
     assert noises == sorted(noises, reverse=True)
     own = rows["0.50"]

@@ -25,6 +25,10 @@ class FeltStiffness:
             return None
         depths = [depth for depth, _ in self._samples]
         depth, force = sum(depths) / count, sum([force for _, force in self._samples]) / count
-        if depth <= 0.0 or force < LEAST_N or max(depths) - min(depths) > max(2.0 * self.resolution_m, STILL_FRACTION * depth):
+        if (
+            depth <= 0.0
+            or force < LEAST_N
+            or max(depths) - min(depths) > max(2.0 * self.resolution_m, STILL_FRACTION * depth)
+        ):
             return None
         return force / depth

@@ -32,4 +32,3 @@ COUPLING_KINDS: dict[Kind, CouplingKind] = {
     "coupling": CouplingKind(waves=False, local=False, passive=False),
     "tdpa": CouplingKind(waves=False, local=False, passive=True),
 }
-

@@ -29,7 +29,9 @@ COMPENSATION_LIMIT = 0.02  # sqrt(W) in one frame
 FADE = 0.85  # of `tank`: factor from frame to frame in a gap; of `elastic` after HELD_S of it
 RESERVE_FRAMES = 8.0  # of `tank`: frames like the last one that compensation leaves in the reserve
 
-HELD_S = 0.25  # of a gap, in which a hand at rest is held; then its wave fades by FADE: whoever is silent for longer is gone
+HELD_S = (
+    0.25  # of a gap, in which a hand at rest is held; then its wave fades by FADE: whoever is silent for longer is gone
+)
 GAP_S = 0.125  # gap through which `held_force` is held: three of the mean bursts of a wireless network
 
 # of `elastic`

@@ -168,7 +168,10 @@ def _velocity_sample(person: Person, rates: Rates, w: Array) -> tuple[Complex, C
         return _late(person, rates, w), np.zeros(len(w), dtype=np.complex128)
     T, L, tick = rates.tick_s, person.latency_ticks, np.exp(1j * w * rates.tick_s)
     alpha, beta, gamma = observer_gains(person.memory, hand_memory(T) if person.observes else 1.0)
-    gain, step = np.array([alpha, beta / T, gamma / T**2]), np.array([[1.0, T, 0.5 * T * T], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
+    gain, step = (
+        np.array([alpha, beta / T, gamma / T**2]),
+        np.array([[1.0, T, 0.5 * T * T], [0.0, 1.0, T], [0.0, 0.0, 1.0]]),
+    )
     corrected = np.eye(3) - np.outer(gain, [1.0, 0.0, 0.0])
     pushed = corrected @ np.array([-0.5 * T * T, -T, 0.0]) / person.assumed_mass_kg
     inputs = np.stack(

@@ -25,7 +25,11 @@ class Grip:
     damping_nspm: float
 
 
-GRIPS = (Grip("with nobody holding it", 0.0, 0.0), Grip("in a light grip", 60.0, 1.0), Grip("in a firm grip", 300.0, 5.0))
+GRIPS = (
+    Grip("with nobody holding it", 0.0, 0.0),
+    Grip("in a light grip", 60.0, 1.0),
+    Grip("in a firm grip", 300.0, 5.0),
+)
 
 
 @dataclass(frozen=True, slots=True)
