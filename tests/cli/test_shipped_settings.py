@@ -10,6 +10,9 @@ from cogrip.cli.main import main
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.shipped_settings import shipped, shipped_names, summary_of
 from cogrip.cli.study.study_source import shipped_studies
+from cogrip.sim.analysis.advice import advise, ample
+from cogrip.sim.analysis.advice_change import ranked_changes
+from cogrip.sim.analysis.linear_session import ModelError
 
 from tests.cli.command import Cogrip
 
@@ -27,6 +30,24 @@ def test_every_file_has_a_name_and_a_line_that_ends() -> None:
         summary = summary_of(name)
         assert summary.endswith("."), summary
         assert len(summary) <= 100, summary
+
+
+BASELINES = {"compare": "every method is held to it", "paper": "the paper's own settings", "storm": "a network that fails"}
+NAMES = sorted(path.stem for path in CONFIGS.glob("*.toml"))
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in BASELINES])
+def test_advice_finds_no_more_than_a_tenth_for_what_comes_with_cogrip(name: str) -> None:
+    """Of the stiffness that is asked for, and no warning."""
+    settings = load(Path(name))
+    try:
+        now = advise(settings, ample)
+    except ModelError:
+        assert settings.object.kind == "scene"
+        return
+    assert now.warnings == ()
+    if found := next(ranked_changes(settings, now), None):
+        assert found.before.missed - found.after.missed <= 0.1, found.setting
 
 
 @pytest.mark.parametrize("columns", ["80", "120"])

@@ -122,7 +122,7 @@ def test_what_a_decimator_may_make(decimator: str, level: str) -> None:
 
 
 def test_up_to_which_force_the_credit_holds_a_hand_through_gaps() -> None:
-    """Theory 3.5: F = sqrt(4 b E / (T_n axes (n + f^2 / (1 - f^2)))); what is said to be enough is, and holds what is asked for."""
+    """Theory 3.5: F = sqrt(4 b E / (T_n axes (n + f^2 / (1 - f^2)))); what is said to be enough holds what is asked for."""
     phantoms = {f"users__{number}__device": "sim:phantom?hand=hold" for number in (0, 1)}
     lossy = {"link__loss": 0.01, "playout__tank_mj": 1.0, **phantoms}
     said = words(advise(settings_of(**lossy)), "gaps")

@@ -99,7 +99,7 @@ def test_positions_alone_ring_and_the_number_that_would_do_is_named() -> None:
 )
 @pytest.mark.parametrize("delay_ms", [0.0, 5.0, 20.0, 80.0, 300.0])
 def test_a_free_hand_is_left_alone_by_the_device_port(grip: str, delay_ms: float) -> None:
-    """Counts, friction and the actual cores, and a motion that stays clear of wall and stops: nothing is let go, the port changes nothing, and what shakes is bounded."""
+    """Counts, friction and the actual cores; the motion stays clear of wall and stops."""
     hand = f"reach&amplitude_m=-0.02&stroke_s=0.6&{grip}"
     users = [{"name": "a", "device": "sim:phantom?x0_m=-0.04&mass_kg=0.075", "hand": hand, "device_mass_kg": 0.075}]
     summary = summary_of(seconds=4.0, object={"kind": "wall"}, link={"delay_ms": delay_ms}, users=users)

@@ -163,7 +163,8 @@ def test_a_lift_is_judged_without_a_stiffness_and_its_limiter_is_told() -> None:
     passive, stable, felt = judgements(summary)
     assert (passive.tone, stable.tone, felt.tone) == ("good", "good", "good")
     assert felt.sentence == (
-        "Felt as intended; no stiffness is asked for here, so none is judged; the force shook by 0.02 N rms above 12 Hz at most."
+        "Felt as intended; no stiffness is asked for here, so none is judged; "
+        "the force shook by 0.02 N rms above 12 Hz at most."
     )
     assert not any(about == "energy limiter" for _, _, about in notes(summary))
     assert "taken by the energy limiter" in str(room_table(summary))

@@ -42,7 +42,8 @@ class SeatedClient(SeatHand):
 
     __slots__ = (
         "_acted", "_frame_begin", "_frame_end", "_frame_start_m", "_origin_m", "_origin_pose", "_rate_hz", "_stop_mps",
-        "_stopped", "_ticks_per_frame", "_wave_end", "_zero_n", "deficit_frames", "felt", "peaks", "port", "session_id", "shaking", "tick",
+        "_stopped", "_ticks_per_frame", "_wave_end", "_zero_n", "deficit_frames", "felt", "peaks", "port",
+        "session_id", "shaking", "tick",
     )  # fmt: skip
 
     def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability, make_port: MakePort) -> None:

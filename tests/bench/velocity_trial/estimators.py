@@ -59,7 +59,10 @@ class AdaptiveWindow:
 
 
 class FollowingAlphaBeta:
-    """`MotionObserver` whose memory falls from `slow` at rest to `fast` at one count a tick: quiet where counts come one by one."""
+    """`MotionObserver` of positions alone whose memory falls from `slow` at rest to `fast` at one count a tick.
+
+    It is quiet where counts come one by one.
+    """
 
     def __init__(self, axes: int, tick_s: float, resolution_m: float, slow: float = 0.8, fast: float = 0.4) -> None:
         self._tick_s = tick_s

@@ -23,6 +23,7 @@ from cogrip.sim.analysis.decimation_passivity import filter_of, largest_gain
 from cogrip.sim.analysis.effect_advice import effect_advice
 from cogrip.sim.analysis.feel import no_contact, on_wall, slow_feel
 from cogrip.sim.analysis.finding import Finding, Level, plain
+from cogrip.sim.analysis.free_end import GRIPS, free_end
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import FORMS, LinearSession, Scheme, linear_session, seat_session
 from cogrip.sim.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, largest_stable, optimistic_limit, verdict
@@ -175,7 +176,8 @@ def _advise(
     limit = search(model) if most else Limit(None, 0.0)  # nobody holds the object by a spring
     users = tuple(_user(session, number, *one) for number, one in enumerate(zip(seats, records, strict=True)))
     findings = [_stability(session, found, limit, most), *_passivity(seats)]
-    for user, seat, record, section in zip(users, seats, records, sections, strict=True):
+    for number, (user, seat, record, section) in enumerate(zip(users, seats, records, sections, strict=True)):
+        findings += _free_end(session, number, seat, section)
         findings += _seat(user, seat, record, section, limit)
     return Advice(found, limit, most, users, tuple(findings))
 
@@ -200,6 +202,29 @@ def _stability(session: LinearSession, found: Verdict, limit: Limit, stiffness_n
     if found.scheme == "passive":
         text += "; beyond it, a device's own damper is unstable on its sampled or estimated velocity"
     return Finding("stability", text, "warning" if share < AMPLE else "ok")
+
+
+def _free_end(session: LinearSession, number: int, seat: SeatSettings, section: str) -> Iterator[Finding]:
+    """Say whether the force grows where this person touches nothing, whoever holds the device."""
+    found = free_end(session, number)
+    if found is None:
+        return
+    if not found.growing:
+        text = f"{seat.user}: touching nothing, no force grows: {', '.join(grip.name for grip in GRIPS)}"
+        yield Finding("free end", text)
+        return
+    cure = (
+        f"set {section}.impedance_nspm to {rounded_down(found.quiet_nspm):g} or less"
+        if found.quiet_nspm
+        else "no b would do"
+    )
+    yield Finding(
+        "free end",
+        f"{seat.user}: touching nothing, the force grows {' and '.join(grip.name for grip in found.growing)}: "
+        f"{growth(found.radius, session.frame_s)} at most; {cure}",
+        "warning",
+        refused=len(found.growing) == len(GRIPS),
+    )
 
 
 def _passivity(seats: Sequence[SeatSettings]) -> list[Finding]:

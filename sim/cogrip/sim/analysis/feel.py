@@ -179,7 +179,9 @@ def _velocity_sample(person: Person, rates: Rates, w: Array) -> tuple[Complex, C
     )
     place = np.linalg.solve(tick[:, None, None] * np.eye(3) - corrected @ step, inputs)
     seen = place[:, 1] + L * T * place[:, 2]
-    since = sum((tick**-age for age in range(1, L + 1)), np.zeros(len(w), dtype=np.complex128))
+    since = np.zeros(len(w), dtype=np.complex128)
+    for age in range(1, L + 1):
+        since += tick**-age
     return seen[:, 0], seen[:, 1] - since * T / person.assumed_mass_kg
 
 

@@ -7,10 +7,11 @@ whose damper acts late feeds it. So it is judged apart from contact, for every w
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from cogrip.sim.analysis.feel import no_contact
 from cogrip.sim.analysis.lifted_model import LiftedModel
-from cogrip.sim.analysis.linear_session import FORMS, LinearSession
+from cogrip.sim.analysis.linear_session import FORMS, LinearSession, Person
 from cogrip.sim.analysis.stability import verdict
 
 _HALVINGS = 7  # of an impedance, to find the largest with which nothing grows
@@ -46,14 +47,21 @@ def free_end(session: LinearSession, number: int) -> FreeEnd | None:
     """Return the judgement of a person's free end; None for a scheme whose free hand feels no line."""
     if not FORMS[session.scheme].waves or session.local:
         return None
-    b = session.people[number].impedance_nspm
-    radii = {grip: _radius(session, number, grip, b) for grip in GRIPS}
+    alone = no_contact(session, number)
+    return _judged(replace(alone, people=(replace(alone.people[0], name=""),)))
+
+
+@lru_cache(maxsize=256)
+def _judged(alone: LinearSession) -> FreeEnd:
+    (person,) = alone.people
+    b = person.impedance_nspm
+    radii = {grip: _radius(alone, person, grip, b) for grip in GRIPS}
     growing = tuple(grip for grip, radius in radii.items() if radius >= 1.0)
     if not growing:
         return FreeEnd((), max(radii.values()), b)
 
     def quiet(impedance_nspm: float) -> bool:
-        return all(_radius(session, number, grip, impedance_nspm) < 1.0 for grip in growing)
+        return all(_radius(alone, person, grip, impedance_nspm) < 1.0 for grip in growing)
 
     low = next((share for power in range(1, _HALVINGS) if quiet((share := 0.5**power) * b)), 0.0)
     high = 2.0 * low
@@ -63,12 +71,11 @@ def free_end(session: LinearSession, number: int) -> FreeEnd | None:
     return FreeEnd(growing, max(radii.values()), low * b)
 
 
-def _radius(session: LinearSession, number: int, grip: Grip, impedance_nspm: float) -> float:
-    alone = no_contact(session, number)
-    person = replace(
-        alone.people[0],
+def _radius(alone: LinearSession, person: Person, grip: Grip, impedance_nspm: float) -> float:
+    held = replace(
+        person,
         hand_stiffness_npm=grip.stiffness_npm,
         hand_damping_nspm=grip.damping_nspm,
         impedance_nspm=impedance_nspm,
     )
-    return verdict(LiftedModel(replace(alone, people=(person,)))).decaying
+    return verdict(LiftedModel(replace(alone, people=(held,)))).decaying

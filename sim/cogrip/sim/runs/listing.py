@@ -17,7 +17,7 @@ from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_recording
 from cogrip.sim.runs.incidents import ended_saturated, is_unstable, word_of
 from cogrip.sim.runs.judgement import Judgement, Tone
 from cogrip.sim.runs.kind import Kind, Word, comparison_words, is_comparison, kind_of
-from cogrip.sim.runs.summary_values import Summary, dig, is_number, name_of, people
+from cogrip.sim.runs.summary_values import Summary, dig, is_number, name_of, people, task_of, task_result
 from cogrip.sim.runs.verdict import came, judgements, stable, unjudged
 from cogrip.sim.runs.verdict_text import notes
 
@@ -183,6 +183,9 @@ def _of_summary(summary: Summary) -> Iterator[Word]:
         if tone != "good":
             saturated = about == "ended badly" and ended_saturated(summary)
             yield Word(tone, _as_part(sentence), word_of(summary) if saturated else about)
+    task = task_of(summary)
+    if task is not None and task.get("reached") is not True and not broken:
+        yield Word("warn", f"task {task_result(task)}", "task not reached")
     for name in _LOST:
         if count := dig(summary, "server", "dropped", name):
             yield Word("warn", f"{count} messages not recorded" if name == _LOST[0] else name, "not recorded")
