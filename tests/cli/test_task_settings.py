@@ -39,7 +39,7 @@ def test_a_task_without_a_goal_is_refused() -> None:
 @pytest.mark.parametrize(("within_m", "result"), [(0.001, "reached after 1."), (1e-9, "not reached")])
 def test_a_session_tells_whether_its_task_was_reached(within_m: float, result: str, cogrip: Cogrip) -> None:
     """A task that is not reached is no failure of the session."""
-    shorter = ("--set", "seconds=1.6", "--set", f"task.within_m={within_m}")
+    shorter = ("--set", "seconds=2.2", "--set", f"task.within_m={within_m}")
     out = cogrip.out("lab", "wall", *shorter)
     assert f"Task {result}" in out
     (summary,) = Path("runs").glob("*/summary.json")

@@ -81,7 +81,7 @@ def test_every_device_record_is_quiet_at_what_it_carries(address: str) -> None:
 
 
 def test_positions_alone_ring_and_the_number_that_would_do_is_named() -> None:
-    """Of 41 loops from 0 to 40 ticks, 27 grew at b = 20 in a firm grip of 75 g; at the number that is named none does."""
+    """A device of 75 g at b = 20 grows on positions alone; at the number that is named nothing does."""
     table = {"link": {"delay_ms": 5.0}, "coupling": {"impedance_nspm": 20.0}, "users": [{"name": "a"}]}
     session = seat_session(seat_settings(resolve(table), 0), PHANTOM)
     blind = replace(session, people=(replace(session.people[0], mass_known=float("inf")),))

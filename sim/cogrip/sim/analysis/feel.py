@@ -178,7 +178,7 @@ def _velocity_sample(person: Person, rates: Rates, w: Array) -> tuple[Complex, C
         (gain * (tick * _late(person, rates, w) / (1j * w))[:, None], pushed * tick[:, None] ** -L), axis=-1
     )
     place = np.linalg.solve(tick[:, None, None] * np.eye(3) - corrected @ step, inputs)
-    seen = place[:, 1] + L * T * place[:, 2]
+    seen: Complex = np.asarray(place[:, 1] + L * T * place[:, 2], dtype=np.complex128)
     since = np.zeros(len(w), dtype=np.complex128)
     for age in range(1, L + 1):
         since += tick**-age

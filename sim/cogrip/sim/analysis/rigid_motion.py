@@ -132,8 +132,8 @@ def _pull(model: LiftedModel, user: int, force: Array, stiffness: Array, vector:
     if (part := sent_later(person)) or person.decimator == "lowpass":
         vector[..., own.stop - 1] = (part or 1.0) * wave[..., 0]
     vector[..., own][..., kept_waves(person)] = -wave
-    for part, each in pressed(person):
-        vector[..., own][..., part] = each * force[..., None]
+    for states, each in pressed(person):
+        vector[..., own][..., states] = each * force[..., None]
     vector[..., layout.ups[user]], vector[..., layout.downs[user]] = wave, -wave
     vector[..., layout.server.start + user] = force / stiffness
     if model.session.scheme == "paper":

@@ -54,8 +54,8 @@ def felt_as_intended(summary: Summary, stable: bool) -> Judgement:
         text = "Nothing was felt: no hand met a force."
     elif softer := _softer(held):
         text, brief = f"{SOFTER}: {softer}.", SOFTER_BRIEF
-    elif unknown := _unknown_stiffness(held):
-        text = f"How stiff it felt is not known: {unknown}."
+    elif untold := _unknown_stiffness(held):
+        text = f"How stiff it felt is not known: {untold}."
     else:
         tone, text = "good", f"Felt as intended{_stiffness(held)}{_shaken(held)}."
     return Judgement("felt as intended", tone, text, brief)
