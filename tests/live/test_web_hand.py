@@ -108,4 +108,4 @@ def test_a_page_that_is_killed_lets_go_and_is_told_once(run, serve, tmp_path) ->
     person.signal(signal.SIGINT)
     assert person.end() == 0, person.said
     assert person.said.count("the page's process has ended") == 1
-    assert "page gone: let go 1" in person.said
+    # Whether the hand held until then, or had let go after 0.1 s without a message, `test_web_device` tells apart.

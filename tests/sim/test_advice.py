@@ -274,13 +274,13 @@ def test_local_contact_comes_with_a_damper_and_a_spring_that_the_devices_carry()
 
 
 def test_warnings_are_counted_as_they_are_printed() -> None:
-    """One of the decimator and one of the feel, each of both people; a third of the one whose damper is too large."""
+    """One of the decimator and one of the feel, each of both people; two of the one whose damper is too large."""
     settings = settings_of(
         coupling__decimator="none", link__delay_ms=100.0, coupling__stiffness_npm=2000.0, users__0__impedance_nspm=60.0
     )
     now = advise(settings)
     people = [user.name for user in settings.users]
-    assert warning_rows(now.findings, people) == 4, "the feel of the two is not the same"
+    assert warning_rows(now.findings, people) == 5, "the feel of the two is not the same"
     change = change_to(settings, now, "coupling.decimator", "boxcar")
     assert (change.before.rows, change.after.rows) == (4, 3)
     assert "1 of 4 warnings would go" in change.effect
