@@ -17,6 +17,7 @@ from cogrip.protocol.setting_types import PLACES
 
 SHAKE_HZ = 12.0  # rate at which hands turn at most
 WINDOW_S = 0.125
+NOTHING = (0.0,) * (4 * PLACES)
 SUSTAINED = 4  # windows
 QUALITIES = 0.5411961001461971, 1.3065629648763766  # of the two stages: 1 / (2 cos(pi/8)) and 1 / (2 cos(3 pi/8))
 
@@ -32,9 +33,10 @@ class Shaking:
     def __init__(self, axes: int, tick_s: float) -> None:
         self._axes = min(axes, PLACES)
         turn = 2.0 * pi * min(SHAKE_HZ * tick_s, 0.25)
-        self._first, self._second = ([*_stage(turn, quality)] for quality in QUALITIES)  # c, a_1 and a_2
+        first, second = QUALITIES
+        self._first, self._second = list(_stage(turn, first)), list(_stage(turn, second))  # c, a_1 and a_2
         self._window = max(1, round(WINDOW_S / tick_s))
-        self._kept = [0.0] * (4 * PLACES)  # two numbers a stage and axis
+        self._kept = list(NOTHING)  # two numbers a stage and axis
         self._recent: deque[float] = deque(maxlen=SUSTAINED)
         self._started = False
         self._left, self._sum = self._window, 0.0

@@ -83,7 +83,8 @@ class MotionObserver:
         self._alpha, self._beta_rate, self._gamma_rate = alpha, beta / tick_s, gamma / (tick_s * tick_s)
         self._tick_s = tick_s
         self._per_mass = list(NOTHING)
-        self._per_mass[: len(masses_kg)] = [1.0 / mass for mass in masses_kg]
+        for axis, mass in enumerate(masses_kg):
+            self._per_mass[axis] = 1.0 / mass
         self._late_ticks = latency_ticks if masses_kg else 0
         self._forces: deque[Sequence[float]] = deque([NOTHING] * self._late_ticks)  # of the last L ticks, oldest first
         self._estimate_m, self._accelerations = list(NOTHING), list(NOTHING)
