@@ -8,6 +8,9 @@ cdef class AxisTurns:
     cdef public double turned_at
     cdef public double extreme
     cdef public double sum_n
+    cdef public double swing_n
+    cdef public double swing_before_n
+    cdef public double turned_n
     cdef public long long train
     cdef public long long reversals
     cdef public object fast
@@ -29,7 +32,7 @@ cdef class OscillationDetector:
 
     @cython.locals(
         tick="long long", train=bint, changed=bint, ended=bint, number=Py_ssize_t, axis=AxisTurns, force=double, local=double, fast=bint,
-        turned_fast=bint, swing=double,
+        turned_fast=bint, swing=double, rings=bint, ended_n=double,
     )
     cpdef bint add(self, force_n, bint limited, local_n) except -1
     cdef _judge(self, long long tick)
