@@ -52,19 +52,20 @@ class Device:
     def __init__(self, plant: IdealPlant, person: Person, state: Array, rates: Rates) -> None:
         late = person.latency_ticks
         self.plant, self.person, self.rates = plant, person, rates
-        own = 3 + late if person.estimated else late
+        own = 3 + late if person.observes else 2 if person.estimated else late
         self.states = 2 + own + late
         self.speeds = deque([*state[2 : 2 + late][::-1], state[1]])
         places = state[0] - rates.tick_s * np.cumsum([0.0, *state[2 + own : self.states]])
         self.places = deque(places[::-1].tolist(), maxlen=late + 1)  # oldest first
-        self.estimator = MotionObserver(1, rates.tick_s, person.memory, (person.device_mass_kg,), late)
+        self.estimator = MotionObserver(
+            1, rates.tick_s, person.memory, (person.device_mass_kg,) if person.observes else (), late
+        )
         if person.estimated:
             self.estimator._begun = True
-            self.estimator._estimate_m, self.estimator._accelerations = (
-                axes([state[2] + self.places[0]]),
-                axes([state[4]]),
-            )
+            self.estimator._estimate_m = axes([state[2] + self.places[0]])
             self.estimator._velocity[0] = state[3]
+        if person.observes:
+            self.estimator._accelerations = axes([state[4]])
             self.estimator._forces = deque((force,) for force in state[5 : 5 + late][::-1])
             self.estimator._now()
 
@@ -87,8 +88,9 @@ class Device:
         own = list(self.speeds)[:-1][::-1]
         if self.person.estimated:
             found = self.estimator
-            held = [force[0] for force in found._forces][::-1]
-            own = [found._estimate_m[0] - self.places[0], found._velocity[0], found._accelerations[0], *held]
+            own = [found._estimate_m[0] - self.places[0], found._velocity[0]]
+            if self.person.observes:
+                own += [found._accelerations[0], *[force[0] for force in found._forces][::-1]]
         return [self.plant.position_m[0], self.plant.velocity_mps[0], *own, *old]
 
 

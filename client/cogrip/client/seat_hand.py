@@ -75,7 +75,9 @@ class SeatHand:
             self.handle.fit(capability)
 
     def _masses_kg(self) -> Row:
-        """Apparent mass of each axis, in lengths."""
+        """Apparent mass of each axis, in lengths; none where the waves are made of the velocity, as in P: of places alone."""
+        if self.settings.coupling.encoder == "velocity":
+            return ()
         return axis_masses(self.capability, self._axis_units.length_scale if self._axis_units is not None else 1.0)
 
     @property

@@ -69,9 +69,6 @@ def _encoder(person: Person, rates: Rates) -> Stage:
             (1.0 + old) * T,
             f"a tick's velocity sample is from its start: one tick old at its end{late}",
         )
-    if person.observes:
-        why = "a tick's velocity is that of its start, as observed: one tick old at its end"
-        return Stage("up", "encoder", T, why)
     # alpha-beta with memory m follows a ramp of velocity 2 m / (1 - m) ticks late, half a tick of which the position gives back
     lag = 2.0 * person.memory / (1.0 - person.memory) + 0.5 + old
     return Stage("up", "encoder", (1.0 + lag) * T, f"the velocity estimate of a tick's start, and its own lag{late}")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import inf, isfinite
 from typing import Literal, NamedTuple, assert_never
 
 import numpy as np
@@ -105,13 +105,13 @@ class Person:
 
     @property
     def observes(self) -> bool:
-        """True where the velocity estimate goes by the force as well."""
-        return self.estimated and isfinite(self.mass_known)
+        """True where the velocity estimate goes by the force as well: not where the waves are made of it."""
+        return self.estimated and isfinite(self.mass_known) and self.encoder != "velocity"
 
     @property
     def assumed_mass_kg(self) -> float:
         """Mass of the device by its record."""
-        return self.mass_known * self.device_mass_kg
+        return self.mass_known * self.device_mass_kg if self.observes else inf
 
     @property
     def filter_kept(self) -> float:
