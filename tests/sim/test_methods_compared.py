@@ -207,13 +207,13 @@ def test_a_page_marks_the_table_and_the_list_alike(
 def test_what_each_method_may_lend_and_is_called_stands_below_the_table() -> None:
     asked = small(("wave", "paper", "coupling", "tdpa"))
     summary = gather(asked, {})
-    assert [row["credit_mj"] for row in summary["rows"][:4]] == [80.0, 80.0, 80.0, 80.0]
+    assert [row["credit_mj"] for row in summary["rows"][:4]] == [80.0, 80.0, 1.0, 1.0]
     said = " ".join(notes(summary))
-    assert "wave 80 mJ, paper 80 mJ, coupling 80 mJ, tdpa 80 mJ." in said
+    assert "wave 80 mJ, paper 80 mJ, coupling 1 mJ, tdpa 1 mJ." in said
     assert "tdpa (time-domain passivity)" in said
     assert "Not felt as intended" in said
     asked = prepare(resolve({**TWO, "playout": {"tank_mj": 2.5}}), ("wave", "tdpa"), ("wifi",), 1)
-    assert [row["credit_mj"] for row in gather(asked, {})["rows"][:2]] == [2.5, 2.5]
+    assert [row["credit_mj"] for row in gather(asked, {})["rows"][:2]] == [2.5, 1.0]
 
 
 @pytest.mark.parametrize(

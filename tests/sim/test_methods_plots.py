@@ -221,7 +221,7 @@ def test_what_is_unstable_and_passive_is_told_from_what_is_not_passive() -> None
     assert marks["<"].get_markerfacecolor() == style_of("tdpa")["color"]
     assert marks["<"].get_markeredgecolor() == INK
     captions = [plot.caption for plot in draw_all(asked, results, gather(asked, results)) if plot.name == "stability"]
-    assert "coupling 80 mJ, tdpa 80 mJ." in captions[0]
+    assert "coupling 1 mJ, tdpa 1 mJ." in captions[0]
 
 
 @pytest.mark.parametrize("methods", [("wave", "coupling"), ("coupling", "tdpa"), ("tdpa", "coupling")])

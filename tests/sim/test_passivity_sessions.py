@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cogrip.protocol.coupling_kinds import UNLENT_MJ
 from cogrip.protocol.passivity_control import LENT_J
-from cogrip.protocol.settings import Playout, SettingsError, resolve, seat_settings
+from cogrip.protocol.settings import SettingsError, resolve, seat_settings
 from cogrip.sim.analysis.linear_session import ModelError, linear_session
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
@@ -155,7 +156,7 @@ def test_e0_is_all_that_a_passive_session_may_have_lent_itself() -> None:
     assert of_laboratory(laboratory)["passive"]
     assert -LENT_J <= energy["up_margin_j"] < 0.0, "it was used"
     port = laboratory.room.seats[0].port
-    credit_j = 1e-3 * Playout().tank_mj
+    credit_j = 1e-3 * UNLENT_MJ
     for margin, passive in ((-credit_j, True), (-credit_j - 1e-6, False)):
         port.up_margin_j = margin
         assert of_laboratory(laboratory)["passive"] is passive

@@ -32,3 +32,11 @@ COUPLING_KINDS: dict[Kind, CouplingKind] = {
     "coupling": CouplingKind(waves=False, local=False, passive=False),
     "tdpa": CouplingKind(waves=False, local=False, passive=True),
 }
+
+UNLENT_MJ = 1.0
+"""Energy that a scheme which lends none may give out before it is not passive [mJ]: it moves an arm of 75 g at 0.16 m/s."""
+
+
+def lent_mj(kind: Kind, tank_mj: float) -> float:
+    """Return what each direction of a line may give out beyond what came in [mJ]: the credit of a wave line, else UNLENT_MJ."""
+    return tank_mj if COUPLING_KINDS[kind].waves else min(tank_mj, UNLENT_MJ)

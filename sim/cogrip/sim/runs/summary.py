@@ -19,6 +19,7 @@ from cogrip.protocol.accounts import (
     SeatAccount,
     TickCount,
 )
+from cogrip.protocol.coupling_kinds import lent_mj
 from cogrip.protocol.hand_settings import HandChange, of_seat
 from cogrip.protocol.messages import Farewell
 from cogrip.protocol.setting_types import GRIP_AXES
@@ -161,7 +162,7 @@ def _of_settings(
 ) -> dict[str, Any]:  # fmt: skip
     return summarise(
         name=name, seed=settings.seed, seconds=seconds, users=users,
-        tank_mj=settings.playout.tank_mj,
+        tank_mj=lent_mj(settings.coupling.kind, settings.playout.tank_mj),
         room=room, dropped=dropped, playout_frames=settings.playout.frames, claims=claims,
     )  # fmt: skip
 

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from cogrip.protocol.coupling_kinds import COUPLING_KINDS, CouplingKind
+from cogrip.protocol.coupling_kinds import COUPLING_KINDS, CouplingKind, lent_mj
 
 Summary = dict[str, Any]
 UNKNOWN = "not known"
@@ -132,12 +132,14 @@ def traits_of(settings: Any) -> CouplingKind | None:
 
 
 def lent_j(settings: Any) -> float | None:
-    """Return what each direction of a line may lend itself [J], by the settings of a run; None where they do not tell.
+    """Return what each direction of a line may give out beyond what came in [J], by the settings of a run.
 
-    It bounds every scheme alike: a hand that gets no more than its energy budget is as safe whatever law made the force.
+    None where they do not tell.
     """
-    tank_mj = dig(settings, "playout", "tank_mj")
-    return tank_mj * 1e-3 if is_number(tank_mj) else None
+    tank_mj, kind = dig(settings, "playout", "tank_mj"), dig(settings, "coupling", "kind")
+    if not is_number(tank_mj):
+        return None
+    return 1e-3 * lent_mj(kind, tank_mj) if kind in COUPLING_KINDS else 1e-3 * float(tank_mj)
 
 
 def worst_margin(users: list[dict[str, Any]]) -> tuple[float, str, str] | None:

@@ -93,7 +93,7 @@ def gather(asked: Comparison, results: Mapping[int, Result]) -> dict[str, Any]:
 
 def credit_mj(base: Mapping[str, Any], method: str) -> float | None:
     """Return what each direction of a person's line may lend under a method [mJ]: its energy credit."""
-    lent = lent_j(base)
+    lent = lent_j({**base, "coupling": {"kind": METHODS[method].overrides["coupling.kind"]}})
     return None if lent is None else round(1e3 * lent, 9)
 
 
