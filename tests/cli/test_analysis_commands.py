@@ -43,8 +43,7 @@ def test_limit_is_the_contract_to_the_letter(cogrip: Cogrip) -> None:
     paper = "stability limit demo --scheme paper --delay-frames"
     found = cogrip.answer(f"{paper} 0 --exact-velocity")
     assert found == {"largest_stable_stiffness_npm": pytest.approx(1977.675, rel=1e-4), "searched_to_npm": 1e7}
-    # of a device whose motors' force the client knows, its estimate costs next to nothing
-    assert cogrip.answer(f"{paper} 0")["largest_stable_stiffness_npm"] == pytest.approx(1977.68, rel=1e-4)
+    assert cogrip.answer(f"{paper} 0")["largest_stable_stiffness_npm"] < 1900.0, "P's waves are of positions alone"
     found = cogrip.answer("stability limit demo --exact-velocity")
     assert found == {"largest_stable_stiffness_npm": None, "searched_to_npm": 1e7}
     own = "--set users.0.stiffness_npm=100"

@@ -111,7 +111,8 @@ def side_by_side() -> Page:
         f"{results[True]}; idealised: {results[False]}. With exact velocities P's claim of a larger region holds from two "
         "frames of delay on; at one frame the regions are alike. Without delay the answers of virtual coupling are ahead of "
         "the hands, which nothing damps here. cogrip's server step, which solves the ports within the step, has no border "
-        "of its own. An estimate that is given the forces and the devices' exact masses leaves the limits as they are."
+        "of its own. An estimate that is given the forces and the devices' exact masses leaves the limits as they are; the "
+        "paper's waves are made of the velocity, which then is of positions alone."
     )
     columns = ("scheme", "estimated", *COLUMNS)
     return Page("regions", "Virtual coupling, the paper's waves, and ours", caption, figure, Table(columns, rows))
