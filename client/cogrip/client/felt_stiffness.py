@@ -3,7 +3,7 @@
 from collections import deque
 
 REST_S = 0.5  # for which frames must agree before a hand is at rest
-STILL_FRACTION = 0.1  # of the depth, within which a hand at rest stays: half of what tells two stiffnesses apart
+STILL_FRACTION = 0.1  # A hand at rest stays within this part of its depth: half of what tells two stiffnesses apart.
 LEAST_N = 0.05  # with which it presses then: less is the rounding of a hand that touches nothing
 
 

@@ -40,7 +40,7 @@ LENT_J = (
     1e-4  # by which E may be below 0 while the force is ramped: a touch loads the spring before any force has worked
 )
 MOST_STEP_N = 0.5  # by which a surface that moves may change the force in a tick
-AT_SLOPE = 0.9  # of the slope limit: a force that rises so fast is held by it; motors also round forces
+AT_SLOPE = 0.9  # A force that rises by this part of the slope limit is held by it: motors also round forces.
 RETURN_S = 0.05  # time constant with which a face that nobody touches goes to where the object is
 
 

@@ -21,7 +21,7 @@ from math import inf
 FAST_HZ = 20.0
 SWING_N = 0.5  # from one turn to the next, or it is none
 HALF_SWING_N, BACK_N = 0.5 * SWING_N, -0.5 * SWING_N
-RING_KEPT = 0.95  # of a swing, a period later: a ring that keeps less decays, at a damping ratio of 0.008 or more
+RING_KEPT = 0.95  # A ring that keeps less of a swing a period later decays, at a damping ratio of 0.008 or more.
 TRAIN = 3  # fast turns of the local force in a row: the device end oscillates. A tap on a wall makes two
 REVERSALS = 5  # fast reversals of the whole force in a row: the loop through the server does
 RINGS_DOWN = 3  # reversals in which a loop that is damped more is given time to ring down

@@ -19,7 +19,7 @@ SHAKE_HZ = 12.0  # rate at which hands turn at most
 WINDOW_S = 0.125
 NOTHING = (0.0,) * (4 * PLACES)
 SUSTAINED = 4  # windows
-QUALITIES = 0.5411961001461971, 1.3065629648763766  # of the two stages: 1 / (2 cos(pi/8)) and 1 / (2 cos(3 pi/8))
+QUALITIES = 0.5411961001461971, 1.3065629648763766  # The stages have 1 / (2 cos(pi/8)), 1 / (2 cos(3 pi/8)).
 
 
 class Shaking:

@@ -7,7 +7,7 @@ import msgspec
 
 from cogrip.protocol.histogram import DurationHistogram
 
-REASON_BYTES = 280  # of a client's account: the largest one fits a datagram once it is encrypted
+REASON_BYTES = 280  # A client's account with a reason of this length still fits a datagram once it is encrypted.
 LEFT, SATURATED = 1, 2  # of a client's `incidents`: one byte, as the largest account has no room for more
 Row = Annotated[tuple[float, ...], msgspec.Meta(max_length=6)]  # one number an axis
 

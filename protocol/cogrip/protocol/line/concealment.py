@@ -26,7 +26,7 @@ PerAxis = Sequence[float]  # one value an axis
 
 COMPENSATION_FRACTION = 1.0 / 16.0  # of the deficit, in one frame
 COMPENSATION_LIMIT = 0.02  # sqrt(W) in one frame
-FADE = 0.85  # of `tank`: factor from frame to frame in a gap; of `elastic` after HELD_S of it
+FADE = 0.85  # A wave fades by this factor a frame: under `tank` in any gap, under `elastic` after HELD_S of it.
 RESERVE_FRAMES = 8.0  # of `tank`: frames like the last one that compensation leaves in the reserve
 
 HELD_S = (

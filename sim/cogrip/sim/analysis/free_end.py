@@ -14,7 +14,7 @@ from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import FORMS, LinearSession, Person
 from cogrip.sim.analysis.stability import verdict
 
-_HALVINGS = 7  # of an impedance, to find the largest with which nothing grows
+_HALVINGS = 7  # The largest impedance with which nothing grows is searched in so many halvings.
 
 
 @dataclass(frozen=True, slots=True)
