@@ -106,9 +106,10 @@ def test_a_rotation_is_written_as_angles_or_as_axes() -> None:
 
 def test_a_device_carries_b_over_the_force_scale() -> None:
     record = make_for(resolve(user()).users[0], 3).capability
+    assert not refusal(seat(force_scale=10.0), record)
     most = largest_impedance(record, seat().rates.tick_s).impedance_nspm / seat().coupling.impedance_nspm
     assert 0.1 < 0.999 * most < 1.001 * most < 10.0
-    assert not refusal(seat(force_scale=0.999 * most), record)
-    text = refusal(seat(force_scale=1.001 * most), record)
+    assert not refusal(seat(force_scale=0.999 * most, impedance_nspm=20.0), record)
+    text = refusal(seat(force_scale=1.001 * most, impedance_nspm=20.0), record)
     assert "force_scale" in text
     assert "set coupling.impedance_nspm to" in text

@@ -18,7 +18,7 @@ from tests.client.seated_client import T_C, hello, seat, welcome
 
 
 def asked(**coupling: object) -> SeatSettings:
-    return seat(coupling=coupling)
+    return seat(coupling={"impedance_nspm": 20.0, **coupling})
 
 
 def phantom() -> SimulatedDevice:

@@ -186,7 +186,7 @@ def test_no_more_is_asked_of_a_device_than_it_carries(carried: float, b: float) 
 
 @pytest.mark.parametrize(("automatic", "which"), [("impedance_nspm", 0), ("wave_filter_hz", 1)])
 def test_a_number_stays_beside_what_is_automatic(automatic: str, which: int) -> None:
-    tuner = tuner_of(300.0, coupling={automatic: "auto"})
+    tuner = tuner_of(300.0, coupling={"impedance_nspm": 20.0, automatic: "auto"})
     assert tuner.begin()[1 - which] == (0.0, 20.0)[which]
     for _ in range(2000):
         tuner.end_frame(metered(10))

@@ -107,7 +107,7 @@ def test_it_keeps_what_every_device_promises(vendor, check, axes: int) -> None:
 
 def forces_over_a_jump(vendor: VendorBench, keys: str, jump_m: float) -> tuple[Client, list[float]]:
     """The forces that a client of one axis asks the device for, tick by tick."""
-    client, forces, device = Client(), [], vendor.device(0, 1, keys)
+    client, forces, device = Client(impedance_nspm=20.0), [], vendor.device(0, 1, keys)
     handle = SupervisedDevice(device, client.core, DEVICE_HZ)
 
     def move(x_m: float) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from cogrip.protocol.coupling_settings import LEAST_FILTER_HZ, LineTuning
-from cogrip.protocol.line_tuning import corner_hz, tuning
+from cogrip.protocol.line_tuning import USUAL_NSPM, corner_hz, tuning
 from cogrip.protocol.settings import Settings, coupling_of, resolve, seat_settings
 from cogrip.protocol.settings_digest import digest
 from cogrip.protocol.settings_table import SettingsError
@@ -37,12 +37,29 @@ def test_each_of_the_two_may_be_a_number_and_each_user_has_their_own() -> None:
 
 
 @pytest.mark.parametrize("scheme", [{"kind": "tdpa"}, {"kind": "coupling"}, {"server_step": "paper"}])
-def test_by_default_and_in_other_schemes_both_stay_what_they_begin_with(scheme: dict[str, str]) -> None:
-    seat = seat_settings(settings(), 0)
-    assert (seat.coupling.impedance_nspm, seat.line, seat.line.live) == (20.0, LineTuning(), False)
+def test_other_schemes_keep_the_usual_impedance_and_the_filter_they_begin_with(scheme: dict[str, str]) -> None:
     asked = settings({"delay_ms": 300.0}, **AUTO, **scheme)
-    assert coupling_of(asked, asked.users[0]).impedance_nspm == pytest.approx(5.9, rel=0.02)
+    assert coupling_of(asked, asked.users[0]).impedance_nspm == USUAL_NSPM
     assert not seat_settings(asked, 0).line.live
+
+
+def test_by_default_impedance_follows_delay_and_device_and_there_is_no_filter() -> None:
+    seat = seat_settings(settings(), 0)
+    assert (seat.coupling.impedance_nspm, seat.line) == (USUAL_NSPM, LineTuning(auto_impedance=True))
+    assert seat_settings(settings({"delay_ms": 300.0}), 0).coupling.impedance_nspm == pytest.approx(5.9, rel=0.02)
+
+
+@pytest.mark.parametrize("carried", [8.2, 25.0])
+def test_a_compensated_line_follows_the_device_alone(carried: float) -> None:
+    """It needs all the impedance there is: the spring makes up for the delay."""
+    seat = seat_settings(settings({"delay_ms": 30.0}, compensate=True, stiffness_npm=50.0), 0)
+    assert seat.line.auto_impedance
+    assert [seat.tuning_on(loop_s, carried).impedance_nspm for loop_s in (0.01, 0.6)] == [min(USUAL_NSPM, carried)] * 2
+    begun = seat.at_impedance(min(USUAL_NSPM, carried))
+    frames = begun.loop_s / begun.rates.frame_s
+    assert begun.predicted_stiffness(frames) == pytest.approx(50.0)
+    felt = 1.0 / (1.0 / begun.rendered_npm + begun.line_compliance(frames))
+    assert felt == pytest.approx(50.0)
 
 
 def test_the_digest_is_the_same_whatever_the_link() -> None:
@@ -62,8 +79,8 @@ def test_corners_within_bounds(corner: Any) -> None:
         ({"wave_filter_hz": "none"}, 'expects a number from 0.0 to 1000.0 or "auto", in Hz; got'),
         ({"impedance_nspm": "automatic"}, 'expects a number from 0.001 to 10000.0 or "auto", in N s/m; got'),
         ({"prefer": "soft"}, 'prefer: expects "light", "balanced" or "stiff"; got'),
-        ({**AUTO, "compensate": True}, "compensate = true needs a line that stays as it is; give impedance_nspm"),
-        ({"wave_filter_hz": "auto", "compensate": True}, "needs a line that stays as it is"),
+        ({**AUTO, "compensate": True}, "compensate = true needs a filter that stays as it is; give wave_filter_hz"),
+        ({"wave_filter_hz": "auto", "compensate": True}, "needs a filter that stays as it is"),
     ],
 )
 def test_bad_input_says_what_to_do(coupling: dict[str, Any], words: str) -> None:

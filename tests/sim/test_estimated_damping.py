@@ -39,13 +39,13 @@ PHANTOM = make("sim:phantom").capability
 EXACT = "sim:phantom?friction_n=0&resolution_m=0"
 
 
-def session(mass_kg: float, memory: float | None = None):
+def session(mass_kg: float, memory: float | None = None, **coupling: float):
     """Return two reaching hands; with `memory` in place of the client's own."""
     users = [
         {"name": "anna", "hand": "reach", "device_mass_kg": mass_kg},
         {"name": "ben", "hand": "reach&delay_s=0.15", "device_mass_kg": mass_kg},
     ]
-    laboratory = laboratory_of(bare=True, seconds=2.5, link={"delay_ms": 20.0}, playout={"frames": 1}, users=users)
+    laboratory = laboratory_of(bare=True, seconds=2.5, link={"delay_ms": 20.0}, playout={"frames": 1}, users=users, coupling=coupling)
     for person in laboratory.people:
         own = memory_for(person.device.capability, T_C) if memory is None else memory
         person.device.plant = EstimatingPlant(person.device.plant, MotionObserver(1, T_C, own), 0)
@@ -61,7 +61,7 @@ def test_a_light_arm_stays_quiet(mass_kg: float) -> None:
 
 
 def test_a_slower_estimate_would_not_do() -> None:
-    assert min(user["energy"]["device_leak_j"] for user in session(0.045, 0.8)) < -1.0
+    assert min(user["energy"]["device_leak_j"] for user in session(0.045, 0.8, impedance_nspm=20.0)) < -1.0
 
 
 # Old samples in the lifted model --------------------------------------------------------------------------------------

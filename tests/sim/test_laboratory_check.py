@@ -271,6 +271,6 @@ def test_outages_that_break_a_session_are_noted() -> None:
 
 
 def test_where_nothing_was_felt_the_change_is_the_models() -> None:
-    alone = settings_of_one({"link.delay_ms": 20.0})
+    alone = settings_of_one({"link.delay_ms": 20.0, "coupling.impedance_nspm": 10.0})
     given = checked_change(alone, advise(alone), check(alone))
     assert not given.measured

@@ -6,7 +6,7 @@ is in it is then so much less, or more, than the wave asks for. Until that is ma
 most.
 """
 
-from cogrip.protocol.line_tuning import LoopFollower, Tuning, bounded, filter_lag_s, tuning
+from cogrip.protocol.line_tuning import LoopFollower, Tuning, bounded, filter_lag_s
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.settings import SeatSettings
 
@@ -22,7 +22,7 @@ class LineTuner:
     """
 
     def __init__(self, seat: SeatSettings) -> None:
-        self._line, self._impedance_nspm = seat.line, seat.coupling.impedance_nspm
+        self._seat, self._line, self._impedance_nspm = seat, seat.line, seat.coupling.impedance_nspm
         self._frame_s = seat.rates.frame_s
         self._frames = max(LEAST_FRAMES, seat.playout.redundancy)
         self._follower = LoopFollower(seat.loop_s, seat.line.prefer, self._frame_s, self._frames)
@@ -33,7 +33,7 @@ class LineTuner:
     def _suited(self) -> Tuning:
         """Return what suits the loop that is gone by; what settings give as a number stays so."""
         line = self._line
-        found = tuning(self._follower.loop_s, line.prefer, self.carried_nspm)
+        found = self._seat.tuning_on(self._follower.loop_s, self.carried_nspm)
         return Tuning(
             found.impedance_nspm if line.auto_impedance else self._impedance_nspm,
             found.filter_lag_s if line.auto_filter else filter_lag_s(line.wave_filter_hz),

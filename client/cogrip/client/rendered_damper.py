@@ -10,7 +10,6 @@ from cogrip.client.schemes import SCHEMES
 from cogrip.client.velocity import NOISE_N, Carried, largest_impedance
 from cogrip.devices.device import Capability, DeviceError
 from cogrip.protocol.coupling_settings import Coupling
-from cogrip.protocol.line_tuning import tuning
 from cogrip.protocol.setting_types import Kind
 from cogrip.protocol.settings import SeatSettings
 
@@ -40,20 +39,19 @@ def damper_key(kind: Kind) -> str:
     return SCHEMES[kind].damper[1]
 
 
-def impedance_on(seat: SeatSettings, record: Capability) -> float:
-    """Return b on this device at the delay of the settings: where it is "auto", by what the device carries."""
+def seat_on(seat: SeatSettings, record: Capability) -> SeatSettings:
+    """Return the seat as a client begins it on this device: where b is "auto", with that which the device carries."""
     if not seat.line.auto_impedance:
-        return seat.coupling.impedance_nspm
+        return seat
     carried = largest_impedance(record, seat.rates.tick_s).impedance_nspm
     if seat.tool:
         carried /= seat.tool.stiffest(seat.object.axes)
-    return tuning(seat.loop_s, seat.line.prefer, carried).impedance_nspm
+    return seat.at_impedance(seat.tuning_on(seat.loop_s, carried).impedance_nspm)
 
 
 def damper_on(seat: SeatSettings, record: Capability) -> Damper:
     """Return the damper that this device renders in this seat."""
-    damper = damper_of(seat.coupling)
-    return damper._replace(value_nspm=impedance_on(seat, record)) if seat.line.auto_impedance else damper
+    return damper_of(seat_on(seat, record).coupling)
 
 
 def refusal(seat: SeatSettings, record: Capability, section: str = "coupling") -> str:

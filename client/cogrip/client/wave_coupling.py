@@ -21,6 +21,7 @@ from operator import sub
 from msgspec.structs import replace
 
 from cogrip.client.coupling import Coupling, DelayLine, Row
+from cogrip.client.felt_stiffness import REST_S
 from cogrip.client.line_tuner import LineTuner
 from cogrip.client.series_impedance import SeriesImpedance
 from cogrip.client.velocity import largest_impedance
@@ -351,5 +352,5 @@ class WaveCoupling(Coupling):
         return self.down.receiver.count()
 
     def loop_frames(self) -> float | None:
-        """Return the measured loop of the last second: frames from a forward wave to the frame its answer is applied in."""
-        return self.loops.median()
+        """Return the mean loop while a hand may have rested: frames from a forward wave to the frame its answer is applied in."""
+        return self.loops.mean(max(2, round(REST_S * self._seat.rates.network_hz)))

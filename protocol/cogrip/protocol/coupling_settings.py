@@ -11,7 +11,7 @@ from cogrip.protocol import felt_stiffness as felt
 from cogrip.protocol import setting_types as types
 from cogrip.protocol.coupling_kinds import COUPLING_KINDS, CouplingKind
 from cogrip.protocol.line.delays import Direction, PlayoutDelay, line_delay
-from cogrip.protocol.line_tuning import USUAL_NSPM, corner_hz, filter_lag_s, tuning
+from cogrip.protocol.line_tuning import USUAL_NSPM, corner_hz, filter_lag_s, kept_tuning, tuning
 from cogrip.protocol.rates import Rates
 
 LEAST_FILTER_HZ = 0.05
@@ -22,7 +22,7 @@ class CouplingBase(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Scheme, wave impedance, and the spring between proxy and object (theory sections 1 to 5)."""
 
     kind: types.Kind = "wave"
-    impedance_nspm: types.Impedance | types.Auto = USUAL_NSPM
+    impedance_nspm: types.Impedance | types.Auto = "auto"
     stiffness_npm: types.Stiffness = 1000.0
     damping_nspm: types.Damping = 10.0
     compensate: bool = False
@@ -101,22 +101,23 @@ def of_seat(
         values["grip_impedance_nspm"] = GRIP_NSPM
     prefer, b, corner = [values.pop(name) for name in ("prefer", "impedance_nspm", "wave_filter_hz")]
     auto = b == "auto", corner == "auto"
-    if any(auto):
-        found = tuning(round_trip_s(playout, directions, rates) + rates.frame_s, prefer)
-        b = found.impedance_nspm if auto[0] else b
-        corner = corner_hz(found.filter_lag_s) if auto[1] else corner
     # the other schemes keep what they begin with
     live = asked.traits.waves and asked.server_step == "passive"
+    if any(auto):
+        found = tuning(round_trip_s(playout, directions, rates) + rates.frame_s, prefer)
+        follows = live and not asked.compensate
+        b = (found if follows else kept_tuning(prefer)).impedance_nspm if auto[0] else b
+        corner = corner_hz(found.filter_lag_s) if auto[1] else corner
     return Coupling(impedance_nspm=b, **values), LineTuning(corner, auto[0] and live, auto[1] and live, prefer)
 
 
 def unfit_line(coupling: Coupling, line: LineTuning) -> str:
     """Return why the two do not fit together, "" where they do."""
     corner = line.wave_filter_hz
-    if line.live and coupling.compensate:
+    if line.auto_filter and coupling.compensate:
         return (
-            "coupling.compensate = true needs a line that stays as it is; give impedance_nspm and wave_filter_hz numbers in "
-            'place of "auto", or set compensate to false'
+            "coupling.compensate = true needs a filter that stays as it is; give wave_filter_hz a number in place of "
+            '"auto", or set compensate to false'
         )
     if 0.0 < corner < LEAST_FILTER_HZ:
         return f"coupling.wave_filter_hz = {corner:g} is below {LEAST_FILTER_HZ:g} Hz; give more, or 0 for no filter"

@@ -44,6 +44,11 @@ def flat_s(prefer: Prefer) -> float:
     return min(2.0 * MASS_KG[prefer] / USUAL_NSPM, LONG_S)
 
 
+def kept_tuning(prefer: Prefer, carried_nspm: float = USUAL_NSPM) -> Tuning:
+    """Return that of a line that keeps it, whatever its loop time is: the spring makes up for the line, or no wave follows."""
+    return tuning(flat_s(prefer), prefer, carried_nspm)
+
+
 def bounded(impedance_nspm: float) -> float:
     """Return the impedance that a seat which may choose has, of the one that it asks for."""
     return min(max(impedance_nspm, LEAST_NSPM), MOST_NSPM)

@@ -42,6 +42,11 @@ class LoopMeter:
         """True once the window is full."""
         return len(self._last) == self._last.maxlen
 
+    def mean(self, loops: int) -> float | None:
+        """Return the mean of the last so many loops [frames], None before the first: what a hand that rested felt meanwhile."""
+        last = list(self._last)[-loops:]
+        return sum(last) / (len(last) * self._ticks_per_frame) if last else None
+
     def median(self) -> float | None:
         """Return the median [frames], None before the first loop."""
         half = len(self._last) / 2

@@ -24,6 +24,7 @@ from cogrip.protocol.coupling_settings import (
 )
 from cogrip.protocol.effects import MOST_EFFECTS, TANK_MJ, EffectSection, EffectTank, unfit_effect
 from cogrip.protocol.hand_settings import NO_LIMIT, HandSection, WorkspaceLimit
+from cogrip.protocol.line_tuning import Tuning, kept_tuning, tuning
 from cogrip.protocol.link_profile import Link, LinkProfile, check_link
 from cogrip.protocol.network_rate import best_rate, stated_frame_s, take_auto
 from cogrip.protocol.object_fit import unfit_object
@@ -219,6 +220,20 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         """True where the server adapts the spring to the measured loop (docs/decisions/0012-measured-delay.md)."""
         coupling = self.coupling
         return coupling.compensate and coupling.traits.felt_through_waves and coupling.server_step == "passive"
+
+    def at_impedance(self, impedance_nspm: float) -> "SeatSettings":
+        """Return the seat with b in use: a compensated spring is that of the line with this b."""
+        seat = replace(self, coupling=replace(self.coupling, impedance_nspm=impedance_nspm))
+        if impedance_nspm == self.coupling.impedance_nspm or not self.adapts_stiffness:
+            return seat
+        compliance = seat.line_compliance(self.loop_s / self.rates.frame_s)
+        return replace(seat, rendered_npm=felt.reachable_stiffness(self.coupling.stiffness_npm, compliance))
+
+    def tuning_on(self, loop_s: float, carried_nspm: float) -> Tuning:
+        """Return what "auto" chooses on a loop of this time and a device that carries so much [N s/m]."""
+        if self.coupling.compensate:
+            return kept_tuning(self.line.prefer, carried_nspm)
+        return tuning(loop_s, self.line.prefer, carried_nspm)
 
     @property
     def loop_s(self) -> float:

@@ -367,6 +367,8 @@ class Room:
                 world.set_reported_rotation(number, *port.turned)
             self._give_handle(number, port.handle)
             if seat.adapter is not None:
+                if port.impedance_nspm is not None:
+                    seat.adapter.use_impedance(port.impedance_nspm)
                 target_npm = seat.adapter.update()
                 if target_npm is not None:
                     world.set_target_stiffness(number, target_npm)

@@ -46,6 +46,12 @@ class StiffnessAdapter:
         self.reported = ""
         self.withheld = 0
 
+    def use_impedance(self, impedance_nspm: float) -> None:
+        """Go by this impedance of the line, which is its client's choice, from now on."""
+        if impedance_nspm != self._seat.coupling.impedance_nspm:
+            self._seat = self._seat.at_impedance(impedance_nspm)
+            self._goal, self._used = self._seat.rendered_npm, None
+
     def update(self) -> float | None:
         """Return the stiffness to aim at from now on [N/m]; None if nothing changes."""
         self._frames += 1

@@ -25,7 +25,14 @@ from cogrip.sim.analysis.feel import no_contact, on_wall, slow_feel
 from cogrip.sim.analysis.finding import Finding, Level, plain
 from cogrip.sim.analysis.free_end import GRIPS, free_end
 from cogrip.sim.analysis.lifted_model import LiftedModel
-from cogrip.sim.analysis.linear_session import FORMS, LinearSession, Scheme, linear_session, seat_session
+from cogrip.sim.analysis.linear_session import (
+    FORMS,
+    LinearSession,
+    Scheme,
+    linear_session,
+    seat_session,
+    seats_on_devices,
+)
 from cogrip.sim.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, largest_stable, optimistic_limit, verdict
 from cogrip.sim.runs.felt_as_intended import STIFFNESS_JND
 
@@ -119,8 +126,7 @@ def at_best(model: LiftedModel) -> Limit:
 def advise(settings: Settings, search: Callable[[LiftedModel], Limit] = largest) -> Advice:
     """Return advice on a room. Raises ModelError or DeviceError where there is no model, or no such device."""
     session = linear_session(settings)
-    seats = [seat_settings(settings, number) for number in range(len(settings.users))]
-    records = [make_for(user, seat_axes(settings, user)).capability for user in settings.users]
+    seats, records = zip(*seats_on_devices(settings), strict=True)
     sections = [_section(settings, number) for number in range(len(settings.users))]
     advice = _advise(session, seats, records, sections, search)
     effects = [effect_advice(settings, seat, record) for seat, record in zip(seats, records, strict=True)]
@@ -393,7 +399,7 @@ def _felt_text(user: UserAdvice, seat: SeatSettings, limit: Limit) -> str:
     left_out = [name for name, there in (("jitter", jitter), ("loss", any(each.loss for each in link))) if there]
     where = f" at rest, calculated without the link's {' and '.join(left_out)}" if left_out else " at rest"
     text = f"{user.name}: {plain(user.asked_npm)} N/m will feel like {plain(user.felt_npm)} N/m{where}"
-    if seat.coupling.compensate or seat.line.live:
+    if seat.coupling.compensate or seat.line.auto_filter:
         return text
     if user.compensated_npm is not None:
         if limit.stiffness_npm is not None and user.compensated_npm > limit.stiffness_npm:

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple, assert_never
 
 import numpy as np
 
-from cogrip.client.rendered_damper import damper_key, impedance_on
+from cogrip.client.rendered_damper import damper_key, seat_on
 from cogrip.client.velocity import MEMORY, memory_for
 from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
@@ -200,6 +200,12 @@ def linear_session(
     return _session(seat_settings(settings, 0), people)
 
 
+def seats_on_devices(settings: Settings) -> list[tuple[SeatSettings, Capability]]:
+    """Return each seat as its client begins it on its device, and the record of that device. Raises DeviceError."""
+    records = [make_for(user, seat_axes(settings, user)).capability for user in settings.users]
+    return [(seat_on(seat_settings(settings, number), record), record) for number, record in enumerate(records)]
+
+
 def seat_session(seat: SeatSettings, capability: Capability) -> LinearSession:
     """Return the model of one seat alone, with its device: for a client, which knows nobody else's settings.
 
@@ -210,12 +216,13 @@ def seat_session(seat: SeatSettings, capability: Capability) -> LinearSession:
 
 def _person(seat: SeatSettings, capability: Capability, delay_frames: float | None) -> Person:
     up, down = line_delays(seat, delay_frames)
+    seat = seat_on(seat, capability)
     coupling = seat.coupling
     return Person(
         name=seat.user,
         device_mass_kg=capability.apparent_mass_kg,
         device_damping_nspm=0.0,
-        impedance_nspm=impedance_on(seat, capability),
+        impedance_nspm=coupling.impedance_nspm,
         stiffness_npm=seat.rendered_npm,
         damping_nspm=coupling.damping_nspm,
         decimator=coupling.decimator,

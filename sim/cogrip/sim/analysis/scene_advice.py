@@ -9,7 +9,7 @@ from cogrip.devices.for_user import make_for
 from cogrip.protocol.felt_stiffness import felt_stiffness
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.setting_types import GRIP_AXES
-from cogrip.protocol.settings import SeatSettings, Settings, seat_axes, seat_settings
+from cogrip.protocol.settings import SeatSettings, Settings, seat_axes
 from cogrip.server.worlds.local_geometry import local_geometry, unfit_tool
 from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, held_by, load_scene
 from cogrip.server.worlds.scene_shapes import shapes_of
@@ -18,11 +18,12 @@ from cogrip.server.worlds.scene_text import MOST_NAMED
 from cogrip.sim.analysis.advice import gaps, overloads, unbounded
 from cogrip.sim.analysis.finding import Finding, plain
 from cogrip.sim.analysis.line_advice import free_tool, loop_s, press_n, pressed, stroke_s
+from cogrip.sim.analysis.linear_session import seats_on_devices
 
 
 def scene_findings(settings: Settings) -> list[Finding]:
     """Return what is worth knowing before anyone holds a tool of the scene. Raises SceneError, DeviceError."""
-    seats = [seat_settings(settings, number) for number in range(len(settings.users))]
+    seats = [seat for seat, _ in seats_on_devices(settings)]
     given = settings.object
     scene = load_scene(Path(given.file), held_by(settings), seats[0].rates.frame_s / given.substeps)
     waves = [seat for seat in seats if seat.coupling.traits.felt_through_waves]
