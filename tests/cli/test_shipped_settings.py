@@ -40,6 +40,13 @@ BASELINES = {
 NAMES = sorted(path.stem for path in CONFIGS.glob("*.toml"))
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_its_second_line_says_whether_it_is_the_best_known(name: str) -> None:
+    second = (CONFIGS / f"{name}.toml").read_text().splitlines()[1]
+    assert second.startswith("# Kept as it is: " if name in BASELINES else "# The best known for it: ")
+    assert second.endswith(".")
+
+
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in BASELINES])
 def test_advice_finds_no_more_than_a_tenth_for_what_comes_with_cogrip(name: str) -> None:
     """Advice has no warning, and no change that brings the hand nearer to the asked stiffness by more than a tenth of it."""
