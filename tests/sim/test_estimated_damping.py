@@ -45,7 +45,9 @@ def session(mass_kg: float, memory: float | None = None, **coupling: float):
         {"name": "anna", "hand": "reach", "device_mass_kg": mass_kg},
         {"name": "ben", "hand": "reach&delay_s=0.15", "device_mass_kg": mass_kg},
     ]
-    laboratory = laboratory_of(bare=True, seconds=2.5, link={"delay_ms": 20.0}, playout={"frames": 1}, users=users, coupling=coupling)
+    laboratory = laboratory_of(
+        bare=True, seconds=2.5, link={"delay_ms": 20.0}, playout={"frames": 1}, users=users, coupling=coupling
+    )
     for person in laboratory.people:
         own = memory_for(person.device.capability, T_C) if memory is None else memory
         person.device.plant = EstimatingPlant(person.device.plant, MotionObserver(1, T_C, own), 0)

@@ -1,12 +1,14 @@
 """The three judgements of a run, on accounts made for each rule, then on whole sessions."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 from msgspec.structs import replace
 
+from cogrip.cli.session.settings_file import load
 from cogrip.protocol.accounts import DeviceAccount, LinkCount, PlayoutAccount, SeatAccount
 from cogrip.protocol.settings import resolve
 from cogrip.sim.runs import felt_as_intended as judgement
@@ -268,6 +270,19 @@ def test_what_only_clients_of_others_say_in_their_favour_is_said_to_be_theirs() 
     assert passive(summary).sentence.endswith("than had been put in, nor, say the clients, any motors.")
     summary["users"][0]["energy"] |= {"line_reserve_j": 2e-3, "device_reserve_j": 0.2}
     assert passive(summary).sentence.endswith("any motors; least reserve after the first second 2 mJ in a whole line.")
+
+
+@pytest.mark.parametrize(("loss", "passed"), [(0.0, False), (0.05, True)])
+def test_credit_is_lent_where_frames_were_missing_alone(loss: float, passed: bool) -> None:
+    """A decimator that lets aliases through creates energy on a line that loses nothing."""
+    settings = load(Path("compare"), {"coupling.decimator": "none", "seconds": 6.0, "link.loss": loss})
+    summary = run_laboratory(settings).summary
+    worst = worst_margin(summary["users"])
+    assert worst is not None
+    assert -0.08 < worst[0] < -1e-3
+    assert summary["passive"] is passed
+    assert passive(summary).tone == ("good" if passed else "bad")
+    assert ("no frame was missing there" in passive(summary).sentence) is not passed
 
 
 def test_what_clients_of_others_say_against_themselves_is_judged_by_the_credit() -> None:

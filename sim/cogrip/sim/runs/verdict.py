@@ -6,6 +6,7 @@ judged (`lab`, `demo`, `join`, `serve`, reports, `runs`, `compare`, exit codes);
 
 from __future__ import annotations
 
+from cogrip.protocol.coupling_kinds import UNLENT_MJ
 from cogrip.sim.runs.felt_as_intended import felt_as_intended
 from cogrip.sim.runs.incidents import incidents, is_unstable, why_unstable
 from cogrip.sim.runs.judgement import Judgement, Row, names_of, occupied, some
@@ -64,17 +65,28 @@ def unjudged(summary: Summary) -> bool:
 def passive_of(rows: list[Row], credit_j: float) -> bool | None:
     """Return `passive` of a summary with these people, by the reported margins; None where an end reported none."""
     held = list(occupied(rows))
-    reported = [(key, dig(row, "energy", key)) for row in held for key in _measured(row)]
+    reported = [(row, key, dig(row, "energy", key)) for row in held for key in _measured(row)]
     if any(
-        value is not None and not (is_number(value) and value >= least_margin(key, credit_j)) for key, value in reported
+        value is not None and not (is_number(value) and value >= least_margin(row, key, credit_j))
+        for row, key, value in reported
     ):
         return False
     return None if not held or any(map(_untold, held)) else True
 
 
-def least_margin(key: str, credit_j: float) -> float:
-    """Return the least that a margin may be [J]: less the credit of each direction, and rounding."""
-    return -{"line_margin_j": 2.0, "device_margin_j": 0.0}.get(key, 1.0) * credit_j - ROUNDING_J
+def least_margin(row: Row, key: str, credit_j: float) -> float:
+    """Return the least that a person's margin may be [J]: less what its directions may have lent, and rounding."""
+    paths = {"up_margin_j": ("up",), "down_margin_j": ("down",), "line_margin_j": ("up", "down")}.get(key, ())
+    return -sum([_lent_j(row, path, credit_j) for path in paths]) - ROUNDING_J
+
+
+def _lent_j(row: Row, path: str, credit_j: float) -> float:
+    """Return what a direction may have lent at most: its credit, where a wave was played in place of one that was not there.
+
+    Where none was, nothing was lent, and what is missing was created: by a decimator that lets aliases through, for one.
+    """
+    filled = [dig(row, "playout", path, key) for key in ("concealed", "repeated")]
+    return credit_j if any(not is_number(each) or each > 0 for each in filled) else min(credit_j, 1e-3 * UNLENT_MJ)
 
 
 def _measured(row: Row) -> tuple[str, ...]:
@@ -131,7 +143,7 @@ def _claimed_margins(users: list[Row], credit_j: float) -> list[str]:
         for row in seat_sessions(users)
         if row.get("claimed")
         for key, words in (("down_margin_j", "its line down"), ("device_margin_j", "its device"))
-        if is_number(value := dig(row, "energy", key)) and value < least_margin(key, credit_j)
+        if is_number(value := dig(row, "energy", key)) and value < least_margin(row, key, credit_j)
     ]
 
 
@@ -151,11 +163,13 @@ def _not_passive(
     """Return the sentence, and the brief one."""
     found, brief = [], []
     if worst and any(
-        is_number(value := dig(row, "energy", key)) and value < least_margin(key, credit_j)
+        is_number(value := dig(row, "energy", key)) and value < least_margin(row, key, credit_j)
         for row in seat_sessions(users)
         for key in ledgers(row)
     ):
-        found.append(f"the {worst[1]} of {worst[2]} gave out {energy(-worst[0])} more than had been put in.{lent}")
+        whole = credit_j > 0.0 and -worst[0] <= credit_j
+        why = ", and no frame was missing there in whose place it could be lent" if whole else ""
+        found.append(f"the {worst[1]} of {worst[2]} gave out {energy(-worst[0])} more than had been put in{why}.{lent}")
         brief.append(f"{worst[1]} of {worst[2]} {energy(worst[0])}")
     if device and device[0] < -ROUNDING_J:
         whose = [row for row in seat_sessions(users) if name_of(row) == device[1]]
