@@ -11,9 +11,9 @@ from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.analysis import advice_change
-from cogrip.sim.analysis.advice import AMPLE, HEAVY_KG, Advice, advise, advise_seat, feel_level, growth
+from cogrip.sim.analysis.advice import AMPLE, HEAVY_KG, Advice, advise, advise_seat, feel_level
 from cogrip.sim.analysis.advice_change import Change, change_to, ranked_changes
-from cogrip.sim.analysis.finding import warning_rows
+from cogrip.sim.analysis.finding import growth, warning_rows
 from cogrip.sim.analysis.linear_session import ModelError, scheme_overrides
 from cogrip.sim.analysis.stability import Limit
 

@@ -352,5 +352,5 @@ class WaveCoupling(Coupling):
         return self.down.receiver.count()
 
     def loop_frames(self) -> float | None:
-        """Return the mean loop while a hand may have rested: frames from a forward wave to the frame its answer is applied in."""
+        """Return the mean loop of the last REST_S: frames from a forward wave to the frame its answer is applied in."""
         return self.loops.mean(max(2, round(REST_S * self._seat.rates.network_hz)))

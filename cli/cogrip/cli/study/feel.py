@@ -9,8 +9,10 @@ from cogrip.cli.study.analysis_query import AS_IT_STANDS, ModelQuery
 from cogrip.cli.terminal.output import make_console, write_json
 from cogrip.cli.terminal.parameters import Config
 from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.tables import say
 from cogrip.sim.analysis.delay_budget import budget, total_s
 from cogrip.sim.analysis.feel import conditions
+from cogrip.sim.analysis.free_end import free_end, free_end_record, free_end_text
 from cogrip.sim.analysis.linear_session import LinearSession
 
 
@@ -52,6 +54,8 @@ def _tell(session: LinearSession, user: int) -> None:
         slow = condition.slow
         table.add_row(condition.name, _number(slow.stiffness_npm), _number(slow.damping_nspm), _number(slow.inertia_kg))
     console.print(table)
+    if found := free_end(session, user):
+        say(console, free_end_text(found, session.frame_s))
     stages = budget(session, user)
     delays = Table(title=f"from the hand to its answer: {1e3 * total_s(stages):.1f} ms")
     for column in ("direction", "stage", "ms", ""):
@@ -72,10 +76,11 @@ def _record(session: LinearSession, user: int) -> dict[str, object]:
         found[condition.name] = {
             "stiffness_npm": slow.stiffness_npm, "damping_nspm": slow.damping_nspm, "inertia_kg": slow.inertia_kg,
         }  # fmt: skip
-    stages = budget(session, user)
+    stages, free = budget(session, user), free_end(session, user)
     return {
         "user": session.people[user].name,
         "conditions": found,
+        "free_end": None if free is None else free_end_record(free),
         "delay_ms": {f"{stage.direction} {stage.name}": 1e3 * stage.delay_s for stage in stages},
         "delay_total_ms": 1e3 * total_s(stages),
     }

@@ -10,6 +10,7 @@ from cogrip.cli.terminal.parameters import Config
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
 from cogrip.devices.device import DeviceError
+from cogrip.sim.analysis.free_end import free_end, free_end_record, free_end_text
 from cogrip.sim.analysis.linear_session import FORMS, ModelError
 from cogrip.sim.analysis.stability import largest_stable, verdict
 
@@ -23,11 +24,14 @@ def radius(config: Config, /, *, query: ModelQuery = AS_IT_STANDS) -> int:
     Eigenvalues that the structure puts at 1 are counted by name: with any, the whole map's radius is at least 1. "Stable"
     looks at all the others.
     """
-    found = verdict(query.model(config))
+    model = query.model(config)
+    found, session = verdict(model), model.session
+    free = {one.name: judged for number, one in enumerate(session.people) if (judged := free_end(session, number))}
     if query.json:
         answer = {
             "scheme": found.scheme, "spectral_radius": found.spectral_radius, "structural": len(found.structural),
             "states": found.states, "stable": found.stable,
+            "free_ends": {name: free_end_record(judged) for name, judged in free.items()},
         }  # fmt: skip
         write_json(answer, query.json)
         return 0
@@ -35,6 +39,8 @@ def radius(config: Config, /, *, query: ModelQuery = AS_IT_STANDS) -> int:
     say(console, f"{FORMS[found.scheme].title}: {'stable' if found.stable else 'NOT stable'}")
     say(console, f"spectral radius {found.spectral_radius:.6g}; without structural eigenvalues {found.decaying:.6g}")
     say(console, f"{found.states} states; structural eigenvalues at 1: {', '.join(found.structural) or 'none'}")
+    for name, judged in free.items():
+        say(console, f"{name}: {free_end_text(judged, session.frame_s)}")
     say(console, f"({query.conditions})")
     return 0
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import expm1, log, sqrt
+from math import sqrt
 
 from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.rendered_damper import ROUNDING, bound_words, damper_key, damper_on, refusal, rounded_down
@@ -22,8 +22,8 @@ from cogrip.protocol.settings import SeatSettings, Settings, seat_axes, seat_set
 from cogrip.sim.analysis.decimation_passivity import filter_of, largest_gain
 from cogrip.sim.analysis.effect_advice import effect_advice
 from cogrip.sim.analysis.feel import no_contact, on_wall, slow_feel
-from cogrip.sim.analysis.finding import Finding, Level, plain
-from cogrip.sim.analysis.free_end import GRIPS, free_end
+from cogrip.sim.analysis.finding import Finding, Level, growth, plain
+from cogrip.sim.analysis.free_end import GRIPS, free_end, free_end_text
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import (
     FORMS,
@@ -95,15 +95,6 @@ class Advice:
     def refusals(self) -> tuple[str, ...]:
         """Warnings that refuse a session: what is known to be unstable, each with the value that would do."""
         return tuple(finding.text for finding in self.findings if finding.refused)
-
-
-def growth(radius: float, frame_s: float) -> str:
-    """Return in words how fast a motion grows whose amplitude is `radius` times as large after each frame; radius > 1."""
-    rate = log(radius) / frame_s  # 1/s
-    if rate < log(2.0):
-        return f"growth of {plain(100.0 * expm1(rate), 2)} % per second"
-    double_s = log(2.0) / rate
-    return f"growth, twofold every {plain(1e3 * double_s, 2)} ms,"
 
 
 def largest(model: LiftedModel) -> Limit:
@@ -215,22 +206,8 @@ def _free_end(session: LinearSession, number: int, seat: SeatSettings, section: 
     found = free_end(session, number)
     if found is None:
         return
-    if not found.growing:
-        text = f"{seat.user}: touching nothing, no force grows: {', '.join(grip.name for grip in GRIPS)}"
-        yield Finding("free end", text)
-        return
-    cure = (
-        f"set {section}.impedance_nspm to {rounded_down(found.quiet_nspm):g} or less"
-        if found.quiet_nspm
-        else "no b would do"
-    )
-    yield Finding(
-        "free end",
-        f"{seat.user}: touching nothing, the force grows {' and '.join(grip.name for grip in found.growing)}: "
-        f"{growth(found.radius, session.frame_s)} at most; {cure}",
-        "warning",
-        refused=len(found.growing) == len(GRIPS),
-    )
+    text = f"{seat.user}: {free_end_text(found, session.frame_s, f'set {section}.impedance_nspm to')}"
+    yield Finding("free end", text, "warning" if found.growing else "ok", refused=len(found.growing) == len(GRIPS))
 
 
 def _passivity(seats: Sequence[SeatSettings]) -> list[Finding]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import expm1, log
 from typing import Literal
 
 Level = Literal["ok", "note", "warning"]
@@ -48,3 +49,12 @@ def warning_rows(findings: Iterable[Finding], people: Sequence[str]) -> int:
 def plain(value: float, digits: int = 4) -> str:
     """Return a number rounded to so many digits, written without an exponent below a million."""
     return f"{float(f'{value:.{digits}g}'):g}"
+
+
+def growth(radius: float, frame_s: float) -> str:
+    """Return in words how fast a motion grows whose amplitude is `radius` times as large after each frame; radius > 1."""
+    rate = log(radius) / frame_s  # 1/s
+    if rate < log(2.0):
+        return f"growth of {plain(100.0 * expm1(rate), 2)} % per second"
+    double_s = log(2.0) / rate
+    return f"growth, twofold every {plain(1e3 * double_s, 2)} ms,"

@@ -9,7 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
+from cogrip.client.rendered_damper import rounded_down
 from cogrip.sim.analysis.feel import no_contact
+from cogrip.sim.analysis.finding import growth
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import FORMS, LinearSession, Person
 from cogrip.sim.analysis.stability import verdict
@@ -41,6 +43,26 @@ class FreeEnd:
     growing: tuple[Grip, ...]
     radius: float
     quiet_nspm: float
+
+
+def free_end_text(found: FreeEnd, frame_s: float, cure: str = "quiet with b =") -> str:
+    """Return in words whether the force on a hand that touches nothing grows, and with which b it would not.
+
+    cure: words before that b
+    """
+    if not found.growing:
+        return f"touching nothing, no force grows: {', '.join(grip.name for grip in GRIPS)}"
+    quiet = f"{cure} {rounded_down(found.quiet_nspm):g} or less" if found.quiet_nspm else "no b would do"
+    grips = " and ".join(grip.name for grip in found.growing)
+    return f"touching nothing, the force grows {grips}: {growth(found.radius, frame_s)} at most; {quiet}"
+
+
+def free_end_record(found: FreeEnd) -> dict[str, object]:
+    """Return what JSON answers say of it."""
+    return {
+        "quiet": not found.growing, "growing": [grip.name for grip in found.growing], "radius": found.radius,
+        "quiet_impedance_nspm": found.quiet_nspm,
+    }  # fmt: skip
 
 
 def free_end(session: LinearSession, number: int) -> FreeEnd | None:
