@@ -30,7 +30,11 @@ FOLDER = Path(__file__).parent.parent / "pictures"
 SHOWN = ("wave", "tuned", "local", "tdpa", "coupling")
 ROUND_TRIPS_MS = (0, 20, 50, 100, 200, 300, 400, 500, 600)
 K, REST_S = 1000.0, 7.0
-WALL = {"object": {"kind": "wall"}, "coupling": {"stiffness_npm": K, "impedance_nspm": 20.0}, "users": [{"name": "anna", "hand": "reach"}]}
+WALL = {
+    "object": {"kind": "wall"},
+    "coupling": {"stiffness_npm": K, "impedance_nspm": 20.0},
+    "users": [{"name": "anna", "hand": "reach"}],
+}
 CUBE = tomllib.loads(shipped("compare").read_text())
 
 

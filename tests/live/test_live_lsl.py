@@ -7,7 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cogrip.cli.session.settings_file import load
+from cogrip.protocol.settings import seat_settings
 from cogrip.sim.runs.records import open_run
+from cogrip.view.io.lab_outlet import LabOutlet
+from cogrip.view.lab_streams import channels, rate_hz
+
+from tests.view.xdf_file import write_xdf
 
 CONFIG = Path(__file__).parents[2] / "configs" / "demo.toml"
 LIMIT_S = 20.0
@@ -85,3 +91,21 @@ def channels_of(stream) -> list[dict[str, str]]:
         found.append({"label": channel.child_value("label"), "unit": channel.child_value("unit")})
         channel = channel.next_sibling("channel")
     return found
+
+
+@pytest.mark.parametrize("lost", ["one view in a hundred", "half a second"])
+def test_a_reader_of_xdf_leaves_every_time_where_views_were_lost(tmp_path, lsl, lost: str) -> None:
+    """With a nominal rate pyxdf spaces samples evenly: 60 to 150 ms rms beside their times, in ten minutes."""
+    pyxdf = pytest.importorskip("pyxdf")
+    seat = seat_settings(load(Path("demo")), 0)
+    outlet = LabOutlet(seat, "a test")
+    rows = np.arange(0.0, 600.0, 1.0 / rate_hz(seat))
+    random = np.random.default_rng(1)
+    kept = random.random(len(rows)) > 0.01 if lost == "one view in a hundred" else (rows < 120.0) | (rows > 120.5)
+    times_s = rows[kept]
+    file = tmp_path / "views.xdf"
+    width = len(channels(seat))
+    write_xdf(file, outlet.state_info.as_xml(), times_s, [[at_s] * width for at_s in times_s])
+    (stream,), _ = pyxdf.load_xdf(str(file), dejitter_timestamps=True)
+    assert np.abs(stream["time_stamps"] - stream["time_series"][:, 0]).max() < 1e-9
+    assert float(stream["info"]["desc"][0]["views_per_second"][0]) == rate_hz(seat)

@@ -13,7 +13,10 @@ class OutletError(Exception):
 
 
 class LabOutlet:
-    """Two streams of one room: `cogrip ROOM state` and `cogrip ROOM markers`. Raises OutletError."""
+    """Two streams of one room: `cogrip ROOM state` and `cogrip ROOM markers`. Raises OutletError.
+
+    state_info  how the first is described
+    """
 
     def __init__(self, seat: SeatSettings, server: str) -> None:
         try:
@@ -24,17 +27,21 @@ class LabOutlet:
             raise OutletError(f"pylsl with liblsl is needed: pip install 'cogrip[lsl]' ({error})") from None
         lines = channels(seat)
         name, source = f"cogrip {seat.room}", f"cogrip {server} {seat.room}"
-        state = pylsl.StreamInfo(f"{name} state", "Haptics", len(lines), rate_hz(seat), "double64", f"{source} state")
+        # Views may be lost: a reader of XDF spaces the samples of a stream with a rate evenly, over what is missing.
+        irregular = pylsl.IRREGULAR_RATE
+        state = pylsl.StreamInfo(f"{name} state", "Haptics", len(lines), irregular, "double64", f"{source} state")
         described = state.desc().append_child("channels")
         for line in lines:
             channel = described.append_child("channel")
             for key, value in (("label", line.label), ("unit", line.unit), ("type", line.kind)):
                 channel.append_child_value(key, value)
-        markers = pylsl.StreamInfo(f"{name} markers", "Markers", 1, 0, "string", f"{source} markers")
+        markers = pylsl.StreamInfo(f"{name} markers", "Markers", 1, irregular, "string", f"{source} markers")
         for info in (state, markers):
             made_by = info.desc().append_child("acquisition")
             made_by.append_child_value("manufacturer", "cogrip")
             made_by.append_child_value("model", VERSION)
+        state.desc().append_child_value("views_per_second", f"{rate_hz(seat):g}")
+        self.state_info: Any = state
         self._state: Any = pylsl.StreamOutlet(state)
         self._markers: Any = pylsl.StreamOutlet(markers)
 
