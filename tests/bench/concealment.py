@@ -22,7 +22,7 @@ MOST_PEAK = 0.75  # of zero-fill's
 MOST_DRIFT_MM = 1.0
 NOTHING_J = -1e-12
 LEAST_S, FULL_S, MOST_S = 6.0, 600.0, 6e5
-KEYS = ("peak_n", "step_n", "law_peak_n", "law_step_n")
+KEYS = ("peak_n", "law_peak_n", "law_step_n")  # at the motor the limit of slopes makes all largest steps alike
 OWN = {  # of the rows, or of flags
     "coupling.kind": "concealment is of waves alone",
     "playout.concealment": "there is a row of each",
