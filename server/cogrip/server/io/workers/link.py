@@ -44,13 +44,14 @@ class Assign(ToWorker, frozen=True, tag="assign"):
 class Ask(ToWorker, frozen=True, tag="ask"):
     """A message of a peer that has no path here, or a hello of any.
 
-    verdict: of the authenticator on a hello; arrived_ns: when it came, on the clock of both processes
+    verdict: of the authenticator on a hello; shown: id of its token, see `Authenticator`; arrived_ns: when it came, on the clock of both processes
     """
 
     address: PeerAddress
     message: bytes
     verdict: Grant | Denied | None
     arrived_ns: int
+    shown: str | None = None
 
 
 class Path(ToWorker, frozen=True, tag="path"):
