@@ -44,7 +44,8 @@ class Assign(ToWorker, frozen=True, tag="assign"):
 class Ask(ToWorker, frozen=True, tag="ask"):
     """A message of a peer that has no path here, or a hello of any.
 
-    verdict: of the authenticator on a hello; shown: id of its token, see `Authenticator`; arrived_ns: when it came, on the clock of both processes
+    verdict: of the authenticator on a hello; arrived_ns: when it came, on the clock of both processes
+    shown: id of the token that a ticket came with, see `Authenticator`
     """
 
     address: PeerAddress

@@ -166,7 +166,8 @@ class ReplayedAuthenticator:
         return granted
 
     def shown(self, hello: Hello) -> str | None:
-        return _shown(_told(self._replay_input, "shown"))
+        shown: str | None = _shown(_told(self._replay_input, "shown"))
+        return shown
 
     def admitted(self, grant: Grant) -> None:
         """Nothing is used up."""
