@@ -1,4 +1,4 @@
-"""What peers make a page's process log: a bounded number of lines, whichever logger they go through."""
+"""Log of a page's process: peers can make it a bounded number of lines, whichever logger they go through."""
 
 import logging
 from itertools import chain, repeat
