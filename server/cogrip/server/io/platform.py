@@ -114,6 +114,10 @@ else:
 if sys.platform == "linux":
     FORKS = True
 
+    def fork_awaited() -> int:
+        """Fork this process. Returns the child's id, which the caller waits for, 0 in it."""
+        return os.fork()
+
     def limit_memory(more_bytes: int) -> None:
         """Let this process have so much more memory, and no more."""
         pages = int(Path("/proc/self/statm").read_text().split()[0])
@@ -156,6 +160,10 @@ if sys.platform == "linux":
 
 else:
     FORKS = False
+
+    def fork_awaited() -> int:
+        """Raise OSError."""
+        raise OSError(WITHOUT)
 
     def limit_memory(more_bytes: int) -> None:
         """Do nothing: other systems have no such limit, or do not heed it."""

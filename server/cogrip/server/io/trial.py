@@ -16,7 +16,7 @@ import warnings
 from collections.abc import Callable
 from contextlib import suppress
 
-from cogrip.server.io.platform import FORKS, OUT_OF_PROCESSOR, end_at_once, limit_memory, limit_processor
+from cogrip.server.io.platform import FORKS, OUT_OF_PROCESSOR, end_at_once, fork_awaited, limit_memory, limit_processor
 
 MEMORY_BYTES = 2**30  # that it may take, beyond what this process has
 PROCESSOR_S = 10
@@ -47,7 +47,7 @@ def _forked(trial: Callable[[], str]) -> tuple[bytes, int | None]:
     """Return the answer of a fork, and how it ended: 0, or less a signal's number; None where it had to be ended."""
     ours, theirs = os.pipe()
     with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # of threads, none of which it needs
-        pid = os.fork()
+        pid = fork_awaited()
     if pid == 0:
         _answer(trial, theirs)
     os.close(theirs)
