@@ -1,10 +1,12 @@
 """Foreign scenes are tried in a child process first: what would take this one's memory or time is refused in a line."""
 
 import os
+import resource
 import signal
 import threading
 import time
 from functools import partial
+from pathlib import Path
 
 import pytest
 
@@ -191,3 +193,29 @@ def test_its_standard_files_and_its_parents_signals_are_not_the_childs(capfd: py
     finally:
         signal.signal(signal.SIGTERM, before)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("name", ["AS", "CPU"])
+def test_a_limit_that_holds_already_stays(name: str) -> None:
+    """A service may have less than a trial is let have."""
+
+    def under_less() -> str:
+        resource.setrlimit(kind, (most, most))
+        return tried(partial(str, "ok"))
+
+    kind = getattr(resource, f"RLIMIT_{name}")
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    room = {"AS": pages * resource.getpagesize() + 2**28, "CPU": int(used.ru_utime + used.ru_stime) + 5}
+    most = room[name]
+    assert tried(under_less) == "ok"
+
+
+def test_names_of_a_scene_move_no_cursor() -> None:
+    text = scene('<body name="a&#155;2J"><freejoint/><geom size=".1" material="b&#155;2J"/></body>')
+    with pytest.raises(SceneError) as caught:
+        make_scene(text, SEATS, STEP)
+    assert str(caught.value).isprintable()
+    with pytest.raises(SceneError) as caught:
+        make_scene(text.replace(' material="b&#155;2J"', ""), [Held("none", "left", "")], STEP)
+    assert str(caught.value).isprintable()

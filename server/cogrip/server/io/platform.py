@@ -96,8 +96,13 @@ else:
         """Let the system end this process once it has had so much more of the processor, and leave no core."""
         used = resource.getrusage(resource.RUSAGE_SELF)
         most = int(used.ru_utime + used.ru_stime) + seconds
-        resource.setrlimit(resource.RLIMIT_CPU, (most, most + 1))
+        _limit(resource.RLIMIT_CPU, most, most + 1)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+    def _limit(what: int, soft: int, hard: int) -> None:
+        """Set a limit, or leave the lower one that holds already."""
+        before = [each for each in resource.getrlimit(what) if each != resource.RLIM_INFINITY]
+        resource.setrlimit(what, (min([soft, *before]), min([hard, *before[1:]])))
 
     @contextmanager
     def alarm(seconds: float, act: Callable[[int, FrameType | None], None]) -> Iterator[None]:
@@ -119,10 +124,12 @@ if sys.platform == "linux":
         return os.fork()
 
     def limit_memory(more_bytes: int) -> None:
-        """Let this process have so much more memory, and no more."""
+        """Let this process have so much more memory, and no more; and be the first that ends where the machine has none."""
         pages = int(Path("/proc/self/statm").read_text().split()[0])
         most = pages * resource.getpagesize() + more_bytes
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+        _limit(resource.RLIMIT_AS, most, most)
+        with suppress(OSError):
+            Path("/proc/self/oom_score_adj").write_text("1000")
 
     send_with_descriptors, receive_with_descriptors = socket.send_fds, socket.recv_fds
 

@@ -5,6 +5,7 @@ that its system has: of processor time on macOS, of time on the clock alone on W
 """
 
 import faulthandler
+import gc
 import os
 import pickle
 import select
@@ -75,6 +76,7 @@ def _read(descriptor: int) -> tuple[bytes, bool]:
 def _answer(trial: Callable[[], str], descriptor: int) -> None:
     """Write the answer to a trial, one line, and end this process; nothing that it holds of its parent is touched."""
     try:
+        gc.disable()  # garbage of the parent may have finalizers
         faulthandler.disable()
         nowhere = os.open(os.devnull, os.O_RDWR)
         for standard in range(3):  # where libraries write as they abort

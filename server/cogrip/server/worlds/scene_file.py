@@ -22,6 +22,7 @@ import numpy as np
 
 from cogrip.protocol.setting_types import PINCH, PLACES, POSE_AXES, Orientation, Side
 from cogrip.protocol.settings import Settings
+from cogrip.protocol.texts import shown
 from cogrip.server.io.trial import MEMORY_BYTES, TrialError, tried
 from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, read_meshes, read_text, scan
 
@@ -280,7 +281,7 @@ def _counted(text: str) -> None:
 
 def _unloadable(error: Exception, name: str) -> SceneError:
     """Return one line of what MuJoCo says."""
-    words = " ".join(str(error).split()).removeprefix("Error: ") or type(error).__name__
+    words = shown(" ".join(str(error).split()).removeprefix("Error: ")) or type(error).__name__
     cure = "; give the body a geom with mass, or an inertial" if "mjMINVAL" in words else ""
     if "allocate memory" in words or isinstance(error, RuntimeError | MemoryError):  # where a library of C++ found none
         cure = f"; make it smaller: a scene has {MEMORY_BYTES >> 20} MB"
@@ -332,7 +333,7 @@ def _complete(spec: mujoco.MjSpec, options: set[str], step_s: float) -> tuple[tu
 def _added(tool: str, seat: int, bodies: set[str], name: str) -> str:
     """Return the name of the body that is added for a seat. Raises SceneError for a tool that there is not."""
     if tool and tool not in TOOLS:
-        there = f"; its bodies are {', '.join(sorted(bodies)[:MOST_NAMED])}" if bodies else ""
+        there = f"; its bodies are {', '.join(map(shown, sorted(bodies)[:MOST_NAMED]))}" if bodies else ""
         raise SceneError(
             f'{name}: there is no body {tool!r} to be a tool{there}; or take "pad", "ball", "box" or "pinch"'
         )
@@ -394,7 +395,7 @@ def body_of(scene: Scene, name: str) -> int:
     named = {model.body(body).name: body for body in range(1, model.nbody)}
     body = named.get(name, -1) if name else scene.object
     if body < 0:
-        there = ", ".join(sorted(filter(None, named))[:MOST_NAMED])
+        there = ", ".join(map(shown, sorted(filter(None, named))[:MOST_NAMED]))
         raise SceneError(f"task.body = {name!r} is no body of the scene; its bodies are {there or 'without names'}")
     return body
 

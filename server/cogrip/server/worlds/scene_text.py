@@ -9,6 +9,7 @@ from pathlib import Path, PurePosixPath
 from xml.parsers import expat
 
 from cogrip.protocol.foreign_file import ForeignFileError
+from cogrip.protocol.texts import shown
 
 MOST_BYTES = 8_000_000  # of a scene's text, and of its meshes together
 MOST_ELEMENTS = 5000  # of XML: more take minutes to load
@@ -121,4 +122,4 @@ def read_meshes(found: Scan, folder: Path | None, name: str) -> dict[str, bytes]
 
 def _named(files: Sequence[str]) -> str:
     more = f" and {len(files) - MOST_NAMED} more" if len(files) > MOST_NAMED else ""
-    return ", ".join(files[:MOST_NAMED]) + more
+    return ", ".join(map(shown, files[:MOST_NAMED])) + more
