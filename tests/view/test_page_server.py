@@ -172,6 +172,10 @@ async def test_control_frames_are_bounded_until_the_token_is_admitted(opcode):
         client.write(frame_bytes(b"", opcode) * (MOST_CONTROL_FRAMES + 1))
         assert await client.closed() == 1002
         assert await shown.until_refused(1) == {"malformed websocket frame": 1}
+        client = await RawClient.connect(shown.server.port)  # right behind the request
+        await client.ask(upgrade(shown.server.port) + frame_bytes(b"", opcode) * (MOST_CONTROL_FRAMES + 1))
+        await client.closed()
+        assert await shown.until_refused(2) == {"malformed websocket frame": 2}
         client = await RawClient.upgraded(shown.server.port)
         client.write(frame_bytes(b"", opcode) * MOST_CONTROL_FRAMES)
         client.send(HELLO.encode())

@@ -100,7 +100,8 @@ class PageServer:
         self._server = await serve(
             cast("Callable[[ServerConnection], Awaitable[None]]", self._talk), host, port, ssl=tls,
             ssl_handshake_timeout=None if tls is None else TLS_S, create_connection=connection, logger=LOG,
-            process_request=self._answer, subprotocols=[OURS, *self._offered()],
+            process_request=cast("Callable[[ServerConnection, Request], Response | None]", self._answer),
+            subprotocols=[OURS, *self._offered()],
             max_size=self.most_bytes + RESERVE_BYTES, compression=None, write_limit=WRITE_BYTES, max_queue=64,
             open_timeout=access.HELLO_S,
             server_header=None, ping_interval=20.0, ping_timeout=90.0, close_timeout=1.0,
@@ -128,8 +129,13 @@ class PageServer:
 
     # Requests --------------------------------------------------------------------------------------------------------
 
-    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+    def _answer(self, connection: "_Connection", request: Request) -> Response | None:
         """Return the answer to a request for a file or to one that is refused; None lets a websocket begin."""
+        answer = self._judge(connection, request)
+        connection.judged = answer is not None
+        return answer
+
+    def _judge(self, connection: "_Connection", request: Request) -> Response | None:
         path = _path(request)
         upgrade = "websocket" in ",".join(request.headers.get_all("Upgrade")).lower()
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
@@ -173,6 +179,7 @@ class PageServer:
 
     async def _talk(self, connection: "_Connection") -> None:
         address = connection.remote_address
+        connection.begun = True
         self.visitors.open_tab(address)
         try:
             await self._converse(connection)
@@ -339,6 +346,8 @@ class _Connection(ServerConnection):
     """Connection that counts against the visitors' limits from its first byte; a malformed request is counted by name.
 
     admitted  its token is; before that control frames are bounded
+    begun     it was talked with: what ends it is counted there
+    judged    its request was refused, and counted
     """
 
     def __init__(self, page: PageServer, *args: Any, **kwargs: Any) -> None:
@@ -347,7 +356,7 @@ class _Connection(ServerConnection):
         self._address: object = None
         self._control_frames = 0
         self.protocol.recv_frame = partial(self._read_frame, self.protocol.recv_frame)  # type: ignore[method-assign]
-        self.admitted = False
+        self.admitted = self.begun = self.judged = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)
@@ -367,6 +376,8 @@ class _Connection(ServerConnection):
     def connection_lost(self, exc: Exception | None) -> None:
         if self.request is None or self.protocol.handshake_exc is not None:
             self._page.access.refused["malformed request"] += 1
+        elif not self.begun and not self.judged and isinstance(self.protocol.parser_exc, ProtocolError):
+            self._page.access.refused[PROTOCOL_ERRORS[1002]] += 1
         self._page.visitors.disconnect(self._address)
         super().connection_lost(exc)
 
