@@ -29,9 +29,14 @@ MOST_GROWTH_MB = 40.0
 
 @pytest.fixture
 def encrypted(request, start, tmp_path) -> tuple[Spoken, JoinLink]:
+    other = tmp_path / "other.toml"
+    other.write_text(DEMO.read_text("utf-8").replace('name = "demo"', 'name = "other"'), "utf-8")
+    workers = getattr(request, "param", 1)
+    rooms = [DEMO, *([other] if workers > 1 else [])]
     server = start(
-        "serve", DEMO, "--encrypted", "--port", "0", "--state", tmp_path / "state", "--seconds", "600", "--no-report",
-        "--set", "link.delay_ms=0", "--runs", tmp_path / "server", *getattr(request, "param", ()),
+        "serve", *rooms, "--workers", workers,
+        "--encrypted", "--port", "0", "--state", tmp_path / "state", "--seconds", "600", "--no-report",
+        "--set", "link.delay_ms=0", "--runs", tmp_path / "server",
     )  # fmt: skip
     server.hear("listening on")
     return server, link_of(server, "player")
@@ -57,11 +62,13 @@ def joined(someone: Person) -> Load:
 
 
 def account(runs: Path) -> dict:
-    (path,) = runs.glob("*/summary.json")
+    path = next(
+        iter([*runs.glob("*/summary.json"), *runs.glob("*/demo/summary.json")])
+    )  # of one process, or of workers
     return msgspec.json.decode(path.read_bytes())
 
 
-@pytest.mark.parametrize("encrypted", [(), ("--workers", "1")], indirect=True, ids=["one process", "a worker"])
+@pytest.mark.parametrize("encrypted", [1, 2], indirect=True)
 @fairly
 def test_it_takes_a_seat_holds_and_comes_back_by_its_ticket(start, encrypted, tmp_path):
     server, link = encrypted
