@@ -3,9 +3,13 @@
 import ast
 import re
 import statistics
+import sys
 import tomllib
+from collections.abc import Iterable
 from fnmatch import fnmatch
 from functools import cache
+from importlib.metadata import packages_distributions
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -16,6 +20,9 @@ PACKAGES = [f"cogrip.{folder}" for folder in FOLDERS]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 MOST_MEDIAN_LINES = 120
+NOT_INSTALLED_BY_NAME = {"forcedimension_core": "forcedimension-core", "serial": "pyserial", "pylsl": "pylsl"}
+"""Modules of packages that a platform or a Python may have to do without, and the package each is of."""
+BY_NAME = {"hidapi"}  # of its two backends one is chosen as a port is opened
 QUESTION_WORDS = re.compile(r"(What|Who|Whose|Whether|Of)\b")
 QUESTION_TEXTS = re.compile(rf"""["'][\s\\]*{QUESTION_WORDS.pattern}""")
 
@@ -93,7 +100,45 @@ def test_drivers_are_the_same_in_both_contracts() -> None:
     assert drivers == set(protected["protected_modules"])
     knows_of_stop = {"cogrip.sim.runs.laboratory_run"}
     makes_drivers = {"cogrip.devices.*.family"}
-    assert set(protected["allowed_importers"]) <= drivers | knows_of_stop | makes_drivers | {"cogrip.cli", "cogrip.api"}
+    tries_files = {"cogrip.server.worlds.scene_file"}
+    others = knows_of_stop | makes_drivers | tries_files | {"cogrip.cli", "cogrip.api"}
+    assert set(protected["allowed_importers"]) <= drivers | others
+
+
+def imported(source: str) -> set[str]:
+    """Return the top-level modules that a source imports, wherever it does."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {each.name.partition(".")[0] for each in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level and node.module:
+            found.add(node.module.partition(".")[0])
+    return found
+
+
+def declared(lines: Iterable[str]) -> set[str]:
+    """Return the distributions that requirements name."""
+    return {canonical(re.match(r"[\w.-]+", line)[0]) for line in lines}  # type: ignore[index]
+
+
+def canonical(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None:
+    """A package that comes along with another one may go when that one does without it."""
+    project = PROJECT["project"]
+    always, extras = declared(project["dependencies"]), declared(chain(*project["optional-dependencies"].values()))
+    found = set().union(*(imported(source) for source in modules(*FOLDERS).values()))
+    foreign = found - sys.stdlib_module_names - {"cogrip"}
+    installed = packages_distributions()
+    of = {name: {canonical(each) for each in installed.get(name, [name])} for name in foreign}
+    of |= {
+        name: {wanted} for name, wanted in NOT_INSTALLED_BY_NAME.items() if name in foreign and name not in installed
+    }
+    undeclared = {name: names for name, names in of.items() if not names & (always | extras)}
+    assert not undeclared
+    assert always <= set().union(*of.values()) | BY_NAME
 
 
 def test_half_of_the_product_modules_are_short() -> None:

@@ -28,19 +28,28 @@ MOST_GROWTH_MB = 40.0
 
 
 @pytest.fixture
-def encrypted(start, tmp_path) -> tuple[Spoken, JoinLink]:
+def encrypted(request, start, tmp_path) -> tuple[Spoken, JoinLink]:
+    other = tmp_path / "other.toml"
+    other.write_text(DEMO.read_text("utf-8").replace('name = "demo"', 'name = "other"'), "utf-8")
+    workers = getattr(request, "param", 1)
+    rooms = [DEMO, *([other] if workers > 1 else [])]
     server = start(
-        "serve", DEMO, "--encrypted", "--port", "0", "--state", tmp_path / "state", "--seconds", "600", "--no-report",
+        "serve", *rooms, "--workers", workers,
+        "--encrypted", "--port", "0", "--state", tmp_path / "state", "--seconds", "600", "--no-report",
         "--set", "link.delay_ms=0", "--runs", tmp_path / "server",
     )  # fmt: skip
     server.hear("listening on")
-    return server, parse_link(re.search(r"as player: .*'(cogrip:\S+)'", server.said)[1])
+    return server, link_of(server, "player")
+
+
+def link_of(server: Spoken, role: str) -> JoinLink:
+    return parse_link(re.search(rf"as {role}: .*'(cogrip:\S+)'", server.said)[1])
 
 
 def person(link: JoinLink, name: str, nonce: int, ticket: str = "") -> Person:
     hello = make_hello(
         software="test", nonce=nonce, room="demo", name=name, digest="", device="sim:light", axes=1, rate_hz=1024.0,
-        force_n=10.0, speed_mps=2.0, token="" if ticket else link.token,
+        force_n=10.0, speed_mps=2.0, token=link.token,
     )  # fmt: skip
     hello = msgspec.structs.replace(hello, ticket=ticket)
     return Person(name, hello, (HOST, link.port), DtlsPeer(link.fingerprint))
@@ -53,10 +62,13 @@ def joined(someone: Person) -> Load:
 
 
 def account(runs: Path) -> dict:
-    (path,) = runs.glob("*/summary.json")
+    path = next(
+        iter([*runs.glob("*/summary.json"), *runs.glob("*/demo/summary.json")])
+    )  # of one process, or of workers
     return msgspec.json.decode(path.read_bytes())
 
 
+@pytest.mark.parametrize("encrypted", [1, 2], indirect=True)
 @fairly
 def test_it_takes_a_seat_holds_and_comes_back_by_its_ticket(start, encrypted, tmp_path):
     server, link = encrypted
@@ -67,12 +79,18 @@ def test_it_takes_a_seat_holds_and_comes_back_by_its_ticket(start, encrypted, tm
         server.hear("anna joined")
         assert held.tally().received > held.tally().sent / 2 > 0, "however slow this machine is"
         ticket, session = anna.session.welcome.ticket, anna.session.welcome.session
-        again = person(link, "anna", 2, ticket)  # from another port, with another handshake and no token
+        again = person(link, "anna", 2, ticket)  # from another port, with another handshake
         held_again = joined(again)
         server.hear("anna resumed from")
         assert again.session.welcome.session == session
         held_again.run(0.5)
         assert held_again.tally().received > held_again.tally().sent / 2 > 0
+        server.rewind()
+        thief = person(link_of(server, "observer"), "anna", 3, ticket)
+        joined(thief).close()
+        assert thief.session.welcome.role == "observer", "a player's ticket makes no player of an observer"
+        server.hear("observes from")
+        held_again.run(0.5)
         held_again.leave()
         server.hear("anna left")
     finally:

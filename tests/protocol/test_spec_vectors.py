@@ -339,8 +339,9 @@ def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
     book, gone = book.new(GONE, 0.0)
     book = book.revoke(gone.id, 1.0)
     tokens: Any = SimpleNamespace(
-        admit=lambda hello: book.admit(hello.token, hello.role, hello.room, 2.0), admitted=lambda grant: None
-    )
+        admit=lambda hello: book.admit(hello.token, hello.role, hello.room, 2.0), admitted=lambda grant: None,
+        shown=lambda hello: book.shown(hello.token, 2.0),
+    )  # fmt: skip
     core = ServerCore([settings], "1", AdmissionServices(lambda: 1, tokens, lambda: "ticket", "hash of {}".format))
     fit = session.make_hello(
         software="1", nonce=1, room="lab", name="anna", digest="", device="sim:x", axes=2, rate_hz=1024.0, token=PLAYS,

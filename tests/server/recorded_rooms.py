@@ -47,6 +47,9 @@ class Tokens:
             return Denied("token", "this token is not known")
         return Grant("observer" if hello.token.startswith("o") else "player", hello.token[:1])
 
+    def shown(self, hello: Hello) -> str | None:
+        return None if hello.token.startswith("w") else hello.token[:1]
+
     def admitted(self, grant: Grant) -> None:
         """Nothing is used up."""
 

@@ -99,6 +99,24 @@ def test_a_one_time_token_is_used_up_by_the_place_it_gave_not_by_asking(bench: B
     assert bench.authenticator().admit(hello(token)) == USED, "the next server knows too"
 
 
+def test_a_token_that_was_good_for_one_time_still_resumes_its_session_until_it_ends(bench: Bench) -> None:
+    end_s = int(NOW_S) + 60
+    (once, ident), (_, other) = bench.new(once=True, expires=end_s), bench.new()
+    authenticator = bench.authenticator()
+    assert ident != other
+    authenticator.admitted(Grant("player", ident))
+    assert authenticator.admit(hello(once)) == USED
+    assert authenticator.shown(hello(once)) == ident
+    for nobody in ("", "x"):
+        assert authenticator.shown(hello(nobody)) is None
+    bench.now_s = end_s
+    assert authenticator.shown(hello(once)) is None, "expired"
+    bench.now_s = NOW_S
+    authenticator.close()
+    bench.edit(lambda book: book.revoke(ident, NOW_S))
+    assert authenticator.shown(hello(once)) is None, "revoked in the file a moment ago"
+
+
 def test_a_standing_token_writes_nothing(bench: Bench) -> None:
     token, _ = bench.new()
     authenticator, stamp = bench.authenticator(), bench.file.stamp()

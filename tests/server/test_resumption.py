@@ -36,6 +36,10 @@ class Tokens:
         }
         return made.get(hello.token[:1], Denied("token", "this token is not known; ask for a new link"))
 
+    def shown(self, hello: Hello) -> str | None:
+        grant = self.admit(hello)
+        return grant.token if isinstance(grant, Grant) else None
+
     def admitted(self, grant: Grant) -> None:
         self.used.append(grant.token)
 
@@ -138,6 +142,30 @@ def test_a_ticket_is_void_after_the_end(desk: Guarded, how: str) -> None:
         desk.welcome("y", ticket=first.ticket, token="b", name="ben")  # it is no bar to a good token
 
 
+@pytest.mark.parametrize(
+    ("token", "role"), [("o", "observer"), ("b", "player"), ("", "refused"), ("x", "refused"), ("p", "resumed")]
+)
+def test_a_ticket_has_no_rights_but_those_of_the_token_it_was_given_for(desk: Guarded, token: str, role: str) -> None:
+    first = desk.welcome("x", name="anna")
+    answer = desk.hello("y", ticket=first.ticket, token=token, nonce=2, name="")
+    if role == "resumed":
+        assert isinstance(answer, Welcome)
+        assert (answer.session, answer.role) == (first.session, "player")
+        return
+    assert desk.core.dropped["ticket without its token"] == 1
+    assert desk.core.knows("x"), "its holder keeps the seat"
+    assert ("refused" if isinstance(answer, messages.Refuse) else answer.role) == role  # type: ignore[union-attr]
+    assert getattr(answer, "session", 0) != first.session
+    desk.welcome("z", ticket=first.ticket, token="p", nonce=3)
+
+
+def test_an_observers_ticket_needs_its_token_too(desk: Guarded) -> None:
+    seen = desk.welcome("o", token="o")
+    other = desk.welcome("p", token="p", ticket=seen.ticket, role="observer", nonce=2)
+    assert other.session != seen.session
+    assert desk.core.knows("o")
+
+
 DEVICE = "replay:/var/lab/2026/anna/the third of the runs#user=anna&start_s=2"
 
 
@@ -149,7 +177,7 @@ def test_a_ticket_opens_a_seat_for_its_device_record_alone(desk: Guarded, change
     first = desk.welcome("x", device=DEVICE)
     assert desk.core.events[-1].text.endswith(f"with {DEVICE}")
     assert [each.device for each in roster_of(desk.core.rooms, desk.now_ns)] == [DEVICE]
-    assert desk.refused("y", ticket=first.ticket, **{"device": DEVICE, **changed}).code == "device"
+    assert desk.refused("y", ticket=first.ticket, token="p", **{"device": DEVICE, **changed}).code == "device"
     assert desk.core.knows("x")
     desk.welcome("y", ticket=first.ticket, device=DEVICE)
 
@@ -332,7 +360,7 @@ def test_hellos_have_a_budget(desk: Guarded) -> None:
     assert len(desk.core.roster()) == 2
     first = desk.welcome("y", name="ben", nonce=77)
     for nonce in range(20):
-        again = messages.padded(hello(nonce=nonce + 1, ticket=first.ticket))
+        again = messages.padded(hello(nonce=nonce + 1, ticket=first.ticket, token="p"))
         desk.core.receive(again, f"z{nonce}", desk.now_ns)
     assert sum(event.event == "resumed" for event in desk.core.events) == 8
 
@@ -441,7 +469,7 @@ def test_a_ticket_opens_no_more_seats_than_its_token_may_hold() -> None:
     desk.now_ns += LOST_NS
     desk.tick()
     second = desk.welcome("y", name="ben", nonce=2)
-    refuse = desk.refused("x", ticket=first.ticket)
+    refuse = desk.refused("x", ticket=first.ticket, token="p")
     assert (refuse.code, "holds 1 seats already" in refuse.reason) == ("token", True)
     desk.welcome("z", ticket=second.ticket)  # of a seat that is held it moves the session
     desk.leave("z", second)
@@ -454,4 +482,4 @@ def test_an_expired_token_ends_the_right_to_resume_and_no_session(desk: Guarded,
     desk.core.handle(Expire(("aaaaaaaa", "bbbbbbbb")), desk.now_ns)
     assert desk.core.knows("x"), "whoever has a place keeps it"
     assert desk.refused("y", ticket=first.ticket, token="x").code == "token", "the hello is judged by its token"
-    desk.welcome("z", ticket=ben.ticket, token="x")  # another token's ticket is as good as before
+    desk.welcome("z", ticket=ben.ticket, token="b")  # another token's ticket is as good as before

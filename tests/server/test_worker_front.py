@@ -70,6 +70,9 @@ class OneToken:
     def admit(self, given: Hello) -> Grant:
         return Grant(given.role, "0b9ee21b")
 
+    def shown(self, given: Hello) -> str:
+        return "0b9ee21b"
+
     def admitted(self, grant: Grant) -> None: ...
 
 
@@ -219,6 +222,16 @@ def test_a_hello_goes_to_its_worker_with_the_time_at_which_it_came(
     given, _ = ready.ends[2].take_at_worker()
     assert isinstance(given, Ask)
     assert sent_ns - CLOCKS_NS <= given.arrived_ns <= came_ns + CLOCKS_NS
+
+
+@pytest.mark.parametrize("ticket", ["", "ticket-1"])
+def test_a_worker_is_told_which_token_was_shown_with_a_ticket(ready: Fronted, ticket: str) -> None:
+    assert ready.asked(2) == []
+    asks = padded(msgspec.structs.replace(hello("anna"), room="cellar", ticket=ticket))
+    ready.front._take(asks, (HOST, 9), time.monotonic_ns(), 0)
+    given, _ = ready.ends[2].take_at_worker()
+    assert isinstance(given, Ask)
+    assert given.shown == ("0b9ee21b" if ticket else None)
 
 
 class Seated(Fronted):

@@ -5,10 +5,12 @@ import hashlib
 import json
 import re
 import signal
+import socket
 import ssl
+import struct
 import time
 from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 import msgspec
@@ -22,8 +24,10 @@ from cogrip.server.io.state_folder import find_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
 from cogrip.view.frames import Frame, decode
 from cogrip.view.io.page_server import OURS
+from cogrip.view.io.peer_log import LOG_LINES
 
 from tests.live.held_arms import DEMO, Spoken
+from tests.view.shown_page import frame_bytes, upgrade
 
 LIMIT_S = 60.0
 POINTER_S = 0.02
@@ -206,4 +210,52 @@ async def test_a_gateway_says_what_it_refused_and_shows_no_token_of_others(gated
     assert gateway.end() == 0
     assert "gateway: token 1" in gateway.said
     assert secret not in gateway.said
+    gateway.stop()
+
+
+FLOODS = 60  # connections of each kind
+PINGS = frame_bytes(b"", 9) * 2000
+
+
+def attacks(port: int) -> list[bytes]:
+    """Return what is sent once a connection is open, over TLS or not."""
+    return [
+        upgrade(port) + PINGS,
+        upgrade(port) + frame_bytes(b"x", 1, 0) + frame_bytes(b"", 0, 0) * 2000,
+        upgrade(port, path="/none") + PINGS,
+        upgrade(port, host="evil:1") + PINGS,
+        b"GET / HTTP/1.1\r\n" + b"X: y\r\n" * 500,
+        b"\x16\x03\x01" + bytes(5000),
+        b"",
+    ]
+
+
+def attack(port: int, data: bytes, context: ssl.SSLContext | None) -> None:
+    """Send it and reset the connection. context: None for no TLS, whatever the server speaks."""
+    with suppress(OSError), socket.create_connection(("127.0.0.1", port), LIMIT_S) as raw:
+        raw.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        peer = raw if context is None else context.wrap_socket(raw)
+        with peer, suppress(OSError):
+            peer.sendall(data)
+
+
+@pytest.mark.parametrize("tls", [False, True])
+def test_whoever_has_no_token_fills_no_log(gated, tls):
+    """Not by pings whose answers nobody takes, nor by anything else: lines of all loggers have one budget."""
+    began_s = time.monotonic()
+    gateway = gated.start("--port", "0", *(["--state", str(gated.state)] if tls else []))
+    port = int(gateway.hear(r"gateway: https?://[\d.]+:(\d+)/")[1])
+    gateway.hear("hold: ")
+    context = ssl.create_default_context() if tls else None
+    if context is not None:
+        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    for data in attacks(port) * FLOODS:
+        attack(port, data, context)
+        if tls:
+            attack(port, data, None)
+    gateway.popen.terminate()
+    assert gateway.end() == 0
+    assert "malformed" in gateway.said
+    most = LOG_LINES.burst + LOG_LINES.per_second * (time.monotonic() - began_s) + 20  # its own words at start and end
+    assert gateway.said.count("\n") <= most, gateway.said
     gateway.stop()

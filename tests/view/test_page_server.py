@@ -11,7 +11,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from cogrip.devices.web.messages import Pointer, encode_pointer
 from cogrip.view import access
 from cogrip.view.frames import decode
-from cogrip.view.io.page_server import OURS
+from cogrip.view.io.page_server import MOST_CONTROL_FRAMES, OURS
 from cogrip.view.visitors import VisitorLimits
 
 from tests.view.shown_page import (
@@ -29,6 +29,7 @@ from tests.view.shown_page import (
 
 POINTER = encode_pointer(Pointer(1, True, (0.0, 0.0, 0.0)))
 CHUNK = '{"type":"chunk","number":0}'
+PING, PONG = 9, 10
 OTHER_ORIGIN, MALFORMED = "Origin is not this page's (socket)", "malformed request"
 
 
@@ -162,6 +163,31 @@ async def test_a_message_that_is_none_closes_its_socket_and_is_counted_once(name
         await shown.until_nobody()
         assert shown.entered == shown.left
         assert shown.feed.tabs == {}
+
+
+@pytest.mark.parametrize("opcode", [PING, PONG])
+async def test_control_frames_are_bounded_until_the_token_is_admitted(opcode):
+    async with shown_page() as shown:
+        client = await RawClient.upgraded(shown.server.port)
+        client.write(frame_bytes(b"", opcode) * (MOST_CONTROL_FRAMES + 1))
+        assert await client.closed() == 1002
+        assert await shown.until_refused(1) == {"malformed websocket frame": 1}
+        client = await RawClient.connect(shown.server.port)  # right behind the request
+        await client.ask(upgrade(shown.server.port) + frame_bytes(b"", opcode) * (MOST_CONTROL_FRAMES + 1))
+        await client.closed()
+        assert await shown.until_refused(2) == {"malformed websocket frame": 2}
+        client = await RawClient.upgraded(shown.server.port)
+        client.write(frame_bytes(b"", opcode) * MOST_CONTROL_FRAMES)
+        client.send(HELLO.encode())
+        for _ in range(MOST_CONTROL_FRAMES if opcode == PING else 0):
+            assert await client.read() == (PONG, b"")
+        assert (await client.read())[1].startswith(b'{"type":"scene"')
+        client.write(frame_bytes(b"", PING) * MOST_CONTROL_FRAMES)
+        for _ in range(MOST_CONTROL_FRAMES):
+            assert await client.read() == (PONG, b"")
+        client.abort()
+        await shown.until_nobody()
+        assert shown.entered == 1
 
 
 async def test_whoever_says_no_hello_is_ended(monkeypatch):

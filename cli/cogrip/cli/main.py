@@ -10,7 +10,8 @@ from cogrip.cli.terminal.commands import Table, add_commands, show_docstrings
 from cogrip.cli.terminal.flag_errors import words_of
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.platform import use_utf8
-from cogrip.cli.terminal.problem import Problem
+from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.io.compiled_files import outdated
 from cogrip.protocol.io.large_pages import use_large_pages
 from cogrip.protocol.version import VERSION
@@ -112,6 +113,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Problem as problem:
         errors.print(f"cogrip: {problem}")
         return problem.exit_code
+    except ForeignFileError as error:
+        errors.print(f"cogrip: {error}")
+        return BadInput.exit_code
     except KeyboardInterrupt:
         errors.print("cogrip: interrupted")
         return 130

@@ -10,10 +10,11 @@ from typing import Any, get_args
 
 import msgspec
 
+from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.setting_errors import expects, plain
 
 
-class SettingsError(ValueError):
+class SettingsError(ForeignFileError, ValueError):
     """A setting that is missing, unknown, of the wrong kind, out of bounds, or does not fit another one."""
 
 

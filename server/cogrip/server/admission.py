@@ -34,6 +34,11 @@ class Authenticator(Protocol):
     def admit(self, hello: Hello) -> Grant | Denied:
         """Answer a hello that is new: called once for each."""
 
+    def shown(self, hello: Hello) -> str | None:
+        """Return the public id of the hello's token, by which a session that it admitted may be resumed: also of one that
+        was good for one time. None where it is unknown, revoked or expired; "" where nobody is asked for one.
+        """
+
     def admitted(self, grant: Grant) -> None:
         """Record that a seat or observer slot was given by this grant, which uses up a one-time token."""
 
@@ -43,6 +48,9 @@ class AdmitAll:
 
     def admit(self, hello: Hello) -> Grant | Denied:
         return Grant(hello.role)
+
+    def shown(self, hello: Hello) -> str | None:
+        return ""
 
     def admitted(self, grant: Grant) -> None:
         """Nothing is used up."""

@@ -6,6 +6,7 @@ nothing that was lost can push it.
 
 import msgspec
 
+from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.tool_frame import ToolFrame
 from cogrip.server.seat_limits import Record
 
@@ -42,7 +43,7 @@ class RoomCheckpoint(msgspec.Struct, frozen=True):
     progress: tuple[float, ...] = ()
 
 
-class CheckpointError(ValueError):
+class CheckpointError(ForeignFileError, ValueError):
     """Not a checkpoint of this room. The text says why."""
 
 

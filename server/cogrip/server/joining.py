@@ -76,11 +76,16 @@ class Joining:
         return False
 
     def _resumed(self, hello: Hello, address: Address, now_ns: int) -> bool:
-        """Resume the session of a ticket, from this address on; False where the ticket is of none."""
+        """Resume the session of a ticket, from this address on. False where it is of none, or is shown without the token by
+        which the session was admitted: it has no rights of its own.
+        """
         place = self._table.by_ticket(self._services.hash_ticket(hello.ticket))
         if place is None:
             return False
         room, who = place
+        if self._services.authenticator.shown(hello) != who.token:
+            self._out.drop("ticket without its token")
+            return False
         if who.address is not None and now_ns < who.asked_ns:
             self._out.drop("old hello")  # it was overtaken by one that came later, from where the person is now
             return True

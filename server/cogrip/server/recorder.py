@@ -238,6 +238,11 @@ class RecordedAuthenticator:
         self._recorder.put(ANSWER, Answer(grant=msgspec.json.encode(answer).decode()))
         return answer
 
+    def shown(self, hello: Hello) -> str | None:
+        answer = self._authenticator.shown(hello)
+        self._recorder.put(ANSWER, Answer(shown=msgspec.json.encode(answer).decode()))
+        return answer
+
     def admitted(self, grant: Grant) -> None:
         self._authenticator.admitted(grant)
 

@@ -142,11 +142,7 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def admit(self, token: str, role: Role, room: str, now_s: float) -> Grant | Denied:
         """Answer a hello with this token, in constant time; an observer's token admits observers only."""
-        hashed = token_hash(token)
-        found: Token | None = None
-        for known in self.tokens:  # all of them, always
-            if hmac.compare_digest(known.hash, hashed):
-                found = known
+        found = self._known(token)
         if found is None:
             words = "this token is unknown here" if token else "this server lets in only who has a token"
             return Denied("token", f"{words}; ask for a new link")
@@ -157,6 +153,19 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if "observer" in (role, found.role):  # holds nothing, so that seat and device do not matter
             return Grant("observer", found.id, found.room)
         return Grant(role, found.id, found.room, found.user, found.device)
+
+    def shown(self, token: str, now_s: float) -> str | None:
+        """Return the id of this token, used or not; None where it is unknown, revoked or expired."""
+        found = self._known(token)
+        return None if found is None or found.revoked is not None or found.expired(now_s) else found.id
+
+    def _known(self, token: str) -> Token | None:
+        hashed = token_hash(token)
+        found: Token | None = None
+        for known in self.tokens:  # all of them, always
+            if hmac.compare_digest(known.hash, hashed):
+                found = known
+        return found
 
     def standing(self, secret: bytes, rooms: Sequence[str], now_s: float) -> tuple["TokenBook", list[StartLink]]:
         """Return the book with the tokens that a start prints, one for each role and room, and these tokens.

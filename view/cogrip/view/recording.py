@@ -17,6 +17,7 @@ import msgspec
 from cogrip.devices.web.messages import State, Vector, vector
 from cogrip.protocol.drawing import LEAST_DRAWN_N, MOST_SHAPES, anchors_m, object_size_m
 from cogrip.protocol.effects import drawn_effect
+from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.messages import Pose
 from cogrip.protocol.recording.derived import offset_of
 from cogrip.protocol.recording.reader import RecordingError
@@ -50,7 +51,7 @@ _geoms = msgspec.json.Decoder(Geoms).decode
 _poses = msgspec.json.Decoder(Poses).decode
 
 
-class ViewError(Exception):
+class ViewError(ForeignFileError):
     """A run that cannot be shown. The text says why, and the cure."""
 
 

@@ -12,7 +12,7 @@ from cogrip.cli.runs.compared_table import compared_table
 from cogrip.cli.runs.run_folder import new_run_folder, opened
 from cogrip.cli.runs.summary_table import verdict_lines
 from cogrip.cli.session.before_run import AllowUnstable, check_settings
-from cogrip.cli.session.settings_file import override, try_hands
+from cogrip.cli.session.settings_file import override, try_session
 from cogrip.cli.session.settings_origin import SET
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Overrides, Runs
@@ -160,7 +160,7 @@ def _what_if(
     with BadInput.of(RecordingError), BadInput.of(SettingsError, where=SET if changes else ""):
         made = {name: other_world(records, changes, hands) for name, (changes, _) in worlds.items()}
     for name, world in made.items():
-        try_hands(world.settings)
+        try_session(world.settings, "")
         if name == next(reversed(worlds)):  # the recorded settings may be run again: only the changed ones are refused
             check_settings(world.settings, allow_unstable or not changes, world.overloads)
     from cogrip.sim.runs.laboratory_run import run_laboratory

@@ -99,7 +99,8 @@ class ClusterServer:
         job, say = self._job, self._lines.say
         loopback = is_loopback(job.host)
         try:
-            self._pool = RemoteRooms(job.address, COMMAND, loopback, self._folder)
+            guarded = job.encrypted and not loopback
+            self._pool = RemoteRooms(job.address, COMMAND, loopback, self._folder, guarded)
             self._pool.begin(self._place(), {room.name: self._room_job(room, loopback) for room in job.rooms})
             channel = front_channel_of(lambda address: False, job.rooms, job.folder if job.encrypted else None)
             self._front = ClusterFront(self._public, job.rooms, self._pool, self._stop, say, channel, job.authenticator)

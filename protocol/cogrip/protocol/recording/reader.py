@@ -21,6 +21,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.records import Metadata
 
+from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.recording.header import CUT, FORMAT, NAME, Header, header_of
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -43,7 +44,7 @@ _INDEX = Struct("<HI")
 _BLOCK = 1 << 20
 
 
-class RecordingError(Exception):
+class RecordingError(ForeignFileError):
     """A file that cannot be read as a recording. The text names what it is, and the cure."""
 
 

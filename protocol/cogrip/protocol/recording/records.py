@@ -76,13 +76,14 @@ class Input(Record, frozen=True, gc=False):
 
 
 class Answer(Record, frozen=True, gc=False):
-    """Answer to a server core's query: a session number, a ticket's hash, an admission, or a loop's ticks."""
+    """Answer to a server core's query: a session number, a ticket's hash, an admission, a shown token, or a loop's ticks."""
 
     room: str = ""
     session: int = 0
     ticks: str = ""
     ticket: str = ""
     grant: str = ""  # or the denial, as JSON text
+    shown: str = ""  # id of the token that was shown with a ticket, as JSON text
 
 
 class Event(Record, frozen=True, gc=False):

@@ -94,6 +94,7 @@ DESCRIPTIONS = {
     "session": "number of a new session",
     "ticket": "hash of a session ticket",
     "grant": "answer to a request for admission, as JSON text",
+    "shown": "public id of the token that was shown with a ticket, as JSON text",
     "text": "the event, in words",
     "monotonic_ns": "the machine's steady clock",
     "utc_ns": "UTC, read at the same moment",

@@ -68,6 +68,12 @@ class TokenAuthenticator:
         self._read(forced=False)
         return self._book.admit(hello.token, hello.role, hello.room, self._wall_s())
 
+    def shown(self, hello: Hello) -> str | None:
+        """See `Authenticator`."""
+        self._report_failures()
+        self._read(forced=False)
+        return self._book.shown(hello.token, self._wall_s())
+
     def admitted(self, grant: Grant) -> None:
         """See `Authenticator`."""
         self._apply(TokenChange("use", grant.token, self._wall_s()))

@@ -11,12 +11,14 @@ import socket
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import FrameType
 from typing import IO
 
 if sys.platform == "win32":
     POSIX = False
     NO_WAIT = NO_LINK = 0
+    OUT_OF_PROCESSOR = -(2**31)  # exit status that nothing has
 
     def set_mode(fd: int, mode: int) -> None:
         """Do nothing: there are no modes."""
@@ -40,6 +42,9 @@ if sys.platform == "win32":
     def be_nice() -> None:
         """Do nothing."""
 
+    def limit_processor(seconds: int) -> None:
+        """Do nothing: there are no limits."""
+
     @contextmanager
     def alarm(seconds: float, act: Callable[[int, FrameType | None], None]) -> Iterator[None]:
         """Run what is inside without an alarm."""
@@ -48,9 +53,12 @@ if sys.platform == "win32":
 else:
     import fcntl
     import pwd
+    import resource
 
     POSIX = True
     NO_WAIT, NO_LINK = os.O_NONBLOCK, os.O_NOFOLLOW
+    OUT_OF_PROCESSOR = -int(signal.SIGXCPU)
+    """Exit status of a process that `limit_processor` has ended."""
     _NICE = 5
 
     def set_mode(fd: int, mode: int) -> None:
@@ -84,6 +92,18 @@ else:
         with suppress(OSError):
             os.nice(_NICE)
 
+    def limit_processor(seconds: int) -> None:
+        """Let the system end this process once it has had so much more of the processor, and leave no core."""
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        most = int(used.ru_utime + used.ru_stime) + seconds
+        _limit(resource.RLIMIT_CPU, most, most + 1)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+    def _limit(what: int, soft: int, hard: int) -> None:
+        """Set a limit, or leave the lower one that holds already."""
+        before = [each for each in resource.getrlimit(what) if each != resource.RLIM_INFINITY]
+        resource.setrlimit(what, (min([soft, *before]), min([hard, *before[1:]])))
+
     @contextmanager
     def alarm(seconds: float, act: Callable[[int, FrameType | None], None]) -> Iterator[None]:
         """Call `act` in the main thread after `seconds`, and again as often as what is inside goes on."""
@@ -97,6 +117,20 @@ else:
 
 
 if sys.platform == "linux":
+    FORKS = True
+
+    def fork_awaited() -> int:
+        """Fork this process. Returns the child's id, which the caller waits for, 0 in it."""
+        return os.fork()
+
+    def limit_memory(more_bytes: int) -> None:
+        """Let this process have so much more memory, and no more; and be the first that ends where the machine has none."""
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        most = pages * resource.getpagesize() + more_bytes
+        _limit(resource.RLIMIT_AS, most, most)
+        with suppress(OSError):
+            Path("/proc/self/oom_score_adj").write_text("1000")
+
     send_with_descriptors, receive_with_descriptors = socket.send_fds, socket.recv_fds
 
     def share_port(unbound: socket.socket) -> None:
@@ -132,6 +166,15 @@ if sys.platform == "linux":
         return os.pread(descriptor, os.fstat(descriptor).st_size, 0)
 
 else:
+    FORKS = False
+
+    def fork_awaited() -> int:
+        """Raise OSError."""
+        raise OSError(WITHOUT)
+
+    def limit_memory(more_bytes: int) -> None:
+        """Do nothing: other systems have no such limit, or do not heed it."""
+
     WITHOUT = "several workers need Linux"
 
     def send_with_descriptors(link: socket.socket, pieces: Sequence[bytes], descriptors: Sequence[int]) -> int:

@@ -16,6 +16,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.object_kinds import KINDS, PYTHON, shared_kind, split_python
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.texts import shown
@@ -34,7 +35,7 @@ ALLOWED = "COGRIP_PYTHON_WORLDS"
 """Environment variable with the folders whose Python files may be run, as PATH has them."""
 
 
-class WorldKindError(ValueError):
+class WorldKindError(ForeignFileError, ValueError):
     """A kind of object without a world, or whose world cannot be loaded."""
 
 
@@ -119,11 +120,13 @@ def _of_file(kind: str) -> WorldClass:
     digest = hashlib.sha256(source).hexdigest()[:16]
     try:
         module = _run(str(file.resolve()), digest)
+        if not hasattr(module, class_name):
+            raise WorldKindError(f"object.kind: {file} has no class {class_name}; name one that is in it")
+        return WorldClass(_checked(getattr(module, class_name), kind), f"{shared_kind(kind)} {digest}")
+    except WorldKindError:
+        raise
     except (Exception, SystemExit) as error:
         raise _broken(str(file), error, "correct it") from error
-    if not hasattr(module, class_name):
-        raise WorldKindError(f"object.kind: {file} has no class {class_name}; name one that is in it")
-    return WorldClass(_checked(getattr(module, class_name), kind), f"{shared_kind(kind)} {digest}")
 
 
 @cache

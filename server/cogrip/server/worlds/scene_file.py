@@ -10,8 +10,9 @@ impedance b, against a fixed body: m + h b, step h). What is held by friction cr
 """
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
@@ -21,10 +22,14 @@ import numpy as np
 
 from cogrip.protocol.setting_types import PINCH, PLACES, POSE_AXES, Orientation, Side
 from cogrip.protocol.settings import Settings
+from cogrip.protocol.texts import shown
+from cogrip.server.io.trial import MEMORY_BYTES, TrialError, tried
 from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, read_meshes, read_text, scan
 
 MOST_CONTACTS = 8  # of a tool whose forces are measured, the strongest ones
-MOST_MEMORY = 2**28  # that <size memory> may ask for
+MOST_ITERATIONS = 1000  # of any solver in a step, and of its starting points: what does not converge goes on for ever
+DIGEST_DIGITS = 16
+TRIED_STEPS = 20  # in the child process in which a scene is tried
 MOST_RATE = 1e5  # of anything after one step [m/s, rad/s]
 MOST_FAR_M = 1e4  # of a body from the middle, and of a geom from its own
 TOOLS = ("pad", "ball", "box", PINCH)
@@ -142,17 +147,46 @@ def make_scene(
 ) -> Scene:
     """Return the scene of an XML text. step_s: of one substep; name: of the file, for errors; folder: of its meshes.
 
-    Raises SceneError.
+    It is loaded and stepped in a child process first, under limits, once in this process for each text. Raises SceneError.
     """
-    mujoco.set_mju_user_warning(_counted)
     found = scan(text, name)
-    options, meshes = found.options, read_meshes(found, folder, name)
+    meshes = read_meshes(found, folder, name)
+    digest = _digest(text, meshes, seats, step_s)
+    load = partial(_load, text, meshes, tuple(seats), step_s, found.options, name, digest[:DIGEST_DIGITS])
+    if digest not in _tried:
+        try:
+            refusal = tried(partial(_refusal, load, name))
+        except TrialError as error:
+            raise SceneError(f"{name}: {error}; make it smaller") from None
+        if refusal:
+            raise SceneError(refusal)
+        _tried.add(digest)
+    return load()
+
+
+_tried: set[str] = set()
+"""Whole digests of scenes that passed their trial in this process."""
+
+
+def _refusal(load: Callable[[], Scene], name: str) -> str:
+    """Return why a scene cannot be used, "" where it can: it loads, and its first steps stay within bounds."""
     try:
-        spec = mujoco.MjSpec.from_string(text, assets=meshes)
-        if spec.memory > MOST_MEMORY:
-            raise SceneError(
-                f"{name}: <size memory> asks for {spec.memory} bytes, more than {MOST_MEMORY}; leave it out"
-            )
+        _try_steps(load().model, name)
+    except SceneError as error:
+        return str(error)
+    except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
+        return str(_unloadable(error, name))
+    return ""
+
+
+def _load(
+    text: str, meshes: Mapping[str, bytes], seats: Sequence[Held], step_s: float, options: set[str], name: str, digest: str
+) -> Scene:  # fmt: skip
+    """Return the scene, from arguments that can be pickled. Raises SceneError, whatever MuJoCo makes of the text."""
+    mujoco.set_mju_user_warning(_counted)
+    try:
+        spec = mujoco.MjSpec.from_string(text, assets=dict(meshes))
+        spec.compiler.usethread = False  # each thread would take memory of its own
         bare = _compile(spec)
         filled, own = _complete(spec, options, step_s)
         bodies = {body.name for body in spec.bodies[1:] if body.name}
@@ -174,11 +208,11 @@ def make_scene(
             model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
             if max(model.body_geomnum) <= MOST_TRIED_GEOMS:
                 model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
-        _try_step(model, name)
-    except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
-        if isinstance(error, SceneError):
-            raise
-        raise SceneError(f"{name}: {_one_line(error)}") from None
+    except SceneError:
+        raise
+    except Exception as error:  # noqa: BLE001 - MuJoCo raises RuntimeError and others for texts that it did not foresee
+        raise _unloadable(error, name) from None
+    _refuse_endless(model, name)
     if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
         raise SceneError(
             f'{name}: integrator = "RK4" does not keep the energy of a port; leave it out, or take "discrete"'
@@ -190,7 +224,6 @@ def make_scene(
     if len({tool.body for tool in tools}) < len(tools):
         twice = next(body for body in chosen if chosen.count(body) > 1)
         raise SceneError(f"{name}: two seats have the tool {twice!r}; name a body for each, or leave one out")
-    digest = _digest(text, meshes, seats, step_s)
     return Scene(model, tools, _first_free(model, {tool.body for tool in tools}), filled, own, digest)
 
 
@@ -200,7 +233,7 @@ def _digest(text: str, meshes: Mapping[str, bytes], seats: Sequence[Held], step_
     digest = sha256("\0".join([text, *words, str(step_s)]).encode())
     for base, data in sorted(meshes.items()):
         digest.update(f"\0{base}\0{len(data)}\0".encode() + data)
-    return digest.hexdigest()[:16]
+    return digest.hexdigest()
 
 
 def _compiled(spec: mujoco.MjSpec, tools: Sequence[str]) -> mujoco.MjModel:
@@ -219,8 +252,15 @@ def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
         return spec.compile()
 
 
-def _try_step(model: mujoco.MjModel, name: str) -> None:
-    """Raise SceneError for a scene with a number in it that is none, or huge."""
+def _refuse_endless(model: mujoco.MjModel, name: str) -> None:
+    """Raise SceneError for a scene that lets a solver of MuJoCo go on for too long, whichever it is."""
+    for key in [key for key in dir(model.opt) if key.endswith(("iterations", "initpoints"))]:
+        if (count := getattr(model.opt, key)) > MOST_ITERATIONS:
+            raise SceneError(f"{name}: option {key} = {count} is more than {MOST_ITERATIONS}; leave it out")
+
+
+def _try_steps(model: mujoco.MjModel, name: str) -> None:
+    """Raise SceneError for a scene with a number in it that is none, or huge; the child has limits for what takes too long."""
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data)
     far_m = max(float(np.abs(data.xpos).max()), float(model.geom_rbound.max(initial=0.0)))
@@ -231,16 +271,21 @@ def _try_step(model: mujoco.MjModel, name: str) -> None:
         raise SceneError(
             f"{name}: its bodies leave all bounds in the first step; look for a number that is none, or huge"
         )
+    for _ in range(TRIED_STEPS - 1):
+        mujoco.mj_step(model, data)
 
 
 def _counted(text: str) -> None:
     """Do nothing: MuJoCo would write its warnings to a file here. It counts them, and the world looks at its state."""
 
 
-def _one_line(error: Exception) -> str:
-    words = " ".join(str(error).split())
+def _unloadable(error: Exception, name: str) -> SceneError:
+    """Return one line of what MuJoCo says."""
+    words = shown(" ".join(str(error).split()).removeprefix("Error: ")) or type(error).__name__
     cure = "; give the body a geom with mass, or an inertial" if "mjMINVAL" in words else ""
-    return f"does not load: {words.removeprefix('Error: ')}{cure}"
+    if "allocate memory" in words or isinstance(error, RuntimeError | MemoryError):  # where a library of C++ found none
+        cure = f"; make it smaller: a scene has {MEMORY_BYTES >> 20} MB"
+    return SceneError(f"{name}: does not load: {words}{cure}")
 
 
 def _complete(spec: mujoco.MjSpec, options: set[str], step_s: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -288,7 +333,7 @@ def _complete(spec: mujoco.MjSpec, options: set[str], step_s: float) -> tuple[tu
 def _added(tool: str, seat: int, bodies: set[str], name: str) -> str:
     """Return the name of the body that is added for a seat. Raises SceneError for a tool that there is not."""
     if tool and tool not in TOOLS:
-        there = f"; its bodies are {', '.join(sorted(bodies)[:MOST_NAMED])}" if bodies else ""
+        there = f"; its bodies are {', '.join(map(shown, sorted(bodies)[:MOST_NAMED]))}" if bodies else ""
         raise SceneError(
             f'{name}: there is no body {tool!r} to be a tool{there}; or take "pad", "ball", "box" or "pinch"'
         )
@@ -350,7 +395,7 @@ def body_of(scene: Scene, name: str) -> int:
     named = {model.body(body).name: body for body in range(1, model.nbody)}
     body = named.get(name, -1) if name else scene.object
     if body < 0:
-        there = ", ".join(sorted(filter(None, named))[:MOST_NAMED])
+        there = ", ".join(map(shown, sorted(filter(None, named))[:MOST_NAMED]))
         raise SceneError(f"task.body = {name!r} is no body of the scene; its bodies are {there or 'without names'}")
     return body
 

@@ -5,17 +5,19 @@ Meshes are OBJ and STL files in the scene's own folder or below it; MuJoCo gets 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import prod
 from pathlib import Path, PurePosixPath
 from xml.parsers import expat
 
+from cogrip.protocol.foreign_file import ForeignFileError
+from cogrip.protocol.texts import shown
+
 MOST_BYTES = 8_000_000  # of a scene's text, and of its meshes together
-MOST_ELEMENTS = 5000  # of XML, those that it repeats counted: more take minutes to load
+MOST_ELEMENTS = 5000  # of XML: more take minutes to load
 MOST_NAMED = 5  # of a list of names in an error
 MESH_ENDINGS = (".obj", ".stl")
 
 
-class SceneError(ValueError):
+class SceneError(ForeignFileError, ValueError):
     """A scene that cannot be used. The text says why, in one line."""
 
 
@@ -56,7 +58,6 @@ def _read(path: Path, most_bytes: int, name: str, cure: str) -> bytes:
 def scan(text: str, name: str) -> Scan:
     """Return what a scene refers to. Raises SceneError for other files than meshes, too many elements, and no XML."""
     found = Scan()
-    repeats = [1]  # of each element around the present one
     elements = 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -69,15 +70,10 @@ def scan(text: str, name: str) -> Scan:
             found.options.update(attributes)
         if tag == "compiler":
             found.compiler.update(attributes)
-        counts = [int(word) for word in attributes.get("count", "").split() if word.isdigit()]
-        repeats.append(repeats[-1] * prod(counts))
-        elements += repeats[-1]
-
-    def end(tag: str) -> None:
-        repeats.pop()
+        elements += 1
 
     parser = expat.ParserCreate()
-    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.StartElementHandler = start
     try:
         parser.Parse(text.encode("utf-8"), True)
     except expat.ExpatError as error:
@@ -126,4 +122,4 @@ def read_meshes(found: Scan, folder: Path | None, name: str) -> dict[str, bytes]
 
 def _named(files: Sequence[str]) -> str:
     more = f" and {len(files) - MOST_NAMED} more" if len(files) > MOST_NAMED else ""
-    return ", ".join(files[:MOST_NAMED]) + more
+    return ", ".join(map(shown, files[:MOST_NAMED])) + more

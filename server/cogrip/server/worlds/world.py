@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.effects import Effect
+from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.line.energy_sums import add_compensated
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rotations import between, exp
@@ -26,7 +27,7 @@ Array = NDArray[np.float64]
 MOST_SAVED_J = 0.05  # that a spring may save to grow stiffer: what can be spent at once is bounded
 
 
-class WorldError(ArithmeticError):
+class WorldError(ForeignFileError, ArithmeticError):
     """A world that cannot go on from the state that it has reached. The text says which."""
 
 

@@ -13,6 +13,8 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
 
+from cogrip.protocol.foreign_file import ForeignFileError
+
 MOST_ROWS = 5_000_000
 MOST_MS = 10_000.0
 MOST_S = 1e6
@@ -20,7 +22,7 @@ COLUMNS = ("t_s", "delay_ms")
 LOST_NS = -1
 
 
-class TraceError(ValueError):
+class TraceError(ForeignFileError, ValueError):
     """A delay trace that cannot be read, or with values that no network has."""
 
 

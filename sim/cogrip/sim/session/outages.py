@@ -8,6 +8,7 @@ from bisect import bisect_right
 from collections.abc import Iterable
 from pathlib import Path
 
+from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.link_profile import Direction
 
 MOST_S = 1e9  # of any of its times
@@ -71,7 +72,7 @@ class Outages:
         return min(found, self._begins[later]) if later < len(self._begins) else found
 
 
-class ScriptError(ValueError):
+class ScriptError(ForeignFileError, ValueError):
     """A script of outages that cannot be read, or with impossible values."""
 
 

@@ -15,7 +15,8 @@ from urllib.parse import parse_qs
 
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, ProtocolError
+from websockets.frames import CTRL_OPCODES, Frame
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
@@ -25,6 +26,7 @@ from cogrip.view.access import Access
 from cogrip.view.hello import ChunkRequest, PageError, PageHello, PanelReply, read_text
 from cogrip.view.io.feed import ChunkError, Feed, scene_text
 from cogrip.view.io.hand_link import HandLink
+from cogrip.view.io.peer_log import PeerLog, bound_log
 from cogrip.view.page import ServedFile
 from cogrip.view.panel import Panel
 from cogrip.view.tab import Tab
@@ -36,6 +38,7 @@ WRITE_BYTES = 64 * 1024  # waiting for a slow client, beside what the system buf
 MOST_BYTES = access.MOST_MESSAGE_BYTES
 RESERVE_BYTES = access.MOST_MESSAGE_BYTES  # beyond the largest message: what is larger still is not even read
 TLS_S = 5.0
+MOST_CONTROL_FRAMES = 16  # of a connection before its token is admitted: each ping is answered
 PROTOCOL_ERRORS = {1002: "malformed websocket frame", 1007: "text that is not UTF-8", 1009: "message too large"}
 
 Refusal = tuple[int, str, str]  # close code, reason under which it is counted, words ("": the reason)
@@ -87,15 +90,18 @@ class PageServer:
     visitors: Visitors = field(default_factory=lambda: Visitors(VisitorLimits(), secrets.randbits(64)))
     counts: Counter[str] = field(init=False, default_factory=Counter)
     _server: Server = field(init=False)
+    _log: PeerLog = field(init=False)
     _once: dict[str, str] = field(init=False, default_factory=dict)
 
     async def listen(self, host: str, port: int, tls: ssl.SSLContext | None = None) -> None:
         """Begin to serve. Raises OSError where the port cannot be had."""
+        self._log = bound_log()
         connection = cast("type[ServerConnection]", partial(_Connection, self))
         self._server = await serve(
-            self._talk, host, port, ssl=tls, ssl_handshake_timeout=None if tls is None else TLS_S,
-            create_connection=connection, logger=LOG,
-            process_request=self._answer, subprotocols=[OURS, *self._offered()],
+            cast("Callable[[ServerConnection], Awaitable[None]]", self._talk), host, port, ssl=tls,
+            ssl_handshake_timeout=None if tls is None else TLS_S, create_connection=connection, logger=LOG,
+            process_request=cast("Callable[[ServerConnection, Request], Response | None]", self._answer),
+            subprotocols=[OURS, *self._offered()],
             max_size=self.most_bytes + RESERVE_BYTES, compression=None, write_limit=WRITE_BYTES, max_queue=64,
             open_timeout=access.HELLO_S,
             server_header=None, ping_interval=20.0, ping_timeout=90.0, close_timeout=1.0,
@@ -110,6 +116,7 @@ class PageServer:
         """End every connection and the server."""
         self._server.close(code=1001, reason="the view is closed")
         await self._server.wait_closed()
+        self.counts["log line not shown"] += self._log.take_dropped()
 
     def open_once(self, url: str) -> str:
         """Return a path that leads to `url` the first time it is asked for: a token in a command line can be read by others."""
@@ -122,8 +129,13 @@ class PageServer:
 
     # Requests --------------------------------------------------------------------------------------------------------
 
-    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+    def _answer(self, connection: "_Connection", request: Request) -> Response | None:
         """Return the answer to a request for a file or to one that is refused; None lets a websocket begin."""
+        answer = self._judge(connection, request)
+        connection.judged = answer is not None
+        return answer
+
+    def _judge(self, connection: "_Connection", request: Request) -> Response | None:
         path = _path(request)
         upgrade = "websocket" in ",".join(request.headers.get_all("Upgrade")).lower()
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
@@ -165,8 +177,9 @@ class PageServer:
 
     # Sockets ---------------------------------------------------------------------------------------------------------
 
-    async def _talk(self, connection: ServerConnection) -> None:
+    async def _talk(self, connection: "_Connection") -> None:
         address = connection.remote_address
+        connection.begun = True
         self.visitors.open_tab(address)
         try:
             await self._converse(connection)
@@ -176,7 +189,7 @@ class PageServer:
         finally:
             self.visitors.close_tab(address)
 
-    async def _converse(self, connection: ServerConnection) -> None:
+    async def _converse(self, connection: "_Connection") -> None:
         request = connection.request
         assert request is not None
         if _path(request) == access.FOXGLOVE:
@@ -208,14 +221,16 @@ class PageServer:
     def _too_large(self, message: str | bytes) -> bool:
         return len(message.encode() if isinstance(message, str) else message) > self.most_bytes
 
-    async def _admitted(self, connection: ServerConnection, token: str, hand: bool) -> Admitted | None:
+    async def _admitted(self, connection: "_Connection", token: str, hand: bool) -> Admitted | None:
         """Return what the holder of a token may see, None where it was refused. Raises ConnectionClosed."""
         asked = asyncio.ensure_future(self.admit(token, hand, connection.remote_address))
         closed = asyncio.create_task(connection.wait_closed())
         try:
             await asyncio.wait([asked, closed], return_when=asyncio.FIRST_COMPLETED)
             if asked.done():
-                return asked.result()
+                admitted = asked.result()
+                connection.admitted = True
+                return admitted
             asked.cancel()
             with suppress(asyncio.CancelledError, DeniedError):
                 self.leave(await asked)  # it came through at the last moment
@@ -295,7 +310,7 @@ class PageServer:
             return access.MALFORMED, "no such chunk", ""
         return None
 
-    async def _foxglove(self, connection: ServerConnection, request: Request) -> None:
+    async def _foxglove(self, connection: "_Connection", request: Request) -> None:
         token = parse_qs(request.path.partition("?")[2]).get("token", [""])[0]
         if connection.subprotocol not in FOXGLOVE or self.foxglove is None:
             await self._refuse(connection, 1002, "subprotocol", "ask for foxglove.sdk.v1 or foxglove.websocket.v1")
@@ -318,7 +333,7 @@ class PageServer:
 
 
 def _is_defect(record: logging.LogRecord) -> bool:
-    """Leave out what a peer's bytes bring about, or anybody could fill the log: bytes behind a request that is refused."""
+    """Leave out what is no defect of ours: websockets fails at bytes behind a request that is refused."""
     kind = record.exc_info[0] if record.exc_info else None
     return not (kind is AssertionError and record.getMessage() == "unexpected internal error")
 
@@ -328,12 +343,20 @@ LOG.addFilter(_is_defect)
 
 
 class _Connection(ServerConnection):
-    """Connection that counts against the visitors' limits from its first byte; a malformed request is counted by name."""
+    """Connection that counts against the visitors' limits from its first byte; a malformed request is counted by name.
+
+    admitted  its token is; before that control frames are bounded
+    begun     it was talked with: what ends it is counted there
+    judged    its request was refused, and counted
+    """
 
     def __init__(self, page: PageServer, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._page = page
         self._address: object = None
+        self._control_frames = 0
+        self.protocol.recv_frame = partial(self._read_frame, self.protocol.recv_frame)  # type: ignore[method-assign]
+        self.admitted = self.begun = self.judged = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)
@@ -342,9 +365,19 @@ class _Connection(ServerConnection):
             self._page.access.refused[refusal] += 1
             self.transport.abort()
 
+    def _read_frame(self, read: Callable[[Frame], None], frame: Frame) -> None:
+        """Let the protocol read a frame, which answers a ping at once. Raises ProtocolError, which ends the connection."""
+        if frame.opcode in CTRL_OPCODES and not self.admitted:
+            self._control_frames += 1
+            if self._control_frames > MOST_CONTROL_FRAMES:
+                raise ProtocolError("too many control frames before the hello")
+        read(frame)
+
     def connection_lost(self, exc: Exception | None) -> None:
         if self.request is None or self.protocol.handshake_exc is not None:
             self._page.access.refused["malformed request"] += 1
+        elif not self.begun and not self.judged and isinstance(self.protocol.parser_exc, ProtocolError):
+            self._page.access.refused[PROTOCOL_ERRORS[1002]] += 1
         self._page.visitors.disconnect(self._address)
         super().connection_lost(exc)
 

@@ -88,9 +88,11 @@ class RemoteRooms:
 
     replaced = 0  # counted by the directory
 
-    def __init__(self, address: str, command: Sequence[str], loopback: bool, folder: StateFolder) -> None:
-        """address: HOST:PORT of the head, "" for $RAY_ADDRESS, or the cluster of this machine."""
-        self._front = RayFront(address, tuple(command), loopback, "", {})
+    def __init__(
+        self, address: str, command: Sequence[str], loopback: bool, folder: StateFolder, guarded: bool = False
+    ) -> None:  # fmt: skip
+        """address: HOST:PORT of the head, "" for $RAY_ADDRESS, or the cluster of this machine. guarded: see `RayFront`."""
+        self._front = RayFront(address, tuple(command), loopback, "", {}, guarded)
         self._folder = folder
         self.homes: dict[str, Home] = {}
         self.fronts: tuple[str, ...] = ()

@@ -34,6 +34,7 @@ from cogrip.server.io.cluster.pipe import (
     Silent,
     State,
 )
+from cogrip.server.io.cluster.ray_token import asks_for_token
 from cogrip.server.io.control import Answer
 
 EVERY_S = 0.2
@@ -42,17 +43,26 @@ FRONT_S = 10.0  # for its answer to the front
 ORDER_S = 3.8  # for an answer of a room
 END_S = 15.0
 CALLERS = 8
+OPEN = (
+    "the Ray cluster at {where} lets in whoever reaches its ports, and they could read the server's key: start Ray again with "
+    "RAY_AUTH_MODE=token on every host (docs/scaling.md), or let everybody in with --insecure"
+)
+NEEDS_TOKEN = "; where it asks for a token, set RAY_AUTH_MODE=token here too, with its token in ~/.ray/auth_token"
 SILENT_S = 20.0  # without an answer of the directory: Ray is connected anew
 
 
 class RayFront(msgspec.Struct, frozen=True):
-    """Front, as its process of Ray gets it. command: of the rooms' template; jobs: by the rooms' names."""
+    """Front, as its process of Ray gets it. command: of the rooms' template; jobs: by the rooms' names.
+
+    guarded: only a cluster that asks for its token will do
+    """
 
     address: str
     command: tuple[str, ...]
     loopback: bool
     place: str
     jobs: dict[str, bytes]
+    guarded: bool = False
 
 
 class RayProcess:
@@ -71,7 +81,11 @@ class RayProcess:
             ray.init(address=where, namespace=NAMESPACE, log_to_driver=False, logging_level=logging.ERROR)
         except (ConnectionError, RuntimeError, ValueError) as error:
             text = str(error).splitlines()[0]
-            raise ClusterError(f"no Ray cluster at {where}: {text}; start one: ray start --head") from None
+            cure = f"start one: ray start --head{NEEDS_TOKEN}"
+            raise ClusterError(f"no Ray cluster at {where}: {text}; {cure}") from None
+        if front.guarded and not asks_for_token(ray.get_runtime_context().gcs_address):
+            ray.shutdown()
+            raise ClusterError(OPEN.format(where=where))
         logging.getLogger("ray._private.worker").setLevel(logging.CRITICAL)  # it quotes all logs of a host that died
         self._ray: Any = ray
         self._end, self._front, self._sending = end, front, threading.Lock()

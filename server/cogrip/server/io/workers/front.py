@@ -210,7 +210,8 @@ class Front(PublicPort):
         else:
             self._waiting.pop(address, None)
             self._asking[address] = worker, token, now_ns
-            worker.link.send(Ask(address, message, verdict, arrived_ns))
+            shown = self._authenticator.shown(hello) if hello.ticket else None
+            worker.link.send(Ask(address, message, verdict, arrived_ns, shown))
 
     def _ask_next(self, token: str, now_ns: int) -> None:
         """Ask about the hello that waits for this token, if none is asked about: many people may come by one link at once."""

@@ -45,12 +45,14 @@ class Ask(ToWorker, frozen=True, tag="ask"):
     """A message of a peer that has no path here, or a hello of any.
 
     verdict: of the authenticator on a hello; arrived_ns: when it came, on the clock of both processes
+    shown: id of the token that a ticket came with, see `Authenticator`
     """
 
     address: PeerAddress
     message: bytes
     verdict: Grant | Denied | None
     arrived_ns: int
+    shown: str | None = None
 
 
 class Path(ToWorker, frozen=True, tag="path"):

@@ -94,7 +94,9 @@ class WorkerPort:
         self.is_stray = False
         if self._asked:
             self._asked = False
-            self._verdicts.newest = None  # it is of the message before, which nothing else may use it for
+            self._verdicts.newest = self._verdicts.newest_shown = (
+                None  # it is of the message before, which nothing else may use it for
+            )
         if now_ns != self._drain_ns:  # a drain begins; the one before may have been cut short
             self._drain_ns, self._begun = now_ns, False
             self._ask_front, self._ask_own = bool(self._front_has_said()), self._own is not None
@@ -208,7 +210,7 @@ class WorkerPort:
         while True:
             given, descriptors = self._link.take_at_worker()
             if isinstance(given, Ask):
-                self._verdicts.newest = given.verdict
+                self._verdicts.newest, self._verdicts.newest_shown = given.verdict, given.shown
                 self.from_front = self._asked = True
                 return given.message, self._same(given.address), min(given.arrived_ns, now_ns)
             if isinstance(given, Stray):

@@ -8,10 +8,11 @@ NO_VERDICT = Denied("token", "the server has not looked at this token; join agai
 
 
 class FrontVerdicts:
-    """`Authenticator` of a worker. newest: verdict on the message that the port returned last."""
+    """`Authenticator` of a worker. newest: verdict on the message that the port returned last; newest_shown: its token."""
 
     def __init__(self, link: Link) -> None:
         self.newest: Grant | Denied | None = None
+        self.newest_shown: str | None = None
         self._link = link
         self._revoked: set[str] = set()
         self._expired: set[str] = set()
@@ -20,6 +21,10 @@ class FrontVerdicts:
         """See `Authenticator`."""
         verdict, self.newest = self.newest, None
         return verdict or NO_VERDICT
+
+    def shown(self, hello: Hello) -> str | None:
+        """See `Authenticator`."""
+        return self.newest_shown
 
     def admitted(self, grant: Grant) -> None:
         """See `Authenticator`."""

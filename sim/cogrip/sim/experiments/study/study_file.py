@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec.structs import replace
 
+from cogrip.protocol.foreign_file import ForeignFileError
 from cogrip.protocol.setting_types import Name, Seed
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.protocol.settings_table import SettingsError, readable, refuse_unknown
@@ -26,7 +27,7 @@ Ending = Literal["time", "goal", "operator"]
 Start = Literal["key", "button"]
 
 
-class StudyError(ValueError):
+class StudyError(ForeignFileError, ValueError):
     """A study that cannot be run; the text names the key, the value, the bound and the cure."""
 
 

@@ -32,6 +32,7 @@ _datagram = msgspec.json.Decoder(Datagram).decode
 _input = msgspec.json.Decoder(Input).decode
 _step = msgspec.json.Decoder(Step).decode
 _granted = msgspec.json.Decoder(Grant | Denied).decode
+_shown = msgspec.json.Decoder(str | None).decode
 _ticks = msgspec.json.Decoder(TickCount).decode
 
 
@@ -164,6 +165,10 @@ class ReplayedAuthenticator:
         granted: Grant | Denied = _granted(_told(self._replay_input, "grant"))
         return granted
 
+    def shown(self, hello: Hello) -> str | None:
+        shown: str | None = _shown(_told(self._replay_input, "shown"))
+        return shown
+
     def admitted(self, grant: Grant) -> None:
         """Nothing is used up."""
 
@@ -172,11 +177,11 @@ PLAYS: dict[str, Callable[[ReplayInput, Sink], Play]] = {"client": ClientPlay, "
 """By the role in a recording's header."""
 
 
-def _told(replay_input: ReplayInput, query: Literal["session", "ticket", "grant", "ticks"]) -> Any:
+def _told(replay_input: ReplayInput, query: Literal["session", "ticket", "grant", "shown", "ticks"]) -> Any:
     """Return the next answer. Raises UntoldError where it answers another query: one is missing before it."""
     answer = replay_input.answer()
     answered = next(
-        (name for name in ("session", "grant", "ticks") if getattr(answer, name)), "ticket"
+        (name for name in ("session", "grant", "shown", "ticks") if getattr(answer, name)), "ticket"
     )  # "" where none is given
     if answered != query:
         raise UntoldError
