@@ -35,7 +35,7 @@ def test_threshold_of_simulated_observers_is_estimated_within_a_tenth_by_what_th
     assert rule is not None
     lines: list[TrialLine] = [line for line in folder.trials if line.status == "finished"]
     answers = [(line.level, line.correct) for line in lines if line.level is not None and line.correct is not None]
-    found = estimate(rule, answers)
+    found = estimate(rule, [answers])
     assert found.trials == 400
     assert found.threshold == pytest.approx(study.simulated.threshold, rel=0.1)
     each = thresholds(study, lines)

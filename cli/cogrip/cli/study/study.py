@@ -183,15 +183,19 @@ def _conclude(study: Study, folder: StudyFolder, outcome: Conducted, console: Co
         rows = [
             (
                 *key,
-                f"{each.threshold:.4g}",
-                f"{100.0 * each.relative_error:.0f} %",
+                f"{each.threshold:.3g}",
+                f"{each.low:.3g} to {each.high:.3g}",
+                "-" if each.reversals is None else f"{each.reversals:.3g}",
                 f"{100.0 * each.correct:.0f} %",
                 str(each.trials),
             )
             for key, each in found.items()
         ]
-        headings = ("participant", "block", "condition", "threshold", "error", "right", "trials")
+        headings = ("participant", "block", "condition", "threshold", "95 %", "reversals", "right", "trials")
         make_console().print(plain_table(headings, rows, left=3))
+        for (person, block, condition), each in found.items():
+            for warning in each.warnings:
+                console.print(f"warning: {person}, {block}, {condition}: {warning}")
     abandoned = f", {outcome.abandoned} abandoned" if outcome.abandoned else ""
     console.print(f"{counted(outcome.finished)} finished{abandoned}, {outcome.now} of them now; in {folder.path}")
     if outcome.complete:
