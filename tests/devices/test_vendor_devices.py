@@ -33,11 +33,11 @@ def vendor(request: pytest.FixtureRequest):
 @pytest.mark.parametrize("axes", [1, 2, 3])
 def test_samples_and_forces_on_fewer_axes(vendor, axes: int) -> None:
     """A force F loads the hand along the axes in which positions are told."""
-    device = vendor.opened(axes=axes)
+    device = vendor.flowing(axes=axes)
     assert device.capability.axes == axes == len(device.capability.workspace_m)
     vendor.place(0.030, 0.010, -0.020)
     vendor.step()
-    sample = device.read(1)
+    sample = device.read(10)
     assert sample.position_m == pytest.approx((0.030, 0.010, -0.020)[:axes])
     assert (sample.velocity_mps, sample.age_ticks) == (None, device.capability.latency_ticks)
     device.write((0.5, 1.0, -1.5)[:axes])
@@ -50,7 +50,7 @@ def test_samples_and_forces_on_fewer_axes(vendor, axes: int) -> None:
 @given(force=st.tuples(*[st.floats(-100.0, 100.0)] * 3))
 @settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_force_is_limited_and_keeps_its_direction(vendor, force) -> None:
-    device = vendor.opened()
+    device = vendor.flowing()
     counted, most = device.counts.get("force limited", 0), device.capability.peak_force_n
     acting = device.write(force)
     vendor.step()
@@ -65,7 +65,7 @@ def test_force_is_limited_and_keeps_its_direction(vendor, force) -> None:
     "bad", [(nan, 0.0, 0.0), (0.0, inf, 0.0), (0.0, 0.0, -inf), (1.7e308,) * 3, (1.0, 1.0), (1.0,) * 4]
 )
 def test_a_force_that_is_none_makes_it_zero(vendor, bad) -> None:
-    device = vendor.opened()
+    device = vendor.flowing()
     for force in ((1.0, 1.0, 1.0), bad, (0.0, 0.0, 1.0)):
         if force is bad:
             with pytest.raises(DeviceError, match="axes" if len(bad) != 3 else "not finite"):
@@ -79,8 +79,8 @@ def test_a_force_that_is_none_makes_it_zero(vendor, bad) -> None:
 
 @pytest.mark.parametrize("bad", [(nan, 0.0, 0.0), (0.0, -inf, 0.0)])
 def test_position_that_is_no_number_is_no_sample_and_no_force(vendor, bad) -> None:
-    device = vendor.opened()
-    for tick, place in enumerate((STILL, bad, (0.01, 0.02, 0.03)), 1):
+    device = vendor.flowing()
+    for tick, place in enumerate((STILL, bad, (0.01, 0.02, 0.03)), 10):
         device.write((1.0, 0.0, 0.0))
         vendor.place(*place)
         vendor.step()
