@@ -1,6 +1,6 @@
 """`forcedimension:` and `openhaptics:` alike, each on a stand-in for its vendor's library: axes, forces, jumps, addresses."""
 
-from itertools import pairwise, product
+from itertools import chain, pairwise, product
 from math import hypot, inf, nan
 
 import pytest
@@ -143,6 +143,36 @@ def test_a_jump_of_30_mm_is_no_kick(request: pytest.FixtureRequest, fixture: str
     assert client.core.safety.reason.startswith(("the position jumped: 29.", "the position jumped: 30."))
     assert max(abs(new - old) for old, new in pairwise(forces)) < 0.5
     assert not any(forces[JUMP_TICK + round(0.05 * DEVICE_HZ) :]), "none left within 50 ms"
+
+
+def test_forces_that_the_watchdog_switched_off_come_back_by_the_ramp(sdk) -> None:
+    """A loop that was away for 40 ms: before, no force for the rest of the session, and the ledger had all of it."""
+    client, device = Client(), sdk.device(0, 1)
+    handle = SupervisedDevice(device, client.core, DEVICE_HZ)
+    client.core.handle(DeviceOpened(device.capability), client.core.now_ns)
+    handle.open()
+    sdk.lib.stub_wait(200)
+    pushed, counted = {}, {}
+    for tick in chain(range(JUMP_TICK), range(JUMP_TICK + 40, JUMP_TICK + 500)):
+        now_ns = due_ns(0, tick, DEVICE_HZ)
+        if tick == JUMP_TICK + 40:
+            sdk.lib.stub_wait(39)
+        sdk.place(-0.02 + SPEED_MPS * tick / DEVICE_HZ, 0.0, 0.0)
+        if tick % M == 0 and tick:
+            client.hear(now_ns)
+        client.core.sense(tick, handle.read(tick), now_ns)
+        handle.write(client.core.act(now_ns))
+        pushed[tick], counted[tick] = sdk.load(1)[0], client.core.force_n[0]
+    handle.close()
+    assert client.core.safety.state == "live"
+    assert client.core.safety.counts["device let go"] == 1
+    assert device.counts["forces off"] == 1
+    assert pushed[JUMP_TICK - 1] > 0.8
+    assert pushed == counted, "the ledger has what acts"
+    assert [tick for tick in pushed if tick > 10 and not pushed[tick]] == [JUMP_TICK + 40 + more for more in range(22)]
+    back = [pushed[tick] for tick in range(JUMP_TICK + 62, JUMP_TICK + 500)]
+    assert max(new - old for old, new in pairwise([0.0, *back])) < 0.02
+    assert back[-1] > 0.8
 
 
 @pytest.mark.parametrize(
