@@ -28,7 +28,9 @@ FAULT_OUT_S = 0.015
 STALL_S = 0.02  # of ticks without a sample, in a leaky counter: a device that reaches it has stalled
 STALL_DECAY = 0.5  # ticks that each sample takes off that counter
 WATCHDOG_S = 0.1  # time without a tick after which the watchdog ends the force: the hand held an old one
-LET_GO_S = 0.01  # of ticks in which nothing acts of the force: a device that has let go so long takes it back by the ramp
+LET_GO_S = (
+    0.01  # of ticks in which nothing acts of the force: a device that has let go so long takes it back by the ramp
+)
 AT_LIMIT_S = 0.5  # time at its limit after which a force is saturated: a fault
 NEAR_THERMAL_LIMIT = "near thermal limit"  # counted before anything is limited
 DERATED_S = 10.0  # of thermal derating, in a counter that falls while there is none: at more it is a fault

@@ -118,6 +118,13 @@ int dhdGetPosition(double *x, double *y, double *z, char id) {
     return d->guarded ? 1 : 0;
 }
 
+int dhdGetLinearVelocity(double *x, double *y, double *z, char id) {
+    device_t *d = of("velocity", id);
+    if (!d) return -1;
+    *x = d->velocity[0]; *y = d->velocity[1]; *z = d->velocity[2];
+    return 0;
+}
+
 int dhdGetOrientationFrame(double *rows, char id) {
     device_t *d = of("orientation", id);
     if (!d) return -1;
@@ -176,6 +183,9 @@ void stub_off(int i, int cause) { off(&devices[i], cause); } /* as by the button
 void stub_power_off(int i) { off(&devices[i], 0); devices[i].status[POWER] = 0; }
 void stub_guarded(int i, int yes) { devices[i].guarded = yes; }
 void stub_saturated(int i, int yes) { devices[i].saturated = yes; }
+void stub_velocity(int i, double x, double y, double z) {
+    devices[i].velocity[0] = x; devices[i].velocity[1] = y; devices[i].velocity[2] = z;
+}
 void stub_turn(int i, const double *rows) { memcpy(devices[i].turn, rows, sizeof devices[i].turn); }
 void stub_gap(int i, double m) { devices[i].gap = m; }
 void stub_buttons(int i, unsigned int mask) { devices[i].buttons = mask; }

@@ -18,6 +18,7 @@ from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
 from cogrip.devices.forcedimension.models import confirm, with_handle
+from cogrip.devices.frozen_position import FrozenPosition
 from cogrip.devices.forcedimension.sdk import BY_WATCHDOG, OFF_CAUSES, SATURATED, SUCCESS, TIME_GUARD, Sdk
 from cogrip.protocol.rotations import Quaternion, of_matrix
 
@@ -58,6 +59,7 @@ class ForceDimensionDevice(Driver):
         self._fed_ticks, self._rest_ticks = max(1, int(FED_S * rate_hz)), round(RESTS_S * rate_hz)
         self._written = self._enables_at = self._flows_at = 0  # ticks: newest force; forces are enabled from, flow from
         self._lost, self._blind = "", False
+        self._velocity, self._frozen = [0.0, 0.0, 0.0], FrozenPosition(self.capability.resolution_m, rate_hz)
         self._rows, self._gap = [[0.0] * 3 for _ in range(3)], c_double()
         _opened.add(self._index)
         atexit.register(self.close)
@@ -101,7 +103,12 @@ class ForceDimensionDevice(Driver):
             self._counts["position not finite"] += 1
             self._send(ZERO)
             return None
-        return Sample(tuple(position[: self._axes]), None, 0, *self._handle())
+        place = tuple(position)
+        if self._frozen.still(place, tick) and dhd.getLinearVelocity(self._velocity, self._id) in SUCCESS:
+            self._lose(self._frozen.judge(self._velocity))
+            if self._lost:
+                raise DeviceError(self._lost)
+        return Sample(place[: self._axes], None, 0, *self._handle())
 
     def _ask(self, tick: int) -> int:
         """Ask for the status, and believe it. Return the SDK's answer."""
@@ -192,8 +199,8 @@ class ForceDimensionDevice(Driver):
             self._lose(self._dhd.errorGetLastStr())
 
     def _lose(self, why: str) -> None:
-        """Said by the next read()."""
-        if not self._lost:
+        """Said by the next read(); no reason is none."""
+        if why and not self._lost:
             self._lost = f"{self._where}: lost: {why}; {CURE}"
             self._dhd.setForce(ZERO, self._id)
 
