@@ -54,7 +54,8 @@ class InverseDevice(Driver):
         self.exchange.start(rate_hz)
         self._silent_ticks = max(1, int((SILENT_S - RETRY_S) * rate_hz))
         self._pause_ticks, self._rest_ticks = max(1, int(PAUSE_S * rate_hz)), round(REST_S * rate_hz)
-        self._tick = self._received_at = self._gone = self._written = self._flows_at = 0
+        self._tick = self._received_at = self._gone = self._flows_at = 0
+        self._written = -1
         self._frozen = FrozenPosition(self.capability.resolution_m, rate_hz)
         self._acting: Sequence[float] = self._zero
         self._broken = ""
@@ -95,7 +96,7 @@ class InverseDevice(Driver):
         size = hypot(*force_n)
         wrong = len(force_n) != self._axes or not isfinite(size)
         silent = self._tick - self._received_at > self._silent_ticks
-        if self._tick - self._written >= self._pause_ticks:
+        if 0 <= self._written <= self._tick - self._pause_ticks:
             self._counts["paused: may have gone idle"] += 1
             self._flows_at = self._tick + self._rest_ticks
         self._written = self._tick
