@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 
 from cogrip.devices.registry import make
 
-
 FIRST_TICKS = 3  # of a loop, after which forces flow
 
 

@@ -7,6 +7,7 @@ from rich.console import Console
 
 from cogrip.cli.devices.conform import Clock
 from cogrip.cli.devices.opened_arm import arm_at, termination_raised, try_port, wait_for_enter
+from cogrip.cli.devices.tried_response import try_response
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.devices.arm.driver import ArmDevice
@@ -64,6 +65,9 @@ def _identify(arm: ArmDevice, address: str, console: Console, *, yes: bool) -> i
         try_port(arm)
         wait_for_enter(console, "Put the arm in mid-range, take your hands off it, keep one at the power switch.")
     with Problem.of(DeviceError):
+        console.print("  how it moves under small forces")
+        if wrong := try_response(address):
+            raise DeviceError(f"it does not move as its record says, and nothing is kept: {'; '.join(wrong)}")
         # Haply's "currents" are torques: half of the motors' continuous torque is small enough
         force_n = force_within(arm.model, float("inf") if address.startswith("haply:") else MOST_TEST_MA)
         clock = Clock(min(RATE_HZ, arm.model.record.rate_hz))

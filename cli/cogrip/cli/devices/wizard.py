@@ -13,6 +13,7 @@ from cogrip.cli.devices.conform import Clock
 from cogrip.cli.devices.device_setting import placed, starting_text
 from cogrip.cli.devices.listing import handle_words
 from cogrip.cli.devices.opened_arm import drop_early_lines, termination_raised
+from cogrip.cli.devices.tried_response import try_response
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
@@ -202,6 +203,15 @@ class _Wizard:
         if any(text.startswith(SIGN) for text in self.wrong):
             self.tell("left out: with a wrong sign a spring may push away; mend the signs first")
             return
+        if self._wanted("Let go of it in mid-range: small forces push it to and fro, an axis at a time.", force=True):
+            if found := try_response(address):
+                self.tell(f"it does not move as its record says: {'; '.join(found)}")
+                self.wrong.append("its motion under force")
+                if not self._unfit:
+                    self.tell("the spring is left out; mend that first, or go on with --unfit")
+                    return
+            else:
+                self.tell("it moves along its own axes, the right way, by what its record says, and on time")
         text = f"A weak spring holds the tip for {trial.SPRING_S:.0f} s: move it to and fro by a few millimetres."
         if not self._wanted(text, force=True):
             return

@@ -21,7 +21,9 @@ from cogrip.protocol.rotations import Quaternion
 HEADROOM = 0.92  # of the peak force: currents are those of where the arm was, and hold while it moves on
 SILENT_S = 0.05  # so long after the last reading the arm is where nobody knows: by then there is no current
 ZERO: Vector = (0.0, 0.0, 0.0)
-PAUSE_S = 0.09  # without a request, after which a firmware's watchdog may have switched the motors off: serial has 0.1 s
+PAUSE_S = (
+    0.09  # without a request, after which a firmware's watchdog may have switched the motors off: serial has 0.1 s
+)
 REST_S = 0.02  # without force after that: the client takes it for let go, and ramps
 TREMBLE_COUNTS = 20  # of a hand that holds the arm while its counters are loaded
 GOODBYES = 2  # requests for no current when it is closed

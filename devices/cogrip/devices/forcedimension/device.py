@@ -18,8 +18,8 @@ from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
 from cogrip.devices.forcedimension.models import confirm, with_handle
-from cogrip.devices.frozen_position import FrozenPosition
 from cogrip.devices.forcedimension.sdk import BY_WATCHDOG, OFF_CAUSES, SATURATED, SUCCESS, TIME_GUARD, Sdk
+from cogrip.devices.frozen_position import FrozenPosition
 from cogrip.protocol.rotations import Quaternion, of_matrix
 
 WATCHDOG = 255  # x 125 us = 32 ms without a force, and the controller turns forces off
