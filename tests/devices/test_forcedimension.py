@@ -209,7 +209,9 @@ def test_a_position_that_freezes_while_the_velocity_goes_on_is_lost(sdk) -> None
     """More than 3 mm and eight counts. A velocity of 10 mm/s may be noise."""
     device = sdk.flowing()
     sdk.lib.stub_velocity(0, *map(c_double, (0.1, 0.0, 0.0)))
-    with pytest.raises(DeviceError, match="its position stands still, and its own velocity of 0.1 m/s has gone 3.1 mm"):
+    with pytest.raises(
+        DeviceError, match=r"its position stands still, and its own velocity of 0\.1 m/s has gone 3\.1 mm"
+    ):
         [sdk.ticked(device, tick, (1.0, 0.0, 0.0)) for tick in range(3, 200)]
     device.close()
     sdk.lib.stub_velocity(0, *map(c_double, (0.0, 0.0, 0.01)))

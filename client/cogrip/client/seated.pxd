@@ -55,6 +55,8 @@ cdef class SeatedClient(SeatHand):
         law=double, speed=double, fraction=double, extra=double, local=double, left=double, other=double,
     )
     cdef tuple _render(self)
+    cdef _within_energy(self, wanted_n)
+    cdef _begin_trials(self)
     @cython.locals(safety=Safety)
     cdef _try_motors(self, tuple force_n)
     cdef _degrade(self, cause)

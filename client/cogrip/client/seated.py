@@ -7,7 +7,7 @@ skipped the device held the last force: its waves are computed as well.
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from math import dist
+from math import dist, inf
 from operator import mul, sub
 
 from msgspec.structs import replace
@@ -99,7 +99,7 @@ class SeatedClient(SeatHand):
         self._set_record(capability)
         self.safety.set_record(self.capability)
         self.port.set_record(self._record)
-        self.trial.set_record(self._record)
+        self._begin_trials()
         self.hand.fit(self._record, self._masses_kg())
         self.aids.set_record(self.capability)
         if self.effects is not None:
@@ -141,7 +141,7 @@ class SeatedClient(SeatHand):
         """Leave a latched fault."""
         if self.safety.event("rearm"):
             self.port.rearm()
-            self.trial.set_record(self._record)
+            self._begin_trials()
             self.safety.event("go")
 
     def applied(self, force_n: tuple[float, ...]) -> None:
@@ -351,7 +351,7 @@ class SeatedClient(SeatHand):
         if aids.active and rendered_n is not None:
             aids_n = aids.force(hand.position_m, hand.velocity_mps)
             wanted_n = [law + extra for law, extra in zip(rendered_n, aids_n, strict=True)]
-        force = safety.limit(port.limit(wanted_n) if wanted_n is not None else None, coupling.gap())
+        force = safety.limit(self._within_energy(wanted_n), coupling.gap())
         coupling.ramp_gain = safety.gain
         port.ramped = safety.gain != 1.0
         coupling.cut_n = None
@@ -377,6 +377,18 @@ class SeatedClient(SeatHand):
             if cause := port.watch(watched_n, safety.at_peak(), local_n, safety.limited, reduced, coupling.absorbs):
                 self._degrade(cause)
         return force
+
+    def _within_energy(self, wanted_n: Sequence[float] | None) -> Sequence[float] | None:
+        """Return the law's force, limited by energy, and held back while the device may run with it; None for none."""
+        if wanted_n is None:
+            return None
+        limited_n = self.port.limit(wanted_n)
+        return limited_n if self.trial.most_n == inf else self.trial.held(limited_n)
+
+    def _begin_trials(self) -> None:
+        """Trust nothing of the motors: they may be another device's."""
+        self.trial.set_record(self._record)
+        self.safety.hasty = False
 
     def _try_motors(self, force_n: tuple[float, ...]) -> None:
         """Release the hand where its device runs with its force, and see how it goes on (`MotorTrial`)."""

@@ -1,11 +1,12 @@
 """A position that stands still to the last bit while the device's own velocity says that it moves.
 
-Symbols: v the reported speed [m/s], T tick [s], v_0 the speed as the position stood still first, s the way that v has gone since,
-forgotten with WINDOW_S.
+Symbols: v reported speed [m/s], T tick [s], v_0 the speed as the position stood still first, s the way [m] that v has gone
+since, forgotten with WINDOW_S.
 
     frozen where  s = sum of v T  >  FROZEN_M + SLACK_COUNTS q + LAG_S v_0
 
-q is one count: a tip that moves less than one shows nothing. v is filtered, so it goes on for LAG_S after a tip that stops dead.
+q is one count: a tip that moves less than one shows nothing. v is filtered, and so late: it
+goes on for LAG_S after a tip that stops dead.
 A v of less than FROZEN_M / WINDOW_S, noise say, is never taken for motion.
 """
 

@@ -1,17 +1,19 @@
 """Trial of a device by small forces: whether it moves as its record says, and where it does not, how.
 
-A known force pushes it to and fro, an axis at a time, while nobody holds it, or somebody does lightly. Nobody else pushes just so:
-what moves with the force is what the force moves.
+A known force pushes it to and fro, an axis at a time, while nobody holds it, or somebody does lightly. Nobody else pushes just
+so: what moves with the force is what the force moves.
 
-Symbols: F force that loads the hand along axis j [N], x_i place along axis i [m], m apparent mass [kg] and L age of a sample [ticks]
-by the record, g_i gain of the motion along i (1 for i = j and 0 else if all is well), l ticks by which samples are later than they
-say, B and K damping [N s/m] and stiffness [N/m] of whoever holds it, c friction [N], p a polynomial of degree DEGREE: slow forces.
+Symbols: F force that loads the hand along axis j [N], x_i place along axis i [m], m apparent mass [kg] and L age of a sample
+[ticks] by the record, g_i gain of the motion along i (1 for i = j and 0 else if all is well), l ticks by which samples are
+later than they say, B and K damping [N s/m] and stiffness [N/m] of whoever holds it, c friction [N], p a polynomial of degree
+DEGREE for slow forces.
 
     m x_i'' = -g_i F - B x_i' - K x_i - c sgn x_i' + p''(t)      and, twice integrated,
     x_i = -g_i u / m - B / m int x_i - K / m int int x_i - c / m int int sgn x_i' + p
 
-with u'' = F, u taken l ticks later. g_i by least squares, l that of the best fit. Motor gain, position gain and mass act alike on
-g_i, so a gain of 2 says that one of them is twice, or half, of what it should be.
+with u'' = F, u taken l ticks later. g_i by least squares, l that of the best fit. Motor gain, position gain and mass act alike
+on g_i: a gain of 2 says that one of them is twice, or half, of what it should be. A single tick of l is told apart from
+friction only where the device has little.
 """
 
 from collections.abc import Callable, Sequence
@@ -71,10 +73,8 @@ class Response:
         """Return what is not as the record says, each with what to look at; none where all is well."""
         name, gains = AXES[self.axis], self.gains
         if not self.moved:
-            return [
-                f"{name}: did not move under {self.pushed_n:.2g} N: it is held, stuck or at a stop, or its motors are off;"
-                " let go of it in mid-range, see to its power"
-            ]
+            what = f"did not move under {self.pushed_n:.2g} N: it is held, stuck or at a stop, or its motors are off"
+            return [f"{name}: {what}; let go of it in mid-range, see to its power"]
         if not self.quiet:
             return [
                 f"{name}: something else moved it meanwhile, so nothing can be said: let go of it, or hold it still"
@@ -82,9 +82,9 @@ class Response:
         largest = max(range(len(gains)), key=lambda axis: abs(gains[axis]))
         own, found = gains[self.axis], []
         if abs(own) < CROSS * abs(gains[largest]):
+            other = AXES[largest]
             found.append(
-                f"{name}: a push along it moves the device along {AXES[largest]}: these axes are swapped, of the motors or of the"
-                " positions"
+                f"{name}: a push along it moves the device along {other}: these axes are swapped, of motors or positions"
             )
         elif own < 0.0:
             found.append(
@@ -97,10 +97,8 @@ class Response:
                 f" {record.apparent_mass_kg:g} kg: its motor gain or position gain is too large, or its record's mass"
             )
         if self.late_ticks:
-            found.append(
-                f"{name}: its samples are {self.late_ticks} ticks later than they say: correct latency_ticks and age_ticks of its"
-                " driver"
-            )
+            late = f"its samples are {self.late_ticks} ticks later than they say"
+            found.append(f"{name}: {late}: correct latency_ticks and age_ticks of its driver")
         return found
 
 
@@ -159,7 +157,7 @@ def _push(device: Device, clock: Clock, tick: int, axis: int, push_n: float) -> 
     begun: Sequence[float] | None = None
     first = tick + 1
     ticks = BEFORE_TICKS + len(PATTERN) * STROKE_TICKS + AFTER_TICKS
-    held = silent = 0
+    silent = 0
     away = False
     while tick - first + 1 < ticks:
         before, tick = tick, clock(tick + 1)
@@ -175,7 +173,7 @@ def _push(device: Device, clock: Clock, tick: int, axis: int, push_n: float) -> 
             silent = 0
         else:
             silent += 1
-        stroke, held = divmod(tick - first - BEFORE_TICKS, STROKE_TICKS)
+        stroke = (tick - first - BEFORE_TICKS) // STROKE_TICKS
         pushes = 0 <= stroke < len(PATTERN) and not away and silent < SILENT_TICKS
         force = push_n * PATTERN[stroke] if pushes else 0.0
         asked = tuple([force if each == axis else 0.0 for each in range(count)])

@@ -18,6 +18,7 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
 from cogrip.cli.terminal.typed_line import typed_line
+from cogrip.client.velocity import largest_impedance
 from cogrip.devices import trial
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Device, DeviceError, Sample, defects_named
@@ -264,6 +265,11 @@ class _Wizard:
             settings = Path(answer)
         with Problem.of_files(settings, doing="cannot be read or written: "):
             text = settings.read_text(encoding="utf-8") if settings.exists() else starting_text()
-            new, person = placed(text, name, address, str(settings))
+            with Problem.of(DeviceError):
+                record = record_of(make(address, axes=axes_of(address)), address)
+            carried = largest_impedance(record, 1.0 / trial.RATE_HZ).impedance_nspm
+            new, person, own = placed(text, name, address, str(settings), carried)
             settings.write_text(new, encoding="utf-8")
+        if own is not None:
+            self.tell(f"the device carries {carried:.3g} N s/m: {person} gets impedance_nspm = {own:g}")
         self.tell(f"{settings}: the device of {person} is {address}; start with `cogrip demo {settings}`")

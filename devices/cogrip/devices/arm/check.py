@@ -92,7 +92,7 @@ def _sign(name: str, forward: int, backward: int, current_ma: float, most_moved:
     what, found = f"sign, axis {name}", f"{forward:+d}, {backward:+d} counts"
     wanted = f"up, down under +-{current_ma:g} mA"
     if (other := JOINTS[most_moved]) != name:
-        cure = f"the motor of axis {name} moves the encoder of axis {other} most: motors or encoders are swapped; swap them back"
+        cure = f"the motor of axis {name} moves the encoder of axis {other} most: two motors or encoders are swapped"
         return Row(what, f"{found}, more at {other}", wanted, good=False, cure=cure)
     if forward >= LEAST_MOVED_COUNTS and backward <= -LEAST_MOVED_COUNTS:
         return Row(what, found, wanted, good=True)

@@ -162,7 +162,7 @@ class ForceDimensionDevice(Driver):
         return buttons, turned, grip_m
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
-        """A force above the limit keeps its direction; one that is none at all becomes zero, and so does any while none flows."""
+        """A force above the limit keeps its direction; one that is none becomes zero, and so does any while none flows."""
         self._need_open("write")
         size = hypot(*force_n)
         if len(force_n) != self._axes or not isfinite(size):

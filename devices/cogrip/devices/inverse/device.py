@@ -91,7 +91,7 @@ class InverseDevice(Driver):
         return Sample(place, None, age, int(buttons), orientation)
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
-        """A force above the limit keeps its direction. None is asked for where the device has not answered lately, or after a pause."""
+        """A force above the limit keeps its direction. None is asked for after a pause, or a silence."""
         self._need_open("write")
         size = hypot(*force_n)
         wrong = len(force_n) != self._axes or not isfinite(size)
