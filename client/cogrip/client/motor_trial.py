@@ -14,7 +14,7 @@ acceleration [m/s^2].
     tried       the force is let go within a block: r = m (a_3 - a_0) / (e F_0) is what that made of the motion, 1 for a light
                 hand that pushed, -1 for a motor that drove, and about 0 for a hand so stiff that it minds neither
     driven      r < -DRIVEN: the force is held to PROBATION of the peak force for WITHIN_S; a fault where such r, without
-                one above PUSHED between, add up to -EVIDENCE
+                one above PUSHED between, add up to -EVIDENCE, each -1 at most
 
 Where the hand has pushed along an axis, its motor pushes back as it should: it is not suspected again. A wrong sign of a device
 that a firm hand keeps from running is not seen here; `cogrip.devices.response` sees it.
@@ -183,7 +183,7 @@ class MotorTrial:
             self._driven.clear()
             self.most_n = inf
         elif ratio < -DRIVEN:
-            self._driven = [each for each in self._driven if tick - each[0] < self._within] + [(tick, ratio)]
+            self._driven = [each for each in self._driven if tick - each[0] < self._within] + [(tick, max(-1.0, ratio))]
             self.most_n = PROBATION * self._peak_n
             if sum(each[1] for each in self._driven) <= -EVIDENCE:
                 self.fault = self._cause(axes)

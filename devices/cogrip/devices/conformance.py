@@ -124,7 +124,7 @@ def samples_are_metres(subject: Subject) -> None:
             _expect(all(map(isfinite, sample.position_m + (sample.velocity_mps or ()))), f"finite: {sample}")
             places = zip(sample.position_m, record.workspace_m, strict=False)
             inside = all(low <= at <= high for at, (low, high) in places)
-            _expect(inside, f"inside the workspace {record.workspace_m} m: {sample.position_m}")
+            _expect(inside, _outside(record, sample.position_m))
             turned = hypot(*sample.position_m[PLACES:])
             _expect(turned <= pi * (1.0 + 1e-3), f"a rotation vector turns by at most pi: {turned} rad")
             if record.gripper is not None:
@@ -340,6 +340,13 @@ def _judged(subject: Subject) -> tuple[dict[str, list[Sample]], int]:
         if sample is not None and (wrong := judge.judge(tick, sample)):
             found.setdefault(wrong, []).append(sample)
     return found, len(samples) - samples.count(None)
+
+
+def _outside(record: Capability, position_m: Sequence[float]) -> str:
+    """Return that a position must be inside the workspace, in millimetres, and what to do."""
+    box = " x ".join(f"{1e3 * low:.0f} to {1e3 * high:.0f}" for low, high in record.workspace_m)
+    at = ", ".join(f"{1e3 * part:.0f}" for part in position_m)
+    return f"inside the workspace of {box} mm, and it is at ({at}) mm: move it into mid-range, and try again"
 
 
 def _zero(device: Device) -> tuple[float, ...]:
