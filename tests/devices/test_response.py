@@ -32,7 +32,7 @@ def opened(arm: str, hand: str = "hold", fault: str = "", late_ticks: int = 0) -
     axes = 2 if arm.endswith("2diy") else 3
     device = FaultyDevice(make(f"{arm}?hand={hand}", axes=axes), fault, late_ticks)
     device.open(RATE_HZ)
-    return device  # type: ignore[return-value]
+    return device
 
 
 @pytest.mark.parametrize(("arm", "hand"), list(product(ARMS, HANDS)))
@@ -81,7 +81,7 @@ def test_one_that_somebody_moves_is_never_said_to_be_well() -> None:
 
 @pytest.mark.parametrize("fault", ["", *FAULTS])
 def test_the_conformance_suite_finds_each(fault: str) -> None:
-    subject = Subject(lambda: FaultyDevice(make("emulated:vintage", axes=3), fault), yields=True)  # type: ignore[arg-type,return-value]
+    subject = Subject(lambda: FaultyDevice(make("emulated:vintage", axes=3), fault), yields=True)
     if not fault:
         moves_as_its_record_says(subject)
         return

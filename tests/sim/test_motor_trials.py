@@ -30,7 +30,7 @@ def session(
     }
     laboratory = Laboratory(resolve({**settings, "users": users}))
     anna, most = laboratory.people[0], 0.0
-    anna.device = FaultyDevice(anna.device, fault)  # type: ignore[assignment]
+    anna.device = FaultyDevice(anna.device, fault)
 
     def watch(laboratory: Laboratory) -> None:
         nonlocal most
@@ -84,7 +84,13 @@ HANDS = (
     "reach&amplitude_m=0.05&stroke_s=0.5&hand_stiffness_npm=1500&hand_damping_nspm=15", "sine&amplitude_m=0.01&frequency_hz=3",
 )  # fmt: skip
 ARMS = (("sim:phantom", 20.0), ("sim:phantom?mass_kg=0.15", 20.0), ("sim:ideal", 20.0), ("emulated:2diy", 2.0))
-NETWORKS = ((0.0, {}), (20.0, {}), (150.0, {}), (300.0, {}), (20.0, {"loss": 0.05, "jitter_ms": 5.0}))
+NETWORKS: tuple[tuple[float, dict[str, float]], ...] = (
+    (0.0, {}),
+    (20.0, {}),
+    (150.0, {}),
+    (300.0, {}),
+    (20.0, {"loss": 0.05, "jitter_ms": 5.0}),
+)
 
 
 @pytest.mark.parametrize(("arm", "hand", "network"), every(8, product(ARMS, HANDS, NETWORKS)))
