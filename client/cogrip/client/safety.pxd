@@ -18,13 +18,17 @@ cdef class Safety:
     cdef long long _watchdog_ticks
     cdef long long _limit_ticks
     cdef long long _derated_ticks
+    cdef long long _let_go_ticks
     cdef public double gain
     cdef public object clamped_n
     cdef double _absent
+    cdef double _held_gain
     cdef long long _at_limit
     cdef long long _derated
+    cdef long long _let_go
     cdef public bint limited
     cdef public bint derated
+    cdef public bint hasty
     cdef public str state
     cdef public object reason
     cdef public object warning
