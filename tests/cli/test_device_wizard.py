@@ -201,12 +201,23 @@ def test_a_person_gets_an_impedance_of_their_own_where_the_device_carries_less(
 
 
 def test_the_command_that_it_ends_with_is_accepted(answering, cogrip, tmp_path: Path) -> None:
-    """Demo asks for 20 N s/m, and this arm carries 8: before, it was refused."""
+    """These settings ask for 20 N s/m, and this arm carries 8."""
     file = tmp_path / "mine.toml"
+    file.write_text('[coupling]\nimpedance_nspm = 20.0\n[[users]]\nname = "anna"\n[[users]]\nname = "ben"\n')
     code, out, _ = answering(REACH, "s", "s", "s", str(file))
     assert code == 0
     assert "the device carries 8 N s/m: anna gets impedance_nspm = 8" in out
     assert tomllib.loads(file.read_text())["users"][0]["impedance_nspm"] == 8.0
+    code, out, err = cogrip("lab", str(file), "--set", "seconds=0.5", "--runs", str(tmp_path / "runs"))
+    assert "carries" not in out + err
+    assert code == 0, out + err
+
+
+def test_an_impedance_that_follows_the_device_is_left_as_it_is(answering, cogrip, tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    code, _, _ = answering(REACH, "s", "s", "s", str(file))
+    assert code == 0
+    assert "impedance_nspm" not in file.read_text()
     code, out, err = cogrip("lab", str(file), "--set", "seconds=0.5", "--runs", str(tmp_path / "runs"))
     assert "carries" not in out + err
     assert code == 0, out + err

@@ -22,13 +22,11 @@ cdef class Safety:
     cdef public double gain
     cdef public object clamped_n
     cdef double _absent
-    cdef double _held_gain
     cdef long long _at_limit
     cdef long long _derated
     cdef long long _let_go
     cdef public bint limited
     cdef public bint derated
-    cdef public bint hasty
     cdef public str state
     cdef public object reason
     cdef public object warning

@@ -28,9 +28,8 @@ FAULT_OUT_S = 0.015
 STALL_S = 0.02  # of ticks without a sample, in a leaky counter: a device that reaches it has stalled
 STALL_DECAY = 0.5  # ticks that each sample takes off that counter
 WATCHDOG_S = 0.1  # time without a tick after which the watchdog ends the force: the hand held an old one
-LET_GO_S = (
-    0.01  # of ticks in which nothing acts of the force: a device that has let go so long takes it back by the ramp
-)
+LET_GO_S = 0.01
+"""Time in which nothing acts of the force, after which a device takes it back by the ramp."""
 AT_LIMIT_S = 0.5  # time at its limit after which a force is saturated: a fault
 NEAR_THERMAL_LIMIT = "near thermal limit"  # counted before anything is limited
 DERATED_S = 10.0  # of thermal derating, in a counter that falls while there is none: at more it is a fault
@@ -54,7 +53,6 @@ class Safety:
 
     gain       of the ramp, 0 to 1
     clamped_n  force of this tick before ramp and slope limit, clamped to the device's peak
-    hasty      let go as fast as the slope of a fault allows
     limited    whether a limit held the force of this tick: peak, warm motors or slope; `derated` whether warm motors did
     unstable   how the force was unstable: it oscillated, was not finite, or took energy out without end; "" if it was not
     saturated  how the force sat at the device's limit until it was let go, "" if it did not
@@ -81,11 +79,11 @@ class Safety:
         self._let_go_ticks = max(2, round(LET_GO_S / tick_s))
         self.gain = 0.0
         self.clamped_n: Sequence[float] = (0.0,) * capability.axes
-        self._absent = self._held_gain = 0.0
+        self._absent = 0.0
         self._at_limit = 0
         self._derated = 0
         self._let_go = 0  # ticks in which nothing acted, less those in which something did, and one more
-        self.limited = self.derated = self.hasty = False
+        self.limited = self.derated = False
         self.state: State = "idle"
         self.reason = self.warning = ""
         self.unstable = self.saturated = self.left = ""
@@ -125,18 +123,6 @@ class Safety:
         self.gain = 0.0
         for group in self._groups:
             group.soften()
-
-    def let_go(self, reason: str) -> None:
-        """Release the hand for a moment, as fast as the slope of a fault allows."""
-        self._held_gain, self.hasty = self.gain, True
-        self.event("stale", reason)
-
-    def take_back(self) -> None:
-        """Take the hand back after `let_go`: by the slope of a gap, with the gain of before."""
-        self.hasty = False
-        if self.event("fresh"):
-            self.ramp_anew()
-            self.gain = self._held_gain
 
     def fail(self, reason: str) -> None:
         """Latch a fault; the first reason is kept."""
@@ -211,7 +197,7 @@ class Safety:
         """Return the gain of the next `limit`. wished: whether the force law gives a force."""
         if self.state == "live" and wished:
             return min(1.0, self.gain + self._rise)
-        return max(0.0, self.gain - (1.0 if self.hasty else self._fault_fall if self.state == "fault" else self._fall))
+        return max(0.0, self.gain - (self._fault_fall if self.state == "fault" else self._fall))
 
     def limit(self, force_n: Sequence[float] | None, gap: bool = False) -> tuple[float, ...]:
         """Return the force for the motors. force_n: the law's, or None; gap: whether the law's wave is missing."""
@@ -230,9 +216,7 @@ class Safety:
             else:
                 self._clip(force_n)
         out = tuple(self.clamped_n) if gain == 1.0 else tuple([gain * value for value in self.clamped_n])
-        fall = (
-            self._fault_fall if self.hasty or self.state == "fault" else 0.0
-        )  # also for a fault that this call has found
+        fall = self._fault_fall if self.state == "fault" else 0.0  # also for a fault that this call has found
         if further is None:
             out = translation.follow(out, gap, fall)
             over, self.limited, self.derated = translation.over, translation.limited, translation.derated

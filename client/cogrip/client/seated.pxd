@@ -32,7 +32,6 @@ cdef class SeatedClient(SeatHand):
     cdef public object _stopped
     cdef public object _stop_mps
     cdef public object felt
-    cdef public object trial
 
     @cython.locals(elapsed="long long", hand=HandMotion, ended=bint)
     cpdef sense(self, long long tick, Sample sample, long long now_ns)
@@ -55,8 +54,4 @@ cdef class SeatedClient(SeatHand):
         law=double, speed=double, fraction=double, extra=double, local=double, left=double, other=double,
     )
     cdef tuple _render(self)
-    cdef _within_energy(self, wanted_n)
-    cdef _begin_trials(self)
-    @cython.locals(safety=Safety)
-    cdef _try_motors(self, tuple force_n)
     cdef _degrade(self, cause)

@@ -7,7 +7,7 @@ skipped the device held the last force: its waves are computed as well.
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from math import dist, inf
+from math import dist
 from operator import mul, sub
 
 from msgspec.structs import replace
@@ -19,7 +19,6 @@ from cogrip.client.energy_ledger import EnergyLedger
 from cogrip.client.felt_stiffness import REST_S, FeltStiffness
 from cogrip.client.hand_aids import part_of
 from cogrip.client.hand_motion import HandMotion, work_and_velocity
-from cogrip.client.motor_trial import MotorTrial
 from cogrip.client.peaks import Peaks
 from cogrip.client.pose_axes import PoseAxes, Row
 from cogrip.client.safety import Safety
@@ -44,7 +43,7 @@ class SeatedClient(SeatHand):
     __slots__ = (
         "_acted", "_frame_begin", "_frame_end", "_frame_start_m", "_origin_m", "_origin_pose", "_rate_hz", "_stop_mps",
         "_stopped", "_ticks_per_frame", "_wave_end", "_zero_n", "deficit_frames", "felt", "peaks", "port",
-        "session_id", "shaking", "tick", "trial",
+        "session_id", "shaking", "tick",
     )  # fmt: skip
 
     def __init__(self, seat: SeatSettings, session: ClientSession, capability: Capability, make_port: MakePort) -> None:
@@ -57,7 +56,6 @@ class SeatedClient(SeatHand):
         self.ledger = EnergyLedger(self.coupling)
         self.effects: EffectForce | None = None  # once one was told
         self.hand = HandMotion(self._record, rates, self.safety, self._masses_kg())
-        self.trial = MotorTrial(self._record, rates.tick_s)
         self.peaks = Peaks()
         self.shaking = Shaking(seat.object.axes, rates.tick_s)
         self.tick = self._acted = -1
@@ -99,7 +97,6 @@ class SeatedClient(SeatHand):
         self._set_record(capability)
         self.safety.set_record(self.capability)
         self.port.set_record(self._record)
-        self._begin_trials()
         self.hand.fit(self._record, self._masses_kg())
         self.aids.set_record(self.capability)
         if self.effects is not None:
@@ -141,7 +138,6 @@ class SeatedClient(SeatHand):
         """Leave a latched fault."""
         if self.safety.event("rearm"):
             self.port.rearm()
-            self._begin_trials()
             self.safety.event("go")
 
     def applied(self, force_n: tuple[float, ...]) -> None:
@@ -314,7 +310,7 @@ class SeatedClient(SeatHand):
         self._acted = self.tick
         if session.state == "resuming" or session.stale(now_ns):
             safety.event("stale", "nothing new from the server")
-        elif safety.state == "degraded" and not (self.port.releasing or self.trial.trying):
+        elif safety.state == "degraded" and not self.port.releasing:
             safety.event("fresh")
         force = self._render()
         self.peaks.enter(force, self.force_n, self._axis_units)
@@ -322,7 +318,6 @@ class SeatedClient(SeatHand):
             self.shaking.enter(force if self.effects is None else self.effects.rest_of(force))
         else:
             self.shaking.pause()
-        self._try_motors(force)
         self.force_n = force
         return force if self._axis_units is None else self._axis_units.wrench(force)
 
@@ -351,7 +346,7 @@ class SeatedClient(SeatHand):
         if aids.active and rendered_n is not None:
             aids_n = aids.force(hand.position_m, hand.velocity_mps)
             wanted_n = [law + extra for law, extra in zip(rendered_n, aids_n, strict=True)]
-        force = safety.limit(self._within_energy(wanted_n), coupling.gap())
+        force = safety.limit(port.limit(wanted_n) if wanted_n is not None else None, coupling.gap())
         coupling.ramp_gain = safety.gain
         port.ramped = safety.gain != 1.0
         coupling.cut_n = None
@@ -377,37 +372,6 @@ class SeatedClient(SeatHand):
             if cause := port.watch(watched_n, safety.at_peak(), local_n, safety.limited, reduced, coupling.absorbs):
                 self._degrade(cause)
         return force
-
-    def _within_energy(self, wanted_n: Sequence[float] | None) -> Sequence[float] | None:
-        """Return the law's force, limited by energy, and held back while the device may run with it; None for none."""
-        if wanted_n is None:
-            return None
-        limited_n = self.port.limit(wanted_n)
-        return limited_n if self.trial.most_n == inf else self.trial.held(limited_n)
-
-    def _begin_trials(self) -> None:
-        """Trust nothing of the motors: they may be another device's."""
-        self.trial.set_record(self._record)
-        self.safety.hasty = False
-
-    def _try_motors(self, force_n: tuple[float, ...]) -> None:
-        """Release the hand where its device runs with its force, and see how it goes on (`MotorTrial`)."""
-        trial, safety = self.trial, self.safety
-        if not (trial.trying or safety.state == "live"):
-            return
-        step = trial.enter(self.tick, self.hand.position_m, force_n)
-        if not step:
-            return
-        if step == "try":
-            safety.note("released: the device ran with its force")
-            safety.let_go("the device ran with its force")
-        elif trial.fault:
-            safety.unstable = safety.unstable or trial.fault
-            safety.fail(trial.fault)
-        elif step == "pushed":
-            safety.take_back()
-        else:
-            safety.hasty = False
 
     def _degrade(self, cause: Cause) -> None:
         """Ramp the force out (`degraded`); a fault where that has not helped MOST_RELEASES times."""

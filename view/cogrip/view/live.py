@@ -142,7 +142,9 @@ class LiveScene:
         if person is None:  # an older server, or the message is on its way
             return PersonFrame(seat, "live", flags, 0, proxy, proxy, force, self._path[-1][1])
         margins = {"up_margin_j": person.up_margin_j, "line_margin_j": person.line_margin_j}
-        if any(margin is not None and margin < least_margin(key, self._credit_j) for key, margin in margins.items()):
+        if any(
+            margin is not None and margin < least_margin({}, key, self._credit_j) for key, margin in margins.items()
+        ):
             flags |= frames.NOT_PASSIVE
         if person.hand_m:
             flags |= frames.HAND_KNOWN

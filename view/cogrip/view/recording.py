@@ -290,7 +290,7 @@ class RecordedView:
         margins_j = [("up_margin_j", step.up_margin_j), ("line_margin_j", step.line_margin_j)] if step else []
         margins_j += [("down_margin_j", tick.margin_j)] if tick else []
         pushes = sum(each * each for each in force_n) >= LEAST_DRAWN_N**2
-        active = any(margin_j is not None and margin_j < least_margin(key, credit_j) for key, margin_j in margins_j)
+        active = any(margin_j is not None and margin_j < least_margin({}, key, credit_j) for key, margin_j in margins_j)
         known = tick is not None and tick.position_m is not None
         handle, shift = tick or step, self._shift(seat, time_s)
         assert handle is not None

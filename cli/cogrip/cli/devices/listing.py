@@ -150,7 +150,7 @@ def _axes(listing: Listing) -> str:
     for more in (POSE_AXES, GRIP_AXES):
         with suppress(DeviceError):
             make(listing.address, axes=more)
-            return f"{axes} or {more}"
+            return f"{axes}/{more}"
     return axes
 
 

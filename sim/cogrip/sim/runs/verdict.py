@@ -75,7 +75,10 @@ def passive_of(rows: list[Row], credit_j: float) -> bool | None:
 
 
 def least_margin(row: Row, key: str, credit_j: float) -> float:
-    """Return the least that a person's margin may be [J]: less what its directions may have lent, and rounding."""
+    """Return the least that a person's margin may be [J]: less what its directions may have lent, and rounding.
+
+    row: of the summary; an empty one where nothing is known of frames yet, so that anything may have been lent
+    """
     paths = {"up_margin_j": ("up",), "down_margin_j": ("down",), "line_margin_j": ("up", "down")}.get(key, ())
     return -sum([_lent_j(row, path, credit_j) for path in paths]) - ROUNDING_J
 

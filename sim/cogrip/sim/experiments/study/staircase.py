@@ -27,6 +27,7 @@ _MOST_PEST_STEPS = 8.0  # times the first step
 _QUEST_LEVELS = 33  # from least to most, among which QUEST chooses
 _FIRST_REVERSALS = 4  # in which a track comes near: left out of the mean of reversals
 _LEAST_REVERSALS = 2  # of which a mean is told
+_DIGITS = 6  # of a level
 _AT_BOUND = 0.25  # A track of which so many answers were given at a bound sits there.
 
 Method = Literal["1-up-2-down", "pest", "quest"]
@@ -87,7 +88,7 @@ def next_level(rule: Staircase, answered: Sequence[Answered]) -> float | None:
     if len(answered) >= rule.trials:
         return None
     level = _RULES[rule.method](rule, answered)
-    return None if level is None else min(rule.most, max(rule.least, level))
+    return None if level is None else float(f"{min(rule.most, max(rule.least, level)):.{_DIGITS}g}")
 
 
 def _up_down(rule: Staircase, answered: Sequence[Answered]) -> float | None:
