@@ -23,7 +23,7 @@ from tests import forked
 from tests.fair_time import FairTime
 from tests.stalls import MACHINE_STALLED
 
-LIMIT_S = 120.0  # for anything that is waited for, in time as the machine gives it
+LIMIT_S = 60.0  # for anything that is waited for, in time as the machine gives it
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 DEMO = CONFIGS / "demo.toml"
 WITHIN = ("--set", "coupling.impedance_nspm=2")  # what every arm here carries: the 2DIY the least
