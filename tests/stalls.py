@@ -149,7 +149,7 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 
 
 class Alone:
-    """What runs alone after a session, in a process of its own: of the one process, or of that which has the workers."""
+    """Plugin that runs postponed tests after a session, in a process of their own. Workers have it not."""
 
     def __init__(self, config: pytest.Config) -> None:
         self._config = config

@@ -182,9 +182,11 @@ def test_examples_of_devices_have_names_as_the_system_has_them() -> None:
         "linux": ("serial:/dev/ttyACM0?model=vintage", "haply:/dev/ttyACM0?model=2diy", "spacemouse:/dev/hidraw0"),
     }
     list_all = (
-        "import sys; sys.platform = sys.argv[1]\n"
-        "import cogrip.devices.io.port_names; sys.platform = 'linux'\n"
+        "import sys\n"
         "from cogrip.devices.registry import describe, families\n"
+        "sys.platform = sys.argv[1]\n"
+        "import cogrip.devices.io.port_names\n"
+        "sys.platform = 'linux'\n"
         "print(*[each.address for each in describe(axes=3)], *families().values(), sep='\\n')"
     )
     for system, addresses in expected.items():

@@ -1,4 +1,4 @@
-"""What becomes of a live test where the machine takes the processor away: a run of pytest whose stalls are a table."""
+"""Live tests on a machine that takes the processor away: runs of pytest whose stalls are a table."""
 
 import json
 import os
