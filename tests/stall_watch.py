@@ -1,33 +1,35 @@
-"""Sleeps for 5 ms at a time and tells when it awoke too late; ends its parent where a test hangs. A script of its own.
+"""Sleeps for 5 ms at a time and knows when it awoke too late; ends its parent where a test hangs. A script of its own.
 
-On standard input come limits [s], one a test and line: of time as the machine gives it (`fair_time`). At the end of the input
-it ends. On standard output go stalls longer than its argument [s].
+On standard input comes a limit [s] as each test begins, of time as the machine gives it (`fair_time`), or a question mark. The
+answer, on standard output: the longest that it overslept since the test began [s], and the mean share of a processor that those
+had who wanted one. At the end of the input it ends.
 """
 
 import os
 import select
 import signal
-import sys
 import time
 
-from fair_time import FairTime
+from fair_time import FairTime, share
 
-LOOK_S, COUNT_S = 0.005, 1.0
+LOOK_S, COUNT_S = 0.005, 0.05
 
 
-def main(stall_s: float) -> None:
+def main() -> None:
     parent, limit_s, given = os.getppid(), float("inf"), FairTime()
-    last_s = counted_s = time.monotonic()
+    last_s = counted_s = begun_s = time.monotonic()
+    longest_s = 0.0
     while True:
         told = os.read(0, 65536) if select.select([0], [], [], LOOK_S)[0] else None
         now_s = time.monotonic()
-        if now_s - last_s > stall_s:
-            os.write(1, b"%.3f " % (now_s - last_s))
-        last_s = now_s
+        longest_s, last_s = max(longest_s, now_s - last_s - LOOK_S), now_s
         if told == b"":
             return
-        if told:
-            limit_s, given = float(told.split()[-1]), FairTime()
+        if told and told.rstrip().endswith(b"?"):
+            mean = given.spent_s() / (now_s - begun_s) if now_s > begun_s else share()
+            os.write(1, b"%.3f %.2f\n" % (longest_s, min(1.0, mean)))
+        elif told:
+            limit_s, given, begun_s, longest_s = float(told.split()[-1]), FairTime(), now_s, 0.0
         if now_s - counted_s > COUNT_S:
             counted_s = now_s
             if given.spent_s() > limit_s:
@@ -36,4 +38,4 @@ def main(stall_s: float) -> None:
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]))
+    main()

@@ -1,14 +1,13 @@
 """Tests of live processes on a machine that takes the processor away meanwhile.
 
-A watchdog is right to let go then: such a session says nothing about the code. A process of its own measures the stalls. A test
-that begins commands of cogrip, or is marked `on_time`, needs a processor within some time. Where it failed and had none, it
-runs again alone once all others have ended. If the machine does not give it then either, it is skipped by name with the
-figure. Whatever fails without a stall fails.
+A watchdog is right to let go then: such a session says nothing about the code. A process of its own measures the machine. A
+test that begins commands of cogrip, or is marked `on_time`, needs a processor within some time, and a machine that not too many
+share. Where it failed and lacked either, it runs again alone once all others have ended. If the machine does not give it then,
+it is skipped by name with the figures. Whatever fails on a machine that gives it fails.
 """
 
 import json
 import os
-import select
 import subprocess
 import sys
 import tempfile
@@ -24,6 +23,8 @@ from tests import forked
 MACHINE_STALLED = "this machine took the processor away"
 STALL_S = 0.03
 """A shorter stall is borne by every loop here: an arm's driver gives up after 50 ms, the watchdog after 100 ms."""
+LEAST_SHARE = 0.7
+"""Mean share of a processor, below which a live test is not judged: 0.67 where three want two processors."""
 RUNS = 3
 """Runs of a test alone, before it is skipped."""
 ALONE_S = 300.0
@@ -37,32 +38,33 @@ class StallWatch:
 
     def __init__(self) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-S", str(Path(__file__).with_name("stall_watch.py")), str(STALL_S)],
+            [sys.executable, "-S", str(Path(__file__).with_name("stall_watch.py"))],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
         )
 
     def begin(self, limit_s: float) -> None:
-        """Forget the stalls before, and end this process if it is not told of another test within a time [s]."""
-        assert self._process.stdin is not None
-        self.longest_s()
-        self._process.stdin.write(b"%g\n" % limit_s)
-        self._process.stdin.flush()
+        """Measure from now on, and end this process if it is not told of another test within a time [s]."""
+        self._tell(b"%g\n" % limit_s)
 
-    def longest_s(self) -> float:
-        """Return the longest stall since this was asked last, 0 if there was none [s]."""
+    def measured(self) -> tuple[float, float]:
+        """Return the longest stall since the test began [s], and the mean share of a processor that whoever wanted one had."""
         assert self._process.stdout is not None
-        pipe, told = self._process.stdout.fileno(), b""
-        while select.select([pipe], [], [], 0.0)[0]:
-            told += os.read(pipe, 65536)
-        return max(map(float, told.split()), default=0.0)
+        self._tell(b"?\n")
+        stall_s, share = map(float, self._process.stdout.readline().split())
+        return stall_s, share
 
     def end(self) -> None:
         self._process.communicate()
 
+    def _tell(self, words: bytes) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(words)
+        self._process.stdin.flush()
+
 
 _WATCH = pytest.StashKey[StallWatch]()
-_POSTPONED = pytest.StashKey[dict[str, float]]()
+_POSTPONED = pytest.StashKey[dict[str, str]]()
 _SKIPPED = pytest.StashKey[list[str]]()
 _BEGUN_S = time.monotonic()
 
@@ -89,35 +91,39 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 
 def _run_first(item: pytest.Item, nextitem: pytest.Item | None) -> list[pytest.TestReport]:
-    reports, stall_s = _run(item, nextitem)
-    return reports if stall_s is None else [_report(item, "passed", postponed=stall_s)]
+    reports, lacked = _run(item, nextitem)
+    return [_report(item, "passed", postponed=lacked)] if lacked else reports
 
 
 def _run_alone(item: pytest.Item, nextitem: pytest.Item | None) -> list[pytest.TestReport]:
-    longest_s = 0.0
+    lacked = f"{MACHINE_STALLED}: {ALONE_S:g} s were not enough for all that had to run alone"
     for _ in range(RUNS):
         if time.monotonic() - _BEGUN_S > ALONE_S:
             break
-        reports, stall_s = _run(item, nextitem)
-        if stall_s is None:
+        reports, lacked = _run(item, nextitem)
+        if not lacked:
             return reports
-        longest_s = max(longest_s, stall_s)
-    took = f"for {longest_s:g} s while it ran alone" if longest_s else f"for so long that {ALONE_S:g} s were not enough"
-    return [_report(item, "skipped", f"{MACHINE_STALLED} {took}; this test needs one within {_within_s(item):g} s")]
+    needs = f"alone it needs one within {_within_s(item):g} s, and a share of {LEAST_SHARE:g}"
+    return [_report(item, "skipped", f"{lacked}; {needs}")]
 
 
-def _run(item: pytest.Item, nextitem: pytest.Item | None) -> tuple[list[pytest.TestReport], float | None]:
-    """Return the reports of a run, and the stall [s] for which it says nothing about the code; None: it does."""
+def _run(item: pytest.Item, nextitem: pytest.Item | None) -> tuple[list[pytest.TestReport], str]:
+    """Return the reports of a run, and what the machine did for which it says nothing about the code; "": it does."""
     begun, watch = len(forked.begun), item.config.stash.get(_WATCH, None)
     if watch:
         watch.begin(hangs_s(item))
     reports = runtestprotocol(item, nextitem=nextitem, log=False)
-    stall_s = watch.longest_s() if watch else 0.0
-    if any(report.skipped and MACHINE_STALLED in str(report.longrepr) for report in reports):
-        return reports, max(stall_s, _within_s(item))
+    said = any(report.skipped and MACHINE_STALLED in str(report.longrepr) for report in reports)
     lives = len(forked.begun) > begun or item.get_closest_marker("on_time") is not None
-    failed = any(report.failed for report in reports)
-    return reports, stall_s if failed and lives and stall_s > _within_s(item) else None
+    if watch and (said or (lives and any(report.failed for report in reports))):
+        stall_s, share = watch.measured()
+        if said or stall_s > _within_s(item) or share < LEAST_SHARE:
+            told = "as the test saw it; measured beside it: " if said else ""
+            return (
+                reports,
+                f"{MACHINE_STALLED}, {told}for {stall_s:g} s, with a share of {share:g} for each who wants one",
+            )
+    return reports, ""
 
 
 def hangs_s(item: pytest.Item) -> float:
@@ -132,11 +138,11 @@ def _within_s(item: pytest.Item) -> float:
     return float(marker.args[0]) if marker and marker.args else STALL_S
 
 
-def _report(item: pytest.Item, outcome: str, reason: str = "", postponed: float | None = None) -> pytest.TestReport:
+def _report(item: pytest.Item, outcome: str, reason: str = "", postponed: str = "") -> pytest.TestReport:
     path, line, _ = item.location
     told = (path, line or 0, f"Skipped: {reason}") if reason else None
     report = pytest.TestReport(item.nodeid, item.location, {}, outcome, told, "setup")  # type: ignore[arg-type]
-    if postponed is not None:
+    if postponed:
         report.postponed = postponed
     return report
 
@@ -155,8 +161,8 @@ class Alone:
         self._config = config
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        if (stall_s := getattr(report, "postponed", None)) is not None:
-            self._config.stash[_POSTPONED][report.nodeid] = stall_s
+        if lacked := getattr(report, "postponed", ""):
+            self._config.stash[_POSTPONED][report.nodeid] = lacked
         elif report.skipped and MACHINE_STALLED in str(report.longrepr):
             self._config.stash[_SKIPPED].append(f"{report.nodeid}: {report.longrepr[2]}")  # type: ignore[index]
 
@@ -188,9 +194,9 @@ class Alone:
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         if postponed := self._config.stash[_POSTPONED]:
-            terminalreporter.section("run again alone: the machine stalled meanwhile")
-            for name, stall_s in postponed.items():
-                terminalreporter.line(f"{name}: for {stall_s:g} s")
+            terminalreporter.section("run again alone")
+            for name, lacked in postponed.items():
+                terminalreporter.line(f"{name}: {lacked}")
         for line in self._config.stash[_SKIPPED]:
             terminalreporter.line(line)
 

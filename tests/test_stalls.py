@@ -3,17 +3,35 @@
 import json
 import os
 import re
+import select
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests.fair_time import FairTime, share
-from tests.stalls import ALONE, RUNS, STALL_S, StallWatch, hangs_s
+from tests.stalls import ALONE, LEAST_SHARE, RUNS, STALL_S, StallWatch, hangs_s
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFTEST = """
+import json
+from pathlib import Path
+from tests import stalls
+
+pytest_plugins = ("tests.stalls",)
+TABLE = Path("table.json")
+
+def _run(item, nextitem, before=stalls._run):
+    measured, *rest = json.loads(TABLE.read_text())
+    TABLE.write_text(json.dumps(rest or [measured]))
+    stalls.StallWatch.measured = lambda self: measured if isinstance(measured, list) else (measured, 1.0)
+    return before(item, nextitem)
+stalls._run = _run
+"""
+TEST = """
 import json
 from pathlib import Path
 from tests import stalls
@@ -49,12 +67,15 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="no stalls are measur
 
 
 def run(
-    folder: Path, stalls_s: list[float], good_from: int, mark: str = "@pytest.mark.on_time", *options: str
+    folder: Path, measured: list[Any], good_from: int, mark: str = "@pytest.mark.on_time", *options: str
 ) -> tuple[int, str, int]:
-    """Return exit code, output and the number of runs of a test that passes from its so manieth run on."""
+    """Return exit code, output and the number of runs of a test that passes from its so manieth run on.
+
+    measured: of each run, the stall [s], or that and the share
+    """
     (folder / "conftest.py").write_text(CONFTEST)
     (folder / "pytest.ini").write_text("[pytest]\naddopts = -q\n")
-    (folder / "table.json").write_text(json.dumps(stalls_s))
+    (folder / "table.json").write_text(json.dumps(measured))
     (folder / "test_it.py").write_text(TEST.format(mark=mark, good_from=good_from))
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("PYTEST_", ALONE))}
     options = options or ("-p", "no:xdist")
@@ -70,21 +91,29 @@ def test_it_runs_again_alone_at_the_end(tmp_path: Path, options: tuple[str, ...]
     code, said, runs = run(tmp_path, [0.2, 0.0], 2, "@pytest.mark.on_time", *options)
     assert (code, runs) == (0, 2), said
     assert "2 passed" in said
-    assert "test_it.py::test_lives: for 0.2 s" in said
+    assert "test_it.py::test_lives: this machine took the processor away, for 0.2 s" in said
     assert (tmp_path / "others.txt").read_text() == "x,", "the other test ran before it was run again"
 
 
 def test_it_is_skipped_by_name_with_the_figure_where_the_machine_stalls_alone_too(tmp_path: Path) -> None:
-    code, said, runs = run(tmp_path, [0.2, 0.0, 0.4, 0.3, 0.1], 99)
+    code, said, runs = run(tmp_path, [0.2, 0.0, 0.1, 0.3, 0.4], 99)
     assert (code, runs) == (0, 1 + RUNS), said
     assert "1 passed, 1 skipped" in said
-    assert re.search(r"test_lives: Skipped: .* for 0.4 s while it ran alone; this test needs one within 0.03 s", said)
+    assert re.search(r"test_lives: Skipped: .* for 0.4 s.*; alone it needs one within 0.03 s", said)
 
 
 def test_it_fails_where_it_fails_alone_on_a_machine_that_does_not_stall(tmp_path: Path) -> None:
     code, said, runs = run(tmp_path, [0.2, 0.0, 0.0], 99)
     assert (code, runs) == (1, 2), said
     assert "1 failed, 1 passed" in said
+
+
+def test_a_machine_that_too_many_share_is_one_that_does_not_give_it(tmp_path: Path) -> None:
+    code, said, runs = run(tmp_path, [[0.01, LEAST_SHARE - 0.01], 0.0], 2)
+    assert (code, runs) == (0, 2), said
+    (tmp_path / "runs.txt").unlink()
+    code, said, runs = run(tmp_path, [[0.01, LEAST_SHARE], 0.0], 2)
+    assert (code, runs) == (1, 1), said
 
 
 def test_it_fails_at_once_where_nothing_stalled(tmp_path: Path) -> None:
@@ -126,10 +155,17 @@ def test_limits_are_330_s_and_what_a_test_says_that_it_lasts(request: pytest.Fix
     assert hangs_s(request.node) == 430.0
 
 
-def test_the_watch_tells_no_stall_twice() -> None:
+def test_the_watch_measures_from_the_beginning_of_a_test_on() -> None:
     watch = StallWatch()
     watch.begin(100.0)
-    watch.longest_s()
+    watch.measured()  # it has begun
+    os.kill(watch._process.pid, signal.SIGSTOP)
+    os.waitid(os.P_PID, watch._process.pid, os.WSTOPPED | os.WNOWAIT)
+    select.select([], [], [], 0.1)
+    os.kill(watch._process.pid, signal.SIGCONT)
+    stall_s, share = watch.measured()
+    assert stall_s > 0.08
+    assert 0.0 < share <= 1.0
     watch.end()
     assert watch._process.returncode == 0
 
