@@ -78,10 +78,11 @@ def run(
     (folder / "table.json").write_text(json.dumps(measured))
     (folder / "test_it.py").write_text(TEST.format(mark=mark, good_from=good_from))
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("PYTEST_", ALONE))}
-    options = options or ("-p", "no:xdist")
+    options = ("-p", "xdist", *options) if options else ("-p", "no:xdist")
     done = subprocess.run(
         [sys.executable, "-m", "pytest", *options, "."],
-        cwd=folder, env={**environment, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
+        cwd=folder, env={**environment, "PYTHONPATH": str(ROOT), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+        capture_output=True, text=True, check=False,
     )  # fmt: skip
     return done.returncode, done.stdout + done.stderr, len((folder / "runs.txt").read_text())
 
@@ -143,7 +144,7 @@ def test_a_test_that_hangs_is_shown_and_ended(tmp_path: Path) -> None:
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("PYTEST_", ALONE))}
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-p", "no:xdist"], cwd=tmp_path, capture_output=True, text=True, check=False,
-        env={**environment, "PYTHONPATH": str(ROOT)},
+        env={**environment, "PYTHONPATH": str(ROOT), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
     )  # fmt: skip
     assert done.returncode < 0, done.stdout
     assert "in test_hangs" in done.stderr
