@@ -187,3 +187,37 @@ def test_lock_installs_a_package_only_where_the_project_asks_for_it() -> None:
     for each in extras:
         name, version = re.split(r"[^\w-]", each, maxsplit=1)[0], each.rpartition("'")[0].rpartition("'")[2]
         assert re.search(rf"^{name}==\S+ ; .*python_full_version < '{version}'.* \\$", lock, re.MULTILINE), each
+
+
+CORES = ("protocol", "devices", "client", "server")
+BY_BLAS = {"dot", "vdot", "inner", "outer", "matmul", "tensordot", "einsum", "linalg"}
+"""Functions of numpy that add in an order, or round, as the processor likes it."""
+NOT_REPLAYED = {  # computed before a session, or from its results
+    "devices/cogrip/devices/arm/identification.py", "server/cogrip/server/worlds/conformance.py",
+    "server/cogrip/server/worlds/scene_file.py",
+}  # fmt: skip
+
+
+def test_floats_are_added_in_one_order_by_every_python() -> None:
+    """From Python 3.12 on `sum` of floats is compensated: no recording of 3.11 plays again where a core calls it."""
+    found = [
+        f"{name}:{node.lineno}: use add_floats or add_integers of cogrip.protocol.addition"
+        for name, source in modules(*FOLDERS).items()
+        if "sum" in source and name != "protocol/cogrip/protocol/addition.py"
+        for node in ast.walk(ast.parse(source))
+        if (isinstance(node, ast.Name) and node.id == "sum") or (isinstance(node, ast.alias) and node.name == "sumprod")
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_the_cores_multiply_matrices_in_one_order_on_every_processor() -> None:
+    found = [
+        f"{name}:{node.lineno}: use dot or turn of cogrip.server.worlds.world"
+        for name, source in modules(*CORES).items()
+        if ("numpy" in source or "mujoco" in source) and name not in NOT_REPLAYED
+        for node in ast.walk(ast.parse(source))
+        if (isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult))
+        or (isinstance(node, ast.Attribute) and node.attr in BY_BLAS and ast.unparse(node.value) in ("np", "numpy"))
+        or (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "dot")
+    ]
+    assert not found, "\n".join(found)

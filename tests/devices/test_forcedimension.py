@@ -1,5 +1,6 @@
 """`forcedimension:` through the real package `forcedimension_core`, on a stand-in for libdrd compiled here."""
 
+import importlib.util
 import os
 import sys
 from ctypes import c_double
@@ -249,6 +250,7 @@ def test_sdk_that_is_too_old(sdk, capfd) -> None:
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.skipif(importlib.util.find_spec(PACKAGE) is None, reason="forcedimension-core is not installed")
 def test_sdk_that_is_not_there(monkeypatch) -> None:
     forget_package()
     monkeypatch.setenv("__fdsdkpy_unittest_runtime__", "True")  # it then finds none, wherever one may be installed

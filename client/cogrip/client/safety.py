@@ -20,6 +20,7 @@ from cogrip.client.force_limits import Bounds, ForceLimits, bounds_of
 from cogrip.client.row_size import surely_below
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.setting_types import PLACES
 
 RAMP_IN_S = 0.3
@@ -160,11 +161,11 @@ class Safety:
             (x, y, z), (at_x, at_y, at_z) = velocity_mps, position_m
             square, place = x * x + y * y + z * z, at_x + at_y + at_z
         else:
-            place = sum(position_m)
+            place = add_floats(position_m)
             for speed in velocity_mps if self._further is None else velocity_mps[:PLACES]:
                 square += speed * speed
         if self._further is not None:
-            other = sum([speed * speed for speed in velocity_mps[PLACES:]])
+            other = add_floats([speed * speed for speed in velocity_mps[PLACES:]])
         if not isfinite(square + other + place):
             self.note("non-finite sample")
             self.fail("the device gave a number that is not finite; re-arm once it is well")

@@ -12,6 +12,7 @@ from math import hypot, inf, isfinite, nan, pi
 from cogrip.devices.device import Capability, Device, DeviceError, Sample
 from cogrip.devices.plausibility import AGE, DRIFT, JUMP, OLD, ForceReports, Plausibility
 from cogrip.devices.response import RATE_HZ, faults
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.handle import is_unit
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
 from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
@@ -187,7 +188,7 @@ def force_keeps_to_the_record(subject: Subject) -> None:
             )
         size = hypot(*given)
         _expect(size > 0.0, "force flows after open")
-        along = sum(a * g for a, g in zip(asked, given, strict=True)) / (hypot(*asked) * size)
+        along = add_floats(a * g for a, g in zip(asked, given, strict=True)) / (hypot(*asked) * size)
         _expect(along > 0.99, f"in the direction asked for, cosine {along:.4f}")
 
 

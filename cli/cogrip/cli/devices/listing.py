@@ -27,6 +27,7 @@ from cogrip.devices.registry import (
     record_of,
 )  # fmt: skip
 from cogrip.devices.settings import MOST_AXES, parse_address
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.setting_types import GRIP_AXES, POSE_AXES
 
 NOT_RUN = "not run on hardware"
@@ -121,7 +122,7 @@ def _untried(scheme: str) -> bool:
 def _widths(listings: Sequence[Listing], width: int) -> list[int]:
     """Return widths of the columns, for all tables below one heading; addresses are wrapped where there is no room."""
     first, *numbers = [max(map(len, column)) for column in zip(*_HEADINGS, *map(_cells, listings), strict=True)]
-    return [min(first, width - sum(numbers) - len(numbers)), *numbers]
+    return [min(first, width - add_integers(numbers) - len(numbers)), *numbers]
 
 
 def _table(rows: Sequence[Sequence[str]], widths: Sequence[int], style: str = "") -> Table:

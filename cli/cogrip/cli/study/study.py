@@ -16,6 +16,7 @@ from cogrip.cli.study.study_source import STUDIES, load_study
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.cli.terminal.tables import plain_table
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT
@@ -97,7 +98,7 @@ def study(
     path = out or Path(STUDIES) / asked.name.replace(" ", "+")
     with BadInput.of(StudyError), Problem.of(OSError, where=f"--out {path}: cannot be written: "):
         folder = StudyFolder(path, asked, base, "live" if live else "simulated", system.lock)
-    if over := sum(line.over for line in folder.trials):
+    if over := add_integers(line.over for line in folder.trials):
         console.print(f"over already, in {path}: {counted(over)}")
     stop = Stop()
     with closing(folder), on_signals(stop), ExitStack() as stack:

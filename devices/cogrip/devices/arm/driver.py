@@ -16,6 +16,7 @@ from cogrip.devices.arm.model import ArmModel, Pose
 from cogrip.devices.arm.pose import Calibration, KnownPose, OwnLosses, Store, drive_of
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.rotations import Quaternion
 
 HEADROOM = 0.92  # of the peak force: currents are those of where the arm was, and hold while it moves on
@@ -239,7 +240,7 @@ class ArmDevice(Driver):
         model = self.model
         angles = self._joints(reading.raw)
         position = model.kinematics.forward(angles)
-        if position is None or not isfinite(sum(position)):
+        if position is None or not isfinite(add_floats(position)):
             raise self._lost(f"the linkage does not close at counts {reading.raw}, so they are wrong")
         if not model.inside(position) and self._pose is not None and self._pose.kind != "none":
             where = ", ".join(f"{value:.3f}" for value in position)
@@ -293,7 +294,7 @@ class ArmDevice(Driver):
         self._need_open("write")
         if len(force_n) != self._axes:
             raise self._wrong_force(force_n)
-        finite = isfinite(sum(force_n))
+        finite = isfinite(add_floats(force_n))
         if 0 <= self._written <= self._tick - self._pause_ticks:
             self._counts["paused beyond the watchdog"] += 1
             self._flows_at, self._weight.fraction = self._tick + self._rest_ticks, 0.0

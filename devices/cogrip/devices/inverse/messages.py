@@ -17,6 +17,7 @@ from msgspec import Meta
 
 from cogrip.devices.arm.exchange import Reading
 from cogrip.devices.device import DeviceError
+from cogrip.protocol.addition import add_integers
 
 FARTHEST_M = 2.0  # a cursor farther from its base than any arm is long
 UNIT = 0.01  # an orientation's norm may differ from 1 by so much
@@ -224,7 +225,9 @@ class InverseCodec:
         state = next((grip.state for grip in update.grips if grip.device_id == self.grip_id), None)
         if state is None:
             return (0.0,) * GRIP_FIELDS
-        pressed = sum(state.buttons.get(name, False) << bit for bit, name in enumerate(BUTTONS)) or int(state.button)
+        pressed = add_integers(state.buttons.get(name, False) << bit for bit, name in enumerate(BUTTONS)) or int(
+            state.button
+        )
         q = state.orientation
         if q is None:
             return (0.0, 0.0, 0.0, 0.0, pressed)

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.setting_types import PINCH, PLACES, POSE_AXES, Orientation, Side
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import shown
@@ -378,7 +379,7 @@ def _ball(body: mujoco.MjsBody, radius_m: float, centre: Sequence[float]) -> muj
 def _add_sensor(spec: mujoco.MjSpec, body_name: str) -> None:
     """Add the sensor of the forces of a tool's strongest contacts (`scene_contacts`); those of the seats are the last ones."""
     fields = mujoco.mjtConDataField.mjCONDATA_FOUND, mujoco.mjtConDataField.mjCONDATA_FORCE
-    what = sum(1 << int(field) for field in fields)
+    what = add_integers(1 << int(field) for field in fields)
     strongest = 2  # how contacts are chosen: MJCF's reduce="maxforce"
     body, kind = mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtSensor.mjSENS_CONTACT  # with all that hangs on it
     spec.add_sensor(type=kind, objtype=body, objname=body_name, intprm=[what, strongest, MOST_CONTACTS])

@@ -9,6 +9,8 @@ from unicodedata import category
 
 import msgspec
 
+from cogrip.protocol.addition import add_floats
+
 TLX_SCALES = {
     "mental_demand": "How mentally demanding was the task?",
     "physical_demand": "How physically demanding was the task?",
@@ -117,4 +119,4 @@ def unfit_question(question: Question) -> str:
 def raw_tlx(answers: dict[str, Any], name: str) -> float | None:
     """Return the raw NASA-TLX, 0 to 100: the mean of the six scales; None where one is missing."""
     found = [answers.get(f"{name}_{scale}") for scale in TLX_SCALES]
-    return None if None in found else sum(map(float, found)) / len(found)  # type: ignore[arg-type]
+    return None if None in found else add_floats(map(float, found)) / len(found)  # type: ignore[arg-type]
