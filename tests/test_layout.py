@@ -22,7 +22,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 MOST_MEDIAN_LINES = 120
 NOT_INSTALLED_BY_NAME = {"forcedimension_core": "forcedimension-core", "serial": "pyserial", "pylsl": "pylsl"}
 """Modules of packages that a platform or a Python may have to do without, and the package each is of."""
-BY_NAME = {"hidapi"}  # of its two backends one is chosen as a port is opened
+BY_NAME = {"hidapi", "psutil"}  # of whose backends one is chosen as a port is opened; by which loky ends its workers
 QUESTION_WORDS = re.compile(r"(What|Who|Whose|Whether|Of)\b")
 QUESTION_TEXTS = re.compile(rf"""["'][\s\\]*{QUESTION_WORDS.pattern}""")
 
@@ -193,7 +193,7 @@ CORES = ("protocol", "devices", "client", "server")
 BY_BLAS = {"dot", "vdot", "inner", "outer", "matmul", "tensordot", "einsum", "linalg"}
 """Functions of numpy that add in an order, or round, as the processor likes it."""
 NOT_REPLAYED = {  # computed before a session, or from its results
-    "devices/cogrip/devices/arm/identification.py", "server/cogrip/server/worlds/conformance.py",
+    "devices/cogrip/devices/arm/identification.py", "devices/cogrip/devices/response.py", "server/cogrip/server/worlds/conformance.py",
     "server/cogrip/server/worlds/scene_file.py",
 }  # fmt: skip
 

@@ -12,6 +12,7 @@ from typing import Annotated, Literal, NamedTuple
 import msgspec
 import numpy as np
 
+from cogrip.protocol.addition import add_integers
 from cogrip.sim.experiments.study.psychometric import (
     DETECTION_SLOPE,
     DISCRIMINATION_SLOPE,
@@ -59,7 +60,7 @@ class Staircase(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     @property
     def prior(self) -> Prior:
-        """What is known before any answer: a difference from nothing is detected, from something discriminated."""
+        """Knowledge before any answer: a difference from nothing is detected, from something discriminated."""
         usual = DISCRIMINATION_SLOPE if self.reference else DETECTION_SLOPE
         return Prior(self.least, self.most, usual, self.slope, self.lapse)
 
@@ -155,7 +156,7 @@ def estimate(rule: Staircase, tracks: Sequence[Sequence[Answered]]) -> Estimate:
     """Return the estimate from the answers of all tracks of an observer, whatever the method."""
     answered = [each for track in tracks for each in track]
     fit = posterior(rule.prior, answered).fit()
-    right = sum(correct for _, correct in answered) / len(answered) if answered else 0.0
+    right = add_integers(correct for _, correct in answered) / len(answered) if answered else 0.0
     turned = [level for track in tracks for level in _reversals(track)[_FIRST_REVERSALS:]]
     mean = float(np.exp(np.mean(np.log(turned)))) if len(turned) >= _LEAST_REVERSALS else None
     warnings = [_at_bound(rule, answered)]
@@ -182,7 +183,7 @@ def _reversals(track: Sequence[Answered]) -> list[float]:
 def _at_bound(rule: Staircase, answered: Sequence[Answered]) -> str:
     """Return that the answers are about a bound, and not about a threshold; "" where they are not."""
     for bound, words, beyond in ((rule.most, "most", "above"), (rule.least, "least", "below")):
-        share = sum(level == bound for level, _ in answered) / max(1, len(answered))
+        share = add_integers(level == bound for level, _ in answered) / max(1, len(answered))
         if share > _AT_BOUND:
             return f"{100.0 * share:.0f} % of the answers were given at {words} = {bound:g}: the threshold may be {beyond} it"
     return ""
