@@ -9,9 +9,10 @@ from random import Random
 import pytest
 from msgspec.structs import replace
 
-from cogrip.sim.experiments.study.orders import ordered, williams
+from cogrip.sim.experiments.study.orders import ordered, unfilled, williams
 from cogrip.sim.experiments.study.plan import Done, next_trial, planned
 from cogrip.sim.experiments.study.psychometric import TARGET, Answered, gaussian, weibull
+from cogrip.sim.experiments.study.questions import AnswerError, Question, items_of
 from cogrip.sim.experiments.study.staircase import Method, Staircase, estimate, next_level, unfit_staircase
 from cogrip.sim.experiments.study.trial import TRANSITIONS, Event, TrialError, TrialState
 
@@ -31,6 +32,22 @@ def test_williams_squares_are_balanced_in_place_and_in_order(n: int) -> None:
     pairs = Counter(pair for row in rows for pair in pairwise(row))
     assert len(pairs) == n * (n - 1)
     assert len(set(pairs.values())) <= 1
+
+
+@pytest.mark.parametrize(("n", "repetitions", "groups"), [(3, 2, 3), (4, 1, 4), (2, 1, 4), (5, 5, 2)])
+def test_groups_and_repetitions_take_every_row_of_a_square_equally_often(n: int, repetitions: int, groups: int) -> None:
+    orders = [ordered("latin", range(n), repetitions, group, Random(1)) for group in range(groups)]
+    taken = Counter(
+        tuple(item for item, at in order if at == repetition) for order in orders for repetition in range(repetitions)
+    )
+    assert len(taken) == len(williams(n))
+    assert len(set(taken.values())) == 1
+    assert unfilled(n, repetitions, groups) == ""
+    assert f"{groups} groups would balance it" not in unfilled(n, repetitions, groups + 1)
+
+
+def test_a_square_that_the_participants_do_not_fill_is_said() -> None:
+    assert unfilled(3, 1, 4) == "its Latin square has 6 rows, and 4 are taken: 6 groups would balance it"
 
 
 def test_orders_hold_every_condition_in_every_repetition() -> None:
@@ -178,7 +195,9 @@ def test_plan_is_a_function_of_what_is_done() -> None:
         right = None if trial.level is None else True
         done.append(Done(trial.block.name, trial.place, trial.track, trial.level, right))
     assert numbers == list(range(1, planned(study, 0) + 1))
-    first, second = (next_trial(study, group, []) for group in (0, 1))
+    (latin,) = [block for block in study.blocks if block.order == "latin"]
+    again = replace(study, blocks=(replace(latin, repetitions=1),))
+    first, second = (next_trial(again, group, []) for group in (0, 1))
     assert first is not None
     assert second is not None
     assert first.condition != second.condition, "groups take the rows of the square in turn"
@@ -222,3 +241,17 @@ def test_interrupted_session_is_another_attempt_from_the_first_interval_on(event
     waiting.handle(Event.PAUSE)
     assert waiting.handle(Event.RESUME) == "waiting"
     assert (waiting.attempt, waiting.pauses) == (1, 1), "nothing was lost"
+
+
+@pytest.mark.parametrize(
+    ("choices", "takes", "typed", "answer"),
+    [(("first", "second"), "1 first, 2 second", "2", "second"), (("0", "1", "2"), "0, 1, 2", "1", "1")],
+)
+def test_a_choice_that_reads_as_a_number_is_typed_as_it_stands(
+    choices: tuple[str, ...], takes: str, typed: str, answer: str
+) -> None:
+    (item,) = items_of("count", Question(kind="choice", text="How many?", choices=choices))
+    assert item.takes == takes
+    assert item.read(typed) == answer
+    with pytest.raises(AnswerError, match="is no answer here"):
+        item.read("3")

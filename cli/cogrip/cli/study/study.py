@@ -23,6 +23,7 @@ from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.sim.experiments.study.conductor import Conducted, Conductor, People, Sessions
 from cogrip.sim.experiments.study.journal import StudyFolder
 from cogrip.sim.experiments.study.laboratory_trial import LaboratorySessions
+from cogrip.sim.experiments.study.orders import unfilled
 from cogrip.sim.experiments.study.simulated import SimulatedPeople
 from cogrip.sim.experiments.study.study_file import BASE, Study, StudyError
 from cogrip.sim.experiments.study.table import thresholds
@@ -100,6 +101,9 @@ def study(
         folder = StudyFolder(path, asked, base, "live" if live else "simulated", system.lock)
     if over := add_integers(line.over for line in folder.trials):
         console.print(f"over already, in {path}: {counted(over)}")
+    for block in (each for each in asked.blocks if each.order == "latin"):
+        if why := unfilled(len(asked.conditions_of(block)), block.repetitions, len(asked.groups())):
+            console.print(f"note: block {block.name}: {why}")
     stop = Stop()
     with closing(folder), on_signals(stop), ExitStack() as stack:
         sessions: Sessions

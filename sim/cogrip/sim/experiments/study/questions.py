@@ -4,6 +4,7 @@ NASA-TLX: Hart and Staveland 1988, six scales of 21 gradations, here 0 to 100 in
 2006).
 """
 
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 from unicodedata import category
 
@@ -52,7 +53,10 @@ class Item(msgspec.Struct, frozen=True):
         """Return what may be answered, for a person."""
         match self.question.kind:
             case "choice":
-                return ", ".join(f"{number} {choice}" for number, choice in enumerate(self.question.choices, 1))
+                choices = self.question.choices
+                if _numbers(choices):  # a number is an answer then, and not the place of one
+                    return ", ".join(choices)
+                return ", ".join(f"{number} {choice}" for number, choice in enumerate(choices, 1))
             case "likert":
                 question = self.question
                 ends = f" ({question.low} to {question.high})" if question.low or question.high else ""
@@ -70,6 +74,8 @@ class Item(msgspec.Struct, frozen=True):
                 choices = self.question.choices
                 if text in choices:
                     return text
+                if _numbers(choices):
+                    raise self._refused(text)
                 return choices[self._number(text, 1, len(choices)) - 1]
             case "likert":
                 return self._number(text, 1, self.question.points)
@@ -96,6 +102,11 @@ class Item(msgspec.Struct, frozen=True):
 
     def _refused(self, text: str) -> AnswerError:
         return AnswerError(f"{text[:40]!r} is no answer here; give {self.takes}")
+
+
+def _numbers(choices: Sequence[str]) -> bool:
+    """Return whether a choice reads as a number, so that places would be taken for it."""
+    return any(choice.strip().lstrip("+-").isdigit() for choice in choices)
 
 
 def items_of(name: str, question: Question) -> tuple[Item, ...]:
