@@ -37,6 +37,9 @@ def scene_findings(settings: Settings) -> list[Finding]:
 def _contact(scene: Scene) -> Iterator[Finding]:
     if scene.filled:
         yield Finding("contact", f"contact that creates no energy is set: {', '.join(scene.filled)}")
+    if scene.changed:
+        text = f"the scene sets {', '.join(scene.changed)}, which does not hold: contact would create energy with it"
+        yield Finding("contact", text, "note")
     if scene.own:
         text = (
             f"the scene sets {', '.join(scene.own)} itself: such contact may create energy, of which the limiter lets no more"
