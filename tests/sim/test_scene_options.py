@@ -8,6 +8,7 @@ import pytest
 from cogrip.protocol.settings import resolve
 from cogrip.sim.analysis.scene_advice import scene_findings
 from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.verdict import felt
 
 SCENE = """
 <mujoco>
@@ -56,3 +57,37 @@ def test_a_box_at_rest_stays_there_whatever_its_scene_asks_of_the_solver(
     assert told == (
         [f"the scene sets {changed}, which does not hold: contact would create energy with it"] if changed else []
     )
+
+
+def summary_of(file: Path, *hands: str, **sections: Any) -> dict[str, Any]:
+    users = [
+        {"name": name, "device": "sim:ideal", "hand": hand, "side": side}
+        for name, hand, side in zip(("anna", "ben"), hands, ("left", "right"), strict=True)
+    ]
+    scene = {"kind": "scene", "file": str(file), "axes": 3}
+    return run_laboratory(resolve({"seconds": 2.0, "object": scene, "users": users, **sections})).summary
+
+
+def test_a_run_in_which_no_tool_met_anything_says_so(tmp_path: Path) -> None:
+    file = tmp_path / "box.xml"
+    file.write_text(SCENE.format(options=""))
+    back, forth = "reach&amplitude_m=-0.05", "reach&amplitude_m=0.05"
+    assert "Nothing was touched by the tool of anna, ben" in felt(summary_of(file, back, forth)).sentence
+    one = summary_of(file, forth, forth)
+    assert "Nothing was touched" not in felt(one).sentence, "anna's did, and there is no task"
+    tasked = summary_of(file, forth, forth, task={"body": "box", "lifted_m": 0.02})
+    assert "Nothing was touched by the tool of ben" in felt(tasked).sentence
+    assert felt(tasked).tone == "warn"
+
+
+def test_a_tool_that_is_welded_to_what_it_holds_needs_no_contact(tmp_path: Path) -> None:
+    file = tmp_path / "welded.xml"
+    pad = '<body name="pad" pos="-.1 0 .03"><freejoint/><geom size=".01" mass=".05"/></body></worldbody>'
+    file.write_text(
+        SCENE.format(options="").replace("</worldbody>", f'{pad}<equality><weld body1="box" body2="pad"/></equality>')
+    )
+    settings = {"seconds": 1.0, "users": [{"name": "anna", "device": "sim:ideal", "hand": "reach", "tool": "pad"}]}
+    scene = {"kind": "scene", "file": str(file), "axes": 3}
+    summary = run_laboratory(resolve({**settings, "object": scene})).summary
+    assert summary["server"]["scene"]["tools"][0]["tied"] is True
+    assert "Nothing was touched" not in felt(summary).sentence

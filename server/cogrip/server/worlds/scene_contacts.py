@@ -67,6 +67,7 @@ class SceneContacts:
         self._object = scene.object
         self._peaks = [_NOTHING] * len(self._tools)
         self._frames = [0] * len(self._tools)  # in contact
+        self._tied = [_is_tied(model, body) for body in self._tools]
         self._reads = 0
         self._lifted_m, self._lifted = 0.0, 0  # frames
         self._lifted_slip_m, self._at_lift = 0.0, [0.0] * len(self._tools)
@@ -170,8 +171,8 @@ class SceneContacts:
         """Return the measures of the run so far; of the object None where there is none."""
         tools = [
             {"name": name, "peak_normal_n": peak.normal_n, "peak_friction_n": peak.friction_n, "slip_m": peak.slip_m,
-             "contact_s": frames * self._frame_s}
-            for name, peak, frames in zip(users, self._peaks, self._frames, strict=True)
+             "contact_s": frames * self._frame_s, "tied": tied}
+            for name, peak, frames, tied in zip(users, self._peaks, self._frames, self._tied, strict=True)
         ]  # fmt: skip
         free = self._object >= 0
         cosine = min(1.0, max(-1.0, 0.5 * (self._trace - 1.0)))  # of the angle
@@ -184,6 +185,17 @@ class SceneContacts:
             "turned_deg": degrees(acos(cosine)) if free else None,
             "tools": tools,
         }
+
+
+def _is_tied(model: mujoco.MjModel, body: int) -> bool:
+    """Return whether a tool holds something without contact: by an equality, or as other bodies hang on it or it on them."""
+    root = model.body_rootid[body]
+    ends = [
+        *model.eq_obj1id[model.eq_objtype == mujoco.mjtObj.mjOBJ_BODY],
+        *model.eq_obj2id[model.eq_objtype == mujoco.mjtObj.mjOBJ_BODY],
+    ]
+    alone = int((model.body_rootid == root).sum()) == 1
+    return not alone or any(model.body_rootid[end] == root for end in ends if end > 0)
 
 
 def _slip(tool: list[float], turned: list[float], body: list[float], body_turned: list[float], met: _Meeting) -> float:

@@ -52,6 +52,8 @@ def felt_as_intended(summary: Summary, stable: bool) -> Judgement:
         text = f"Whether it felt as intended is not known: limits on the force were not reported of {whom}."
     elif not any((_value(row, key) or 0.0) >= least for row in held for key, least in _LEAST_FELT):
         text = "Nothing was felt: no hand met a force."
+    elif untouched := _untouched(summary, held):
+        text = untouched
     elif softer := _softer(held):
         text, brief = f"{SOFTER}: {softer}.", SOFTER_BRIEF
     elif untold := _unknown_stiffness(held):
@@ -59,6 +61,23 @@ def felt_as_intended(summary: Summary, stable: bool) -> Judgement:
     else:
         tone, text = "good", f"Felt as intended{_stiffness(held)}{_shaken(held)}."
     return Judgement("felt as intended", tone, text, brief)
+
+
+def _untouched(summary: Summary, held: list[Row]) -> str:
+    """Return whose tools met no body of their scene, where nobody's did or there was a task; "" where that is nobody's.
+
+    What is felt then is the line alone. A tool that is tied to something holds it without contact; and contact that a client
+    renders itself is not the server's to see.
+    """
+    tools = dig(summary, "server", "scene", "tools")
+    if not isinstance(tools, list):
+        return ""
+    touched = {tool["name"]: tool["contact_s"] for tool in tools if tool.get("tied") is False}
+    seen = [row for row in held if name_of(row) in touched and not row.get("local")]
+    missed = names_of(row for row in seen if not touched[name_of(row)])
+    if not missed or (len(missed) < len(seen) and not isinstance(summary.get("task"), dict)):
+        return ""
+    return f"Nothing was touched by the tool of {some(missed)}: what was felt of the scene was the line alone."
 
 
 def _unknown_stiffness(held: list[Row]) -> str:
