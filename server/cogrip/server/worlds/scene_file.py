@@ -26,6 +26,7 @@ from cogrip.protocol.setting_types import PINCH, PLACES, POSE_AXES, Orientation,
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import shown
 from cogrip.server.io.trial import MEMORY_BYTES, TrialError, tried
+from cogrip.server.worlds.scene_places import CLEAR_M, place_tools
 from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, read_meshes, read_text, scan
 
 MOST_CONTACTS = 8  # of a tool whose forces are measured, the strongest ones
@@ -38,7 +39,6 @@ TOOLS = ("pad", "ball", "box", PINCH)
 """Tools that are added; `tool = ""` is the first."""
 TOOL_KG = 0.05
 APART_M = 0.05  # between added tools of one side
-CLEAR_M = 0.03  # between an added tool's start and the object
 FINGER_M, FINGER_APART_M = (
     0.004,
     0.006,
@@ -218,6 +218,10 @@ def _load(
         for body in chosen:
             _add_sensor(spec, body)
         model = _compiled(spec, chosen)
+        added = [
+            (model.body(body).id, held.side) for body, held in zip(chosen, seats, strict=True) if body not in bodies
+        ]
+        place_tools(model, added, _first_free(model, {model.body(body).id for body in chosen}), name)
         if model.nv >= SPARSE_FROM and "jacobian" not in options:
             model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
             if max(model.body_geomnum) <= MOST_TRIED_GEOMS:

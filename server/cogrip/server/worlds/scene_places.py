@@ -1,0 +1,156 @@
+"""Places where added tools begin: in the free, and near what they are to press.
+
+A tool is tried where it stands, beside the object's bounding ball. If it is in something there, or further than NEAR_M from its
+target, it is moved: along x from outside towards the target until CLEAR_M are left, at the first of several heights and offsets
+at which nothing is in its way. The target is the object, or where there is none the first body that can move.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+
+import mujoco  # type: ignore[import-untyped]
+import numpy as np
+
+from cogrip.protocol.setting_types import Side
+from cogrip.server.worlds.scene_text import SceneError
+
+CLEAR_M = 0.03  # between an added tool's start and what it is to press
+NEAR_M = 0.1  # of its target, which a tool that stays where it stands has at most
+FREE_M = 0.001  # between a tool and anything, at least
+_CLOSE_M = 0.0005  # of CLEAR_M, to which a place is searched
+_FAR_M = 1e3  # of distances that are measured
+_MOST_STEPS = 60
+_OFFSETS_M = (
+    0.0,
+    0.02,
+    -0.02,
+    0.05,
+    -0.05,
+    0.1,
+    -0.1,
+    0.2,
+    0.4,
+    0.8,
+)  # of a place from the middle of its target, upwards first
+_ASIDE_M = (0.0, 0.05, -0.05, 0.1, -0.1, 0.2, -0.2)
+
+
+def place_tools(model: mujoco.MjModel, tools: Sequence[tuple[int, Side]], target: int, name: str) -> None:
+    """Move the added tools (body, side) of a model to where they are free. Raises SceneError where there is no such place.
+
+    target: body that they are to press; -1: the first that can move
+    """
+    if max(float(np.abs(model.body_pos).max()), float(model.geom_rbound.max(initial=0.0))) > _FAR_M:
+        return  # a scene with a number that is none, or huge: its trial says so
+    if target < 0:
+        target = _first_moving(model, {body for body, _ in tools})
+    places = _Places(model)
+    for body, side in tools:
+        places.place(body, -1.0 if side == "left" else 1.0, target, name)
+
+
+def _first_moving(model: mujoco.MjModel, tools: set[int]) -> int:
+    moving = (int(body) for body in model.jnt_bodyid if int(body) not in tools)
+    return next((body for body in moving if _solid(model, body)), -1)
+
+
+def _solid(model: mujoco.MjModel, body: int) -> list[int]:
+    """Return the geoms of a body that touch anything; none of flexible bodies and height fields, which have no distance."""
+    return [
+        geom
+        for geom in range(model.ngeom)
+        if model.geom_bodyid[geom] == body
+        and (model.geom_contype[geom] or model.geom_conaffinity[geom])
+        and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_HFIELD
+    ]
+
+
+class _Places:
+    """Tries places of tools in a model, and leaves each tool at the last one tried."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._model, self._data = model, mujoco.MjData(model)
+        self._others = {body: _solid(model, body) for body in range(model.nbody)}
+
+    def place(self, body: int, sign: float, target: int, name: str) -> None:
+        """Leave a tool where it stands, or move it."""
+        aims = self._others[target] if target >= 0 else []
+        self._move(body, self._model.body_pos[body].copy())
+        if self._is_free(body) and (not aims or self._distance(body, aims) <= NEAR_M):
+            return
+        begun = self._model.body_pos[body].copy()
+        near = []
+        for place in self._candidates(body, sign, aims, begun):
+            self._move(body, place)
+            if self._is_free(body) and (not aims or self._distance(body, aims) <= NEAR_M):
+                if not self._in_margin(body):
+                    return
+                near.append(place.copy())
+        if near:
+            self._move(body, near[0])
+            return
+        beside = f" near body {self._model.body(target).name!r}" if target >= 0 else ""
+        raise SceneError(
+            f"{name}: there is no free place{beside} for an added tool; give the scene a body with a free joint, or with three "
+            "slide joints, where it is free, and name it as the person's tool"
+        )
+
+    def _candidates(self, body: int, sign: float, aims: Sequence[int], begun: np.ndarray) -> Iterator[np.ndarray]:
+        if not aims:
+            for up, aside in product(_OFFSETS_M, _ASIDE_M):
+                yield begun + np.array([sign * abs(aside), aside, up])
+            return
+        middle = self._data.geom_xpos[aims].mean(axis=0)
+        reach_m = max(
+            float(np.linalg.norm(self._data.geom_xpos[aim] - middle) + self._model.geom_rbound[aim]) for aim in aims
+        )
+        asides = sorted(_ASIDE_M, key=lambda aside: abs(middle[1] + aside - begun[1]))  # tools of one side stay apart
+        for up, aside in product(_OFFSETS_M, asides):
+            place = middle + np.array([sign * (reach_m + NEAR_M), aside, up])
+            for _ in range(_MOST_STEPS):
+                self._move(body, place)
+                left_m = self._distance(body, aims) - CLEAR_M
+                if abs(left_m) <= _CLOSE_M or sign * (place[0] - middle[0]) < -reach_m:
+                    break
+                place[0] -= sign * left_m
+            yield place
+
+    def _move(self, body: int, place: np.ndarray) -> None:
+        """Let a tool begin at a place."""
+        model = self._model
+        model.body_pos[body] = place
+        joint = int(model.body_jntadr[body])
+        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+            at = int(model.jnt_qposadr[joint])
+            model.qpos0[at : at + 3] = place
+        mujoco.mj_resetData(model, self._data)
+        mujoco.mj_kinematics(model, self._data)
+        mujoco.mj_comPos(model, self._data)
+
+    def _of(self, body: int) -> list[int]:
+        """Return the geoms of a tool, its finger's too."""
+        model = self._model
+        return [geom for part in range(model.nbody) if model.body_rootid[part] == body for geom in self._others[part]]
+
+    def _distance(self, body: int, geoms: Sequence[int]) -> float:
+        """Return the least distance of a tool from these geoms; negative inside of one [m]."""
+        return min(
+            (
+                mujoco.mj_geomDistance(self._model, self._data, mine, other, _FAR_M, None)
+                for mine in self._of(body)
+                for other in geoms
+            ),
+            default=_FAR_M,
+        )
+
+    def _is_free(self, body: int) -> bool:
+        """Return whether a tool is in nothing."""
+        rest = [geom for part, geoms in self._others.items() if self._model.body_rootid[part] != body for geom in geoms]
+        return self._distance(body, rest) >= FREE_M
+
+    def _in_margin(self, body: int) -> bool:
+        """Return whether a tool is within the margin of a contact, where MuJoCo has one already."""
+        model, data = self._model, self._data
+        mujoco.mj_collision(model, data)
+        mine = [model.body_rootid[model.geom_bodyid[pair]] == body for pair in data.contact.geom]
+        return any(pair.any() and not pair.all() for pair in mine)
