@@ -101,3 +101,60 @@ def test_where_nothing_moves_a_tool_begins_beside_what_stands_in_the_middle() ->
     model, data = scene.model, mujoco.MjData(scene.model)
     mujoco.mj_forward(model, data)
     assert mujoco.mj_geomDistance(model, data, 0, 1, 1e3, None) >= FREE_M
+
+
+BOX = '<body name="it" pos="0 0 .2"><freejoint/><geom type="box" size=".05 .05 .05" mass="20" contype="1" conaffinity="1"/></body>'
+HEAVY = (
+    '<body name="it" pos="0 0 .2"><freejoint/><inertial pos="0 0 0" mass="20" diaginertia=".1 .1 .1"/>'
+    '<geom type="box" size=".05 .05 .05"/></body>'
+)
+DEFAULTS = (
+    '<geom contype="0" conaffinity="0" group="4" friction=".1" priority="3" rgba="0 0 0 0"/>'
+    '<joint armature="1" damping="5" frictionloss="3" stiffness="9" range="-.01 .01" limited="true"/>'
+)
+
+
+@pytest.mark.parametrize(
+    ("compiler", "default", "body"),
+    [
+        ("", "", BOX), ("", DEFAULTS, BOX), ('settotalmass="20"', "", BOX), ('boundmass="1" boundinertia="1"', "", BOX),
+        ('inertiafromgeom="false"', "", HEAVY), ('inertiafromgeom="true"', "", BOX), ('autolimits="false"', DEFAULTS, BOX),
+        ('inertiagrouprange="3 5"', '<geom group="3"/>', BOX),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("orientation", ["", "free"])
+def test_nothing_that_a_scene_says_of_its_own_acts_on_what_is_added(
+    compiler: str, default: str, body: str, orientation: str
+) -> None:
+    """The scene's body weighs what MuJoCo alone makes of it, and the tool is as in a scene that says nothing."""
+    text = f"<mujoco><compiler {compiler}/><default>{default}</default><worldbody>{body}</worldbody></mujoco>"
+    alone = mujoco.MjModel.from_xml_string(text)
+    held = [Held("ball", "left", orientation), Held("pad", "right", orientation)]  # type: ignore[arg-type]
+    made, plain = (
+        make_scene(text, held, STEP_S),
+        make_scene(f"<mujoco><worldbody>{BOX}</worldbody></mujoco>", held, STEP_S),
+    )
+    assert made.model.body_mass[1] == alone.body_mass[1]
+    assert np.array_equal(made.model.body_inertia[1], alone.body_inertia[1])
+    tools = [made.tools[seat].body for seat in (0, 1)]
+    for key in ("mass", "inertia", "ipos", "pos", "gravcomp"):
+        assert np.array_equal(getattr(made.model, f"body_{key}")[tools], getattr(plain.model, f"body_{key}")[tools]), (
+            key
+        )
+    for key in ("armature", "damping", "frictionloss"):
+        assert np.array_equal(getattr(made.model, f"dof_{key}")[6:], getattr(plain.model, f"dof_{key}")[6:]), key
+    for key in (
+        "contype",
+        "conaffinity",
+        "group",
+        "friction",
+        "priority",
+        "rgba",
+        "solref",
+        "solimp",
+        "condim",
+        "margin",
+    ):
+        assert np.array_equal(getattr(made.model, f"geom_{key}")[1:], getattr(plain.model, f"geom_{key}")[1:]), key
+    assert not made.model.jnt_limited.any()
+    assert not made.model.jnt_stiffness.any()

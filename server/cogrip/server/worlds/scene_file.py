@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -79,6 +80,16 @@ SPARSE_FROM = (
     32  # degrees of freedom: a larger scene's solver is faster with sparse matrices, a smaller one's is slower
 )
 MOST_TRIED_GEOMS = 16  # of a body in such a scene: to try each with each is faster than to search trees of them
+_OF_GEOMS = (
+    "adhesion", "conaffinity", "condim", "contype", "density", "fluid_coefs", "fluid_ellipsoid", "friction", "gap", "group",
+    "margin", "material", "priority", "rgba", "solimp", "solmix", "solref", "surfacevel",
+)  # fmt: skip
+_OF_JOINTS = (
+    "actfrclimited", "actfrcrange", "actgravcomp", "align", "armature", "damping", "frictionloss", "group", "limited", "margin",
+    "pos", "range", "ref", "solimp_friction", "solimp_limit", "solref_friction", "solref_limit", "springdamper", "springref",
+    "springyield", "stiffness",
+)  # fmt: skip
+"""Of an added tool, which a scene's default classes are not to choose: it has MuJoCo's own."""
 _SLIDES = [mujoco.mjtJoint.mjJNT_SLIDE] * 3
 _FREE = [mujoco.mjtJoint.mjJNT_FREE]
 
@@ -201,6 +212,7 @@ def _load(
         spec = mujoco.MjSpec.from_string(text, assets=dict(meshes))
         spec.compiler.usethread = False  # each thread would take memory of its own
         bare = _compile(spec)
+        _free_masses(spec)
         changed = _solved(spec, options)
         filled, own = _complete(spec, options, step_s)
         bodies = {body.name for body in spec.bodies[1:] if body.name}
@@ -218,6 +230,7 @@ def _load(
         for body in chosen:
             _add_sensor(spec, body)
         model = _compiled(spec, chosen)
+        _weigh(model, bare)
         added = [
             (model.body(body).id, held.side) for body, held in zip(chosen, seats, strict=True) if body not in bodies
         ]
@@ -264,6 +277,25 @@ def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Return the model of a scene. MuJoCo would warn on standard error of textures that a mesh is to have, and nobody draws."""
     with warnings.catch_warnings(action="ignore", category=UserWarning):
         return spec.compile()
+
+
+def _free_masses(spec: mujoco.MjSpec) -> None:
+    """Let the compiler take masses as they stand: what a scene says of all of them is not said of its tools (`_weigh`)."""
+    compiler = spec.compiler
+    compiler.settotalmass, compiler.boundmass, compiler.boundinertia, compiler.balanceinertia = -1.0, 0.0, 0.0, True
+    compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    compiler.inertiagrouprange = [0, mujoco.mjNGROUP - 1]
+
+
+def _weigh(model: mujoco.MjModel, bare: mujoco.MjModel) -> None:
+    """Give the scene's own bodies the masses that they have without tools, whose bodies are the last ones."""
+    own = range(bare.nbody)
+    keys = ("body_mass", "body_inertia", "body_ipos", "body_iquat")
+    if all(np.array_equal(getattr(model, key)[own], getattr(bare, key)) for key in keys):
+        return
+    for key in keys:
+        getattr(model, key)[own] = getattr(bare, key)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
 def _refuse_endless(model: mujoco.MjModel, name: str) -> None:
@@ -377,17 +409,16 @@ def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[f
     kind = held.tool or TOOLS[0]
     body = spec.worldbody.add_body(name=body_name, pos=place, gravcomp=1.0)
     if held.orientation in ("", "fixed"):
-        for axis in np.eye(3):
-            body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+        joints = [body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis) for axis in np.eye(3)]
     else:
-        body.add_freejoint()
+        joints = [body.add_freejoint()]
     if kind == "box":
         geoms = [body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.01, 0.01, 0.01])]
     elif (
         kind == PINCH
     ):  # faces along y, which touch each other at an opening of 0; the middle of the thumb's is the tool's place
         finger = body.add_body(name=f"finger of {body_name}", gravcomp=1.0)
-        finger.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 1.0, 0.0])
+        joints.append(finger.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 1.0, 0.0]))
         geoms = [
             _ball(part, FINGER_M, (x, y, z))
             for part, y in ((body, -FINGER_M), (finger, FINGER_M))
@@ -398,6 +429,10 @@ def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[f
         geoms = [_ball(body, 0.008, (0.0, y, z)) for y in (-0.012, 0.012) for z in (-0.012, 0.012)]
     else:
         geoms = [_ball(body, 0.01, (0.0, 0.0, 0.0))]
+    fresh = mujoco.MjSpec().worldbody.add_body()
+    for made, plain, keys in ((joints, fresh.add_joint(), _OF_JOINTS), (geoms, fresh.add_geom(), _OF_GEOMS)):
+        for each, key in product(made, keys):
+            setattr(each, key, getattr(plain, key))
     for geom in geoms:
         geom.mass = TOOL_KG / len(geoms)
         for key, value in _GEOM.items():
