@@ -103,7 +103,10 @@ def test_where_nothing_moves_a_tool_begins_beside_what_stands_in_the_middle() ->
     assert mujoco.mj_geomDistance(model, data, 0, 1, 1e3, None) >= FREE_M
 
 
-BOX = '<body name="it" pos="0 0 .2"><freejoint/><geom type="box" size=".05 .05 .05" mass="20" contype="1" conaffinity="1"/></body>'
+BOX = (
+    '<body name="it" pos="0 0 .2"><freejoint/>'
+    '<geom type="box" size=".05 .05 .05" mass="20" contype="1" conaffinity="1"/></body>'
+)
 HEAVY = (
     '<body name="it" pos="0 0 .2"><freejoint/><inertial pos="0 0 0" mass="20" diaginertia=".1 .1 .1"/>'
     '<geom type="box" size=".05 .05 .05"/></body>'
