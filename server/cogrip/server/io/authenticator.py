@@ -100,7 +100,7 @@ class TokenAuthenticator:
         return ids - before
 
     def reload(self) -> bool:
-        """Read the file again (SIGHUP, `cogrip token revoke`), and report. False where it could not be read."""
+        """Read the file again (SIGHUP, `cogrip token revoke`), and report each time. False where it could not be read."""
         self._report_failures()
         good = self._read(forced=True)
         if good:
@@ -127,7 +127,7 @@ class TokenAuthenticator:
             self._tried = stamp
             book = self._file.load()
         except StateError as error:
-            self._report(f"tokens are not read anew, and stay as they were: {error}")
+            self._report(f"tokens are not read anew, and stay as they were: {error}", asked=forced)
             return False
         self._pending = [change for change in self._pending if change.on(book) != book]
         self._book, self._stamp, self._trouble = _all_on(self._pending, book), stamp, ""
@@ -147,8 +147,9 @@ class TokenAuthenticator:
             failure = self._writer.failures.popleft()
             self._report(f"a token's use or end is not written down, and holds until this server ends: {failure}")
 
-    def _report(self, text: str) -> None:
-        if text != self._trouble:
+    def _report(self, text: str, *, asked: bool = False) -> None:
+        """Report a trouble once, and again to whoever asks."""
+        if asked or text != self._trouble:
             self._trouble = text
             self._say(ServerEvent("trouble", text))
 

@@ -23,6 +23,7 @@ FOLDER_MODE = 0o700
 FILE_MODE = 0o600
 SHARED = "shared"  # link to the folder that the servers of a cluster share
 MOST_BYTES = 4 * 2**20  # of a file that is read back
+LEAKED = ", and think whether its secrets are known by now"  # said of what may hold some
 _LOOK_AGAIN_S = 0.005
 
 
@@ -261,7 +262,8 @@ def _need_private(path: Path, found: os.stat_result, mode: int) -> None:
             "run this as the former, or name another folder with --state"
         )
     if found.st_mode & 0o077:
+        known = "" if stat.S_ISDIR(found.st_mode) and not any(path.iterdir()) else LEAKED
         raise StateError(
             f"{path}: others may enter or read it (mode {stat.S_IMODE(found.st_mode):04o}, must be {mode:04o}); "
-            f"chmod {mode:o} {path}, and think whether its secrets are known by now"
+            f"chmod {mode:o} {path}{known}"
         )
