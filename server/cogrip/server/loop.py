@@ -36,6 +36,7 @@ from cogrip.server.recorder import WHO, RecordedServer
 from cogrip.server.room import Room
 from cogrip.server.worlds.guarded import GuardedWorld
 
+FLOOR_BYTES = 500_000_000  # of a disk: a server's key, tokens and checkpoints are to have room
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
 REPORTED = Budget(1, 40)  # of each of UNAUTHENTICATED_EVENTS
 OVERSLEEP_FRAMES = 8  # of whose wake-ups the delay is the mean
@@ -50,6 +51,7 @@ class LiveServer:
     """A daemon for some rooms. `listen`, then `run` until `stop` is set.
 
     open_channel  returns the channel to the clients of a core
+    floor_bytes   what a recording leaves free on its disk
     chores        called between ticks with the time [ns]
     events        of chores, reported as those of the core are
     """
@@ -61,6 +63,7 @@ class LiveServer:
     say: Callable[[ServerEvent], None]
     open_channel: Callable[[RecordedServer], ServerChannel]
     record_at: Path | None = None
+    floor_bytes: int = FLOOR_BYTES
     seconds: float | None = None
     authenticator: Authenticator = field(default_factory=AdmitAll)
     chores: list[Chore] = field(default_factory=list)
@@ -146,7 +149,9 @@ class LiveServer:
             "server", WHO, self.core.start, first.rates.network_hz, first.seed, epoch_ns, False, versions_here(),
             self.core.topics,
         )  # fmt: skip
-        recorder = open_recorder(self.record_at, header, lambda text: self.say(ServerEvent("trouble", text)))
+        recorder = open_recorder(
+            self.record_at, header, lambda text: self.say(ServerEvent("trouble", text)), floor_bytes=self.floor_bytes
+        )
         self.core.record(recorder or Nowhere(), pack)
         return recorder
 
@@ -156,6 +161,13 @@ class LiveServer:
         stopped = bool(self.record_at) if recorder is None else bool(recorder.trouble)
         counts = {"recording stopped": int(stopped), "not recorded": recorder.lost if recorder else 0}
         return {name: count for name, count in counts.items() if count}
+
+    @property
+    def not_recorded(self) -> str:
+        """Why the recording that is asked for does not go on; "" where it does."""
+        if self.record_at is None or not self.pacers:
+            return ""
+        return "it could not begin" if self.recorder is None else self.recorder.look()
 
     @property
     def datagrams(self) -> tuple[int, int]:

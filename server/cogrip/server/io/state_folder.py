@@ -115,6 +115,9 @@ def find_folder(path: Path) -> StateFolder:
 def share(folder: StateFolder, shared: Path | None) -> StateFolder:
     """Return the folder with the key, tokens and checkpoints in `shared`; with its own ones for None. Raises StateError."""
     link = folder.path / SHARED
+    if shared is not None and folder.shared == shared.resolve() != folder.path:  # a full disk takes no other link
+        make_folder(shared)
+        return folder
     try:
         link.unlink(missing_ok=True)
         if shared is not None:
@@ -167,6 +170,8 @@ def write_private(path: Path, content: bytes, *, durable: bool = True) -> None:
         finally:
             os.close(folder)
     except OSError as error:
+        with suppress(OSError):
+            new.unlink()  # a part of it keeps room from others
         raise StateError(f"{path}: cannot be written: {error.strerror}; make room or name another --state") from None
 
 
