@@ -68,6 +68,7 @@ def join(
     start_s: float | None = None,
     stop_s: float | None = None,
     seconds: float | None = None,
+    resume_s: float | None = None,
     runs: Runs = Path("runs"),
     into: Path | None = None,
     report: Report = True,
@@ -121,6 +122,8 @@ def join(
     seconds
         Leave after this time. A simulated hand that waits for everybody (task.together of --config) counts from when all hold
         on, or from 30 s.
+    resume_s
+        Give up after so long a silence of the server, 10 s if not given; longer where a server that restarts asks for it.
     into
         Write into this existing folder instead, and leave its report to its owner.
     rearm
@@ -130,6 +133,7 @@ def join(
         Begin with the clutch held: hand and tool move nothing until `c` and Enter engages.
     """
     above_zero("--seconds", seconds)
+    above_zero("--resume-s", resume_s)
     console = make_console(soft_wrap=True)
     rates = RateChoices(stated)
     settings = load(config, overrides, world=False, rate=rates) if config else None
@@ -152,7 +156,7 @@ def join(
         check_two(devices, settings, axes, speed, loop, start_s, stop_s)
         flags = as_flags(
             room=room, config=config, set=overrides, axes=axes, runs=runs, into=into, report=report, record=record,
-            rearm=rearms, insecure=insecure, allow_unstable=allow_unstable,
+            resume_s=resume_s, rearm=rearms, insecure=insecure, allow_unstable=allow_unstable,
         )  # fmt: skip
         return join_two(typed_target, devices, flags, name, clutched, view, seconds, stop, console)
     device = next(iter(devices), None)
@@ -178,7 +182,7 @@ def join(
             client = LiveClient(
                 arm, target.player(arm.capability, address), paths, stop, say, LinkEmulator, files.record_at, seconds, rearms,
                 partial(judge_seat, address, allow_unstable, say), partial(played_out, arm), allow_unstable, clutched,
-                None, arm if settings and settings.task.together and isinstance(arm, SimulatedDevice) else None,
+                None, arm if settings and settings.task.together and isinstance(arm, SimulatedDevice) else None, resume_s,
             )  # fmt: skip
             try:
                 ended = client.run()

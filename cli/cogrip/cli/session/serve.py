@@ -25,6 +25,7 @@ from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT
+from cogrip.protocol.messages import MOST_WAIT_MS
 from cogrip.protocol.settings import Settings, for_remote_clients
 from cogrip.protocol.texts import named
 from cogrip.protocol.version import VERSION
@@ -57,6 +58,7 @@ def serve(
     log: Literal["text", "json"] = "text",
     metrics: int | None = None,
     trigger: str | None = None,
+    hand_over: float | None = None,
     overrides: Overrides = (),
     seconds: float | None = None,
     runs: Path = Path("runs"),
@@ -108,6 +110,8 @@ def serve(
         Port on loopback for /metrics (Prometheus) and /healthz; 0 takes a free one. None if not given.
     trigger
         Raise a line of a serial port, or send a byte on it, at every marker: rts:PORT, dtr:PORT or byte:PORT.
+    hand_over
+        At SIGTERM keep the seats for the next start: people let go, and wait so many seconds for it. None if not given.
     seconds
         Stop after this time.
     runs
@@ -154,6 +158,7 @@ def serve(
         "--trigger": trigger is not None,
         "--view": view,
         "--fresh": fresh,
+        "--hand-over": hand_over is not None,
         **keeping.given,
     }
     shared_flags = {"--shared": shared, "--room-ports": room_ports, "--checkpoints": checkpoints != "folder"}
@@ -163,6 +168,7 @@ def serve(
         line = open_trigger(trigger, stack)
         warnings: list[str] = []
         state_folder = held_folder(state, port, encrypted, warnings.append, stack)
+        _check_hand_over(hand_over, state_folder)
         state_folder = shared_folder(state_folder, shared, encrypted)
         key_folder = state_folder if encrypted else None
         authenticator = authenticator_of(key_folder, say)
@@ -181,7 +187,7 @@ def serve(
             run_folder = into or live_run_folder(runs, "rooms", say)
             job = FrontJob(
                 rooms, count, host, port, state_folder, authenticator, encrypted, fresh, run_folder, record, report,
-                rates.found, keeping.floor_bytes,
+                rates.found, keeping.floor_bytes, hand_over,
             )  # fmt: skip
             keeping.begin(run_folder, say, stack)
             return _serve_by_front(
@@ -189,7 +195,7 @@ def serve(
             )
         server = LiveServer(
             rooms, host, port, stop, say, lambda core: channel_of(core, key_folder), seconds=seconds,
-            floor_bytes=keeping.floor_bytes,
+            floor_bytes=keeping.floor_bytes, hand_over_s=hand_over,
         )  # fmt: skip
         if authenticator is not None:
             server.authenticator = authenticator
@@ -338,6 +344,14 @@ def _encrypted(asked: bool, insecure: bool, host: str) -> bool:
     if asked and insecure:
         raise BadInput("--encrypted and --insecure exclude each other; leave one out")
     return asked or not (insecure or is_loopback(host))
+
+
+def _check_hand_over(wait_s: float | None, folder: StateFolder | None) -> None:
+    """Raise BadInput where nothing can be handed over."""
+    if wait_s is not None:
+        within("--hand-over", wait_s, 0.0, MOST_WAIT_MS / 1000)
+        if folder is None:
+            raise BadInput("--hand-over: the next start goes on by checkpoints; name a folder for them with --state")
 
 
 def _check_flags(encrypted: bool, public: str | None, metrics: int | None, seconds: float | None) -> None:

@@ -147,6 +147,6 @@ class ClusterServer:
         return msgspec.json.encode(
             RoomJob(
                 (room,), str(self._folder.shared), str(job.runs.absolute()), job.record, job.report, self._lines.form, True,
-                job.rates, FLOOR_BYTES, self.bound[0] if loopback else wildcard, job.encrypted, job.ports, job.in_memory,
+                job.rates, FLOOR_BYTES, None, self.bound[0] if loopback else wildcard, job.encrypted, job.ports, job.in_memory,
             )
         )  # fmt: skip

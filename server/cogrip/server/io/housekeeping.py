@@ -257,6 +257,9 @@ class Housekeeping:
 
     def end(self, *, said_goodbye: bool) -> None:
         """End with the server. said_goodbye: nobody resumes these sessions, so that no checkpoint is left."""
+        said_goodbye = said_goodbye and not self._server.hands_over
+        if self._server.hands_over:
+            self.write_checkpoints()
         self._notifier.stopping()
         if self._trigger is not None:
             self._trigger.close()
