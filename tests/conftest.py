@@ -5,19 +5,16 @@
 beside the tests is imported by its whole name.
 """
 
-import faulthandler
 import gc
 import importlib
 import os
 import signal
 import threading
-import time
 from collections import defaultdict
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from _pytest.faulthandler import fault_handler_stderr_fd_key
 from hypothesis import HealthCheck, settings
 
 from cogrip.protocol.io.compiled_files import outdated
@@ -40,9 +37,6 @@ TESTS = Path(__file__).parent
 SHARE = {"quick": 0.05, "default": 0.05, "all": 1.0}
 """Share of the examples of a law that names a number."""
 LEAST_EXAMPLES = 10
-HANGS_S, WATCH_EVERY_S = 330.0, 30.0
-"""A test that takes so long hangs, also on a machine that is slow and busy; how often the time begins anew."""
-_WATCHED_S = pytest.StashKey[float]()
 
 for _name, _examples in EXAMPLES.items():
     settings.register_profile(
@@ -151,20 +145,6 @@ def pytest_collection_finish() -> None:
     gc.freeze()
     gc.set_threshold(50_000)
     gc.enable()
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_protocol(item: pytest.Item) -> None:
-    """Show where a test hangs, and end it. `faulthandler_timeout` would start a thread for each test, and await its end."""
-    now_s, lasts = time.monotonic(), item.get_closest_marker("lasts")
-    if lasts or now_s - item.config.stash.get(_WATCHED_S, -WATCH_EVERY_S) >= WATCH_EVERY_S:
-        item.config.stash[_WATCHED_S] = -WATCH_EVERY_S if lasts else now_s  # the next test is watched for its own time
-        stderr = item.config.stash[fault_handler_stderr_fd_key]
-        faulthandler.dump_traceback_later(HANGS_S + (lasts.args[0] if lasts else 0.0), file=stderr, exit=True)
-
-
-def pytest_sessionfinish() -> None:
-    faulthandler.cancel_dump_traceback_later()
 
 
 def _limit_examples(item: pytest.Item, share: float) -> None:

@@ -8,10 +8,10 @@ import select
 import signal
 import struct
 import termios
-import time
 from collections.abc import Callable
 
 from tests import forked
+from tests.fair_time import FairTime
 
 LIMIT_S = 60.0
 _CONTROL = re.compile(r"\x1b\[([?0-9;]*)([A-Za-z])")
@@ -105,17 +105,17 @@ class Terminal:
     def see(self, wanted: str | Callable[[str], bool]) -> str:
         """Wait until the screen shows something that matches; gives the screen."""
         fits = wanted if callable(wanted) else lambda text: re.search(wanted, text) is not None
-        until_s = time.monotonic() + LIMIT_S
+        given = FairTime()
         while not fits(self.screen.text):
-            assert time.monotonic() < until_s, f"never showed {wanted!r}, but:\n{self.screen.text}"
+            assert given.spent_s() < LIMIT_S, f"never showed {wanted!r}, but:\n{self.screen.text}"
             assert self._take(0.2) or self.process.poll() is None, f"ended without {wanted!r}:\n{self.screen.text}"
         return self.screen.text
 
     def settle(self, good: Callable[[], bool]) -> None:
         """Wait until something holds, taking what is still written."""
-        until_s = time.monotonic() + LIMIT_S
+        given = FairTime()
         while not good():
-            assert time.monotonic() < until_s, self.screen.text
+            assert given.spent_s() < LIMIT_S, self.screen.text
             self._take(0.05)
 
     def _take(self, limit_s: float) -> bool:

@@ -22,7 +22,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 MOST_MEDIAN_LINES = 120
 NOT_INSTALLED_BY_NAME = {"forcedimension_core": "forcedimension-core", "serial": "pyserial", "pylsl": "pylsl"}
 """Modules of packages that a platform or a Python may have to do without, and the package each is of."""
-BY_NAME = {"hidapi"}  # of its two backends one is chosen as a port is opened
+BY_NAME = {"hidapi", "psutil"}  # of whose backends one is chosen as a port is opened; by which loky ends its workers
 QUESTION_WORDS = re.compile(r"(What|Who|Whose|Whether|Of)\b")
 QUESTION_TEXTS = re.compile(rf"""["'][\s\\]*{QUESTION_WORDS.pattern}""")
 
@@ -187,3 +187,38 @@ def test_lock_installs_a_package_only_where_the_project_asks_for_it() -> None:
     for each in extras:
         name, version = re.split(r"[^\w-]", each, maxsplit=1)[0], each.rpartition("'")[0].rpartition("'")[2]
         assert re.search(rf"^{name}==\S+ ; .*python_full_version < '{version}'.* \\$", lock, re.MULTILINE), each
+
+
+CORES = ("protocol", "devices", "client", "server")
+BY_BLAS = {"dot", "vdot", "inner", "outer", "matmul", "tensordot", "einsum", "linalg"}
+"""Functions of numpy that add in an order, or round, as the processor likes it."""
+NOT_REPLAYED = {  # computed before a session, or from its results
+    "devices/cogrip/devices/arm/identification.py", "devices/cogrip/devices/response.py",
+    "server/cogrip/server/worlds/conformance.py",
+    "server/cogrip/server/worlds/scene_file.py",
+}  # fmt: skip
+
+
+def test_floats_are_added_in_one_order_by_every_python() -> None:
+    """From Python 3.12 on `sum` of floats is compensated: no recording of 3.11 plays again where a core calls it."""
+    found = [
+        f"{name}:{node.lineno}: use add_floats or add_integers of cogrip.protocol.addition"
+        for name, source in modules(*FOLDERS).items()
+        if "sum" in source and name != "protocol/cogrip/protocol/addition.py"
+        for node in ast.walk(ast.parse(source))
+        if (isinstance(node, ast.Name) and node.id == "sum") or (isinstance(node, ast.alias) and node.name == "sumprod")
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_the_cores_multiply_matrices_in_one_order_on_every_processor() -> None:
+    found = [
+        f"{name}:{node.lineno}: use dot or turn of cogrip.server.worlds.world"
+        for name, source in modules(*CORES).items()
+        if ("numpy" in source or "mujoco" in source) and name not in NOT_REPLAYED
+        for node in ast.walk(ast.parse(source))
+        if (isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult))
+        or (isinstance(node, ast.Attribute) and node.attr in BY_BLAS and ast.unparse(node.value) in ("np", "numpy"))
+        or (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "dot")
+    ]
+    assert not found, "\n".join(found)

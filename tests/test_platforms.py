@@ -16,7 +16,8 @@ ASKING = re.compile(r"\bsys\.platform\b|\bos\.name\b|platform\.system\(")
 ASKS = {  # modules that may ask which system this is
     "protocol/cogrip/protocol/io/posix.py", "protocol/cogrip/protocol/io/windows.py", "protocol/cogrip/protocol/io/platform.py",
     "protocol/cogrip/protocol/io/realtime.py", "protocol/cogrip/protocol/io/punctuality.py",  # Linux's measures
-    "devices/cogrip/devices/io/platform.py", "server/cogrip/server/io/platform.py", "view/cogrip/view/io/platform.py",
+    "devices/cogrip/devices/io/platform.py", "devices/cogrip/devices/io/port_names.py",
+    "server/cogrip/server/io/platform.py", "view/cogrip/view/io/platform.py",
     "cli/cogrip/cli/terminal/platform.py", "cli/cogrip/cli/terminal/screen.py", "cli/cogrip/cli/terminal/live_screen.py",
     "server/cogrip/server/io/state_folder.py",  # in a message
 }  # fmt: skip
@@ -149,6 +150,51 @@ def test_the_substitutes_do_what_they_stand_for() -> None:
         *[("GetCurrentThread",), ("SetThreadPriority", -2, 0), ("GetCurrentProcess",), ("SetPriorityClass", -1, 0x20)],
         ("timeEndPeriod", 1),
     ]
+
+
+NO_CONSOLE = """
+import subprocess, sys
+from cogrip.protocol.io import windows
+
+def no_console(self, number):  # as os.kill does: GenerateConsoleCtrlEvent fails, the process is ended, and an error is left
+    self.terminate()
+    raise SystemError("<built-in function kill> returned a result with an exception set")
+
+subprocess.Popen.send_signal = no_console
+child = subprocess.Popen([sys.executable, "-c", "import sys; sys.stdin.read()"], stdin=subprocess.PIPE)
+windows.interrupt(child)
+assert child.wait() != 0
+child.stdin.close()
+windows.interrupt(child)  # it has ended already
+"""
+
+
+@linux
+def test_without_a_console_a_child_is_ended() -> None:
+    on_windows("-c", NO_CONSOLE)
+
+
+@linux
+def test_examples_of_devices_have_names_as_the_system_has_them() -> None:
+    expected = {
+        "win32": ("serial:COM3?model=vintage", "haply:COM3?model=2diy", "spacemouse:"),
+        "darwin": ("serial:/dev/tty.usbmodem101?model=vintage", "haply:/dev/tty.usbmodem101?model=2diy", "spacemouse:"),
+        "linux": ("serial:/dev/ttyACM0?model=vintage", "haply:/dev/ttyACM0?model=2diy", "spacemouse:/dev/hidraw0"),
+    }
+    list_all = (
+        "import sys\n"
+        "from cogrip.devices.registry import describe, families\n"
+        "sys.platform = sys.argv[1]\n"
+        "import cogrip.devices.io.port_names\n"
+        "sys.platform = 'linux'\n"
+        "print(*[each.address for each in describe(axes=3)], *families().values(), sep='\\n')"
+    )
+    for system, addresses in expected.items():
+        command = [sys.executable, "-P", "-c", list_all, system]
+        said = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=True).stdout
+        assert set(addresses) <= set(said.splitlines())
+        assert ("/dev/hidraw" in said) == ("/dev/input" in said) == (system == "linux")
+        assert ("/dev/ttyACM" in said) == (system == "linux")
 
 
 COMMANDS = """

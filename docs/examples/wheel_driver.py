@@ -15,6 +15,7 @@ from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting
 
 METRES_PER_COUNT = 2e-5
+TICK_S, DAMPING_NSPM = 1.0 / 1024.0, 0.5  # of the stand-in
 RECORD = Capability(
     family="wheel", model="wheel", axes=1, workspace_m=((-0.1, 0.1),), peak_force_n=3.0, continuous_force_n=1.0,
     stiffness_npm=1000.0, damping_nspm=5.0, slew_nps=1e4, speed_mps=2.0, resolution_m=METRES_PER_COUNT,
@@ -98,17 +99,20 @@ class Wheel:
 
 
 class EmulatedWheel:
-    """A `Port` with the firmware of a wheel that does not move."""
+    """A `Port` with the firmware of a wheel that turns freely: mass and a little friction, a step a request."""
 
     def __init__(self) -> None:
         self.name, self.counts = "wheel:emulated", dict[str, int]()
         self.pushes_n, self._replies = 0.0, b""
+        self._place_m, self._speed_mps = 250 * METRES_PER_COUNT, 0.0
 
     def open(self) -> None: ...
 
     def write(self, frame: bytes) -> None:
+        self._place_m += TICK_S * self._speed_mps
+        self._replies += b"P%d\n" % round(self._place_m / METRES_PER_COUNT)
         self.pushes_n = int(frame[1:]) / 1000.0
-        self._replies += b"P250\n"
+        self._speed_mps += TICK_S * (self.pushes_n - DAMPING_NSPM * self._speed_mps) / RECORD.apparent_mass_kg
 
     def read(self, wait_s: float = 0.0) -> bytes:
         data, self._replies = self._replies, b""

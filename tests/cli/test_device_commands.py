@@ -289,7 +289,7 @@ def test_virtual_time_holds_no_hardware(cogrip, address):
 
 
 def test_virtual_time_holds_emulated_arms(cogrip):
-    arms = "--device emulated:vintage --device emulated:woodenhaptics-serial --set coupling.impedance_nspm=4"
+    arms = "--device emulated:vintage --device emulated:woodenhaptics-serial"
     assert json.loads(cogrip.out(f"lab {DEMO} {arms} --set seconds=2 --json -"))["passive"]
 
 

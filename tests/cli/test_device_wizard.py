@@ -36,7 +36,7 @@ def answering(cogrip, monkeypatch):
 
 def test_all_of_it_ends_with_the_address_in_a_settings_file(answering, tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
-    code, out, _ = answering(REACH, "s", ON, str(file))
+    code, out, _ = answering(REACH, "s", "s", ON, str(file))
     assert code == 0, out
     for words in (
         "1 of 7  device",
@@ -86,7 +86,7 @@ def test_signs_that_are_right_and_axes_that_nobody_moves(answering) -> None:
 )
 def test_a_stiffness_that_is_another_one_is_told(answering, monkeypatch, felt: Felt, words: str) -> None:
     monkeypatch.setattr("cogrip.devices.trial.feel", lambda *_: felt)
-    code, out, _ = answering("s", ON, "s", arguments=(REACH,))
+    code, out, _ = answering("s", "s", ON, "s", arguments=(REACH,))
     assert words in out
     assert code == ("not as it should be" in words)
 
@@ -104,8 +104,8 @@ def test_an_input_only_device_is_not_pushed(answering) -> None:
     ("answers", "flags", "held", "words"),
     [
         ((ON,), (), False, "stopped before the trials, and nothing was written: mend what the check names"),
-        ((ON, "s", "s", ON), ("--unfit",), True, "not as it should be: the check; the spring let go: no samples"),
-        (("s", "s", "s", ON), (), True, "not as it should be: the spring let go: no samples"),
+        ((ON, "s", "s", "s", ON), ("--unfit",), True, "not as it should be: the check; the spring let go: no samples"),
+        (("s", "s", "s", "s", ON), (), True, "not as it should be: the spring let go: no samples"),
     ],
 )
 def test_an_arm_that_is_not_fit_to_be_held_is_not_held(
@@ -141,9 +141,9 @@ def test_one_is_chosen_from_what_is_plugged_in(answering, monkeypatch) -> None:
         ((), ("sim:phantom",), 1, "nobody is there to answer: run it at a terminal"),
         ((), ("sim:phantm",), 2, "did you mean 'phantom'"),
         (("s",), ("inverse:localhost:1",), 1, "nobody is there"),
-        ((ON, ON), ("inverse:localhost:1",), 1, "no service at localhost:1"),
-        (("s", "s"), ("sim:phantom", "--settings", "none/there.toml"), 1, "none/there.toml: cannot be read or written"),
-        (("s", "s"), ("sim:phantom", "--settings", "new.toml", "--name", "zoe"), 2, "has no user 'zoe'; there is: anna, ben"),
+        (("s", ON), ("inverse:localhost:1",), 1, "no service at localhost:1"),
+        (("s", "s", "s"), ("sim:phantom", "--settings", "none/there.toml"), 1, "none/there.toml: cannot be read or written"),
+        (("s", "s", "s"), ("sim:phantom", "--settings", "new.toml", "--name", "zoe"), 2, "has no user 'zoe'; there is: anna"),
     ],
 )  # fmt: skip
 def test_what_ends_it_early_is_told(answering, tmp_path, monkeypatch, answers, arguments, code, words) -> None:
@@ -173,11 +173,62 @@ kind = "cube"
 
 def test_a_device_is_replaced_or_added_to_the_person_named_and_all_else_stays() -> None:
     new = TEXT.replace('device = "sim:ideal"  # the old one', 'device = "serial:/dev/x?dir=1,-1,1"')
-    assert placed(TEXT, "", "serial:/dev/x?dir=1,-1,1", "f") == (new, "anna")
+    assert placed(TEXT, "", "serial:/dev/x?dir=1,-1,1", "f") == (new, "anna", None)
     new = TEXT.replace("[[ users ]]\n", '[[ users ]]\ndevice = "replay:a \\"b\\".csv"\n')
-    assert placed(TEXT, "ben", 'replay:a "b".csv', "f") == (new, "ben")
+    assert placed(TEXT, "ben", 'replay:a "b".csv', "f") == (new, "ben", None)
     assert tomllib.loads(new)["users"][1]["device"] == 'replay:a "b".csv'
     assert tomllib.loads(starting_text())["name"] == "demo", "a new file begins as the demo"
+
+
+@pytest.mark.parametrize(
+    ("settings", "carried_nspm", "written"),
+    [
+        ("[coupling]\nimpedance_nspm = 20.0\n", 8.0, 8.0), ("[coupling]\nimpedance_nspm = 20.0\n", 20.0, None),
+        ("[coupling]\nimpedance_nspm = 20.0\n", 7.96, 7.9), ("[coupling]\nimpedance_nspm = 5\n", 8.0, None),
+        ('[coupling]\nimpedance_nspm = "auto"\n', 8.0, None),
+    ],
+)  # fmt: skip
+def test_a_person_gets_an_impedance_of_their_own_where_the_device_carries_less(
+    settings: str, carried_nspm: float, written: float | None
+) -> None:
+    new, person, own = placed(settings + TEXT, "ben", "sim:ideal", "f", carried_nspm)
+    assert (person, own) == ("ben", written)
+    assert tomllib.loads(new)["users"][1].get("impedance_nspm") == written
+    again = placed(new, "ben", "sim:ideal", "f", 0.5)[0]
+    assert again.count("impedance_nspm") == (settings + TEXT).count("impedance_nspm") + (
+        written is not None or "auto" not in settings
+    )
+
+
+def test_the_command_that_it_ends_with_is_accepted(answering, cogrip, tmp_path: Path) -> None:
+    """These settings ask for 20 N s/m, and this arm carries 8."""
+    file = tmp_path / "mine.toml"
+    file.write_text('[coupling]\nimpedance_nspm = 20.0\n[[users]]\nname = "anna"\n[[users]]\nname = "ben"\n')
+    code, out, _ = answering(REACH, "s", "s", "s", str(file))
+    assert code == 0
+    assert "the device carries 8 N s/m: anna gets impedance_nspm = 8" in out
+    assert tomllib.loads(file.read_text())["users"][0]["impedance_nspm"] == 8.0
+    code, out, err = cogrip("lab", str(file), "--set", "seconds=0.5", "--runs", str(tmp_path / "runs"))
+    assert "carries" not in out + err
+    assert code == 0, out + err
+
+
+def test_an_impedance_that_follows_the_device_is_left_as_it_is(answering, cogrip, tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    code, _, _ = answering(REACH, "s", "s", "s", str(file))
+    assert code == 0
+    assert "impedance_nspm" not in file.read_text()
+    code, out, err = cogrip("lab", str(file), "--set", "seconds=0.5", "--runs", str(tmp_path / "runs"))
+    assert "carries" not in out + err
+    assert code == 0, out + err
+
+
+def test_an_arm_whose_axes_are_swapped_gets_no_spring(answering, monkeypatch) -> None:
+    monkeypatch.setattr("cogrip.cli.devices.tried_response.response.faults", lambda *_: ["x: a push moves y: swapped"])
+    code, out, _ = answering("s", ON, "s", arguments=(REACH,))
+    assert code == 1
+    assert "it does not move as its record says: x: a push moves y: swapped" in out
+    assert "asked for" not in out
 
 
 @pytest.mark.parametrize(
@@ -257,7 +308,12 @@ def test_at_a_terminal_of_80x24_on_an_emulated_arm(wizard_at, tmp_path: Path, mo
 @posix
 def test_enters_from_before_the_question_start_no_force(wizard_at) -> None:
     terminal = wizard_at("emulated:vintage?hand=hold")
-    for words, keys in (("No force flows", "s\n\n\n\n"), ("A weak spring", "s\n"), ("Settings file to write", "s\n")):
+    for words, keys in (
+        ("No force flows", "s\n\n\n\n"),
+        ("small forces push", "s\n"),
+        ("A weak spring", "s\n"),
+        ("Settings file to write", "s\n"),
+    ):
         terminal.see(words)
         terminal.type(keys)
     assert terminal.end() == 0

@@ -80,7 +80,7 @@ def test_a_warning_of_several_people_is_said_once() -> None:
 
 
 def test_what_is_refused_is_not_warned_of_as_well(cogrip: Cogrip, tmp_path: Path) -> None:
-    twice = "--device emulated:vintage --device emulated:vintage"
+    twice = "--device emulated:vintage --device emulated:vintage --set coupling.impedance_nspm=20"
     out, err = cogrip.texts(f"lab demo {twice} --runs {tmp_path}", code=2)
     assert out == ""
     (last,) = [line for line in err.splitlines() if "is more than device serial:vintage carries" in line]

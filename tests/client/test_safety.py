@@ -299,3 +299,31 @@ def test_whatever_happens_the_force_is_finite_bounded_and_steady(acts: list[tupl
     if safety.state != "live":
         limit((5.0, 5.0, 5.0), 200)
         assert last == STILL
+
+
+@pytest.mark.parametrize(("ticks", "lets_go"), [(9, False), (10, True), (50, True)])
+def test_a_device_that_applied_nothing_takes_its_force_back_by_the_ramp(ticks: int, lets_go: bool) -> None:
+    """One that misses a tick now and then, or had no force to apply, has not let go."""
+    safety = full(axes=3)
+    give(safety, (3.0, 0.0, 0.0), 20)
+    for _ in range(ticks):
+        safety.limit((3.0, 0.0, 0.0))
+        safety.applied((0.0, 0.0, 0.0))
+    back = [force[0] for force in give(safety, (3.0, 0.0, 0.0), 400)]
+    assert back[-1] == 3.0
+    assert safety.counts["device let go"] == lets_go
+    assert (back[20] < 0.3) == lets_go
+    if lets_go:
+        assert back[0] == pytest.approx(3.0 * TICK_S / RAMP_IN_S)
+
+
+def test_a_force_that_is_told_late_every_other_tick_is_no_device_that_let_go() -> None:
+    safety = full()
+    for tick in range(200):
+        safety.limit((3.0, 0.0, 0.0))
+        if tick % 2:
+            safety.applied((0.0, 0.0, 0.0))
+    for _ in range(200):
+        safety.limit((0.0, 0.0, 0.0))
+        safety.applied((0.0, 0.0, 0.0))
+    assert safety.gain == 1.0

@@ -35,9 +35,11 @@ needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler: ins
 
 @cache
 def has_libssl() -> bool:
-    command, source = [str(COMPILER), "-E", "-x", "c", "-"], b"#include <openssl/ssl.h>\n"
+    if COMPILER is None:
+        return False
+    command, source = [COMPILER, "-E", "-x", "c", "-"], b"#include <openssl/ssl.h>\n"
     found = subprocess.run(command, input=source, capture_output=True, check=False)
-    return COMPILER is not None and found.returncode == 0
+    return found.returncode == 0
 
 
 def build(folder: Path, name: str, *arguments: str | Path) -> Path:

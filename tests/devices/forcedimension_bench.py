@@ -5,11 +5,13 @@ import importlib.util
 import platform
 import re
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
+from cogrip.devices.device import Device
 from cogrip.devices.forcedimension.models import TYPES
 
 from tests.devices.compiled_stub import STUBS, compile_stub
@@ -18,7 +20,7 @@ from tests.devices.vendor_bench import VendorBench
 SOURCE = STUBS / "libdrd.c"
 PACKAGE = "forcedimension_core"
 RATE_HZ = 1024
-POWER, RESET, FORCE = 0, 3, 5
+POWER, RESET, FORCE, ERROR = 0, 3, 5, 9
 
 
 def forget_package() -> None:
@@ -47,6 +49,11 @@ class Sdk(VendorBench):
 
     def step(self, times: int = 1) -> None:
         """Every call is an exchange: nothing has to pass."""
+
+    def ticked(self, device: Device, tick: int, force_n: tuple[float, ...]) -> Sequence[float] | None:
+        """Return what the device says that acts, after a tick of a loop."""
+        device.read(tick)
+        return device.write(force_n)
 
     def become(self, model: str) -> None:
         self.lib.stub_type(0, next(kind for kind, name in TYPES.items() if name == model))

@@ -259,3 +259,23 @@ def test_whatever_fails_no_force_goes_beyond_its_limits_and_all_of_it_ends(plan,
     bench.close()
     bench.arm.advance(bench.arm.now_ns + 110_000_000)
     assert bench.arm.mechanics.force_n == NO_FORCE
+
+
+@pytest.mark.parametrize(("pause", "rests"), [(80, False), (93, True), (110, True), (300, True)])
+@every_model
+def test_force_after_a_pause_in_which_the_watchdog_may_have_bitten_begins_at_none(
+    name: str, pause: int, rests: bool
+) -> None:
+    """The board switches its motors on again at the next request, whatever that asks for: before, all of the old force."""
+    bench = opened(name)
+    force = (0.4, 0.0, 0.0)
+    bench.hold(force, 400)
+    assert bench.arm.enabled
+    bench.tick += pause - 1
+    said, _, sizes = bench.fails(force, 10)
+    assert said == ""
+    assert (max(sizes) < least_force_n(bench.arm) + 2e-3) == rests
+    assert (bench.write(force) == NO_FORCE) == rests
+    assert (bench.driver.weight_fraction < 0.1) == (rests or name != "polhem")
+    bench.hold(force, 400)
+    assert bench.force_n == pytest.approx(force, abs=least_force_n(bench.arm) + 2e-3)

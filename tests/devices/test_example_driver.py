@@ -72,7 +72,7 @@ def test_its_stand_in_is_held_in_virtual_time_and_its_hardware_is_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The way of docs/devices.md: `lab` said of the stand-in that it is hardware."""
-    given = "lab demo --set coupling.impedance_nspm=5 --set seconds=0.3 --json"
+    given = "lab demo --set seconds=0.3 --json"
     lab = [*given.split(), str(tmp_path / "out.json")]
     assert main([*lab, "--device", "wheel:emulated"]) == 0
     assert main([*lab, "--device", "wheel:/dev/ttyACM0"]) == 2

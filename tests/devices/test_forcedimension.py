@@ -1,20 +1,23 @@
 """`forcedimension:` through the real package `forcedimension_core`, on a stand-in for libdrd compiled here."""
 
+import importlib.util
 import os
 import sys
+from ctypes import c_double
 
 import pytest
 
 from cogrip.devices.device import DeviceError
+from cogrip.devices.forcedimension.device import STATUS_TICKS
 from cogrip.devices.forcedimension.models import RECORDS, TYPES
 
-from tests.devices.forcedimension_bench import FORCE, PACKAGE, POWER, RATE_HZ, RESET, forget_package
+from tests.devices.forcedimension_bench import ERROR, FORCE, PACKAGE, POWER, RATE_HZ, RESET, forget_package
 from tests.devices.held_device import opened, refused
 from tests.devices.vendor_bench import end_without_closing
 
 
 def test_order_of_use(sdk) -> None:
-    device = sdk.opened()
+    device = sdk.flowing()
     device.write((1.0, 0.0, 0.0))
     device.close()
     device.close()
@@ -58,7 +61,7 @@ def test_unknown_devices_are_refused(sdk) -> None:
 
 
 def test_model_that_is_not_stated_has_the_limits_of_the_weakest(sdk) -> None:
-    device = sdk.opened(keys="")
+    device = sdk.flowing(keys="")
     device.write((12.0, 0.0, 0.0))
     assert sdk.force() == (-8.0, 0.0, 0.0)
     device.close()
@@ -82,7 +85,7 @@ def test_no_force_before_it_is_on_and_calibrated(sdk, which, value, words) -> No
     [
         ("open", "is not to be had"), ("status", "its state cannot be read"),
         ("limit", "its force cannot be limited"), ("force", "its force cannot be set"),
-        ("enable", "its forces cannot be enabled"), ("type", "does not say what it is"),
+        ("type", "does not say what it is"),
     ],
 )  # fmt: skip
 def test_whatever_fails_at_opening_leaves_it_closed(sdk, verb, words) -> None:
@@ -102,23 +105,86 @@ def test_what_the_controller_could_not_do_is_counted(sdk) -> None:
     device = sdk.opened()
     sdk.lib.stub_fail(b"")
     assert sdk.lib.stub_expert() == 0
-    sdk.lib.stub_status(0, FORCE, 0)
-    for tick in range(300):
-        device.read(tick)
-    sdk.lib.stub_status(0, FORCE, 1)
     sdk.lib.stub_guarded(0, 1)
     sdk.lib.stub_saturated(0, 1)
-    assert device.read(300) is not None
+    assert device.read(1) is not None
     device.write((1.0, 0.0, 0.0))
-    assert device.counts == {
-        "watchdog not available": 1, "forces off": 2, "position read again too soon": 1, "motor saturated": 1
-    }  # fmt: skip
+    assert device.counts == {"watchdog not available": 1, "position read again too soon": 1, "motor saturated": 1}
+    device.close()
+
+
+@pytest.mark.parametrize("wait_ms", [0, 38, 715])
+def test_forces_flow_however_long_a_client_takes_to_its_first_force(sdk, wait_ms: int) -> None:
+    """Its watchdog has 32 ms: forces that were enabled by `open` were off before the first one came, and stayed off."""
+    device = sdk.opened()
+    sdk.lib.stub_wait(wait_ms)
+    told = [sdk.ticked(device, tick, (1.0, 0.0, 0.0)) for tick in range(100)]
+    assert sdk.load() == (1.0, 0.0, 0.0)
+    assert told == [(0.0, 0.0, 0.0)] * 2 + [None] * 98, "what acts, tick by tick"
+    assert device.counts == {}
+    device.close()
+
+
+@pytest.mark.parametrize(("pause_ms", "off"), [(20, False), (31, False), (33, True), (90, True)])
+def test_a_pause_of_the_loop_longer_than_the_watchdog_ends_in_forces_that_are_on(sdk, pause_ms: int, off: bool) -> None:
+    device = sdk.flowing()
+    sdk.ticked(device, 10, (1.0, 0.0, 0.0))
+    sdk.lib.stub_wait(pause_ms - 1)
+    assert sdk.load()[0] == (0.0 if pause_ms > 32 else 1.0)
+    told = [sdk.ticked(device, 10 + pause_ms + tick, (1.0, 0.0, 0.0)) for tick in range(60)]
+    assert sdk.load() == (1.0, 0.0, 0.0)
+    assert told.count((0.0, 0.0, 0.0)) == (22 if off else 0), "20 ms at rest, and 2 to see whether forces are on"
+    assert device.counts == ({"forces off": 1} if off else {})
+    device.close()
+
+
+@pytest.mark.parametrize(
+    ("cause", "words"),
+    [(1, "the button on its base"), (2, "it moved too fast"), (6, "nobody holds it"), (0, "it does not say why")],
+)
+def test_forces_that_were_switched_off_are_a_fault_that_says_why(sdk, cause: int, words: str) -> None:
+    device = sdk.flowing()
+    sdk.lib.stub_off(0, cause)
+    with pytest.raises(DeviceError, match=f"lost: its controller has switched the forces off .{words}"):
+        [sdk.ticked(device, tick, (1.0, 0.0, 0.0)) for tick in range(3, 3 + STATUS_TICKS + 1)]
+    assert device.write((1.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
+    sdk.lib.stub_status(0, FORCE, 1)  # the button again
+    with pytest.raises(DeviceError, match="lost"):
+        device.read(40)
+    assert device.write((1.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
+    assert sdk.force() == (0.0, 0.0, 0.0)
+    device.close()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda lib: lib.stub_power_off(0), "its power is gone"),
+        (lambda lib: lib.stub_status(0, ERROR, 1), "its controller reports an error"),
+        (lambda lib: lib.stub_status(0, RESET, 1), "it is not calibrated any more"),
+    ],
+)
+def test_a_controller_that_is_not_well_is_a_fault(sdk, spoil, words: str) -> None:
+    device = sdk.flowing()
+    spoil(sdk.lib)
+    with pytest.raises(DeviceError, match=words):
+        [sdk.ticked(device, tick, (1.0, 0.0, 0.0)) for tick in range(3, 3 + STATUS_TICKS + 1)]
+    assert device.write((1.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
+    device.close()
+
+
+def test_forces_that_cannot_be_enabled_are_a_fault(sdk) -> None:
+    device = sdk.opened()
+    sdk.lib.stub_fail(b"enable")
+    assert sdk.ticked(device, 0, (1.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
+    with pytest.raises(DeviceError, match="its forces cannot be enabled"):
+        device.read(1)
     device.close()
 
 
 @pytest.mark.parametrize("verb", ["position", "force", "status"])
 def test_lost_device_says_so_and_has_no_force(sdk, verb) -> None:
-    device, other = sdk.opened(), sdk.opened(1, keys="")
+    device, other = sdk.flowing(), sdk.flowing(1, keys="")
     device.write((1.0, 0.0, 0.0))
     other.write((1.0, 0.0, 0.0))
     sdk.lib.stub_fail(verb.encode())
@@ -137,6 +203,21 @@ def test_lost_device_says_so_and_has_no_force(sdk, verb) -> None:
     device.close()
     device.open(RATE_HZ)
     assert device.read(0) is not None
+    device.close()
+
+
+def test_a_position_that_freezes_while_the_velocity_goes_on_is_lost(sdk) -> None:
+    """More than 3 mm and eight counts. A velocity of 10 mm/s may be noise."""
+    device = sdk.flowing()
+    sdk.lib.stub_velocity(0, *map(c_double, (0.1, 0.0, 0.0)))
+    with pytest.raises(
+        DeviceError, match=r"its position stands still, and its own velocity of 0\.1 m/s has gone 3\.1 mm"
+    ):
+        [sdk.ticked(device, tick, (1.0, 0.0, 0.0)) for tick in range(3, 200)]
+    device.close()
+    sdk.lib.stub_velocity(0, *map(c_double, (0.0, 0.0, 0.01)))
+    device = sdk.flowing()
+    assert all(sdk.ticked(device, tick, (1.0, 0.0, 0.0)) is None for tick in range(3, 1000)), "one that rests"
     device.close()
 
 
@@ -169,6 +250,7 @@ def test_sdk_that_is_too_old(sdk, capfd) -> None:
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.skipif(importlib.util.find_spec(PACKAGE) is None, reason="forcedimension-core is not installed")
 def test_sdk_that_is_not_there(monkeypatch) -> None:
     forget_package()
     monkeypatch.setenv("__fdsdkpy_unittest_runtime__", "True")  # it then finds none, wherever one may be installed

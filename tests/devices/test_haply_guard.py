@@ -29,7 +29,10 @@ from cogrip.devices.settings import parse_address
 from tests.devices.haply_board import BOUND_S, Board
 from tests.extent import every
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="needs Linux: pseudo-terminals and pidfd")
+pytestmark = [
+    pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="needs Linux: pseudo-terminals and pidfd"),
+    pytest.mark.on_time,
+]
 
 MODEL = MODELS["2diy"]
 PATIENT_NS = 400_000_000  # a stall, where the test is about stalls

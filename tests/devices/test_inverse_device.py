@@ -139,7 +139,7 @@ def test_a_place_is_within_two_metres_and_an_orientation_has_norm_one() -> None:
         turned = {"orientation": {"w": w, "x": 0, "y": 0, "z": 0}}
         told["wireless_verse_grip"] = [{"device_id": codec.grip_id, "state": turned}]
         (reading,) = codec.feed(json.dumps(told).encode())
-        assert reading.raw[3:7] == ((1.0, 0.0, 0.0, 0.0) if known else (0.0,) * 4)
+        assert reading.raw[4:8] == ((1.0, 0.0, 0.0, 0.0) if known else (0.0,) * 4)
 
 
 WHOLE = {"power_supply": True, "ready": True, "calibrated": True}
@@ -218,6 +218,52 @@ def test_a_service_that_is_killed_and_a_device_that_is_gone_are_lost_until_opene
     assert hypot(*service.mechanics.force_n) > 0.3
     device.close()
     assert service.mechanics.force_n == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [("power_supply", "no power"), ("ready", "not ready"), ("calibrated", "not calibrated any more")],
+)
+def test_a_device_that_says_in_a_session_that_it_is_not_well_is_lost_and_no_force_is_booked(
+    status: str, words: str
+) -> None:
+    device, service = opened()
+    hold(device, range(100))
+    service.status[status] = False
+    assert device.read(100) is not None, "an update of before"
+    device.write(PUSH)
+    assert device.read(101) is None
+    assert device.write(PUSH) == (0.0, 0.0, 0.0)
+    with pytest.raises(DeviceError, match=f"lost: {words}"):
+        hold(device, range(102, 120))
+    assert service.mechanics.force_n == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("pause", "idle"), [(20, False), (26, True), (90, True)])
+def test_force_after_a_pause_in_which_it_may_have_gone_idle_is_held_back(pause: int, idle: bool) -> None:
+    """So that the client, which is told that nothing acts, takes it back by its ramp."""
+    device, service = opened()
+    hold(device, range(100))
+    told, acted = [], []
+    for tick in range(99 + pause, 140 + pause):
+        device.read(tick)
+        told.append(device.write(PUSH))
+        acted.append(any(service.mechanics.force_n))
+    assert told.count((0.0, 0.0, 0.0)) == (20 if idle else 0)
+    assert acted.count(False) == (20 if idle else 0)
+    assert not told[-1]
+
+
+def test_a_position_that_freezes_while_the_device_s_own_velocity_goes_on_is_lost() -> None:
+    """The same motion is believed as long as its position goes on."""
+    device, _ = opened("hand=reach&amplitude_m=0.04&stroke_s=0.3&delay_s=0.05")
+    assert len(hold(device, range(400))) > 390
+    device, service = opened("hand=reach&amplitude_m=0.04&stroke_s=0.3&delay_s=0.05")
+    hold(device, range(180))
+    for joint in range(3):
+        service.mechanics._frozen[joint] = service.mechanics.counters[joint]
+    with pytest.raises(DeviceError, match="lost: its position stands still, and its own velocity"):
+        hold(device, range(180, 260))
 
 
 @pytest.mark.parametrize("wrong", [(nan, 0.0, 0.0), (inf, 0.0, 0.0), (0.1, 0.1)])

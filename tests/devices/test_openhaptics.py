@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.hd_library import SIGNATURES, ErrorInfo, load
 from cogrip.devices.openhaptics.errors import CURES, FORCE_ERRORS, OTHER_ERRORS, cure_for, name_of
-from cogrip.devices.openhaptics.mailbox import HOLD_FRAMES, ZERO, Mailbox, to_library
+from cogrip.devices.openhaptics.mailbox import HOLD_FRAMES, MOST_WITHHELD, ZERO, Mailbox, to_library
 from cogrip.devices.openhaptics.models import RECORDS, Facts, lowered, model_of
 from cogrip.devices.registry import make
 
@@ -283,6 +283,64 @@ def test_any_other_error_ends_it_for_this_device_alone(bench, code) -> None:
     assert left.read(0) is not None
     left.close()
     right.close()
+
+
+@pytest.mark.parametrize("code", [0x101, 0x201, 0x202, 0x302])
+@pytest.mark.parametrize("times", [1, 2, 50])
+def test_a_force_that_cannot_be_set_leaves_none(bench, code: int, times: int) -> None:
+    """Before, the force of the frame before it stayed on the hand for as long as none could be set."""
+    device = bench.pushed()
+    assert bench.load() == (1.0, 0.0, 0.0)
+    bench.lib.stub_error_at_set(0, code, times)
+    device.write((1.1, 0.0, 0.0))
+    bench.step()
+    assert bench.load() == (0.0, 0.0, 0.0)
+    assert device.write((1.1, 0.0, 0.0)) == (0.0, 0.0, 0.0), "and the ledger is told so"
+    if times > 1:
+        with pytest.raises(DeviceError, match=f"its force cannot be set|error 0x{code:x}"):
+            device.read(1)
+    for _ in range(60):
+        device.write((1.1, 0.0, 0.0))
+        bench.step()
+        assert times == 1 or bench.load() == (0.0, 0.0, 0.0)
+    bench.lib.stub_error_at_set(0, code, 0)
+    device.close()
+    assert bench.load() == (0.0, 0.0, 0.0)
+
+
+def test_forces_that_the_library_switched_off_are_a_fault(bench) -> None:
+    device = bench.pushed()
+    device.read(1)
+    bench.lib.stub_off(0)
+    device.write((1.0, 0.0, 0.0))
+    bench.step()
+    with pytest.raises(DeviceError, match="the library has switched its forces off"):
+        device.read(2)
+    assert device.write((1.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
+    device.close()
+    device.open(RATE_HZ)
+    device.write((1.0, 0.0, 0.0))
+    bench.step()
+    assert bench.load() == (1.0, 0.0, 0.0)
+    device.close()
+
+
+def test_a_force_error_that_stays_is_told_to_the_ledger_and_becomes_a_fault(bench) -> None:
+    """Warm motors: the library drops every force, frame by frame."""
+    device = bench.pushed()
+    bench.lib.stub_error_for_ever(0, 0x200)
+    told = []
+    for tick in range(1, MOST_WITHHELD + 1):
+        bench.step()
+        device.read(tick)
+        told.append(device.write((1.0, 0.0, 0.0)))
+        assert bench.load() == (0.0, 0.0, 0.0)
+    assert set(told) == {(0.0, 0.0, 0.0)}
+    bench.step(2)
+    with pytest.raises(DeviceError, match="error 0x200"):
+        device.read(MOST_WITHHELD + 1)
+    bench.lib.stub_error_for_ever(0, 0)
+    device.close()
 
 
 def test_error_of_no_device_is_everybodys(bench) -> None:

@@ -1,6 +1,6 @@
 """`forcedimension:` and `openhaptics:` alike, each on a stand-in for its vendor's library: axes, forces, jumps, addresses."""
 
-from itertools import pairwise, product
+from itertools import chain, pairwise, product
 from math import hypot, inf, nan
 
 import pytest
@@ -33,11 +33,11 @@ def vendor(request: pytest.FixtureRequest):
 @pytest.mark.parametrize("axes", [1, 2, 3])
 def test_samples_and_forces_on_fewer_axes(vendor, axes: int) -> None:
     """A force F loads the hand along the axes in which positions are told."""
-    device = vendor.opened(axes=axes)
+    device = vendor.flowing(axes=axes)
     assert device.capability.axes == axes == len(device.capability.workspace_m)
     vendor.place(0.030, 0.010, -0.020)
     vendor.step()
-    sample = device.read(1)
+    sample = device.read(10)
     assert sample.position_m == pytest.approx((0.030, 0.010, -0.020)[:axes])
     assert (sample.velocity_mps, sample.age_ticks) == (None, device.capability.latency_ticks)
     device.write((0.5, 1.0, -1.5)[:axes])
@@ -50,7 +50,7 @@ def test_samples_and_forces_on_fewer_axes(vendor, axes: int) -> None:
 @given(force=st.tuples(*[st.floats(-100.0, 100.0)] * 3))
 @settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_force_is_limited_and_keeps_its_direction(vendor, force) -> None:
-    device = vendor.opened()
+    device = vendor.flowing()
     counted, most = device.counts.get("force limited", 0), device.capability.peak_force_n
     acting = device.write(force)
     vendor.step()
@@ -65,7 +65,7 @@ def test_force_is_limited_and_keeps_its_direction(vendor, force) -> None:
     "bad", [(nan, 0.0, 0.0), (0.0, inf, 0.0), (0.0, 0.0, -inf), (1.7e308,) * 3, (1.0, 1.0), (1.0,) * 4]
 )
 def test_a_force_that_is_none_makes_it_zero(vendor, bad) -> None:
-    device = vendor.opened()
+    device = vendor.flowing()
     for force in ((1.0, 1.0, 1.0), bad, (0.0, 0.0, 1.0)):
         if force is bad:
             with pytest.raises(DeviceError, match="axes" if len(bad) != 3 else "not finite"):
@@ -79,8 +79,8 @@ def test_a_force_that_is_none_makes_it_zero(vendor, bad) -> None:
 
 @pytest.mark.parametrize("bad", [(nan, 0.0, 0.0), (0.0, -inf, 0.0)])
 def test_position_that_is_no_number_is_no_sample_and_no_force(vendor, bad) -> None:
-    device = vendor.opened()
-    for tick, place in enumerate((STILL, bad, (0.01, 0.02, 0.03)), 1):
+    device = vendor.flowing()
+    for tick, place in enumerate((STILL, bad, (0.01, 0.02, 0.03)), 10):
         device.write((1.0, 0.0, 0.0))
         vendor.place(*place)
         vendor.step()
@@ -143,6 +143,36 @@ def test_a_jump_of_30_mm_is_no_kick(request: pytest.FixtureRequest, fixture: str
     assert client.core.safety.reason.startswith(("the position jumped: 29.", "the position jumped: 30."))
     assert max(abs(new - old) for old, new in pairwise(forces)) < 0.5
     assert not any(forces[JUMP_TICK + round(0.05 * DEVICE_HZ) :]), "none left within 50 ms"
+
+
+def test_forces_that_the_watchdog_switched_off_come_back_by_the_ramp(sdk) -> None:
+    """A loop that was away for 40 ms: before, no force for the rest of the session, and the ledger had all of it."""
+    client, device = Client(), sdk.device(0, 1)
+    handle = SupervisedDevice(device, client.core, DEVICE_HZ)
+    client.core.handle(DeviceOpened(device.capability), client.core.now_ns)
+    handle.open()
+    sdk.lib.stub_wait(200)
+    pushed, counted = {}, {}
+    for tick in chain(range(JUMP_TICK), range(JUMP_TICK + 40, JUMP_TICK + 500)):
+        now_ns = due_ns(0, tick, DEVICE_HZ)
+        if tick == JUMP_TICK + 40:
+            sdk.lib.stub_wait(39)
+        sdk.place(-0.02 + SPEED_MPS * tick / DEVICE_HZ, 0.0, 0.0)
+        if tick % M == 0 and tick:
+            client.hear(now_ns)
+        client.core.sense(tick, handle.read(tick), now_ns)
+        handle.write(client.core.act(now_ns))
+        pushed[tick], counted[tick] = sdk.load(1)[0], client.core.force_n[0]
+    handle.close()
+    assert client.core.safety.state == "live"
+    assert client.core.safety.counts["device let go"] == 1
+    assert device.counts["forces off"] == 1
+    assert pushed[JUMP_TICK - 1] > 0.8
+    assert pushed == counted, "the ledger has what acts"
+    assert [tick for tick in pushed if tick > 10 and not pushed[tick]] == [JUMP_TICK + 40 + more for more in range(22)]
+    back = [pushed[tick] for tick in range(JUMP_TICK + 62, JUMP_TICK + 500)]
+    assert max(new - old for old, new in pairwise([0.0, *back])) < 0.02
+    assert back[-1] > 0.8
 
 
 @pytest.mark.parametrize(

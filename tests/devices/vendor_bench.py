@@ -9,6 +9,8 @@ from typing import Any, ClassVar
 
 from cogrip.devices.registry import make
 
+FIRST_TICKS = 3  # of a loop, after which forces flow
+
 
 @dataclass
 class VendorBench:
@@ -28,6 +30,18 @@ class VendorBench:
         device = self.device(number, axes, keys)
         device.open(self.rate_hz)
         return device
+
+    def flowing(self, number: int = 0, axes: int = 3, keys: str | None = None) -> Any:
+        """A device that has been open for some ticks, so that forces flow."""
+        device = self.opened(number, axes, keys)
+        for tick in range(FIRST_TICKS):
+            device.read(tick)
+            device.write((0.0,) * axes)
+            self.step()
+        return device
+
+    def step(self, times: int = 1) -> None:
+        raise NotImplementedError
 
     def force(self, number: int = 0) -> tuple[float, ...]:
         force = (ctypes.c_double * 3)()
@@ -50,7 +64,9 @@ lib = ctypes.CDLL(path)
 lib.stub_journal.restype = lib.stub_wrongs.restype = ctypes.c_char_p
 atexit.register(exec, tell, globals())  # runs last
 device.open(1000)
-device.write((1.0, 0.0, 0.0))
+for tick in range(4):
+    device.read(tick)
+    device.write((1.0, 0.0, 0.0))
 exec(end)
 """
 

@@ -8,7 +8,6 @@ import select
 import signal
 import subprocess
 import threading
-import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from math import hypot
@@ -21,12 +20,13 @@ from cogrip.protocol.recording.reader import Follower, RecordingError
 from cogrip.protocol.recording.records import Tick
 
 from tests import forked
+from tests.fair_time import FairTime
 from tests.stalls import MACHINE_STALLED
 
-LIMIT_S = 120.0  # for anything that is waited for
+LIMIT_S = 60.0  # for anything that is waited for, in time as the machine gives it
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 DEMO = CONFIGS / "demo.toml"
-WITHIN = ("--set", "coupling.impedance_nspm=2")  # what every arm here carries: the 2DIY the least
+WITHIN = ()  # the impedance follows each arm: the 2DIY carries the least
 AWAY = (
     r"encoder \w jumped by|no reply for 50 ms"  # says a driver whose arm's process, or itself, was away for 10, 50 ms
 )
@@ -106,8 +106,9 @@ class Spoken:
         def said() -> bool:
             return self._silent or re.search(pattern, self.said[self._heard :]) is not None
 
+        given = FairTime()
         with self._news:
-            for _ in range(round(LIMIT_S)):
+            while given.spent_s() < LIMIT_S:
                 if self._news.wait_for(said, 1.0) or any(process.stalled for process in self.company):
                     break
             found = re.search(pattern, self.said[self._heard :])
@@ -125,7 +126,8 @@ class Spoken:
 
     def end(self) -> int:
         """Return its exit code."""
-        for _ in range(round(LIMIT_S)):
+        given = FairTime()
+        while given.spent_s() < LIMIT_S:
             with suppress(subprocess.TimeoutExpired):
                 code: int = self.popen.wait(1.0)
                 self.read_to_the_end()
@@ -174,9 +176,9 @@ def until(good: Callable[[], bool], what: str, every_s: float = 0.02, company: S
 
     company: processes of which none may stall meanwhile.
     """
-    deadline = time.monotonic() + LIMIT_S
+    given = FairTime()
     while not good():
-        assert time.monotonic() < deadline, f"never: {what}"
+        assert given.spent_s() < LIMIT_S, f"never: {what}"
         assert not any(process.stalled for process in company), f"stalled before: {what}"
         select.select([], [], [], every_s)
 

@@ -16,6 +16,7 @@ from tests.extent import long
 from tests.free_ports import free_port
 from tests.live.redirecting_front import redirecting
 from tests.live.test_live_sessions import DEMO, FEW_FRAMES, summary_in
+from tests.stalls import MACHINE_STALLED
 
 pytestmark = [needs_compiler, pytest.mark.skipif(not has_libssl(), reason="no headers of libssl: install libssl-dev")]
 
@@ -60,7 +61,7 @@ def test_a_person_by_c_and_one_by_python_hold_one_cube(
         [program, "-", SECONDS, "anna"], input=target, capture_output=True, text=True, timeout=60, check=False
     )
     if "watchdog" in anna.stderr:
-        pytest.skip("the machine stalled: no live session can be judged on it now")
+        pytest.skip(f"{MACHINE_STALLED} from a loop for 100 ms: no live session can be judged on it now")
     assert anna.returncode == 0, anna.stderr
     assert ben.end() == 0, ben.said
     server.signal(signal.SIGTERM)

@@ -56,7 +56,7 @@ def test_a_session_is_seen_from_both_ends_and_the_terminal_is_left_as_it_was(at_
 def test_r_and_enter_re_arm_with_the_table_on(start, session, at_terminal):
     arm = start.arm("arm", "reach&amplitude_m=0.02")
     anna = at_terminal("join", f"127.0.0.1:{session.port}", "--name", "anna", "--device", arm.address)
-    if "device stall" in anna.see(r"(live|fault) +x"):
+    if "device stall" in anna.see(r"(live|fault) +(- +)*x"):  # in a fault, nothing may have been measured yet
         pytest.skip(f"this machine took the processor away for too long: {anna.screen.text}")
     arm.fault("silence 0.2")
     anna.see("`r` and Enter here")

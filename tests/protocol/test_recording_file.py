@@ -404,7 +404,7 @@ def test_chunks_that_unpack_to_far_more_than_was_ever_written_are_not_opened(pat
         ({"epoch_ns": "9223372036854775808"}, "epoch_ns"),
         ({"who": "anna\x1b[2J"}, "its who holds control characters"),
         ({"room": "lab\u202e"}, "its room holds control characters"),
-        ({"start": "[" * 20000 + "]" * 20000}, "its start is nested too deep"),
+        ({"start": "[" * 200_000 + "]" * 200_000}, "its start is nested too deep"),
     ],
 )
 def test_a_header_that_no_session_has_is_refused(path, changes, words):

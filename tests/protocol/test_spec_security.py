@@ -41,8 +41,9 @@ def test_suites_are_those_of_the_page_and_of_the_wire() -> None:
 MODULES = (
     "protocol.dtls_records", "protocol.line.receiver", "protocol.messages", "protocol.recording.reader", "protocol.settings",
     "server.io.control", "server.io.datagram_path", "server.io.dtls_channel", "server.io.dtls_peer",
-    "server.io.metrics_process", "server.loop", "server.rate_limit", "server.room", "server.seat_limits", "server.tokens",
-    "server.worlds.world",
+    "server.io.metrics_process", "server.io.trial",
+    "server.loop", "server.rate_limit", "server.room", "server.seat_limits", "server.tokens",
+    "server.worlds.scene_file", "server.worlds.world", "view.io.page_server", "view.io.peer_log",
 )  # fmt: skip
 
 

@@ -278,7 +278,7 @@ def table(**changes: Any) -> dict[str, Any]:
         (b"\xff\xfe", "malformed"),
         (b'{"version": 1, "tokens": [{"id": "\xff"}]}', "utf-8|malformed"),
         ("[" * 100_000, "Expected `object`"),
-        ('{"version": ' + "[" * 100_000, "recursion|malformed|truncated"),
+        ('{"version": ' + "[" * 100_000, "recursion|Stack overflow|malformed|truncated"),
         (json.dumps(table())[:-3], "truncated"),
         (json.dumps(table(hash="0" * 64)), "its id is not the beginning of its hash"),
         (json.dumps(table(hash="0" * 63)), "hash: "),

@@ -14,7 +14,7 @@ import pytest
 from msgspec import structs
 
 from cogrip.client.velocity import largest_impedance
-from cogrip.devices.device import Device, Sample
+from cogrip.devices.device import Device, DeviceError, Sample
 from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_input_only, make, stand_ins
 from cogrip.protocol.settings import Settings, resolve
@@ -101,6 +101,19 @@ def test_ten_times_the_stiffness_and_any_impedance_is_calm_on_every_device(devic
     stiffness = 10.0 * min(2000.0, make(device).capability.stiffness_npm)
     for one in felt(room(1.5, device=device, coupling={"impedance_nspm": impedance, "stiffness_npm": stiffness})):
         assert_calm(one)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("axes", [3, 6])
+def test_every_device_plays_in_every_room_that_it_has_axes_for(device: str, axes: int) -> None:
+    try:
+        make(device, axes=axes)
+    except DeviceError:
+        pytest.skip(f"{device} has no {axes} axes")
+    scene = {"kind": "scene", "file": str(CONFIGS / "scenes" / "valve.xml")} if axes == 6 else {}
+    people = felt(room(0.3, device=device, object={"axes": axes, **scene}))
+    for one in people:
+        assert one.core.safety.state == "live", one.core.safety.reason
 
 
 class Unlike:

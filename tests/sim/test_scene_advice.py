@@ -52,7 +52,7 @@ def test_advice_says_what_a_hand_will_feel_and_which_contact_is_set() -> None:
 )
 def test_a_scene_has_the_levels_that_other_objects_have(delay_ms: float, felt: str, free: str) -> None:
     """A line of loop T gives way by F T / 2b to the hands' 5 N, weighs b T / 2, and swings in pi T: their strokes take 1 s."""
-    settings = load(LIFT, [f"link.delay_ms={delay_ms}"])
+    settings = load(LIFT, [f"link.delay_ms={delay_ms}", "coupling.impedance_nspm=20"])
     found = {finding.topic: finding for finding in scene_findings(settings) if finding.text.startswith("anna: ")}
     T = loop_s(seat_settings(settings, 0))
     assert (found["felt"].level, found["free motion"].level) == (felt, free)

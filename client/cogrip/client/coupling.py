@@ -12,6 +12,7 @@ from typing import Any, Generic, TypeVar
 
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.handle import Handle
 from cogrip.protocol.latest_state import StateReceiver
@@ -60,7 +61,7 @@ def mean_row(line: DelayLine[Row], row: Row, ticks: int) -> Sequence[float]:
     """Push a row for several ticks, and return the mean of the rows of `line.ticks` ticks before each."""
     if ticks == 1:
         return line.push(row)
-    return [sum(parts) / ticks for parts in zip(*line.push_many(row, ticks), strict=True)]
+    return [add_floats(parts) / ticks for parts in zip(*line.push_many(row, ticks), strict=True)]
 
 
 class PortEnergy:

@@ -16,6 +16,7 @@ import msgspec
 
 from cogrip.client.coupling import Coupling, DelayLine, mean_row
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.line.energy_sums import CompensatedSum
 
 
@@ -124,7 +125,8 @@ class EnergyLedger:
         frames, more = self._count.sent, self.coupling.count().sent
         depth = [(account, sent) for account, sent in ((before, frames), (now, more)) if sent] or [(before, 1)]
         return PlayoutAccount(
-            depth_frames=sum(account.depth_frames * sent for account, sent in depth) / sum(sent for _, sent in depth),
+            depth_frames=add_floats(account.depth_frames * sent for account, sent in depth)
+            / add_floats(sent for _, sent in depth),
             least_frames=min(account.least_frames for account, _ in depth),
             most_frames=max(account.most_frames for account, _ in depth),
             repeated=before.repeated + now.repeated,

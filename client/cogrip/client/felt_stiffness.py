@@ -2,6 +2,8 @@
 
 from collections import deque
 
+from cogrip.protocol.addition import add_floats
+
 REST_S = 0.5  # for which frames must agree before a hand is at rest
 STILL_FRACTION = 0.1  # A hand at rest stays within this part of its depth: half of what tells two stiffnesses apart.
 LEAST_N = 0.05  # with which it presses then: less is the rounding of a hand that touches nothing
@@ -24,7 +26,7 @@ class FeltStiffness:
         if count != self._samples.maxlen:
             return None
         depths = [depth for depth, _ in self._samples]
-        depth, force = sum(depths) / count, sum([force for _, force in self._samples]) / count
+        depth, force = add_floats(depths) / count, add_floats([force for _, force in self._samples]) / count
         if (
             depth <= 0.0
             or force < LEAST_N

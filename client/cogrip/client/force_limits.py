@@ -13,6 +13,7 @@ from cogrip.client.pose_axes import further_axes
 from cogrip.client.row_size import change_surely_below
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.setting_types import PLACES
 
 MOST_SLOPE_NPS = 1000.0  # of any force, whatever the record says: 2000 N/m met at 0.5 m/s (docs/security.md)
@@ -121,7 +122,7 @@ class ForceLimits:
 
     def correct(self, force_n: tuple[float, ...], goes_on: bool) -> None:
         """Correct heat and, where `goes_on`, slope by the force that acts in place of `out`."""
-        entered, square = [sum([value * value for value in force]) for force in (self.out, force_n)]
+        entered, square = [add_floats([value * value for value in force]) for force in (self.out, force_n)]
         self.thermal.correct(entered, square)
         if goes_on:
             self.out = force_n

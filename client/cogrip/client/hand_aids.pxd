@@ -1,5 +1,7 @@
 cimport cython
 
+from cogrip.protocol.addition cimport add_floats
+
 
 cdef class HandAids:
     cdef public object limit

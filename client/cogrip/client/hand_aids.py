@@ -15,6 +15,7 @@ from math import hypot, sqrt
 from cogrip.client.coupling import DelayLine, Row, mean_row, spring_j
 from cogrip.client.velocity import largest_impedance
 from cogrip.devices.device import GRAVITY_MPS2, Capability
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.hand_settings import HandChange, WorkspaceLimit
 from cogrip.protocol.setting_types import PLACES
 
@@ -102,7 +103,7 @@ class HandAids:
         """Return the force of both [N], shape (axes,)."""
         total = list(self._zero)
         for depth, outward in self._depths(position_m):
-            speed = sum([part * rate for part, rate in zip(outward, velocity_mps, strict=True)])
+            speed = add_floats([part * rate for part, rate in zip(outward, velocity_mps, strict=True)])
             size = min(self._most_n, max(0.0, self._stiffness_npm * depth + self._damping_nspm * speed))
             total = [sum_n + size * part for sum_n, part in zip(total, outward, strict=True)]
         if self._weight_n:
@@ -114,7 +115,7 @@ class HandAids:
 
     def stored_j(self, position_m: Sequence[float]) -> float:
         """Return the energy in the limit's spring."""
-        return sum([spring_j(self._stiffness_npm, depth, self._most_n) for depth, _ in self._depths(position_m)])
+        return add_floats([spring_j(self._stiffness_npm, depth, self._most_n) for depth, _ in self._depths(position_m)])
 
     def share(self, extra_n: Sequence[float], wish_n: Sequence[float], force_n: Sequence[float]) -> None:
         """Enter which force came of a wish with this extra one."""
@@ -128,5 +129,5 @@ class HandAids:
 
 def part_of(force_n: Sequence[float], wish_n: Sequence[float]) -> float:
     """Return the part of a wish that a force is, along it."""
-    square = sum([each * each for each in wish_n])
-    return sum([a * b for a, b in zip(force_n, wish_n, strict=True)]) / square if square else 0.0
+    square = add_floats([each * each for each in wish_n])
+    return add_floats([a * b for a, b in zip(force_n, wish_n, strict=True)]) / square if square else 0.0

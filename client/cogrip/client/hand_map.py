@@ -15,6 +15,7 @@ from dataclasses import replace
 
 from cogrip.client.velocity import largest_impedance
 from cogrip.devices.device import Capability
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.rotations import UNTURNED, Quaternion, exp, inverse, log, product, turned
 from cogrip.protocol.setting_types import PLACES, POSE_AXES
 from cogrip.protocol.tool_frame import ToolFrame
@@ -134,4 +135,4 @@ class HandMap:
 
 
 def _times(rows: Sequence[Sequence[float]], vector: Sequence[float]) -> list[float]:
-    return [sum([a * b for a, b in zip(row, vector, strict=False)]) for row in rows]
+    return [add_floats([a * b for a, b in zip(row, vector, strict=False)]) for row in rows]

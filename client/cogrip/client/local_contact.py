@@ -29,6 +29,7 @@ from cogrip.client.force_limits import MOST_SLOPE_NPS
 from cogrip.client.velocity import largest_impedance
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.handle import Handle
 from cogrip.protocol.line.energy_sums import CompensatedSum
@@ -115,7 +116,7 @@ class LocalCoupling(WaveCoupling):
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
         applied = self.applied_n
-        self._hand_j.add(sum(map(mul, applied, mean_velocity_mps)) * self._tick_s)
+        self._hand_j.add(add_floats(map(mul, applied, mean_velocity_mps)) * self._tick_s)
         self._move(applied, mean_velocity_mps)
 
     def elapse_absent(self) -> None:

@@ -341,8 +341,8 @@ class LiveClient:
         if after == "degraded":
             self.say(f"force released: {reason}")
         elif after == "fault":
+            self.stop.take_rearm()  # what was asked before the fault was not asked of it; what answers these words is
             self.say(f"fault, force released: {reason}")
-            self.stop.take_rearm()  # what was asked before the fault was not asked of it
             if self.rearms:
                 self.say(f"see to its cause; then {system.REARM_HOW.format(os.getpid())} re-arms; Ctrl-C leaves")
         elif before == "fault" and after in ("live", "clutched"):

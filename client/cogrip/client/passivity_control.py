@@ -21,6 +21,7 @@ from collections.abc import Sequence
 from math import inf
 
 from cogrip.client.coupling import LatestStateCoupling, PortEnergy, Row
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.handle import Handle
 from cogrip.protocol.line.energy_reserve import EnergyReserve
@@ -82,7 +83,7 @@ class PassivityControl(LatestStateCoupling[Power]):
 
     def given_j(self) -> float:
         """Energy that has gone in at the object, less what was sent as gone in here."""
-        return sum(self._received) - sum([energy.value for energy in self._in])
+        return add_floats(self._received) - add_floats([energy.value for energy in self._in])
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
         """Enter a tick. With hold < 1 the proxy comes to a stop, and claims no energy on the way."""
@@ -147,7 +148,7 @@ class PassivityControl(LatestStateCoupling[Power]):
         for axis, (now, then) in enumerate(zip(newest.entered_j, self._received, strict=True)):
             self._left[axis].add(now - then)
         self._wanted, self._received, self._taken = newest.force_n, newest.entered_j, newest.taken_j
-        self._slack_j = self._rounding * (self.energy.used_j + sum(newest.entered_j))
+        self._slack_j = self._rounding * (self.energy.used_j + add_floats(newest.entered_j))
         self._reserve = [max(RESERVE_J, abs(force) * self._astray_m) for force in newest.force_n]
         self.object_state = newest.position_m + newest.velocity_mps
         if newest.acknowledged:

@@ -15,6 +15,7 @@ from math import hypot, isfinite
 from typing import NamedTuple
 
 from cogrip.devices.device import Capability, Sample
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.rotations import UNTURNED, between, exp, log, product
 from cogrip.protocol.setting_types import PLACES
 
@@ -33,7 +34,7 @@ class PoseAxes:
     def lengths(self, sample: Sample) -> Sample:
         """Return a sample of q and its rate."""
         pose, twist, length = sample.position_m, sample.velocity_mps, self.length_m
-        if isfinite(sum(pose)):
+        if isfinite(add_floats(pose)):
             orientation = exp(pose[PLACES:])
             if self._begun:
                 step = between(self._orientation, orientation)

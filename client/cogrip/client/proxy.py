@@ -14,6 +14,7 @@ from itertools import combinations
 from math import dist, hypot, inf, sqrt
 
 from cogrip.client.fixed_shapes import FixedShape, Vector
+from cogrip.protocol.addition import add_floats
 
 ROUNDS = 12  # in which the planes that hold the proxy are found
 TOUCHING_M = 1e-9  # by which a plane may be in the way
@@ -154,7 +155,7 @@ def _orthonormal(normals: Sequence[Vector]) -> list[Vector]:
     found: list[Vector] = []
     for vector in normals:
         rest = without(vector, found)
-        size = sqrt(sum([each * each for each in rest]))
+        size = sqrt(add_floats([each * each for each in rest]))
         if size > 1e-6 and len(found) < 3:
             found.append((rest[0] / size, rest[1] / size, rest[2] / size))
     return found

@@ -2,6 +2,7 @@ cimport cython
 
 from cogrip.client.force_limits cimport ForceLimits
 from cogrip.client.row_size cimport surely_below
+from cogrip.protocol.addition cimport add_floats
 
 
 cdef class Safety:
@@ -18,11 +19,13 @@ cdef class Safety:
     cdef long long _watchdog_ticks
     cdef long long _limit_ticks
     cdef long long _derated_ticks
+    cdef long long _let_go_ticks
     cdef public double gain
     cdef public object clamped_n
     cdef double _absent
     cdef long long _at_limit
     cdef long long _derated
+    cdef long long _let_go
     cdef public bint limited
     cdef public bint derated
     cdef public str state

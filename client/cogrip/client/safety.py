@@ -20,6 +20,7 @@ from cogrip.client.force_limits import Bounds, ForceLimits, bounds_of
 from cogrip.client.row_size import surely_below
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.setting_types import PLACES
 
 RAMP_IN_S = 0.3
@@ -28,6 +29,8 @@ FAULT_OUT_S = 0.015
 STALL_S = 0.02  # of ticks without a sample, in a leaky counter: a device that reaches it has stalled
 STALL_DECAY = 0.5  # ticks that each sample takes off that counter
 WATCHDOG_S = 0.1  # time without a tick after which the watchdog ends the force: the hand held an old one
+LET_GO_S = 0.01
+"""Time in which nothing acts of the force, after which a device takes it back by the ramp."""
 AT_LIMIT_S = 0.5  # time at its limit after which a force is saturated: a fault
 NEAR_THERMAL_LIMIT = "near thermal limit"  # counted before anything is limited
 DERATED_S = 10.0  # of thermal derating, in a counter that falls while there is none: at more it is a fault
@@ -74,11 +77,13 @@ class Safety:
         self._watchdog_ticks = max(1, round(WATCHDOG_S / tick_s))
         self._limit_ticks = round(AT_LIMIT_S / tick_s)
         self._derated_ticks = round(DERATED_S / tick_s)
+        self._let_go_ticks = max(2, round(LET_GO_S / tick_s))
         self.gain = 0.0
         self.clamped_n: Sequence[float] = (0.0,) * capability.axes
         self._absent = 0.0
         self._at_limit = 0
         self._derated = 0
+        self._let_go = 0  # ticks in which nothing acted, less those in which something did, and one more
         self.limited = self.derated = False
         self.state: State = "idle"
         self.reason = self.warning = ""
@@ -156,11 +161,11 @@ class Safety:
             (x, y, z), (at_x, at_y, at_z) = velocity_mps, position_m
             square, place = x * x + y * y + z * z, at_x + at_y + at_z
         else:
-            place = sum(position_m)
+            place = add_floats(position_m)
             for speed in velocity_mps if self._further is None else velocity_mps[:PLACES]:
                 square += speed * speed
         if self._further is not None:
-            other = sum([speed * speed for speed in velocity_mps[PLACES:]])
+            other = add_floats([speed * speed for speed in velocity_mps[PLACES:]])
         if not isfinite(square + other + place):
             self.note("non-finite sample")
             self.fail("the device gave a number that is not finite; re-arm once it is well")
@@ -198,6 +203,8 @@ class Safety:
     def limit(self, force_n: Sequence[float] | None, gap: bool = False) -> tuple[float, ...]:
         """Return the force for the motors. force_n: the law's, or None; gap: whether the law's wave is missing."""
         gain = self.gain
+        if self._let_go:
+            self._let_go -= 1
         if gain != 1.0 or self.state != "live" or force_n is None:
             self.gain = gain = self.coming_gain(force_n is not None)
         translation, further = self._translation, self._further
@@ -250,10 +257,19 @@ class Safety:
 
         Once the force has ramped out the slope goes by what `limit` returned: a device whose cable is out reports its last
         force for ever, and must be asked for zero all the same.
+
+        A device that applies nothing for LET_GO_S has let go: its force comes back by the ramp, and not at once.
         """
         self.note("force limited by the device")
+        nothing = not any(force_n) and any(any(group.out) for group in self._groups)
         for group, part in zip(self._groups, self._parts(force_n), strict=True):
             group.correct(tuple(part), self.gain > 0.0)
+        if nothing:
+            self._let_go = min(self._let_go + 2, self._let_go_ticks + 1)
+            if self._let_go > self._let_go_ticks:
+                if self.gain > self._rise:
+                    self.note("device let go")
+                self.gain = 0.0
 
     def _hold(self, ticks: int) -> None:
         """Heat the motors' model by ticks that were skipped: the last force was held over them, too."""

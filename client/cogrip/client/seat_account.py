@@ -5,6 +5,7 @@ from msgspec.structs import replace
 from cogrip.client.safety import Safety
 from cogrip.client.seated import SeatedClient
 from cogrip.protocol.accounts import LEFT, REASON_BYTES, SATURATED, ClientAccount, DelayAccount, Percentiles, TickCount
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.texts import clipped
 
 
@@ -49,7 +50,7 @@ def _predicted_npm(seat: SeatedClient) -> float | None:
     """Return the stiffness that the hand is to feel over the loop as measured [N/m]; None where there is no model."""
     if (loop := seat.coupling.loop_frames()) is None:
         return None
-    more = seat.late_frames + sum(seat.deficit_frames) / max(1, len(seat.deficit_frames))
+    more = seat.late_frames + add_floats(seat.deficit_frames) / max(1, len(seat.deficit_frames))
     now = replace(seat.coupling.seat_now(), tool=seat.settings.tool)
     return now.predicted_stiffness(loop, more)
 

@@ -27,6 +27,7 @@ from cogrip.client.seat_hand import SeatHand
 from cogrip.client.shaking import Shaking
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.messages import Edges, Effects, Frame, View, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.setting_types import PLACES
@@ -296,7 +297,7 @@ class SeatedClient(SeatHand):
             if self._hand_map is not None:
                 position_m, force_n = self._hand_map.place(position_m), self._hand_map.tool_force(force_n)
             depth, direction = self.coupling.pressed or (side * position_m[0], (side,))
-            self.felt.add(depth, sum(map(mul, direction, force_n)))
+            self.felt.add(depth, add_floats(map(mul, direction, force_n)))
 
     def act(self, now_ns: int) -> tuple[float, ...]:
         """Return force [N], torque [N m] or the gripper's force [N], shape (axes,), to hold for a tick: F of P eq. 9."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cogrip.client.seated import SeatedClient
 from cogrip.client.tick_packing import BEGIN, pack_tick
 from cogrip.devices.sample import Sample
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.line.energy_reserve import known
 from cogrip.protocol.recording.records import Tick, TickHead
 from cogrip.protocol.recording.sink import encode
@@ -70,7 +71,7 @@ class TickRecord:
             buttons, orientation, grip_m = sample.buttons, sample.orientation, sample.grip_m
             hand = seat.hand  # what it has taken over is finite
             used = position is hand.position_m and (given is None or given is hand.velocity_mps)
-            if not used and not isfinite(sum(position) + (sum(given) if given else 0.0)):
+            if not used and not isfinite(add_floats(position) + (add_floats(given) if given else 0.0)):
                 unfit = (_texts(position), _texts(given) if given else None)
                 position = None
             if unfit or given == velocity:

@@ -86,7 +86,9 @@ class MotionObserver:
         for axis, mass in enumerate(masses_kg):
             self._per_mass[axis] = 1.0 / mass
         self._late_ticks = latency_ticks if masses_kg else 0
-        self._forces: deque[Sequence[float]] = deque([NOTHING] * self._late_ticks)  # of the last L ticks, oldest first
+        self._forces: deque[Sequence[float]] = deque(
+            [(0.0,) * axes] * self._late_ticks
+        )  # of the last L ticks, oldest first
         self._estimate_m, self._accelerations = list(NOTHING), list(NOTHING)
         self._impulse = list(NOTHING)  # sum of F over the ticks whose displacement the next sample shows [N ticks]
         self._begun = False

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from math import inf
 
 from cogrip.client.coupling import DelayLine, LatestStateCoupling, Row, spring_j
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.handle import Handle
 from cogrip.protocol.line.energy_reserve import EnergyReserve
@@ -50,7 +51,7 @@ class VirtualCoupling(LatestStateCoupling[State]):
         if self._stretch is None:
             return 0.0
         stiffness, peak = self._rendered_npm, self._peak_n
-        return self.ramp_gain * sum([spring_j(stiffness, e, peak) for e in self._stretch])
+        return self.ramp_gain * add_floats([spring_j(stiffness, e, peak) for e in self._stretch])
 
     def set_latency(self, ticks: int) -> None:
         self._late.set_ticks(ticks, (0.0,) * len(self.sent))
@@ -71,7 +72,7 @@ class VirtualCoupling(LatestStateCoupling[State]):
         if self._stretch is None:
             return 0.0
         drag = zip(self._stretch, self.object_state[len(velocity_mps) :], velocity_mps, strict=True)
-        return self.ramp_gain * self._rendered_nspm * sum([speed * own for e, speed, own in drag if e])
+        return self.ramp_gain * self._rendered_nspm * add_floats([speed * own for e, speed, own in drag if e])
 
     def end_frame(self, spare_j: float = inf) -> int:
         self._number += 1

@@ -28,6 +28,7 @@ from cogrip.client.velocity import largest_impedance
 from cogrip.client.wave_lines import ForwardLine, ReturningLine
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LineAccount, LinkCount, PlayoutAccount
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.handle import Handle
 from cogrip.protocol.line_tuning import ImpedanceChanges, Tuning, bounded, corner_hz
@@ -316,8 +317,10 @@ class WaveCoupling(Coupling):
 
     @property
     def deficit_frames(self) -> float:
-        square = sum([v * v for v in self.returning])
-        return sum([d * v for d, v in zip(self.deficit, self.returning, strict=True)]) / square if square else 0.0
+        square = add_floats([v * v for v in self.returning])
+        return (
+            add_floats([d * v for d, v in zip(self.deficit, self.returning, strict=True)]) / square if square else 0.0
+        )
 
     def lost(self) -> int:
         return self.down.receiver.lost

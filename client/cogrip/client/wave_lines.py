@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from math import sqrt
 
 from cogrip.client.coupling import PortEnergy, Row
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.decimation import make_decimator
 from cogrip.protocol.line.energy_ledger import HISTORY
 from cogrip.protocol.line.energy_reserve import EnergyReserve
@@ -60,7 +61,7 @@ class ForwardLine:
         if any(held):
             sent = tuple([u + COMPENSATED_FRACTION * h for u, h in zip(mean, held, strict=True)])
         brought = self.energy.used_now_j
-        going = self._half_frame_s * sum([u * u for u in sent])
+        going = self._half_frame_s * add_floats([u * u for u in sent])
         most = max(0.0, spare_j)
         if going > most:
             scale = sqrt(most / going)

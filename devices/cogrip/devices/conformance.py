@@ -11,6 +11,8 @@ from math import hypot, inf, isfinite, nan, pi
 
 from cogrip.devices.device import Capability, Device, DeviceError, Sample
 from cogrip.devices.plausibility import AGE, DRIFT, JUMP, OLD, ForceReports, Plausibility
+from cogrip.devices.response import RATE_HZ, faults
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.handle import is_unit
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
 from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
@@ -37,6 +39,7 @@ class Subject:
     acting   what truly acts [N], as F that loads the hand; None where nobody knows
     push_n   largest force that is tried beyond 0 [N]; inf: also more than the device can give
     clock    [ns], by which calls are timed; None in virtual time, where they take none
+    yields   whether its own force moves it, and nothing else does: then it is tried how
     """
 
     make: Callable[[], Device]
@@ -45,6 +48,7 @@ class Subject:
     acting: Callable[[Device], Sequence[float]] | None = None
     push_n: float = inf
     clock: Callable[[], int] | None = None
+    yields: bool = False
 
 
 def record_is_complete(subject: Subject) -> None:
@@ -121,7 +125,7 @@ def samples_are_metres(subject: Subject) -> None:
             _expect(all(map(isfinite, sample.position_m + (sample.velocity_mps or ()))), f"finite: {sample}")
             places = zip(sample.position_m, record.workspace_m, strict=False)
             inside = all(low <= at <= high for at, (low, high) in places)
-            _expect(inside, f"inside the workspace {record.workspace_m} m: {sample.position_m}")
+            _expect(inside, _outside(record, sample.position_m))
             turned = hypot(*sample.position_m[PLACES:])
             _expect(turned <= pi * (1.0 + 1e-3), f"a rotation vector turns by at most pi: {turned} rad")
             if record.gripper is not None:
@@ -184,7 +188,7 @@ def force_keeps_to_the_record(subject: Subject) -> None:
             )
         size = hypot(*given)
         _expect(size > 0.0, "force flows after open")
-        along = sum(a * g for a, g in zip(asked, given, strict=True)) / (hypot(*asked) * size)
+        along = add_floats(a * g for a, g in zip(asked, given, strict=True)) / (hypot(*asked) * size)
         _expect(along > 0.99, f"in the direction asked for, cosine {along:.4f}")
 
 
@@ -239,6 +243,20 @@ def write_tells_what_acts(subject: Subject) -> None:
                 _expect(fits, f"write tells a part of {asked} N, or of a force before it: {acting}")
 
 
+def moves_as_its_record_says(subject: Subject) -> None:
+    """A small force moves it along its own axis, the right way, by what its mass makes of it, and not later than it says."""
+    if not subject.yields or subject.rate_hz != RATE_HZ:
+        return
+
+    def due(tick: int) -> int:
+        subject.pace(tick)
+        return tick
+
+    with _opened(subject) as device:
+        found = faults(device, due)
+        _expect(not found, f"moves as its record says: {'; '.join(found)}")
+
+
 def raises_device_errors_alone(subject: Subject) -> None:
     """Whatever it is asked wrongly, and it works on. Any other exception is a defect, and ends the session."""
     _refuses(lambda: subject.make().open(-1), "open(-1)", "rate_hz")
@@ -284,6 +302,7 @@ CHECKS: tuple[Callable[[Subject], None], ...] = (
     positions_do_not_jump,
     velocity_agrees_with_position,
     write_tells_what_acts,
+    moves_as_its_record_says,
     raises_device_errors_alone,
     calls_do_not_block,
 )
@@ -322,6 +341,13 @@ def _judged(subject: Subject) -> tuple[dict[str, list[Sample]], int]:
         if sample is not None and (wrong := judge.judge(tick, sample)):
             found.setdefault(wrong, []).append(sample)
     return found, len(samples) - samples.count(None)
+
+
+def _outside(record: Capability, position_m: Sequence[float]) -> str:
+    """Return that a position must be inside the workspace, in millimetres, and what to do."""
+    box = " x ".join(f"{1e3 * low:.0f} to {1e3 * high:.0f}" for low, high in record.workspace_m)
+    at = ", ".join(f"{1e3 * part:.0f}" for part in position_m)
+    return f"inside the workspace of {box} mm, and it is at ({at}) mm: move it into mid-range, and try again"
 
 
 def _zero(device: Device) -> tuple[float, ...]:

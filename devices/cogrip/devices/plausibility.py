@@ -21,6 +21,7 @@ from math import hypot, isfinite, sqrt
 
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.setting_types import PLACES, POSE_AXES
 
 HAND_MPS2 = 200.0  # peak acceleration of what a hand holds; recorded strokes stay below 100
@@ -96,7 +97,7 @@ class Plausibility:
             return AGE
         taken, before = tick - age, self._at
         if before is None:
-            if isfinite(sum(position)):
+            if isfinite(add_floats(position)):
                 self._at, self._taken, self._reported = position, taken, sample.velocity_mps
                 self._reported_mps = hypot(*sample.velocity_mps) if sample.velocity_mps else 0.0
             return ""
@@ -181,7 +182,7 @@ class Plausibility:
         """DRIFT, where what the velocities add up to is not what the positions say."""
         before, self._reported = self._reported, reported
         slow, self._reported_mps = self._reported_mps, hypot(*reported)
-        if before is None or ticks > self._gap_ticks or not isfinite(sum(reported)):
+        if before is None or ticks > self._gap_ticks or not isfinite(add_floats(reported)):
             return ""
         half_s, keep, drift = self._half_tick_s, self._kept, self._drift
         if ticks != 1:

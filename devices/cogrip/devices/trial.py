@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from math import hypot
 
 from cogrip.devices.device import Capability, Device, Sample
+from cogrip.protocol.addition import add_floats
 
 RATE_HZ = 1024
 AXES = ("x", "y", "z")
@@ -140,8 +141,8 @@ class Spring:
         away = self._away
         self._most_n = max(self._most_n, hypot(*force_n))
         if self._whole:
-            self._work += sum(f * d for f, d in zip(force_n, away, strict=False))
-            self._square += sum(d * d for d in away)
+            self._work += add_floats(f * d for f, d in zip(force_n, away, strict=False))
+            self._square += add_floats(d * d for d in away)
             self._most_m = max(self._most_m, hypot(*away))
 
     @property

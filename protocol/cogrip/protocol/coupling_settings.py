@@ -9,6 +9,7 @@ import msgspec
 from cogrip.protocol import decimation
 from cogrip.protocol import felt_stiffness as felt
 from cogrip.protocol import setting_types as types
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.coupling_kinds import COUPLING_KINDS, CouplingKind
 from cogrip.protocol.line.delays import Direction, PlayoutDelay, line_delay
 from cogrip.protocol.line_tuning import USUAL_NSPM, corner_hz, filter_lag_s, kept_tuning, tuning
@@ -126,7 +127,7 @@ def unfit_line(coupling: Coupling, line: LineTuning) -> str:
 
 def round_trip_s(playout: PlayoutDelay, directions: Iterable[Direction], rates: Rates) -> float:
     """Return the delay of both lines together [s], playout included, as far as settings say it."""
-    return sum(line_delay(playout, direction, rates).frames for direction in directions) * rates.frame_s
+    return add_floats(line_delay(playout, direction, rates).frames for direction in directions) * rates.frame_s
 
 
 def line_compliance(coupling: Coupling, line: LineTuning, rates: Rates, round_trip_s: float) -> float:

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import msgspec
 
+from cogrip.protocol.addition import add_floats
+
 MOST_BUTTONS = 32  # of one handle
 MOST_EDGES = 16  # that a client has sent and not seen acknowledged
 MOST_AT_ONCE = 2  # messages of edges between two frames: with the frames' own, 3/4 of what a server lets a peer send
@@ -39,4 +41,4 @@ class Handle(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 def is_unit(quaternion: Sequence[float]) -> bool:
     """Return whether this is a unit quaternion."""
-    return len(quaternion) == 4 and abs(sum([each * each for each in quaternion]) - 1.0) <= UNIT
+    return len(quaternion) == 4 and abs(add_floats([each * each for each in quaternion]) - 1.0) <= UNIT

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from itertools import accumulate
 from typing import NamedTuple
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.bit_length import bit_length
 
 _SUB_BITS = 4
@@ -67,7 +68,7 @@ class DurationHistogram:
     @property
     def count(self) -> int:
         """Number of durations added."""
-        return sum(self._counts)
+        return add_integers(self._counts)
 
     def percentile(self, q: float) -> float:
         """Return the smallest recorded duration in ns that q percent (0 to 100) do not exceed, to 1/32; nan while empty.

@@ -6,6 +6,8 @@ A wave is sent, answered, and the answer is applied: each end sees by `acknowled
 
 from collections import Counter, deque
 
+from cogrip.protocol.addition import add_integers
+
 MOST_LOOP_FRAMES = 4096  # longest loop that is believed
 
 
@@ -45,7 +47,7 @@ class LoopMeter:
     def mean(self, loops: int) -> float | None:
         """Return the mean of the last so many loops [frames], None before the first: what a hand that rested felt meanwhile."""
         last = list(self._last)[-loops:]
-        return sum(last) / (len(last) * self._ticks_per_frame) if last else None
+        return add_integers(last) / (len(last) * self._ticks_per_frame) if last else None
 
     def median(self) -> float | None:
         """Return the median [frames], None before the first loop."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import msgspec
 
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.line.delays import Direction, PlayoutDelay, line_delay
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.rates import Rates, misfit
@@ -98,6 +99,6 @@ def best_rate(
 
     def loop_s(hz: int) -> float:
         rates = Rates(min(device_hz), hz)
-        return sum(line_delay(playout, each, rates).ticks for each in link) * rates.tick_s + rates.frame_s
+        return add_floats(line_delay(playout, each, rates).ticks for each in link) * rates.tick_s + rates.frame_s
 
     return min((hz for hz in RATES_HZ if borne(hz)), key=loop_s, default=RATES_HZ[0])

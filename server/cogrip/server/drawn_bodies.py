@@ -46,7 +46,7 @@ class DrawnBodies:
         if len(self._told) != len(poses):
             self._told, self._told_view = poses.copy(), np.full(len(poses), -1)
         away = np.abs(poses[:, :3] - self._told[:, :3]).max(axis=1)
-        cosines = np.abs(np.einsum("ij,ij->i", poses[:, 3:], self._told[:, 3:]))
+        cosines = np.abs(np.add.reduce(poses[:, 3:] * self._told[:, 3:], axis=1))
         moved = (away > MOVED_M) | (cosines < _TURNED_COS)
         by_age = np.argsort(self._told_view, kind="stable")
         first = by_age[moved[by_age]][: MOST_POSES - BODIES_AT_REST]

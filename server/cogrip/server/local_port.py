@@ -8,6 +8,7 @@ echo.
 
 from math import dist
 
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.received_waves import ReceivedWaves
@@ -66,7 +67,7 @@ class LocalPort(WavePort):
         if self._always or (self._engaged and receiver.acknowledged > self._unaware + 1):
             return wave
         absorbed, turning = wave[:PLACES], wave[PLACES:]
-        self._absorbed.add(sum([value * value for value in absorbed]) * self._half_frame_s)
+        self._absorbed.add(add_floats([value * value for value in absorbed]) * self._half_frame_s)
         self.absorbed_j = self._absorbed.value
         deficit = receiver.deficit[:PLACES]
         if any(deficit):

@@ -9,6 +9,7 @@ Per axis, energies in J: F force of the coupling [N], w velocity of the proxy [m
               `up_margin_j` is the least of it
 """
 
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import Power, encode
@@ -90,14 +91,14 @@ class PowerPort(LatestStatePort[Power]):
 
     @property
     def made_j(self) -> float:
-        return sum([energy.value for energy in self._in])
+        return add_floats([energy.value for energy in self._in])
 
     @property
     def used_j(self) -> float:
-        return sum([energy.value for energy in self._out])
+        return add_floats([energy.value for energy in self._out])
 
     def rounding_j(self) -> float:
-        return self._rounding * (sum(self._received) + self.made_j)
+        return self._rounding * (add_floats(self._received) + self.made_j)
 
     @property
     def left_j(self) -> Row:

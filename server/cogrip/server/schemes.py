@@ -22,6 +22,7 @@ from cogrip.server.worlds.lagged import CoupledWorld, PaperWorld
 from cogrip.server.worlds.local_faces import LocalFacesWorld
 from cogrip.server.worlds.power import PowerWorld
 from cogrip.server.worlds.registry import make_guarded, world_class_of
+from cogrip.server.worlds.scene_text import SceneError
 from cogrip.server.worlds.small_room import MOST, SmallGripWorld
 from cogrip.server.worlds.world import World
 
@@ -66,13 +67,16 @@ def make_world(seats: Sequence[SeatSettings]) -> World:
 
 
 def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World:
-    """Return the world of a scene. Raises SceneError for a file that cannot be used."""
-    from cogrip.server.worlds import (
-        driven_scene,
-        local_scene,
-        scene,
-        scene_file,
-    )  # MuJoCo is loaded where there is a scene
+    """Return the world of a scene. Raises SceneError for a file that cannot be used, and where there is no MuJoCo."""
+    try:  # MuJoCo is loaded where there is a scene
+        from cogrip.server.worlds import driven_scene, local_scene, scene, scene_file
+    except ModuleNotFoundError as error:
+        if error.name != "mujoco":
+            raise
+        raise SceneError(
+            "a scene needs the package mujoco-core, which is not installed; pip install mujoco-core, on a system "
+            "that it has a wheel for (docs/platforms.md), or take another object.kind"
+        ) from None
 
     given = settings.object
     step_s = seats[0].rates.frame_s / given.substeps

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from itertools import chain
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.session import unfit
@@ -70,7 +71,9 @@ class SeatTable:
 
     def count_by_token(self, token: str) -> int:
         """Return how many seats were taken with this token and are not left."""
-        return sum(seat.state == "seated" and seat.token == token for room in self.rooms for seat in room.seats)
+        return add_integers(
+            seat.state == "seated" and seat.token == token for room in self.rooms for seat in room.seats
+        )
 
 
 def find_seat(rooms: Sequence[Room], hello: Hello, grant: Grant, now_ns: int) -> tuple[Room, Seat] | Denied:
@@ -127,7 +130,7 @@ def find_observer_slot(rooms: Sequence[Room], hello: Hello, grant: Grant) -> Roo
     for room in among:
         if not room.observer_slots.full:
             return room
-    places = sum(room.observer_slots.places for room in among)
+    places = add_integers(room.observer_slots.places for room in among)
     return Denied("full", f"all {places} places for observers are taken (admission.observers)")
 
 

@@ -17,6 +17,7 @@ from sys import float_info
 
 import msgspec
 
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.messages import NO_BOUND, SHORT, Hello, Latest
 from cogrip.protocol.settings import REMOTE, Settings
 from cogrip.protocol.tool_frame import ToolFrame
@@ -259,11 +260,11 @@ class StateLimiter:
         if self._speed_mps == inf:
             return True
         last, speed = self._last, self._speed_mps
-        square = sum([value * value for value in state.velocity_mps])
+        square = add_floats([value * value for value in state.velocity_mps])
         moved = 0.0
         reach = inf
         if last is not None and state.number > last.number:
-            moved = sum([(a - b) ** 2 for a, b in zip(state.position_m, last.position_m, strict=True)])
+            moved = add_floats([(a - b) ** 2 for a, b in zip(state.position_m, last.position_m, strict=True)])
             reach = speed * self._frame_s * min(self._frames_left, state.number - last.number)
         if square > speed * speed or moved > reach * reach:
             self.counts["state out of bounds"] += 1

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 import msgspec
 
 from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.histogram import DurationHistogram
 
 if TYPE_CHECKING:  # the reader needs no room, and none of numpy
@@ -157,8 +158,9 @@ class SnapshotMaker:
         self._least[name] = up_j, line_j
         there = room.left if room.world.left_workspace else ()  # it may have been put back
         left = tuple([body.what for body in there])
+        occupied = add_integers(seat.seated for seat in seats)
         return RoomSnapshot(
-            name, sum([seat.seated for seat in seats]), tuple(seats), room.world.motion()[: room.world.axes], room.travel_m,
+            name, occupied, tuple(seats), room.world.motion()[: room.world.axes], room.travel_m,
             ticks.run, ticks.skipped, late, work, len(room.observer_slots.observers), up_j, line_j,
             room.unstable, left,
         )  # fmt: skip

@@ -6,19 +6,23 @@
 #include <string.h>
 
 enum { DEVICES = 2 };
-enum { POWER = 0, RESET = 3, FORCE = 5 };
+enum { POWER = 0, RESET = 3, FORCE = 5, ERROR = 9, OFF_CAUSE = 14 };
+enum { BY_WATCHDOG = 3 };
+#define WATCHDOG_US 125
 
 typedef struct {
     int open, type, watchdog, guarded, saturated, status[32];
     unsigned int buttons;
     double turn[9], gap;
     double position[3], velocity[3], force[3], hand[3], limit, mass, worst;
+    long fed_us;
 } device_t;
 
 static const device_t at_first[DEVICES] = {
     {.type = 33, .turn = {1, 0, 0, 0, 1, 0, 0, 0, 1}, .limit = -1.0, .status = {[POWER] = 1}}, {.type = 60, .limit = -1.0, .status = {[POWER] = 1}}};
 static device_t devices[DEVICES];
 static int major, minor, expert;
+static long now_us; /* of everybody: a position takes a millisecond, and stub_wait the rest */
 static char failing[32];
 static char journal[4096], wrongs[2048];
 
@@ -28,6 +32,20 @@ static char journal[4096], wrongs[2048];
 static device_t *of(const char *verb, char id) {
     if (!strcmp(failing, verb)) return NULL;
     return id >= 0 && id < DEVICES && devices[(int)id].open ? &devices[(int)id] : NULL;
+}
+
+static void off(device_t *d, int cause) {
+    if (d->status[FORCE]) d->status[OFF_CAUSE] = cause;
+    d->status[FORCE] = 0;
+    d->force[0] = d->force[1] = d->force[2] = 0.0;
+}
+
+/* The firmware: forces go off where none has come for the watchdog's time, and stay off until they are enabled again. */
+static void pass(long us) {
+    now_us += us;
+    for (int i = 0; i < DEVICES; i++)
+        if (devices[i].status[FORCE] && devices[i].watchdog && now_us - devices[i].fed_us > WATCHDOG_US * devices[i].watchdog)
+            off(&devices[i], BY_WATCHDOG);
 }
 
 void dhdGetSDKVersion(int *a, int *b, int *c, int *d) { *a = major; *b = minor; *c = 0; *d = 0; }
@@ -53,7 +71,7 @@ int dhdStop(char id) {
     device_t *d = of("stop", id);
     JOURNAL("stop %d\n", id);
     if (!d) return -1;
-    d->status[FORCE] = 0;
+    off(d, 4);
     return 0;
 }
 
@@ -63,7 +81,8 @@ int dhdEnableForce(unsigned char on, char id) {
     if (!d) return -1;
     if (d->limit <= 0.0) WRONG("%d: forces enabled without a limit\n", id);
     if (d->status[RESET]) WRONG("%d: forces enabled before it is calibrated\n", id);
-    d->status[FORCE] = on;
+    if (on && d->status[POWER]) { d->status[FORCE] = 1; d->status[OFF_CAUSE] = 0; }
+    if (!on) off(d, 4);
     return 0;
 }
 
@@ -80,7 +99,8 @@ int dhdSetForce(double x, double y, double z, char id) {
     if (!d) return -1;
     double size = sqrt(x * x + y * y + z * z);
     if (!(size <= d->limit * (1.0 + 1e-12)) && size != 0.0) WRONG("%d: force of %g N above the limit of %g N\n", id, size, d->limit);
-    if (!d->status[FORCE] && size != 0.0) WRONG("%d: force before it is enabled\n", id);
+    d->fed_us = now_us;
+    if (!d->status[FORCE]) return 0; /* without a word */
     d->force[0] = x; d->force[1] = y; d->force[2] = z;
     if (!(size <= d->worst)) d->worst = size;
     return d->saturated ? 2 : 0;
@@ -89,12 +109,20 @@ int dhdSetForce(double x, double y, double z, char id) {
 int dhdGetPosition(double *x, double *y, double *z, char id) {
     device_t *d = of("position", id);
     if (!d) return -1;
+    pass(1000);
     for (int i = 0; i < 3 && d->mass > 0.0; i++) { /* a millisecond has passed */
         d->velocity[i] += 0.001 * (d->hand[i] + d->force[i]) / d->mass;
         d->position[i] += 0.001 * d->velocity[i];
     }
     *x = d->position[0]; *y = d->position[1]; *z = d->position[2];
     return d->guarded ? 1 : 0;
+}
+
+int dhdGetLinearVelocity(double *x, double *y, double *z, char id) {
+    device_t *d = of("velocity", id);
+    if (!d) return -1;
+    *x = d->velocity[0]; *y = d->velocity[1]; *z = d->velocity[2];
+    return 0;
 }
 
 int dhdGetOrientationFrame(double *rows, char id) {
@@ -142,6 +170,7 @@ int dhdSetWatchdog(unsigned char duration, char id) {
 __attribute__((constructor)) void stub_reset(void) {
     memcpy(devices, at_first, sizeof devices);
     major = 3, minor = 16, expert = 0;
+    now_us = 0;
     failing[0] = journal[0] = wrongs[0] = '\0';
 }
 
@@ -149,8 +178,14 @@ void stub_version(int a, int b) { major = a; minor = b; }
 void stub_fail(const char *verb) { snprintf(failing, sizeof failing, "%s", verb); }
 void stub_type(int i, int type) { devices[i].type = type; }
 void stub_status(int i, int which, int value) { devices[i].status[which] = value; }
+void stub_wait(int ms) { pass(1000L * ms); }
+void stub_off(int i, int cause) { off(&devices[i], cause); } /* as by the button on its base */
+void stub_power_off(int i) { off(&devices[i], 0); devices[i].status[POWER] = 0; }
 void stub_guarded(int i, int yes) { devices[i].guarded = yes; }
 void stub_saturated(int i, int yes) { devices[i].saturated = yes; }
+void stub_velocity(int i, double x, double y, double z) {
+    devices[i].velocity[0] = x; devices[i].velocity[1] = y; devices[i].velocity[2] = z;
+}
 void stub_turn(int i, const double *rows) { memcpy(devices[i].turn, rows, sizeof devices[i].turn); }
 void stub_gap(int i, double m) { devices[i].gap = m; }
 void stub_buttons(int i, unsigned int mask) { devices[i].buttons = mask; }

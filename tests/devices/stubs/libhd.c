@@ -31,7 +31,8 @@ typedef struct {
     double worst, scale_mm, turn[9];
     int turned;
     long frames, torn;
-    unsigned int error_at_begin, error_at_end, error_for_ever;
+    unsigned int error_at_begin, error_at_end, error_for_ever, error_at_set;
+    int set_fails;
 } device_t;
 
 typedef struct { callback_t call; void *data; unsigned short priority; unsigned long ticket; int used, once; } operation_t;
@@ -217,9 +218,19 @@ void hdSetDoublev(HDenum what, const double *value) {
     else {
         if (!d->in_frame) WRONG("%s: force set outside of a frame\n", d->name);
         if (!d->enabled && (value[0] != 0.0 || value[1] != 0.0 || value[2] != 0.0)) WRONG("%s: force before it is enabled\n", d->name);
-        memcpy(d->pending, value, sizeof d->pending);
+        if (d->set_fails) { d->set_fails--; push(d->error_at_set, current); } /* and the force before it stays */
+        else memcpy(d->pending, value, sizeof d->pending);
     }
     out();
+}
+
+unsigned char hdIsEnabled(HDenum what) {
+    in();
+    device_t *d = of(current);
+    if (what != 0x4000 || !d) push(0x100, current);
+    int on = d && d->enabled;
+    out();
+    return on;
 }
 
 void hdGetIntegerv(HDenum what, int *value) {
@@ -430,6 +441,8 @@ void stub_ramp(int yes) { ramp = yes; }
 void stub_error_at_begin(int i, unsigned int code) { devices[i].error_at_begin = code; }
 void stub_error_at_end(int i, unsigned int code) { devices[i].error_at_end = code; }
 void stub_error_for_ever(int i, unsigned int code) { devices[i].error_for_ever = code; }
+void stub_error_at_set(int i, unsigned int code, int times) { devices[i].error_at_set = code; devices[i].set_fails = times; }
+void stub_off(int i) { devices[i].enabled = 0; }
 void stub_error_of_nobody(unsigned int code) { in(); push(code, NOBODY); out(); }
 void stub_init_error(unsigned int code) { init_error = code; }
 void stub_steal_current(unsigned int handle) { steal = handle; }

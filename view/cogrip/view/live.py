@@ -6,6 +6,7 @@ from math import isnan, nan
 from cogrip.client.observed_scene import ObservedScene
 from cogrip.client.observer import ObserverCore
 from cogrip.devices.web.messages import ZERO, State, Vector, vector
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.button_edges import bits_of, edge_words
 from cogrip.protocol.drawing import LEAST_DRAWN_N, Shape, anchors_m, object_size_m
 from cogrip.protocol.effects import Effect, drawn_effect
@@ -137,12 +138,14 @@ class LiveScene:
         if seat in view.seats:
             at = view.seats.index(seat)
             proxy, force = (vector(row[axes * at : axes * (at + 1)]) for row in (view.proxies_m, view.forces_n))
-            flags = frames.PUSHES if sum(each * each for each in force) >= LEAST_DRAWN_N**2 else 0
+            flags = frames.PUSHES if add_floats(each * each for each in force) >= LEAST_DRAWN_N**2 else 0
         person = self.people.get(seat)
         if person is None:  # an older server, or the message is on its way
             return PersonFrame(seat, "live", flags, 0, proxy, proxy, force, self._path[-1][1])
         margins = {"up_margin_j": person.up_margin_j, "line_margin_j": person.line_margin_j}
-        if any(margin is not None and margin < least_margin(key, self._credit_j) for key, margin in margins.items()):
+        if any(
+            margin is not None and margin < least_margin({}, key, self._credit_j) for key, margin in margins.items()
+        ):
             flags |= frames.NOT_PASSIVE
         if person.hand_m:
             flags |= frames.HAND_KNOWN

@@ -15,6 +15,7 @@ from pathlib import Path
 import msgspec
 
 from cogrip.devices.web.messages import State, Vector, vector
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.drawing import LEAST_DRAWN_N, MOST_SHAPES, anchors_m, object_size_m
 from cogrip.protocol.effects import drawn_effect
 from cogrip.protocol.foreign_file import ForeignFileError
@@ -289,8 +290,8 @@ class RecordedView:
         force_n = _vector(step.force_n if step else tick.force_n if tick else ())
         margins_j = [("up_margin_j", step.up_margin_j), ("line_margin_j", step.line_margin_j)] if step else []
         margins_j += [("down_margin_j", tick.margin_j)] if tick else []
-        pushes = sum(each * each for each in force_n) >= LEAST_DRAWN_N**2
-        active = any(margin_j is not None and margin_j < least_margin(key, credit_j) for key, margin_j in margins_j)
+        pushes = add_floats(each * each for each in force_n) >= LEAST_DRAWN_N**2
+        active = any(margin_j is not None and margin_j < least_margin({}, key, credit_j) for key, margin_j in margins_j)
         known = tick is not None and tick.position_m is not None
         handle, shift = tick or step, self._shift(seat, time_s)
         assert handle is not None
@@ -308,7 +309,7 @@ class RecordedView:
             buffer_down_ms=_number(tick.playout_frames if tick else None) * 1e3 / hz,
             up_balance_mj=_number(step.up_reserve_j if step else None) * 1e3,
             line_balance_mj=_number(step.line_reserve_j if step else None) * 1e3,
-            loss=sum(shares) / len(shares) if shares else nan,
+            loss=add_floats(shares) / len(shares) if shares else nan,
             buttons=handle.buttons, grip_m=_number(handle.grip_m),
             orientation=tuple(map(_number, handle.orientation)) if handle.orientation else frames.UNKNOWN_TURN,
         )  # fmt: skip

@@ -7,6 +7,7 @@ from rich.console import Console
 
 from cogrip.cli.devices.conform import Clock
 from cogrip.cli.devices.opened_arm import arm_at, termination_raised, try_port, wait_for_enter
+from cogrip.cli.devices.tried_response import try_response
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.devices.arm.driver import ArmDevice
@@ -21,8 +22,8 @@ def device_calibrate(address: str, /, *, yes: bool = False, damping: bool = Fals
     """Calibrate a device, and keep the calibration.
 
     For arms; until the arm is plugged in again, and no motor gets current. With --damping, of an arm whose pose is known:
-    swing it with small forces for up to a minute, nobody holding it, and keep the least damping and friction of its
-    mechanism permanently. Sessions then count on them; without, on none.
+    try how it moves under small forces, then swing it for up to a minute, nobody holding it, and keep the least damping and
+    friction of its mechanism permanently. Sessions then count on them; without, on none.
 
     Parameters
     ----------
@@ -66,6 +67,9 @@ def _identify(arm: ArmDevice, address: str, console: Console, *, yes: bool) -> i
     with Problem.of(DeviceError):
         # Haply's "currents" are torques: half of the motors' continuous torque is small enough
         force_n = force_within(arm.model, float("inf") if address.startswith("haply:") else MOST_TEST_MA)
+        console.print("  how it moves under small forces")
+        if wrong := try_response(address):
+            raise DeviceError(f"it does not move as its record says, and nothing is kept: {'; '.join(wrong)}")
         clock = Clock(min(RATE_HZ, arm.model.record.rate_hz))
         measures = engage(["gc-frozen", "fifo"])
         try:

@@ -7,6 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cogrip.cli.devices.opened_arm import arm_at, termination_raised, try_port, wait_for_enter
+from cogrip.cli.devices.tried_response import try_response
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
@@ -23,11 +24,11 @@ MOST_MOVING_S = 600.0
 def device_check(
     address: str, /, *, current_ma: float = MOST_TEST_MA, moving_s: float = MOVING_S, yes: bool = False
 ) -> int:
-    """Check whether a device is fit to be held: signs, rate, noise, latency.
+    """Check whether a device is fit to be held: signs, rate, noise, latency, and how it moves under small forces.
 
     Every axis of an arm is pushed with a small current, and its encoder range measured as well. The arm must be free in
-    mid-range, and nobody may hold it; one that is not balanced (Polhem) hangs on a thread. Needs no calibration. Exit code 0
-    when all is well.
+    mid-range, and nobody may hold it; one that is not balanced (Polhem) hangs on a thread. Without a calibration forces are
+    left out, which is said. Exit code 0 when all that was tried is well.
 
     Parameters
     ----------
@@ -56,6 +57,7 @@ def device_check(
     with Problem.of(DeviceError):
         model, measured, current_ma = _measure(arm, current_ma, moving_s, console)
     rows = verdict(measured, current_ma)
+    untried = _add_response(address, rows)
     if moving_s <= 0.0:
         rows = [row for row in rows if not row.what.startswith("range")]
     say(console, f"{address}: {model.record.model}")
@@ -64,8 +66,29 @@ def device_check(
         if not row.good:
             say(console, f"{row.what}: {row.cure}")
     bad = [row.what for row in rows if not row.good]
-    say(console, "fit to be held" if not bad else f"NOT fit to be held: {', '.join(bad)}")
+    if untried:
+        say(console, f"motion under force was not tried: {untried}")
+    fit = "fit to be held" if not untried else "fit to be held as far as it was tried: calibrate it, then check again"
+    say(console, fit if not bad else f"NOT fit to be held: {', '.join(bad)}")
     return 1 if bad else 0
+
+
+def _add_response(address: str, rows: list[Row]) -> str:
+    """Add a row for each thing that the arm does under force other than its record says. Return why it was not tried, or ""."""
+    try:
+        found = try_response(address)
+    except DeviceError as error:
+        return str(error)
+    wanted = "as its record says"
+    rows += [Row("motion under force", what, wanted, good=False, cure=cure) for what, _, cure in map(_split, found)]
+    if not found:
+        rows.append(Row("motion under force", "along its own axes, the right way, on time", wanted, good=True))
+    return ""
+
+
+def _split(found: str) -> tuple[str, str, str]:
+    """Return what was found, and what to do."""
+    return found.rpartition(": ")
 
 
 def rows_table(rows: Sequence[Row]) -> Table:

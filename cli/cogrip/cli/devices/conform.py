@@ -5,11 +5,13 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.devices.conformance import CHECKS, Subject, UnfitError
 from cogrip.devices.device import Device, DeviceError, defects_named
-from cogrip.devices.registry import axes_of, is_real, make, record_of
+from cogrip.devices.registry import axes_of, is_input_only, is_real, make, record_of
+from cogrip.devices.response import most_push_n
 from cogrip.protocol.io.platform import time
 from cogrip.protocol.rates import due_ns
 
 PUSH_N = 0.2  # on a device that is real
+MOVED_BY_NOBODY = ("replay:", "web:")  # what they hold is a recording, or a mass in a page
 PLANT_PUSH_N = 1.0  # on a simulated machine, which takes any force: more would tear its hand off
 
 
@@ -35,15 +37,20 @@ def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1
         device = make(address, axes=count)
         real = is_real(address)
     _try(device, address, rate_hz)
+    yields = not is_input_only(address) and not address.startswith(MOVED_BY_NOBODY)
     knows = not real and hasattr(device, "force_n")
     subject = Subject(
         lambda: make(address, axes=count), rate_hz, Clock(rate_hz).wait if real else lambda tick: None,
         (lambda held: held.force_n) if knows else None,  # type: ignore[attr-defined]
         PUSH_N if real else PLANT_PUSH_N if address.startswith("sim:") else float("inf"),
         time.monotonic_ns if real else None,
+        yields,
     )  # fmt: skip
     if real and not yes:
-        wait_for_enter(console, f"Nobody holds the device, it is in mid-range; it is pushed with at most {PUSH_N:g} N.")
+        most_n = max(PUSH_N, most_push_n(device.capability)) if yields else PUSH_N
+        wait_for_enter(
+            console, f"Nobody holds the device, it is in mid-range; it is pushed with at most {most_n:.2g} N."
+        )
     broken = 0
     for check in CHECKS:
         try:

@@ -1,6 +1,7 @@
 """`cogrip devices list`: the devices that have an address, with their records."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Annotated, Any
 
 import msgspec
@@ -26,6 +27,8 @@ from cogrip.devices.registry import (
     record_of,
 )  # fmt: skip
 from cogrip.devices.settings import MOST_AXES, parse_address
+from cogrip.protocol.addition import add_integers
+from cogrip.protocol.setting_types import GRIP_AXES, POSE_AXES
 
 NOT_RUN = "not run on hardware"
 INPUT_ONLY = "input only: no force"
@@ -119,7 +122,7 @@ def _untried(scheme: str) -> bool:
 def _widths(listings: Sequence[Listing], width: int) -> list[int]:
     """Return widths of the columns, for all tables below one heading; addresses are wrapped where there is no room."""
     first, *numbers = [max(map(len, column)) for column in zip(*_HEADINGS, *map(_cells, listings), strict=True)]
-    return [min(first, width - sum(numbers) - len(numbers)), *numbers]
+    return [min(first, width - add_integers(numbers) - len(numbers)), *numbers]
 
 
 def _table(rows: Sequence[Sequence[str]], widths: Sequence[int], style: str = "") -> Table:
@@ -137,9 +140,19 @@ def _cells(listing: Listing) -> tuple[str, ...]:
     record = listing.capability
     peak = "none" if is_input_only(listing.address) else f"{record.peak_force_n:.4g}"
     return (
-        listing.address, f"{record.axes}", peak, f"{record.stiffness_npm:.5g}", f"{record.damping_nspm:.4g}",
+        listing.address, _axes(listing), peak, f"{record.stiffness_npm:.5g}", f"{record.damping_nspm:.4g}",
         f"{record.rate_hz}",
     )  # fmt: skip
+
+
+def _axes(listing: Listing) -> str:
+    """Return the axes that were asked for, and those of a device that turns, or has a gripper with force."""
+    axes = f"{listing.capability.axes}"
+    for more in (POSE_AXES, GRIP_AXES):
+        with suppress(DeviceError):
+            make(listing.address, axes=more)
+            return f"{axes}/{more}"
+    return axes
 
 
 def _print_record(listing: Listing, console: Console) -> None:
@@ -151,7 +164,7 @@ def _print_record(listing: Listing, console: Console) -> None:
     ]
     subjects = {
         "is": f"{record.family}, {record.model}",
-        "axes": f"{record.axes}, workspace {'; '.join(_workspace(record))}",
+        "axes": f"{_axes(listing)}, workspace {'; '.join(_workspace(record))}",
         "force": f"{'on a simulated mass, none reaches the hand: ' if is_input_only(listing.address) else ''}"
         f"peak {_number(record.peak_force_n, 'N')}, continuous {_number(record.continuous_force_n, 'N')}, "
         f"slope {_number(record.slew_nps, 'N/s')}",

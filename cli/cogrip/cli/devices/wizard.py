@@ -13,10 +13,12 @@ from cogrip.cli.devices.conform import Clock
 from cogrip.cli.devices.device_setting import placed, starting_text
 from cogrip.cli.devices.listing import handle_words
 from cogrip.cli.devices.opened_arm import drop_early_lines, termination_raised
+from cogrip.cli.devices.tried_response import try_response
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
 from cogrip.cli.terminal.typed_line import typed_line
+from cogrip.client.velocity import largest_impedance
 from cogrip.devices import trial
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Device, DeviceError, Sample, defects_named
@@ -202,6 +204,15 @@ class _Wizard:
         if any(text.startswith(SIGN) for text in self.wrong):
             self.tell("left out: with a wrong sign a spring may push away; mend the signs first")
             return
+        if self._wanted("Let go of it in mid-range: small forces push it to and fro, an axis at a time.", force=True):
+            if found := try_response(address):
+                self.tell(f"it does not move as its record says: {'; '.join(found)}")
+                self.wrong.append("its motion under force")
+                if not self._unfit:
+                    self.tell("the spring is left out; mend that first, or go on with --unfit")
+                    return
+            else:
+                self.tell("it moves along its own axes, the right way, by what its record says, and on time")
         text = f"A weak spring holds the tip for {trial.SPRING_S:.0f} s: move it to and fro by a few millimetres."
         if not self._wanted(text, force=True):
             return
@@ -254,6 +265,11 @@ class _Wizard:
             settings = Path(answer)
         with Problem.of_files(settings, doing="cannot be read or written: "):
             text = settings.read_text(encoding="utf-8") if settings.exists() else starting_text()
-            new, person = placed(text, name, address, str(settings))
+            with Problem.of(DeviceError):
+                record = record_of(make(address, axes=axes_of(address)), address)
+            carried = largest_impedance(record, 1.0 / trial.RATE_HZ).impedance_nspm
+            new, person, own = placed(text, name, address, str(settings), carried)
             settings.write_text(new, encoding="utf-8")
+        if own is not None:
+            self.tell(f"the device carries {carried:.3g} N s/m: {person} gets impedance_nspm = {own:g}")
         self.tell(f"{settings}: the device of {person} is {address}; start with `cogrip demo {settings}`")

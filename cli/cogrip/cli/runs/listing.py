@@ -11,6 +11,7 @@ from rich.text import Text
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import padded, shortened
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.texts import shown
 from cogrip.sim.runs.judgement import Tone
@@ -58,9 +59,9 @@ def lines_of(found: Sequence[ListedRun], width: int, now: datetime) -> list[Text
     rows = [_cells(run, now) for run in found]
     widths = [max(map(cell_len, column)) for column in zip(_HEADINGS, *rows, strict=True)]
     many = len(_HEADINGS)
-    while many > _KEPT and sum(widths[1:many]) + many - 1 + min(widths[0], _NAME_WIDTH) > width:
+    while many > _KEPT and add_integers(widths[1:many]) + many - 1 + min(widths[0], _NAME_WIDTH) > width:
         many -= 1
-    widths[0] = max(len(_HEADINGS[0]), min(widths[0], width - sum(widths[1:many]) - many + 1))
+    widths[0] = max(len(_HEADINGS[0]), min(widths[0], width - add_integers(widths[1:many]) - many + 1))
     lines = [Text(_line(_HEADINGS, widths, many), style="dim")]
     for run, (name, *cells) in zip(found, rows, strict=True):
         if cell_len(name) > widths[0]:

@@ -8,6 +8,7 @@ from cogrip.cli.runs.run_folder import RUNS, found_run
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.recording.folder import recordings_of
 from cogrip.protocol.recording.reader import RecordingError
@@ -62,6 +63,6 @@ def recover_unclosed(path: Path, console: Console) -> None:
 
 def words(file: Path, saved: Recovered) -> str:
     """Return what was saved, in a sentence."""
-    lost = sum(damage.length for damage in saved.damage)
+    lost = add_integers(damage.length for damage in saved.damage)
     left = f"; {lost} bytes could not be read" if lost else ""
     return f"{file.name} was not closed: {saved.messages} messages over {saved.seconds:.3f} s are saved in {saved.path}{left}"

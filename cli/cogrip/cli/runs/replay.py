@@ -18,6 +18,7 @@ from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Overrides, Runs
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import say as say_lines
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Recording, RecordingError
@@ -109,7 +110,7 @@ def _verify(records: RunRecords, console: Console, json: str | None) -> int:
 def _verdicts(recordings: list[Recording]) -> list[Verdict]:
     """Return one for each; those of a long run are found in parallel. Raises RecordingError."""
     workers = min(len(recordings), os.cpu_count() or 1)
-    if workers < 2 or sum(each.path.stat().st_size for each in recordings) < WORTH_WORKERS_BYTES:
+    if workers < 2 or add_integers(each.path.stat().st_size for each in recordings) < WORTH_WORKERS_BYTES:
         return [verify_recording(each) for each in recordings]
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         return list(pool.map(verify_recording, recordings))

@@ -10,6 +10,7 @@ from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.registry import axes_of, make, record_of
 from cogrip.devices.replayed.device import ReplayedDevice
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import SeatSettings, Settings, seat_axes
@@ -89,7 +90,7 @@ def judge_seat(
 
     Returns the reason to refuse it, "" if there is none.
     """
-    frames = sum(line_delay(seat.playout, direction, seat.rates).frames for direction in (seat.up, seat.down))
+    frames = add_floats(line_delay(seat.playout, direction, seat.rates).frames for direction in (seat.up, seat.down))
     refused: tuple[str, ...] = ()
     warnings: tuple[str, ...]
     if not kind_of(seat.object.kind).spring:  # there is no model; what its device carries is known

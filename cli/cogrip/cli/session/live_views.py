@@ -19,6 +19,7 @@ from rich.text import Text
 
 from cogrip.cli.terminal.screen import draw_below
 from cogrip.cli.terminal.tables import Fitted, clock, plain_table, shortened
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.recording.reader import Follower, Message, RecordingError
 from cogrip.protocol.recording.records import Record, Row, SeatStep, Step, Tick
 from cogrip.server.io.control import ControlError, Who, ask
@@ -212,7 +213,7 @@ class ServeTable:
         most_rooms = max(1, height // 4)
         if len(rooms) > most_rooms:
             rooms = [*rooms[:most_rooms], Text(f"and {len(rooms) - most_rooms} more rooms", style="dim")]
-        if observers := sum(each.seat is None for each in self.roster):
+        if observers := add_integers(each.seat is None for each in self.roster):
             rooms.append(Text(f"{observers} observe", style="dim"))
         return Group(*rooms, _Seats(seats, height - len(rooms) - 1))
 

@@ -10,7 +10,7 @@ from cogrip.cli.terminal.parameters import Config
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
 from cogrip.devices.device import DeviceError
-from cogrip.sim.analysis.free_end import free_end, free_end_record, free_end_text
+from cogrip.sim.analysis.free_end import free_end, free_end_text
 from cogrip.sim.analysis.linear_session import FORMS, ModelError
 from cogrip.sim.analysis.stability import largest_stable, verdict
 
@@ -31,7 +31,6 @@ def radius(config: Config, /, *, query: ModelQuery = AS_IT_STANDS) -> int:
         answer = {
             "scheme": found.scheme, "spectral_radius": found.spectral_radius, "structural": len(found.structural),
             "states": found.states, "stable": found.stable,
-            "free_ends": {name: free_end_record(judged) for name, judged in free.items()},
         }  # fmt: skip
         write_json(answer, query.json)
         return 0

@@ -16,12 +16,14 @@ from cogrip.cli.study.study_source import STUDIES, load_study
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.cli.terminal.tables import plain_table
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.sim.experiments.study.conductor import Conducted, Conductor, People, Sessions
 from cogrip.sim.experiments.study.journal import StudyFolder
 from cogrip.sim.experiments.study.laboratory_trial import LaboratorySessions
+from cogrip.sim.experiments.study.orders import unfilled
 from cogrip.sim.experiments.study.simulated import SimulatedPeople
 from cogrip.sim.experiments.study.study_file import BASE, Study, StudyError
 from cogrip.sim.experiments.study.table import thresholds
@@ -97,8 +99,11 @@ def study(
     path = out or Path(STUDIES) / asked.name.replace(" ", "+")
     with BadInput.of(StudyError), Problem.of(OSError, where=f"--out {path}: cannot be written: "):
         folder = StudyFolder(path, asked, base, "live" if live else "simulated", system.lock)
-    if over := sum(line.over for line in folder.trials):
+    if over := add_integers(line.over for line in folder.trials):
         console.print(f"over already, in {path}: {counted(over)}")
+    for block in (each for each in asked.blocks if each.order == "latin"):
+        if why := unfilled(len(asked.conditions_of(block)), block.repetitions, len(asked.groups())):
+            console.print(f"note: block {block.name}: {why}")
     stop = Stop()
     with closing(folder), on_signals(stop), ExitStack() as stack:
         sessions: Sessions
@@ -183,15 +188,19 @@ def _conclude(study: Study, folder: StudyFolder, outcome: Conducted, console: Co
         rows = [
             (
                 *key,
-                f"{each.threshold:.4g}",
-                f"{100.0 * each.relative_error:.0f} %",
+                f"{each.threshold:.3g}",
+                f"{each.low:.3g} to {each.high:.3g}",
+                "-" if each.reversals is None else f"{each.reversals:.3g}",
                 f"{100.0 * each.correct:.0f} %",
                 str(each.trials),
             )
             for key, each in found.items()
         ]
-        headings = ("participant", "block", "condition", "threshold", "error", "right", "trials")
+        headings = ("participant", "block", "condition", "threshold", "95 %", "reversals", "right", "trials")
         make_console().print(plain_table(headings, rows, left=3))
+        for (person, block, condition), each in found.items():
+            for warning in each.warnings:
+                console.print(f"warning: {person}, {block}, {condition}: {warning}")
     abandoned = f", {outcome.abandoned} abandoned" if outcome.abandoned else ""
     console.print(f"{counted(outcome.finished)} finished{abandoned}, {outcome.now} of them now; in {folder.path}")
     if outcome.complete:

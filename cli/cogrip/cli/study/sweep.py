@@ -14,6 +14,7 @@ from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Config, Overrides
 from cogrip.cli.terminal.parameters import Workers as WorkerCount
 from cogrip.cli.terminal.problem import BadInput, Problem, at_least_one
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.sim.experiments.experiment import Workers
 from cogrip.sim.experiments.folder import ExperimentFolder, FolderError
@@ -121,7 +122,7 @@ def _draw(asked: Sweep, folder: ExperimentFolder, console: Console) -> list[Path
 
 
 def _report(report: Outcome, folder: Path, pictures: list[Path], stop: Stop, json: str | None, console: Console) -> int:
-    failed = sum(report.failed.values())
+    failed = add_integers(report.failed.values())
     if json:
         answer = {
             "cells": report.cases, "computed": report.computed, "kept": report.kept, "failed": failed, "folder": str(folder),

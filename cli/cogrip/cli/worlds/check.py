@@ -12,6 +12,7 @@ from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.shipped_settings import SUFFIX, shipped_names
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.object_kinds import KINDS, PYTHON, split_python
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
@@ -38,7 +39,7 @@ def world_check(world: str, /) -> int:
     """
     cases = _cases(world)
     console = make_console(soft_wrap=True)
-    broken = sum(not _keeps(check, cases, console) for check in CHECKS)
+    broken = add_integers(not _keeps(check, cases, console) for check in CHECKS)
     console.print(f"{len(CHECKS) - broken} of {len(CHECKS)} promises kept")
     return 1 if broken else 0
 

@@ -3,6 +3,7 @@
 from math import pi, sin
 
 from cogrip.client.effects.laws import ActiveLaw, Box, Row, unit
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.effects import Effect
 
 
@@ -40,6 +41,6 @@ class Texture(ActiveLaw):
 
     def force(self, position_m: Row, ticks: int) -> Row:
         direction = self._direction
-        along = sum([n * (x - a) for n, x, a in zip(direction, position_m, self._place, strict=False)])
+        along = add_floats([n * (x - a) for n, x, a in zip(direction, position_m, self._place, strict=False)])
         value = self.most_n * sin(2.0 * pi * ((along / self._period) % 1.0))
         return [value * part for part in direction]

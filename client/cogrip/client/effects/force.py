@@ -27,6 +27,7 @@ from cogrip.client.hand_map import HandMap
 from cogrip.client.safety import Safety
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import EffectAccount
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.effects import MOST_EFFECTS, Effect, EffectKind, unfit_effect
 from cogrip.protocol.messages import Effects
 from cogrip.protocol.setting_types import PLACES
@@ -248,8 +249,8 @@ class EffectForce:
             (entry, law, not entry.ended and law.present(position_m))
             for entry in self._entries.values() if (law := entry.active) is not None
         ]  # fmt: skip
-        slope_nps = per_tool * sum([law.slope_nps for _, law, here in present if here])
-        texture_npm = sum([law.stiffness_npm for _, law, here in present if here and isinstance(law, Texture)])
+        slope_nps = per_tool * add_floats([law.slope_nps for _, law, here in present if here])
+        texture_npm = add_floats([law.stiffness_npm for _, law, here in present if here and isinstance(law, Texture)])
         for entry, law, here in present:
             goal = gain if here else 0.0
             if law.slope_nps and slope_nps > self._slope_nps:
@@ -278,7 +279,7 @@ class EffectForce:
         return total
 
     def _spare_j(self) -> float:
-        return max(0.0, self.tank.level_j - sum(self._reserved))
+        return max(0.0, self.tank.level_j - add_floats(self._reserved))
 
     def _passive(
         self, position_m: Row, velocity_mps: Row, gain: float, carried: tuple[float, float], power_ratio: float
@@ -341,4 +342,4 @@ def _towards(value: float, goal: float, step: float) -> float:
 
 
 def _work(force_n: Row, start_m: Sequence[float], end_m: Sequence[float]) -> float:
-    return sum([force * (end - start) for force, start, end in zip(force_n, start_m, end_m, strict=True)])
+    return add_floats([force * (end - start) for force, start, end in zip(force_n, start_m, end_m, strict=True)])

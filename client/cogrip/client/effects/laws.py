@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.effects import Effect
 
 Row = Sequence[float]
@@ -66,5 +67,5 @@ class ActiveLaw(ABC):
 def unit(direction: Row, places: int) -> list[float]:
     """Return a direction in these axes with length 1."""
     row = list(direction[:places])
-    length = sum([each * each for each in row]) ** 0.5
+    length = add_floats([each * each for each in row]) ** 0.5
     return [each / length for each in row]

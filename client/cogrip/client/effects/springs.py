@@ -8,6 +8,7 @@ from itertools import pairwise
 from math import sqrt
 
 from cogrip.client.effects.laws import NOTHING, Box, Felt, PassiveLaw, Row, unit
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.effects import Effect
 
 _STEEPEST = 16.0 / (25.0 * sqrt(5.0))  # of r (1 - r^2)^2, at r^2 = 1/5
@@ -28,7 +29,7 @@ class Magnet(PassiveLaw):
 
     def felt(self, position_m: Row, velocity_mps: Row) -> Felt:
         away = [x - middle for x, middle in zip(position_m, self._place, strict=False)]
-        left = 1.0 - sum([each * each for each in away]) / self._square
+        left = 1.0 - add_floats([each * each for each in away]) / self._square
         if left <= 0.0:
             return self.outside
         pull, drag = self.stiffness_npm * left * left, self.damping_nspm * left * left
@@ -47,7 +48,7 @@ class GuidingPath(PassiveLaw):
         self._segments = []
         for one, other in pairwise(points):
             along = [b - a for a, b in zip(one, other, strict=True)]
-            self._segments.append((one, along, sum([each * each for each in along])))
+            self._segments.append((one, along, add_floats([each * each for each in along])))
         self.stiffness_npm, self.damping_nspm = effect.stiffness_npm, effect.damping_nspm
         self._far = effect.force_n / effect.stiffness_npm if effect.force_n else float("inf")
 
@@ -56,10 +57,10 @@ class GuidingPath(PassiveLaw):
         for each in self._segments:
             one, along, square = each
             start = [x - a for x, a in zip(position_m, one, strict=False)]
-            share = sum([s * t for s, t in zip(start, along, strict=True)]) / square
+            share = add_floats([s * t for s, t in zip(start, along, strict=True)]) / square
             share = min(1.0, max(0.0, share))
             away = [s - share * t for s, t in zip(start, along, strict=True)]
-            if (distance := sum([each * each for each in away])) < best:
+            if (distance := add_floats([each * each for each in away])) < best:
                 best, offset, segment = distance, away, each
         distance, stiffness, far = sqrt(best), self.stiffness_npm, self._far
         pull, stored = stiffness, 0.5 * stiffness * best
@@ -71,7 +72,7 @@ class GuidingPath(PassiveLaw):
         if not self.damping_nspm:
             return ()
         _, along, square = segment
-        slide = sum([t * v for t, v in zip(along, velocity_mps, strict=False)]) / square
+        slide = add_floats([t * v for t, v in zip(along, velocity_mps, strict=False)]) / square
         return [self.damping_nspm * (v - slide * t) for t, v in zip(along, velocity_mps, strict=False)]
 
 
@@ -89,7 +90,9 @@ class ForbiddenZone(PassiveLaw):
         if depth <= 0.0:
             return NOTHING
         pushed = self.stiffness_npm * depth
-        total = max(0.0, pushed - self.damping_nspm * sum([n * v for n, v in zip(out, velocity_mps, strict=False)]))
+        total = max(
+            0.0, pushed - self.damping_nspm * add_floats([n * v for n, v in zip(out, velocity_mps, strict=False)])
+        )
         damper = [(pushed - total) * n for n in out] if total != pushed else ()
         return Felt([-pushed * n for n in out], 0.5 * pushed * depth, damper)
 
@@ -97,7 +100,7 @@ class ForbiddenZone(PassiveLaw):
         """Return the depth, and the outward normal: of a box that of its nearest side."""
         if self._normal:
             away = [x - middle for x, middle in zip(position_m, self._place, strict=False)]
-            return -sum([n * each for n, each in zip(self._normal, away, strict=True)]), self._normal
+            return -add_floats([n * each for n, each in zip(self._normal, away, strict=True)]), self._normal
         least, at, sign = float("inf"), 0, 1.0
         for axis, middle, half in self._sides:
             away_m = position_m[axis] - middle

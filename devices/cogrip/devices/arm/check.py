@@ -17,6 +17,7 @@ class Measured:
     noise             highest less lowest at rest
     forward, backward how far a positive and a negative test current moved the joint
     lowest, highest   of all that was seen
+    most_moved        the joint whose encoder the current of each joint moved most, 0 to 2
     """
 
     requests: int
@@ -29,6 +30,7 @@ class Measured:
     backward: tuple[int, ...]
     lowest: tuple[int, ...]
     highest: tuple[int, ...]
+    most_moved: tuple[int, ...] = (0, 1, 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +52,9 @@ def verdict(measured: Measured, current_ma: float) -> list[Row]:
         cure = "let nobody touch the arm while it is measured; else check the encoder's cable and its supply"
         good, most = noise <= MOST_NOISE_COUNTS, f"at most {MOST_NOISE_COUNTS}"
         rows.append(Row(f"noise at rest, encoder {name}", f"{noise} counts", most, good, cure))
-        rows.append(_sign(name, measured.forward[joint], measured.backward[joint], current_ma))
+        rows.append(
+            _sign(name, measured.forward[joint], measured.backward[joint], current_ma, measured.most_moved[joint])
+        )
         cure = "this encoder did not move: move the arm through its range when asked to, or check its cable"
         rows.append(Row(f"range seen, encoder {name}", f"{low} to {high}", "more than one count", high > low, cure))
     return rows
@@ -83,10 +87,13 @@ def _wire(measured: Measured) -> list[Row]:
     ]
 
 
-def _sign(name: str, forward: int, backward: int, current_ma: float) -> Row:
+def _sign(name: str, forward: int, backward: int, current_ma: float, most_moved: int) -> Row:
     """Check the signs: a positive current raises the count of its own axis, whatever `dir` is, since both carry it."""
     what, found = f"sign, axis {name}", f"{forward:+d}, {backward:+d} counts"
     wanted = f"up, down under +-{current_ma:g} mA"
+    if (other := JOINTS[most_moved]) != name:
+        cure = f"the motor of axis {name} moves the encoder of axis {other} most: two motors or encoders are swapped"
+        return Row(what, f"{found}, more at {other}", wanted, good=False, cure=cure)
     if forward >= LEAST_MOVED_COUNTS and backward <= -LEAST_MOVED_COUNTS:
         return Row(what, found, wanted, good=True)
     if forward <= -LEAST_MOVED_COUNTS and backward >= LEAST_MOVED_COUNTS:

@@ -16,11 +16,16 @@ from cogrip.devices.arm.model import ArmModel, Pose
 from cogrip.devices.arm.pose import Calibration, KnownPose, OwnLosses, Store, drive_of
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.rotations import Quaternion
 
 HEADROOM = 0.92  # of the peak force: currents are those of where the arm was, and hold while it moves on
 SILENT_S = 0.05  # so long after the last reading the arm is where nobody knows: by then there is no current
 ZERO: Vector = (0.0, 0.0, 0.0)
+PAUSE_S = (
+    0.09  # without a request, after which a firmware's watchdog may have switched the motors off: serial has 0.1 s
+)
+REST_S = 0.02  # without force after that: the client takes it for let go, and ramps
 TREMBLE_COUNTS = 20  # of a hand that holds the arm while its counters are loaded
 GOODBYES = 2  # requests for no current when it is closed
 RISE_S = 0.3  # of the weight that is held
@@ -71,6 +76,9 @@ class ArmDevice(Driver):
         self._own: tuple[float, float] | None = None  # damping [N s/m] and friction [N], once looked for
         self._broken = self._said = self._stamp = ""
         self._silent_ticks = 0
+        self._pause_ticks = self._rest_ticks = 0
+        self._flows_at = 0  # tick from which force may flow
+        self._written = -1  # tick of the newest write, -1 before the first
         self._read_at = 0  # when the newest reading was taken
         self._received_at = 0  # and when it came
         self.angles: Vector | None = None  # of the joints, at the last reading [rad]
@@ -155,7 +163,9 @@ class ArmDevice(Driver):
         # a request may have to wait for RETRY_S, and it is to say zero
         self._silent_ticks = max(1, int((SILENT_S - RETRY_S) * rate_hz) - 1)
         self._weight = WeightCompensation(rate_hz, active=self.model.holds_weight and self._pose.kind != "none")
-        self._tick = self._read_at = self._received_at = 0
+        self._pause_ticks, self._rest_ticks = int(PAUSE_S * rate_hz), round(REST_S * rate_hz)
+        self._tick = self._read_at = self._received_at = self._flows_at = 0
+        self._written = -1
         self._acting = self._zero
         self._broken = ""
         self._open = True
@@ -230,7 +240,7 @@ class ArmDevice(Driver):
         model = self.model
         angles = self._joints(reading.raw)
         position = model.kinematics.forward(angles)
-        if position is None or not isfinite(sum(position)):
+        if position is None or not isfinite(add_floats(position)):
             raise self._lost(f"the linkage does not close at counts {reading.raw}, so they are wrong")
         if not model.inside(position) and self._pose is not None and self._pose.kind != "none":
             where = ", ".join(f"{value:.3f}" for value in position)
@@ -284,7 +294,11 @@ class ArmDevice(Driver):
         self._need_open("write")
         if len(force_n) != self._axes:
             raise self._wrong_force(force_n)
-        finite = isfinite(sum(force_n))
+        finite = isfinite(add_floats(force_n))
+        if 0 <= self._written <= self._tick - self._pause_ticks:
+            self._counts["paused beyond the watchdog"] += 1
+            self._flows_at, self._weight.fraction = self._tick + self._rest_ticks, 0.0
+        self._written = self._tick
         currents, fraction = self._currents(force_n) if finite else (ZERO, 0.0)
         try:
             reported = self.exchange.ask(currents, self._tick)
@@ -303,7 +317,7 @@ class ArmDevice(Driver):
         None at all where there may be no force: the pose is not known, or the arm has not answered lately.
         """
         assert self._pose is not None
-        silent = self._tick - self._received_at > self._silent_ticks
+        silent = self._tick - self._received_at > self._silent_ticks or self._tick < self._flows_at
         weight = self._weight.step(self._tick, failed=silent or bool(self._broken))
         if self._pose.kind == "none" or self.angles is None or silent or not (weight or any(force_n)):
             return ZERO, 0.0 if any(force_n) else 1.0

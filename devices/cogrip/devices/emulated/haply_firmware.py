@@ -15,6 +15,7 @@ from math import isfinite
 from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.firmware import Firmware
 from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.protocol.addition import add_integers
 
 MOST_NM = 0.123
 FULL_DUTY = 4095
@@ -156,7 +157,7 @@ class HaplyFirmware(Firmware):
         fields = _Fields(data)
         try:
             device_id = fields.skip(1).byte()
-            fields.bytes(sum(owner == device_id for owner in self._pwm_ids.values()))
+            fields.bytes(add_integers(owner == device_id for owner in self._pwm_ids.values()))
             motors = [port for port in self._ports if port.motor_id == device_id]
             torques = [fields.float() for _ in motors]
         except IndexError:

@@ -17,6 +17,7 @@ from cogrip.devices.emulated.mechanics import Mechanics
 from cogrip.devices.inverse.family import CENTRE_M, RECORD
 
 IDLE_NS = 500_000_000
+VELOCITY_NS = 5_000_000  # of a mean velocity
 GRIP_HZ = 0.5  # at which the handle turns to and fro
 GRIP_RAD = 0.6
 MOST_N = 10.0  # of each part of a force command
@@ -53,6 +54,7 @@ MODEL = ArmModel(
 class InverseService(Firmware):
     """Messages in, messages out. old: speaks format 3.1, else 3.5; button: of the grip, which `press` holds and lets go.
 
+    status: of the Inverse3, as its messages have it; without power, or not ready, its motors are off
     refused: messages that were not understood
     """
 
@@ -61,8 +63,11 @@ class InverseService(Firmware):
         self.device_id, self.grip_id = "049D", "61548"
         self.old = old
         self.button = False
+        self.status = {"calibrated": True, "in_use": True, "power_supply": True, "ready": True, "started": True}
         self.refused = 0
         self._fed_ns = 0
+        self._was: tuple[int, Vector] | None = None
+        self._speed: Vector = (0.0, 0.0, 0.0)
 
     def connect(self) -> None:
         """See `Firmware.connect`: the inventory."""
@@ -91,7 +96,8 @@ class InverseService(Firmware):
             x, y, z = (
                 max(-MOST_N, min(MOST_N, part)) * 1e3 if isfinite(part) else 0.0 for part in (-forward, right, up)
             )
-            self.mechanics.drive((x, y, z))
+            powered = self.status["power_supply"] and self.status["ready"]
+            self.mechanics.drive((x, y, z) if powered else (0.0, 0.0, 0.0))
         self._tell(self._listed(config=False))
 
     def _tell(self, message: dict[str, Any]) -> None:
@@ -103,19 +109,20 @@ class InverseService(Firmware):
             for count, middle in zip(self.mechanics.counters, CENTRE_M, strict=True)
         )
         force_x, force_y, force_z = self.mechanics.force_n
+        speed_x, speed_y, speed_z = self._velocity()
         half = 0.5 * GRIP_RAD * sin(2.0 * pi * GRIP_HZ * 1e-9 * self.now_ns)
         arm: dict[str, Any] = {
             "device_id": self.device_id,
             "state": {
                 "cursor_position": _named(y, -x, z),
-                "cursor_velocity": _named(0.0, 0.0, 0.0),
+                "cursor_velocity": _named(speed_y, -speed_x, speed_z),
                 "angular_position": {"a0": -69.3, "a1": 137.6, "a2": 19.8},
                 "body_orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
                 "current_cursor_force": _named(force_y, -force_x, force_z),
                 "control_domain": "cartesian",
                 "control_mode": "force",
             },
-            "status": {"calibrated": True, "in_use": True, "power_supply": True, "ready": True, "started": True},
+            "status": dict(self.status),
         }
         grip: dict[str, Any] = {
             "device_id": self.grip_id,
@@ -136,6 +143,17 @@ class InverseService(Firmware):
         if self.faults.on("model", self.now_ns):  # another device is there instead
             arm["device_id"] = "FFFF"
         return {"inverse3": [arm], "wireless_verse_grip": [grip]}
+
+    def _velocity(self) -> Vector:
+        """Return the tip's own velocity, whatever its encoders say, over VELOCITY_NS at least."""
+        at = self.mechanics.body.position_m
+        if self._was is None or self.now_ns - self._was[0] >= VELOCITY_NS:
+            if self._was is not None:
+                per_s = 1e9 / (self.now_ns - self._was[0])
+                x, y, z = [per_s * (now - then) for now, then in zip(at, self._was[1], strict=True)]
+                self._speed = (x, y, z)
+            self._was = self.now_ns, at
+        return self._speed
 
     def press(self) -> None:
         """Hold the grip's button a, or let it go."""

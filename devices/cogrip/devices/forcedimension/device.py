@@ -1,7 +1,12 @@
 """A device of the Force Dimension SDK: every call is an exchange with it, so nothing runs besides the loop.
 
 A force is held by the controller. What keeps one from being held for ever, should the loop hang or the process die, is the
-controller's own watchdog, set here to the longest it has.
+controller's own watchdog, set here to the longest it has. It switches the forces off, and they stay off until they are enabled
+again; so does the controller above a speed, and by the button on its base. So forces are enabled with the first force and not
+by `open`, after which a client takes its time, and the status is believed over what was sent:
+
+    off --a force is due--> settling --status: on--> on        on --status: off, by the watchdog--> off, for RESTS_S at least
+    settling, on --status: off, by anything else; no power; an error--> lost, until it is closed and opened again
 """
 
 import atexit
@@ -13,11 +18,15 @@ from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
 from cogrip.devices.forcedimension.models import confirm, with_handle
-from cogrip.devices.forcedimension.sdk import SATURATED, SUCCESS, TIME_GUARD, Sdk
+from cogrip.devices.forcedimension.sdk import BY_WATCHDOG, OFF_CAUSES, SATURATED, SUCCESS, TIME_GUARD, Sdk
+from cogrip.devices.frozen_position import FrozenPosition
 from cogrip.protocol.rotations import Quaternion, of_matrix
 
 WATCHDOG = 255  # x 125 us = 32 ms without a force, and the controller turns forces off
-STATUS_TICKS = 128  # how often it is asked whether its forces are still on
+FED_S = 0.025  # a longer pause between two forces may have been the watchdog's
+RESTS_S = 0.02  # without force before forces are enabled again: the client takes it for let go, and ramps
+SETTLES_TICKS = 2  # from enabling forces to asking whether they are on
+STATUS_TICKS = 16  # how often it is asked whether its forces are still on
 ZERO: Vector = (0.0, 0.0, 0.0)
 CURE = "check its cable and power, then open it again"
 
@@ -46,7 +55,11 @@ class ForceDimensionDevice(Driver):
             raise self._error(f"is not to be had: {sdk.dhd.errorGetLastStr()}; {CURE}")
         self._open, self._dhd, self._id, self._status = True, sdk.dhd, number, sdk.status()
         self._position, self._tick, self._asked = [0.0, 0.0, 0.0], 0, 0
+        self._on = False
+        self._fed_ticks, self._rest_ticks = max(1, int(FED_S * rate_hz)), round(RESTS_S * rate_hz)
+        self._written = self._enables_at = self._flows_at = 0  # ticks: newest force; forces are enabled from, flow from
         self._lost, self._blind = "", False
+        self._velocity, self._frozen = [0.0, 0.0, 0.0], FrozenPosition(self.capability.resolution_m, rate_hz)
         self._rows, self._gap = [[0.0] * 3 for _ in range(3)], c_double()
         _opened.add(self._index)
         atexit.register(self.close)
@@ -72,7 +85,6 @@ class ForceDimensionDevice(Driver):
             self._counts["watchdog not available"] += 1
         dhd.expert.disableExpertMode()
         self._check(dhd.setForce(ZERO, number), "its force cannot be set")
-        self._check(dhd.enableForce(True, number), "its forces cannot be enabled")
 
     def read(self, tick: int) -> Sample | None:
         self._check_read(tick)
@@ -80,13 +92,10 @@ class ForceDimensionDevice(Driver):
         answer = dhd.getPosition(position, self._id)
         if answer == TIME_GUARD:
             self._counts["position read again too soon"] += 1
-        if answer in SUCCESS and tick - self._asked >= STATUS_TICKS:
-            self._asked = tick
-            answer = dhd.getStatus(self._status, self._id)
-            if not self._status.force:
-                self._counts["forces off"] += 1
+        if answer in SUCCESS and (tick - self._asked >= STATUS_TICKS or tick - self._written >= self._fed_ticks):
+            answer = self._ask(tick)
         if answer not in SUCCESS:
-            self._lose()
+            self._lose(dhd.errorGetLastStr())
         if self._lost:
             raise DeviceError(self._lost)
         self._blind = not isfinite(position[0] + position[1] + position[2])
@@ -94,7 +103,46 @@ class ForceDimensionDevice(Driver):
             self._counts["position not finite"] += 1
             self._send(ZERO)
             return None
-        return Sample(tuple(position[: self._axes]), None, 0, *self._handle())
+        place = tuple(position)
+        if self._frozen.still(place, tick) and dhd.getLinearVelocity(self._velocity, self._id) in SUCCESS:
+            self._lose(self._frozen.judge(self._velocity))
+            if self._lost:
+                raise DeviceError(self._lost)
+        return Sample(place[: self._axes], None, 0, *self._handle())
+
+    def _ask(self, tick: int) -> int:
+        """Ask for the status, and believe it. Return the SDK's answer."""
+        self._asked = tick
+        status = self._status
+        answer = self._dhd.getStatus(status, self._id)
+        if answer not in SUCCESS:
+            return answer
+        if not status.power:
+            self._lose("its power is gone")
+        elif status.reset:
+            self._lose("it is not calibrated any more: calibrate it with the vendor's program")
+        elif status.error:
+            self._lose("its controller reports an error")
+        elif self._on and not status.force:
+            self._counts["forces off"] += 1
+            paused = tick - self._written >= self._fed_ticks
+            if status.forceoffcause == BY_WATCHDOG or paused:
+                self._on, self._enables_at = False, tick + self._rest_ticks
+            else:
+                cause = OFF_CAUSES.get(status.forceoffcause, "it does not say why")
+                self._lose(f"its controller has switched the forces off ({cause})")
+        return answer
+
+    def _flows(self) -> bool:
+        """Return whether force may flow at this tick; enable forces where they are due."""
+        tick = self._tick
+        if not self._on and tick >= self._enables_at:
+            self._send(ZERO)  # the watchdog begins with a force
+            if self._dhd.enableForce(True, self._id) not in SUCCESS:
+                self._lose(f"its forces cannot be enabled: {self._dhd.errorGetLastStr()}")
+            self._on, self._flows_at = True, tick + SETTLES_TICKS
+            self._asked = self._flows_at - STATUS_TICKS
+        return self._on and tick >= self._flows_at
 
     def _handle(self) -> tuple[int, Quaternion | None, float | None]:
         """Buttons, orientation and grip of the handle, as far as there are any and they can be read."""
@@ -114,7 +162,7 @@ class ForceDimensionDevice(Driver):
         return buttons, turned, grip_m
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
-        """A force above the limit keeps its direction; one that is none at all becomes zero."""
+        """A force above the limit keeps its direction; one that is none becomes zero, and so does any while none flows."""
         self._need_open("write")
         size = hypot(*force_n)
         if len(force_n) != self._axes or not isfinite(size):
@@ -126,8 +174,10 @@ class ForceDimensionDevice(Driver):
             acting = tuple([fraction * f for f in force_n])
             self._counts["force limited"] += 1
         x, y, z = (*(acting or force_n), *self._rest)
-        self._send((-x, -y, -z))  # the hand gets -F
-        return self._zero if self._lost or self._blind else acting
+        flows = self._lost or self._flows()
+        self._send((-x, -y, -z) if flows else ZERO)  # the hand gets -F
+        self._written = self._tick
+        return self._zero if self._lost or self._blind or not flows else acting
 
     def close(self) -> None:
         """Errors on the way are counted: nothing more can be done about it."""
@@ -146,12 +196,12 @@ class ForceDimensionDevice(Driver):
         if answer == SATURATED:
             self._counts["motor saturated"] += 1
         elif answer not in SUCCESS:
-            self._lose()
+            self._lose(self._dhd.errorGetLastStr())
 
-    def _lose(self) -> None:
-        """Said by the next read()."""
-        if not self._lost:
-            self._lost = f"{self._where}: lost: {self._dhd.errorGetLastStr()}; {CURE}"
+    def _lose(self, why: str) -> None:
+        """Said by the next read(); no reason is none."""
+        if why and not self._lost:
+            self._lost = f"{self._where}: lost: {why}; {CURE}"
             self._dhd.setForce(ZERO, self._id)
 
     def _check(self, answer: int, what: str) -> None:

@@ -9,6 +9,16 @@ from typing import NamedTuple, Protocol
 TIME_GUARD = 1  # the device was not asked again so soon; the answer is the last one
 SATURATED = 2  # a motor is at its limit; the force keeps its direction
 SUCCESS = (0, TIME_GUARD, SATURATED)
+BY_WATCHDOG = 3
+OFF_CAUSES = {
+    1: "the button on its base",
+    2: "it moved too fast",
+    BY_WATCHDOG: "no force came in time",
+    4: "another program",
+    5: "its USB cable",
+    6: "nobody holds it",
+}
+"""Status.forceoffcause -> words; 0 where forces are on, or the device does not say."""
 
 
 class Expert(Protocol):
@@ -32,6 +42,7 @@ class Dhd(Protocol):
 
     def setForce(self, f: Sequence[float], ID: int) -> int: ...
     def getPosition(self, out: list[float], ID: int) -> int: ...
+    def getLinearVelocity(self, out: list[float], ID: int) -> int: ...
     def getOrientationFrame(self, out: list[list[float]], ID: int) -> int:
         """Rows of the handle's rotation matrix, in the axes of positions."""
 
@@ -47,11 +58,17 @@ class Dhd(Protocol):
 
 
 class Status(Protocol):
-    """`forcedimension_core.containers.Status`: 1 or 0. reset: it waits to be calibrated; force: forces are on."""
+    """`forcedimension_core.containers.Status`: 1 or 0. reset: it waits to be calibrated; force: forces are on.
+
+    error          0: none
+    forceoffcause  why forces went off last (OFF_CAUSES)
+    """
 
     power: int
     reset: int
     force: int
+    error: int
+    forceoffcause: int
 
 
 class Sdk(NamedTuple):

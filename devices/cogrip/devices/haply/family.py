@@ -11,6 +11,7 @@ from cogrip.devices.haply.frames import HaplyCodec, reset_frame
 from cogrip.devices.haply.line import LAST_RESORT_ID
 from cogrip.devices.haply.models import MODELS, HaplyModel, HaplySettings, model_of
 from cogrip.devices.io.guard import Goodbye
+from cogrip.devices.io.port_names import SERIAL_PORT
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, check_axes, read_query
 
@@ -19,8 +20,8 @@ MAX_AXES = 2
 
 def family() -> Family:
     """The family `haply:`, for the registry."""
-    what = "Haply's planar arms (2DIY, Pantograph) on a serial line, two axes: haply:/dev/ttyACM0?model=2diy"
-    examples = tuple(f"haply:/dev/ttyACM0?model={name}" for name in MODELS)
+    what = f"Haply's planar arms (2DIY, Pantograph) on a serial line, two axes: haply:{SERIAL_PORT}?model=2diy"
+    examples = tuple(f"haply:{SERIAL_PORT}?model={name}" for name in MODELS)
     stand_ins = tuple(f"emulated:{name}" for name in MODELS)
     return Family(what, make, examples, axes=lambda _: MAX_AXES, stand_ins=stand_ins, real=True)
 
@@ -32,7 +33,7 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
 
     if not address.name:
         raise DeviceError(
-            f"{address.text!r}: name the port, such as haply:/dev/ttyACM0; `cogrip devices find` lists them"
+            f"{address.text!r}: name the port, such as haply:{SERIAL_PORT}; `cogrip devices find` lists them"
         )
     name = f"haply:{address.name}"
     codec = HaplyCodec(_model(address, axes)[1].wiring, LAST_RESORT_ID)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from cogrip.devices.arm.exchange import Reading
+from cogrip.protocol.addition import add_integers
 
 RESET, SETUP, TORQUE = 0, 1, 2
 PORTS = (1, 2, 3, 4)
@@ -52,7 +53,7 @@ class Wiring:
         It lists the joints in the order of their ports, for motors and then for encoders, and neither analog nor PWM pins.
         """
         senses = bytes(ccw for _, ccw in sorted(zip(self.ports, self.ccw, strict=True)))
-        wired = bytes((sum(1 << (port - 1) for port in self.ports),)) + senses
+        wired = bytes((add_integers(1 << (port - 1) for port in self.ports),)) + senses
         return bytes((SETUP, device_id)) + wired * 2 + bytes(2) + struct.pack("<ff", 0.0, self.counts_per_turn) * 2
 
 

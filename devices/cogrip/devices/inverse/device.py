@@ -7,11 +7,14 @@ from cogrip.devices.arm.exchange import RETRY_S, Exchange, Port
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
+from cogrip.devices.frozen_position import FrozenPosition
 from cogrip.devices.inverse.messages import InverseCodec
 
 INVENTORY_S = 2.0  # for the service's first message
 SILENT_S = 0.04  # so long after the last state update no force is asked for
-GONE_UPDATES = 3  # in a row without the device, or with it powerless: it is lost
+GONE_UPDATES = 3  # in a row without the device, or in which it is without power or not ready: it is lost
+PAUSE_S = 0.025  # without a command, after which the device may have gone idle: no page says how soon it does
+REST_S = 0.02  # without force after it: the client takes it for let go, and ramps
 GOODBYES = 2  # messages without force when it is closed
 ZERO: Vector = (0.0, 0.0, 0.0)
 
@@ -50,7 +53,10 @@ class InverseDevice(Driver):
             raise
         self.exchange.start(rate_hz)
         self._silent_ticks = max(1, int((SILENT_S - RETRY_S) * rate_hz))
-        self._tick = self._received_at = self._gone = 0
+        self._pause_ticks, self._rest_ticks = max(1, int(PAUSE_S * rate_hz)), round(REST_S * rate_hz)
+        self._tick = self._received_at = self._gone = self._flows_at = 0
+        self._written = -1
+        self._frozen = FrozenPosition(self.capability.resolution_m, rate_hz)
         self._acting: Sequence[float] = self._zero
         self._broken = ""
         self._open = True
@@ -75,19 +81,27 @@ class InverseDevice(Driver):
                 raise DeviceError(self._broken)
             return None
         self._gone, self._received_at = 0, tick
-        x, y, z, qw, qx, qy, qz, buttons = reading.raw
+        x, y, z, speed, qw, qx, qy, qz, buttons = reading.raw
+        if self._frozen.still((x, y, z), tick - age) and (wrong := self._frozen.judge((speed,))):
+            self._broken = f"{self._where}: lost: {wrong}; see to its cable and power, then re-arm"
+            raise DeviceError(self._broken)
         cx, cy, cz = self._centre_m
         place = (x - cx, y - cy, z - cz)[: self._axes]
         orientation = (qw, qx, qy, qz) if qw or qx or qy or qz else None
         return Sample(place, None, age, int(buttons), orientation)
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
-        """A force above the limit keeps its direction. None is asked for where the device has not answered lately."""
+        """A force above the limit keeps its direction. None is asked for after a pause, or a silence."""
         self._need_open("write")
         size = hypot(*force_n)
         wrong = len(force_n) != self._axes or not isfinite(size)
         silent = self._tick - self._received_at > self._silent_ticks
-        share = 0.0 if wrong or silent or self._broken else 1.0
+        if 0 <= self._written <= self._tick - self._pause_ticks:
+            self._counts["paused: may have gone idle"] += 1
+            self._flows_at = self._tick + self._rest_ticks
+        self._written = self._tick
+        held_back = silent or self._gone or self._tick < self._flows_at
+        share = 0.0 if wrong or held_back or self._broken else 1.0
         if share and size > self.capability.peak_force_n:
             share = self.capability.peak_force_n / size
             self._counts["force limited"] += 1

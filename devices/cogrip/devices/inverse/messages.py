@@ -17,6 +17,7 @@ from msgspec import Meta
 
 from cogrip.devices.arm.exchange import Reading
 from cogrip.devices.device import DeviceError
+from cogrip.protocol.addition import add_integers
 
 FARTHEST_M = 2.0  # a cursor farther from its base than any arm is long
 UNIT = 0.01  # an orientation's norm may differ from 1 by so much
@@ -48,6 +49,12 @@ class _Vector(msgspec.Struct, frozen=True):
     z: float = 1.0
 
 
+class _Velocity(msgspec.Struct, frozen=True):
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+
 class _Scaled(msgspec.Struct, frozen=True):
     scale: _Vector = _Vector()
 
@@ -58,6 +65,7 @@ class _Basis(msgspec.Struct, frozen=True):
 
 class _ArmState(msgspec.Struct, frozen=True):
     cursor_position: _Place
+    cursor_velocity: _Velocity = _Velocity()
     transform: _Scaled = _Scaled()
 
 
@@ -106,11 +114,11 @@ class _Update(msgspec.Struct, frozen=True):
 
 
 _decode = msgspec.json.Decoder(_Update).decode
-GRIP_FIELDS = 5  # of a reading, behind its position: w, x, y, z (0 where not known) and the buttons
+GRIP_FIELDS = 5  # of a reading, behind its position and speed: w, x, y, z (0 where not known) and the buttons
 
 
 class InverseCodec:
-    """A `Codec` of whole messages. Readings hold a position [m] in the service's axes, then GRIP_FIELDS.
+    """A `Codec` of whole messages. Readings hold a position [m] and a speed [m/s], then GRIP_FIELDS.
 
     device_id, grip_id: chosen ones, "" until `choose` has; refused: messages that were none, by why
     """
@@ -120,6 +128,7 @@ class InverseCodec:
         self.refused: Counter[str] = Counter()
         self.device_id = self.grip_id = ""
         self._head = self._tail = ""
+        self._uncalibrated = False
 
     def choose(self, message: bytes, where: str, *, uncalibrated: bool) -> None:
         """Take the device and the grip from the service's inventory. Raises DeviceError where force must not flow.
@@ -141,6 +150,7 @@ class InverseCodec:
             what = f"no Inverse3 {device_id!r}" if device_id else "no Inverse3" if not arms else "several Inverse3"
             raise DeviceError(f"{where}: the service has {what}, of {there}; plug one in, or choose by device=ID")
         self._refuse(arm, where, uncalibrated=uncalibrated)
+        self._uncalibrated = uncalibrated
         grips = [grip.device_id for grip in update.grips]
         if grip_id and grip_id not in grips:
             raise DeviceError(f"{where}: the service has no VerseGrip {grip_id!r}, of {', '.join(grips) or 'none'}")
@@ -198,15 +208,26 @@ class InverseCodec:
         arm = next((arm for arm in update.inverse3 if arm.device_id == self.device_id), None)
         if arm is None:
             return [Reading((), "the service has it no more", rejected=True)]
-        at = arm.state.cursor_position
-        why = "" if arm.status.power_supply else "no power"
-        return [Reading((-at.y, at.x, at.z, *self._grip(update)), why, rejected=bool(why))]
+        at, rate = arm.state.cursor_position, arm.state.cursor_velocity
+        speed = hypot(rate.x, rate.y, rate.z)
+        status, why = arm.status, ""
+        if not (status.power_supply and status.ready and (status.calibrated or self._uncalibrated)):
+            why = (
+                "no power"
+                if not status.power_supply
+                else "not ready"
+                if not status.ready
+                else "not calibrated any more"
+            )
+        return [Reading((-at.y, at.x, at.z, speed, *self._grip(update)), why, rejected=bool(why))]
 
     def _grip(self, update: _Update) -> tuple[float, ...]:
         state = next((grip.state for grip in update.grips if grip.device_id == self.grip_id), None)
         if state is None:
             return (0.0,) * GRIP_FIELDS
-        pressed = sum(state.buttons.get(name, False) << bit for bit, name in enumerate(BUTTONS)) or int(state.button)
+        pressed = add_integers(state.buttons.get(name, False) << bit for bit, name in enumerate(BUTTONS)) or int(
+            state.button
+        )
         q = state.orientation
         if q is None:
             return (0.0, 0.0, 0.0, 0.0, pressed)

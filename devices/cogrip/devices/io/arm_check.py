@@ -26,6 +26,7 @@ class ArmCheck:
         self._exchange = exchange
         self._current_ma = current_ma
         self._requests = self._missed = 0
+        self._most_moved = list(range(_JOINTS))  # encoder that each motor moves most
         self._low: list[int] = []
         self._high: list[int] = []
 
@@ -109,17 +110,19 @@ class ArmCheck:
     def push(self, joint: int, sense: float) -> int:
         """Return how far [counts] a small current moves a joint. It is ramped in, and ends as soon as the joint moves."""
         start = self._ask(ZERO)
-        moved = 0
+        moved = most = 0
 
         def current(at_s: float) -> Sequence[float]:
-            fraction = 0.0 if abs(moved) >= ENOUGH_COUNTS else min(1.0, at_s / RAMP_S)
+            fraction = 0.0 if most >= ENOUGH_COUNTS else min(1.0, at_s / RAMP_S)
             return tuple(sense * fraction * self._current_ma if axis == joint else 0.0 for axis in range(_JOINTS))
 
         begun_s = time.perf_counter()
-        while (at_s := time.perf_counter() - begun_s) < RAMP_S + HOLD_S and abs(moved) < ENOUGH_COUNTS:
+        while (at_s := time.perf_counter() - begun_s) < RAMP_S + HOLD_S and most < ENOUGH_COUNTS:
             readings = self._paced(5 * STEP_S, lambda _, at_s=at_s: current(at_s))  # type: ignore[misc]
             if readings and start is not None:
-                moved = round(readings[-1].raw[joint] - start.raw[joint])
+                all_moved = [round(now - then) for now, then in zip(readings[-1].raw, start.raw, strict=True)]
+                moved, most = all_moved[joint], max(map(abs, all_moved))
+                self._most_moved[joint] = max(range(_JOINTS), key=lambda each: (abs(all_moved[each]), each == joint))
         self._paced(0.3, lambda _: ZERO)  # let it come to rest
         return moved
 
@@ -144,4 +147,5 @@ class ArmCheck:
         return Measured(
             self._requests, self._missed, rate_hz, latencies[len(latencies) // 2], latencies[int(0.99 * len(latencies))],
             noise, tuple(forward), tuple(backward), tuple(self._low), tuple(self._high),
+            tuple(self._most_moved),
         )  # fmt: skip

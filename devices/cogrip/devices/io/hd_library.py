@@ -32,6 +32,7 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "hdEndFrame": (None, [_HHD]),
     "hdEnable": (None, [_ENUM]),
     "hdDisable": (None, [_ENUM]),
+    "hdIsEnabled": (c_ubyte, [_ENUM]),
     "hdGetDoublev": (None, [_ENUM, _DOUBLES]),
     "hdSetDoublev": (None, [_ENUM, _DOUBLES]),
     "hdGetIntegerv": (None, [_ENUM, _INTEGERS]),

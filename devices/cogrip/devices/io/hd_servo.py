@@ -70,8 +70,24 @@ class Frame:
             self._mailbox.lose(f"openhaptics: a frame failed: {error!r}; please report this")
             force = ZERO
         self._send(force)
+        if self._troubled():
+            self._let_go()
         self._hd.hdEndFrame(self._handle)
         return CONTINUE
+
+    def _troubled(self) -> bool:
+        """Return whether the library has reported errors of this device since it was last asked."""
+        before = self._mailbox.troubles
+        self._take_errors()
+        return self._mailbox.troubles != before
+
+    def _let_go(self) -> None:
+        """A force could not be set, so the one before it stays: set none; where that fails, too, switch forces off."""
+        self._mailbox.withhold()
+        self._send(ZERO)
+        if self._troubled():
+            self._hd.hdDisable(FORCE_OUTPUT)
+            self._mailbox.lose(f"openhaptics: its force cannot be set, so forces were switched off; {cure_for(0x300)}")
 
     def within(self, work: Callable[[], _Answer]) -> _Answer:
         """Return the result of `work`, run within a frame of its own that sends no force."""
@@ -94,6 +110,8 @@ class Frame:
         if hd.hdGetCurrentDevice() != self._handle:  # a device being opened was made current under us
             hd.hdMakeCurrentDevice(self._handle)
             return self._mailbox.skip("another device was current")
+        if not hd.hdIsEnabled(FORCE_OUTPUT):
+            self._mailbox.lose(f"openhaptics: lost: the library has switched its forces off; {cure_for(0x300)}")
         return self._mailbox.frame((position[0], position[1], position[2]), self._buttons[0], self._transform[:])
 
     def _send(self, force: Vector) -> None:

@@ -104,13 +104,13 @@ class OpenHapticsDevice(Driver):
             self._mailbox.say(ZERO)
             raise self._wrong_force(force_n, "; the force is zero now")
         acting: Sequence[float] | None = None
-        if self._mailbox.lost:
+        if self._mailbox.lost or self._mailbox.withheld:
             acting = self._zero
         elif size > self.capability.peak_force_n:
             fraction = self.capability.peak_force_n / size
             acting = tuple([fraction * f for f in force_n])
             self._counts["force limited"] += 1
-        x, y, z = (*(acting or force_n), *self._rest)
+        x, y, z = (*(force_n if acting is self._zero else acting or force_n), *self._rest)
         self._mailbox.say((-x, -y, -z))  # the hand gets -F
         return acting
 

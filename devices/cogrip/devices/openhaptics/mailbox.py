@@ -15,6 +15,7 @@ from cogrip.protocol.rotations import Quaternion, of_matrix
 
 SERVO_HZ = 1000  # the library's own pace, unless it is told another one
 HOLD_FRAMES = SERVO_HZ // 20  # 50 ms: a force that the loop has not renewed for so long is not held
+MOST_WITHHELD = SERVO_HZ // 20  # frames in a row whose force was dropped for errors: more, and the device is lost
 ZERO: Vector = (0.0, 0.0, 0.0)
 _OURS = (2, 0, 1)  # numbers of the library's axes in the order of ours
 
@@ -56,7 +57,11 @@ class Order(NamedTuple):
 
 
 class Mailbox:
-    """counts belongs to the servo thread: others may copy it."""
+    """counts belongs to the servo thread: others may copy it.
+
+    withheld  frames in a row in which nothing acted of the force that was asked for
+    troubles  errors of this device so far
+    """
 
     def __init__(self, counts: Counter[str]) -> None:
         self.counts = counts
@@ -67,6 +72,8 @@ class Mailbox:
         self._frame = 0
         self._age = HOLD_FRAMES
         self._drop = False
+        self._dropped = ""  # why, of the newest force that was
+        self.withheld = self.troubles = 0
 
     def say(self, force: Vector) -> None:
         """Loop: this force on the hand from the next frame on [N]."""
@@ -75,8 +82,9 @@ class Mailbox:
     def trouble(self, code: int, text: str) -> None:
         """Servo: the library reports an error of this device. A force error drops one frame's force, any other ends it."""
         self.counts[name_of(code)] += 1
+        self.troubles += 1
         if code in FORCE_ERRORS:
-            self._drop = True
+            self._drop, self._dropped = True, text
         else:
             self.lose(text)
 
@@ -95,7 +103,17 @@ class Mailbox:
             self.counts["position not finite"] += 1
             drop = True
         force = self._fresh()
-        return ZERO if drop or self.lost else to_library(force)
+        if not (drop or self.lost):
+            self.withheld = 0
+            return to_library(force)
+        self.withhold()
+        return ZERO
+
+    def withhold(self) -> None:
+        """Servo: nothing acts in this frame of the force that is asked for. One withheld for long loses the device."""
+        self.withheld = self.withheld + 1 if any(self.order.force_n) else 0
+        if self.withheld > MOST_WITHHELD and self._dropped:
+            self.lose(self._dropped)
 
     def skip(self, why: str) -> Vector:
         """Servo: this frame's readings are not to be trusted; it has no force."""
@@ -103,6 +121,7 @@ class Mailbox:
         self.counts[why] += 1
         self._drop = False
         self._fresh()
+        self.withhold()
         return ZERO
 
     def _fresh(self) -> Vector:

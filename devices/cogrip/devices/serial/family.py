@@ -9,6 +9,7 @@ from cogrip.devices.arm.model import ArmModel, ArmSettings
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.arm.pose import Store
 from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.io.port_names import SERIAL_PORT
 from cogrip.devices.registry import Family
 from cogrip.devices.serial.frames import MODELS as NUMBERS
 from cogrip.devices.serial.frames import BracketCodec
@@ -23,8 +24,8 @@ class SerialSettings(ArmSettings, frozen=True, kw_only=True):
 
 def family() -> Family:
     """The family `serial:`, for the registry."""
-    what = "arms on a serial line (hfab protocol: Polhem, vintage Phantom, WoodenHaptics): serial:/dev/ttyACM0?model=vintage"
-    examples = tuple(f"serial:/dev/ttyACM0?model={name}" for name in NUMBERS.values())
+    what = f"arms on a serial line (hfab protocol: Polhem, vintage Phantom, WoodenHaptics): serial:{SERIAL_PORT}?model=vintage"
+    examples = tuple(f"serial:{SERIAL_PORT}?model={name}" for name in NUMBERS.values())
     return Family(what, make, examples, real=True, stand_ins=tuple(f"emulated:{name}" for name in NUMBERS.values()))
 
 
@@ -35,7 +36,7 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
 
     if not address.name:
         raise DeviceError(
-            f"{address.text!r}: name the port, such as serial:/dev/ttyACM0; `cogrip devices find` lists them"
+            f"{address.text!r}: name the port, such as serial:{SERIAL_PORT}; `cogrip devices find` lists them"
         )
     return drive(SerialPort(address.name, "serial"), f"serial:{address.name}", CalibrationStore(), address, axes)
 

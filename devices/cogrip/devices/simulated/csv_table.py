@@ -13,6 +13,7 @@ from pathlib import Path
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.settings import unknown
+from cogrip.protocol.addition import add_integers
 
 SEPARATORS = {",": "comma", ";": "semicolon", "\t": "tab"}
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}
@@ -120,4 +121,4 @@ def _fit(text: str, separator: str, wanted: Sequence[str]) -> tuple[int, int]:
     """Return how many of the columns `wanted` line 1 has when split so, and how many in all."""
     names = [name.strip() for name in next(csv.reader(io.StringIO(text, newline=""), delimiter=separator), [])]
     known = {each for name in names for each in (name, split_unit(name)[0])}
-    return sum(name in known for name in wanted), len(names)
+    return add_integers(name in known for name in wanted), len(names)

@@ -9,6 +9,7 @@ from cogrip.devices.driver import Driver
 from cogrip.devices.settings import fit_axes
 from cogrip.devices.simulated.hands import Hand
 from cogrip.devices.simulated.presses import Press
+from cogrip.protocol.addition import add_integers
 
 
 class Plant(Protocol):
@@ -91,7 +92,7 @@ class SimulatedDevice(Driver):
         """Buttons that are down now, one bit each."""
         now = self._tick - self._begins
         down = {press.button for press, span in zip(self.presses, self._spans, strict=True) if now in span}
-        return sum([1 << button - 1 for button in down])
+        return add_integers([1 << button - 1 for button in down])
 
     def open(self, rate_hz: int) -> None:
         """Reads the hand's recording, if it has one: raises DeviceError when that is not usable."""

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from cogrip.devices.device import Device
+from cogrip.devices.io.port_names import EVENT_FILE, HID_DEVICE
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, check_axes, keys_of, read_settings, unknown
 from cogrip.devices.steered import gamepad, spacemouse
@@ -14,18 +15,18 @@ IDLE = "idle"
 
 def spacemouse_family() -> Family:
     """The family `spacemouse:`, for the registry."""
-    what = "3Dconnexion SpaceMouse and its like, by hidapi: spacemouse: for the only one, or ?path=/dev/hidraw0"
-    return Family(
-        what, make, ("spacemouse:/dev/hidraw0",), stand_ins=(f"spacemouse:{IDLE}",), real=True, input_only=True
-    )
+    which = f", or ?path={HID_DEVICE}" if HID_DEVICE else ""
+    what = f"3Dconnexion SpaceMouse and its like, by hidapi: spacemouse: for the only one{which}"
+    example = f"spacemouse:{HID_DEVICE}"
+    return Family(what, make, (example,), stand_ins=(f"spacemouse:{IDLE}",), real=True, input_only=True)
 
 
 def gamepad_family() -> Family:
     """The family `gamepad:`, for the registry."""
-    what = "gamepads and joysticks of Linux: gamepad: for the first one, or gamepad:/dev/input/event5"
-    return Family(
-        what, make, ("gamepad:/dev/input/event5",), stand_ins=(f"gamepad:{IDLE}",), real=True, input_only=True
-    )
+    which = f", or gamepad:{EVENT_FILE}" if EVENT_FILE else ""
+    what = f"gamepads and joysticks of Linux: gamepad: for the first one{which}"
+    examples = (f"gamepad:{EVENT_FILE}",) if EVENT_FILE else ()  # no other system has one
+    return Family(what, make, examples, stand_ins=(f"gamepad:{IDLE}",), real=True, input_only=True)
 
 
 def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:

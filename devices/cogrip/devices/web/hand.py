@@ -17,6 +17,7 @@ import msgspec
 from cogrip.devices.settings import Positive
 from cogrip.devices.simulated.hands import Vector
 from cogrip.devices.simulated.phantom import PhantomPlant
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.settings import HUMAN_POWER_W
 
 BURST_S = 0.05  # of the power: the most that the energy budget holds
@@ -142,7 +143,7 @@ class PointerHand:
         """Bring the set-point along where the device is pulled away from it."""
         at, most_m = self._plant.position_m, STRETCH_N / self.stiffness_npm
         pulled = [p - x for p, x in zip(self.set_point_m, at, strict=True)]
-        stretch_m = sqrt(sum([d * d for d in pulled]))
+        stretch_m = sqrt(add_floats([d * d for d in pulled]))
         if stretch_m > most_m:
             share = most_m / stretch_m
             self.set_point_m = [x + share * d for x, d in zip(at, pulled, strict=True)]
@@ -152,14 +153,14 @@ class PointerHand:
         at, rate, K = self._plant.position_m, self._rate_hz, self.stiffness_npm
         speed = self._accelerated()
         step = [v / rate for v in speed]
-        square = sum([d * d for d in step])
+        square = add_floats([d * d for d in step])
         if square == 0.0:
             return
         # K/2 (2 s (pulled . step) + s^2 |step|^2) is what a share s of the step puts in: at most the budget, and at most the
         # spring's own largest energy less what it has.
         pulled = [p - x for p, x in zip(self.set_point_m, at, strict=True)]
-        along = sum([p * d for p, d in zip(pulled, step, strict=True)])
-        stored_j = 0.5 * K * sum([p * p for p in pulled])
+        along = add_floats([p * d for p, d in zip(pulled, step, strict=True)])
+        stored_j = 0.5 * K * add_floats([p * p for p in pulled])
         room_j = min(self._budget_j, max(0.0, 0.5 * STRETCH_N * STRETCH_N / K - stored_j))
         share = min(1.0, (sqrt(along * along + 2.0 * room_j / K * square) - along) / square)
         put_in_j = 0.5 * K * (2.0 * share * along + share * share * square)
@@ -173,10 +174,10 @@ class PointerHand:
         """Return the set-point's next velocity: towards the target, so that it can stop there."""
         A, tau = ACCELERATION_MPS2, SETTLE_S
         away = [t - p for t, p in zip(self._target, self.set_point_m, strict=True)]
-        length = sqrt(sum([d * d for d in away]))
+        length = sqrt(add_floats([d * d for d in away]))
         near = A * tau * tau  # within which it is approached with the time constant, without more than A
         wanted = min(SPEED_MPS, length / tau if length < near else sqrt(2.0 * A * (length - 0.5 * near)))
         change = [wanted / length * d - v if length else -v for d, v in zip(away, self._speed_mps, strict=True)]
-        size, most = sqrt(sum([d * d for d in change])), A / self._rate_hz
+        size, most = sqrt(add_floats([d * d for d in change])), A / self._rate_hz
         share = min(1.0, most / size) if size else 0.0
         return [v + share * d for v, d in zip(self._speed_mps, change, strict=True)]

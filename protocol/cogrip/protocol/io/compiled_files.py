@@ -5,6 +5,7 @@ from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 
 import cogrip
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.io.platform import system
 
 SUFFIX = EXTENSION_SUFFIXES[0]
@@ -53,4 +54,4 @@ def form() -> str:
     here = compiled_modules().values()
     if all(here):
         return "compiled"
-    return f"partly compiled: {sum(here)} of {len(here)} modules" if any(here) else "interpreted"
+    return f"partly compiled: {add_integers(here)} of {len(here)} modules" if any(here) else "interpreted"

@@ -188,10 +188,13 @@ def typed() -> bytes:
 
 
 def interrupt(process: subprocess.Popen[Any]) -> None:
-    """Ask a child of `own_session` to end, by CTRL_BREAK_EVENT to its group; where there is no console, end it."""
+    """Ask a child of `own_session` to end, by CTRL_BREAK_EVENT to its group; where there is no console, end it.
+
+    Without a console CPython's `os.kill` ends the process itself, and then raises SystemError for the error before.
+    """
     try:
         process.send_signal(signal.CTRL_BREAK_EVENT)
-    except OSError:
+    except (OSError, SystemError):
         process.terminate()
 
 

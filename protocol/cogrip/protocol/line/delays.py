@@ -12,6 +12,7 @@ still under way. Losses are a chain of two states (Gilbert-Elliott), delays are 
 from math import ceil, exp
 from typing import NamedTuple, Protocol
 
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.line.jitter_buffer import DEEPEST, Frames
 from cogrip.protocol.rates import Rates
 
@@ -139,7 +140,10 @@ def _under_way(slack_ms: float, direction: Direction) -> float:
     if direction.reorder:
         low, high = HELD_MS
         step = (high - low) / _SLICES
-        held = sum(_exceeds(slack_ms - low - (k + 0.5) * step, direction.jitter_ms) for k in range(_SLICES)) / _SLICES
+        held = (
+            add_floats(_exceeds(slack_ms - low - (k + 0.5) * step, direction.jitter_ms) for k in range(_SLICES))
+            / _SLICES
+        )
         late = (1.0 - direction.reorder) * late + direction.reorder * held
     return late * copy
 

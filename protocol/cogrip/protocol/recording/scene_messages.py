@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec import inspect
 
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.drawing import FORCE_M_PER_N, HAND_SIZE_M, LEAST_DRAWN_N, OBJECT_COLOUR, Shape, Vector, colour
 
 SCENE_UPDATE, FRAME_TRANSFORMS = "foxglove.SceneUpdate", "foxglove.FrameTransforms"
@@ -334,7 +335,7 @@ def _arrow(push: Push) -> ArrowPrimitive:
 
 
 def _norm(values: Vector) -> float:
-    return sqrt(sum([each * each for each in values]))
+    return sqrt(add_floats([each * each for each in values]))
 
 
 def _point(values: Vector) -> Point3:

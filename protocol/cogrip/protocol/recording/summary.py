@@ -16,6 +16,8 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, McapRecord, MetadataIndex, Schema, Statistics, SummaryOffset
 
+from cogrip.protocol.addition import add_integers
+
 _FOOTER_HEAD = Struct("<BQQQ")  # what the summary's checksum covers of the footer: all before the checksum itself
 _FOOTER_BYTES = 20
 HELD_BYTES = 64 * 1024  # of a spool, in memory
@@ -141,7 +143,7 @@ class Summary:
         statistics.message_end_time = max(index.message_end_time, statistics.message_end_time)
         statistics.chunk_count += 1
         statistics.channel_message_counts.update(messages)
-        statistics.message_count += sum(messages.values())
+        statistics.message_count += add_integers(messages.values())
         self._chunks.append(record_bytes(index))
 
     def pieces(self, start: int) -> Iterator[bytes]:

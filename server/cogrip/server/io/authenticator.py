@@ -12,6 +12,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Literal, NamedTuple
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.messages import Hello
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.events import ServerEvent
@@ -109,7 +110,7 @@ class TokenAuthenticator:
         good = self._read(forced=True)
         if good:
             now_s = self._wall_s()
-            usable = sum(token.state(now_s) == "good" for token in self._book.tokens)
+            usable = add_integers(token.state(now_s) == "good" for token in self._book.tokens)
             self._say(ServerEvent("reloaded", f"tokens were read again: {usable} of {len(self._book.tokens)} are good"))
         return good
 

@@ -17,6 +17,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.channel import Address, place_text
 from cogrip.protocol.dtls_records import HANDSHAKE, RECORD_HEADER_BYTES, ClientRecords
 from cogrip.protocol.io.certificate import load
@@ -292,7 +293,7 @@ class DtlsListener:
             return
         complete = self._listener.listen(passed)
         answers = self._listener.pop_datagrams()
-        if sum(map(len, answers)) > len(datagram):
+        if add_integers(map(len, answers)) > len(datagram):
             self._drop("answer too long")
             return
         self.outbox.extend([(address, answer) for answer in answers])

@@ -6,6 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.tool_frame import ToolFrame
 from cogrip.server import inputs
 from cogrip.server.checkpoint import CheckpointError, decode, encode
@@ -229,7 +230,7 @@ class Housekeeping:
         """Return the counts of what failed, by name."""
         counts = {
             "metrics not taken": self._metrics.not_taken if self._metrics else 0,
-            "checkpoint not written": sum(writer.failures for writer in self._writers.values()),
+            "checkpoint not written": add_integers(writer.failures for writer in self._writers.values()),
             "service manager not told": self._notifier.failed,
         }
         counts |= self._trigger.counts if self._trigger else {}

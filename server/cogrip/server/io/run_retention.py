@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.server.io import platform
@@ -61,7 +62,7 @@ def _run(folder: Path) -> Run | None:
                 return None
         files = [(path, path.lstat()) for path in _files(folder)]
         written = any(is_being_written(path) for path, _ in files if path.suffix == ".mcap" or path == lock)
-        sizes = sum(each.st_blocks * 512 for _, each in files)
+        sizes = add_integers(each.st_blocks * 512 for _, each in files)
         return Run(folder, max(each.st_mtime for _, each in files), sizes, not written)
     return None  # it has gone, or is not to be read
 
@@ -74,7 +75,7 @@ def _files(folder: Path) -> Iterator[Path]:
 
 def to_remove(runs: list[Run], now_s: float, keep_s: float | None, keep_bytes: int | None) -> list[Run]:
     """Return the finished runs that are older than `keep_s`, and the oldest ones while all are more than `keep_bytes`."""
-    kept_bytes = sum(run.size_bytes for run in runs)
+    kept_bytes = add_integers(run.size_bytes for run in runs)
     chosen = []
     for run in runs:
         old = keep_s is not None and now_s - run.ended_s > keep_s
@@ -112,7 +113,7 @@ class RunRetention:
                 continue
             del left[run.folder]
             self._say(f"{run.folder} was removed: {run.size_bytes / 1e6:.1f} MB, as --keep-days and --keep-gb ask for")
-        held = sum(run.size_bytes for run in left.values())
+        held = add_integers(run.size_bytes for run in left.values())
         if not trouble and self._keep_bytes is not None and held > self._keep_bytes:
             trouble = f"{self._base}: {held / GB:.2f} GB are more than --keep-gb {self._keep_bytes / GB:g}, and still under way"
         self.trouble = trouble

@@ -14,6 +14,8 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.server.worlds.world import turn
+
 Array = NDArray[np.float64]
 _HELD = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 _WELD = _HELD[1]
@@ -38,7 +40,7 @@ class _Side:
     def __init__(self, model: mujoco.MjModel, ends: list[_End], sign: float) -> None:
         self._model, self._ends = model, ends
         self._bodies = [int(end.body) for end in ends]
-        self._anchors = np.array([end.anchor for end in ends])[:, :, None]
+        self._anchors = np.array([end.anchor for end in ends])
         self._rates = np.zeros((len(ends), 3, model.nv))  # J' of each end
         self._scale = 0.5 * sign * float(model.opt.timestep)
 
@@ -61,7 +63,7 @@ class _Side:
     def correct(self, data: mujoco.MjData) -> None:
         """Add h/2 J' of these ends."""
         turned = data.xmat.take(self._bodies, 0).reshape(-1, 3, 3)
-        places = data.xpos.take(self._bodies, 0) + (turned @ self._anchors)[:, :, 0]
+        places = data.xpos.take(self._bodies, 0) + turn(turned, self._anchors)
         for rate, place, body in zip(self._rates, places, self._bodies, strict=True):
             mujoco.mj_jacDot(self._model, data, rate, None, place, body)
         data.efc_J.reshape(-1)[self._entries] += self._scale * self._rates.take(self._sources)

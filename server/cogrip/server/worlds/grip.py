@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.waves import proxy_velocity, server_wave
 from cogrip.server.worlds.small_step import RAMP_S as RAMP_S
@@ -80,7 +81,7 @@ class GripWorld(World):
         stored = 0.5 * (dot(K * grown, grown) + self.mass_kg * dot(velocity, velocity))
         port = (0.5 * period) * (u * u - back * back).sum(axis=1)
         lost = period * (dot(B * relative, relative) + self.object_damping * dot(mid, mid))
-        supplied = sum(port.tolist()) + period * dot(self.external_force, mid)
+        supplied = add_floats(port.tolist()) + period * dot(self.external_force, mid)
         self.balance_error_j = max(self.balance_error_j, abs(supplied - (stored - stored_before) - lost))
 
         self._count_work(port)

@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.world import Array, HandWorld, Row
 
@@ -125,7 +126,7 @@ class PowerWorld(HandWorld):
                 speed[axis] = velocity if self.one_sided else 2.0 * velocity - before
                 gained += 0.5 * self.mass_kg * (speed[axis] * speed[axis] - before * before)
                 gained += period * velocity * (self.object_damping * velocity - pull)
-        error = gained - sum(work)
+        error = gained - add_floats(work)
         self.balance_error_j = max(self.balance_error_j, error if self.one_sided else abs(error))
         self._count_work(np.array(work))
         self.force, self.hand = np.array([answer[:axes] for answer in answers]), np.array(hands)

@@ -22,7 +22,9 @@ from typing import Any, NamedTuple
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
+from cogrip.protocol.addition import add_floats
 from cogrip.server.worlds.scene_file import MOST_CONTACTS, Scene
+from cogrip.server.worlds.world import turn
 
 LIFTED_M = 0.01  # the object counts as lifted this far above its start
 SLIP_EVERY = 4  # frames from one measurement of slip and lift to the next; forces are read in every frame
@@ -95,7 +97,7 @@ class SceneContacts:
     def _follow(self, height_m: float, turned: list[float]) -> None:
         """Take in how far the object is above its start, and its rotation."""
         self._lifted_m = max(self._lifted_m, height_m)
-        self._trace = min(self._trace, sum(map(mul, turned, self._turned)))
+        self._trace = min(self._trace, add_floats(map(mul, turned, self._turned)))
         slips = [touch.slip_m for touch in self.touches]
         if height_m <= LIFTED_M:
             self._at_lift = slips
@@ -105,8 +107,8 @@ class SceneContacts:
         self._lifted_slip_m = max(self._lifted_slip_m, *map(sub, slips, self._at_lift))
 
     def _touch(self, data: Any, seat: int, measured: list[float], poses: _Poses | None) -> None:
-        normal, slip = sum(measured[1::4]), self.touches[seat].slip_m
-        friction = sum(map(hypot, measured[2::4], measured[3::4]))
+        normal, slip = add_floats(measured[1::4]), self.touches[seat].slip_m
+        friction = add_floats(map(hypot, measured[2::4], measured[3::4]))
         meeting, tool = self._meetings[seat], self._tools[seat]
         if poses is not None:
             geoms = data.contact.geom.tolist()
@@ -140,12 +142,12 @@ class SceneContacts:
         _, body, strongest = max(found)
         numbers = [number for push, each, number in found if each == body and push > 0.0]
         at = data.contact.pos[numbers].mean(axis=0)
-        turned = data.xmat[body].reshape(3, 3)
+        of_tool, of_body = data.xmat[tool].reshape(3, 3).T, data.xmat[body].reshape(3, 3).T
         return _Meeting(
             body,
-            ((at - data.xpos[tool]) @ data.xmat[tool].reshape(3, 3)).tolist(),
-            ((at - data.xpos[body]) @ turned).tolist(),
-            (data.contact.frame[strongest, :3] @ turned).tolist(),
+            turn(of_tool, at - data.xpos[tool]).tolist(),
+            turn(of_body, at - data.xpos[body]).tolist(),
+            turn(of_body, data.contact.frame[strongest, :3]).tolist(),
         )
 
     def save(self) -> tuple[float, ...]:

@@ -6,7 +6,8 @@ MuJoCo's contact creates energy as it comes: at impedance d near 1 a new contact
 
 each contact is a spring K = kappa M beside a damper B = beta M, M the mass that it meets (of a tool of mass m at a port of
 impedance b, against a fixed body: m + h b, step h). What is held by friction creeps, a box of 0.2 kg between two hands by
-1.2 mm a minute at impratio 100, by 0.04 mm at 3000. A scene that sets such values itself keeps them (`Scene.own`).
+1.2 mm a minute at impratio 100, by 0.04 mm at 3000. A scene that sets such values itself keeps them (`Scene.own`). It does not
+choose how a step is solved (`Scene.changed`): with other integrators, or a solver that stops early, a box at rest is thrown up.
 """
 
 import warnings
@@ -15,11 +16,12 @@ from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.setting_types import PINCH, PLACES, POSE_AXES, Orientation, Side
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import shown
@@ -58,8 +60,17 @@ _EQUALITY = {
 STICTION_SHARE = (
     0.9999  # of joints with dry friction: at MuJoCo's usual 0.9 they creep by what the friction should hold
 )
+_SOLVED: dict[str, Callable[[Any], Any]] = {
+    "integrator": lambda given: mujoco.mjtIntegrator.mjINT_DISCRETE,
+    "solver": lambda given: mujoco.mjtSolver.mjSOL_NEWTON,
+    "iterations": lambda given: max(100, given),
+    "ls_iterations": lambda given: max(50, given),
+    "tolerance": lambda given: min(1e-8, given),
+    "ls_tolerance": lambda given: min(0.01, given),
+    "noslip_iterations": lambda given: 0,
+}
+"""Options of a step, each from what the scene gives: the energy law of ports and contacts holds with these."""
 _OPTION = {
-    "integrator": mujoco.mjtIntegrator.mjINT_DISCRETE,
     "cone": mujoco.mjtCone.mjCONE_ELLIPTIC,
     "impratio": 3000.0,
     "jacobian": mujoco.mjtJacobian.mjJAC_DENSE,
@@ -109,6 +120,7 @@ class Scene:
     object  body whose motion is that of the room's object: the first free one that is no tool; -1: there is none
     filled  contact settings that were applied, as the scene sets none
     own     those that the scene sets itself: what they do about energy is theirs
+    changed those that the scene sets, and that do not hold: with what it sets, and what was taken
     """
 
     model: mujoco.MjModel
@@ -116,6 +128,7 @@ class Scene:
     object: int
     filled: tuple[str, ...]
     own: tuple[str, ...]
+    changed: tuple[str, ...]
     digest: str
 
 
@@ -188,6 +201,7 @@ def _load(
         spec = mujoco.MjSpec.from_string(text, assets=dict(meshes))
         spec.compiler.usethread = False  # each thread would take memory of its own
         bare = _compile(spec)
+        changed = _solved(spec, options)
         filled, own = _complete(spec, options, step_s)
         bodies = {body.name for body in spec.bodies[1:] if body.name}
         chosen = [
@@ -213,10 +227,6 @@ def _load(
     except Exception as error:  # noqa: BLE001 - MuJoCo raises RuntimeError and others for texts that it did not foresee
         raise _unloadable(error, name) from None
     _refuse_endless(model, name)
-    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-        raise SceneError(
-            f'{name}: integrator = "RK4" does not keep the energy of a port; leave it out, or take "discrete"'
-        )
     if model.na or model.nplugin:
         what = "actuators with states of their own" if model.na else "plugins"
         raise SceneError(f"{name}: has {what}, whose energy is not counted; leave them out")
@@ -224,7 +234,7 @@ def _load(
     if len({tool.body for tool in tools}) < len(tools):
         twice = next(body for body in chosen if chosen.count(body) > 1)
         raise SceneError(f"{name}: two seats have the tool {twice!r}; name a body for each, or leave one out")
-    return Scene(model, tools, _first_free(model, {tool.body for tool in tools}), filled, own, digest)
+    return Scene(model, tools, _first_free(model, {tool.body for tool in tools}), filled, own, changed, digest)
 
 
 def _digest(text: str, meshes: Mapping[str, bytes], seats: Sequence[Held], step_s: float) -> str:
@@ -286,6 +296,25 @@ def _unloadable(error: Exception, name: str) -> SceneError:
     if "allocate memory" in words or isinstance(error, RuntimeError | MemoryError):  # where a library of C++ found none
         cure = f"; make it smaller: a scene has {MEMORY_BYTES >> 20} MB"
     return SceneError(f"{name}: does not load: {words}{cure}")
+
+
+def _solved(spec: mujoco.MjSpec, options: set[str]) -> tuple[str, ...]:
+    """Set how a step is solved. Return what the scene sets and does not get."""
+    changed = []
+    for key, of in _SOLVED.items():
+        given = getattr(spec.option, key)
+        taken = of(given)
+        if key in options and given != taken:
+            changed.append(f"{key} ({_option_text(key, given)} > {_option_text(key, taken)})")
+        setattr(spec.option, key, taken)
+    return tuple(changed)
+
+
+def _option_text(key: str, value: Any) -> str:
+    """Return an option's value as a scene has it."""
+    if kind := {"integrator": mujoco.mjtIntegrator, "solver": mujoco.mjtSolver}.get(key):
+        return str(kind(value).name.partition("_")[2]).lower()
+    return f"{value:g}"
 
 
 def _complete(spec: mujoco.MjSpec, options: set[str], step_s: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -378,7 +407,7 @@ def _ball(body: mujoco.MjsBody, radius_m: float, centre: Sequence[float]) -> muj
 def _add_sensor(spec: mujoco.MjSpec, body_name: str) -> None:
     """Add the sensor of the forces of a tool's strongest contacts (`scene_contacts`); those of the seats are the last ones."""
     fields = mujoco.mjtConDataField.mjCONDATA_FOUND, mujoco.mjtConDataField.mjCONDATA_FORCE
-    what = sum(1 << int(field) for field in fields)
+    what = add_integers(1 << int(field) for field in fields)
     strongest = 2  # how contacts are chosen: MJCF's reduce="maxforce"
     body, kind = mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtSensor.mjSENS_CONTACT  # with all that hangs on it
     spec.add_sensor(type=kind, objtype=body, objname=body_name, intprm=[what, strongest, MOST_CONTACTS])

@@ -38,7 +38,7 @@ class SceneEnergy:
 def check_rates(data: mujoco.MjData) -> None:
     """Raise WorldError where a velocity is beyond MOST_RATE, or no number."""
     rates = data.qvel
-    if not rates.dot(rates) < MOST_RATE**2:
+    if not dot(rates, rates) < MOST_RATE**2:
         largest = f"up to {np.abs(rates).max():.3g}"
         raise WorldError(f"the scene left all bounds at {data.time:.3f} s: velocities are {largest}")
 

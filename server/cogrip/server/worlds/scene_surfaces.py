@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.protocol.drawing import MOST_TRIANGLES, pack_triangles
+from cogrip.server.worlds.world import turn
 
 PARTS = 4  # shapes of one mesh, at most
 MOST_CORNERS = PARTS * MOST_TRIANGLES // 2 + 2  # a closed surface of n corners has 2 n - 4 triangles
@@ -37,7 +38,7 @@ def _hull(corners: NDArray[np.float32]) -> NDArray[np.float64]:
         return np.zeros((0, 3, 3))
     frame = np.zeros(9)
     mujoco.mju_quat2Mat(frame, hull.mesh_quat[0])
-    placed: NDArray[np.float64] = hull.mesh_vert @ frame.reshape(3, 3).T + hull.mesh_pos[0]
+    placed: NDArray[np.float64] = turn(frame.reshape(3, 3), hull.mesh_vert) + hull.mesh_pos[0]
     count = int(hull.mesh_graph[1])  # behind it the faces come last
     triangles: NDArray[np.float64] = placed[hull.mesh_graph[-3 * count :].reshape(count, 3)]
     return triangles

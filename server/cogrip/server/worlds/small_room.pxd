@@ -1,0 +1,1 @@
+from cogrip.protocol.addition cimport add_floats

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.small_step import MOST as MOST
@@ -56,7 +57,7 @@ class SmallGripWorld(GripWorld):
 
     @property
     def energy_j(self) -> float:
-        return super().energy_j + sum(self._paid_j)
+        return super().energy_j + add_floats(self._paid_j)
 
     def as_step(self) -> WorldStep:
         return self.moving

@@ -15,6 +15,7 @@ from cogrip.protocol.rotations import UNTURNED, Quaternion, exp, inverse, produc
 from cogrip.protocol.setting_types import PLACES
 from cogrip.server.worlds.orientation_drift import Array, DriftCorrection
 from cogrip.server.worlds.scene_file import Scene
+from cogrip.server.worlds.world import turn
 
 
 class TurningPorts(DriftCorrection):
@@ -69,7 +70,7 @@ class TurningPorts(DriftCorrection):
 
     def _turn(self, matrices: Array, rows: Array) -> Array:
         out = rows.copy()
-        out[self.driven, PLACES:] = (matrices * rows[self.driven, PLACES:][:, None, :]).sum(axis=2)
+        out[self.driven, PLACES:] = turn(matrices, rows[self.driven, PLACES:])
         return out
 
     @property

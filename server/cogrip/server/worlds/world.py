@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.effects import Effect
 from cogrip.protocol.foreign_file import ForeignFileError
@@ -34,6 +35,12 @@ class WorldError(ForeignFileError, ArithmeticError):
 def dot(a: Array, b: Array) -> float:
     """Return the sum of products in one order on every processor; BLAS's order differs, and no replay elsewhere is exact."""
     return float(np.add.reduce(a * b, axis=None))
+
+
+def turn(matrices: Array, vectors: Array) -> Array:
+    """Return matrices (..., 3, 3) times vectors (..., 3), summed in one order on every processor as in `dot`."""
+    turned: Array = np.add.reduce(matrices * vectors[..., None, :], axis=-1)
+    return turned
 
 
 def displacement(before: Array, after: Array) -> Array:
@@ -255,7 +262,7 @@ class World(ABC):
         """Continue from a saved state. Raises WorldError for one that is not of such a world, and nothing has changed."""
         before = {name: getattr(self, name) for name in self._saved_names()}
         sizes = [np.size(value) for value in before.values()]
-        check_saved(saved, sum(sizes))
+        check_saved(saved, add_integers(sizes))
         for (name, value), part in zip(before.items(), np.split(np.array(saved), np.cumsum(sizes)[:-1]), strict=True):
             old = np.asarray(value)
             new = part.astype(old.dtype).reshape(old.shape)

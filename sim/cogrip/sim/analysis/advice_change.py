@@ -13,6 +13,7 @@ import msgspec
 
 from cogrip.client.rendered_damper import rounded_down
 from cogrip.devices.device import DeviceError
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.analysis.advice import AMPLE, Advice, advise, ample, at_best
@@ -189,7 +190,7 @@ def score_of(advice: Advice, asked_npm: Sequence[float]) -> Score:
     reach = inf if limit is None else log(limit / most) if limit else -inf
     pairs = zip(advice.users, asked_npm, strict=True)
     missed = max((abs(user.felt_npm / asked - 1.0) for user, asked in pairs if asked), default=0.0)
-    warnings = sum(finding.warns and finding.topic != "feel" for finding in advice.findings)
+    warnings = add_integers(finding.warns and finding.topic != "feel" for finding in advice.findings)
     names = [user.name for user in advice.users]
     levels: dict[tuple[str, str], Level] = {}
     for finding in advice.findings:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import expm1
 
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.line.delays import OneWayDelay
 from cogrip.protocol.rates import Rates
 from cogrip.sim.analysis.linear_session import FORMS, LinearSession, Person
@@ -53,7 +54,7 @@ def budget(session: LinearSession, user: int) -> tuple[Stage, ...]:
 
 def total_s(stages: tuple[Stage, ...]) -> float:
     """Return the delay of all stages [s]."""
-    return sum(stage.delay_s for stage in stages)
+    return add_floats(stage.delay_s for stage in stages)
 
 
 def _encoder(person: Person, rates: Rates) -> Stage:

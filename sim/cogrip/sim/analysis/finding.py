@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from math import expm1, log
 from typing import Literal
 
+from cogrip.protocol.addition import add_integers
+
 Level = Literal["ok", "note", "warning"]
 LEVELS: tuple[Level, ...] = ("ok", "note", "warning")
 
@@ -43,7 +45,7 @@ def in_rows(findings: Iterable[Finding], people: Sequence[str]) -> dict[tuple[Le
 
 def warning_rows(findings: Iterable[Finding], people: Sequence[str]) -> int:
     """Return how many warnings are printed."""
-    return sum(level == "warning" for level, _, _ in in_rows(findings, people))
+    return add_integers(level == "warning" for level, _, _ in in_rows(findings, people))
 
 
 def plain(value: float, digits: int = 4) -> str:

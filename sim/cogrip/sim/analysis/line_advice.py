@@ -11,6 +11,7 @@ from math import pi
 from cogrip.client.rendered_damper import damper_on
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.line_tuning import filter_lag_s
 from cogrip.protocol.settings import SeatSettings, Settings, User, seat_axes, seat_settings
@@ -59,7 +60,7 @@ def stroke_s(user: User) -> float | None:
 
 def loop_s(seat: SeatSettings) -> float:
     """Return T: from a forward wave's own frame to that in which its answer is applied, and the filters' lag."""
-    frames = sum(line_delay(seat.playout, link, seat.rates).frames for link in (seat.up, seat.down)) + 1.0
+    frames = add_floats(line_delay(seat.playout, link, seat.rates).frames for link in (seat.up, seat.down)) + 1.0
     return frames * seat.rates.frame_s + 2.0 * filter_lag_s(seat.line.wave_filter_hz)
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from cogrip.devices.for_user import make_for
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.felt_stiffness import felt_stiffness
 from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.setting_types import GRIP_AXES
@@ -36,6 +37,9 @@ def scene_findings(settings: Settings) -> list[Finding]:
 def _contact(scene: Scene) -> Iterator[Finding]:
     if scene.filled:
         yield Finding("contact", f"contact that creates no energy is set: {', '.join(scene.filled)}")
+    if scene.changed:
+        text = f"the scene sets {', '.join(scene.changed)}, which does not hold: contact would create energy with it"
+        yield Finding("contact", text, "note")
     if scene.own:
         text = (
             f"the scene sets {', '.join(scene.own)} itself: such contact may create energy, of which the limiter lets no more"
@@ -108,7 +112,7 @@ def _grip(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Find
 
 def _loop_frames(seat: SeatSettings) -> float:
     """Return the frames from a forward wave's own to that in which its answer is applied: 2d + 1."""
-    return sum(line_delay(seat.playout, link, seat.rates).frames for link in (seat.up, seat.down)) + 1.0
+    return add_floats(line_delay(seat.playout, link, seat.rates).frames for link in (seat.up, seat.down)) + 1.0
 
 
 def _line_kg(seat: SeatSettings, impedance_nspm: float) -> float:

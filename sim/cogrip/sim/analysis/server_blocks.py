@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cogrip.devices.simulated.zero_order_hold import discretise
+from cogrip.protocol.addition import add_integers
 from cogrip.sim.analysis.linear_session import LinearSession
 from cogrip.sim.analysis.state_space import Array, StateSpace
 
@@ -105,7 +106,7 @@ def _held(session: LinearSession, v_o: Array, force: Array) -> tuple[Array, Arra
 def _block(batch: tuple[int, ...], states: Sequence[Array], outputs: Array) -> StateSpace:
     """Return a block from rows of coefficients on [states | inputs]: its states after the step, and its outputs."""
     heights = [1 if rows.ndim == 1 else rows.shape[-2] for rows in states]
-    after = np.empty((*batch, sum(heights), outputs.shape[-1]))
+    after = np.empty((*batch, add_integers(heights), outputs.shape[-1]))
     start = 0
     for rows, height in zip(states, heights, strict=True):
         after[..., start : start + height, :] = rows

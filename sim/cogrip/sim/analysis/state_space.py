@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.protocol.addition import add_integers
+
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
@@ -74,7 +76,7 @@ def diagonal(blocks: Sequence[StateSpace]) -> StateSpace:
 
 def _diagonal(matrices: Sequence[Array]) -> Array:
     batch = np.broadcast_shapes(*(matrix.shape[:-2] for matrix in matrices))
-    rows, columns = (sum(matrix.shape[axis] for matrix in matrices) for axis in (-2, -1))
+    rows, columns = (add_integers(matrix.shape[axis] for matrix in matrices) for axis in (-2, -1))
     out = np.zeros((*batch, rows, columns))
     row = column = 0
     for matrix in matrices:

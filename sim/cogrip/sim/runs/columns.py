@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.protocol.accounts import ClientAccount, LinkCount, RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.recording.records import Datagram, Ledger, Poses, Record, Row, SeatStep, Step, Tick
 from cogrip.protocol.recording.schema import unit_of
 from cogrip.protocol.setting_types import GRIP_AXES, PLACES
@@ -276,7 +277,7 @@ def _server_layout(start: str) -> Layout:
     fields = [_scalar(name, str, itemgetter(name)) for name in ("room", "user")]
     fields += _account_fields(SeatAccount, axes, itemgetter("seat"))
     for name in ("limited", "room_dropped"):
-        fields.append(_scalar(name, int, _chain(itemgetter(name), lambda counts: sum(counts.values()))))
+        fields.append(_scalar(name, int, _chain(itemgetter(name), lambda counts: add_integers(counts.values()))))
         fields.append(_scalar(f"{name}_reasons", str, _chain(itemgetter(name), _reasons)))
     fields += _account_fields(RoomAccount, axes, itemgetter("account"), "room_")
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.recording.header import Header
 from cogrip.sim.experiments.methods.table import ours_failed
 from cogrip.sim.runs.folder import SUMMARY
@@ -67,7 +68,7 @@ def comparison_words(folder: Path, summary: Summary) -> Iterator[Word]:
     if done < total:
         yield Word("warn", f"{done} of {total} sessions were run", f"{done}/{total} run")
     try:
-        failed, not_run = ours_failed(summary), sum(row["failed"] for row in summary["rows"])
+        failed, not_run = ours_failed(summary), add_integers(row["failed"] for row in summary["rows"])
     except (KeyError, TypeError):
         yield Word("bad", f"{SUMMARY} holds no comparison", "unreadable")
         return
@@ -81,6 +82,6 @@ def comparison_words(folder: Path, summary: Summary) -> Iterator[Word]:
 def _lines(path: Path) -> int:
     try:
         with path.open("rb") as file:
-            return sum(1 for _ in file)
+            return add_integers(1 for _ in file)
     except OSError:
         return 0

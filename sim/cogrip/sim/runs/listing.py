@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.recording.folder import RECOVERED, recordings_of, seats_of
 from cogrip.protocol.recording.reader import Recording, RecordingError, open_recording
 from cogrip.protocol.recording.recover import is_closed
@@ -238,4 +239,4 @@ def _when(folder: Path) -> datetime:
 def _size(folder: Path, files: Iterable[Path]) -> int:
     """Return the size of all that is in the folder, and of recordings elsewhere that are its too."""
     everything = {*(path for path in folder.rglob("*") if path.is_file()), *files}
-    return sum(path.stat().st_size for path in {path.resolve() for path in everything})
+    return add_integers(path.stat().st_size for path in {path.resolve() for path in everything})

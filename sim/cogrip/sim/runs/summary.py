@@ -19,6 +19,7 @@ from cogrip.protocol.accounts import (
     SeatAccount,
     TickCount,
 )
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.coupling_kinds import lent_mj
 from cogrip.protocol.hand_settings import HandChange, of_seat
 from cogrip.protocol.messages import Farewell
@@ -241,7 +242,7 @@ _DEVICE = ("oscillates", "at_limit", "controlled", "leak_j", "let_go", "shake_n"
 
 def _link(up: LinkCount | None, down: LinkCount | None, rtt_ms: Percentiles | None) -> dict[str, Any]:
     """Return both directions together in the flat keys, each beside them."""
-    both = {name: sum(getattr(one, name) for one in (up, down) if one) for name in LinkCount.__struct_fields__}
+    both = {name: add_integers(getattr(one, name) for one in (up, down) if one) for name in LinkCount.__struct_fields__}
     rtt = rtt_ms or Percentiles()
     return {**both, "up": _struct(up), "down": _struct(down), "rtt_ms": {"p50": rtt.p50, "p99": rtt.p99}}
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.drawing import Shape
 from cogrip.protocol.recording.reader import Damage, RecordingError
 from cogrip.protocol.texts import all_shown
@@ -197,7 +198,7 @@ def _read_json(path: Path, notes: list[str]) -> dict[str, Any]:
 def losses(end: End) -> list[str]:
     """Return notes on what is missing in a recording that has been read to its end."""
     notes = [f"{end.path.name}: {describe(each, end.offset_s)}." for each in end.damage]
-    missing = sum(timed.record.messages for timed in end.records("gap"))
+    missing = add_integers(timed.record.messages for timed in end.records("gap"))
     if missing:
         notes.append(f"{end.path.name}: {missing} messages were not recorded, the writer was too slow.")
     if end.recording.cut:

@@ -6,6 +6,7 @@ judged (`lab`, `demo`, `join`, `serve`, reports, `runs`, `compare`, exit codes);
 
 from __future__ import annotations
 
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.coupling_kinds import UNLENT_MJ
 from cogrip.sim.runs.felt_as_intended import felt_as_intended
 from cogrip.sim.runs.incidents import incidents, is_unstable, why_unstable
@@ -75,9 +76,12 @@ def passive_of(rows: list[Row], credit_j: float) -> bool | None:
 
 
 def least_margin(row: Row, key: str, credit_j: float) -> float:
-    """Return the least that a person's margin may be [J]: less what its directions may have lent, and rounding."""
+    """Return the least that a person's margin may be [J]: less what its directions may have lent, and rounding.
+
+    row: of the summary; an empty one where nothing is known of frames yet, so that anything may have been lent
+    """
     paths = {"up_margin_j": ("up",), "down_margin_j": ("down",), "line_margin_j": ("up", "down")}.get(key, ())
-    return -sum([_lent_j(row, path, credit_j) for path in paths]) - ROUNDING_J
+    return -add_floats(_lent_j(row, path, credit_j) for path in paths) - ROUNDING_J
 
 
 def _lent_j(row: Row, path: str, credit_j: float) -> float:

@@ -19,6 +19,7 @@ from msgspec.structs import replace
 
 from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_real
+from cogrip.protocol.addition import add_floats, add_integers
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings, User, not_passive, resolve, seat_axes
 from cogrip.sim.analysis.advice import Advice, feel_level
@@ -78,7 +79,9 @@ class Check:
     def missed(self, asked_npm: dict[str, float]) -> float | None:
         """Return the largest |mean felt / asked - 1| of anybody; None if nobody's was measured, 1 where nothing rests."""
         shares = [
-            1.0 if None in values else abs(sum(value or 0.0 for value in values) / len(values) / asked_npm[name] - 1.0)
+            1.0
+            if None in values
+            else abs(add_floats(value or 0.0 for value in values) / len(values) / asked_npm[name] - 1.0)
             for name, values in self.felt_npm.items()
             if asked_npm.get(name)
         ]
@@ -161,7 +164,7 @@ def words(values: Values) -> str:
 
 def _level(values: Values, expected_npm: float) -> Level:
     known = [value for value in values if value is not None]
-    return feel_level(sum(known) / len(known), expected_npm) if len(known) == len(values) else "warning"
+    return feel_level(add_floats(known) / len(known), expected_npm) if len(known) == len(values) else "warning"
 
 
 def check(settings: Settings) -> Check:
@@ -190,7 +193,7 @@ def check(settings: Settings) -> Check:
         {name: tuple(values) for name, values in felt.items()}, asked, seconds,
         _begun_s(settings), stand_ins,
         max((user["controlled"] or 0.0 for user in summary["users"]), default=0.0),
-        sum(user["let_go"] or 0 for user in summary["users"]),
+        add_integers(user["let_go"] or 0 for user in summary["users"]),
         told, done,
     )  # fmt: skip
 

@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.io.platform import system
 from cogrip.view import page
 from cogrip.view.access import Access, same
@@ -180,7 +181,7 @@ class StudyPage:
         for hand in self._hands.values():
             hand.close()
         await server.close()
-        late = sum(panel.late for panel in self._panels.values())
+        late = add_integers(panel.late for panel in self._panels.values())
         self.counts.update(server.access.refused + server.counts + Counter({"late reply": late}))
 
     async def _listen(self, server: PageServer) -> None:

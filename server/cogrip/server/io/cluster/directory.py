@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from cogrip.protocol.addition import add_integers
 from cogrip.server.events import ServerEvent
 
 LOST_S = 1.5  # without a report, of a process that serves
@@ -213,7 +214,7 @@ class Directory:
 
     def _load(self, host: str) -> int:
         there = [room for room in self._rooms.values() if room.host == host]
-        return sum(1 + (len(room.serving.taken) if room.serving else 0) for room in there)
+        return add_integers(1 + (len(room.serving.taken) if room.serving else 0) for room in there)
 
     def _pass(self, now_s: float) -> None:
         """Let time pass. Between calls nobody can report: a long gap is this process's own pause, and none of a room."""

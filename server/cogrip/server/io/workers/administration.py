@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from cogrip.protocol.addition import add_integers
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.cluster.connection import RemoteRoom
@@ -195,8 +196,8 @@ class Administration:
         degraded = {name: why for name, why in degraded.items() if why}
         rooms = sorted((room for part in parts for room in part.rooms), key=lambda room: room.room)
         uptime_s = (now_ns - self._start_ns) * 1e-9
-        received = self._front.received + sum(part.received or 0 for part in parts)
-        sent = self._front.sent + sum(part.sent or 0 for part in parts)
+        received = self._front.received + add_integers(part.received or 0 for part in parts)
+        sent = self._front.sent + add_integers(part.sent or 0 for part in parts)
         return Snapshot(self._software, uptime_s, tuple(rooms), dict(dropped), received, sent, dict(failed), degraded)
 
 

@@ -9,6 +9,7 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from contextlib import suppress
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.channel import Address
 from cogrip.protocol.io.datagrams import open_arrivals, open_batched, open_datagrams
 from cogrip.protocol.io.dtls_session import DtlsSession, SessionKeys
@@ -195,7 +196,7 @@ class WorkerPort:
     def overruns(self) -> int:
         """Return the datagrams that the kernel dropped for want of room, of all paths so far."""
         sockets = [self._own, *(path.socket for path in self.paths.values())]
-        return self._overran + sum(overrun(each) for each in sockets if each is not None)
+        return self._overran + add_integers(overrun(each) for each in sockets if each is not None)
 
     def close(self) -> None:
         """Close all paths."""

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings, User, coupling_of
 from cogrip.sim.experiments.methods.trace import TraceRecorder
@@ -106,7 +107,7 @@ def balanced_loads(settings: Settings) -> Sequence[float] | None:
 def probe_settings(settings: Settings, loads_n: Sequence[float]) -> Settings:
     """Return the same session under a static load, long enough to settle."""
     directions = [settings.link.direction("up"), settings.link.direction("down")]
-    round_trip_s = 1e-3 * sum(direction.delay_ms + 2.0 * direction.jitter_ms for direction in directions)
+    round_trip_s = 1e-3 * add_floats(direction.delay_ms + 2.0 * direction.jitter_ms for direction in directions)
     users: list[User] = []
     for number, (user, load) in enumerate(zip(settings.users, loads_n, strict=True)):
         start_s = START_S + APART_S * number

@@ -18,6 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from cogrip.protocol.addition import add_floats, add_integers
 from cogrip.sim.experiments.methods.trace import Array, Trace
 from cogrip.sim.runs.felt_as_intended import SOFTER
 from cogrip.sim.runs.summary_values import Summary, dig, is_number, people, worst_margin
@@ -206,8 +207,8 @@ def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Arr
     judged = felt(summary)
     softer = judged.sentence.startswith(SOFTER)  # the felt stiffness has a column of its own
     created_mj = created_j(trace.work_j, trace.object_j) * 1e3
-    leak_mj = -1e3 * sum(min(0.0, user["energy"]["device_leak_j"]) for user in users)
-    lent_mj = -1e3 * sum(min(0.0, user["energy"].get("line_margin_j") or 0.0) for user in users)
+    leak_mj = -1e3 * add_floats(min(0.0, user["energy"]["device_leak_j"]) for user in users)
+    lent_mj = -1e3 * add_floats(min(0.0, user["energy"].get("line_margin_j") or 0.0) for user in users)
     active = is_active(created_mj - leak_mj - lent_mj, put_in_j(trace.work_j) * 1e3)
     pair = trace.position_m.shape[1] > 1
     scene = dig(summary, "server", "scene") or {}
@@ -234,8 +235,8 @@ def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Arr
         "slip_mm": _thousand(scene.get("lifted_slip_m")),
         "lifted_mm": _thousand(scene.get("lifted_m")),
         "lifted_s": scene.get("lifted_s"),
-        "lost": sum(user["link"]["lost"] for user in users),
-        "late": sum(user["link"]["late"] for user in users),
+        "lost": add_integers(user["link"]["lost"] for user in users),
+        "late": add_integers(user["link"]["late"] for user in users),
     }
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from cogrip.protocol.addition import add_integers
 from cogrip.sim.analysis.figures.page import svg
 from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.folder import as_text
@@ -92,18 +93,18 @@ def render(summary: Mapping[str, Any], pictures: list[Picture]) -> str:
 def _verdict(method: str, summary: Mapping[str, Any]) -> tuple[Tone, str]:
     """Return the sentence on one method, and its tone."""
     rows = [row for row in summary["rows"] if row["method"] == method and row["runs"]]
-    runs = sum(row["runs"] for row in rows)
+    runs = add_integers(row["runs"] for row in rows)
     where = [row["network"] for row in rows if row["diverged"] or row["oscillates"]]
     tone: Tone = "good"
     if not runs:
         tone, text = "warn", "was not run"
     elif where:
-        bad = sum(row["diverged"] + row["oscillates"] for row in rows)
+        bad = add_integers(row["diverged"] + row["oscillates"] for row in rows)
         tone, text = "bad", f"unstable in {bad} of {runs} sessions: on {', '.join(where)}"
     else:
         text = f"stable in all {runs} sessions"
     for key, words, severity in _ALSO:
-        if count := sum(row[key] for row in rows):
+        if count := add_integers(row[key] for row in rows):
             text += f"; {words} {count}: on {', '.join(row['network'] for row in rows if row[key])}"
             tone = "bad" if "bad" in (tone, severity) else "warn"
     return tone, f"{method}, {METHODS[method].title}: {text}."

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.version import VERSION
 from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.methods.measures import (
@@ -113,14 +114,14 @@ def _gathered(results: Sequence[Result]) -> dict[str, Any]:
     ends = sorted(row["diverged_s"] for row in ran if row["diverged"])
     return {
         "runs": len(ran),
-        "failed": sum(bool(result.error) for result in results),
+        "failed": add_integers(bool(result.error) for result in results),
         "errors": dict(Counter(result.error for result in results if result.error)),
         "diverged": len(ends),
         "diverged_s": {"median": statistics.median(ends), "first": ends[0]} if ends else None,
         "reasons": dict(Counter(row["reason"].partition(" at ")[0] for row in ran if row["diverged"])),
-        "oscillates": sum(row["oscillates"] for row in ran),
-        "not_passive": sum(row["passive"] is False for row in ran),
-        "not_felt": sum(bool(row["not_felt"]) for row in ran),
+        "oscillates": add_integers(row["oscillates"] for row in ran),
+        "not_passive": add_integers(row["passive"] is False for row in ran),
+        "not_felt": add_integers(bool(row["not_felt"]) for row in ran),
         "felt": _felt([row["felt"] for row in ran if row["felt"]]),
         **{name: spread([row[name] for row in ran], each.worst) for name, each in MEASURES.items() if name != FELT},
         FELT: of_probes([row[FELT] for row in ran if row["felt"]]),
@@ -139,7 +140,7 @@ def spread(values: Sequence[Any], worst: Callable[[list[float]], float] = furthe
 def of_probes(values: Sequence[float | None]) -> dict[str, float] | None:
     """Return the spread of a felt stiffness, with `n` of the `of` probes that came to rest; None where none did."""
     found = spread(values)
-    return found and {**found, "n": sum(map(is_number, values)), "of": len(values)}
+    return found and {**found, "n": add_integers(map(is_number, values)), "of": len(values)}
 
 
 def _felt(sessions: Sequence[Sequence[Mapping[str, Any]]]) -> list[dict[str, Any]]:

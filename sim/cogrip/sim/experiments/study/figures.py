@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import stdtrit  # type: ignore[import-untyped]
 
+from cogrip.protocol.addition import add_floats
 from cogrip.sim.experiments.study.study_file import BASE, Study
 from cogrip.sim.experiments.study.table import Row, StudyTable
 from cogrip.sim.runs.measures.registry import MEASURES, Measure
@@ -59,7 +60,9 @@ def by_condition(rows: Sequence[Row], measure: Measure, seat: int = 0) -> Values
         value = row.get(measure.name)
         if value is not None and not row["practice"] and row["seat"] == seat:
             found.setdefault(row["condition"], {}).setdefault(row["group"], []).append(value)
-    return {name: {group: sum(all_of) / len(all_of) for group, all_of in one.items()} for name, one in found.items()}
+    return {
+        name: {group: add_floats(all_of) / len(all_of) for group, all_of in one.items()} for name, one in found.items()
+    }
 
 
 def interval(values: Sequence[float]) -> tuple[float, float]:

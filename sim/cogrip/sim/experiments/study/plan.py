@@ -9,7 +9,8 @@ from random import Random
 from typing import Any, NamedTuple
 
 from cogrip.sim.experiments.study.orders import ordered
-from cogrip.sim.experiments.study.staircase import Answered, Staircase, next_level
+from cogrip.sim.experiments.study.psychometric import Answered
+from cogrip.sim.experiments.study.staircase import Staircase, next_level
 from cogrip.sim.experiments.study.study_file import Block, Study
 
 _SEEDS = 2**31  # of sessions

@@ -42,7 +42,7 @@ Array = NDArray[Any]
 
 
 class Prior(NamedTuple):
-    """What is known before any answer. least, most: levels; slope, lapse: a number holds it fixed, None has it fitted."""
+    """Knowledge before any answer. least, most: levels; slope, lapse: a number holds it fixed, None has it fitted."""
 
     least: float
     most: float

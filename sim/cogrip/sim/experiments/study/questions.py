@@ -4,10 +4,13 @@ NASA-TLX: Hart and Staveland 1988, six scales of 21 gradations, here 0 to 100 in
 2006).
 """
 
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 from unicodedata import category
 
 import msgspec
+
+from cogrip.protocol.addition import add_floats
 
 TLX_SCALES = {
     "mental_demand": "How mentally demanding was the task?",
@@ -50,7 +53,10 @@ class Item(msgspec.Struct, frozen=True):
         """Return what may be answered, for a person."""
         match self.question.kind:
             case "choice":
-                return ", ".join(f"{number} {choice}" for number, choice in enumerate(self.question.choices, 1))
+                choices = self.question.choices
+                if _numbers(choices):  # a number is an answer then, and not the place of one
+                    return ", ".join(choices)
+                return ", ".join(f"{number} {choice}" for number, choice in enumerate(choices, 1))
             case "likert":
                 question = self.question
                 ends = f" ({question.low} to {question.high})" if question.low or question.high else ""
@@ -68,6 +74,8 @@ class Item(msgspec.Struct, frozen=True):
                 choices = self.question.choices
                 if text in choices:
                     return text
+                if _numbers(choices):
+                    raise self._refused(text)
                 return choices[self._number(text, 1, len(choices)) - 1]
             case "likert":
                 return self._number(text, 1, self.question.points)
@@ -96,6 +104,11 @@ class Item(msgspec.Struct, frozen=True):
         return AnswerError(f"{text[:40]!r} is no answer here; give {self.takes}")
 
 
+def _numbers(choices: Sequence[str]) -> bool:
+    """Return whether a choice reads as a number, so that places would be taken for it."""
+    return any(choice.strip().lstrip("+-").isdigit() for choice in choices)
+
+
 def items_of(name: str, question: Question) -> tuple[Item, ...]:
     """Return the items of a question: six of a NASA-TLX, else one."""
     if question.kind == "tlx":
@@ -117,4 +130,4 @@ def unfit_question(question: Question) -> str:
 def raw_tlx(answers: dict[str, Any], name: str) -> float | None:
     """Return the raw NASA-TLX, 0 to 100: the mean of the six scales; None where one is missing."""
     found = [answers.get(f"{name}_{scale}") for scale in TLX_SCALES]
-    return None if None in found else sum(map(float, found)) / len(found)  # type: ignore[arg-type]
+    return None if None in found else add_floats(map(float, found)) / len(found)  # type: ignore[arg-type]

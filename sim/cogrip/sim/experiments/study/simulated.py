@@ -5,8 +5,8 @@ from pathlib import Path
 from random import Random
 
 from cogrip.sim.experiments.study.plan import Trial
+from cogrip.sim.experiments.study.psychometric import gaussian, weibull
 from cogrip.sim.experiments.study.questions import TLX_MOST, TLX_STEP, Answer, Item
-from cogrip.sim.experiments.study.staircase import probability
 from cogrip.sim.experiments.study.study_file import Study, StudyError
 from cogrip.sim.experiments.study.trial import Event, TrialState
 from cogrip.sim.runs.measures.columns import read_columns
@@ -62,6 +62,9 @@ class SimulatedPeople:
         """Return the interval, 0 or 1, that seems to have more."""
         observer = self._observer
         more = felt[1] - felt[0]
-        right = probability(abs(more), observer.threshold, observer.slope, observer.lapse)
+        if observer.slope is None:
+            right = gaussian(abs(more), observer.threshold, observer.lapse)
+        else:
+            right = weibull(abs(more), observer.threshold, observer.slope, observer.lapse)
         larger = int(more > 0.0)
         return larger if random.random() < right else 1 - larger

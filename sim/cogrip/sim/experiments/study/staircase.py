@@ -1,32 +1,36 @@
-"""Adaptive levels for thresholds: 1-up 2-down, PEST, QUEST; and the estimate from all answers.
-
-symbols: x level, a difference from the reference [unit of the key], > 0; T threshold: the level at which a share `TARGET` of
-answers is right; beta slope; gamma guessing rate; lambda lapse rate.
-
-Psychometric function (Weibull, Watson and Pelli 1983), c so that p(T) = TARGET where nobody lapses:
-
-    p(x) = gamma + (1 - gamma - lambda) (1 - exp(-c (x / T)^beta)),   c = ln((1 - gamma) / (1 - TARGET))
+"""Adaptive levels for thresholds: 1-up 2-down, PEST, QUEST; and the estimate from all answers (`psychometric`).
 
 All rules work on ln x: levels are multiplied and divided. A rule is a function of what was answered, so a study that is
 resumed goes on as if it had never been interrupted.
 """
 
 from collections.abc import Callable, Sequence
-from math import exp, log, sqrt
+from itertools import pairwise
+from math import exp, log
 from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-TARGET = sqrt(0.5)  # to which 1-up 2-down converges: p^2 = 1/2 (Levitt 1971)
-GUESSING = 0.5  # of two intervals
-_GRID = 401
+from cogrip.protocol.addition import add_integers
+from cogrip.sim.experiments.study.psychometric import (
+    DETECTION_SLOPE,
+    DISCRIMINATION_SLOPE,
+    TARGET,
+    UNLIKELY,
+    Answered,
+    Prior,
+    posterior,
+)
+
 _PEST_WALD = 1.0  # deviation limit W of the sequential test (Taylor and Creelman 1967)
 _MOST_PEST_STEPS = 8.0  # times the first step
-_OPTIMAL = 1.3  # QUEST presents this times the estimate: there beta = 3.5 tells most about T
+_QUEST_LEVELS = 33  # from least to most, among which QUEST chooses
+_FIRST_REVERSALS = 4  # in which a track comes near: left out of the mean of reversals
+_LEAST_REVERSALS = 2  # of which a mean is told
+_DIGITS = 6  # of a level
+_AT_BOUND = 0.25  # A track of which so many answers were given at a bound sits there.
 
-Answered = tuple[float, bool]  # level, and whether the answer was right
 Method = Literal["1-up-2-down", "pest", "quest"]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 
@@ -37,6 +41,7 @@ class Staircase(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     start, least, most: levels, in the unit of the key; step: first factor from one level to the next. A track ends after
     `trials`, and before where it had `reversals` (1-up 2-down), or where steps are below `least_step` (PEST).
     question: a choice of two whose answer is right where it names the interval with the larger value.
+    slope, lapse: of the observers, where they are known; fitted where nothing is said.
     """
 
     method: Method = "1-up-2-down"
@@ -49,24 +54,34 @@ class Staircase(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     least_step: Annotated[float, msgspec.Meta(gt=1.0, le=10.0)] = 1.1
     trials: Annotated[int, msgspec.Meta(ge=2, le=10_000)] = 60
     reversals: Annotated[int, msgspec.Meta(ge=2, le=1000)] | None = None
-    slope: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 3.5
-    lapse: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] = 0.01
+    slope: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] | None = None
+    lapse: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] | None = None
     question: str
+
+    @property
+    def prior(self) -> Prior:
+        """Knowledge before any answer: a difference from nothing is detected, from something discriminated."""
+        usual = DISCRIMINATION_SLOPE if self.reference else DETECTION_SLOPE
+        return Prior(self.least, self.most, usual, self.slope, self.lapse)
 
 
 class Estimate(NamedTuple):
-    """A threshold with its standard error as a share of it, the share of right answers, and their number."""
+    """A threshold, its interval, its standard error as a share of it, the share of right answers, and their number.
+
+    reversals  geometric mean of the levels at which tracks turned, without the first ones; None where too few did
+    warnings   why it may be none: the answers do not fit, or a track sat at a bound
+    """
 
     threshold: float
+    low: float
+    high: float
     relative_error: float
+    slope: float
+    lapse: float
     correct: float
     trials: int
-
-
-def probability(level: float, threshold: float, slope: float, lapse: float = 0.0, guessing: float = GUESSING) -> float:
-    """Return p(x), see above."""
-    c = log((1.0 - guessing) / (1.0 - TARGET))
-    return guessing + (1.0 - guessing - lapse) * (1.0 - exp(-c * (level / threshold) ** slope))
+    reversals: float | None
+    warnings: tuple[str, ...]
 
 
 def next_level(rule: Staircase, answered: Sequence[Answered]) -> float | None:
@@ -74,7 +89,7 @@ def next_level(rule: Staircase, answered: Sequence[Answered]) -> float | None:
     if len(answered) >= rule.trials:
         return None
     level = _RULES[rule.method](rule, answered)
-    return None if level is None else min(rule.most, max(rule.least, level))
+    return None if level is None else float(f"{min(rule.most, max(rule.least, level)):.{_DIGITS}g}")
 
 
 def _up_down(rule: Staircase, answered: Sequence[Answered]) -> float | None:
@@ -123,8 +138,11 @@ def _pest(rule: Staircase, answered: Sequence[Answered]) -> float | None:
 
 
 def _quest(rule: Staircase, answered: Sequence[Answered]) -> float:
-    """Present where an answer tells most about the threshold as it is estimated so far (Watson and Pelli 1983)."""
-    return _OPTIMAL * estimate(rule, answered).threshold if answered else rule.start
+    """Present the level whose answer tells most about the threshold (QUEST: Watson and Pelli 1983; QUEST+: Watson 2017)."""
+    if not answered:
+        return rule.start
+    levels = np.geomspace(rule.least, rule.most, _QUEST_LEVELS)
+    return float(levels[posterior(rule.prior, answered).most_telling(levels)])
 
 
 _RULES: dict[Method, Callable[[Staircase, Sequence[Answered]], float | None]] = {
@@ -134,24 +152,41 @@ _RULES: dict[Method, Callable[[Staircase, Sequence[Answered]], float | None]] = 
 }
 
 
-def estimate(rule: Staircase, answered: Sequence[Answered]) -> Estimate:
-    """Return the mean of ln T over its likelihood, flat before any answer from least / 4 to 4 most: QUEST's estimate.
+def estimate(rule: Staircase, tracks: Sequence[Sequence[Answered]]) -> Estimate:
+    """Return the estimate from the answers of all tracks of an observer, whatever the method."""
+    answered = [each for track in tracks for each in track]
+    fit = posterior(rule.prior, answered).fit()
+    right = add_integers(correct for _, correct in answered) / len(answered) if answered else 0.0
+    turned = [level for track in tracks for level in _reversals(track)[_FIRST_REVERSALS:]]
+    mean = float(np.exp(np.mean(np.log(turned)))) if len(turned) >= _LEAST_REVERSALS else None
+    warnings = [_at_bound(rule, answered)]
+    if fit.misfit is not None and fit.misfit < UNLIKELY:
+        warnings.append(f"answers do not fit any one threshold, slope and lapse rate (p = {fit.misfit:.2g})")
+    return Estimate(
+        fit.threshold, fit.low, fit.high, fit.error, fit.slope, fit.lapse, right, len(answered), mean,
+        tuple(filter(None, warnings)),
+    )  # fmt: skip
 
-    It takes the answers of every method. The error is the likelihood's standard deviation.
-    """
-    grid: NDArray[np.float64] = np.linspace(log(0.25 * rule.least), log(4.0 * rule.most), _GRID)
-    levels = np.log([level for level, _ in answered])
-    correct = np.array([correct for _, correct in answered], dtype=bool)
-    c = log((1.0 - GUESSING) / (1.0 - TARGET))
-    seen = 1.0 - np.exp(-c * np.exp(rule.slope * (levels[:, None] - grid)))
-    p = GUESSING + (1.0 - GUESSING - rule.lapse) * seen
-    likelihood = np.log(np.maximum(np.where(correct[:, None], p, 1.0 - p), 1e-12)).sum(axis=0)
-    weight = np.exp(likelihood - likelihood.max())
-    weight /= weight.sum()
-    mean = float(weight @ grid)
-    deviation = sqrt(max(0.0, float(weight @ (grid - mean) ** 2)))
-    right = float(correct.mean()) if answered else 0.0
-    return Estimate(exp(mean), deviation, right, len(answered))
+
+def _reversals(track: Sequence[Answered]) -> list[float]:
+    """Return the levels at which a track turned."""
+    found, last = [], 0.0
+    for (level, _), (after, _) in pairwise(track):
+        if after != level:
+            move = 1.0 if after > level else -1.0
+            if last and move != last:
+                found.append(level)
+            last = move
+    return found
+
+
+def _at_bound(rule: Staircase, answered: Sequence[Answered]) -> str:
+    """Return that the answers are about a bound, and not about a threshold; "" where they are not."""
+    for bound, words, beyond in ((rule.most, "most", "above"), (rule.least, "least", "below")):
+        share = add_integers(level == bound for level, _ in answered) / max(1, len(answered))
+        if share > _AT_BOUND:
+            return f"{100.0 * share:.0f} % of the answers were given at {words} = {bound:g}: the threshold may be {beyond} it"
+    return ""
 
 
 def unfit_staircase(rule: Staircase) -> str:

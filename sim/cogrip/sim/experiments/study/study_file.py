@@ -34,13 +34,14 @@ class StudyError(ForeignFileError, ValueError):
 class Observer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """[simulated]: simulated participants; how they answer questions about two intervals, as psychometric functions have it.
 
-    measure: what they compare; threshold: the difference that they find with probability `staircase.TARGET`, in its unit.
+    measure: what they compare; threshold: the difference that they find with probability `psychometric.TARGET`, in its unit;
+    slope: of a Weibull function, None: d' grows in proportion to the difference, which no fit assumes.
     spread: by key of a hand, such as delay_s, the standard deviation over participants of its logarithm.
     """
 
     measure: str = "felt_stiffness_npm"
     threshold: Annotated[float, msgspec.Meta(gt=0.0)] = 50.0
-    slope: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 3.5
+    slope: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] | None = None
     lapse: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] = 0.0
     spread: dict[str, Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]] = {}
 

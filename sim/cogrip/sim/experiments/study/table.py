@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.schema import unit_of
 from cogrip.sim.experiments.study.journal import RUNS, AnswerLine, TrialLine, open_study, read_answers, read_trials
+from cogrip.sim.experiments.study.psychometric import Answered
 from cogrip.sim.experiments.study.questions import raw_tlx
-from cogrip.sim.experiments.study.staircase import Answered, Estimate, estimate
+from cogrip.sim.experiments.study.staircase import Estimate, estimate
 from cogrip.sim.experiments.study.study_file import Study
 from cogrip.sim.experiments.study.trial import begun_by
 from cogrip.sim.runs.columns import NUMBER, Column
@@ -149,9 +150,10 @@ def thresholds(study: Study, trials: Sequence[TrialLine]) -> dict[tuple[str, str
     for block in study.blocks:
         if block.staircase is None:
             continue
-        answered: dict[tuple[str, str, str], list[Answered]] = {}
+        answered: dict[tuple[str, str, str], dict[str, list[Answered]]] = {}
         for line in trials:
             if line.block == block.name and line.level is not None and line.correct is not None:
-                answered.setdefault((line.people[0], block.name, line.condition), []).append((line.level, line.correct))
-        found |= {key: estimate(block.staircase, each) for key, each in answered.items()}
+                tracks = answered.setdefault((line.people[0], block.name, line.condition), {})
+                tracks.setdefault(line.track, []).append((line.level, line.correct))
+        found |= {key: estimate(block.staircase, list(each.values())) for key, each in answered.items()}
     return found

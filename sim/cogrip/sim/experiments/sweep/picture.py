@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
+from cogrip.protocol.addition import add_integers
 from cogrip.sim.analysis.state_space import Array
 from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.sweep.grid import Axis, Grid
@@ -92,7 +93,7 @@ def labelled(grid: Grid, key: str, unit: str | None = None) -> str:
 
 def _legend(values: Array, results: Mapping[int, Result], truth: bool) -> list[tuple[str, Style]]:
     """Return entries on cases without a number and why, and on the number where there is only one."""
-    failed = sum(bool(result.error) for result in results.values())
+    failed = add_integers(bool(result.error) for result in results.values())
     counts = {
         "not computed": len(values) - len(results),
         "failed": failed,

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cogrip.protocol.addition import add_floats
 from cogrip.sim.runs.measures.columns import Array, RunColumns
 from cogrip.sim.runs.measures.motion import smooth
 
@@ -44,7 +45,7 @@ def lead_s(run: RunColumns, person: int) -> float | None:
 
 
 def _mean(values: list[float]) -> float | None:
-    return sum(values) / len(values) if values else None
+    return add_floats(values) / len(values) if values else None
 
 
 def _with_others(run: RunColumns, person: int) -> list[tuple[float, float]]:

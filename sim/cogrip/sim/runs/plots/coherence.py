@@ -54,7 +54,7 @@ def movement(run: Run) -> Movement:
         raise NotDrawnError(f"the people have less than {_LEAST_S:g} s in common")
     rate_hz = float(min(trace.rate_hz for _, trace in found))
     velocities = [trace.columns["velocity_mps"] for _, trace in found]
-    axis = int(np.argmax(sum(values.var(axis=0) for values in velocities)))
+    axis = int(np.argmax(np.sum([values.var(axis=0) for values in velocities], axis=0)))
     grid = start + np.arange(int((end - start) * rate_hz)) / rate_hz
     numbers, rows = [], []
     for (number, trace), velocity in zip(found, velocities, strict=True):

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from ipaddress import ip_address
 from typing import Any
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.platform import system, time
 from cogrip.protocol.io.realtime import Measure, engage, release
@@ -224,7 +225,7 @@ class LiveRelay:
             self.counts[f"{'to a client' if lane is None else 'to the server'}: {error.strerror}"] += 1
 
     def _overrun(self) -> int:
-        return self._overran + sum(overrun(each) for each in (self._clients, *self._sockets.values()))
+        return self._overran + add_integers(overrun(each) for each in (self._clients, *self._sockets.values()))
 
 
 def _is_ours(family: socket.AddressFamily, address: Any) -> bool:
