@@ -89,3 +89,18 @@ def test_a_recording_ends_whole_before_the_disk_is_full(run, disk: SmallDisk, tm
     (summary,) = (disk.path / "runs").glob("*/summary.json")
     assert json.loads(summary.read_text())["server"]["dropped"]["recording stopped"] == 1
     assert is_closed(summary.with_name("server.mcap"))
+
+
+def test_a_client_whose_disk_fills_says_so_and_leaves_no_empty_files(run, serve, disk: SmallDisk) -> None:
+    """Its hand is held to the end all the same."""
+    _, port = serve(DEMO, "--no-record")
+    runs = disk.path / "runs"
+    anna = run("join", f"127.0.0.1:{port}", "--device", "sim:phantom?hand=reach", "--into", runs, "--no-report")
+    until(lambda: any(path.stat().st_size > 20_000 for path in runs.glob("*.mcap")), "something is recorded")
+    disk.fill()
+    anna.hear("recording of client-anna.mcap has stopped: .*: No space left on device")
+    anna.signal(signal.SIGINT)
+    assert anna.end() == 1, anna.said
+    assert "the recording that was asked for is not whole: recording stopped" in anna.said
+    assert [path.name for path in runs.iterdir() if not path.stat().st_size or path.suffix == ".new"] == []
+    assert list(runs.glob("*.json")) == []

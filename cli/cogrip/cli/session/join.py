@@ -47,6 +47,7 @@ from cogrip.sim.runs.summary import of_client
 from cogrip.sim.runs.verdict import succeeded, why_not
 from cogrip.sim.session.link import LinkEmulator
 
+LACKING = ("recording stopped",)  # counts of what a recording lacks, by fault of its disk
 NO_NAME = "an observer has no seat: --name has no effect"
 
 
@@ -82,8 +83,8 @@ def join(
 
     A link is all that is needed. An observer's shows the room and needs no device. To a server that falls silent the
     connection is attempted again for 10 s, without force.
-    Exit code 0 when the session ended as it should, passive and stable; 1 when it was refused, lost or broke off, or the
-    server ended it.
+    Exit code 0 when the session ended as it should, passive and stable, with its files; 1 when it was refused, lost or broke
+    off, the server ended it, or the disk did not take what it leaves.
 
     Parameters
     ----------
@@ -251,6 +252,7 @@ class _Files:
 
 def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool, report: bool) -> int:
     """Leave account, summary and report, print how the session ended, and return the exit code."""
+    left = True
     if folder is not None:
         with suppress(OSError):  # the server has it as well; where it has not, the missing part is named
             write_account(folder, ended.seat.user, ended.account)
@@ -265,6 +267,8 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
     if not ended.failed and not well:
         console.print(f"{user}: not a good run: {why_not(summary)}")
     if alone:
-        leave_files(folder, summary, console, shown=report or folder is None, report=report)
+        left = leave_files(folder, summary, console, shown=report or folder is None, report=report)
+    if lacking := [name for name in LACKING if ended.counts.get(name)]:
+        console.print(f"{user}: the recording that was asked for is not whole: {', '.join(lacking)}")
     cut_short = ended.ended.startswith(IN_ORDER) and SECONDS_OVER not in ended.ended
-    return 0 if well and not ended.failed and not cut_short else 1
+    return 0 if well and left and not lacking and not ended.failed and not cut_short else 1
