@@ -252,7 +252,7 @@ class _Files:
 
 def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool, report: bool) -> int:
     """Leave account, summary and report, print how the session ended, and return the exit code."""
-    left = True
+    left = folder is not None
     if folder is not None:
         with suppress(OSError):  # the server has it as well; where it has not, the missing part is named
             write_account(folder, ended.seat.user, ended.account)
@@ -267,7 +267,7 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
     if not ended.failed and not well:
         console.print(f"{user}: not a good run: {why_not(summary)}")
     if alone:
-        left = leave_files(folder, summary, console, shown=report or folder is None, report=report)
+        left &= leave_files(folder, summary, console, shown=report or folder is None, report=report)
     if lacking := [name for name in LACKING if ended.counts.get(name)]:
         console.print(f"{user}: the recording that was asked for is not whole: {', '.join(lacking)}")
     cut_short = ended.ended.startswith(IN_ORDER) and SECONDS_OVER not in ended.ended
