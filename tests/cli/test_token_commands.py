@@ -1,5 +1,6 @@
 """`cogrip token` and `cogrip kick` as their users type them: links, lists, revocations, and requests to a running server."""
 
+import csv
 import json
 import re
 import shlex
@@ -346,3 +347,20 @@ def test_a_kick_that_cannot_be(cogrip, serving) -> None:
     }.items():
         assert words in cogrip.err(f"kick {arguments} --port {PORT}")
     assert serving == []
+
+
+def test_many_are_made_at_once_or_none(token, folder) -> None:
+    """Thirty for a class, as a table that a spreadsheet reads; each admits to what it says."""
+    text = token.texts("new", "--room", "demo", "--count", "30", "--csv", "--note", "course, group 1")[0]
+    rows = list(csv.DictReader(text.splitlines()))
+    kept = TokenFile(folder).load()
+    assert [row["id"] for row in rows] == [each.id for each in kept.tokens]
+    assert len({row["link"] for row in rows}) == 30
+    for row in rows:
+        assert (row["room"], row["note"], row["once"]) == ("demo", "course, group 1", "False")
+        assert isinstance(kept.admit(parse_link(row["link"]).token, "player", "demo", time.time()), Grant)
+    error = token.err("new", "--room", "demo", "--count", "371", code=2)
+    assert "token new: there are 400 tokens for room demo, and at most 400 are kept; revoke some first" in error
+    assert TokenFile(folder).load() == kept
+    assert "--count 401 is outside 1 to 400" in token.err("new", "--count", "401")
+    assert "--csv and --json exclude each other" in token.err("new", "--csv", "--json", "-")

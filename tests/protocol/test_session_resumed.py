@@ -7,7 +7,7 @@ from cogrip.protocol import messages, session
 from cogrip.protocol.messages import HELLO_BYTES, Leave, Stamp, View, Waves, Welcome
 from cogrip.protocol.session import HELLO_EVERY_NS, LOST_NS, QUIET_NS, ClientSession
 from cogrip.server.core import ServerCore
-from cogrip.server.inputs import Kick, Restore
+from cogrip.server.inputs import Kick, Restart, Restore
 
 from tests.protocol.two_ends import MS, answered, exchange, hello, seated, server, waves
 
@@ -43,6 +43,64 @@ def test_half_a_second_of_silence_makes_a_client_ask_for_its_seat_again() -> Non
     assert len(client.outbox[0]) == HELLO_BYTES
     client.heartbeat(5 + QUIET_NS + session.HEARTBEAT_EVERY_NS)
     assert len(client.outbox) == 1, "nothing but hellos goes out meanwhile"
+
+
+def restarting(wait_ms: int) -> tuple[ClientSession, ServerCore]:
+    """Return a client whose server has just said, at 5 ns, that it restarts."""
+    client, core = seated(now_ns=5, tickets=True)
+    core.handle(Restart(wait_ms), 5)
+    for _, datagram in list(core.outbox):
+        client.receive(datagram, 5)
+    return client, core
+
+
+def test_a_server_that_restarts_lets_its_people_go_at_once_and_keeps_their_seats() -> None:
+    client, core = seated(now_ns=5, tickets=True)
+    client.outbox.clear()
+    core.outbox.clear()
+    for now_ns in (6, 7, 8):  # a datagram may be lost: it is repeated
+        core.handle(Restart(30_000), now_ns)
+        for _, datagram in core.outbox:
+            client.receive(datagram, now_ns)
+        core.outbox.clear()
+    assert (client.state, client.restarting, client.failed) == ("resuming", True, "")
+    assert client.last_received_ns == 6
+    assert [each.seats[0].ticket for each in core.checkpoint()] != [""]
+    client.poll(9)
+    [asked] = said(client)
+    assert asked == msgspec.structs.replace(hello(ticket="ticket-1"), padding=asked.padding)
+    assert client.welcome is not None
+    for late in (waves(client.welcome.session), messages.Heartbeat(client.welcome.session, Stamp(1, 0, 0))):
+        client.receive(late if isinstance(late, bytes) else messages.encode(late), 10)
+        assert client.state == "resuming", "sent by the server that ends"
+    assert client.dropped["before the restart"] == 2 + 2
+    after = server(tickets=True, first_session=200)
+    after.handle(Restore(core.checkpoint()[0]), 11)
+    after.receive(messages.encode(asked), ("a", 2), 12)
+    for _, datagram in after.outbox:
+        client.receive(datagram, 12)
+    assert (client.state, client.restarting, client.renewed) == ("seated", False, 1)
+
+
+@pytest.mark.parametrize(("wait_ms", "own_ns", "end_ns"), [
+    (0, 10_000 * MS, 10_000 * MS), (9_000, 10_000 * MS, 10_000 * MS), (45_000, 10_000 * MS, 45_000 * MS),
+    (5_000, 20_000 * MS, 20_000 * MS), (messages.MOST_WAIT_MS, 10_000 * MS, messages.MOST_WAIT_MS * MS),
+])  # fmt: skip
+def test_a_client_waits_as_long_as_the_server_or_the_person_asks_for(wait_ms: int, own_ns: int, end_ns: int) -> None:
+    client, _ = restarting(wait_ms)
+    client.give_up_ns = own_ns
+    client.poll(5 + end_ns - 1)
+    assert client.state == "resuming"
+    client.poll(5 + end_ns)
+    assert (client.state, client.failed) == ("closed", f"no server for {end_ns / 1e9:.0f} s")
+
+
+def test_without_a_ticket_nothing_is_waited_for() -> None:
+    client, core = seated(now_ns=5, tickets=False)
+    core.handle(Restart(30_000), 5)
+    for _, datagram in list(core.outbox):
+        client.receive(datagram, 5)
+    assert (client.state, client.restarting) == ("seated", False)
 
 
 @pytest.mark.parametrize(

@@ -197,7 +197,7 @@ def test_revoked_ids_are_reported_once_and_all_at_the_start(bench: Bench) -> Non
 
 
 @pytest.mark.parametrize("harm", ["damaged", "readable", "gone"])
-def test_a_broken_book_puts_nobody_out_and_is_said_once(
+def test_a_broken_book_puts_nobody_out_and_is_said_once_and_to_whoever_asks(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, harm: str
 ) -> None:
     token, ident = bench.new()
@@ -212,8 +212,14 @@ def test_a_broken_book_puts_nobody_out_and_is_said_once(
         assert authenticator.revoked() == set()
     assert [type(answer) for answer in answers] == [Grant, Denied] * 3
     assert len(loads) == (harm != "gone")
-    assert not authenticator.reload()
     assert bench.events() == ["trouble"]
+    for asked in (2, 3):
+        assert not authenticator.reload()
+        assert bench.events() == ["trouble"] * asked, "who asks is told, each time"
+    authenticator.admit(hello(token))
+    assert {each.text for each in bench.said} == {bench.said[0].text}
+    assert bench.events() == ["trouble"] * 3
+    bench.said[1:] = []
     assert "tokens are not read anew, and stay as they were" in bench.said[0].text
     assert str(path) in bench.said[0].text
     path.write_bytes(kept)

@@ -78,6 +78,16 @@ def test_a_folder_that_others_may_enter_is_refused(tmp_path: Path, open_to: int)
     find_folder(tmp_path)
 
 
+@pytest.mark.parametrize("held", [False, True])
+def test_only_of_a_folder_that_holds_something_secrets_may_be_known(tmp_path: Path, held: bool) -> None:
+    if held:
+        (tmp_path / "tokens.json").touch()
+    tmp_path.chmod(0o755)
+    with pytest.raises(StateError) as refused:
+        make_folder(tmp_path)
+    assert str(refused.value).endswith(state_folder.LEAKED if held else f"chmod 700 {tmp_path}")
+
+
 def test_a_folder_of_another_user_is_refused(folder: StateFolder, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: folder.path.stat().st_uid + 12345)
     with pytest.raises(StateError, match=r"belongs to user \S+, and this is \S+; run this as the former"):

@@ -1,17 +1,19 @@
 """Tokens: whom they let in as what, until when, how often; and a book that is read exactly or not at all."""
 
-import hmac
 import json
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.join_link import JoinLink
+from cogrip.server import tokens
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.tokens import (
+    MOST_IN_BOOK,
     MOST_TOKENS,
     Token,
     TokenBook,
@@ -20,6 +22,7 @@ from cogrip.server.tokens import (
     decode_book,
     derived_token,
     encode_book,
+    token_hash,
 )
 
 NOW_S = 1_800_000_000.5
@@ -113,21 +116,21 @@ def test_a_revoked_token_says_so_whatever_else_ails_it() -> None:
     assert asked.book.revoke(asked.id, 9e9) == asked.book, "the first date counts"
 
 
-@pytest.mark.parametrize("number", [0, 6, 11, 99])
-def test_a_guess_costs_the_same_whatever_it_is(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every hash is compared, in constant time, wherever the right one stands or not."""
-    book = TokenBook()
-    for each in range(12):
-        book, _ = book.new(drawn(each), NOW_S)
-    seen, compare = [], hmac.compare_digest
-
-    def counted(a: str, b: str) -> bool:
-        seen.append(a)
-        return compare(a, b)
-
-    monkeypatch.setattr(hmac, "compare_digest", counted)
-    assert isinstance(book.admit(drawn(number), "player", "", NOW_S), Grant) == (number < 12)
-    assert seen == [token.hash for token in book.tokens]
+def test_a_token_is_found_among_many_by_its_hash_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One hash is made, however many tokens there are: what a guess costs does not grow with the book."""
+    book = TokenBook(tokens=tuple(
+        msgspec.structs.replace(made().book.tokens[0], id=hashed[:8], hash=hashed)
+        for hashed in map(token_hash, map(drawn, range(MOST_IN_BOOK)))
+    ))  # fmt: skip
+    assert isinstance(book.admit(drawn(0), "player", "", NOW_S), Grant)
+    hashed: list[str] = []
+    monkeypatch.setattr(tokens, "token_hash", lambda token: hashed.append(token) or token_hash(token))
+    for number in (0, 1000, MOST_IN_BOOK - 1, MOST_IN_BOOK):
+        assert isinstance(book.admit(drawn(number), "player", "", NOW_S), Grant) == (number < MOST_IN_BOOK)
+    assert len(hashed) == 4
+    revoked = book.revoke(book.tokens[7].id, NOW_S)
+    assert isinstance(revoked.admit(drawn(7), "player", "", NOW_S), Denied)
+    assert decode_book(encode_book(revoked)) == revoked
 
 
 # --- making and finding -----------------------------------------------------------------------------------------------
@@ -176,12 +179,21 @@ def test_the_oldest_dead_tokens_make_room_and_no_others() -> None:
     start = [token.id for token in book.tokens]
     book = book.revoke(start[0], NOW_S)
     for number in range(MOST_TOKENS - 2):
-        book, _ = book.new(drawn(number), NOW_S)
+        book, _ = book.new(drawn(number), NOW_S, room="demo")
     assert len(book.tokens) == MOST_TOKENS
-    with pytest.raises(TokenError, match=f"there are {MOST_TOKENS} tokens, and at most {MOST_TOKENS} are kept; revoke"):
-        book.new(drawn(MOST_TOKENS), NOW_S)
+    for room, of in (("", "for any room"), ("wall", "for room wall")):  # each has its own
+        other = book
+        for number in range(MOST_TOKENS):
+            other, _ = other.new(drawn(1000 + number), NOW_S, room=room)
+        with pytest.raises(
+            TokenError, match=f"there are {MOST_TOKENS} tokens {of}, and at most {MOST_TOKENS} are kept"
+        ):
+            other.new(drawn(1999), NOW_S, room=room)
+    words = f"there are {MOST_TOKENS} tokens for room demo, and at most {MOST_TOKENS} are kept; revoke some first"
+    with pytest.raises(TokenError, match=words):
+        book.new(drawn(MOST_TOKENS), NOW_S, room="demo")
     dead = book.tokens[200].id
-    book, new = book.revoke(dead, NOW_S).new(drawn(MOST_TOKENS), NOW_S)
+    book, new = book.revoke(dead, NOW_S).new(drawn(MOST_TOKENS), NOW_S, room="demo")
     ids = [token.id for token in book.tokens]
     assert len(ids) == MOST_TOKENS
     assert dead not in ids

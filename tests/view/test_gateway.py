@@ -10,10 +10,11 @@ import ssl
 import struct
 import time
 from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
 
 import msgspec
+import psutil
 import pytest
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
@@ -25,6 +26,7 @@ from cogrip.server.io.token_file import TokenFile, draw_token
 from cogrip.view.frames import Frame, decode
 from cogrip.view.io.page_server import OURS
 from cogrip.view.io.peer_log import LOG_LINES
+from cogrip.view.visitors import VisitorLimits
 
 from tests.live.held_arms import DEMO, Spoken
 from tests.view.shown_page import frame_bytes, upgrade
@@ -259,3 +261,47 @@ def test_whoever_has_no_token_fills_no_log(gated, tls):
     most = LOG_LINES.burst + LOG_LINES.per_second * (time.monotonic() - began_s) + 20  # its own words at start and end
     assert gateway.said.count("\n") <= most, gateway.said
     gateway.stop()
+
+
+def test_a_proxy_that_ends_tls_is_believed_about_whom_it_asks_for_and_nobody_else_is(gated: Gated) -> None:
+    """The proxy's part is played over real sockets: what nginx sends by the recipe of docs/view.md."""
+    gateway = gated.start("--port", "0", "--public", "https://touch.example.org", "--trust-proxy", "127.0.0.1")
+    gateway.hear(r"gateway: https://touch\.example\.org/\n")
+    gateway.hear(r"observe:  https://touch\.example\.org/#")
+    (port,) = listening(gateway.popen.pid)
+    token = gated.link("observer").token
+
+    def tab(origin: str = "https://touch.example.org", **headers: str) -> connect:
+        given = {name.replace("_", "-"): value for name, value in headers.items()}
+        return connect(
+            "ws://touch.example.org/socket", host="127.0.0.1", port=port, subprotocols=[OURS], origin=origin,
+            additional_headers=given, max_queue=None, proxy=None,
+        )  # fmt: skip
+
+    async def status(**asked: str) -> int:
+        try:
+            async with tab(**asked):
+                return 101
+        except InvalidStatus as refused:
+            return refused.response.status_code
+
+    async def ask() -> None:
+        async with asyncio.timeout(LIMIT_S), AsyncExitStack() as stack:
+            one = await stack.enter_async_context(tab(X_Forwarded_For="198.51.100.9, 203.0.113.7"))
+            await one.send(json.dumps({"type": "hello", "token": token, "hand": False}))
+            assert json.loads(await one.recv())["type"] == "scene"
+            assert await status() == 400, "for whom?"
+            assert await status(X_Forwarded_For="203.0.113.7, nobody") == 400
+            assert await status(X_Forwarded_For="203.0.113.7", origin="https://elsewhere.example") == 403
+            assert await status(X_Forwarded_For="203.0.113.7", origin="http://touch.example.org") == 403
+            for _ in range(VisitorLimits().tabs_each - 1):
+                await stack.enter_async_context(tab(X_Forwarded_For="203.0.113.7"))
+            assert await status(X_Forwarded_For="203.0.113.7") == 503
+            assert await status(X_Forwarded_For="203.0.113.7, 203.0.113.8") == 101, "one address has its own limit"
+
+    asyncio.run(ask())
+
+
+def listening(pid: int) -> list[int]:
+    """Return the TCP ports at which a process listens."""
+    return [each.laddr.port for each in psutil.Process(pid).net_connections("tcp") if each.status == psutil.CONN_LISTEN]

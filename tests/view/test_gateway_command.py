@@ -36,6 +36,8 @@ def cogrip(capsys, tmp_path, monkeypatch) -> Cogrip:
         ([LINK, "--hands", "0"], "--hands 0 must be at least 1"),
         ([LINK, "--port", "70000"], "--port 70000 is outside 0 to 65535"),
         ([LINK, "--public", "lab.example:none"], "--public lab.example:none"),
+        ([LINK, "--public", "ftp://lab.example"], "--public ftp://lab.example: an origin begins with https://"),
+        ([LINK, "--trust-proxy", "lab.example"], "--trust-proxy lab.example: give the proxy's address"),
     ],
 )
 def test_bad_input_is_one_line_before_anything_is_served(cogrip, arguments, words):

@@ -147,6 +147,9 @@ class ClientCore:
         if self.seated is not None:
             self.seated.safety.fail(reason)
 
+    def _be_patient(self, give_up_ns: int) -> None:
+        self.session.give_up_ns = give_up_ns
+
     def _mark(self, text: str) -> None:
         if self.markers.add(text):
             self.marked.append(text)
@@ -258,6 +261,7 @@ HANDLERS: Mapping[type[ClientInput], Callable[[ClientCore, Any], ClientAccount |
     inputs.Connect: lambda core, given: core.session.connect(core.now_ns),
     inputs.Poll: lambda core, given: core.session.poll(core.now_ns),
     inputs.Reached: lambda core, given: core.session.reached(core.now_ns),
+    inputs.Patience: lambda core, given: core._be_patient(given.give_up_ns),
     inputs.KeepSeat: lambda core, given: core.session.heartbeat(core.now_ns),
     inputs.DeviceOpened: lambda core, given: core._seat.equip(given.capability),
     inputs.DeviceFailed: lambda core, given: core._fail(given.reason),

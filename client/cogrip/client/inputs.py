@@ -29,6 +29,12 @@ class Poll(Input, frozen=True, gc=False):
     """Run the session's timers. Where no ticks are run, at least every 100 ms."""
 
 
+class Patience(Input, frozen=True, gc=False):
+    """Give a resumption up after so long a silence [ns], where the server does not ask for more."""
+
+    give_up_ns: int
+
+
 class Reached(Input, frozen=True, gc=False):
     """The server has made a handshake while it is silent: it is there, if not its room yet."""
 
@@ -96,6 +102,7 @@ class Leave(Input, frozen=True, gc=False):
 SessionInput = Connect | Poll | Reached | Leave
 ClientInput = (
     SessionInput
+    | Patience
     | KeepSeat
     | DeviceOpened
     | DeviceFailed

@@ -77,6 +77,7 @@ class LiveClient:
     clutched: bool = False  # begin with the clutch held
     each_frame: Callable[[RecordedClient, int], None] | None = None  # called once a network frame, with its number
     waits: SimulatedDevice | None = None  # part of the device: begins, and `seconds` with it, when everybody holds on
+    resume_s: float | None = None  # silence after which a resumption is given up; as usual if not given
     _core: RecordedClient = field(init=False)
     _exchange: Exchange = field(init=False)
     _counts: dict[str, int] = field(init=False, default_factory=dict)
@@ -90,6 +91,8 @@ class LiveClient:
         """
         core = self._core = RecordedClient(self.hello, self.device.capability)
         self._exchange = Exchange(core, self.paths)
+        if self.resume_s is not None:
+            core.handle(inputs.Patience(round(self.resume_s * 1e9)), time.monotonic_ns())
         # before there is a seat to lose: locking memory can take a second on a busy machine
         measures = engage(name for name in NAMES if name != "fifo")
         try:

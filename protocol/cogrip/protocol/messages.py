@@ -27,6 +27,7 @@ from cogrip.protocol.texts import MARK_BYTES as MARK_BYTES
 from cogrip.protocol.texts import TEXT_BYTES
 from cogrip.protocol.tool_frame import Scale
 
+MOST_WAIT_MS = 600_000  # for a server that restarts
 PROTOCOL_VERSION = 8
 MAGIC: Literal["cogrip"] = "cogrip"
 MAX_DATAGRAM_BYTES = 1232  # fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
@@ -370,6 +371,13 @@ class Redirect(Message, frozen=True, tag=18):
     fronts: Annotated[tuple[ServerPlace, ...], msgspec.Meta(max_length=MOST_FRONTS)] = ()
 
 
+class Restart(Message, frozen=True, tag=19):
+    """A server's word that it restarts: whoever holds on comes back by the ticket, and waits so long for it."""
+
+    session: Session
+    wait_ms: Annotated[int, msgspec.Meta(ge=0, le=MOST_WAIT_MS)]
+
+
 def pack_poses(poses: Sequence[tuple[int, Sequence[float]]]) -> bytes:
     """Return the records of a `Bodies`."""
     return b"".join([_POSE.pack(body, *pose) for body, pose in poses])
@@ -379,7 +387,19 @@ Latest = State | Power  # frames of which the newest wins
 Frame = Waves | Latest  # what couplings send, one a frame
 Observed = Person | Bodies | Geom | Mark | Effects  # what observers are sent beside views
 AnyMessage = (
-    Hello | Welcome | Refuse | Frame | Edges | Heartbeat | Leave | Farewell | View | Observed | SetHand | Redirect
+    Hello
+    | Welcome
+    | Refuse
+    | Frame
+    | Edges
+    | Heartbeat
+    | Leave
+    | Farewell
+    | View
+    | Observed
+    | SetHand
+    | Redirect
+    | Restart
 )
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
 encode = msgspec.msgpack.Encoder().encode

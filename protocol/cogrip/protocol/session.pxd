@@ -16,6 +16,9 @@ cdef class ClientSession:
     cdef public long long fresh_ns
     cdef long long _reached_ns
     cdef bint _begun
+    cdef public bint restarting
+    cdef public long long give_up_ns
+    cdef long long _wait_ns
     cdef public long long silence_ns
     cdef public long long resumed
     cdef public long long renewed

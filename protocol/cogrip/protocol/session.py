@@ -23,6 +23,7 @@ from cogrip.protocol.messages import (
     Observed,
     Redirect,
     Refuse,
+    Restart,
     View,
     Welcome,
 )
@@ -51,7 +52,7 @@ ANSWERS, NOT_OF_A_SESSION = (Welcome, Refuse), (Hello, Leave, messages.Edges, Re
 FOR_CLIENTS = (messages.Waves, messages.State, messages.Power, messages.SetHand, *FOR_OBSERVERS)
 
 ClientState = Literal["idle", "connecting", "seated", "resuming", "leaving", "closed"]
-ClientEvent = Literal["connect", "welcome", "refuse", "silence", "leave", "farewell", "quiet", "received"]
+ClientEvent = Literal["connect", "welcome", "refuse", "silence", "leave", "farewell", "quiet", "received", "restart"]
 Table = Mapping[tuple[str, str], str]
 
 CLIENT: Mapping[tuple[ClientState, ClientEvent], ClientState] = {
@@ -64,6 +65,7 @@ CLIENT: Mapping[tuple[ClientState, ClientEvent], ClientState] = {
     ("seated", "farewell"): "closed",
     ("seated", "silence"): "closed",  # without a ticket nothing can be resumed
     ("seated", "quiet"): "resuming",
+    ("seated", "restart"): "resuming",
     ("resuming", "welcome"): "seated",
     ("resuming", "received"): "seated",
     ("resuming", "refuse"): "closed",
@@ -97,6 +99,8 @@ class ClientSession:
                      before there are any, a welcome or heartbeat
     silence_ns       duration of the last silence that ended in a resumption
     resumed, renewed number of resumptions: of the own seat, and with a new seat session
+    restarting       the server has said that it restarts, and no welcome has come since
+    give_up_ns       silence after which a resumption is given up, where the server does not ask for more
     """
 
     def __init__(self, hello: Hello) -> None:
@@ -113,6 +117,9 @@ class ClientSession:
         self._begun = False  # a frame of this session has been taken in
         self.silence_ns = self.resumed = self.renewed = 0
         self.failed = self.ended = ""
+        self.restarting = False
+        self.give_up_ns = RESUME_GIVE_UP_NS
+        self._wait_ns = 0  # as the server asks that restarts
         self.dropped: Counter[str] = Counter()
 
     def _step(self, event: ClientEvent) -> bool:
@@ -187,6 +194,9 @@ class ClientSession:
         if isinstance(message, FOR_CLIENTS) and isinstance(message, FOR_OBSERVERS) is (welcome.role == "player"):
             self.drop("unexpected")
             return None
+        if self.restarting or isinstance(message, Restart):
+            self._hold_off(message, now_ns)
+            return None
         if self._step("received"):
             self._count_resumption(now_ns)
         self.last_received_ns = now_ns
@@ -210,6 +220,19 @@ class ClientSession:
             self.ended = reason
         elif not leaving:
             self.failed = f"the server said goodbye: {reason}"
+
+    def _hold_off(self, told: object, now_ns: int) -> None:
+        """Let go at once, and wait for the next server; drop what the one that ends has sent before."""
+        if self.restarting or not isinstance(told, Restart):
+            self.drop("before the restart")
+            return
+        if self.welcome is None or not self.welcome.ticket:  # nothing can be resumed
+            self.drop("unexpected")
+            return
+        if self._step("restart"):
+            self._next_ns = now_ns
+        if self.state == "resuming":
+            self.restarting, self._wait_ns, self.last_received_ns = True, told.wait_ms * 1_000_000, now_ns
 
     def mark_fresh(self, now_ns: int) -> None:
         """Record that a frame was taken in that is newer than all before, or that one was played in its time."""
@@ -235,6 +258,7 @@ class ClientSession:
             if renewed:
                 self._begun, self.fresh_ns = False, now_ns
             self.welcome = message
+            self.restarting, self._wait_ns = False, 0
             self.hello = messages.padded(_resumption_hello(self._asked, message))
             self.last_received_ns = now_ns
 
@@ -281,7 +305,9 @@ class ClientSession:
             self._next_ns = now_ns
         if self.state == "resuming":
             alone_ns = min(silent_ns, now_ns - self._reached_ns)
-            if (alone_ns >= RESUME_GIVE_UP_NS or silent_ns >= RESUME_MOST_NS) and self._step("silence"):
+            give_up_ns = max(self.give_up_ns, self._wait_ns)
+            over = alone_ns >= give_up_ns or silent_ns >= max(RESUME_MOST_NS, give_up_ns)
+            if over and self._step("silence"):
                 self.failed = f"no server for {silent_ns / 1e9:.0f} s"
             else:
                 self._repeat(self.hello, HELLO_EVERY_NS, now_ns)

@@ -9,7 +9,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.accounts import SeatAccount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.hand_settings import unfit
-from cogrip.protocol.messages import Edges, Effects, Farewell, Frame, Heartbeat, Hello, Leave, Mark, SetHand
+from cogrip.protocol.messages import Edges, Effects, Farewell, Frame, Heartbeat, Hello, Leave, Mark, Restart, SetHand
 from cogrip.protocol.rates import NS_PER_S
 from cogrip.protocol.received_waves import ReceivedWaves
 from cogrip.protocol.session import LOST_NS, QUIET_NS, foreign_version, nonce_of, version_mismatch
@@ -49,6 +49,7 @@ class ServerCore:
         self._back_ns = -LOST_NS - 1  # the loop was late until then and read no datagrams: nobody counts as silent
         self._handlers: dict[type[inputs.ServerInput], Callable[[Any, int], int | None]] = {
             inputs.Stop: self._stop,
+            inputs.Restart: self._restart,
             inputs.SocketFailed: lambda given, _: out.drop(f"socket: {given.reason}"),
             inputs.Kick: self._kick,
             inputs.Revoke: self._revoke,
@@ -329,6 +330,15 @@ class ServerCore:
                 self._end_seat(room, seat, "stop", given.reason)
             for observer in list(room.observer_slots.observers.values()):
                 self._end_observer(room, observer, given.reason, "left", "left: the server stops")
+
+    def _restart(self, given: inputs.Restart, now_ns: int) -> None:
+        """Tell everybody. No seat ends: the next server has it from the checkpoint."""
+        for room in self.rooms:
+            for who in [
+                *filter(lambda seat: seat.state == "seated", room.seats),
+                *room.observer_slots.observers.values(),
+            ]:
+                self._out.send(Restart(who.session, given.wait_ms), who.address)
 
     def _kick(self, given: inputs.Kick, now_ns: int) -> int:
         reason = f"kicked by the administrator{': ' if given.reason else ''}{given.reason}"

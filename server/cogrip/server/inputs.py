@@ -16,6 +16,12 @@ class Stop(msgspec.Struct, frozen=True, tag_field="kind", tag="stop"):
     reason: str
 
 
+class Restart(msgspec.Struct, frozen=True, tag_field="kind", tag="restart"):
+    """Tell everybody that the server restarts, and for how long to wait for it: the seats are the next server's."""
+
+    wait_ms: int
+
+
 class SocketFailed(msgspec.Struct, frozen=True, tag_field="kind", tag="socket_failed"):
     """Count one refusal of the socket to send or receive as a drop."""
 
@@ -91,6 +97,7 @@ class CloseLedger(msgspec.Struct, frozen=True, tag_field="kind", tag="close_ledg
 
 ServerInput = (
     Stop
+    | Restart
     | SocketFailed
     | Kick
     | Revoke

@@ -36,6 +36,9 @@ from cogrip.server.recorder import WHO, RecordedServer
 from cogrip.server.room import Room
 from cogrip.server.worlds.guarded import GuardedWorld
 
+FLOOR_BYTES = 500_000_000  # of a disk: a server's key, tokens and checkpoints are to have room
+RESTARTS_TOLD, TOLD_EVERY_S = 3, 0.01  # a datagram may be lost
+HANDS_OVER_AT = "SIGTERM"  # what a service manager sends at a restart
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
 REPORTED = Budget(1, 40)  # of each of UNAUTHENTICATED_EVENTS
 OVERSLEEP_FRAMES = 8  # of whose wake-ups the delay is the mean
@@ -50,6 +53,8 @@ class LiveServer:
     """A daemon for some rooms. `listen`, then `run` until `stop` is set.
 
     open_channel  returns the channel to the clients of a core
+    floor_bytes   what a recording leaves free on its disk
+    hand_over_s   how long people wait for the next server, once SIGTERM has ended this one; None: it ends their sessions
     chores        called between ticks with the time [ns]
     events        of chores, reported as those of the core are
     """
@@ -61,7 +66,9 @@ class LiveServer:
     say: Callable[[ServerEvent], None]
     open_channel: Callable[[RecordedServer], ServerChannel]
     record_at: Path | None = None
+    floor_bytes: int = FLOOR_BYTES
     seconds: float | None = None
+    hand_over_s: float | None = None
     authenticator: Authenticator = field(default_factory=AdmitAll)
     chores: list[Chore] = field(default_factory=list)
     events: deque[ServerEvent] = field(default_factory=deque)
@@ -146,7 +153,9 @@ class LiveServer:
             "server", WHO, self.core.start, first.rates.network_hz, first.seed, epoch_ns, False, versions_here(),
             self.core.topics,
         )  # fmt: skip
-        recorder = open_recorder(self.record_at, header, lambda text: self.say(ServerEvent("trouble", text)))
+        recorder = open_recorder(
+            self.record_at, header, lambda text: self.say(ServerEvent("trouble", text)), floor_bytes=self.floor_bytes
+        )
         self.core.record(recorder or Nowhere(), pack)
         return recorder
 
@@ -156,6 +165,13 @@ class LiveServer:
         stopped = bool(self.record_at) if recorder is None else bool(recorder.trouble)
         counts = {"recording stopped": int(stopped), "not recorded": recorder.lost if recorder else 0}
         return {name: count for name, count in counts.items() if count}
+
+    @property
+    def not_recorded(self) -> str:
+        """Why the recording that is asked for does not go on; "" where it does."""
+        if self.record_at is None or not self.pacers:
+            return ""
+        return "it could not begin" if self.recorder is None else self.recorder.look()
 
     @property
     def datagrams(self) -> tuple[int, int]:
@@ -265,7 +281,24 @@ class LiveServer:
     def _may_say(self, kind: str, now_ns: int) -> bool:
         return self._event_budget.take(UNAUTHENTICATED_EVENTS.index(kind), now_ns)
 
+    @property
+    def hands_over(self) -> bool:
+        """Return whether the seats are the next server's: this one was stopped to be started anew."""
+        return self.hand_over_s is not None and HANDS_OVER_AT in self.stop.reason
+
+    def _announce_restart(self, wait_s: float) -> None:
+        """Tell everybody to hold off and come back, and answer nobody any more: a hello is for the next server."""
+        for _ in range(RESTARTS_TOLD):
+            self.core.handle(inputs.Restart(round(1000 * wait_s)), time.monotonic_ns())
+            self._path.send()
+            self._path.flush()
+            time.sleep(TOLD_EVERY_S)
+        self._report()
+
     def _farewell(self) -> None:
+        if self.hands_over and self.hand_over_s is not None:
+            self._announce_restart(self.hand_over_s)
+            return
         self.core.handle(inputs.Stop(f"the server was {self.stop.reason}"), time.monotonic_ns())
         self._path.send()
         until_ns = time.monotonic_ns() + LINGER_NS

@@ -77,9 +77,11 @@ class Snapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
     software: str
     uptime_s: float
     rooms: tuple[RoomSnapshot, ...]
-    dropped: dict[str, int] = {}
+    dropped: dict[str, int] = {}  # datagrams, by reason
     received: int | None = None  # datagrams at the socket, where they are counted
     sent: int | None = None
+    failed: dict[str, int] = {}  # what was not written, or not taken, by name
+    degraded: dict[str, str] = {}  # what cannot be written now, and why: the server goes on without
 
 
 encode = msgspec.json.Encoder().encode
@@ -110,11 +112,15 @@ class SnapshotMaker:
         self._next = 0
         self._deserted: dict[str, tuple[int, RoomSnapshot]] = {}  # the last of a room, and its step then
 
-    def make(self, uptime_s: float, *dropped: Mapping[str, int], datagrams: tuple[int, int] | None = None) -> Snapshot:
+    def make(
+        self, uptime_s: float, *dropped: Mapping[str, int], datagrams: tuple[int, int] | None = None,
+        failed: Mapping[str, int] | None = None, degraded: Mapping[str, str] | None = None,
+    ) -> Snapshot:  # fmt: skip
         """Return a snapshot.
 
-        dropped: counts by reason, of core, channel and recording; the same reason is summed.
+        dropped: counts by reason, of core and channel; the same reason is summed.
         datagrams: (received, sent) at the socket.
+        failed, degraded: see `Snapshot`.
         """
         self._refresh()
         counts: Counter[str] = Counter()
@@ -122,7 +128,9 @@ class SnapshotMaker:
             counts.update(some)
         rooms = tuple([self._resting(room) if room.deserted else self._room(room) for room in self._rooms])
         received, sent = datagrams or (None, None)
-        return Snapshot(self._software, uptime_s, rooms, dict(counts), received, sent)
+        return Snapshot(
+            self._software, uptime_s, rooms, dict(counts), received, sent, dict(failed or {}), dict(degraded or {})
+        )
 
     def _refresh(self) -> None:
         for _ in range(min(REFRESHED_ROOMS, len(self._rooms))):
@@ -215,7 +223,7 @@ class Health:
         return now_ns - self._came_ns
 
     def trouble(self, now_ns: int) -> str:
-        """Return why the server is unhealthy, "" if it is healthy."""
+        """Return why the server is unhealthy, "" if it is healthy, or degraded alone."""
         if self.newest is None:
             return "the server has said nothing yet"
         if self.age_ns(now_ns) >= FRESH_NS:
@@ -225,3 +233,7 @@ class Health:
             if still_s * 1e9 >= FRESH_NS:
                 return f"room {room.room}: no tick for {still_s:.1f} s"
         return ""
+
+    def degraded(self) -> str:
+        """Return what cannot be written, "" for nothing."""
+        return ", ".join(sorted(self.newest.degraded)) if self.newest is not None else ""

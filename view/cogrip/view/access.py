@@ -24,12 +24,18 @@ class Access:
     hosts    `HOST:PORT` texts by which the page is reached: another Host means another name for this machine (DNS rebinding)
     scheme   of the page, http or https
     allowed  further origins, of front ends elsewhere
+    public   origins by which the page itself is reached, through a proxy that ends TLS
     """
 
-    def __init__(self, hosts: Collection[str], scheme: str = "http", allowed: Collection[str] = ()) -> None:
+    def __init__(
+        self, hosts: Collection[str], scheme: str = "http", allowed: Collection[str] = (), public: Collection[str] = ()
+    ) -> None:
         self.refused: Counter[str] = Counter()
         self._hosts = frozenset(host.lower() for host in hosts)
-        self._origins = frozenset({f"{scheme}://{host}" for host in self._hosts} | {each.lower() for each in allowed})
+        self._origins = frozenset(
+            {f"{scheme}://{host}" for host in self._hosts} | {each.lower() for each in (*allowed, *public)}
+        )
+        self._hosts |= {each.lower().partition("://")[2] for each in public}  # never with the page's own scheme
 
     def refusal(self, host: str | None, origin: str | None, *, upgrade: bool) -> str:
         """Return why a request is refused, "" if it is not. origin: None where there is none, as with a program."""

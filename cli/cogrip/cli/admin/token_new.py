@@ -2,7 +2,9 @@
 
 import difflib
 import re
+import sys
 import time
+from csv import DictWriter
 from datetime import date, datetime, timedelta
 from datetime import time as day_time
 from typing import Annotated, Any
@@ -11,13 +13,13 @@ from cyclopts import Parameter
 
 from cogrip.cli.admin.state_folder import Port, State, check_known, check_words, server_at, state_at
 from cogrip.cli.terminal.output import Json, make_console, write_json
-from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.devices.registry import schemes
 from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, split_place
 from cogrip.protocol.messages import DEVICE_BYTES, Role
 from cogrip.server.io.state_folder import ServerRecord, StateError, StateFolder
 from cogrip.server.io.token_file import TokenFile, draw_token
-from cogrip.server.tokens import Token, TokenError, date_text
+from cogrip.server.tokens import MOST_TOKENS, Token, TokenBook, TokenError, date_text
 
 EVERYWHERE = ("0.0.0.0", "::")
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}
@@ -35,6 +37,8 @@ def token_new(
     expires: str = "",
     note: str = "",
     host: str = "",
+    count: int = 1,
+    csv: Annotated[bool, Parameter(negative="")] = False,
     state: State = None,
     port: Port = DEFAULT_PORT,
     json: Json = None,
@@ -62,7 +66,14 @@ def token_new(
         For `cogrip token list`: who has it.
     host
         HOST or HOST:PORT by which this person reaches the server; else as the server recorded.
+    count
+        Make so many of the same terms: all, or none.
+    csv
+        Give them as a table: id, link, and the terms.
     """
+    within("--count", count, 1, MOST_TOKENS)
+    if csv and json is not None:
+        raise BadInput("--csv and --json exclude each other; leave one out")
     if json not in (None, "-"):
         raise BadInput(
             f"--json {json}: the answer holds a secret and is given once; have it on standard output (--json -)"
@@ -78,22 +89,35 @@ def token_new(
     now_s = time.time()
     end_s = expiry(expires, now_s) if expires else None
     where = _place(host, server)
-    secret = draw_token()
+    terms: dict[str, Any] = {
+        "role": role, "room": room, "user": name, "device": device, "once": once, "expires": end_s, "note": note
+    }  # fmt: skip
+    secrets = [draw_token() for _ in range(count)]
+
+    def edit(book: TokenBook) -> tuple[TokenBook, list[Token]]:
+        made = []
+        for secret in secrets:
+            book, token = book.new(secret, now_s, **terms)
+            made.append(token)
+        return book, made
+
     with Problem.of(StateError), BadInput.of(LinkError, TokenError, where="token new: "):
-        link = JoinLink(*where, room, server.fingerprint, secret)
-        made = TokenFile(folder).change(
-            lambda book: book.new(
-                secret, now_s, role=role, room=room, user=name, device=device, once=once, expires=end_s, note=note
-            )
-        )
+        links = [JoinLink(*where, room, server.fingerprint, secret) for secret in secrets]
+        made = TokenFile(folder).change(edit)
     errors = make_console(stderr=True, soft_wrap=True)
     if warning := _device_warning(device):
         errors.print(f"warning: {warning}")
+    rows = [_as_json(token, link) for token, link in zip(made, links, strict=True)]
     if json is not None:
-        write_json(_as_json(made, link), json)
-        return 0
-    errors.print(f"token {made.id}: {_terms(made)}")
-    print(link.text)
+        write_json(rows[0] if count == 1 else {"tokens": rows}, json)
+    elif csv:
+        table = DictWriter(sys.stdout, list(rows[0]), lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
+    else:
+        for token, link in zip(made, links, strict=True):
+            errors.print(f"token {token.id}: {_terms(token)}")
+            print(link.text)
     return 0
 
 

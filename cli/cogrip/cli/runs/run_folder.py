@@ -67,14 +67,14 @@ def opened(run: Path, runs: Path) -> "RunRecords":
         return open_run(path)
 
 
-def leave_files(folder: Path | None, summary: dict[str, Any], console: Console, *, shown: bool, report: bool) -> None:
-    """Write summary and report of a live session; a file that cannot be written is a warning and changes no exit code."""
+def leave_files(folder: Path | None, summary: dict[str, Any], console: Console, *, shown: bool, report: bool) -> bool:
+    """Write summary and report of a live session. A file that cannot be written is a warning, and False is returned."""
     if shown:
         from cogrip.cli.runs.summary_table import terminal_summary
 
         console.print(terminal_summary(summary))
     if folder is None:
-        return
+        return True
     try:
         write_summary(folder, summary)
         if report:
@@ -83,5 +83,8 @@ def leave_files(folder: Path | None, summary: dict[str, Any], console: Console, 
             console.print(f"report: {write_report(folder)}")
     except OSError as error:
         console.print(f"warning: {error.filename or folder}: {error.strerror}; the summary above is all that is left")
+        return False
     except ValueError as error:  # an implausible account of the other end: no other room loses its files by it
         console.print(f"warning: {folder}: {error}; what was written before stands there")
+        return False
+    return True

@@ -5,6 +5,7 @@ import tempfile
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated
 
@@ -40,6 +41,7 @@ def gateway(
     room: str = "",
     public: tuple[str, ...] = (),
     state: Path | None = None,
+    trust_proxy: tuple[str, ...] = (),
     certificate: Path | None = None,
     key: Path | None = None,
     hands: int = 16,
@@ -67,7 +69,10 @@ def gateway(
     room
         Room, where the link is for any.
     public
-        HOST or HOST:PORT by which people reach this machine; may be given several times. Guessed if not given.
+        HOST or HOST:PORT by which people reach this machine; may be given several times. Guessed if not given. A whole
+        origin, https://HOST or https://HOST:PORT, where a proxy ends TLS before the gateway.
+    trust_proxy
+        Address of such a proxy, whose X-Forwarded-For says whom limits are for; may be given several times.
     state
         State folder of the server, whose certificate is used. Found if not given, where the server runs on this machine as
         this user; else the gateway makes a certificate of its own.
@@ -102,14 +107,16 @@ def gateway(
             "gateway: a join link is needed (cogrip://...): people are let in by its tokens; `cogrip serve --encrypted`"
         )
     loopback = is_loopback(host)
-    names = _names(public, host)
+    origins = [_origin(each) for each in public if "://" in each]
+    names = _names(tuple(each for each in public if "://" not in each), host)
+    proxies = [_proxy(each) for each in trust_proxy]
     tls, fingerprint = tls_of(state, certificate, key, target, loopback)
     stop = Stop()
     scheme = "http" if tls is None else "https"
 
     def ready(bound: int) -> None:
         place = _places(names[:1], bound, scheme)[0]
-        page = f"{scheme}://{place}/"
+        page = f"{origins[0]}/" if origins else f"{scheme}://{place}/"
         console.print(f"gateway: {page}")
         if fingerprint:
             console.print(f"certificate: SHA-256 {fingerprint}")
@@ -122,7 +129,7 @@ def gateway(
             console.print(f"observe:  {page}#{target.token}")
             console.print(f"hold:     {page}#{target.token}&hand  (if the link is a player's)")
             if foxglove:
-                console.print(f"Foxglove: {scheme.replace('http', 'ws')}://{place}/foxglove?token={target.token}")
+                console.print(f"Foxglove: {page.replace('http', 'ws', 1)}foxglove?token={target.token}")
             if qr:
                 print_qr_code(f"{page}#{target.token}{'&hand' if hand else ''}", console)
 
@@ -141,6 +148,7 @@ def gateway(
             lambda: HandProcess(lambda fd: _hand_command(fd, target.room, folder), reason_in),
             lambda token: JoinLink(target.host, target.port, target.room, target.fingerprint, token).text,
             lambda bound: _places(names, bound, scheme), stop, ready, host, port, tls, hands, foxglove, seconds,
+            origins, proxies,
         )  # fmt: skip
         ended = process.run()
     if counts := {name: count for name, count in sorted(process.counts.items()) if count}:
@@ -161,6 +169,24 @@ def _hand_command(fd: int, room: str, folder: str) -> list[str]:
         sys.executable, "-P", "-u", "-m", "cogrip.cli", "join", "-", "--device", f"web:pointer?fd={fd}", "--room", room,
         "--into", folder, "--no-record", "--no-report", "--quiet", "--no-rearm",
     ]  # fmt: skip
+
+
+def _origin(text: str) -> str:
+    """Return an origin as browsers write it. Raises BadInput."""
+    scheme, _, place = text.lower().rstrip("/").partition("://")
+    if scheme not in USUAL_PORTS:
+        raise BadInput(f"--public {text}: an origin begins with https:// or http://; or write HOST or HOST:PORT")
+    name, port = place_of(place, USUAL_PORTS[scheme])
+    whole = place_text(name, port)
+    return f"{scheme}://{whole.rpartition(':')[0] if port == USUAL_PORTS[scheme] else whole}"
+
+
+def _proxy(text: str) -> str:
+    """Return the address of a proxy as a socket says it. Raises BadInput."""
+    try:
+        return str(ip_address(text))
+    except ValueError:
+        raise BadInput(f"--trust-proxy {text}: give the proxy's address, such as 127.0.0.1") from None
 
 
 def _names(public: tuple[str, ...], host: str) -> list[tuple[str, int]]:

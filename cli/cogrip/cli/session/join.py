@@ -47,6 +47,7 @@ from cogrip.sim.runs.summary import of_client
 from cogrip.sim.runs.verdict import succeeded, why_not
 from cogrip.sim.session.link import LinkEmulator
 
+LACKING = ("recording stopped",)  # counts of what a recording lacks, by fault of its disk
 NO_NAME = "an observer has no seat: --name has no effect"
 
 
@@ -68,6 +69,7 @@ def join(
     start_s: float | None = None,
     stop_s: float | None = None,
     seconds: float | None = None,
+    resume_s: float | None = None,
     runs: Runs = Path("runs"),
     into: Path | None = None,
     report: Report = True,
@@ -81,8 +83,8 @@ def join(
 
     A link is all that is needed. An observer's shows the room and needs no device. To a server that falls silent the
     connection is attempted again for 10 s, without force.
-    Exit code 0 when the session ended as it should, passive and stable; 1 when it was refused, lost or broke off, or the
-    server ended it.
+    Exit code 0 when the session ended as it should, passive and stable, with its files; 1 when it was refused, lost or broke
+    off, the server ended it, or the disk did not take what it leaves.
 
     Parameters
     ----------
@@ -121,6 +123,8 @@ def join(
     seconds
         Leave after this time. A simulated hand that waits for everybody (task.together of --config) counts from when all hold
         on, or from 30 s.
+    resume_s
+        Give up after so long a silence of the server, 10 s if not given; longer where a server that restarts asks for it.
     into
         Write into this existing folder instead, and leave its report to its owner.
     rearm
@@ -130,6 +134,7 @@ def join(
         Begin with the clutch held: hand and tool move nothing until `c` and Enter engages.
     """
     above_zero("--seconds", seconds)
+    above_zero("--resume-s", resume_s)
     console = make_console(soft_wrap=True)
     rates = RateChoices(stated)
     settings = load(config, overrides, world=False, rate=rates) if config else None
@@ -152,7 +157,7 @@ def join(
         check_two(devices, settings, axes, speed, loop, start_s, stop_s)
         flags = as_flags(
             room=room, config=config, set=overrides, axes=axes, runs=runs, into=into, report=report, record=record,
-            rearm=rearms, insecure=insecure, allow_unstable=allow_unstable,
+            resume_s=resume_s, rearm=rearms, insecure=insecure, allow_unstable=allow_unstable,
         )  # fmt: skip
         return join_two(typed_target, devices, flags, name, clutched, view, seconds, stop, console)
     device = next(iter(devices), None)
@@ -178,7 +183,7 @@ def join(
             client = LiveClient(
                 arm, target.player(arm.capability, address), paths, stop, say, LinkEmulator, files.record_at, seconds, rearms,
                 partial(judge_seat, address, allow_unstable, say), partial(played_out, arm), allow_unstable, clutched,
-                None, arm if settings and settings.task.together and isinstance(arm, SimulatedDevice) else None,
+                None, arm if settings and settings.task.together and isinstance(arm, SimulatedDevice) else None, resume_s,
             )  # fmt: skip
             try:
                 ended = client.run()
@@ -247,6 +252,7 @@ class _Files:
 
 def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool, report: bool) -> int:
     """Leave account, summary and report, print how the session ended, and return the exit code."""
+    left = folder is not None
     if folder is not None:
         with suppress(OSError):  # the server has it as well; where it has not, the missing part is named
             write_account(folder, ended.seat.user, ended.account)
@@ -261,6 +267,8 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
     if not ended.failed and not well:
         console.print(f"{user}: not a good run: {why_not(summary)}")
     if alone:
-        leave_files(folder, summary, console, shown=report or folder is None, report=report)
+        left &= leave_files(folder, summary, console, shown=report or folder is None, report=report)
+    if lacking := [name for name in LACKING if ended.counts.get(name)]:
+        console.print(f"{user}: the recording that was asked for is not whole: {', '.join(lacking)}")
     cut_short = ended.ended.startswith(IN_ORDER) and SECONDS_OVER not in ended.ended
-    return 0 if well and not ended.failed and not cut_short else 1
+    return 0 if well and left and not lacking and not ended.failed and not cut_short else 1

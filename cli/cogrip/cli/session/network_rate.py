@@ -13,6 +13,7 @@ from cogrip.protocol.settings_digest import digest
 from cogrip.server.checkpoint import CheckpointError, decode
 from cogrip.server.io import checkpoint_file
 from cogrip.server.io.state_folder import StateError, StateFolder
+from cogrip.sim.runs.folder import write_whole
 
 FILE = "network_rate.json"
 Choose = Callable[[Settings], RateChoice]
@@ -74,4 +75,4 @@ def write_choice(folder: Path, choice: RateChoice | None) -> None:
     """Leave a choice and its measurement in a run folder, where there is one."""
     if choice is not None:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / FILE).write_bytes(msgspec.json.format(msgspec.json.encode(choice), indent=2) + b"\n")
+        write_whole(folder / FILE, msgspec.json.format(msgspec.json.encode(choice), indent=2) + b"\n")

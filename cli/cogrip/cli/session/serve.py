@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 from cyclopts import Parameter
 
 from cogrip.cli.runs.run_folder import leave_files, live_run_folder
+from cogrip.cli.session.kept_runs import Keeping
 from cogrip.cli.session.live_views import ServeView, drawing
 from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.session.network_rate import RateChoices, measured, write_choice
@@ -24,14 +25,16 @@ from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT
+from cogrip.protocol.messages import MOST_WAIT_MS
 from cogrip.protocol.settings import Settings, for_remote_clients
 from cogrip.protocol.texts import named
 from cogrip.protocol.version import VERSION
 from cogrip.server.io.housekeeping import Housekeeping
 from cogrip.server.io.metrics_feed import MetricsError, MetricsFeed, open_metrics
+from cogrip.server.io.run_retention import GB
 from cogrip.server.io.state_folder import StateError, StateFolder, state_path
 from cogrip.server.io.udp_port import HostError, ServeError
-from cogrip.server.loop import LiveServer
+from cogrip.server.loop import FLOOR_BYTES, LiveServer
 from cogrip.sim.runs.folder import SERVER_RECORDING, write_settings
 from cogrip.sim.runs.summary import of_room
 from cogrip.sim.runs.verdict import came, succeeded
@@ -55,12 +58,16 @@ def serve(
     log: Literal["text", "json"] = "text",
     metrics: int | None = None,
     trigger: str | None = None,
+    hand_over: float | None = None,
     overrides: Overrides = (),
     seconds: float | None = None,
     runs: Path = Path("runs"),
     into: Path | None = None,
     report: Report = True,
     record: Record = True,
+    keep_days: float | None = None,
+    keep_gb: float | None = None,
+    free_gb: float = FLOOR_BYTES / GB,
     quiet: Quiet = False,
     python_worlds: PythonWorlds = (),
     workers: Workers = 1,
@@ -103,10 +110,18 @@ def serve(
         Port on loopback for /metrics (Prometheus) and /healthz; 0 takes a free one. None if not given.
     trigger
         Raise a line of a serial port, or send a byte on it, at every marker: rts:PORT, dtr:PORT or byte:PORT.
+    hand_over
+        At SIGTERM keep the seats for the next start: people let go, and wait so many seconds for it. None if not given.
     seconds
         Stop after this time.
     runs
         Folder in which the run folder is made; with several rooms each has a folder in it.
+    keep_days
+        Remove runs of servers in the folder of --runs so many days after their end; none if not given.
+    keep_gb
+        Remove the oldest finished ones of them while all together are larger; none if not given.
+    free_gb
+        Stop recording, the file whole, where less is free on the disk; 0 for never.
     into
         Write into this existing folder instead, and leave its report to its owner (one room only).
     workers
@@ -128,17 +143,24 @@ def serve(
     say = lines.say
     for text in rates.lines():
         say(text)
-    if encrypted and insecure:
-        raise BadInput("--encrypted and --insecure exclude each other; leave one out")
-    encrypted = encrypted or not (insecure or is_loopback(host))
+    encrypted = _encrypted(encrypted, insecure, host)
     _check_flags(encrypted, public, metrics, seconds)
+    keeping = Keeping(runs, keep_days, keep_gb, free_gb)
+    keeping.check()
     if encrypted:
         rooms = [for_remote_clients(room) for room in rooms]
     names = [room.name for room in rooms]
     count = worker_count(workers, len(rooms))
     if count > 1 and trigger is not None:
         raise BadInput("--trigger is for one process: leave --workers out, or serve its room by another server")
-    alone = {"--workers": workers != 1, "--trigger": trigger is not None, "--view": view, "--fresh": fresh}
+    alone = {
+        "--workers": workers != 1,
+        "--trigger": trigger is not None,
+        "--view": view,
+        "--fresh": fresh,
+        "--hand-over": hand_over is not None,
+        **keeping.given,
+    }
     shared_flags = {"--shared": shared, "--room-ports": room_ports, "--checkpoints": checkpoints != "folder"}
     head = _head(cluster, {**alone, "--into": into is not None}, shared_flags)
     stop = Stop()
@@ -146,6 +168,7 @@ def serve(
         line = open_trigger(trigger, stack)
         warnings: list[str] = []
         state_folder = held_folder(state, port, encrypted, warnings.append, stack)
+        _check_hand_over(hand_over, state_folder)
         state_folder = shared_folder(state_folder, shared, encrypted)
         key_folder = state_folder if encrypted else None
         authenticator = authenticator_of(key_folder, say)
@@ -164,10 +187,16 @@ def serve(
             run_folder = into or live_run_folder(runs, "rooms", say)
             job = FrontJob(
                 rooms, count, host, port, state_folder, authenticator, encrypted, fresh, run_folder, record, report,
-                rates.found,
+                rates.found, keeping.floor_bytes, hand_over,
             )  # fmt: skip
-            return _serve_by_front(FrontServer(job, stop, lines, stack), job, stop, lines, stack, shown, seconds)
-        server = LiveServer(rooms, host, port, stop, say, lambda core: channel_of(core, key_folder), seconds=seconds)
+            keeping.begin(run_folder, say, stack)
+            return _serve_by_front(
+                FrontServer(job, stop, lines, stack), job, stop, lines, stack, shown, seconds, keeping
+            )
+        server = LiveServer(
+            rooms, host, port, stop, say, lambda core: channel_of(core, key_folder), seconds=seconds,
+            floor_bytes=keeping.floor_bytes, hand_over_s=hand_over,
+        )  # fmt: skip
         if authenticator is not None:
             server.authenticator = authenticator
         with Problem.of(ServeError), BadInput.of(HostError):
@@ -176,6 +205,7 @@ def serve(
             say(text)
         run_folder = into or live_run_folder(runs, names[0] if len(names) == 1 else "rooms", say)
         server.record_at = run_folder / SERVER_RECORDING if run_folder and record else None
+        keeping.begin(run_folder, say, stack)
         folders = _write_settings(rooms, run_folder, rates, say)
         try:
             feed = None if metrics is None else open_metrics(metrics, say)
@@ -188,7 +218,10 @@ def serve(
             raise Problem(str(error)) from None
         with on_signals(stop, hangup="reload"):
             warn_of(rooms, bound, encrypted, say)
-            link = publish(state_folder, public, bound, rooms, encrypted, links, say) if state_folder else ""
+            link = ""
+            if state_folder:
+                link, housekeeping.published = publish(state_folder, public, bound, rooms, encrypted, links, say)
+            housekeeping.more_degraded = lambda: keeping.degraded(record and run_folder is None)
             housekeeping.begin()
             _say_where(bound, encrypted, names, feed, say)
             if view:
@@ -253,7 +286,7 @@ def _head(cluster: str | None, one_host: dict[str, bool], for_cluster: Mapping[s
 
 def _serve_by_front(
     server: "FrontServer | ClusterServer", job: "FrontJob | ClusterJob", stop: Stop, lines: LogLines, stack: ExitStack,
-    shown: _Shown, seconds: float | None,
+    shown: _Shown, seconds: float | None, keeping: Keeping | None = None,
 ) -> int:  # fmt: skip
     """Serve by a front, and workers or other hosts. Return the exit code."""
     say, rooms, encrypted = lines.say, job.rooms, job.encrypted
@@ -264,7 +297,11 @@ def _serve_by_front(
         feed = server.begin(shown.metrics, stack)
         link = ""
         if job.folder is not None:
-            link = publish(job.folder, shown.public, server.bound, rooms, encrypted, shown.links, say)
+            link, server.administration.published = publish(
+                job.folder, shown.public, server.bound, rooms, encrypted, shown.links, say
+            )
+        if keeping is not None:
+            server.administration.more_degraded = lambda: keeping.degraded(job.record and job.runs is None)
         names = [room.name for room in rooms]
         _say_where(server.bound, encrypted, names, feed, say)
         if shown.view:
@@ -300,6 +337,21 @@ def _draw(
     lines.above = screen.passed
     seats = {room.name: tuple(user.name for user in room.users) for room in rooms}
     screen.draw(*drawing(ServeView(str(recorded), seats, str(state.path) if state else "")))
+
+
+def _encrypted(asked: bool, insecure: bool, host: str) -> bool:
+    """Return whether sessions are encrypted. Raises BadInput."""
+    if asked and insecure:
+        raise BadInput("--encrypted and --insecure exclude each other; leave one out")
+    return asked or not (insecure or is_loopback(host))
+
+
+def _check_hand_over(wait_s: float | None, folder: StateFolder | None) -> None:
+    """Raise BadInput where nothing can be handed over."""
+    if wait_s is not None:
+        within("--hand-over", wait_s, 0.0, MOST_WAIT_MS / 1000)
+        if folder is None:
+            raise BadInput("--hand-over: the next start goes on by checkpoints; name a folder for them with --state")
 
 
 def _check_flags(encrypted: bool, public: str | None, metrics: int | None, seconds: float | None) -> None:

@@ -29,6 +29,7 @@ from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.io.udp_port import HostError, PortRange, ServeError, cannot_listen
 from cogrip.server.io.workers.administration import Administration
 from cogrip.server.io.workers.steering import open_public
+from cogrip.server.loop import FLOOR_BYTES
 
 COMMAND = ("cogrip.cli.session.cluster_room",)
 PORTS = re.compile(r"(\d{1,5})-(\d{1,5})\Z")
@@ -108,7 +109,7 @@ class ClusterServer:
             control = Control(self._folder)
         except (ClusterError, MetricsError, StateError) as error:
             raise Problem(f"serve: {error}") from None
-        self._administration = Administration(
+        self.administration = Administration(
             self._front, say, VERSION, control=control, authenticator=job.authenticator, metrics=feed,
             reload=self._stop.take_reload, drain=self._pool.drain,
         )  # fmt: skip
@@ -116,12 +117,12 @@ class ClusterServer:
 
     def run(self, seconds: float | None) -> int:
         """Serve until stopped, at most for `seconds`. Return the exit code, of rooms that end with this front."""
-        self._administration.begin()
+        self.administration.begin()
         try:
             self._front.run(seconds)
         finally:
             code = self._pool.end(self._stop.reason)
-            self._administration.end()
+            self.administration.end()
         self._lines.say(self._stop.reason)
         dropped = {name: count for name, count in sorted(self._front.drops().items()) if count}
         if dropped:
@@ -146,6 +147,6 @@ class ClusterServer:
         return msgspec.json.encode(
             RoomJob(
                 (room,), str(self._folder.shared), str(job.runs.absolute()), job.record, job.report, self._lines.form, True,
-                job.rates, self.bound[0] if loopback else wildcard, job.encrypted, job.ports, job.in_memory,
+                job.rates, FLOOR_BYTES, None, self.bound[0] if loopback else wildcard, job.encrypted, job.ports, job.in_memory,
             )
         )  # fmt: skip

@@ -50,6 +50,8 @@ class FrontJob(NamedTuple):
     record: bool
     report: bool
     rates: dict[str, RateChoice]  # by room, of those that asked for "auto"
+    floor_bytes: int  # what recordings leave free
+    hand_over_s: float | None  # as of `LiveServer`
 
 
 class FrontServer:
@@ -91,7 +93,7 @@ class FrontServer:
         job, say = self._job, self._lines.say
         for_workers = Job(
             tuple(job.rooms), str(job.folder.path) if job.folder else "", str(job.runs or ""), job.record, job.report,
-            self._lines.form, metrics is not None, job.rates,
+            self._lines.form, metrics is not None, job.rates, job.floor_bytes, job.hand_over_s,
         )  # fmt: skip
         try:
             self._job_file = memory_file(msgspec.json.encode(for_workers))

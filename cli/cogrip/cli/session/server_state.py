@@ -15,7 +15,9 @@ from cogrip.protocol.channel import Address
 from cogrip.protocol.join_link import JoinLink, LinkError, check_host
 from cogrip.protocol.settings import Settings
 from cogrip.server.core import ServerCore
+from cogrip.server.events import ServerEvent
 from cogrip.server.io.authenticator import TokenAuthenticator
+from cogrip.server.io.published_state import PublishedState
 from cogrip.server.io.state_folder import (
     BusyError,
     ServerRecord,
@@ -31,6 +33,7 @@ from cogrip.server.io.state_folder import (
 from cogrip.server.io.token_file import TokenFile
 from cogrip.server.io.udp_port import ServerChannel
 from cogrip.server.rate_limit import RateLimiter, limits_for
+from cogrip.server.tokens import TokenError
 from cogrip.server.unencrypted_channel import UnencryptedListener
 
 if TYPE_CHECKING:  # OpenSSL takes a while
@@ -114,23 +117,41 @@ def _channel(
 def publish(
     folder: StateFolder, public: str | None, bound: tuple[str, int], rooms: Sequence[Settings], encrypted: bool,
     links: bool, say: Say,
-) -> str:  # fmt: skip
+) -> tuple[str, PublishedState]:  # fmt: skip
     """Write the server's record for `cogrip token` and `cogrip kick`, and print the join links. Raises Problem.
 
-    Returns an observer's link to the first room, "" for an unencrypted server.
+    Returns an observer's link to the first room, "" for an unencrypted server; and what was published. A folder that takes
+    nothing, as on a full disk, ends no server: it is said, and the state is written once it does.
     """
     host, port = public_place(public, bound)
     seats = {room.name: [user.name for user in room.users] for room in rooms}
-    with Problem.of(StateError):
-        if not encrypted:
-            write_server(folder, ServerRecord(host, port, "", seats, os.getpid()))
-            return ""
+    tell = lambda text: say(ServerEvent("trouble", text))  # noqa: E731
+    if not encrypted:
+        record = ServerRecord(host, port, "", seats, os.getpid())
+        state = PublishedState(folder.server.name, lambda: write_server(folder, record), tell)
+        state.write()
+        state.report()
+        return "", state
+    with Problem.of(StateError, TokenError):
         from cogrip.protocol.io.certificate import load, secret_of
 
         fingerprint, secret = load(folder.shared).fingerprint, secret_of(folder.shared)
-        write_server(folder, ServerRecord(host, port, fingerprint, seats, os.getpid()))
+        record = ServerRecord(host, port, fingerprint, seats, os.getpid())
         linked = list(seats) if len(seats) <= MOST_LINKED else [""]
-        made = TokenFile(folder).change(lambda book: book.standing(secret, linked, time.time()))
+        tokens, now_s = TokenFile(folder), time.time()
+        _, made = tokens.load().standing(secret, linked, now_s)
+        kept = False
+
+        def write() -> None:
+            nonlocal kept
+            write_server(folder, record)
+            if not kept:  # once: a large book takes its time
+                tokens.change(lambda book: book.standing(secret, linked, now_s))
+                kept = True
+
+        state = PublishedState(folder.server.name, write, tell)
+        state.write()
+        state.report()
     if links and public is None and bound[0] in WILDCARDS:
         say(f"links name {host}, which is a guess; --public HOST if people reach this machine by another name")
     for each in made if links else ():
@@ -138,7 +159,7 @@ def publish(
         say(f"join {each.room or 'any room'} as {each.role}:  cogrip join '{link.text}'")
     observer = next(each for each in made if each.role == "observer")
     here = LOOPBACKS.get(bound[0], bound[0])
-    return JoinLink(here, bound[1], observer.room, fingerprint, observer.token).text
+    return JoinLink(here, bound[1], observer.room, fingerprint, observer.token).text, state
 
 
 def public_place(public: str | None, bound: tuple[str, int]) -> tuple[str, int]:

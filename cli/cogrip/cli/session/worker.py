@@ -44,6 +44,8 @@ class Job(msgspec.Struct, frozen=True):
     log: Literal["text", "json"]
     metrics: bool
     rates: dict[str, RateChoice]  # by room, of those that asked for "auto"
+    floor_bytes: int  # what recordings leave free
+    hand_over_s: float | None  # as of `LiveServer`
 
 
 def main(arguments: list[str]) -> int:
@@ -78,7 +80,7 @@ def _serve(link: Link, job: Job, number: int) -> int:
     rate_limiter = RateLimiter(secrets.token_bytes(16), limits_for(max(room.rates.network_hz for room in rooms)))
     server = LiveServer(
         rooms, "", 0, stop, lines.say, lambda core: WorkerChannel(link, port, rate_limiter, core.knows),
-        authenticator=verdicts,
+        authenticator=verdicts, floor_bytes=job.floor_bytes, hand_over_s=job.hand_over_s,
     )  # fmt: skip
     server.serve_at(port)
     runs = Path(job.runs) if job.runs else None

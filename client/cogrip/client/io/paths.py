@@ -77,6 +77,8 @@ def server_of(place: str) -> Server | None:
 
 def session_change(session: ClientSession, before: str, after: str) -> str:
     """Return what to tell a person of a change of the session's state, "" for nothing."""
+    if after == "resuming" and session.restarting:
+        return "the server restarts: held off until it is back"
     if after == "resuming":
         return "the server is silent: trying to resume"
     if before == "resuming" and after == "seated":

@@ -49,6 +49,15 @@ def lock(fd: int) -> None:
     fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
+def free_bytes(fd: int) -> int | None:
+    """Return the free bytes of the disk of an open file, for an ordinary user; None where they are not told."""
+    try:
+        found = os.fstatvfs(fd)
+    except OSError:
+        return None
+    return found.f_bavail * found.f_frsize
+
+
 def removed(fd: int) -> bool:
     """Return whether an open file has no name any more."""
     return not os.fstat(fd).st_nlink

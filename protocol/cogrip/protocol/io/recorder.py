@@ -61,6 +61,11 @@ class Recorder:
         if self._count % _CHECK_EVERY == 0:
             self._check_writer(self._count % _POLL_EVERY == 0)
 
+    def look(self) -> str:
+        """Return `trouble` as of now, said if it is new: a loop that has nothing to put looks by this."""
+        self._check_writer(True)
+        return self.trouble
+
     def _check_writer(self, polls: bool) -> None:
         if not self.trouble:
             self.trouble = self.ring.said
@@ -94,9 +99,11 @@ def ring_for(rate_hz: int) -> int:
 
 
 def open_recorder(
-    path: Path, header: Header, say: Callable[[str], None], ring_bytes: int | None = None
+    path: Path, header: Header, say: Callable[[str], None], ring_bytes: int | None = None, floor_bytes: int = 0
 ) -> Recorder | None:
     """Begin a recording in a new file at `path`; where that fails, say why and return None: the session goes on without.
+
+    floor_bytes: it stops, its file whole, where less than that is free on its disk
 
     Call it before the loop takes real-time priority: the writer would inherit it.
     """
@@ -123,7 +130,10 @@ def open_recorder(
             stdin=subprocess.PIPE, **system.own_session(*handles),
         )  # fmt: skip
         assert process.stdin is not None
-        process.stdin.write(json.dumps({"path": str(path.absolute()), "header": header.metadata()}).encode() + b"\n")
+        process.stdin.write(
+            json.dumps({"path": str(path.absolute()), "header": header.metadata(), "floor_bytes": floor_bytes}).encode()
+            + b"\n"
+        )
         process.stdin.flush()
     except OSError as error:
         say(f"this session is not recorded: {error.strerror or error}")

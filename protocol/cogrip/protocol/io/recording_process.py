@@ -70,6 +70,7 @@ class Task:
         self._gap, self._clock = header.topics.index(f"/{header.who}/gap"), header.topics.index(f"/{header.who}/clock")
         self._lost = self._put = self._dated = 0
         self._last_ns = 0
+        self._floor_bytes = int(str(task.get("floor_bytes", 0)))
         self._well = True
         self._gone = False
         self._stream = WholePieces(fd)
@@ -113,6 +114,24 @@ class Task:
         self._try(self._writer.flush)
         self._keep_the_file()
         self._count()
+        self._keep_room()
+
+    def _keep_room(self) -> None:
+        """Close the file while others still have room: the floor is for what a server cannot do without."""
+        if not (self._well and self._floor_bytes):
+            return
+        free_bytes = system.free_bytes(self._stream.fd)
+        if free_bytes is None or free_bytes >= self._floor_bytes:
+            return
+        self._try(self._writer.finish, False)
+        self._try(self._stream.flush)
+        self._count()
+        if self._well:
+            self._well = False
+            self.ring.say(
+                f"{self._path}: {free_bytes / 1e9:.2f} GB are free there, less than {self._floor_bytes / 1e9:g}; "
+                "make room and start anew; what was written before is whole"
+            )
 
     def _keep_the_file(self) -> None:
         """Put the file back if it was removed meanwhile, else count nothing of it as saved."""

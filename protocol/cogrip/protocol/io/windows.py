@@ -113,6 +113,11 @@ def lock(fd: int) -> None:
         raise ctypes.WinError(number)
 
 
+def free_bytes(fd: int) -> int | None:
+    """Return None: a server, which leaves room, runs on POSIX alone."""
+    return None
+
+
 def removed(fd: int) -> bool:
     """Return False: a file that is open cannot be removed."""
     return False

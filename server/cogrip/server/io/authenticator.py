@@ -22,6 +22,7 @@ from cogrip.server.tokens import TokenBook, UnknownTokenError
 
 CLOSE_LIMIT_S = 10.0
 WATCH_S = 0.5  # between two looks at the file
+AGAIN_S = 5.0  # after which what could not be written is tried again
 
 
 class TokenChange(NamedTuple):
@@ -60,6 +61,8 @@ class TokenAuthenticator:
         self._pending: list[TokenChange] = []  # not in the file yet
         self._reported: dict[str, set[str]] = {}  # ids, by what has ended them
         self._trouble = ""
+        self.not_written = ""  # why the file lacks what holds here; "" where it does not
+        self._failed_s = 0.0
         self._writer = _Writer(file)
         self._watch = _Watch(file) if watch else None
 
@@ -86,6 +89,7 @@ class TokenAuthenticator:
     def revoked(self) -> set[str]:
         """Return the ids of tokens revoked since the last call; of all at the first, as restored seats may be of them."""
         self._report_failures()
+        self._write_again()
         if self._watch is not None and self._watch.changed:
             self._watch.changed = False
             self._read(forced=False)
@@ -101,7 +105,7 @@ class TokenAuthenticator:
         return ids - before
 
     def reload(self) -> bool:
-        """Read the file again (SIGHUP, `cogrip token revoke`), and report. False where it could not be read."""
+        """Read the file again (SIGHUP, `cogrip token revoke`), and report each time. False where it could not be read."""
         self._report_failures()
         good = self._read(forced=True)
         if good:
@@ -128,9 +132,11 @@ class TokenAuthenticator:
             self._tried = stamp
             book = self._file.load()
         except StateError as error:
-            self._report(f"tokens are not read anew, and stay as they were: {error}")
+            self._report(f"tokens are not read anew, and stay as they were: {error}", asked=forced)
             return False
         self._pending = [change for change in self._pending if change.on(book) != book]
+        if not self._pending:
+            self.not_written = ""
         self._book, self._stamp, self._trouble = _all_on(self._pending, book), stamp, ""
         if self._pending:
             self._writer.write(self._pending)
@@ -143,13 +149,24 @@ class TokenAuthenticator:
             self._pending.append(change)
             self._writer.write(self._pending)
 
+    def _write_again(self) -> None:
+        """Write what failed before; read the file once that has succeeded, so that nothing is pending any more."""
+        if not self.not_written:
+            return
+        if self._wall_s() - self._failed_s >= AGAIN_S:
+            self._failed_s = self._wall_s()
+            self._writer.write(self._pending)
+        self._read(forced=False)
+
     def _report_failures(self) -> None:
         while self._writer.failures:
             failure = self._writer.failures.popleft()
+            self.not_written, self._failed_s = failure, self._wall_s()
             self._report(f"a token's use or end is not written down, and holds until this server ends: {failure}")
 
-    def _report(self, text: str) -> None:
-        if text != self._trouble:
+    def _report(self, text: str, *, asked: bool = False) -> None:
+        """Report a trouble once, and again to whoever asks."""
+        if asked or text != self._trouble:
             self._trouble = text
             self._say(ServerEvent("trouble", text))
 

@@ -81,7 +81,8 @@ class CheckpointWriter:
     """Writes the newest content that `put` hands over, in a thread: `put` never waits. One thread puts.
 
     written, overtaken, failures  counts of what was put
-    say                           reports the first failure, in the thread that puts
+    trouble                       why the newest one is not written; "" where it is
+    say                           reports the first failure of several in a row, in the thread that puts
     thread                        which others share; its own if not given
     whole_every                   one write of so many replaces the file: 1 where other hosts read it
     """
@@ -97,7 +98,7 @@ class CheckpointWriter:
         self._whole_every = whole_every
         self.written = self.overtaken = self.failures = 0
         self._say = say
-        self._trouble = ""
+        self.trouble = ""
         self._reported = False
         self._newest: deque[tuple[int, bytes]] = deque(maxlen=1)
         self._put = self._taken = 0
@@ -114,9 +115,10 @@ class CheckpointWriter:
         self._report()
 
     def _report(self) -> None:
-        if self._trouble and not self._reported:
-            self._reported = True
-            self._say(self._trouble)
+        trouble = self.trouble
+        if trouble and not self._reported:
+            self._say(f"a server that is started again will not find the object where it is: {trouble}")
+        self._reported = bool(trouble)
 
     def _write_newest(self) -> None:
         self._waits = False  # before it is looked for: what is put from now on is written by the next call
@@ -132,17 +134,30 @@ class CheckpointWriter:
         try:
             self._write_slot(self.written % self._whole_every, _slot(self.written, data))
             self.written += 1
+            self.trouble = ""
         except Exception as error:  # noqa: BLE001 - whatever it is: the thread goes on, for other rooms and for this one
             self.failures += 1
-            self._trouble = f"a server that is started again will not find the object where it is: {error}"
+            self.trouble = str(error) or type(error).__name__
 
     def _write_slot(self, turn: int, slot: bytes) -> None:
-        """Write a version: as a new file at turn 0 or where there is none, else into the slot of this turn."""
+        """Write a version: as a new file at turn 0 or where there is none, else into the slot of this turn.
+
+        A disk without room for a new file may have it in the old one: there no block is new.
+        """
+        at = SLOT_BYTES * (1 + turn % (SLOTS - 1))
         if turn:
             with suppress(FileNotFoundError):
-                overwrite_private(self.path, slot, SLOT_BYTES * (1 + turn % (SLOTS - 1)))
+                overwrite_private(self.path, slot, at)
                 return
-        write_private(self.path, slot, durable=False)
+        try:
+            write_private(self.path, slot, durable=False)
+        except StateError as full:
+            if self.written < SLOTS or self._whole_every == 1:
+                raise
+            try:
+                overwrite_private(self.path, slot, at)
+            except FileNotFoundError:
+                raise full from None
 
     def read(self) -> bytes | None:
         """Return what is there, None for nothing. Raises StateError."""

@@ -3,6 +3,7 @@
 The folder's mode decides who may ask. The server's half never waits: it is polled between two ticks.
 """
 
+import errno
 import os
 import socket
 import time
@@ -25,6 +26,8 @@ MOST_CALLERS = 8  # at once; further ones wait in the socket's queue
 CALLER_LIMIT_NS = 5_000_000_000
 ASK_LIMIT_S = 5.0
 _QUEUE_WAIT_S = 0.01
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)  # of a folder that may take files again
+AGAIN_NS = 5_000_000_000
 MOST_PATH_BYTES = 103  # of a unix socket: 107 on Linux, 103 on macOS
 
 MOST_WORD, MOST_REASON = 40, 200  # characters
@@ -129,13 +132,24 @@ class Orders(Protocol):
 
 
 class Control:
-    """Server's half, for the holder of the folder (`one_server`). dropped: counts by reason. Raises ControlError."""
+    """Server's half, for the holder of the folder (`one_server`). Raises ControlError.
+
+    dropped  counts by reason
+    trouble  why nobody can ask, as the folder has no room for the socket; tried again every few seconds. "" where one can
+    """
 
     def __init__(self, folder: StateFolder) -> None:
         self.dropped: Counter[str] = Counter()
+        self.trouble = ""
         self._path = _fit_path(folder)
         self._callers: list[_Caller] = []
+        self._again_ns = 0
+        self._listen()
+
+    def _listen(self) -> None:
+        """Raises ControlError, but where the folder has no room."""
         self._socket = local_socket(socket.SOCK_STREAM)
+        self.trouble = ""
         try:
             with suppress(FileNotFoundError):
                 os.unlink(self._path)  # a killed server left it
@@ -144,12 +158,22 @@ class Control:
             self._socket.listen(MOST_CALLERS)
         except OSError as error:
             self._socket.close()
-            raise ControlError(f"{self._path}: cannot be listened on: {error.strerror}; name another --state") from None
+            self.trouble = f"{self._path}: cannot be listened on: {error.strerror}"
+            if error.errno not in NO_ROOM:
+                raise ControlError(f"{self.trouble}; name another --state") from None
+            return
         self._socket.setblocking(False)
 
     def poll(self, now_ns: int | None = None) -> list[Request]:
         """Return new orders, each to be answered by `answer`; one system call where nobody asks."""
         now_ns = time.monotonic_ns() if now_ns is None else now_ns
+        if self.trouble:
+            if now_ns < self._again_ns:
+                return []
+            self._again_ns = now_ns + AGAIN_NS
+            with suppress(ControlError):  # another reason now: still a trouble that is shown
+                self._listen()
+            return []
         self._accept(now_ns)
         requests = []
         for caller in self._callers.copy():

@@ -1,7 +1,7 @@
 """Housekeeping of a live server between its ticks, waiting for nothing: orders, tokens, checkpoints, metrics."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
@@ -14,6 +14,7 @@ from cogrip.server.events import ServerEvent
 from cogrip.server.io.checkpoint_file import CheckpointWriter, WriterThread
 from cogrip.server.io.control import NO_CLUSTER, Control, Drain, Kick, Mark, Orders, Reload, Request, SetHand, Who
 from cogrip.server.io.hand_orders import HandOrders
+from cogrip.server.io.published_state import PublishedState
 from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.io.trigger import Trigger
@@ -33,6 +34,9 @@ Say = Callable[[ServerEvent], None]
 class Tokens(Protocol):
     """Tokens that are void by now; `TokenAuthenticator` says what each function does."""
 
+    @property
+    def not_written(self) -> str: ...
+
     def revoke(self, ident: str) -> None: ...
 
     def revoked(self) -> set[str]: ...
@@ -51,6 +55,9 @@ class Checkpoints(Protocol):
 
     @property
     def failures(self) -> int: ...
+
+    @property
+    def trouble(self) -> str: ...
 
     def put(self, data: bytes) -> None: ...
 
@@ -72,7 +79,11 @@ class Measures(Protocol):
 
 
 class Housekeeping:
-    """Chores of one live server that listens: `begin` before it runs, `end` after. Each part may be missing."""
+    """Chores of one live server that listens: `begin` before it runs, `end` after. Each part may be missing.
+
+    published      what the server has published, written again and again
+    more_degraded  says what else cannot be written now, and why (`Snapshot.degraded`)
+    """
 
     def __init__(
         self,
@@ -93,6 +104,8 @@ class Housekeeping:
         orders: source of orders; that of the folder if not given
         checkpoints: makes those of a room, given what reports a failure; files of the folder if not given
         """
+        self.published: PublishedState | None = None
+        self.more_degraded: Callable[[], Mapping[str, str]] = dict
         self._fresh = fresh
         self._server = server
         self._say = say
@@ -130,6 +143,8 @@ class Housekeeping:
         core = self._server.core
         if self._thread is not None:
             self._thread.begin()
+        if self.published is not None:
+            self.published.begin()
         for room, writer in self._writers.items():
             try:
                 self._leave_earlier(room, writer.path)
@@ -183,12 +198,33 @@ class Housekeeping:
             self._next_ns = now_ns + EVERY_NS
             self._end_revoked()
             self._report_limits()
+            if self.published is not None:
+                self.published.chore(now_ns)
+            for room in self._server.core.rooms if self._writers else ():
+                if self._writers[room.name].trouble:  # written again, also where nobody is any more
+                    self._used[room] = None
+            degraded = self.degraded()  # said by its parts, whoever reads the metrics
             if self._metrics is not None:
-                self._metrics.put(self._snapshot())
+                self._metrics.put(self._snapshot(degraded))
         every_ns = self._notifier.watchdog_every_ns
         if every_ns is not None and now_ns >= self._watchdog_ns:
             self._watchdog_ns = now_ns + every_ns
             self._notifier.watchdog()
+
+    def degraded(self) -> dict[str, str]:
+        """Return what cannot be written now, and why."""
+        troubles = {name: writer.trouble for name, writer in self._writers.items() if writer.trouble}
+        some = next(iter(troubles), "")
+        more = f", and of {len(troubles) - 1} rooms more" if len(troubles) > 1 else ""
+        parts = {
+            "checkpoints": f"of room {some}{more}: {troubles[some]}" if troubles else "",
+            "tokens": self._authenticator.not_written if self._authenticator is not None else "",
+            "orders": self._control.trouble if isinstance(self._control, Control) else "",
+            "recording": self._server.not_recorded,
+        }
+        if self.published is not None:
+            parts[self.published.name] = self.published.trouble
+        return {name: why for name, why in {**parts, **self.more_degraded()}.items() if why}
 
     def counts(self) -> dict[str, int]:
         """Return the counts of what failed, by name."""
@@ -212,14 +248,19 @@ class Housekeeping:
             self._told_trouble = True
             self._report_trouble(self._trigger.trouble)
 
-    def _snapshot(self) -> Snapshot:
+    def _snapshot(self, degraded: Mapping[str, str]) -> Snapshot:
         server = self._server
         server.count_deserted(time.monotonic_ns(), steps=False)
-        drops = (server.drops(), server.losses(), self.counts())
-        return self._maker.make(server.elapsed_s, *drops, datagrams=server.datagrams)
+        failed = {**server.losses(), **self.counts()}
+        return self._maker.make(
+            server.elapsed_s, server.drops(), datagrams=server.datagrams, failed=failed, degraded=degraded
+        )
 
     def end(self, *, said_goodbye: bool) -> None:
         """End with the server. said_goodbye: nobody resumes these sessions, so that no checkpoint is left."""
+        said_goodbye = said_goodbye and not self._server.hands_over
+        if self._server.hands_over:
+            self.write_checkpoints()
         self._notifier.stopping()
         if self._trigger is not None:
             self._trigger.close()
@@ -230,6 +271,8 @@ class Housekeeping:
             if said_goodbye:
                 with suppress(OSError):
                     writer.remove()
+        if self.published is not None:
+            self.published.close()
         if self._authenticator is not None:
             self._authenticator.close()
         if self._metrics is not None:

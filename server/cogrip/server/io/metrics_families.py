@@ -60,7 +60,13 @@ def families(snapshot: Snapshot) -> Iterator[Metric]:
     yield InfoMetricFamily("cogrip_build", "What runs.", value={"version": snapshot.software})
     yield GaugeMetricFamily("cogrip_uptime_seconds", "Since the rooms began.", value=snapshot.uptime_s)
     reasons = [([reason], count) for reason, count in snapshot.dropped.items()]
-    yield _counter("dropped", "Datagrams and messages dropped, by reason.", ["reason"], reasons)
+    yield _counter("dropped", "Datagrams dropped, by reason.", ["reason"], reasons)
+    failures = [([what], count) for what, count in snapshot.failed.items()]
+    yield _counter("failures", "What was not written or not taken, by name.", ["what"], failures)
+    degraded = GaugeMetricFamily("cogrip_degraded", "1 for each part that cannot be written now.", labels=["what"])
+    for what in snapshot.degraded:
+        degraded.add_metric([what], 1.0)
+    yield degraded
     both = {"in": snapshot.received, "out": snapshot.sent}
     directions = [([direction], count) for direction, count in both.items() if count is not None]
     yield _counter("datagrams", "Datagrams at the socket.", ["direction"], directions)

@@ -45,11 +45,11 @@ class Latest:
         with self._lock:
             self._health.take(snapshot, time.monotonic_ns())
 
-    def newest(self) -> tuple[Snapshot | None, str, float]:
-        """Return (newest snapshot, trouble or "", its age [s])."""
+    def newest(self) -> tuple[Snapshot | None, str, str, float]:
+        """Return (newest snapshot, trouble or "", what is degraded or "", its age [s])."""
         with self._lock:
-            now_ns = time.monotonic_ns()
-            return self._health.newest, self._health.trouble(now_ns), self._health.age_ns(now_ns) * 1e-9
+            now_ns, health = time.monotonic_ns(), self._health
+            return health.newest, health.trouble(now_ns), health.degraded(), health.age_ns(now_ns) * 1e-9
 
 
 class ServerCollector(Collector):
@@ -59,8 +59,9 @@ class ServerCollector(Collector):
         self._latest = latest
 
     def collect(self) -> Iterator[Metric]:
-        snapshot, trouble, age_s = self._latest.newest()
-        yield GaugeMetricFamily("cogrip_healthy", "1 where /healthz says ok, else 0.", value=float(not trouble))
+        snapshot, trouble, degraded, age_s = self._latest.newest()
+        healthy = float(not (trouble or degraded))
+        yield GaugeMetricFamily("cogrip_healthy", "1 where /healthz says ok, else 0.", value=healthy)
         broken_off = self._latest.broken_off
         yield CounterMetricFamily(
             "cogrip_scrapes_broken_off", "Askers who were gone before the answer.", value=broken_off
@@ -97,13 +98,14 @@ class Page(BaseHTTPRequestHandler):
         self.do_GET()
 
     def _answer_health(self) -> None:
-        snapshot, trouble, age_s = self.server.latest.newest()
-        words: dict[str, Any] = {"status": trouble or "ok"}
+        snapshot, trouble, degraded, age_s = self.server.latest.newest()
+        words: dict[str, Any] = {"status": trouble or (f"degraded: {degraded}" if degraded else "ok")}
         if snapshot is not None:
             words |= {
                 "version": snapshot.software,
                 "uptime_s": round(snapshot.uptime_s, 1),
                 "age_s": round(age_s, 3),
+                **({"degraded": snapshot.degraded} if snapshot.degraded else {}),
                 "rooms": {room.room: _room(room) for room in snapshot.rooms},
             }
         status = HTTPStatus.SERVICE_UNAVAILABLE if trouble else HTTPStatus.OK

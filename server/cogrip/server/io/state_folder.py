@@ -23,6 +23,7 @@ FOLDER_MODE = 0o700
 FILE_MODE = 0o600
 SHARED = "shared"  # link to the folder that the servers of a cluster share
 MOST_BYTES = 4 * 2**20  # of a file that is read back
+LEAKED = ", and think whether its secrets are known by now"  # said of what may hold some
 _LOOK_AGAIN_S = 0.005
 
 
@@ -114,6 +115,9 @@ def find_folder(path: Path) -> StateFolder:
 def share(folder: StateFolder, shared: Path | None) -> StateFolder:
     """Return the folder with the key, tokens and checkpoints in `shared`; with its own ones for None. Raises StateError."""
     link = folder.path / SHARED
+    if shared is not None and folder.shared == shared.resolve() != folder.path:  # a full disk takes no other link
+        make_folder(shared)
+        return folder
     try:
         link.unlink(missing_ok=True)
         if shared is not None:
@@ -166,6 +170,8 @@ def write_private(path: Path, content: bytes, *, durable: bool = True) -> None:
         finally:
             os.close(folder)
     except OSError as error:
+        with suppress(OSError):
+            new.unlink()  # a part of it keeps room from others
         raise StateError(f"{path}: cannot be written: {error.strerror}; make room or name another --state") from None
 
 
@@ -261,7 +267,8 @@ def _need_private(path: Path, found: os.stat_result, mode: int) -> None:
             "run this as the former, or name another folder with --state"
         )
     if found.st_mode & 0o077:
+        known = "" if stat.S_ISDIR(found.st_mode) and not any(path.iterdir()) else LEAKED
         raise StateError(
             f"{path}: others may enter or read it (mode {stat.S_IMODE(found.st_mode):04o}, must be {mode:04o}); "
-            f"chmod {mode:o} {path}, and think whether its secrets are known by now"
+            f"chmod {mode:o} {path}{known}"
         )

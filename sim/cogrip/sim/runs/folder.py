@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -46,15 +47,26 @@ def make_run_folder(base: Path, name: str, now: datetime) -> Path:
     raise FileExistsError(f"{base / stem}: a thousand runs of that name in one second; give another --runs folder")
 
 
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all: a full disk leaves no empty one that looks like a result. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)  # it may have been removed while the session ran
+    new = path.with_name(f"{path.name}.new")
+    try:
+        new.write_bytes(content)
+        new.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            new.unlink()
+        raise OSError(error.errno, error.strerror, str(path)) from None
+
+
 def write_settings(folder: Path, settings: Settings) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / SETTINGS).write_bytes(msgspec.json.format(msgspec.json.encode(settings), indent=2) + b"\n")
+    write_whole(folder / SETTINGS, msgspec.json.format(msgspec.json.encode(settings), indent=2) + b"\n")
 
 
 def write_account(folder: Path, name: str, account: ClientAccount) -> None:
     """Write what one client knows, for `read_accounts`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / client_recording(name)).with_suffix(".json").write_bytes(msgspec.json.encode(account))
+    write_whole((folder / client_recording(name)).with_suffix(".json"), msgspec.json.encode(account))
 
 
 def read_accounts(folder: Path, names: Sequence[str]) -> dict[str, ClientAccount | None]:
@@ -86,5 +98,4 @@ def finite(value: Any) -> Any:
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
-    folder.mkdir(parents=True, exist_ok=True)  # it may have been removed while the session ran
-    (folder / SUMMARY).write_text(summary_text(summary))
+    write_whole(folder / SUMMARY, summary_text(summary).encode())

@@ -9,7 +9,7 @@ import re
 import ssl
 import time
 from collections import Counter
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Collection, Coroutine
 from dataclasses import dataclass, field
 from hashlib import sha256
 
@@ -49,6 +49,8 @@ class Gateway:
     new_hand  makes a player's process, not yet started
     link_of   gives the join link of a token
     hosts     HOST:PORT texts by which people reach the gateway, given the port
+    origins   whole origins by which people reach it through a proxy
+    proxies   addresses of proxies that are trusted to say for whom they ask
     """
 
     own: LiveFeed
@@ -65,6 +67,8 @@ class Gateway:
     most_hands: int
     foxglove: bool = False
     seconds: float | None = None
+    origins: Collection[str] = ()
+    proxies: Collection[str] = ()
     counts: Counter[str] = field(init=False, default_factory=Counter)
     _shared: dict[bytes, _Shared] = field(init=False, default_factory=dict)
     _hands: set[HandProcess] = field(init=False, default_factory=set)
@@ -79,13 +83,13 @@ class Gateway:
         policy = page.content_security_policy()
         speaks = speak if self.foxglove else None
         server = self._server = PageServer(
-            Access([]), page.served_files(), policy, self._admit, self._leave, foxglove=speaks
+            Access([]), page.served_files(), policy, self._admit, self._leave, foxglove=speaks, proxies=self.proxies
         )
         try:
             await server.listen(self.host, self.port, self.tls)
         except OSError as error:
             raise PortError(port_taken(self.port, error)) from None
-        server.access = Access(self.hosts(server.port), "http" if self.tls is None else "https")
+        server.access = Access(self.hosts(server.port), "http" if self.tls is None else "https", public=self.origins)
         self.own.start()
         self._keep(_key(self.own_token), self.own)
         self.ready(server.port)

@@ -5,11 +5,12 @@ import logging
 import secrets
 import ssl
 from collections import Counter
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from http import HTTPStatus
+from ipaddress import ip_address
 from typing import Any, cast
 from urllib.parse import parse_qs
 
@@ -78,6 +79,7 @@ class PageServer:
              move a device, and its address
     foxglove handler of a connection that speaks Foxglove's protocol, None where it is not offered
     most_bytes  of a message that a tab may send
+    proxies  addresses whose word is taken for whom a request comes from (X-Forwarded-For)
     """
 
     access: Access
@@ -87,6 +89,7 @@ class PageServer:
     leave: Callable[[Admitted], None] = lambda admitted: None
     foxglove: Callable[[ServerConnection, Feed], Awaitable[None]] | None = None
     most_bytes: int = MOST_BYTES
+    proxies: Collection[str] = ()
     visitors: Visitors = field(default_factory=lambda: Visitors(VisitorLimits(), secrets.randbits(64)))
     counts: Counter[str] = field(init=False, default_factory=Counter)
     _server: Server = field(init=False)
@@ -138,6 +141,9 @@ class PageServer:
     def _judge(self, connection: "_Connection", request: Request) -> Response | None:
         path = _path(request)
         upgrade = "websocket" in ",".join(request.headers.get_all("Upgrade")).lower()
+        if refusal := connection.identify(request.headers.get_all("X-Forwarded-For")):
+            self.access.refused[refusal] += 1
+            return self._response(HTTPStatus.BAD_REQUEST, f"{refusal}\n".encode())
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         if len(hosts) != 1 or len(origins) > 1:
             self.access.refused["malformed request"] += 1
@@ -149,7 +155,7 @@ class PageServer:
             return self._response(HTTPStatus.FORBIDDEN, f"{refusal}\n".encode())
         if upgrade:
             known = path == access.SOCKET or (path == access.FOXGLOVE and self.foxglove is not None)
-            full = self.visitors.may_open(connection.remote_address) if known else ""
+            full = self.visitors.may_open(connection.client) if known else ""
             if known and not full:
                 return None
             self.access.refused[full or "unknown path"] += 1
@@ -178,7 +184,7 @@ class PageServer:
     # Sockets ---------------------------------------------------------------------------------------------------------
 
     async def _talk(self, connection: "_Connection") -> None:
-        address = connection.remote_address
+        address = connection.client
         connection.begun = True
         self.visitors.open_tab(address)
         try:
@@ -223,7 +229,7 @@ class PageServer:
 
     async def _admitted(self, connection: "_Connection", token: str, hand: bool) -> Admitted | None:
         """Return what the holder of a token may see, None where it was refused. Raises ConnectionClosed."""
-        asked = asyncio.ensure_future(self.admit(token, hand, connection.remote_address))
+        asked = asyncio.ensure_future(self.admit(token, hand, connection.client))
         closed = asyncio.create_task(connection.wait_closed())
         try:
             await asyncio.wait([asked, closed], return_when=asyncio.FIRST_COMPLETED)
@@ -353,17 +359,41 @@ class _Connection(ServerConnection):
     def __init__(self, page: PageServer, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._page = page
-        self._address: object = None
+        self.client: object = None  # address of whoever asks
+        self._counted = False
         self._control_frames = 0
         self.protocol.recv_frame = partial(self._read_frame, self.protocol.recv_frame)  # type: ignore[method-assign]
         self.admitted = self.begun = self.judged = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)
-        self._address = self.remote_address
-        if refusal := self._page.visitors.connect(self._address):
+        self.client = self.remote_address
+        if self._forwards:  # it has not said yet whom this is of
+            return
+        if refusal := self._connect():
             self._page.access.refused[refusal] += 1
             self.transport.abort()
+
+    @property
+    def _forwards(self) -> bool:
+        """Return whether the other end is a proxy that is trusted."""
+        peer = self.remote_address
+        return bool(peer) and str(peer[0]).partition("%")[0] in self._page.proxies
+
+    def _connect(self) -> str:
+        self._counted = True
+        return self._page.visitors.connect(self.client)
+
+    def identify(self, forwarded: Sequence[str]) -> str:
+        """Take the address that a trusted proxy has added last; return why the request is refused, "" if it is not."""
+        if not self._forwards:
+            return ""
+        try:
+            last = ",".join(forwarded).rpartition(",")[2].strip()
+            self.client = (str(ip_address(last)), 0)
+        except ValueError:
+            return "the proxy does not say for whom (X-Forwarded-For)"
+        return self._connect()
 
     def _read_frame(self, read: Callable[[Frame], None], frame: Frame) -> None:
         """Let the protocol read a frame, which answers a ping at once. Raises ProtocolError, which ends the connection."""
@@ -378,7 +408,8 @@ class _Connection(ServerConnection):
             self._page.access.refused["malformed request"] += 1
         elif not self.begun and not self.judged and isinstance(self.protocol.parser_exc, ProtocolError):
             self._page.access.refused[PROTOCOL_ERRORS[1002]] += 1
-        self._page.visitors.disconnect(self._address)
+        if self._counted:
+            self._page.visitors.disconnect(self.client)
         super().connection_lost(exc)
 
 

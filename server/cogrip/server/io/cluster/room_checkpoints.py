@@ -26,6 +26,12 @@ class RoomCheckpoints:
         self.path = path
         self.in_memory = in_memory
         self._not_sent = 0
+        self._refused = ""
+
+    @property
+    def trouble(self) -> str:
+        """Why nobody has the newest one; "" where somebody has."""
+        return self._refused if self.in_memory else self._file.trouble
 
     @property
     def failures(self) -> int:
@@ -36,7 +42,10 @@ class RoomCheckpoints:
         """See `CheckpointWriter`."""
         if not self.in_memory:
             self._file.put(data)
-        elif not self._link.send(Saved(data)):
+        elif self._link.send(Saved(data)):
+            self._refused = ""
+        else:
+            self._refused = f"{len(data)} bytes were not taken by the link"
             self._not_sent += 1
             if self._not_sent == 1:
                 self._say(

@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from cogrip.protocol.addition import add_integers
@@ -24,6 +24,7 @@ from cogrip.server.io.control import (
     Who,
 )
 from cogrip.server.io.metrics_feed import MetricsFeed
+from cogrip.server.io.published_state import PublishedState
 from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.workers.front import Front
 from cogrip.server.io.workers.link import Answered, Obey, Void
@@ -44,7 +45,10 @@ class _Waiting:
 
 
 class Administration:
-    """Orders, tokens and metrics of a front. `begin` before it runs, `end` after; each part may be missing."""
+    """Orders, tokens and metrics of a front. `begin` before it runs, `end` after; each part may be missing.
+
+    published, more_degraded  as of `Housekeeping`
+    """
 
     def __init__(
         self, front: Front | ClusterFront, say: Callable[[ServerEvent], None], software: str, *, control: Control | None,
@@ -52,6 +56,8 @@ class Administration:
         drain: Callable[[str], tuple[str, bool]] = lambda host: (NO_CLUSTER, False),
     ) -> None:  # fmt: skip
         """reload: says whether the tokens are to be read again, by a signal. drain: lets the rooms of a host move."""
+        self.published: PublishedState | None = None
+        self.more_degraded: Callable[[], Mapping[str, str]] = dict
         self._drain = drain
         self._front, self._say, self._software = front, say, software
         self._control, self._authenticator, self._metrics = control, authenticator, metrics
@@ -67,6 +73,8 @@ class Administration:
 
     def begin(self) -> None:
         """Notify that all is ready, and work between the front's datagrams."""
+        if self.published is not None:
+            self.published.begin()
         self._end_void()
         self._front.chores.append(self.chore)
         self._notifier.ready(f"rooms: {len(self._front.rooms)}")
@@ -88,6 +96,8 @@ class Administration:
         if now_ns >= self._next_ns:
             self._next_ns = now_ns + EVERY_NS
             self._end_void()
+            if self.published is not None:
+                self.published.chore(now_ns)
             if self._metrics is not None:
                 self._metrics.put(self._snapshot(now_ns))
         every_ns = self._notifier.watchdog_every_ns
@@ -98,7 +108,7 @@ class Administration:
     def end(self) -> None:
         """End with the front."""
         self._notifier.stopping()
-        for part in (self._control, self._authenticator, self._metrics):
+        for part in (self._control, self.published, self._authenticator, self._metrics):
             if part is not None:
                 part.close()
         self._notifier.close()
@@ -173,12 +183,22 @@ class Administration:
         for part in parts:
             dropped.update(part.dropped)
         replaced = self._front.pool.replaced
-        dropped.update({"worker replaced": replaced} if replaced else {})
+        failed = Counter({"worker replaced": replaced} if replaced else {})
+        degraded = {
+            "tokens": self._authenticator.not_written if self._authenticator is not None else "",
+            "orders": self._control.trouble if self._control is not None else "",
+            **({self.published.name: self.published.trouble} if self.published is not None else {}),
+            **self.more_degraded(),
+        }
+        for part in parts:
+            failed.update(part.failed)
+            degraded |= part.degraded
+        degraded = {name: why for name, why in degraded.items() if why}
         rooms = sorted((room for part in parts for room in part.rooms), key=lambda room: room.room)
         uptime_s = (now_ns - self._start_ns) * 1e-9
         received = self._front.received + add_integers(part.received or 0 for part in parts)
         sent = self._front.sent + add_integers(part.sent or 0 for part in parts)
-        return Snapshot(self._software, uptime_s, tuple(rooms), dict(dropped), received, sent)
+        return Snapshot(self._software, uptime_s, tuple(rooms), dict(dropped), received, sent, dict(failed), degraded)
 
 
 def merged(order: object, answers: Sequence[Answer], rooms: int) -> Answer:

@@ -11,6 +11,7 @@ class FrontVerdicts:
     """`Authenticator` of a worker. newest: verdict on the message that the port returned last; newest_shown: its token."""
 
     def __init__(self, link: Link) -> None:
+        self.not_written = ""  # the front has the file
         self.newest: Grant | Denied | None = None
         self.newest_shown: str | None = None
         self._link = link

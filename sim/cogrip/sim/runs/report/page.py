@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from cogrip.sim.runs.folder import write_whole
 from cogrip.sim.runs.judgement import Tone
 from cogrip.sim.runs.report.tables import dropped_table, people_table, room_table, settings_tables
 from cogrip.sim.runs.summary_values import dig, lent_j, number
@@ -37,7 +38,7 @@ def write_report(folder: Path) -> Path:
     run = load_run(folder)
     pictures = draw_plots(run)
     report = folder / REPORT
-    report.write_text(render(run, pictures), encoding="utf-8")
+    write_whole(report, render(run, pictures).encode())
     return report
 
 
@@ -55,7 +56,7 @@ def draw_plots(run: Run) -> list[Picture]:
             continue
         drawn = picture(plot.heading, plot.caption, plot.draw, run)
         if drawn.png is not None:
-            file.write_bytes(drawn.png)
+            write_whole(file, drawn.png)
         pictures.append(drawn)
     return pictures
 
