@@ -145,7 +145,7 @@ class PageServer:
         if getattr(request, "method", "GET") != "GET":  # older versions of websockets refuse it themselves
             self.access.refused["malformed request"] += 1
             return self._response(HTTPStatus.METHOD_NOT_ALLOWED, b"GET alone\n")
-        if refusal := self.access.refusal(hosts[0], origins[0] if origins else None, upgrade=upgrade):
+        if refusal := self.access.refusal(hosts[0], origins[0] if origins else None, path, upgrade=upgrade):
             return self._response(HTTPStatus.FORBIDDEN, f"{refusal}\n".encode())
         if upgrade:
             known = path == access.SOCKET or (path == access.FOXGLOVE and self.foxglove is not None)
