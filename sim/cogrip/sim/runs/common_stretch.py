@@ -41,7 +41,7 @@ def _start_s(run: Run) -> float:
 
 
 def summary_of_first(run: Run, seconds: float) -> Summary:
-    """Return the part of a summary that the recordings tell of the first `seconds` of a run; its own `seconds` is the run's length."""
+    """Return what the recordings tell of the first `seconds` of a run, in a summary's keys; `seconds` is its length."""
     until_s = _start_s(run) + seconds if run.clients or run.room else 0.0
     room, rows = run.room, slice(0)
     if room is not None:

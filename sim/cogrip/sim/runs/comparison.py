@@ -178,10 +178,11 @@ def differences_of_runs(
     lengths = "; ".join(
         f"{label}: {number(length_s(run), digits=2)} s" for run, label in zip(runs, labels, strict=True)
     )
-    return [row for row in rows if any(value is not None for value in row.values)], [
+    note = (
         f"Not equally long ({lengths}). All numbers but the length are of the first {number(stretch_s, digits=2)} s, which "
         "all have; what the recordings do not tell of a part of a run is left out."
-    ]
+    )
+    return [row for row in rows if any(value is not None for value in row.values)], [note]
 
 
 def settings_differences(settings: Sequence[dict[str, Any]]) -> list[SettingsDifference]:

@@ -80,7 +80,10 @@ class ViewProcess:
             if self.hand is not None:
                 self.counts.update(self.hand.counts)
                 self.hand.close()
-            await server.close()
+            ended = self.feed.ended or (self.hand.ended if self.hand is not None else "")
+            await server.close(
+                f"The session is over: {ended}" if ended else "The command that served this page has ended"
+            )
             if isinstance(self.feed, LiveFeed):
                 self.feed.close()
             self.counts.update(server.access.refused + server.counts)

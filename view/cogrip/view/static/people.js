@@ -98,6 +98,16 @@ export class People {
     }
   }
 
+  /** Show that nothing is known of anybody now. @param {string} why */
+  rest(why) {
+    for (const { person, card, line, values } of this.cards.values()) {
+      write(line, `${person.name}: ${why}`);
+      card.dataset.state = "free";
+      card.classList.remove("alarm", "pushes");
+      for (const value of values) write(value, "–");
+    }
+  }
+
   /** @param {number | null} seat whose ghost is shown */
   mark(seat) {
     for (const [each, { ghost }] of this.cards) ghost.setAttribute("aria-pressed", String(each === seat));
