@@ -192,7 +192,9 @@ coupling.impedance_nspm = 90.0
 name = "b"
 """
     path = write(study)
-    assert "conditions.heavy, conditions.again: refused: P01: b = 90 N s/m" in cogrip.err("study", path, "--out", "refused")
+    assert "conditions.heavy, conditions.again: refused: P01: b = 90 N s/m" in cogrip.err(
+        "study", path, "--out", "refused"
+    )
     _, said = cogrip.texts("study", path, "--allow-unstable", "--out", "all")
     warned = [line for line in said.splitlines() if line.startswith("warning: ") and "b = 90 N s/m is more" in line]
     assert len(warned) == 1
