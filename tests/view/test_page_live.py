@@ -136,6 +136,28 @@ def test_ghost_is_what_the_chosen_person_is_shown(opened: Shown) -> None:
     page.until("cogrip.frame.drawn.ghost === null")
 
 
+def test_a_ghost_in_the_objects_place_is_not_drawn(opened: Shown) -> None:
+    """Both in one place would flicker."""
+    page, server = opened
+    page.tab.locator("article", has_text="anna").get_by_text("ghost").click()
+    for number, away_m in ((31, 0.0), (32, 0.01)):
+        sent = frame(number)
+        seen = (sent.position_m[0] + away_m, *sent.position_m[1:])
+        server.send(encode(replace(sent, people=tuple(replace(each, seen_m=seen) for each in sent.people))))
+        drawn = page.until_drawn(number)["drawn"]
+        assert (drawn["ghost"] is not None) == (away_m > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "axis"),
+    [((0.0, 0.0), [0.0, 0.05]), ((0.5, 2.5), [0.34, 2.66]), ((0.01, 0.01), [0.0, 0.06]), ((-1.0, 1.0), [-1.16, 1.16])],
+)
+def test_what_is_never_below_0_has_no_axis_there(opened: Shown, values: tuple[float, float], axis: list[float]) -> None:
+    page, _ = opened
+    drawn = page.state(f"import('/plots.js').then((plots) => plots.spread(null, {values[0]}, {values[1]}))")
+    assert drawn == pytest.approx(axis)
+
+
 def test_state_line_says_state_delay_and_passivity(opened: Shown) -> None:
     page, server = opened
     malformed = page.state("cogrip.stats.malformed")

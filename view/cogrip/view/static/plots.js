@@ -110,9 +110,9 @@ export class Plots {
   }
 }
 
-/** Leave room around the values, also where all are one value. */
-function spread(_, least, most) {
+/** Leave room around the values, also where all are one value; none below 0 where no value is. */
+export function spread(_, least, most) {
   if (least === null || most === null) return [0, 1];
   const room = Math.max(0.08 * (most - least), 0.02 * Math.abs(most), 0.05);
-  return [least - room, most + room];
+  return [least >= 0 ? Math.max(0, least - room) : least - room, most + room];
 }
