@@ -6,7 +6,7 @@ import { History } from "./history.js";
 import { listen } from "./keys.js";
 import { Measures } from "./measures.js";
 import { Panel } from "./panel.js";
-import { People, write } from "./people.js";
+import { fixed, People, write } from "./people.js";
 import { Picture } from "./picture.js";
 import { Player } from "./player.js";
 import { clock, PlayerBar } from "./player_bar.js";
@@ -256,7 +256,7 @@ export class App {
     }
     this.people.show(frame);
     const axes = this.scene.axes;
-    const position = frame.position_m.slice(0, axes).map((value, axis) => `${"xyz"[axis]} ${(1000 * value).toFixed(1)}`);
+    const position = frame.position_m.slice(0, axes).map((value, axis) => `${"xyz"[axis]} ${fixed(1000 * value, 1)}`);
     write(part("time"), `${frame.time_s.toFixed(2)} s, step ${frame.number}`);
     write(part("object"), `object ${position.join("  ")} mm, ${Math.hypot(...frame.velocity_mps).toFixed(3)} m/s`);
     const names = new Map(this.scene.people.map((each) => [each.seat, each.name]));

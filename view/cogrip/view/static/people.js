@@ -1,6 +1,12 @@
 /** The people beside the picture: a plain state line for each, and numbers with their units. */
 
-const number = (value, digits) => (Number.isFinite(value) ? value.toFixed(digits) : "–");
+/** Write a number; what is 0 when rounded has no sign. @returns {string} */
+export function fixed(value, digits) {
+  const text = value.toFixed(digits);
+  return Number(text) === 0 ? text.replace("-", "") : text;
+}
+
+const number = (value, digits) => (Number.isFinite(value) ? fixed(value, digits) : "–");
 const length = (values) => Math.hypot(...values);
 
 /**

@@ -2,6 +2,7 @@
 
 import uPlot from "uplot";
 import { QUANTITIES } from "./history.js";
+import { fixed } from "./people.js";
 
 const HEIGHT = 108;
 const PLOT_PERIOD_MS = 120; // of each plot; they take turns, one in a drawn frame
@@ -75,7 +76,7 @@ export class Plots {
         continue;
       }
       const values = hovered.series.slice(1).map((each, at) => [each.label, hovered.data[at + 1][index]]);
-      const text = values.filter(([, value]) => value !== null).map(([label, value]) => `${label} ${value.toFixed(2)}`);
+      const text = values.filter(([, value]) => value !== null).map(([label, value]) => `${label} ${fixed(value, 2)}`);
       title.textContent = `${hovered.data[0][index].toFixed(2)} s: ${text.join(", ")} ${quantity.unit}`;
     }
   }
