@@ -76,7 +76,7 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write no reports, which take longer than short sessions."""
     monkeypatch.setattr("cogrip.sim.experiments.methods.report.draw_all", lambda *_: [])
     monkeypatch.setattr("cogrip.sim.runs.report.page.write_report", lambda folder: folder / "report.html")
-    monkeypatch.setattr("cogrip.sim.runs.report.compared.write_comparison", lambda page, *_: (page, []))
+    monkeypatch.setattr("cogrip.sim.runs.report.compared.write_comparison", lambda page, *_: (page, [], []))
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """`cogrip join` before anything is sent: link or address, device, advice; and the display of an observer."""
 
 import io
+import re
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -252,3 +253,36 @@ def test_a_replay_of_nothing_asks_for_no_seat(run: Path, cogrip: Cogrip, monkeyp
     assert "from 500 s to 0.5" in err
     assert "there is nothing to play; the recording is 0.5" in err
     assert err.count("\n") == 1
+
+
+PHANTOM = {"users": [{"name": "anna", "device": "sim:ideal?axes=1"}, {"name": "ben", "device": "serial:/dev/arm"}]}
+
+
+@pytest.mark.parametrize(
+    ("devices", "name", "told"),
+    [
+        ((), None, ("sim:phantom?hand=hold&x=1",)),
+        (("sim:ideal",), None, ("sim:ideal?hand=hold&x=1",)),
+        (("emulated:haply?axes=3",), None, ("emulated:haply?axes=3&hand=hold&x=1",)),
+        ((), "", ("sim:ideal?axes=1&hand=hold&x=1",)),
+        ((), "ben", "--hand 'hold&x=1': is for a simulated device, and serial:/dev/arm is none"),
+        (("web:",), None, "is for a simulated device, and web: is none"),
+        (("sim:phantom?hand=reach",), None, "sim:phantom?hand=reach has a hand already"),
+        (("sim:phantom", "sim:phantom"), None, "is for one device"),
+    ],
+)
+def test_a_hand_is_that_of_the_simulated_device(
+    devices: tuple[str, ...], name: str | None, told: tuple[str, ...] | str
+) -> None:
+    settings = None if name is None else resolve(PHANTOM)
+    if isinstance(told, str):
+        with pytest.raises(BadInput, match=re.escape(told)):
+            joined_device.with_hand(devices, "hold&x=1", settings, name or "")
+    else:
+        assert joined_device.with_hand(devices, "hold&x=1", settings, name or "") == told
+    assert joined_device.with_hand(devices, "", settings, name or "") == devices
+
+
+def test_join_tells_the_server_the_device_with_its_hand(asked: Asked) -> None:
+    hello, _ = asked("127.0.0.1:4711", "--hand", "hold", "--device", "sim:ideal")
+    assert hello.device == "sim:ideal?hand=hold"

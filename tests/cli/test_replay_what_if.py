@@ -1,11 +1,14 @@
 """`cogrip replay --what-if` as its users type it: exit codes, words, what it leaves."""
 
 import json
+import signal
+from html import unescape
 from pathlib import Path
 
 import pytest
 
 from cogrip.sim.runs.records import open_run
+from cogrip.sim.session.laboratory import Laboratory
 
 from tests.cli.command import Cogrip
 from tests.cli.spoiled_runs import FILES
@@ -55,3 +58,29 @@ def test_beside_a_live_run_stands_what_the_laboratory_changes_by_itself(run: Pat
     (folder,) = Path("other").iterdir()
     assert open_run(folder / "unchanged").settings() is not None
     assert {path.name for path in LIVE.iterdir()} == {*FILES, "settings.json", "summary.json"}, "nothing is left there"
+
+
+@pytest.mark.parametrize(("name", "change"), [("run", ""), (LIVE, "link.delay_ms")])
+def test_after_an_interruption_runs_are_compared_over_what_all_have(
+    run: Path, cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, name: object, change: str
+) -> None:
+    """Ctrl-C after 20 frames of the first session: what was not run is said, and nothing stands beside a whole run's total."""
+    frames, frame = [], Laboratory.frame
+
+    def counted(laboratory: Laboratory, each_tick: object = None) -> None:
+        frames.append(laboratory)
+        if len(frames) == 20:
+            signal.raise_signal(signal.SIGINT)
+        frame(laboratory, each_tick)
+
+    monkeypatch.setattr(Laboratory, "frame", counted)
+    changes = ["--set", "link.delay_ms=5"] if change else []
+    said = " ".join(cogrip.out("replay", name, "--what-if", *changes, "--runs", "other", code=130).split())
+    assert len(frames) == 20
+    missing = f", 'with {change} = 5' was not run" if change else ""
+    banner = f"nterrupted: 'unchanged, in the laboratory' was cut short{missing}."
+    assert f"i{banner}" in said
+    assert "All numbers but the length are of the first 0.16 s, which all have" in said
+    (folder,) = Path("other").iterdir()
+    page = unescape((folder / "comparison.html").read_text())
+    assert f"<li>I{banner}</li>" in page

@@ -19,6 +19,7 @@ from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.listing import ListedRun, list_runs
 from cogrip.sim.runs.records import open_run
 
+from tests.cli.command import Cogrip
 from tests.cli.spoiled_runs import damage
 
 SETTINGS: dict[str, Any] = {
@@ -332,3 +333,10 @@ def test_a_run_that_was_softer_than_asked_is_listed_so(tmp_path):
     found = listed(tmp_path)[folder.name]
     assert (found.tone, found.brief) == ("warn", "softer than asked")
     assert "softer than asked" in found.verdict
+
+
+def test_runs_takes_its_folder_as_other_commands_do(cogrip: Cogrip, tmp_path: Path) -> None:
+    (tmp_path / "others").mkdir()
+    assert cogrip.answer("runs", "--runs", tmp_path / "others") == cogrip.answer("runs", tmp_path / "others")
+    cogrip.refuses("give one of them", "runs", tmp_path / "others", "--runs", tmp_path)
+    cogrip.refuses("there is no such folder", "runs", "--runs", tmp_path / "nowhere")

@@ -172,3 +172,30 @@ def test_table_of_what_is_no_study_is_refused(cogrip: Cogrip) -> None:
     assert f"warning: {broken} holds no recording of P01" in err
     found: list[dict[str, Any]] = list(rows(FOLDER / "table.csv"))
     assert [row["path_m"] == "" for row in found] == [row["run"] == broken.name for row in found]
+
+
+def test_warnings_and_refusals_of_settings_name_all_their_conditions(cogrip: Cogrip) -> None:
+    study = """
+name = "carried"
+participants = ["P01"]
+[session]
+seconds = 0.05
+[[session.users]]
+device = "sim:ideal"
+[conditions.light]
+coupling.impedance_nspm = 5.0
+[conditions.heavy]
+coupling.impedance_nspm = 90.0
+[conditions.again]
+coupling.impedance_nspm = 90.0
+[[blocks]]
+name = "b"
+"""
+    path = write(study)
+    assert "conditions.heavy, conditions.again: refused: P01: b = 90 N s/m" in cogrip.err(
+        "study", path, "--out", "refused"
+    )
+    _, said = cogrip.texts("study", path, "--allow-unstable", "--out", "all")
+    warned = [line for line in said.splitlines() if line.startswith("warning: ") and "b = 90 N s/m is more" in line]
+    assert len(warned) == 1
+    assert warned[0].startswith("warning: conditions.heavy, conditions.again: P01: ")

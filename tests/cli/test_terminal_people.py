@@ -3,16 +3,21 @@
 import os
 from collections.abc import Iterator
 from io import StringIO
+from pathlib import Path
 
 import pytest
 
+from cogrip.cli.study.pages import Pages
+from cogrip.cli.study.study import trials_in_words
+from cogrip.cli.study.study_source import load_study
 from cogrip.cli.study.terminal_people import Keys, TerminalPeople
 from cogrip.cli.terminal.output import make_console
 from cogrip.protocol.io.stop import Stop
 from cogrip.sim.experiments.study.conductor import Quit
-from cogrip.sim.experiments.study.plan import Trial, next_trial
+from cogrip.sim.experiments.study.plan import Trial, next_trial, planned
 from cogrip.sim.experiments.study.questions import AnswerError, Question, items_of, raw_tlx, unfit_question
 from cogrip.sim.experiments.study.trial import Event, TrialState
+from cogrip.view.io.study_page import StudyPage
 
 from tests.sim.studies import PLAIN, parsed
 
@@ -123,3 +128,25 @@ def test_questions_that_cannot_be_asked_are_refused() -> None:
     assert "two different choices" in unfit_question(Question("choice", "Which?", choices=("one", "one")))
     assert "has no text" in unfit_question(Question("text"))
     assert "leave them out" in unfit_question(Question("likert", "How?", choices=("a", "b")))
+
+
+def test_pages_say_which_trial_of_how_many_and_that_it_is_over() -> None:
+    """On the page of whoever is done; the other one's is as it was."""
+    terminal, page = Terminal(), StudyPage("study", {"P01": "a", "P02": "b"})
+    people = TerminalPeople(terminal.people._keys, terminal.people._console, Pages(page), length=lambda group: " of 12")
+    terminal.type("\n\n")
+    people.wait(terminal.trial, TrialState(1, ["P01", "P02"]), ["P01", "P02"])
+    assert [page.panel(person).message.title for person in ("P01", "P02")] == ["trial 1 of 12"] * 2
+    people.thank(["P01"])
+    first, second = (page.panel(person).message for person in ("P01", "P02"))
+    assert (first.state, first.title) == ("over", "")
+    assert first.text.startswith("The study is over.")
+    assert (second.state, second.title) == ("waiting", "trial 1 of 12")
+    os.close(terminal._read)
+
+
+def test_staircases_may_end_before_their_last_trial() -> None:
+    plain = load_study(Path("fitts"), live=False, allow_unstable=False)[0]
+    stairs = load_study(Path("stiffness"), live=False, allow_unstable=False)[0]
+    assert trials_in_words(plain, 0) == f" of {planned(plain, 0)}"
+    assert trials_in_words(stairs, 0) == f" of at most {planned(stairs, 0)}"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.server.io.control import Who
+from cogrip.server.io.control import Answer, Who
 from cogrip.server.io.state_folder import ServerRecord, StateFolder, make_folder, write_server
 from cogrip.server.roster import RosterEntry
 
@@ -62,3 +62,20 @@ def test_without_a_server_it_is_said_in_one_way(cogrip: Cogrip, folder: StateFol
     for where in (folder.path, folder.path.with_name("nowhere")):
         said = f"cogrip: no server is running with the state in {where}; {cure}\n"
         assert cogrip(f"{command} --state {where}") == (1, "", said)
+
+
+@pytest.mark.parametrize("server", ["127.0.0.1:47811", "localhost:47811", "[::1]:47811"])
+def test_the_servers_address_names_its_port(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, server: str) -> None:
+    ports = []
+    monkeypatch.setattr(
+        "cogrip.cli.admin.who.answer_of",
+        lambda _, order, state, port: ports.append(port) or (Answer(True, "nobody"), Path()),
+    )
+    cogrip.out("who", server)
+    assert ports == [47811]
+
+
+def test_another_machine_is_not_asked_and_the_cure_is_said(cogrip: Cogrip) -> None:
+    assert "ssh 192.0.2.7 cogrip who --port 4711" in cogrip.err("who", "192.0.2.7:4711")
+    assert "give one of them" in cogrip.err("who", "127.0.0.1:4711", "--port", "4712")
+    assert "write HOST:PORT" in cogrip.err("who", "127.0.0.1:port")

@@ -193,7 +193,7 @@ def test_the_page_is_told_of_its_hand(linked: Linked) -> None:
     assert told[-1].state == "live"
     assert told[-1].position_m == (*device.position_m, 0.0, 0.0)
     assert told[-1].force_n[0] < 0.0, "it is pulled forward, and feels that as a force back"
-    assert told[-1].limit_n == device.capability.peak_force_n
+    assert told[-1].limit_n == STRETCH_N < device.capability.peak_force_n
 
 
 def test_a_page_that_is_gone_lets_go(linked: Linked) -> None:

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_hex
 
 from cogrip.protocol.settings import resolve
+from cogrip.sim.runs.common_stretch import common_stretch_s, summary_of_first
 from cogrip.sim.runs.comparison import (
     MOST_RUNS,
     NOT_SET,
@@ -23,6 +24,7 @@ from cogrip.sim.runs.comparison import (
     Difference,
     check_comparable,
     differences,
+    differences_of_runs,
     labels_of,
     settings_differences,
 )
@@ -31,7 +33,7 @@ from cogrip.sim.runs.plots import compared as plots
 from cogrip.sim.runs.plots.style import colour, shade
 from cogrip.sim.runs.report.compared import compare, is_comparison, write_comparison
 from cogrip.sim.runs.report.page import render
-from cogrip.sim.runs.traces import Run, load_run
+from cogrip.sim.runs.traces import Columns, Run, Trace, load_run
 
 from tests.sim.reported_runs import SETTINGS as TWO_SECONDS
 from tests.sim.reported_runs import Page, assert_self_contained
@@ -312,7 +314,8 @@ def test_a_comparison_is_replaced_by_runs_that_can_be_compared_and_nothing_else_
 ) -> None:
     out = tmp_path / "comparison.html"
     pair = [folders["first"], folders["soft"]]
-    page, rows = write_comparison(out, pair)
+    page, rows, notes = write_comparison(out, pair)
+    assert notes == []
     assert page == out
     assert row_of(rows, "anna", "peak_force_n").change(1)
     assert is_comparison(out)
@@ -383,3 +386,51 @@ def test_the_reserve_of_the_whole_line_is_never_below_the_least_that_the_summary
         curve = plots.whole_line(run, who)
         assert np.nanmin(curve.values) >= run.summary["users"][number]["energy"]["line_margin_j"] - 1e-12
         assert np.nanmax(curve.values) > 0.0
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_runs_of_unequal_length_are_compared_over_what_all_have(runs: dict[str, Run]) -> None:
+    """The first quarter of a run differs in nothing from that run, though its totals are far smaller."""
+    whole = runs["first"]
+    part = cut_at(whole, 0.25)
+    rows, notes = differences_of_runs([whole, part], ["whole", "part"])
+    assert {row.shown_change(1) for row in rows if row.quantity.key != "seconds"} == {"="}
+    assert {row.who for row in rows} == {"", "anna", "ben"}
+    assert row_of(rows, "anna", "travel_m").values[0] < 0.9 * whole.summary["users"][0]["travel_m"]
+    (note,) = notes
+    assert note.startswith(
+        "Not equally long (whole: 1.00 s; part: 0.25 s). All numbers but the length are of the first 0.25 s"
+    )
+    words = text_of(compare([whole, part], ["whole", "part"], ["Interrupted: 'part' was cut short."]))
+    assert words.index("Interrupted: 'part'") < words.index(note) < words.index("Numbers")
+
+
+@pytest.mark.parametrize("name", ["first", "spring"])
+def test_over_its_whole_length_a_run_tells_what_its_summary_does(runs: dict[str, Run], name: str) -> None:
+    run = runs[name]
+    found = differences([run.summary, summary_of_first(run, 1.0)])
+    known = [row for row in found if row.values[1] is not None]
+    assert {row.quantity.key for row in known} >= {
+        "peak_force_n", "travel_m", "energy.line_margin_j", "link.lost", "object.travel_m",
+    }  # fmt: skip
+    for row in known:
+        assert row.values[1] == pytest.approx(row.values[0], rel=0.02, abs=1e-9), row
+
+
+@pytest.mark.parametrize(("seconds", "stretch_s"), [(0.992, None), (0.988, 0.988)])
+def test_lengths_that_hardly_differ_are_taken_as_equal(
+    runs: dict[str, Run], seconds: float, stretch_s: float | None
+) -> None:
+    found = common_stretch_s([runs["first"], cut_at(runs["first"], seconds)])
+    assert found == (stretch_s and pytest.approx(stretch_s, abs=1 / 128))
+
+
+def cut_at(run: Run, seconds: float) -> Run:
+    """Return a run as if it had ended by then, with the summary of the whole."""
+
+    def part(trace: Trace) -> Trace:
+        columns, rows = Columns(), int(np.searchsorted(trace.time_s, seconds))
+        columns.extend({name: values[:rows] for name, values in trace.columns.items()})
+        return Trace(trace.who, trace.rate_hz, columns, rows)
+
+    return replace(run, clients={who: part(each) for who, each in run.clients.items()}, room=part(run.room))

@@ -15,6 +15,7 @@ from cogrip.sim.runs.measures.goal import NO_GOAL, Goal, GoalWatch, course, unfi
 from cogrip.sim.runs.measures.interaction import correlate, interaction_force, lead_s, synchrony
 from cogrip.sim.runs.measures.motion import (
     completion_s,
+    felt_stiffness_missing,
     felt_stiffness_npm,
     jerk_rms_mps3,
     mean_force_n,
@@ -158,6 +159,16 @@ def test_felt_stiffness_is_force_by_way_at_rest_alone() -> None:
     assert at_the_wall(inside, force) == pytest.approx(700.0)
     assert at_the_wall(inside[: 3 * RATE], force[: 3 * RATE]) is None, "it moves"
     assert at_the_wall(inside, 0.0 * force) is None
+    for position_m, force_n, why in (
+        (inside[: 3 * RATE], force[: 3 * RATE], "the hand moved by more than 0.2 mm in the last 0.1 s"),
+        (inside, 0.0 * force, "the hand pressed with less than 0.05 N at the end"),
+        (-inside, force, "the hand did not stand in the object at the end"),
+        (inside[:10], force[:10], "shorter than 0.2 s"),
+        (inside, force, None),
+    ):
+        told = run(person(position_m, force_n), wall_m=np.zeros(1))
+        assert felt_stiffness_missing(told, 0) == why
+        assert (felt_stiffness_npm(told, 0) is None) == (why is not None)
     moved = run(person(inside, force), object_m=np.full(4 * FRAMES, 0.007))
     assert felt_stiffness_npm(moved, 0) == pytest.approx(2.8 / (0.014 - 0.007)), "from where it stood to the object"
 

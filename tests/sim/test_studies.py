@@ -1,6 +1,6 @@
 """The studies that come with cogrip: each runs unattended with simulated participants, and gives the answer that is known."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import log, log2, pi
 from pathlib import Path
 
@@ -103,16 +103,18 @@ def test_simulated_people_differ_by_seed_and_by_what_the_study_says(tmp_path: Pa
     assert varied(settings[0], {}, study.seed) == settings[0]
 
 
-def figure_of(name: str, value: Callable[[int, int], float], study_name: str = "delay") -> Figure:
-    """Draw a measure of four groups of two, each row's value by group and seat."""
+def figure_of(
+    name: str, value: Callable[[int, int], float], study_name: str = "delay", groups: Sequence[int] = (1, 2, 3, 4)
+) -> Figure:
+    """Draw a measure of groups of two, each row's value by group and seat."""
     study = shipped(study_name)
     rows: list[Row] = [
         {"group": group, "seat": seat, "condition": condition, "practice": 0, name: value(group, seat)}
-        for group in (1, 2, 3, 4)
+        for group in groups
         for seat in (0, 1)
         for condition in study.conditions
     ]
-    return draw(study, BY_NAME[name], by_seat(StudyTable(study, [], rows, []), BY_NAME[name]))
+    return draw(study, BY_NAME[name], by_seat(StudyTable(study, [], rows, [], []), BY_NAME[name]))
 
 
 def test_figures_name_groups_and_what_is_below_the_axis_and_do_not_pool_seats() -> None:
@@ -137,7 +139,18 @@ def test_axis_without_words_says_what_conditions_set() -> None:
 def test_intervals_are_those_of_student() -> None:
     mean, half = interval([1.0, 2.0, 3.0])
     assert (mean, half) == (2.0, pytest.approx(4.30265 / 3**0.5, rel=1e-5))
-    assert interval([4.0]) == (4.0, 0.0)
+    assert interval([4.0]) == (4.0, None), "of a single value nothing is known"
+
+
+def test_one_group_has_no_interval() -> None:
+    figure = figure_of("mean_force_n", lambda group, seat: 2.0, groups=(2,))
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "group 2: P03, P04",
+        "one value, no interval",
+    ]
+    for panel in figure.axes:
+        assert all(len(bar.lines[2]) == 0 for bar in panel.containers), "no error bar of no width"
+        assert [bar.lines[0].get_ydata()[0] for bar in panel.containers] == [2.0] * len(panel.containers)
 
 
 def test_conditions_take_each_participant_once_and_no_practice() -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from itertools import product
+from itertools import pairwise, product
 from math import nan
 from typing import Any
 
@@ -134,6 +134,28 @@ def test_ghost_is_what_the_chosen_person_is_shown(opened: Shown) -> None:
     assert "as ben is shown it" in page.text(".label.ghost")
     page.tab.keyboard.press("g")
     page.until("cogrip.frame.drawn.ghost === null")
+
+
+def test_a_ghost_in_the_objects_place_is_not_drawn(opened: Shown) -> None:
+    """Both in one place would flicker."""
+    page, server = opened
+    page.tab.locator("article", has_text="anna").get_by_text("ghost").click()
+    for number, away_m in ((31, 0.0), (32, 0.01)):
+        sent = frame(number)
+        seen = (sent.position_m[0] + away_m, *sent.position_m[1:])
+        server.send(encode(replace(sent, people=tuple(replace(each, seen_m=seen) for each in sent.people))))
+        drawn = page.until_drawn(number)["drawn"]
+        assert (drawn["ghost"] is not None) == (away_m > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "axis"),
+    [((0.0, 0.0), [0.0, 0.05]), ((0.5, 2.5), [0.34, 2.66]), ((0.01, 0.01), [0.0, 0.06]), ((-1.0, 1.0), [-1.16, 1.16])],
+)
+def test_what_is_never_below_0_has_no_axis_there(opened: Shown, values: tuple[float, float], axis: list[float]) -> None:
+    page, _ = opened
+    drawn = page.state(f"import('/plots.js').then((plots) => plots.spread(null, {values[0]}, {values[1]}))")
+    assert drawn == pytest.approx(axis)
 
 
 def test_state_line_says_state_delay_and_passivity(opened: Shown) -> None:
@@ -315,3 +337,28 @@ def test_one_axis_offers_one_axis(opened: Shown) -> None:
         assert [each.is_visible() for each in page.tab.locator("[data-axis]").all()] == [True, False, False]
         left, right = [page.state(f"cogrip.project([{x}, 0, 0])") for x in (-0.05, 0.05)]
     assert right[0] - left[0] > 100, "x runs to the right"
+
+
+def test_names_of_people_in_one_place_stand_below_each_other(opened: Shown) -> None:
+    page, server = opened
+    sent = frame(40)
+    here = sent.people[0]
+    anchors = [each.anchor_m for each in scene().people]
+    people = tuple(
+        replace(each, hand_m=tuple(at - held for at, held in zip(here.hand_m, anchor, strict=True)))
+        for each, anchor in zip(sent.people, anchors, strict=True)
+    )
+    server.send(encode(replace(sent, people=people)))
+    page.until_drawn(40)
+    boxes = page.state(
+        "[...document.querySelectorAll('.label:not(.axis):not(.ghost)')].map((each) => each.getBoundingClientRect().toJSON())"
+    )
+    assert len(boxes) > 1
+    tops = sorted(box["top"] for box in boxes)
+    assert all(after - before >= boxes[0]["height"] for before, after in pairwise(tops))
+
+
+@pytest.mark.parametrize(("value", "text"), [(-0.04, "0.0"), (-0.06, "-0.1"), (0.0, "0.0"), (12.34, "12.3")])
+def test_what_is_0_when_rounded_has_no_sign(opened: Shown, value: float, text: str) -> None:
+    page, _ = opened
+    assert page.state(f"import('/people.js').then((people) => people.fixed({value}, 1))") == text

@@ -131,7 +131,11 @@ def test_no_trial_is_lost_over_a_kill_with_a_question_open(study: Study, open_pa
     second.until("document.querySelector('#panel .problem')?.textContent.includes('give 1 to 7')")
     press(second, "7")
     ask(second, "Why?")
+    assert second.text("#panel h2") == "P02 – trial 1 of 1"
     again.tell("typed at the terminal")
+    for page in (first, second):
+        page.until("document.querySelector('#panel [data-part=text]').textContent.startsWith('The study is over.')")
+        page.until("document.getElementById('mode').textContent === 'over'")
     again.hear("1 trial finished, 1 of them now")
     assert again.end() == 0, again.said
 

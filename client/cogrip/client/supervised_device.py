@@ -200,7 +200,8 @@ class SupervisedDevice:
         if not self._slow:
             self._slow = verb
             text = f"{self._name}: its {verb} took {took_ns * 1e-6:.1f} ms, and a tick has {tick_ns * 1e-6:.2g} ms:"
-            self._fail(verb, DeviceError(f"{text} the loop must not wait for a device; see to its driver, then re-arm"))
+            cure = "see to its driver, or to what took the processor from it, then re-arm"
+            self._fail(verb, DeviceError(f"{text} the loop must not wait for a device; {cure}"))
         return True
 
     def _watch(self, sampled: bool, tick: int) -> None:

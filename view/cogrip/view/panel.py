@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from cogrip.view.tab import Tab
 
-PanelState = Literal["waiting", "running", "asking", "paused"]
+PanelState = Literal["waiting", "running", "asking", "paused", "over"]
 
 
 class Target(msgspec.Struct, frozen=True):

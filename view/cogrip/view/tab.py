@@ -12,11 +12,13 @@ class Tab:
     replaced  frames that a newer one replaced before they were taken
     dropped   texts that did not fit any more, the oldest first
     own_seat  of the hand that it moves, None without one
+    note      sentence for its user in place of the scene's, ""
     """
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self.replaced = self.dropped = 0
         self.own_seat: int | None = None
+        self.note = ""
         self._wake = wake
         self._texts: deque[str | bytes] = deque()
         self._newest: dict[int, bytes] = {}  # kind -> newest message of it

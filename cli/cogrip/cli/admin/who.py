@@ -1,11 +1,15 @@
 """`cogrip who`: everyone who is seated or observes in a running server."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from rich.table import Table
 
 from cogrip.cli.admin.state_folder import Port, State, answer_of, check_words
+from cogrip.cli.session.join_target import target_of
+from cogrip.cli.session.served_rooms import is_loopback
 from cogrip.cli.terminal.output import Json, make_console, write_json
+from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import Fitted, clock, columns_table
 from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.protocol.texts import shown
@@ -18,7 +22,9 @@ _NUMBERS = ("rtt ms", "up ms", "down ms", "lost")
 _PIPED_WIDTH = 10_000  # a line each
 
 
-def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json: Json = None) -> int:
+def who(
+    server: str = "", /, *, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json: Json = None
+) -> int:
     """List who is seated or observes in a running server.
 
     With the time since they joined, address, round trip, delays and losses; below, what is set of their hands. Exit code 1
@@ -26,10 +32,14 @@ def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json:
 
     Parameters
     ----------
+    server
+        HOST:PORT of the server, as other commands take it, in place of --port; it must run on this machine.
     room
         Of this room only.
     """
     check_words("who: --room", room, MOST_WORD)
+    if server:
+        port = _port_here(server, state, port)
     answer, folder = answer_of("who", Who(room), state, port)
     if json is not None:
         people = [{name: getattr(each, name) for name in RosterEntry.__struct_fields__} for each in answer.people]
@@ -43,6 +53,19 @@ def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json:
                 console.print(f"{shown(each.name)}: {shown(each.hand)}")
     console.print(answer.text)
     return 0
+
+
+def _port_here(server: str, state: Path | None, port: int) -> int:
+    """Return the port of a server of this machine. Raises BadInput for another machine, or where two ports are named."""
+    if state is not None or port != DEFAULT_PORT:
+        raise BadInput(f"who: {server} and --state or --port: give one of them")
+    target = target_of(server, "", insecure=True, name="", digest="")
+    if not is_loopback(target.host):
+        raise BadInput(
+            f"who: {target.host} may be another machine, and who reads a server's own state folder: run it there, as "
+            f"`ssh {target.host} cogrip who --port {target.port}`"
+        )
+    return target.port
 
 
 def people_tables(people: Sequence[RosterEntry]) -> Fitted:

@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from cyclopts import Parameter
 from rich.cells import cell_len
 from rich.text import Text
 
@@ -27,7 +28,13 @@ _PIPED_WIDTH = 200  # where it is not shown on a terminal
 _AGES = ((60.0, "s"), (60.0, "min"), (24.0, "h"), (1000.0, "d"))  # how many of each make one of the next
 
 
-def runs(folder: Path = Path("runs"), /, *, json: Json = None) -> int:
+def runs(
+    folder: Path | None = None,
+    /,
+    *,
+    below: Annotated[Path | None, Parameter(name="--runs")] = None,
+    json: Json = None,
+) -> int:
     """List the recorded runs, newest first.
 
     Each has its verdict in a word or two. Exit code 0 whatever the verdicts. `--json` has the whole verdict, the time, and
@@ -36,8 +43,13 @@ def runs(folder: Path = Path("runs"), /, *, json: Json = None) -> int:
     Parameters
     ----------
     folder
-        The folder that holds the runs' own folders.
+        The folder that holds the runs' own folders; else runs.
+    below
+        The same, as other commands take it.
     """
+    if folder is not None and below is not None:
+        raise BadInput(f"{folder} and --runs {below}: give one of them")
+    folder = folder or below or Path("runs")
     if not folder.is_dir():
         raise BadInput(f"{folder}: there is no such folder; name the one that holds your runs, or make a run first")
     with BadInput.of_files(folder, doing="cannot be read: "):

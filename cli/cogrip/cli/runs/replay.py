@@ -173,21 +173,40 @@ def _what_if(
     outcomes, stop = {}, Stop()
     with on_signals(stop), console.status("running the changed session"):
         for name, world in made.items():
+            if stop.reason:  # nothing can be told of a session that never began
+                break
             folders[name].mkdir(exist_ok=True)
             outcomes[name] = run_laboratory(world.settings, folders[name], None, stop, world.begins)
+    run = {name: folders[name] for name in outcomes}
+    if not run:
+        console.print(f"interrupted: nothing was run; {folder} is empty")
+        return 130
+    cut = [f"interrupted: {_cut(list(made), list(run))}"] if stop.reason else []
     with console.status("writing the reports"):
-        write_report(folder)
-        labels = ["as recorded", *worlds]
+        if folder in run.values():
+            write_report(folder)
+        labels = ["as recorded", *run]
         try:
-            page, rows = write_comparison(folder / "comparison.html", [records.folder, *folders.values()], labels)
+            page, rows, notes = write_comparison(
+                folder / "comparison.html", [records.folder, *run.values()], labels, [f"I{line[1:]}" for line in cut]
+            )
         except ComparisonError as error:
             raise BadInput(f"{error}; the changed session's run is in {folder}") from None
     console.print(compared_table(rows, labels))
+    for note in notes:
+        say_lines(console, note)
     for name, outcome in outcomes.items():
         console.print(f"{name}:")
         console.print(verdict_lines(outcome.summary))
     console.print(f"comparison: {page}")
-    if stop.reason:
-        console.print("interrupted: the comparison covers what was run")
+    if cut:
+        say_lines(console, cut[0])
         return 130
     return 0 if succeeded(outcome.summary) else 1
+
+
+def _cut(wanted: list[str], begun: list[str]) -> str:
+    """Return what an interruption left out, in words."""
+    text = f"{begun[-1]!r} was cut short"
+    missing = [name for name in wanted if name not in begun]
+    return f"{text}, {' and '.join(map(repr, missing))} was not run." if missing else f"{text}."

@@ -10,6 +10,7 @@ from cogrip.cli.runs.run_folder import RUNS, found_run
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput
+from cogrip.cli.terminal.tables import say
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.sim.runs.comparison import ComparisonError, Difference, labels_of
 
@@ -37,7 +38,7 @@ def report(*run: Path, out: Path | None = None, runs: RunsBelow = RUNS) -> int:
             recover_unclosed(folder, errors)
     try:
         with errors.status("writing the report"):
-            page, rows = _write(run, out or COMPARISON)
+            page, rows, notes = _write(run, out or COMPARISON)
     except (ComparisonError, RecordingError) as error:
         raise BadInput(f"report: {error}") from None
     except OSError as error:
@@ -45,6 +46,8 @@ def report(*run: Path, out: Path | None = None, runs: RunsBelow = RUNS) -> int:
         raise BadInput(f"report: {words}") from None
     if rows:
         console.print(compared_table(rows, labels_of(run)))
+        for note in notes:
+            say(console, note)
     console.print(f"report: {page}")
     return 0
 
@@ -65,11 +68,11 @@ def _check(run: Sequence[Path], out: Path | None) -> None:
         raise BadInput(f"--out {out}: there is no folder {out.absolute().parent}; make it first, or name another")
 
 
-def _write(run: Sequence[Path], out: Path) -> tuple[Path, list[Difference]]:
+def _write(run: Sequence[Path], out: Path) -> tuple[Path, list[Difference], list[str]]:
     if len(run) == 1:
         from cogrip.sim.runs.report.page import write_report
 
-        return write_report(run[0]), []
+        return write_report(run[0]), [], []
     from cogrip.sim.runs.report.compared import write_comparison
 
     return write_comparison(out, run)

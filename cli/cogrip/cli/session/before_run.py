@@ -35,19 +35,21 @@ HELD_BY_NOBODY = ("sim:", "emulated:", "replay:")  # no person holds these
 MOST_STATES = 256  # of a model that is advised with before a run: its work grows with the cube, 2 s at this
 
 
-def check_settings(settings: Settings, allow_unstable: bool = False, also: tuple[str, ...] = ()) -> None:
+def check_settings(
+    settings: Settings, allow_unstable: bool = False, also: tuple[str, ...] = (), where: str = ""
+) -> None:
     """Print all warnings, then refuse. Raises BadInput.
 
-    also: more reasons to refuse than the settings give, each with its cure.
+    also: more reasons to refuse than the settings give, each with its cure. where: stands before each.
     """
-    check_plausible(settings)
+    check_plausible(settings, where)
     with BadInput.of(DeviceError):
         warnings, refused = advice_on(settings)
     names = [user.name for user in settings.users]
     first = "" if allow_unstable else next(iter(together((*also, *refused), names)), "")
-    warn([text for text in together((*warnings, *also), names) if text != first])
+    warn([f"{where}{text}" for text in together((*warnings, *also), names) if text != first])
     if first:
-        raise BadInput(f"refused: {first}{ALLOW}")
+        raise BadInput(f"{where}refused: {first}{ALLOW}")
 
 
 def together(texts: Iterable[str], names: Iterable[str]) -> list[str]:
@@ -77,19 +79,19 @@ def check_compared(sessions: Mapping[str, Settings], allow_unstable: bool = Fals
         raise BadInput(f"refused: {first}{ALLOW}")
 
 
-def check_plausible(settings: Settings) -> None:
-    """Warn of unlikely inputs; raise BadInput for an implausible one."""
+def check_plausible(settings: Settings, where: str = "") -> None:
+    """Warn of unlikely inputs; raise BadInput for an implausible one. where: stands before each."""
     with BadInput.of(DeviceError):
         found = implausible(settings)
-    refuse_implausible(found)
+    refuse_implausible(found, where)
 
 
-def refuse_implausible(found: Iterable[Finding]) -> None:
-    """Warn of unlikely inputs that were found; raise BadInput for an implausible one."""
+def refuse_implausible(found: Iterable[Finding], where: str = "") -> None:
+    """Warn of unlikely inputs that were found; raise BadInput for an implausible one. where: stands before each."""
     found = list(found)
-    warn([finding.text for finding in found if not finding.refused])
+    warn([f"{where}{finding.text}" for finding in found if not finding.refused])
     if refused := [finding.text for finding in found if finding.refused]:
-        raise BadInput(f"refused: {refused[0]}")
+        raise BadInput(f"{where}refused: {refused[0]}")
 
 
 def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:

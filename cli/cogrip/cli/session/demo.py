@@ -126,8 +126,8 @@ def _watch(
                 live.update(table.table())
                 if not begun and table.everyone():
                     begun = True
-                    text = f"everyone holds on, for {settings.seconds:g} s; Ctrl-C ends it; run folder {folder}"
-                    live.console.print(text)
+                    live.console.print(f"everyone holds on, for {settings.seconds:g} s; Ctrl-C ends it; run folder:")
+                    live.console.print(str(folder), soft_wrap=True)
         if not console.is_terminal:
             console.print()  # a live table ends its last line on terminals alone
     finally:

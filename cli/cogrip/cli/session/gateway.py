@@ -12,6 +12,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from cogrip.cli.session.children import reason_in
+from cogrip.cli.session.front_ends import FoxgloveOrigins, front_ends
 from cogrip.cli.session.gateway_certificate import tls_of
 from cogrip.cli.session.join_target import Target, target_of, typed
 from cogrip.cli.session.served_rooms import is_loopback
@@ -46,6 +47,7 @@ def gateway(
     key: Path | None = None,
     hands: int = 16,
     foxglove: Annotated[bool, Parameter(negative="")] = False,
+    foxglove_origin: FoxgloveOrigins = (),
     qr: bool = True,
     hand: Annotated[bool, Parameter(negative="")] = False,
     links: bool = True,
@@ -83,7 +85,7 @@ def gateway(
     hands
         People who can hold the object at once: each is a process of some 70 MB and a tenth of a processor here.
     foxglove
-        Offer the session to Foxglove and Lichtblick, too.
+        Offer the session to Foxglove and Lichtblick, too: their programs, app.foxglove.dev, and pages of this machine.
     qr
         Print a QR code of the page's address, at a terminal with room for it.
     hand
@@ -96,6 +98,7 @@ def gateway(
     some_time(seconds, "serve pages")
     within("--port", port, 0, 65535)
     at_least_one("--hands", hands)
+    offered = front_ends(foxglove, foxglove_origin)
     console = make_console(soft_wrap=True)
     if not STARTS_HANDS:
         raise BadInput(
@@ -147,7 +150,7 @@ def gateway(
             own, target.token, lambda token: _feed(target, token, lambda _: None),
             lambda: HandProcess(lambda fd: _hand_command(fd, target.room, folder), reason_in),
             lambda token: JoinLink(target.host, target.port, target.room, target.fingerprint, token).text,
-            lambda bound: _places(names, bound, scheme), stop, ready, host, port, tls, hands, foxglove, seconds,
+            lambda bound: _places(names, bound, scheme), stop, ready, host, port, tls, hands, foxglove, offered, seconds,
             origins, proxies,
         )  # fmt: skip
         ended = process.run()

@@ -20,6 +20,7 @@ from cogrip.cli.session.joined_device import (
     make_joined,
     played_out,
     refusal,
+    with_hand,
     with_playback,
 )  # fmt: skip
 from cogrip.cli.session.live_views import JoinView, drawing
@@ -57,7 +58,9 @@ def join(
     *more: Annotated[str, Parameter(show=False)],
     devices: Annotated[tuple[str, ...], Parameter(name="--device", negative="")] = (),
     observe: Annotated[bool, Parameter(negative="")] = False,
+    hand: str = "",
     view: Annotated[bool, Parameter(negative="")] = False,
+    browser: bool = True,
     insecure: Annotated[bool, Parameter(negative="")] = False,
     name: str = "",
     room: str = "",
@@ -95,10 +98,14 @@ def join(
         Device address (`cogrip devices`), with its keys: sim:phantom?hand=reach&amplitude_m=0.02. web: the pointer of a page
         that is opened in the browser. Twice for two arms of one person, who then has two seats: NAME.1 and NAME.2, else the
         first two free ones.
+    hand
+        Simulated hand that holds a simulated device, with its keys: reach&amplitude_m=0.02, as the key hand= of --device.
     observe
         Observe: see the object and the hands, hold nothing.
     view
         Show the session in the browser as well.
+    browser
+        Open the page of --view or of a web: device in the browser; its address is printed in any case.
     insecure
         Use a HOST:PORT that is not this machine without encryption: everyone on the path can read it, and move your hand.
     name
@@ -140,15 +147,16 @@ def join(
     settings = load(config, overrides, world=False, rate=rates) if config else None
     if overrides and not config:
         raise BadInput("--set changes the settings of --config; without one they are the server's")
+    devices = with_hand(devices, hand, settings, name)
     room = room or (settings.name if settings else "")
     typed_target = typed(server, more)
     target = target_of(typed_target, room, insecure, name, _compared(settings, rates, console))
     stop = Stop()
     if observe:
         if devices:
-            raise BadInput("--observe needs no --device: leave one of them out")
+            raise BadInput("--observe needs no --device and no --hand: leave one of them out")
         with on_signals(stop), closing(target.paths(insecure)) as paths, ExitStack() as shown:
-            open_view(shown, typed_target, console.print, room, insecure, wanted=view)
+            open_view(shown, typed_target, console.print, room, insecure, wanted=view, browser=browser)
             if name:
                 console.print(NO_NAME)
             return observe_room(ClientSession(target.observer()), paths, stop, seconds, console)
@@ -164,7 +172,7 @@ def join(
     with ExitStack() as shown:
         named = device is not None
         pointed = is_web(device)
-        page = open_view(shown, typed_target, console.print, room, insecure, wanted=view, hand=pointed)
+        page = open_view(shown, typed_target, console.print, room, insecure, wanted=view, hand=pointed, browser=browser)
         device = page.linked(device) if page else device
         device = with_playback(device, speed=speed, loop=loop, start_s=start_s, stop_s=stop_s)
         _refuse_hardware(allow_unstable, settings, name, device)

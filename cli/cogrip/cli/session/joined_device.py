@@ -7,7 +7,7 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.client import rendered_damper
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Capability, Device, DeviceError
-from cogrip.devices.for_user import address_of, make_for
+from cogrip.devices.for_user import HANDLESS, address_of, make_for
 from cogrip.devices.registry import axes_of, make, record_of
 from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.protocol.addition import add_floats
@@ -37,6 +37,26 @@ def with_playback(address: str | None, **options: float | None) -> str | None:
     if address is None or not address.startswith("replay:"):
         raise BadInput(f"{keys.partition('=')[0]}: is for a replay; name one, such as --device 'replay:RUN#user=0'")
     return f"{address}{'&' if '#' in address or '?' in address else '#'}{keys}"
+
+
+def with_hand(devices: tuple[str, ...], hand: str, settings: Settings | None, name: str) -> tuple[str, ...]:
+    """Return the devices with this hand in the address: of the device, else of the user's in the settings, else a Phantom's.
+
+    Raises BadInput for a device that nothing simulated holds, or that has a hand already, and for two devices.
+    """
+    if not hand:
+        return devices
+    if len(devices) > 1:
+        raise BadInput(f"--hand {hand!r}: is for one device; give each of two its own key hand=")
+    users = [user.device for user in settings.users if name in ("", user.name)] if settings else []
+    (address,) = devices or users[:1] or (DEFAULT_DEVICE.partition("?")[0],)
+    if not address.startswith(HANDLESS):
+        raise BadInput(
+            f"--hand {hand!r}: is for a simulated device, and {address} is none; leave it out, or take sim:phantom"
+        )
+    if "hand=" in address:
+        raise BadInput(f"--hand {hand!r}: {address} has a hand already; give one of them")
+    return (f"{address}{'&' if '?' in address else '?'}hand={hand}",)
 
 
 def make_joined(settings: Settings | None, name: str, address: str | None, axes: int | None) -> tuple[Device, str]:

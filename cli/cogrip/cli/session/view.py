@@ -9,6 +9,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from cogrip.cli.runs.run_folder import RUNS, found_run, nowhere
+from cogrip.cli.session.front_ends import FoxgloveOrigins, front_ends
 from cogrip.cli.session.join_target import target_of, typed
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import RunsBelow
@@ -32,6 +33,7 @@ def view(
     port: int = 0,
     browser: bool = True,
     foxglove: Annotated[bool, Parameter(negative="")] = False,
+    foxglove_origin: FoxgloveOrigins = (),
     insecure: Annotated[bool, Parameter(negative="")] = False,
     seconds: float | None = None,
     out: Path | None = None,
@@ -54,7 +56,7 @@ def view(
     browser
         Open the page in the browser.
     foxglove
-        Offer the session to Foxglove and Lichtblick, too.
+        Offer the session to Foxglove and Lichtblick, too: their programs, app.foxglove.dev, and pages of this machine.
     insecure
         View a HOST:PORT that is not this machine without encryption: everyone on the path can read it.
     seconds
@@ -64,6 +66,7 @@ def view(
     """
     above_zero("--seconds", seconds)
     within("--port", port, 0, 65535)
+    offered = front_ends(foxglove, foxglove_origin)
     console = make_console(soft_wrap=True)
     if out is not None or Path(target).exists() or (runs / target).exists():
         run = found_run(Path(target), runs)
@@ -71,7 +74,7 @@ def view(
             recorded = open_view(run)
         if out is not None:
             return _write(recorded, out, console)
-        return _serve(RecordedFeed(recorded), None, console, port, browser, foxglove, seconds)
+        return _serve(RecordedFeed(recorded), None, console, port, browser, offered, seconds)
     text = typed(target, more)
     joined = target_of(text, room, insecure, "", "")
     if ":" not in text:  # it may be meant as a name of a run
@@ -83,15 +86,23 @@ def view(
         feed = LiveFeed(ClientSession(joined.observer()), paths, console.print)
         feed.connect()
         link = None if hand is None else HandLink(socket.socket(fileno=hand), feed.tell_hands)
-        return _serve(feed, link, console, port, browser, foxglove, seconds)
+        return _serve(feed, link, console, port, browser, offered, seconds)
 
 
 def _serve(
-    feed: Feed, hand: HandLink | None, console: Console, port: int, browser: bool, foxglove: bool, seconds: float | None
+    feed: Feed,
+    hand: HandLink | None,
+    console: Console,
+    port: int,
+    browser: bool,
+    offered: tuple[str, ...],
+    seconds: float | None,
 ) -> int:
     """Serve a feed until it is stopped or over. Return the exit code."""
     stop = Stop()
-    process = ViewProcess(feed, stop, console.print, port, browser, foxglove, hand=hand, seconds=seconds)
+    process = ViewProcess(
+        feed, stop, console.print, port, browser, bool(offered), front_ends=offered, hand=hand, seconds=seconds
+    )
     with on_signals(stop), Problem.of(PortError):
         ended = process.run()
     if counts := {name: count for name, count in sorted(process.counts.items()) if count}:

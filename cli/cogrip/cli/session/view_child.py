@@ -33,12 +33,14 @@ class ViewChild:
         *,
         hand: bool = False,
         waits: bool = True,
+        browser: bool = True,
     ) -> None:
         """target: join link or HOST:PORT; it goes through a pipe, where no other user sees it. Raises Problem."""
         self._closing = False
         self._ours: socket.socket | None = None
         theirs: socket.socket | None = None
         arguments = ["view", "-", *(("--room", room) if room else ()), *(("--insecure",) if insecure else ())]
+        arguments += [] if browser else ["--no-browser"]
         if hand:
             self._ours, theirs = system.message_pair()
             arguments += ["--hand", str(theirs.fileno())]
@@ -163,6 +165,9 @@ def open_view(
     *,
     wanted: bool,
     hand: bool = False,
+    browser: bool = True,
 ) -> ViewChild | None:
     """Open the page of a session where it is wanted, or a hand is its pointer; closed with `stack`. Raises Problem."""
-    return stack.enter_context(ViewChild(target, say, room, insecure, hand=hand)) if wanted or hand else None
+    if not (wanted or hand):
+        return None
+    return stack.enter_context(ViewChild(target, say, room, insecure, hand=hand, browser=browser))

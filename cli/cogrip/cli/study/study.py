@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,6 +25,7 @@ from cogrip.sim.experiments.study.conductor import Conducted, Conductor, People,
 from cogrip.sim.experiments.study.journal import StudyFolder
 from cogrip.sim.experiments.study.laboratory_trial import LaboratorySessions
 from cogrip.sim.experiments.study.orders import unfilled
+from cogrip.sim.experiments.study.plan import planned
 from cogrip.sim.experiments.study.simulated import SimulatedPeople
 from cogrip.sim.experiments.study.study_file import BASE, Study, StudyError
 from cogrip.sim.experiments.study.table import thresholds
@@ -118,7 +120,9 @@ def study(
             flags = ["--allow-unstable"] if allow_unstable else []
             pages = Pages(open_page(asked, path, hands, groups, console, stack)) if view else Pages()
             sessions = LiveSessions(asked, path, keys, stop, console, elsewhere, host, port, flags, serving, pages)
-            who = TerminalPeople(keys, console, pages, buttons=asked.start == "button")
+            who = TerminalPeople(
+                keys, console, pages, buttons=asked.start == "button", length=partial(trials_in_words, asked)
+            )
         else:
             sessions = LaboratorySessions(asked, lambda: bool(stop.reason))
             who = SimulatedPeople(asked)
@@ -126,6 +130,12 @@ def study(
         with Problem.of(StudyError), Problem.of_files(path, doing="cannot be written: "):
             outcome = Conductor(asked, base, folder, sessions, who, _utc if live else lambda: "", report).run(groups)
     return _conclude(asked, folder, outcome, console)
+
+
+def trials_in_words(study: Study, group: int) -> str:
+    """Return how many trials a group has, in words behind a trial's number; staircases may end sooner."""
+    most = "at most " if any(block.staircase for block in study.blocks) else ""
+    return f" of {most}{planned(study, group)}"
 
 
 def _groups(study: Study, people: Sequence[str]) -> list[int]:

@@ -46,14 +46,17 @@ def load_study(path: Path, *, live: bool, allow_unstable: bool) -> tuple[Study, 
         if not live:
             refuse_real(settings)
         try_session(settings, f"{path}: {where}")
-        check_settings(settings, allow_unstable)
+        check_settings(settings, allow_unstable, where=where)
     return study, base
 
 
 def _different(sessions: list[tuple[str, Settings]]) -> list[tuple[str, Settings]]:
-    """Return the sessions that differ in more than the names of people, with the words for their conditions."""
-    found: dict[bytes, tuple[str, Settings]] = {}
+    """Return the sessions that differ in more than the names of people, with the words for all conditions that have them."""
+    found: dict[bytes, tuple[list[str], Settings]] = {}
     for where, settings in sessions:
         users = tuple(msgspec.structs.replace(user, name=str(seat)) for seat, user in enumerate(settings.users))
-        found.setdefault(msgspec.json.encode(msgspec.structs.replace(settings, users=users)), (where, settings))
-    return list(found.values())
+        key = msgspec.json.encode(msgspec.structs.replace(settings, users=users))
+        wheres, _ = found.setdefault(key, ([], settings))
+        if where and where.removesuffix(": ") not in wheres:
+            wheres.append(where.removesuffix(": "))
+    return [(", ".join(wheres) + ": " if wheres else "", settings) for wheres, settings in found.values()]

@@ -49,4 +49,6 @@ def table(
                 console.print(f"figure: {drawn}")
     for note in found.notes:
         errors.print(f"warning: {note}")
+    for note in found.empty:
+        errors.print(f"note: {note}")
     return 0

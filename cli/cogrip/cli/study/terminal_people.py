@@ -3,7 +3,7 @@
 import os
 import select
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -53,9 +53,15 @@ class Keys:
 class TerminalPeople:
     """See `conductor.People`: at this terminal, and each on their page. Whichever is first counts; pages give no orders."""
 
-    def __init__(self, keys: Keys, console: Console, pages: Pages | None = None, *, buttons: bool = False) -> None:
-        """buttons: people say in the session that they are ready, by a button of the device; before it nobody is asked."""
-        self._buttons = buttons
+    def __init__(
+        self, keys: Keys, console: Console, pages: Pages | None = None, *, buttons: bool = False,
+        length: Callable[[int], str] = lambda group: "",
+    ) -> None:  # fmt: skip
+        """buttons: people say in the session that they are ready, by a button of the device; before it nobody is asked.
+
+        length: of a group's trials, in the words behind a trial's number: " of 12".
+        """
+        self._buttons, self._length = buttons, length
         self._keys, self._console, self._pages = keys, console, pages or Pages()
 
     def tell(self, text: str, people: Sequence[str]) -> None:
@@ -68,14 +74,22 @@ class TerminalPeople:
         """Wait for Enter from each person, or for an order."""
         part = f", part {state.session + 1} of {len(trial.presentations)}" if len(trial.presentations) > 1 else ""
         kind = "practice trial" if trial.block.practice else "trial"
-        self._console.print(f"\n{kind} {trial.number}{part} ({trial.block.name})")
-        self._pages.title(people, f"{kind} {trial.number}{part}")
+        title = f"{kind} {trial.number}{self._length(trial.group)}{part}"
+        self._console.print(f"\n{title} ({trial.block.name})")
+        self._pages.title(people, title)
         if state.state == "paused":
             self._console.print("paused: Enter goes on; a leaves this trial out, q quits")
             for person in people:
                 self._pages.show(person, "paused")
             return Event.ABANDON if self._order(self._keys.line()) is Event.ABANDON else Event.RESUME
         return Event.READY if self._buttons else self._everybody(people, Prompt(kind="go", text="I am ready"))
+
+    def thank(self, people: Sequence[str]) -> None:
+        """Say on the pages of these people that the study is over for them."""
+        self._pages.title(people, "")
+        self._pages.instruct(people, "The study is over. Thank you! You can close this page.")
+        for person in people:
+            self._pages.show(person, "over")
 
     def _everybody(self, people: Sequence[str], prompt: Prompt, *, at_once: bool = False) -> Event:
         """Wait until everybody has gone on, or for an order. at_once: Enter goes on for all of them."""

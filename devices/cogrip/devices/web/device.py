@@ -12,7 +12,7 @@ import msgspec
 from cogrip.devices.device import IDEAL_SPEED_MPS, Sample
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.simulated.phantom import PhantomPlant, PhantomSettings, capability
-from cogrip.devices.web.hand import SILENCE_S, PointerHand, PointerSettings
+from cogrip.devices.web.hand import SILENCE_S, STRETCH_N, PointerHand, PointerSettings
 from cogrip.devices.web.messages import BUTTONS, FrameError, OwnHand, State, decode_pointer, encode_own_hand, vector
 
 PEAK_N = (
@@ -81,7 +81,10 @@ class WebDevice(SimulatedDevice):
         sample = super().read(tick).replaced(buttons=self._pressed)
         if tick % self._every == 0:
             state: State = "live" if self.pointer.holds else "free"
-            force, limit_n = vector([-force for force in self.pointer.force_n()]), self.capability.peak_force_n
+            force, limit_n = (
+                vector([-force for force in self.pointer.force_n()]),
+                min(self.capability.peak_force_n, STRETCH_N),
+            )
             link.send(encode_own_hand(OwnHand(state, self._taken, vector(self.position_m), force, limit_n)))
         return sample
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from cogrip.sim.runs.common_stretch import common_stretch_s, length_s, summary_of_first
 from cogrip.sim.runs.summary_values import UNKNOWN, Summary, dig, energy, is_number, name_of, number, people
 from cogrip.sim.runs.traces import Run
 
@@ -161,6 +162,27 @@ def differences(summaries: Sequence[Summary], names: Sequence[str] | None = None
             Difference(name, quantity, tuple(quantity.of(table.get(name)) for table in tables)) for quantity in _PERSON
         ]
     return rows
+
+
+def differences_of_runs(
+    runs: Sequence[Run], labels: Sequence[str], names: Sequence[str] | None = None
+) -> tuple[list[Difference], list[str]]:
+    """Return `differences` of runs, and what a reader has to know of them.
+
+    Of runs that are not equally long they are over the stretch that all have, as far as the recordings tell it.
+    """
+    stretch_s = common_stretch_s(runs)
+    if stretch_s is None:
+        return differences([run.summary for run in runs], names), []
+    rows = differences([summary_of_first(run, stretch_s) for run in runs], names)
+    lengths = "; ".join(
+        f"{label}: {number(length_s(run), digits=2)} s" for run, label in zip(runs, labels, strict=True)
+    )
+    note = (
+        f"Not equally long ({lengths}). All numbers but the length are of the first {number(stretch_s, digits=2)} s, which "
+        "all have; what the recordings do not tell of a part of a run is left out."
+    )
+    return [row for row in rows if any(value is not None for value in row.values)], [note]
 
 
 def settings_differences(settings: Sequence[dict[str, Any]]) -> list[SettingsDifference]:

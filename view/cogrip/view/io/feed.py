@@ -45,7 +45,8 @@ class Feed(Protocol):
 
 def scene_text(feed: Feed, tab: Tab, *, hand: bool) -> str:
     """Return the scene as a tab is told it."""
-    return to_json(replace(feed.scene, hand=hand, own_seat=tab.own_seat if hand else None))
+    scene = feed.scene
+    return to_json(replace(scene, hand=hand, own_seat=tab.own_seat if hand else None, note=tab.note or scene.note))
 
 
 @dataclass(slots=True, eq=False)

@@ -17,7 +17,7 @@ from cogrip.client.io.paths import JoinError
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.join_link import is_token
 from cogrip.view import access, page
-from cogrip.view.access import Access
+from cogrip.view.access import FRONT_ENDS, Access
 from cogrip.view.io.feed import LiveFeed
 from cogrip.view.io.foxglove_socket import speak
 from cogrip.view.io.hand_process import HandProcess
@@ -66,6 +66,7 @@ class Gateway:
     tls: ssl.SSLContext | None
     most_hands: int
     foxglove: bool = False
+    front_ends: tuple[str, ...] = FRONT_ENDS
     seconds: float | None = None
     origins: Collection[str] = ()
     proxies: Collection[str] = ()
@@ -89,7 +90,8 @@ class Gateway:
             await server.listen(self.host, self.port, self.tls)
         except OSError as error:
             raise PortError(port_taken(self.port, error)) from None
-        server.access = Access(self.hosts(server.port), "http" if self.tls is None else "https", public=self.origins)
+        scheme, front_ends = "http" if self.tls is None else "https", self.front_ends if self.foxglove else ()
+        server.access = Access(self.hosts(server.port), scheme, public=self.origins, front_ends=front_ends)
         self.own.start()
         self._keep(_key(self.own_token), self.own)
         self.ready(server.port)

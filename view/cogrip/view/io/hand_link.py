@@ -15,7 +15,7 @@ MOST_AT_ONCE = 64
 
 
 class HandLink:
-    """Page's end of the link. One tab at a time moves the hand.
+    """Page's end of the link. One tab at a time moves the hand; when it is closed the next one does that asked for it.
 
     seated   called when the client has got a seat
     seat     its number, None before
@@ -28,6 +28,7 @@ class HandLink:
         self._end = end
         self._seated = seated
         self._tab: Tab | None = None
+        self._waiting: dict[Tab, Callable[[], None]] = {}  # in the order in which they came
         self._number = 0
         self.ended = ""  # why there is no hand any more
 
@@ -42,19 +43,34 @@ class HandLink:
             asyncio.get_running_loop().remove_reader(self._end)
         self._end.close()
 
-    def take(self, tab: Tab) -> bool:
-        """Give the hand to a tab, if no other one has it."""
+    def take(self, tab: Tab, passed: Callable[[], None] = lambda: None) -> bool:
+        """Give the hand to a tab, if no other one has it; else `passed` is called once the tab has got it."""
         if self._tab is None:
-            self._tab = tab
-            self._number = 0
-            tab.own_seat = self.seat
+            self._give(tab)
+        else:
+            self._waiting[tab] = passed
+        return self.moved_by(tab)
+
+    def moved_by(self, tab: Tab) -> bool:
+        """Return whether a tab has the hand."""
         return self._tab is tab
 
     def leave(self, tab: Tab) -> None:
-        """Let the hand go as its tab is closed."""
-        if self._tab is tab:
-            self._let_go()
-            self._tab = None
+        """Let the hand go as its tab is closed, and give it to the one that has waited longest."""
+        self._waiting.pop(tab, None)
+        if self._tab is not tab:
+            return
+        self._let_go()
+        self._tab = None
+        for waiting in list(self._waiting)[:1]:
+            passed = self._waiting.pop(waiting)
+            self._give(waiting)
+            passed()
+
+    def _give(self, tab: Tab) -> None:
+        self._tab = tab
+        self._number = 0
+        tab.own_seat = self.seat
 
     def send(self, pointer: Pointer) -> None:
         """Pass a pointer message on; one that is not newer than the last is late."""

@@ -42,6 +42,8 @@ TLS_S = 5.0
 MOST_CONTROL_FRAMES = 16  # of a connection before its token is admitted: each ping is answered
 PROTOCOL_ERRORS = {1002: "malformed websocket frame", 1007: "text that is not UTF-8", 1009: "message too large"}
 
+HAND_ELSEWHERE = "Another tab of this address holds your device. It comes to this one when that one is closed."
+
 Refusal = tuple[int, str, str]  # close code, reason under which it is counted, words ("": the reason)
 
 
@@ -115,9 +117,12 @@ class PageServer:
         """Port that is served."""
         return int(self._server.sockets[0].getsockname()[1])
 
-    async def close(self) -> None:
-        """End every connection and the server."""
-        self._server.close(code=1001, reason="the view is closed")
+    async def close(self, over: str = "") -> None:
+        """End every connection and the server. over: why nobody need come back, a sentence for the user; "" where some may."""
+        code, reason = (
+            (access.OVER, over.encode()[:120].decode(errors="ignore")) if over else (1001, "the view is closed")
+        )
+        self._server.close(code=code, reason=reason)
         await self._server.wait_closed()
         self.counts["log line not shown"] += self._log.take_dropped()
 
@@ -151,7 +156,7 @@ class PageServer:
         if getattr(request, "method", "GET") != "GET":  # older versions of websockets refuse it themselves
             self.access.refused["malformed request"] += 1
             return self._response(HTTPStatus.METHOD_NOT_ALLOWED, b"GET alone\n")
-        if refusal := self.access.refusal(hosts[0], origins[0] if origins else None, upgrade=upgrade):
+        if refusal := self.access.refusal(hosts[0], origins[0] if origins else None, path, upgrade=upgrade):
             return self._response(HTTPStatus.FORBIDDEN, f"{refusal}\n".encode())
         if upgrade:
             known = path == access.SOCKET or (path == access.FOXGLOVE and self.foxglove is not None)
@@ -252,7 +257,14 @@ class PageServer:
         feed, hand, panel = admitted.feed, admitted.hand, admitted.panel
         waiting = asyncio.Event()
         tab = Tab(waiting.set)
-        moves = hand is not None and hand.take(tab)
+
+        def take_over() -> None:
+            tab.note, feed.tabs[tab] = "", True
+            tab.say(scene_text(feed, tab, hand=True))
+
+        moves = hand is not None and hand.take(tab, take_over)
+        if hand is not None and not moves:
+            tab.note = HAND_ELSEWHERE
         tab.say(scene_text(feed, tab, hand=moves))
         if panel is not None:
             panel.enter(tab)
@@ -266,7 +278,7 @@ class PageServer:
                 if self._too_large(message):
                     refusal: Refusal | None = (access.TOO_LARGE, "message too large", "")
                 elif isinstance(message, bytes):
-                    refusal = self._move(message, hand if moves else None)
+                    refusal = self._move(message, hand if hand is not None and hand.moved_by(tab) else None)
                 else:
                     refusal = await self._request(message, feed, panel, tab)
                 if refusal:
@@ -278,7 +290,7 @@ class PageServer:
             del feed.tabs[tab]
             if panel is not None:
                 panel.leave(tab)
-            if hand is not None and moves:
+            if hand is not None:
                 hand.leave(tab)
             self.counts["frame replaced by a newer one"] += tab.replaced
 

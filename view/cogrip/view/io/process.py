@@ -11,7 +11,7 @@ from ipaddress import ip_address
 
 from cogrip.protocol.io.stop import Stop
 from cogrip.view import page
-from cogrip.view.access import Access, same
+from cogrip.view.access import FRONT_ENDS, Access, same
 from cogrip.view.io import platform
 from cogrip.view.io.feed import Feed, LiveFeed
 from cogrip.view.io.foxglove_socket import speak
@@ -32,6 +32,7 @@ class ViewProcess:
 
     opens      open the browser
     allowed    further origins whose front ends may connect
+    front_ends origins whose pages may connect for Foxglove's protocol, where it is offered (`Access`)
     hand       link to the client whose device the page moves, None without one
     """
 
@@ -42,6 +43,7 @@ class ViewProcess:
     opens: bool = True
     foxglove: bool = False
     allowed: tuple[str, ...] = ()
+    front_ends: tuple[str, ...] = FRONT_ENDS
     hand: HandLink | None = None
     seconds: float | None = None
     counts: Counter[str] = field(init=False, default_factory=Counter)
@@ -65,7 +67,8 @@ class ViewProcess:
         except OSError as error:
             raise PortError(port_taken(self.port, error)) from None
         here = f"{LOOPBACK}:{server.port}"
-        server.access = Access([here, f"localhost:{server.port}"], allowed=self.allowed)
+        front_ends = self.front_ends if self.foxglove else ()
+        server.access = Access([here, f"localhost:{server.port}"], allowed=self.allowed, front_ends=front_ends)
         if isinstance(self.feed, LiveFeed):
             self.feed.start()
         if self.hand is not None:
@@ -77,7 +80,10 @@ class ViewProcess:
             if self.hand is not None:
                 self.counts.update(self.hand.counts)
                 self.hand.close()
-            await server.close()
+            ended = self.feed.ended or (self.hand.ended if self.hand is not None else "")
+            await server.close(
+                f"The session is over: {ended}" if ended else "The command that served this page has ended"
+            )
             if isinstance(self.feed, LiveFeed):
                 self.feed.close()
             self.counts.update(server.access.refused + server.counts)

@@ -1,6 +1,8 @@
 /** Names in the picture: text over the canvas, moved with what it names. */
 
 const OFFSET_PIXELS = [10, -20];
+const HEIGHT_PIXELS = 17; // of a label
+const LETTER_PIXELS = 7.5; // a broad one: to ask the browser for a width would lay out the page in every picture
 
 export class Labels {
   /** @param {HTMLElement} layer over the canvas */
@@ -33,9 +35,10 @@ export class Labels {
   /** @param {import("./picture.js").Picture} picture */
   place(picture) {
     if (!this.axes) return;
+    const taken = [];
     for (const [seat, label] of this.people) {
       const { visible, device, proxy } = picture.people.get(seat);
-      this.move(label, visible ? (device.visible ? device : proxy).position : null, picture, OFFSET_PIXELS);
+      this.move(label, visible ? (device.visible ? device : proxy).position : null, picture, OFFSET_PIXELS, taken);
     }
     const { ghost, ghostSeat } = picture;
     const name = picture.people.get(ghostSeat)?.person.name;
@@ -45,10 +48,17 @@ export class Labels {
     this.axes.forEach((label, axis) => this.move(label, picture.axisEnds[axis], picture, [3, -8]));
   }
 
-  move(label, point, picture, [right, down]) {
+  /** Put a label beside a point, below those in `taken`, where they would overlap. */
+  move(label, point, picture, [right, down], taken = []) {
     label.hidden = point === null;
     if (point === null) return;
     const [x, y] = picture.project(point);
-    label.style.transform = `translate(${(x + right).toFixed(1)}px, ${(y + down).toFixed(1)}px)`;
+    const place = { left: x + right, top: y + down, width: 10 + LETTER_PIXELS * label.textContent.length };
+    for (const each of taken.sort((one, other) => one.top - other.top)) {
+      const beside = place.left + place.width < each.left || each.left + each.width < place.left;
+      if (!beside && Math.abs(place.top - each.top) < HEIGHT_PIXELS) place.top = each.top + HEIGHT_PIXELS;
+    }
+    taken.push(place);
+    label.style.transform = `translate(${place.left.toFixed(1)}px, ${place.top.toFixed(1)}px)`;
   }
 }

@@ -6,7 +6,7 @@ import { History } from "./history.js";
 import { listen } from "./keys.js";
 import { Measures } from "./measures.js";
 import { Panel } from "./panel.js";
-import { People, write } from "./people.js";
+import { fixed, People, write } from "./people.js";
 import { Picture } from "./picture.js";
 import { Player } from "./player.js";
 import { clock, PlayerBar } from "./player_bar.js";
@@ -18,6 +18,7 @@ const PLOT_WINDOW_S = 10;
 const NUMBERS_PERIOD_MS = 100; // text that changes faster is not read
 const MOST_EVENTS = 200;
 const SILENT_MS = 1500;
+const NO_NEWS = "no news";
 
 const part = (id) => document.getElementById(id);
 
@@ -31,6 +32,7 @@ export class App {
     this.ghostSeat = undefined; // null: nobody's
     this.requested = false;
     this.numbers_ms = 0;
+    this.resting = ""; // why the picture is not live, "" while it is
     this.measures = new Measures();
     this.history = new History(PLOT_WINDOW_S);
     const changed = () => this.request();
@@ -71,6 +73,8 @@ export class App {
       chunk: (message) => this.takeChunk(message),
       panel: (message) => this.takePanel(message),
       status: (text) => this.status(text),
+      over: () => this.panel.over,
+      closed: () => this.rest(this.panel.over ? "over" : "not connected"),
       malformed: () => (this.measures.malformed += 1),
     });
     setInterval(() => this.watch(), 500);
@@ -105,8 +109,8 @@ export class App {
     this.scene = scene;
     document.title = `${scene.room} – cogrip`;
     write(part("room"), scene.room);
-    write(part("mode"), scene.mode === "live" ? "live" : "recording");
-    write(part("note"), scene.note ?? "");
+    this.rest("");
+    write(part("note"), this.waitsForHand() ? "" : (scene.note ?? ""));
     document.body.dataset.mode = scene.mode;
     if (!same) this.history.clear();
     this.history.seats = scene.people.map((each) => each.seat);
@@ -153,7 +157,22 @@ export class App {
     this.newest = frame;
     this.arrived_ms = arrived_ms;
     this.history.push(frame);
+    if (this.resting) this.rest("");
     this.request();
+  }
+
+  /** Show whether the picture is live. @param {string} why it is not, "" where it is */
+  rest(why) {
+    this.resting = why;
+    document.body.classList.toggle("resting", why !== "");
+    if (!this.scene) return;
+    write(part("mode"), why || this.scene.mode);
+    if (why) this.numbers(performance.now());
+  }
+
+  /** @returns {boolean} this page asked for a hand, and another tab has it */
+  waitsForHand() {
+    return Boolean(this.socket?.hello.hand && this.scene?.note && !this.scene.hand);
   }
 
   takeEvents(events) {
@@ -227,23 +246,29 @@ export class App {
     part("arrow-scale").style.width = `${pixels.toFixed(0)}px`;
     write(part("arrow-force"), `${Number(force_n.toPrecision(2))} N`);
     write(part("grid-step"), `grid ${Number((1000 * this.picture.gridStep_m).toPrecision(3))} mm`);
+    write(part("own-force"), this.ownForce());
     const frame = this.newest;
     if (!frame) return;
+    if (this.resting) {
+      this.people.rest(this.resting);
+      write(part("time"), `${this.resting}: the last picture, of ${frame.time_s.toFixed(2)} s`);
+      return;
+    }
     this.people.show(frame);
     const axes = this.scene.axes;
-    const position = frame.position_m.slice(0, axes).map((value, axis) => `${"xyz"[axis]} ${(1000 * value).toFixed(1)}`);
+    const position = frame.position_m.slice(0, axes).map((value, axis) => `${"xyz"[axis]} ${fixed(1000 * value, 1)}`);
     write(part("time"), `${frame.time_s.toFixed(2)} s, step ${frame.number}`);
     write(part("object"), `object ${position.join("  ")} mm, ${Math.hypot(...frame.velocity_mps).toFixed(3)} m/s`);
     const names = new Map(this.scene.people.map((each) => [each.seat, each.name]));
     const pushing = frame.people.filter((each) => each.pushes).map((each) => names.get(each.seat) ?? `seat ${each.seat}`);
     write(part("contact"), frame.contact ? `contact${pushing.length > 0 ? `: ${pushing.join(", ")}` : ""}` : "no contact");
     part("contact").classList.toggle("on", frame.contact);
-    write(part("own-force"), this.ownForce());
   }
 
   ownForce() {
     const { own, scene } = this.hand;
-    if (!scene) return "";
+    if (!scene) return this.waitsForHand() ? this.scene.note : "";
+    if (this.resting) return "";
     if (!own) return "Your device is being made ready ...";
     const limit = Number.isFinite(own.limit_n) ? ` of ${own.limit_n.toFixed(1)}` : "";
     const held = this.hand.holds ? "" : own.state === "live" ? "; press on your device or the object and drag" : `; ${own.state}`;
@@ -253,8 +278,10 @@ export class App {
   /** Tell that nothing comes though the connection is there. */
   watch() {
     if (this.player || !this.newest) return;
-    const silent = !this.panel.pauses && performance.now() - this.arrived_ms > SILENT_MS;
+    const still = performance.now() - this.arrived_ms > SILENT_MS;
+    const silent = still && !this.panel.pauses && (!this.resting || this.resting === NO_NEWS);
     document.body.classList.toggle("silent", silent);
+    if (still && this.resting !== "not connected") this.rest(this.panel.over ? "over" : this.panel.pauses ? "between trials" : NO_NEWS);
     if (silent) write(part("time"), `no news for ${((performance.now() - this.arrived_ms) / 1000).toFixed(0)} s`);
   }
 

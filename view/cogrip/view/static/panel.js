@@ -3,7 +3,7 @@
 import { write } from "./people.js";
 
 const MOST_BUTTONS = 11; // of a scale; one with more steps is a slider
-const MEANWHILE = { waiting: "Please wait ...", running: "", asking: "Please wait ...", paused: "Paused. Please wait ..." };
+const MEANWHILE = { waiting: "Please wait ...", running: "", asking: "Please wait ...", paused: "Paused. Please wait ...", over: "" };
 
 /** @param {Event} event @returns {boolean} it belongs to a field of the panel, not to the picture */
 export const isAnswering = (event) => Boolean(event.target?.matches?.("#panel textarea, #panel input"));
@@ -37,6 +37,11 @@ export class Panel {
   /** @returns {boolean} there is no session to look at now */
   get pauses() {
     return this.message !== null && this.message.state !== "running";
+  }
+
+  /** @returns {boolean} nothing more comes */
+  get over() {
+    return this.message?.state === "over";
   }
 
   /** @param {object} message panel, as docs/view.md has it */

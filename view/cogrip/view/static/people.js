@@ -1,6 +1,12 @@
 /** The people beside the picture: a plain state line for each, and numbers with their units. */
 
-const number = (value, digits) => (Number.isFinite(value) ? value.toFixed(digits) : "–");
+/** Write a number; what is 0 when rounded has no sign. @returns {string} */
+export function fixed(value, digits) {
+  const text = value.toFixed(digits);
+  return Number(text) === 0 ? text.replace("-", "") : text;
+}
+
+const number = (value, digits) => (Number.isFinite(value) ? fixed(value, digits) : "–");
 const length = (values) => Math.hypot(...values);
 
 /**
@@ -95,6 +101,16 @@ export class People {
       NUMBERS.forEach(([, , value, unit], index) => {
         write(values[index], state && state.state !== "free" ? `${value(state)} ${unit}`.trim() : "–");
       });
+    }
+  }
+
+  /** Show that nothing is known of anybody now. @param {string} why */
+  rest(why) {
+    for (const { person, card, line, values } of this.cards.values()) {
+      write(line, `${person.name}: ${why}`);
+      card.dataset.state = "free";
+      card.classList.remove("alarm", "pushes");
+      for (const value of values) write(value, "–");
     }
   }
 

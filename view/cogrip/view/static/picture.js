@@ -10,6 +10,7 @@ import { Body, Ghost, fixedBody, gridAndAxes, roundDown, targetBody } from "./sh
 const COLOURS = ["background", "text", "object", "edge", "contact", "contactEdge", "fixed", "grid", "target", "x", "y", "z"];
 const ARROW_SHARE = 0.3; // of the workspace, that the largest force may be long
 const MOST_PIXEL_RATIO = 2;
+const GHOST_AWAY = 0.001; // of the workspace: nearer to the object, both would flicker in one place
 
 /** @returns {Record<string, string>} colours of the picture, from the style sheet */
 function themeColours() {
@@ -148,7 +149,8 @@ export class Picture {
   }
 
   showGhost(state, person) {
-    this.ghost.visible = state.state !== "free" && state.seen_m.every(Number.isFinite);
+    const away_m = Math.hypot(...state.seen_m.map((place, axis) => place - this.body.position.getComponent(axis)));
+    this.ghost.visible = state.state !== "free" && away_m > GHOST_AWAY * this.extent_m; // false for NaN
     this.ghost.position.set(...state.seen_m);
     this.ghost.quaternion.copy(this.body.quaternion);
     this.ghost.paint(person.colour);

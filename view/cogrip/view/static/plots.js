@@ -2,6 +2,7 @@
 
 import uPlot from "uplot";
 import { QUANTITIES } from "./history.js";
+import { fixed } from "./people.js";
 
 const HEIGHT = 108;
 const PLOT_PERIOD_MS = 120; // of each plot; they take turns, one in a drawn frame
@@ -75,7 +76,7 @@ export class Plots {
         continue;
       }
       const values = hovered.series.slice(1).map((each, at) => [each.label, hovered.data[at + 1][index]]);
-      const text = values.filter(([, value]) => value !== null).map(([label, value]) => `${label} ${value.toFixed(2)}`);
+      const text = values.filter(([, value]) => value !== null).map(([label, value]) => `${label} ${fixed(value, 2)}`);
       title.textContent = `${hovered.data[0][index].toFixed(2)} s: ${text.join(", ")} ${quantity.unit}`;
     }
   }
@@ -110,9 +111,9 @@ export class Plots {
   }
 }
 
-/** Leave room around the values, also where all are one value. */
-function spread(_, least, most) {
+/** Leave room around the values, also where all are one value; none below 0 where no value is. */
+export function spread(_, least, most) {
   if (least === null || most === null) return [0, 1];
   const room = Math.max(0.08 * (most - least), 0.02 * Math.abs(most), 0.05);
-  return [least - room, most + room];
+  return [least >= 0 ? Math.max(0, least - room) : least - room, most + room];
 }

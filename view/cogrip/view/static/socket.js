@@ -17,6 +17,9 @@ const FINAL = {
 /** Codes whose reason is a sentence for the user. */
 const TOLD = [4401, 4403];
 
+/** The server will not be there again. */
+const OVER = 4410;
+
 /**
  * @typedef {object} Handlers
  * @property {() => void} opened
@@ -27,6 +30,8 @@ const TOLD = [4401, 4403];
  * @property {(message: Uint8Array) => void} chunk
  * @property {(panel: object) => void} panel of a study's participant
  * @property {(text: string) => void} status a sentence for the user, "" while all is well
+ * @property {() => boolean} over nothing more comes: a break of the connection is the end
+ * @property {() => void} closed the connection has ended
  * @property {(reason: string) => void} malformed
  */
 
@@ -90,6 +95,11 @@ export class Socket {
 
   /** @param {number} code @param {string} reason the server's own sentence, "" where it gave none */
   ended(code, reason) {
+    this.handlers.closed();
+    if (code === OVER || this.handlers.over()) {
+      this.handlers.status(this.handlers.over() ? "" : `${reason}. What you see is the last picture.`);
+      return;
+    }
     if (FINAL[code]) {
       this.handlers.status(TOLD.includes(code) && reason ? `Not admitted: ${reason}.` : FINAL[code]);
       return;

@@ -50,6 +50,9 @@ class People(Protocol):
     def answer(self, person: str, item: Item, trial: Trial | None, runs: Sequence[Path]) -> Answer:
         """Return a person's answer. trial: None at the end of a block. runs: of the trial's sessions."""
 
+    def thank(self, people: Sequence[str]) -> None:
+        """Tell these people that they have done all of it."""
+
 
 class Conducted(NamedTuple):
     """Counts of trials in all that are finished and abandoned, and of those run now; whether nothing is left."""
@@ -94,6 +97,7 @@ class Conductor:
             trial = next_trial(study, group, done)
             self._ask_after_blocks(group, people, None if trial is None else trial.block)
             if trial is None:
+                self._people.thank(people)
                 return
             if told is None and not done and study.instructions:
                 self._people.tell(study.instructions, people)

@@ -1,7 +1,8 @@
 """Figures of a study: a measure over conditions, a point a group, and the mean of all with its 95 % confidence interval.
 
 Of each group (often of one person) the mean over trials counts once within a condition; practice is left out. People on
-different seats may do different things, so each seat has a panel. The interval is Student's t over groups.
+different seats may do different things, so each seat has a panel. The interval is Student's t over groups;
+a single one has none.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +18,7 @@ from cogrip.protocol.addition import add_floats
 from cogrip.sim.experiments.study.study_file import BASE, Study
 from cogrip.sim.experiments.study.table import Row, StudyTable
 from cogrip.sim.runs.measures.registry import MEASURES, Measure
-from cogrip.sim.runs.plots.style import FAINT, INK, Sheet, label, person_style, png, title
+from cogrip.sim.runs.plots.style import FAINT, INK, Sheet, Style, label, person_style, png, title
 
 CONFIDENCE = 0.95
 _SPREAD = 0.12  # of a condition's points, to either side
@@ -65,11 +66,11 @@ def by_condition(rows: Sequence[Row], measure: Measure, seat: int = 0) -> Values
     }
 
 
-def interval(values: Sequence[float]) -> tuple[float, float]:
-    """Return mean and half the width of its confidence interval; 0 for a single value."""
+def interval(values: Sequence[float]) -> tuple[float, float | None]:
+    """Return mean and half the width of its confidence interval; None for a single value, of which nothing is known."""
     mean = float(np.mean(values))
     if len(values) < 2:
-        return mean, 0.0
+        return mean, None
     error = float(np.std(values, ddof=1)) / np.sqrt(len(values))
     return mean, float(stdtrit(len(values) - 1, 0.5 + 0.5 * CONFIDENCE)) * float(error)
 
@@ -87,7 +88,12 @@ def draw(study: Study, measure: Measure, seats: Mapping[int, Values]) -> Figure:
     legend = [(_called(groups[group - 1], group), {**person_style(group - 1), "lw": 0.6}) for group in named]
     if not named:
         legend.append(("a participant or group", {"color": FAINT, "marker": "o", "lw": 0.6}))
-    legend.append(("mean, 95 % confidence", {"color": INK, "marker": "_", "ms": 14, "lw": 1.6}))
+    counts = [len(one) for values in seats.values() for one in values.values()]
+    mean: Style = {"color": INK, "marker": "_", "ms": 14, "lw": 1.6}
+    if max(counts) > 1:
+        legend.append(("mean, 95 % confidence", mean))
+    if min(counts) < 2:
+        legend.append(("one value, no interval", {**mean, "lw": 0.0}))
     return sheet.finish(axis_of(study), [measure.label], legend)
 
 

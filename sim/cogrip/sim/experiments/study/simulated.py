@@ -23,6 +23,9 @@ class SimulatedPeople:
     def tell(self, text: str, people: Sequence[str]) -> None:
         """Take instructions."""
 
+    def thank(self, people: Sequence[str]) -> None:
+        """Go home."""
+
     def wait(self, trial: Trial, state: TrialState, people: Sequence[str]) -> Event:
         """Return READY at once."""
         return Event.READY

@@ -1,6 +1,7 @@
 """One tidy table of a study: a row a person and session, with its place in the study, what it set, measures and answers."""
 
 import json
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ from cogrip.sim.runs.columns import NUMBER, Column
 from cogrip.sim.runs.export import Format, open_table
 from cogrip.sim.runs.folder import SUMMARY
 from cogrip.sim.runs.measures.columns import read_columns
+from cogrip.sim.runs.measures.motion import felt_stiffness_missing
 from cogrip.sim.runs.measures.registry import MEASURES, measure
 
 PLACE: tuple[Column, ...] = (
@@ -28,18 +30,20 @@ PLACE: tuple[Column, ...] = (
     Column("pauses", "int64"),
 )  # fmt: skip
 ANSWER = "answer_"
+MISSING = "felt_stiffness_missing"  # why a row has no felt stiffness
 FORMULA = ("=", "+", "-", "@", "\t", "\r")  # what a spreadsheet takes for a formula begins so
 
 Row = dict[str, Any]
 
 
 class StudyTable(NamedTuple):
-    """Rows by column name; notes: runs of which nothing can be measured, and why."""
+    """Rows by column name; notes: runs of which nothing can be measured; empty: measures without values, each with why."""
 
     study: Study
     columns: list[Column]
     rows: list[Row]
     notes: list[str]
+    empty: list[str]
 
 
 def read_table(path: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> StudyTable:
@@ -59,9 +63,10 @@ def read_table(path: Path, progress: Callable[[int, int], None] = lambda done, t
         *PLACE,
         *(_column(key, rows) for key in sorted(keys)),
         *(Column(each.name, NUMBER, unit_of(each.name)) for each in MEASURES),
+        Column(MISSING, "string"),
         *(_column(key, rows) for key in sorted(asked)),
     ]
-    return StudyTable(study, columns, rows, notes)
+    return StudyTable(study, columns, rows, notes, _missing(rows))
 
 
 def _rows(
@@ -71,7 +76,9 @@ def _rows(
     marked = study.start == "button" and line.mode == "live"
     try:
         run = read_columns(folder, study.goal_of(values), _task_s(folder), begun_by(folder.name) if marked else "")
-        measured = [measure(run, number) for number in range(len(run.people))]
+        measured: list[Row] = [
+            {**measure(run, number), MISSING: felt_stiffness_missing(run, number)} for number in range(len(run.people))
+        ]
     except (RecordingError, OSError) as error:
         notes.append(str(error))
         measured = [{} for _ in line.people]
@@ -87,6 +94,13 @@ def _rows(
         }
         for seat, person in enumerate(line.people)
     ]  # fmt: skip
+
+
+def _missing(rows: Sequence[Row]) -> list[str]:
+    """Return in how many rows there is no felt stiffness, and why."""
+    reasons = Counter(reason for row in rows if (reason := row.get(MISSING)))
+    why = "; ".join(f"{reason} ({count})" for reason, count in reasons.most_common())
+    return [f"felt_stiffness_npm: none in {reasons.total()} of {len(rows)} rows: {why}"] if reasons else []
 
 
 def _task_s(folder: Path) -> float | None:

@@ -60,20 +60,36 @@ def mean_force_n(run: RunColumns, person: int) -> float:
 def felt_stiffness_npm(run: RunColumns, person: int) -> float | None:
     """Force with which the hand presses by how far it stands in the object, along the force, at rest at the end.
 
-    How far: from a wall, or from where it stood to a free object at the start. None without rest, without force, in scenes.
+    How far: from a wall, or from where it stood to a free object at the start. None as `felt_stiffness_missing` says.
     """
+    found = _felt_stiffness(run, person)
+    return None if isinstance(found, str) else found
+
+
+def felt_stiffness_missing(run: RunColumns, person: int) -> str | None:
+    """Return why there is no felt stiffness, None where there is one."""
+    found = _felt_stiffness(run, person)
+    return found if isinstance(found, str) else None
+
+
+def _felt_stiffness(run: RunColumns, person: int) -> float | str:
+    """Return the felt stiffness [N/m], or why there is none."""
     hand = run.people[person]
     last = round(REST_S * hand.rate_hz)
-    if not run.springs or len(hand.time_s) < 2 * last:
-        return None
+    if not run.springs:
+        return "a scene has no spring to feel"
+    if len(hand.time_s) < 2 * last:
+        return f"shorter than {2.0 * REST_S:g} s"
     place = hand.position_m[-last:]
     force = hand.force_n[-last:].mean(axis=0)
     size = float(np.linalg.norm(force))
-    if float(np.linalg.norm(place[-1] - place[0])) > REST_MPS * REST_S or size < LEAST_PRESS_N:
-        return None
+    if float(np.linalg.norm(place[-1] - place[0])) > REST_MPS * REST_S:
+        return f"the hand moved by more than {1e3 * REST_MPS * REST_S:g} mm in the last {REST_S:g} s"
+    if size < LEAST_PRESS_N:
+        return f"the hand pressed with less than {LEAST_PRESS_N:g} N at the end"
     begin = hand.position_m[0] + run.object_m[-1] if run.wall_m is None else run.wall_m
     inside = float((place.mean(axis=0) - begin) @ (force / size))
-    return size / inside if inside > 0.0 else None
+    return size / inside if inside > 0.0 else "the hand did not stand in the object at the end"
 
 
 def smooth(values: Array, rate_hz: float) -> Array:

@@ -2,8 +2,15 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from cogrip.sim.runs.comparison import Difference, check_comparable, differences, labels_of, settings_differences
+from cogrip.sim.runs.comparison import (
+    Difference,
+    check_comparable,
+    differences_of_runs,
+    labels_of,
+    settings_differences,
+)
 from cogrip.sim.runs.report.page import about, picture, render_page, verdict_of
 from cogrip.sim.runs.report.tables import Cell, Row, Table, plain
 from cogrip.sim.runs.traces import Run, load_run
@@ -13,10 +20,18 @@ _MARK = f'content="cogrip {KIND}"'
 _MARK_WITHIN = 1000  # bytes of the page's head
 
 
+class Comparison(NamedTuple):
+    """The page, its numbers, which are differences to the first run, and what a reader has to know of them."""
+
+    page: Path
+    rows: list[Difference]
+    notes: list[str]
+
+
 def write_comparison(
-    out: Path, folders: Sequence[Path], labels: Sequence[str] | None = None
-) -> tuple[Path, list[Difference]]:
-    """Write the page on these run folders to `out`; return it and its numbers, which are differences to the first run.
+    out: Path, folders: Sequence[Path], labels: Sequence[str] | None = None, notes: Sequence[str] = ()
+) -> Comparison:
+    """Write the page on these run folders to `out`. notes: sentences that stand at its head.
 
     An earlier comparison at `out` is replaced. Raises FileExistsError for any other file there, FileNotFoundError for a
     folder that holds nothing of a run, ComparisonError, OSError.
@@ -24,8 +39,9 @@ def write_comparison(
     if out.exists() and not is_comparison(out):
         raise FileExistsError(f"{out} exists and is no comparison of ours; remove it, or name another file")
     runs = [load_run(folder) for folder in folders]
-    out.write_text(compare(runs, labels or labels_of(folders)), encoding="utf-8")
-    return out, differences([run.summary for run in runs])
+    labels = labels or labels_of(folders)
+    out.write_text(compare(runs, labels, notes), encoding="utf-8")
+    return Comparison(out, *differences_of_runs(runs, labels))
 
 
 def is_comparison(path: Path) -> bool:
@@ -36,7 +52,7 @@ def is_comparison(path: Path) -> bool:
         return _MARK.encode() in file.read(_MARK_WITHIN)
 
 
-def compare(runs: Sequence[Run], labels: Sequence[str]) -> str:
+def compare(runs: Sequence[Run], labels: Sequence[str], notes: Sequence[str] = ()) -> str:
     """Return the page; differences are to the first run. Raises ComparisonError for runs that cannot be compared."""
     from matplotlib.colors import to_hex
 
@@ -45,12 +61,14 @@ def compare(runs: Sequence[Run], labels: Sequence[str]) -> str:
     names = check_comparable(runs, labels)
     others = dict.fromkeys(name for run in runs for name in run.names if name not in names)
     heading = f"{len(runs)} runs compared"
+    numbers, lengths = differences_of_runs(runs, labels, names)
+    left_out = [f"Not in all runs, so left out: {', '.join(others)}."] if others else []
     return render_page(
         "comparison.html.j2",
         title=f"{heading}: cogrip",
         kind=KIND,
         heading=heading,
-        notes=[f"Not in all runs, so left out: {', '.join(others)}."] if others else [],
+        notes=[*notes, *lengths, *left_out],
         runs=[
             {
                 "label": label,
@@ -62,7 +80,7 @@ def compare(runs: Sequence[Run], labels: Sequence[str]) -> str:
             for run, label, tint in zip(runs, labels, tints(len(runs)), strict=True)
         ],
         settings=_settings_table(runs, labels),
-        numbers=_numbers_table(differences([run.summary for run in runs], names), labels),
+        numbers=_numbers_table(numbers, labels),
         pictures=[picture(plot.heading, plot.caption, plot.draw) for plot in compared_plots(runs, labels, names)],
     )
 

@@ -27,6 +27,7 @@ from cogrip.sim.runs.summary_values import (
 )
 
 Show = Callable[[dict[str, Any]], str]
+NOT_MEASURED, DOES_NOT_APPLY = "not measured", "does not apply"
 _TEXT = "text"  # class of a cell that is wrapped
 _CHANGED = "changed"
 
@@ -137,7 +138,7 @@ def _text(key: str) -> Show:
 def _ticks(which: str, key: str) -> Show:
     """Show a percentile; in virtual time ticks are counted and not timed."""
     return lambda loop: (
-        "not measured"
+        NOT_MEASURED
         if dig(loop, "ticks", which, key) is None and dig(loop, "ticks", "due")
         else number(dig(loop, "ticks", which, key))
     )
@@ -171,8 +172,8 @@ _PERSON: tuple[_Line | str, ...] = (
     ("peak force", "N", _at("peak_force_n", digits=2)),
     ("largest force step in a tick", "N", _at("peak_force_step_n", digits=2)),
     ("travel", "mm", _at("travel_m", 1e3, 0)),
-    ("felt stiffness", "N/m", _stiffness("felt_stiffness_npm", "not measured")),
-    ("predicted stiffness", "N/m", _stiffness("predicted_stiffness_npm", "does not apply")),
+    ("felt stiffness", "N/m", _stiffness("felt_stiffness_npm", NOT_MEASURED)),
+    ("predicted stiffness", "N/m", _stiffness("predicted_stiffness_npm", DOES_NOT_APPLY)),
     ("rendered stiffness", "N/m", _at("rendered_npm", digits=0)),
     ("wave impedance", "N s/m", _in_use("{}impedance_nspm")),
     ("wave filter", "Hz", _in_use("{}filter_hz", "wave_filter_hz")),
@@ -238,10 +239,16 @@ _SCENE: tuple[_Line, ...] = (
 
 
 def _rows(lines: Iterable[_Line | str], shown: Sequence[dict[str, Any]]) -> list[Row | str]:
-    return [
+    """Return the rows; one in which nothing was to be known of anybody is left out."""
+    rows = [
         line if isinstance(line, str) else row(line[0], map(line[2], shown), line[1], _TEXT if line[0] == "reason" else "")
         for line in lines
     ]  # fmt: skip
+    return [
+        each
+        for each in rows
+        if isinstance(each, str) or not {cell.text for cell in each.cells} <= {NOT_MEASURED, DOES_NOT_APPLY}
+    ]
 
 
 def people_table(summary: Summary) -> Table | str:
@@ -316,7 +323,8 @@ def settings_tables(settings: dict[str, Any]) -> SettingsTables | str:
 
 
 def _setting(value: Any, default: Any, key: str = "") -> Cell:
-    return Cell(plain(value, key), "" if value == default else _CHANGED)
+    same = list(value) == list(default) if isinstance(value, list) and isinstance(default, tuple) else value == default
+    return Cell(plain(value, key), "" if same else _CHANGED)
 
 
 _WHOSE = {
