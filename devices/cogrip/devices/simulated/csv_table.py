@@ -55,8 +55,8 @@ class Table:
         unit = split_unit(name)[1]
         if unit and unit not in units:
             raise DeviceError(
-                f"csv hand: {self.path!r} line {self.header}, column {name!r}: the unit {unit!r} is none of {', '.join(units)}; "
-                f"say by {key}=... what one of it is in {next(iter(units))}"
+                f"csv hand: {self.path!r} line {self.header}, column {name!r}: the unit {unit!r} is none of "
+                f"{', '.join(units)}; say by {key}=... what one of it is in {next(iter(units))}"
             )
         return units[unit] if unit else units.get(name.rpartition("_")[2] if "_" in name else "", 1.0)
 
