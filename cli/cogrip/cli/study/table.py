@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.sim.experiments.study.fitts import COLUMNS, pointing, rows_of, throughputs
+from cogrip.sim.experiments.study.fitts import COLUMNS, FEWEST, pointing, rows_of, throughputs
 from cogrip.sim.experiments.study.study_file import StudyError
 from cogrip.sim.experiments.study.table import read_table, write_columns, write_table
 from cogrip.sim.runs.export import ExportError, Format
@@ -49,7 +49,11 @@ def table(
         if pointed := pointing(found):
             write_columns(COLUMNS, rows_of(pointed), to, second)
             console.print(f"{second}: {len(pointed)} row{'' if len(pointed) == 1 else 's'}")
-            for group, value in throughputs(pointed).items():
+            if not (told := throughputs(pointed)):
+                console.print(
+                    f"no throughput: it takes {FEWEST} trials of a group in a condition, whose end points differ"
+                )
+            for group, value in told.items():
                 console.print(f"group {group}: throughput {value:.2f} bit/s (ISO 9241-411)")
         if figures:
             from cogrip.sim.experiments.study.figures import write_figures
