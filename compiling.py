@@ -3,6 +3,8 @@
 A module `x.py` with an `x.pxd` is compiled as it is, its classes as structs; `x.pyx` is there only compiled, or in place of an
 `x.py` with the same functions. The results lie beside their sources and take the place of these when they are imported. They
 are no part of the project, and nothing needs them; `dev.py` removes what is of sources that were changed meanwhile.
+In a wheel this file is `cogrip.cli.compiling`, for `cogrip compile`; what it makes is entered in the list of what pip has
+installed, so that pip removes it with the version that it is of.
 What is compiled is a copy in which functions have the values of numeric constants in place of their names (`with_values`): a
 name of a module is an object in C as well, and each use of it in arithmetic makes another one.
 What a tick never does is out of its way, as a processor forgets pages and lines of code between two ticks: the paths to a
@@ -16,6 +18,7 @@ from __future__ import annotations  # as in dev.py
 
 import ast
 import contextlib
+import csv
 import hashlib
 import importlib
 import json
@@ -29,7 +32,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent
+HERE = Path(__file__).resolve().parent
+INSTALLED = not (HERE / "pyproject.toml").exists()  # from a wheel, as cogrip/cli/compiling.py
+ROOT = HERE.parents[1] if INSTALLED else HERE
+COMMAND = "cogrip compile" if INSTALLED else "python3 dev.py compile"
 PARTS = ("protocol", "devices", "client", "server")
 SUFFIX = str(sysconfig.get_config_var("EXT_SUFFIX"))
 FLAGS = [
@@ -47,7 +53,9 @@ FLAGS = [
 COLD = "static void __Pyx_AddTraceback(const char *, int, int, const char *) __attribute__((cold));\n"
 """Declaration ahead of each module's C code: the compiler takes every path to this function for one that is not taken."""
 LINKER_FLAGS = ["-Wl,-z,noseparate-code,-z,norelro,-z,now", "-Wl,--sort-section=name"]  # Linux
-STAMP = ROOT / ".venv" / "cogrip-compiled.json"  # digest of the sources of what is compiled
+STAMP = (
+    ROOT / ("cogrip" if INSTALLED else ".venv") / "cogrip-compiled.json"
+)  # digest of the sources of what is compiled
 LINUX_ONLY = ("datagram_batch", "large_pages")
 DIRECTIVES = {
     "language_level": 3,
@@ -57,17 +65,27 @@ DIRECTIVES = {
 }
 
 
+def base_of(part: str) -> Path:
+    """Return the folder from which a part's modules are imported."""
+    return ROOT if INSTALLED else ROOT / part
+
+
+def folder_of(part: str) -> Path:
+    """Return the folder of a part's modules."""
+    return base_of(part) / "cogrip" / part if INSTALLED else base_of(part) / "cogrip"
+
+
 def sources() -> list[tuple[str, Path]]:
     """Return the modules to compile: name and source."""
     found = []
     for part in PARTS:
-        for path in sorted((ROOT / part / "cogrip").rglob("*.p[xy][dx]")):
+        for path in sorted(folder_of(part).rglob("*.p[xy][dx]")):
             source = path.with_suffix(".py") if path.suffix == ".pxd" else path
             if path.suffix == ".pxd" and path.with_suffix(".pyx").exists():
                 continue
             if path.stem in LINUX_ONLY and sys.platform != "linux":
                 continue
-            found.append((".".join(source.relative_to(ROOT / part).with_suffix("").parts), source))
+            found.append((".".join(source.relative_to(base_of(part)).with_suffix("").parts), source))
     return found
 
 
@@ -75,7 +93,7 @@ def digest() -> str:
     """Return the digest of all sources: of interpreted modules too, whose constants compiled ones have."""
     found = hashlib.sha256(Path(__file__).read_bytes())
     for part in PARTS:
-        for path in sorted((ROOT / part / "cogrip").rglob("*.p*")):
+        for path in sorted(folder_of(part).rglob("*.p*")):
             found.update(path.read_bytes() if path.suffix in (".py", ".pyx", ".pxd") else b"")
     return found.hexdigest()
 
@@ -93,7 +111,7 @@ def compiled() -> Iterator[Path]:
     """Yield what was compiled, of sources that are gone too."""
     for part in PARTS:
         for suffix in (".so", ".pyd"):
-            yield from (ROOT / part / "cogrip").rglob(f"*{suffix}")
+            yield from folder_of(part).rglob(f"*{suffix}")
 
 
 def remove() -> int:
@@ -103,7 +121,21 @@ def remove() -> int:
         modules.add(each.with_name(each.name.partition(".")[0]))
         each.unlink()
     STAMP.unlink(missing_ok=True)
+    enter([])
     return len(modules)
+
+
+def enter(made: Iterable[Path]) -> None:
+    """Have pip's list of the files of an installed cogrip, RECORD, name these of all that was compiled, and no others."""
+    if not INSTALLED:
+        return
+    for record in ROOT.glob("cogrip-*.dist-info/RECORD"):
+        rows = list(csv.reader(record.read_text("utf-8").splitlines()))
+        ours = [row for row in rows if not row[0].endswith((".so", ".pyd", STAMP.name))]
+        ours += [[each.relative_to(ROOT).as_posix(), "", ""] for each in made]
+        if ours != rows:
+            with record.open("w", encoding="utf-8", newline="") as file:
+                csv.writer(file, lineterminator="\n").writerows(ours)
 
 
 def has_compiler() -> bool:
@@ -199,8 +231,8 @@ def compile_all(folder: Path, checkout: Path = ROOT) -> None:
     ]
     with contextlib.chdir(folder / "source"):  # tracebacks name the sources as they lie in a checkout
         generated = cythonize(  # type: ignore[no-untyped-call]
-            modules, include_path=[str(ROOT / part) for part in PARTS], build_dir=str(folder / "c"), force=True, quiet=True,
-            compiler_directives=DIRECTIVES,
+            modules, include_path=sorted({str(base_of(part)) for part in PARTS}), build_dir=str(folder / "c"), force=True,
+            quiet=True, compiler_directives=DIRECTIVES,
         )  # fmt: skip
     command = Distribution({"ext_modules": generated}).get_command_obj("build_ext")
     command.build_lib, command.build_temp = str(folder / "lib"), str(folder / "objects")
@@ -209,7 +241,7 @@ def compile_all(folder: Path, checkout: Path = ROOT) -> None:
     command.run()
     places = {name: checkout / source.relative_to(ROOT).with_name(_last(name) + SUFFIX) for name, source in sources()}
     made = {name: folder / "lib" / Path(*name.split(".")).with_name(place.name) for name, place in places.items()}
-    if sys.platform == "linux" and _has_links(checkout / PARTS[0]):
+    if sys.platform == "linux" and _has_links(next(iter(places.values())).parent):
         with contextlib.chdir(folder / "source"):
             objects = {
                 each.name: command.compiler.object_filenames(each.sources, output_dir=command.build_temp)
@@ -276,26 +308,32 @@ def _last(name: str) -> str:
 
 
 def main(arguments: list[str]) -> int:
-    removed = remove()
+    try:
+        removed = remove()
+    except OSError as error:
+        print(f"{COMMAND}: {error.filename}: {error.strerror}; run it as whoever installed cogrip")
+        return 1
     if arguments == ["--remove"]:
         what = f"removed {removed} compiled module{'' if removed == 1 else 's'}" if removed else "nothing was compiled"
         print(f"{what}; cogrip runs interpreted")
         return 0
     if not has_compiler():
-        print(
-            "dev.py compile: there is no C compiler (Debian, Ubuntu: `apt install gcc python3-dev`); cogrip runs without"
-        )
+        print(f"{COMMAND}: there is no C compiler (Debian, Ubuntu: `apt install gcc python3-dev`); cogrip runs without")
         return 1
     with tempfile.TemporaryDirectory() as folder:
         try:
             wanted = digest()
             compile_all(Path(folder))
             STAMP.write_text(json.dumps(wanted))
+            enter([*compiled(), STAMP])
         except Exception as error:  # noqa: BLE001 - whatever a compiler or its set-up lacks
-            remove()
-            print(f"dev.py compile: {type(error).__name__}: {error}; cogrip runs interpreted")
+            with contextlib.suppress(OSError):
+                remove()
+            lacks = isinstance(error, ImportError) and INSTALLED
+            cure = "; pip install 'cogrip[compile]' has what it needs" if lacks else ""
+            print(f"{COMMAND}: {type(error).__name__}: {error}{cure}; cogrip runs interpreted")
             return 1
-    print(f"compiled {len(sources())} modules; `python3 dev.py compile --remove` removes them")
+    print(f"compiled {len(sources())} modules; `{COMMAND} --remove` removes them")
     return 0
 
 

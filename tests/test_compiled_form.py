@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -15,6 +16,7 @@ import compiling
 import dev
 import pytest
 
+from cogrip.cli.main import main
 from cogrip.protocol.io import compiled_files
 from cogrip.protocol.io.compiled_files import compiled_modules, form
 
@@ -203,6 +205,50 @@ def test_every_compiled_source_is_the_same_program_with_values() -> None:
                     piece = constant[0]
                 at += len(piece)
             assert at == len(before)
+
+
+@pytest.fixture
+def installed(tmp_path: Path) -> Path:
+    """Return a folder in which the files of a wheel lie, as pip unpacks one."""
+    command = [sys.executable, "-P", "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    folder = tmp_path / "site-packages"
+    zipfile.ZipFile(wheel).extractall(folder)
+    return folder
+
+
+def test_a_wheel_has_all_that_is_compiled_and_the_command(installed: Path) -> None:
+    """It removes what was compiled from pip's list too, and leaves all else there."""
+    for name, source in compiling.sources():
+        assert (installed / Path(*name.split(".")).with_suffix(source.suffix)).exists(), name
+    (record,) = installed.glob("cogrip-*.dist-info/RECORD")
+    before = record.read_text()
+    (made := installed / "cogrip" / "protocol" / f"clock{compiling.SUFFIX}").touch()
+    os.utime(made, (1, 1))  # older than its source: every other command refuses to run it
+    record.write_text(f"{before}cogrip/protocol/{made.name},,\n")
+    run = [sys.executable, "-P", "-m", "cogrip.cli", "compile", "--remove"]
+    done = subprocess.run(
+        run, env={**os.environ, "PYTHONPATH": str(installed)}, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "removed 1 compiled module; cogrip runs interpreted" in done.stdout
+    assert not made.exists()
+    assert record.read_text() == before
+
+
+def test_what_is_compiled_is_entered_in_pip_s_list_of_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(compiling, "ROOT", tmp_path)
+    monkeypatch.setattr(compiling, "INSTALLED", True)
+    (record := tmp_path / "cogrip-1.0.dist-info" / "RECORD").parent.mkdir()
+    record.write_text("cogrip/a.py,sha256=x,10\n'q,uoted',,\ncogrip/old.so,,\n")
+    compiling.enter([tmp_path / "cogrip" / "a.so"])
+    assert record.read_text() == "cogrip/a.py,sha256=x,10\n'q,uoted',,\ncogrip/a.so,,\n"
+
+
+def test_in_a_checkout_the_command_names_the_other_one(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["compile"]) == 2
+    assert "this is a checkout of cogrip; there it is `python3 dev.py compile`" in capsys.readouterr().err
 
 
 @pytest.mark.long

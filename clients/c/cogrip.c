@@ -1383,7 +1383,7 @@ typedef struct told_effects {
     int64_t session, version, numbers[MOST_EFFECTS], number;
     int count, has_effect;
     double tank_mj;
-    effect effect;
+    struct effect effect;
 } told_effects;
 
 static const char *const effect_kinds[] = {"viscous", "vibration", "texture", "magnet", "path", "zone"};
@@ -1913,8 +1913,8 @@ struct cogrip_client {
     /* Seat */
     int axes, ticks_per_frame;
     double tick_s, b, root, most_wave;
-    line line;
-    handle handle;
+    struct line line;
+    struct handle handle;
     int64_t tick, first_tick, acted, wave_end, frame_begin, frame_end, ticks_run, stopped; /* stopped: tick of the leave, -1 */
     int has_origin, has_offset;
     double offset_m[AXES]; /* by which jumps have displaced the device's positions */
@@ -1926,7 +1926,7 @@ struct cogrip_client {
     double deflection_m[AXES], cut_n[AXES], ratio; /* series impedance */
     int deflected, cut;
 
-    effects effects;
+    struct effects effects;
 
     /* Safety */
     cogrip_safety safety;
@@ -1981,7 +1981,7 @@ static message *outbox_push(cogrip_client *client) {
 }
 
 static void write_hello(const cogrip_client *client, message *into) {
-    static const unsigned char zeros[HELLO_BYTES];
+    static const unsigned char zeros[HELLO_BYTES] = {0};
     const cogrip_config *config = &client->config;
     const welcome *seat = &client->seat;
     const int again = seat->session != 0;
@@ -2761,11 +2761,11 @@ static int of_session(cogrip_client *client, int64_t session, int64_t now_ns) {
 typedef struct decoded {
     int tag; /* 0: malformed; of others than these, the rest is empty */
     union {
-        welcome welcome;
-        refusal refusal;
-        redirect redirect;
-        waves waves;
-        farewell farewell;
+        struct welcome welcome;
+        struct refusal refusal;
+        struct redirect redirect;
+        struct waves waves;
+        struct farewell farewell;
         told_effects effects;
         struct {
             int64_t session;
@@ -2778,7 +2778,7 @@ typedef struct decoded {
 } decoded;
 
 static void decode(const void *data, size_t bytes, decoded *into) {
-    reader from = {data, (const unsigned char *)data + bytes, 0};
+    reader from = {(const unsigned char *)data, (const unsigned char *)data + bytes, 0};
     if (!bytes) from.bad = 1;
     const uint64_t length = get_length(&from, 0, 1, UINT32_MAX);
     into->tag = (int)get_int(&from, TAG_HELLO, TAG_REDIRECT);
@@ -3099,11 +3099,11 @@ static int text_fits(const char *text, size_t bytes) {
 }
 
 cogrip_client *cogrip_init(void *memory, size_t bytes, const cogrip_config *config, char *error, size_t error_bytes) {
-    cogrip_client *client = memory;
+    cogrip_client *client = (cogrip_client *)memory;
     const char *wrong = NULL;
     if (!memory || bytes < sizeof *client) wrong = "memory: give COGRIP_CLIENT_BYTES";
     else if (config->axes < 1 || config->axes > AXES) wrong = "axes: 1 to 3";
-    else if (!(config->rate_hz >= LEAST_DEVICE_HZ && config->rate_hz <= 1e6)) wrong = "rate_hz: 250 to 10^6";
+    else if (!(config->rate_hz >= (double)LEAST_DEVICE_HZ && config->rate_hz <= 1e6)) wrong = "rate_hz: 250 to 10^6";
     else if (!(config->peak_force_n > 0.0 && config->peak_force_n < NO_BOUND)) wrong = "peak_force_n: above 0, below 10^6";
     else if (!(config->speed_mps > 0.0 && config->speed_mps < NO_BOUND)) wrong = "speed_mps: above 0, below 10^6";
     else if (!(config->slew_nps >= 0.0 && config->apparent_mass_kg >= 0.0 && config->damping_nspm >= 0.0
@@ -3475,7 +3475,7 @@ static void note_error(cogrip_driver *driver, path *way) {
 #ifndef COGRIP_NO_DTLS
 
 static int bio_write(BIO *bio, const char *data, int bytes) {
-    path *way = BIO_get_data(bio);
+    path *way = (path *)BIO_get_data(bio);
     BIO_clear_retry_flags(bio);
     way->wrote = 1;
     if (send(way->fd, data, (size_t)bytes, 0) < 0) way->refused = way->refused || errno == ECONNREFUSED;
@@ -3483,7 +3483,7 @@ static int bio_write(BIO *bio, const char *data, int bytes) {
 }
 
 static int bio_read(BIO *bio, char *into, int bytes) {
-    path *way = BIO_get_data(bio);
+    path *way = (path *)BIO_get_data(bio);
     BIO_clear_retry_flags(bio);
     if (!way->pending) {
         BIO_set_retry_read(bio);
@@ -3520,7 +3520,8 @@ static int certificate_fits(const X509 *certificate, const char *fingerprint) {
 }
 
 static int verify(int ok, X509_STORE_CTX *store) {
-    path *way = SSL_get_app_data((SSL *)X509_STORE_CTX_get_ex_data(store, SSL_get_ex_data_X509_STORE_CTX_idx()));
+    SSL *ssl = (SSL *)X509_STORE_CTX_get_ex_data(store, SSL_get_ex_data_X509_STORE_CTX_idx());
+    path *way = (path *)SSL_get_app_data(ssl);
     (void)ok;
     const int fits = X509_STORE_CTX_get_error_depth(store) == 0
         && certificate_fits(X509_STORE_CTX_get_current_cert(store), way->fingerprint);
@@ -3846,7 +3847,7 @@ static int draw_nonce(uint64_t *nonce) {
 cogrip_driver *cogrip_open(
     void *memory, size_t bytes, const char *target, const cogrip_config *config, int allow_unencrypted, char *error,
         size_t error_bytes) {
-    cogrip_driver *driver = memory;
+    cogrip_driver *driver = (cogrip_driver *)memory;
     cogrip_config asked = *config;
     struct addrinfo hints, *found = NULL;
     char port[8];

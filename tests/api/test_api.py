@@ -104,6 +104,7 @@ def test_a_function_is_a_device() -> None:
 
     device = cogrip.device_of(move, axes=2, peak_force_n=3.0, continuous_force_n=1.0)
     assert (device.capability.axes, device.capability.peak_force_n, device.capability.model) == (2, 3.0, "move")
+    assert cogrip.device_of(move, peak_force_n=3.0).capability.continuous_force_n == 3.0
     with pytest.raises(cogrip.DeviceError, match="closed"):
         device.read(0)
     device.open(1024)

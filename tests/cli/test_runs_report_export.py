@@ -280,6 +280,27 @@ def test_export_writes_tables_beside_the_recordings_or_elsewhere(runs, tmp_path,
     assert all(name.startswith("client-ben.") and "datagram" not in name for name in there)
 
 
+def test_export_of_a_run_that_goes_on_gives_way_to_that_of_the_whole(runs, cogrip):
+    folder = runs / FIRST
+    before = set(folder.iterdir())
+    recording = folder / "client-anna.mcap"
+    whole = recording.read_bytes()
+    with recording.open("r+b") as file:
+        file.truncate(40_000)
+        fcntl.flock(file, fcntl.LOCK_EX)  # as its writer does
+        for _ in range(2):
+            err = cogrip.err("export", folder, "--to", "csv", code=0)
+            assert f"{FIRST} still goes on: these tables are what was there just now" in err
+        tables = {path.name for path in set(folder.iterdir()) - before}
+        assert {"client-anna.tick.partial.csv", "client-ben.tick.partial.csv", "server.step.partial.csv"} <= tables
+        assert all(name.endswith(".partial.csv") for name in tables)
+        assert 1 < len((folder / "client-anna.tick.partial.csv").read_text().splitlines()) < 1025
+    recording.write_bytes(whole)
+    assert f"{folder / 'client-anna.tick.csv'}: 1024 rows" in cogrip.out("export", folder, "--to", "csv")
+    left = {path.name for path in set(folder.iterdir()) - before}
+    assert left == {name.replace(".partial", "") for name in tables} | {"client-anna.account.csv"}
+
+
 def test_export_recovers_what_was_cut_short_and_warns_of_a_damaged_chunk(runs, cogrip):
     """The old recording stays; the tables have their usual names."""
     cut = runs / FIRST / "client-anna.mcap"

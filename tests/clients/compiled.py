@@ -24,12 +24,16 @@ NUMBERS = {
 }
 KINDS = {**NUMBERS, "void": None, "char": c_char, "cogrip_state": c_int, "cogrip_safety": c_int}
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Werror")
+CXX = shutil.which("c++") or shutil.which("g++") or shutil.which("clang++")
+STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Werror")
+WARNINGS = ("-std=c99", *STRICT)
+CXX_WARNINGS = ("-x", "c++", "-ffp-contract=off", *STRICT)
 CHECKED = ("-g1", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 AXES, CLIENT_BYTES, MESSAGE_BYTES = 3, 409600, 1195
 STATES = ("idle", "connecting", "seated", "resuming", "leaving", "closed")
 SAFETY = ("released", "live", "stale", "fault")
 
+needs_cxx = pytest.mark.skipif(CXX is None, reason="no C++ compiler: install g++ or clang++")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler: install gcc or clang")
 
 
@@ -42,16 +46,17 @@ def has_libssl() -> bool:
     return found.returncode == 0
 
 
-def build(folder: Path, name: str, *arguments: str | Path) -> Path:
-    """Compile C sources of the tests or the client, given by name, into a file. A warning fails."""
+def build(folder: Path, name: str, *arguments: str | Path, cxx: bool = False) -> Path:
+    """Compile C sources of the tests or the client, given by name, into a file, as C99 or as C++. A warning fails."""
     sources = [
         str(next(place / each for place in (HERE, SOURCES) if (place / each).exists()))
-        if str(each).endswith(".c")
+        if isinstance(each, str) and each.endswith(".c")
         else str(each)
         for each in arguments
     ]
     out = folder / name
-    command = [str(COMPILER), *WARNINGS, f"-I{SOURCES}", "-o", str(out), *sources, "-lm"]
+    compiler = [str(CXX), *CXX_WARNINGS] if cxx else [str(COMPILER), *WARNINGS]
+    command = [*compiler, f"-I{SOURCES}", "-o", str(out), *sources, "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return out

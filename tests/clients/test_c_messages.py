@@ -11,7 +11,18 @@ import pytest
 
 from cogrip.protocol.messages import PROTOCOL_VERSION, decode, encode
 
-from tests.clients.compiled import CLIENT_BYTES, HERE, SOURCES, CClient, Target, build, needs_compiler
+from tests.clients.compiled import (
+    CLIENT_BYTES,
+    HERE,
+    SOURCES,
+    CClient,
+    Target,
+    build,
+    has_libssl,
+    needs_compiler,
+    needs_cxx,
+)
+from tests.docs.pages import page
 from tests.extent import long
 from tests.protocol.spec_page import rows, section
 from tests.protocol.test_spec_vectors import VECTORS, cases, rows_with_bounds, with_value
@@ -43,6 +54,43 @@ def fields(library: Any, datagram: bytes) -> dict[str, Any]:
 def test_it_compiles_without_a_warning(built: Path, arguments: tuple[str, ...]) -> None:
     """Without encryption; the core is compiled for these tests, the whole for those of live sessions."""
     build(built, "some.o", *arguments)
+
+
+@needs_cxx
+@pytest.mark.parametrize("standard", ["c++11", *map(long, ["c++17", "c++20"])])
+@pytest.mark.parametrize("switch", ["-DCOGRIP_NO_DTLS", long("-DCOGRIP_NO_DRIVER")])
+def test_it_compiles_as_cxx_without_a_warning(built: Path, standard: str, switch: str) -> None:
+    build(built, "some.o", f"-std={standard}", "-O0", "-c", switch, "cogrip.c", cxx=True)
+
+
+@needs_cxx
+@pytest.mark.skipif(not has_libssl(), reason="no libssl-dev")
+def test_the_whole_compiles_as_cxx_without_a_warning(built: Path) -> None:
+    build(built, "whole.o", "-std=c++17", "-O0", "-c", "cogrip.c", cxx=True)
+
+
+SURROUNDING = """
+#include "cogrip.h"
+static char memory[COGRIP_DRIVER_BYTES], error[256];
+static const char *const target = "127.0.0.1:47800";
+static cogrip_config config;
+static double position_m[COGRIP_AXES], force_n[COGRIP_AXES];
+void wait_ms(int ms);
+void read_device(double *into);
+void push_hand(const double *force);
+void hold(void);
+void hold(void) {
+%s
+}
+"""
+"""What the tick of docs/c_client.md has around it."""
+
+
+@pytest.mark.parametrize("cxx", [False, pytest.param(True, marks=needs_cxx)])
+def test_the_tick_of_the_page_compiles(built: Path, tmp_path: Path, cxx: bool) -> None:
+    (tick,) = re.findall(r"^```c\n(.*?)^```$", page("docs/c_client.md"), re.DOTALL | re.MULTILINE)
+    (tmp_path / "tick.c").write_text(SURROUNDING % tick)
+    build(built, "tick.o", "-c", tmp_path / "tick.c", cxx=cxx)
 
 
 def test_lines_are_short() -> None:

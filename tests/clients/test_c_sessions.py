@@ -2,6 +2,7 @@
 
 from itertools import dropwhile, islice, pairwise
 from math import inf, nan
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -16,7 +17,7 @@ from cogrip.protocol.texts import clipped
 from cogrip.server.inputs import Kick, Stop
 
 from tests.client.seated_client import seat, welcome
-from tests.clients.compiled import CClient, needs_compiler
+from tests.clients.compiled import CClient, build, load, needs_compiler, needs_cxx
 from tests.clients.virtual_session import HZ, VirtualSession
 from tests.extent import every
 
@@ -32,6 +33,20 @@ def loses_nothing(person: CClient, credit_j: float = CREDIT_J) -> None:
     """No line gave out more than came in, and its credit."""
     status = person.status
     assert min(status.up_margin_j, status.down_margin_j, 0.5 * status.line_margin_j) >= -credit_j - ROUNDING_J
+
+
+@needs_cxx
+def test_compiled_as_cxx_it_does_the_same_to_the_last_bit(library: Any, built: Path) -> None:
+    switches = ("-std=c++17", "-O1", "-fPIC", "-shared", "-DCOGRIP_NO_DRIVER")
+    sessions = [
+        VirtualSession(each, "anna", "ben", loss=0.1, jitter_ticks=8)
+        for each in (library, load(build(built, "cxx.so", *switches, "cogrip.c", cxx=True)))
+    ]
+    for session in sessions:
+        session.leave(1.0)
+    assert sessions[0].forces == sessions[1].forces
+    assert sessions[0].sent == sessions[1].sent
+    assert max(force[0] for force in sessions[0].forces[0]) > 0.1
 
 
 NETWORKS: list[tuple[str | int, dict[str, Any]]] = [

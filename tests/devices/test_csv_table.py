@@ -61,8 +61,40 @@ def test_as_spreadsheets_write_it(tmp_path: Path, encoding: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "keys"),
+    [
+        ("0;0\n1;1,25\n2;4,5\n", "time=1&x=2"),
+        ("0,0\n1,1.25\n2,4.5\n", "time=1&x=2"),
+        ("0\t0\t7\n1\t1.25\t7\n2\t4.5\t7\n", "time=1&x=2"),
+        ("# made by a logger, of anna\nt,x\n0,0\n# a pause\n1,1.25\n\n2,4.5\n#end\n", "time=t&x=x"),
+        ("# anna\n# t [ms], x [mm]\n0,0\n1,1.25\n2,4.5\n", "time=t&x=x"),
+        ("#t;x\n0;0\n1;1,25\n2;4,5\n", "time=t&x=x"),
+        ("# no names\n0,0\n1,1.25\n2,4.5\n", "time=1&x=2"),
+        ("0,1\n0,0\n1,1.25\n2,4.5\n", "time=0&x=1"),
+        ("t,x\n0,0\n0,0\n1,1.25\n1,1.25\n1,1.25\n2,4.5\n", "time=t&x=x"),
+    ],
+)
+def test_files_without_names_with_comments_and_with_rows_twice_are_read(tmp_path: Path, text: str, keys: str) -> None:
+    path = tmp_path / "anna.csv"
+    path.write_text(text)
+    where = "" if "[mm]" in text else "&scale=0.001&time_scale=0.001"
+    assert positions(path, keys + where) == pytest.approx([1e-3 * each for each in POSITIONS_MM], abs=1e-12)
+
+
+@pytest.mark.parametrize(
     ("text", "keys", "said"),
     [
+        ("0,0\n1,1\n", "time=t&x=x", ["no line with names, so that columns go by number", "'t'", "There are: 1, 2"]),
+        ("0,5;0\n1,5;1\n", "time=t&x=x", ["read with a semicolon between columns", "There are: 1, 2"]),
+        ("0,0\n1,1,2\n", "time=1&x=2", ["line 2: 3 cells, but 2 in the first row"]),
+        ("t,x\n0,0\n1,1\n1,2\n", "time=t&x=x", ["line 4: t=1.0 stands in line 3 too, with another place", "coarse"]),
+        (
+            "t,x\n0,0\n1,1\n0,2\n",
+            "time=t&x=x",
+            ["line 4: t=0.0 is not after 1.0; if the file holds several recordings"],
+        ),
+        ("# t,x\n", "time=t&x=x", ["has 0 usable row"]),
+        ("", "time=t&x=x", ["'t'"]),
         ("t;x [V]\n0;1\n1;2\n", "time=t&x=x", ["line 1, column 'x [V]'", "'V' is none of m, cm, mm", "scale=..."]),
         ("t [min];x\n0;1\n1;2\n", "time=t&x=x", ["line 1, column 't [min]'", "none of s, ", "time_scale=..."]),
         ("t;x\n0,5;1,5\n1,5;1.234,5\n", "time=t&x=x", ["line 3: x='1.234,5' is not a finite number"]),

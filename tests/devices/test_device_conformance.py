@@ -184,6 +184,25 @@ def test_a_driver_that_lies_is_found(check: str, words: str, lying: Callable[[],
     getattr(conformance, check)(Subject(Liar))  # type: ignore[arg-type]  # the same, without the lie
 
 
+@pytest.mark.parametrize(
+    ("fault", "found"),
+    [
+        ("", False),
+        ("short@0.05+0.002", False),
+        ("short@0.05+0.1", True),
+        ("silence@0.05+0.1", True),
+    ],
+)
+@pytest.mark.parametrize("model", ["vintage", "woodenhaptics", "2diy"])
+def test_answers_that_are_half_a_line_are_found(model: str, fault: str, found: bool) -> None:
+    line = subject(f"emulated:{model}?faults={fault}" if fault else f"emulated:{model}", 2)
+    if found:
+        with pytest.raises(UnfitError, match=r"answers that are whole: at .* ticks it counted .*reply missed"):
+            conformance.answers_come_whole(line)
+    else:
+        conformance.answers_come_whole(line)
+
+
 @pytest.mark.parametrize(("took_ns", "fits"), [(970_000, True), (980_000, False), (30_000_000, False)])
 def test_a_driver_whose_reads_block_is_found(took_ns: int, fits: bool) -> None:
     clock = SlowClock(took_ns)

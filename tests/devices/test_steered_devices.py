@@ -20,7 +20,17 @@ from cogrip.devices.io.plugged_in import INPUT_ONLY, spacemice
 from cogrip.devices.registry import is_input_only
 from cogrip.devices.steered import gamepad
 from cogrip.devices.steered.device import MOST_MPS, Decoder, SteeredDevice, SteeredSettings
-from cogrip.devices.steered.gamepad import ABS_RY, ABS_X, ABS_Y, BTN_GAMEPAD, EV_ABS, EV_KEY, EV_SYN, GamepadDecoder
+from cogrip.devices.steered.gamepad import (
+    ABS_RY,
+    ABS_RZ,
+    ABS_X,
+    ABS_Y,
+    BTN_GAMEPAD,
+    EV_ABS,
+    EV_KEY,
+    EV_SYN,
+    GamepadDecoder,
+)
 from cogrip.devices.steered.spacemouse import REPEAT_S, SpaceMouseDecoder
 from cogrip.devices.web.hand import STRETCH_N, PointerSettings
 
@@ -119,6 +129,40 @@ def test_a_stick_s_axes_are_ours_over_the_range_that_the_system_tells() -> None:
     decoder.feed(event(EV_ABS, ABS_X, 255)[:-1])
     assert decoder.deflection == (0.0, 0.0, 0.0)
     assert decoder.refused == 2
+
+
+def test_a_right_stick_that_is_told_as_rz_moves_the_third_axis() -> None:
+    decoder = GamepadDecoder({ABS_X: (0, 255), ABS_Y: (0, 255), ABS_RZ: (0, 255)})
+    decoder.feed(event(EV_ABS, ABS_RZ, 255))
+    assert (decoder.deflection, decoder.lacks) == ((0.0, 0.0, -1.0), {})
+    trigger = GamepadDecoder({**RANGES, ABS_RZ: (0, 255)})
+    trigger.feed(event(EV_ABS, ABS_RZ, 255))
+    assert trigger.deflection == (0.0, 0.0, 0.0)
+
+
+def test_a_pad_without_a_right_stick_is_refused_where_the_third_axis_is_needed() -> None:
+    pad = {ABS_X: (0, 255), ABS_Y: (0, 255)}
+    with refused("nothing of it would move z: it has no ABS_RY or ABS_RZ", "object.axes = 2"):
+        steered(GamepadDecoder(pad))
+    steered(GamepadDecoder(pad), axes=2)
+
+
+@pytest.mark.parametrize("sticks", [(ABS_X, ABS_Y), (ABS_X, ABS_Y, ABS_RZ), (ABS_X, ABS_Y, ABS_RY, ABS_RZ)])
+def test_axes_that_there_are_not_have_a_range_of_0_to_0(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sticks: tuple[int, ...]
+) -> None:
+    """As EVIOCGABS answers."""
+    monkeypatch.setattr(event_file, "LINUX", True)
+
+    def control(file: int, request: int, data: bytes) -> bytes:
+        return struct.pack("@6i", 0, 0, 255 if (request & 0xFF) - 0x40 in sticks else 0, 0, 0, 0)
+
+    monkeypatch.setattr(event_file, "control", control)
+    path = tmp_path / "event5"
+    path.touch()
+    link = EventFile("gamepad:", str(path))
+    assert list(link.open().lacks) == ([] if len(sticks) > 2 else [2])
+    link.close()
 
 
 @settings(max_examples=60)

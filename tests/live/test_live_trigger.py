@@ -7,6 +7,7 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
+import cogrip.api
 from cogrip.devices.io.platform import open_pseudo_terminal
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.sim.runs.folder import SERVER_RECORDING
@@ -41,6 +42,7 @@ def test_marker_is_a_byte_on_the_line_and_its_time_is_recorded(start: Callable[.
     triggers, markers = recorded.triggers(), recorded.markers()
     assert [(code, text) for _, code, text in triggers] == [(1, "demo: marker: lamp on"), (2, "demo: marker: lamp off")]
     assert [text for _, text in markers] == ["lamp on", "lamp off"]
+    assert cogrip.api.open_run(run).triggers == triggers
     for (written_s, *_), (marked_s, _) in zip(triggers, markers, strict=True):
         assert written_s > marked_s
     assert verify(open_recording(run / SERVER_RECORDING)).exact

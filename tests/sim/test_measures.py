@@ -15,6 +15,7 @@ from cogrip.sim.runs.measures.goal import NO_GOAL, Goal, GoalWatch, course, unfi
 from cogrip.sim.runs.measures.interaction import correlate, interaction_force, lead_s, synchrony
 from cogrip.sim.runs.measures.motion import (
     completion_s,
+    endpoint_m,
     felt_stiffness_missing,
     felt_stiffness_npm,
     jerk_rms_mps3,
@@ -54,6 +55,22 @@ def run(
 
 
 T = np.arange(4 * RATE) / RATE
+
+
+@pytest.mark.parametrize("axes", [1, 2])
+@pytest.mark.parametrize("dwell_s", [0.0, 0.5])
+def test_end_point_is_along_the_way_at_the_end_of_the_dwell(axes: int, dwell_s: float) -> None:
+    """The object comes to the target's edge at 1 s, and creeps on through its middle."""
+    times = np.arange(4 * FRAMES) / FRAMES
+    along = np.where(times < 1.0, 0.04 * times, 0.04 + 0.02 * (times - 1.0))
+    way = np.array([1.0]) if axes == 1 else np.array([0.6, -0.8])
+    goal = Goal(place_m=tuple((0.05 * way).tolist()), within_m=0.0101, dwell_s=dwell_s)
+    moved = run(person(np.zeros((4 * RATE, axes))), object_m=along[:, None] * way, goal=goal)
+    assert moved.reached_s == pytest.approx(1.0, abs=1.0 / FRAMES)
+    assert endpoint_m(moved, 0) == pytest.approx(-0.01 + 0.02 * dwell_s, abs=0.04 / FRAMES)
+    far = Goal(place_m=tuple((0.5 * way).tolist()), within_m=0.01)
+    assert endpoint_m(run(person(np.zeros((4 * RATE, axes))), object_m=along[:, None] * way, goal=far), 0) is None
+    assert endpoint_m(run(person(np.zeros((RATE, axes)))), 0) is None
 
 
 def test_path_is_the_way_there_and_back_and_no_encoder_step() -> None:

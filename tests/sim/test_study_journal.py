@@ -82,6 +82,43 @@ def test_study_that_was_killed_goes_on_as_if_it_had_not(whole: Path, copy: Path,
     assert answered(copy) == answered(whole)
 
 
+def test_a_last_line_that_was_cut_anywhere_is_mended(whole: Path, tmp_path: Path) -> None:
+    """With and without a line end behind it, as an editor adds one, or zeros, as a loss of power does."""
+    content = (whole / TRIALS).read_bytes()
+    *before, last = content.splitlines(keepends=True)
+    for kept in range(1, len(last) - 1):
+        for behind in (b"", b"\n", b"\r\n", bytes(20), bytes(20) + b"\n"):
+            copy = Path(shutil.copytree(whole, tmp_path / "copy"))
+            (copy / TRIALS).write_bytes(b"".join(before) + last[:kept] + behind)
+            assert len(read_trials(copy)) == len(before)
+            folder = StudyFolder(copy, STUDY_OF_TWO, {})
+            assert folder.trials == read_trials(whole)[:-1]
+            (note,) = folder.notes
+            assert note.startswith(f"{copy / TRIALS}: its last line was cut short; it stands in trials.cut")
+            assert (copy / TRIALS).read_bytes() == b"".join(before)
+            assert (copy / "trials.cut").read_bytes() == last[:kept] + b"\n"
+            shutil.rmtree(copy)
+
+
+@pytest.mark.parametrize("behind", [b"", b"\0\0", b"\n\n", b"\r\n"])
+def test_a_last_line_whose_end_alone_is_missing_counts(whole: Path, copy: Path, behind: bytes) -> None:
+    content = (copy / TRIALS).read_bytes()
+    (copy / TRIALS).write_bytes(content[:-1] + behind)
+    assert read_trials(copy) == read_trials(whole)
+    folder = StudyFolder(copy, STUDY_OF_TWO, {})
+    assert (folder.notes, folder.trials) == ([], read_trials(whole))
+    assert (copy / TRIALS).read_bytes() == content
+
+
+def test_a_broken_line_before_the_last_is_refused_by_its_number(copy: Path) -> None:
+    lines = (copy / TRIALS).read_bytes().splitlines(keepends=True)
+    (copy / TRIALS).write_bytes(b"".join([lines[0][:30] + b"\n", *lines[1:]]))
+    with pytest.raises(
+        StudyError, match=r"trials\.jsonl:1: is no line of a study: .* remove it: what it says is then done again"
+    ):
+        StudyFolder(copy, STUDY_OF_TWO, {})
+
+
 @pytest.mark.parametrize("left", [(), (f"{STUDY}.part",), (STUDY,)])
 def test_study_that_was_killed_as_its_folder_was_made_begins(
     whole: Path, tmp_path: Path, left: tuple[str, ...]

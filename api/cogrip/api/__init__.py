@@ -1,15 +1,18 @@
 """cogrip from Python: run sessions, read what they leave, watch live ones, and hold the object with a device of your own.
 
+    import math
+
     import cogrip.api as cogrip
 
     run = cogrip.run("demo", seconds=5.0, coupling={"stiffness_npm": 800.0})     # in virtual time
-    print(run.passive, run.columns("anna", "position_m", "force_n")["force_n"].max())
+    print(run.good, run.columns("anna", "position_m", "force_n")["force_n"].max())
 
-    with cogrip.Session("demo", on_frame=print) as session:                      # live: server and people as processes
+    with cogrip.Session("demo", seconds=2.0, on_frame=print) as session:         # live: server and people as processes
         run = session.wait()
 
-    device = cogrip.device_of(lambda time_s, force_n: (0.01 * math.sin(time_s),))
-    account = cogrip.Client("127.0.0.1:47800", device, seconds=10.0).run()       # live: your own device
+    with cogrip.Session("demo", seconds=2.0, mine=["ben"]) as session:           # live: with a device of your own
+        device = cogrip.device_of(lambda time_s, force_n: (0.01 * math.sin(time_s),))
+        account = cogrip.Client(session.address, device, name="ben", seconds=2.0).run()
 
 Units are SI and stand in names. Every error that its user can mend is an `ApiError`. docs/api.md has the guide.
 """

@@ -98,10 +98,13 @@ def device_of(move: Move, axes: int = 1, **limits: Any) -> Device:
     axes
         1 to 3.
     limits
-        Fields of `Capability` that differ from those of `sim:ideal`: `peak_force_n=3.0`, `speed_mps=0.5`.
+        Fields of `Capability` that differ from those of `sim:ideal`: `peak_force_n=3.0`, `speed_mps=0.5`. A
+        `peak_force_n` without `continuous_force_n` is both.
     """
     base = capability(IdealSettings(), axes)
     record = replace(base, family="function", model=getattr(move, "__name__", "device"), gives_velocity=False)
+    if "peak_force_n" in limits:
+        limits.setdefault("continuous_force_n", limits["peak_force_n"])
     try:
         return _FunctionDevice(move, replace(record, **limits))
     except (TypeError, DeviceError) as error:

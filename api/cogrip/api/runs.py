@@ -92,6 +92,12 @@ class Run:
         with as_api_error():
             return self._records.markers()
 
+    @property
+    def triggers(self) -> list[tuple[float, int, str]]:
+        """Time [s] of every write to the trigger line, on the clock of `columns`, its code and the words of its marker."""
+        with as_api_error():
+            return self._records.triggers()
+
     def report(self) -> Path:
         """Write the report with its plots into the folder, and return the page's path."""
         with as_api_error():

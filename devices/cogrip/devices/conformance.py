@@ -19,6 +19,9 @@ from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
 
 FEW_TICKS = 40
 JUDGED_TICKS = 160
+MOST_AMISS = 0.02  # share of ticks at which something may go wrong on the wire
+OF_THE_WIRE = ("skipped", "missed", "malformed", "not finite", "reply too many", "device: ")
+"""A count whose name has one of these is of answers that did not come, or were none."""
 SETTLE_TICKS = 4  # from a write to what the motors do
 
 
@@ -214,6 +217,27 @@ def ages_stay_small(subject: Subject) -> None:
     )
 
 
+def answers_come_whole(subject: Subject) -> None:
+    """What it counts of its wire stays rare: answers that did not come, came in part, or made no sense."""
+    with _opened(subject) as device:
+        amiss, before = 0, _wire(device)
+        for tick in range(JUDGED_TICKS):
+            _run(subject, device, (tick,))
+            now = _wire(device)
+            amiss += now != before
+            before = now
+    _expect(
+        amiss <= MOST_AMISS * JUDGED_TICKS,
+        f"answers that are whole: at {amiss} of {JUDGED_TICKS} ticks it counted {', '.join(before)}; see to its cable, and "
+        "to what else uses its port",
+    )
+
+
+def _wire(device: Device) -> dict[str, int]:
+    """Return the counts of what went wrong on the wire so far."""
+    return {name: count for name, count in device.counts.items() if any(word in name for word in OF_THE_WIRE)}
+
+
 def positions_do_not_jump(subject: Subject) -> None:
     """A held handle stays near its course from one sample to the next: see `cogrip.devices.plausibility`."""
     found, _ = _judged(subject)
@@ -299,6 +323,7 @@ CHECKS: tuple[Callable[[Subject], None], ...] = (
     force_keeps_to_the_record,
     lets_go_when_closed,
     ages_stay_small,
+    answers_come_whole,
     positions_do_not_jump,
     velocity_agrees_with_position,
     write_tells_what_acts,

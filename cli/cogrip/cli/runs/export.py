@@ -2,10 +2,12 @@
 
 from pathlib import Path
 
-from cogrip.cli.runs.run_folder import RUNS, opened
+from cogrip.cli.runs.run_folder import RUNS, found_run, opened
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.protocol.io.recorder import is_being_written
+from cogrip.protocol.recording.folder import recordings_of
 from cogrip.sim.runs.export import ExportError, Format
 from cogrip.sim.runs.export import export as export_run
 from cogrip.sim.runs.traces import losses
@@ -19,7 +21,8 @@ def export(
     A file for each end and kind of message, such as client-anna.tick.csv. `time_s` stands first, in seconds of the run;
     vectors are spread over columns (position_m_x), accounts too (link_up_lost, ticks_late_us_p99); unknown values are empty.
     A number in a CSV file reads back as the very same bits.
-    Nothing is overwritten.
+    Nothing is overwritten. Of a run that still goes on the tables are called client-anna.tick.partial.csv; the next export
+    replaces them.
 
     Parameters
     ----------
@@ -32,13 +35,20 @@ def export(
     datagrams
         Export the datagrams too, as hexadecimal text.
     """
+    path = found_run(run, runs)
+    with BadInput.of_files(path):
+        goes_on = any(map(is_being_written, recordings_of(path)))  # asked before it is read: it may end meanwhile
     records = opened(run, runs)
     console, errors = make_console(soft_wrap=True), make_console(stderr=True, soft_wrap=True)
     into = out or records.folder
     with Problem.of_files(into, doing="cannot be written: "), errors.status("exporting"), BadInput.of(ExportError):
-        tables = export_run(records, to, into, datagrams=datagrams)
+        tables = export_run(records, to, into, datagrams=datagrams, partial=goes_on)
     for path, rows in tables:
         console.print(f"{path}: {rows} row{'' if rows == 1 else 's'}")
+    if goes_on:
+        errors.print(
+            f"note: {run} still goes on: these tables are what was there just now, and another export replaces them"
+        )
     ends = [*records.clients.values(), *([records.server] if records.server else [])]
     for note in [*records.notes, *(note for end in ends for note in losses(end))]:
         errors.print(f"warning: {note}")

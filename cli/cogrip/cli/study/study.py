@@ -101,6 +101,8 @@ def study(
     path = out or Path(STUDIES) / asked.name.replace(" ", "+")
     with BadInput.of(StudyError), Problem.of(OSError, where=f"--out {path}: cannot be written: "):
         folder = StudyFolder(path, asked, base, "live" if live else "simulated", system.lock)
+    for note in folder.notes:
+        console.print(f"note: {note}")
     if over := add_integers(line.over for line in folder.trials):
         console.print(f"over already, in {path}: {counted(over)}")
     for block in (each for each in asked.blocks if each.order == "latin"):

@@ -7,8 +7,9 @@ from cyclopts import Parameter
 
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.sim.experiments.study.fitts import COLUMNS, FEWEST, pointing, rows_of, throughputs
 from cogrip.sim.experiments.study.study_file import StudyError
-from cogrip.sim.experiments.study.table import read_table, write_table
+from cogrip.sim.experiments.study.table import read_table, write_columns, write_table
 from cogrip.sim.runs.export import ExportError, Format
 
 
@@ -18,7 +19,8 @@ def table(
     """Write one tidy table of a study: a row a person and session, ready for R or pandas.
 
     Columns say where the session stood in the study and what it set, then come the measures, with their units in their names
-    (docs/measures.md), and the answers. Trials that were abandoned or begun again are left out. Nothing is overwritten.
+    (docs/measures.md), and the answers. Trials that were abandoned or begun again are left out. Nothing is overwritten. Where
+    conditions have a target, effective width, index of difficulty and throughput (ISO 9241-411) stand in a second table.
 
     Parameters
     ----------
@@ -33,8 +35,10 @@ def table(
     """
     console, errors = make_console(soft_wrap=True), make_console(stderr=True, soft_wrap=True)
     path = out or study / f"table.{to}"
-    if path.exists():
-        raise BadInput(f"{path} exists, and nothing is overwritten; remove it, or name another by --out")
+    second = path.with_name(f"{path.stem}-throughput{path.suffix}")
+    for each in (path, second):
+        if each.exists():
+            raise BadInput(f"{each} exists, and nothing is overwritten; remove it, or name another by --out")
     with BadInput.of(StudyError), errors.status("measuring") as status:
         found = read_table(study, lambda done, total: status.update(f"measuring trial {done + 1} of {total}"))
     if not found.rows:
@@ -42,6 +46,15 @@ def table(
     with Problem.of_files(path, doing="cannot be written: "), BadInput.of(ExportError):
         write_table(found, to, path)
         console.print(f"{path}: {len(found.rows)} row{'' if len(found.rows) == 1 else 's'}")
+        if pointed := pointing(found):
+            write_columns(COLUMNS, rows_of(pointed), to, second)
+            console.print(f"{second}: {len(pointed)} row{'' if len(pointed) == 1 else 's'}")
+            if not (told := throughputs(pointed)):
+                console.print(
+                    f"no throughput: it takes {FEWEST} trials of a group in a condition, whose end points differ"
+                )
+            for group, value in told.items():
+                console.print(f"group {group}: throughput {value:.2f} bit/s (ISO 9241-411)")
         if figures:
             from cogrip.sim.experiments.study.figures import write_figures
 

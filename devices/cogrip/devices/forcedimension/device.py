@@ -54,6 +54,7 @@ class ForceDimensionDevice(Driver):
         if number < 0:
             raise self._error(f"is not to be had: {sdk.dhd.errorGetLastStr()}; {CURE}")
         self._open, self._dhd, self._id, self._status = True, sdk.dhd, number, sdk.status()
+        self._system_type = sdk.system_type
         self._position, self._tick, self._asked = [0.0, 0.0, 0.0], 0, 0
         self._on = False
         self._fed_ticks, self._rest_ticks = max(1, int(FED_S * rate_hz)), round(RESTS_S * rate_hz)
@@ -71,10 +72,9 @@ class ForceDimensionDevice(Driver):
 
     def _prepare(self) -> None:
         dhd, number, status = self._dhd, self._id, self._status
-        try:
-            kind = int(dhd.getSystemType(number))
-        except ValueError as error:
-            raise self._error(f"it does not say what it is ({error}); {CURE}") from None
+        kind = self._system_type(number)
+        if kind < 0:
+            raise self._error(f"it does not say what it is ({dhd.errorGetLastStr()}); {CURE}")
         self.capability = with_handle(self.capability, confirm(kind, self._stated, self._where))
         self._check(dhd.getStatus(status, number), "its state cannot be read")
         if status.reset or not status.power:

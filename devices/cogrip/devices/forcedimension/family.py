@@ -24,7 +24,9 @@ class ForceDimensionSettings(msgspec.Struct, frozen=True, kw_only=True):
     peak_force_n  largest force [N], where less than the model's is wanted
     """
 
-    model: Literal["", "falcon", "omega3", "omega6", "omega7", "delta3", "sigma3", "sigma7", "lambda3", "lambda7"] = ""
+    model: Literal[
+        "", "falcon", "omega3", "omega6", "omega7", "delta3", "delta6", "sigma3", "sigma6", "sigma7", "lambda3", "lambda7",
+    ] = ""  # fmt: skip
     sdk: str = ""
     peak_force_n: Annotated[float, Meta(gt=0.0, le=40.0)] | None = None
 

@@ -1,8 +1,8 @@
 """The arms the Force Dimension SDK drives: their records, and the numbers by which the SDK tells them apart.
 
-Sources: type numbers as in forcedimension-core 1.0; forces, stiffness, damping and workspace radius as CHAI3D states them
-(CDeltaDevices.cpp), those of sigma.3 and lambda being the sigma.7's. Resolutions are data sheet figures; apparent masses and
-the Falcon's continuous force are guesses.
+Sources: type numbers as in forcedimension-core 1.0, those of delta.6 and sigma.6+, which it does not know, as in the SDK's
+dhdc.h; forces, stiffness, damping and workspace radius as CHAI3D states them (CDeltaDevices.cpp), those of sigma.3 and lambda
+being the sigma.7's. Resolutions are data sheet figures; apparent masses and the Falcon's continuous force are guesses.
 """
 
 from dataclasses import replace
@@ -34,7 +34,9 @@ RECORDS = {
         ("omega6", 0.075, (12.0, 12.0), (5000.0, 30.0), (1e-5, 0.25)),
         ("omega7", 0.075, (12.0, 12.0), (5000.0, 30.0), (1e-5, 0.25)),
         ("delta3", 0.15, (20.0, 20.0), (5000.0, 30.0), (2e-5, 0.25)),
+        ("delta6", 0.15, (20.0, 20.0), (5000.0, 30.0), (2e-5, 0.25)),
         ("sigma3", 0.075, (12.0, 12.0), (4000.0, 30.0), (1e-5, 0.25)),
+        ("sigma6", 0.09, (12.0, 12.0), (4000.0, 30.0), (1e-5, 0.3)),
         ("sigma7", 0.075, (12.0, 12.0), (4000.0, 30.0), (1e-5, 0.3)),
         ("lambda3", 0.075, (12.0, 12.0), (4000.0, 30.0), (1e-5, 0.25)),
         ("lambda7", 0.075, (12.0, 12.0), (4000.0, 30.0), (1e-5, 0.3)),
@@ -51,8 +53,11 @@ TYPES = {
     37: "omega7",
     60: "falcon",
     63: "delta3",
+    64: "delta6",
     104: "sigma7",
     105: "sigma7",
+    106: "sigma6",
+    107: "sigma6",
     108: "lambda7",
     109: "lambda7",
     203: "lambda3",

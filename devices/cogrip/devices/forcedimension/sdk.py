@@ -51,9 +51,6 @@ class Dhd(Protocol):
 
     def getButtonMask(self, ID: int) -> int: ...
     def getStatus(self, out: Status, ID: int) -> int: ...
-    def getSystemType(self, ID: int) -> int:
-        """Raises ValueError for a number that the package has no name for, -1 among them."""
-
     def errorGetLastStr(self) -> str: ...
 
 
@@ -72,5 +69,8 @@ class Status(Protocol):
 
 
 class Sdk(NamedTuple):
+    """system_type: number of a device's kind, by its ID; -1 where it does not say. The package's own knows some kinds only."""
+
     dhd: Dhd
     status: Callable[[], Status]
+    system_type: Callable[[int], int]

@@ -40,4 +40,4 @@ def load(folder: str) -> Sdk:
     loaded = str(getattr(runtime._libdrd, "_name", ""))
     if folder and not Path(loaded).parent.resolve().is_relative_to(Path(folder).resolve()):
         raise DeviceError(f"forcedimension: sdk={folder} has no library, or {loaded} was loaded before; {CURE}")
-    return Sdk(dhd, containers.Status)
+    return Sdk(dhd, containers.Status, lambda number: int(runtime._libdhd.dhdGetSystemType(number)))

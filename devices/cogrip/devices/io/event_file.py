@@ -66,13 +66,17 @@ class EventFile:
             return open_without_waiting(path, os.O_RDONLY)
 
     def _ranges(self) -> dict[int, tuple[int, int]]:
-        """Return the ranges that the system knows; a stand-in that is no event file has none."""
+        """Return the ranges of the axes that there are; a stand-in that is no event file has none.
+
+        The system answers with a range of 0 to 0 for an axis that there is not.
+        """
         found = {}
         for code in STEERING:
             with suppress(OSError):
                 answer = control(self._file, _request(_READ, 0x40 + code, 24), bytes(24))
                 _, low, high = unpack_from("@3i", answer)
-                found[code] = (low, high)
+                if high > low:
+                    found[code] = (low, high)
         return found
 
     def receive(self) -> list[bytes]:

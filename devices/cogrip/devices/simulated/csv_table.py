@@ -1,6 +1,7 @@
 """Tables of numbers as other programs write them: comma, semicolon or tab between cells, a decimal comma, units in the names.
 
-Lines are counted as in the file, the header being line 1.
+Lines are counted as in the file, comments (`#`) and empty ones too. The first line that is neither has the names of the
+columns; where it has numbers, the comment before it has them if it fits, else columns are called 1, 2, 3.
 """
 
 import csv
@@ -18,16 +19,18 @@ from cogrip.protocol.addition import add_integers
 SEPARATORS = {",": "comma", ";": "semicolon", "\t": "tab"}
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}
 SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
+COMMENT = "#"
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\])]*?)\s*[\])]")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Column names, and rows with the numbers of their lines; empty lines are no rows."""
+    """Column names with the number of their line, and rows with theirs. header: None where no line has names."""
 
     path: str
     separator: str
+    header: int | None
     names: list[str]
     rows: list[tuple[int, list[str]]]
 
@@ -38,8 +41,9 @@ class Table:
         bare = [place for place, each in enumerate(self.names) if split_unit(each)[0] == name]
         if len(bare) == 1:
             return bare[0]
+        line = f"line {self.header}" if self.header else "has no line with names, so that columns go by number"
         where = (
-            f"csv hand: {self.path!r} line 1, read with a {SEPARATORS[self.separator]} between columns: {key}={name}"
+            f"csv hand: {self.path!r} {line}, read with a {SEPARATORS[self.separator]} between columns: {key}={name}"
         )
         raise unknown("column", name, self.names, where)
 
@@ -51,8 +55,8 @@ class Table:
         unit = split_unit(name)[1]
         if unit and unit not in units:
             raise DeviceError(
-                f"csv hand: {self.path!r} line 1, column {name!r}: the unit {unit!r} is none of {', '.join(units)}; say by "
-                f"{key}=... what one of it is in {next(iter(units))}"
+                f"csv hand: {self.path!r} line {self.header}, column {name!r}: the unit {unit!r} is none of "
+                f"{', '.join(units)}; say by {key}=... what one of it is in {next(iter(units))}"
             )
         return units[unit] if unit else units.get(name.rpartition("_")[2] if "_" in name else "", 1.0)
 
@@ -61,11 +65,7 @@ class Table:
         found: list[float] = []
         for line, row in zip(lines, rows, strict=True):
             cell = row[at] if at < len(row) else ""
-            text = cell.replace(",", ".") if self.separator != "," and _DECIMAL_COMMA.fullmatch(cell) else cell
-            try:
-                number = float(text)
-            except ValueError:
-                number = float("nan")
+            number = _number(cell, self.separator)
             if not isfinite(number):
                 raise DeviceError(
                     f"csv hand: {self.path!r} line {line}: {self.names[at]}={cell!r} is not a finite number; mend or filter "
@@ -82,27 +82,61 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def read_table(path: str, wanted: Sequence[str]) -> Table:
-    """Read a file with the separator that gives the columns `wanted`; where none does, the one that gives most columns.
+    """Read a file with the separator that gives the columns `wanted`; where none does, numbers, and most columns.
 
-    Raises DeviceError where the file cannot be read, and for a row with more cells than the header.
+    Raises DeviceError where the file cannot be read, and for a row with more cells than there are columns.
     """
     try:
         text = _text(Path(path).read_bytes())
-        separator = max(SEPARATORS, key=lambda each: _fit(text, each, wanted))
-        reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
-        names = [name.strip() for name in next(reader, [])]
-        table = Table(path, separator, names, [(reader.line_num, row) for row in reader if row])
+        tables = [_split(path, text, separator, wanted) for separator in SEPARATORS]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DeviceError(
             f"csv hand: cannot read {path!r}: {error}; give the path of a text file with columns"
         ) from error
+    table = max(tables, key=lambda each: _fit(each, wanted))
     for line, row in table.rows:
         if len(row) > len(table.names) and any(row[len(table.names) :]):
             cure = "; where it has decimal commas, put a semicolon between columns" if table.separator == "," else ""
-            raise DeviceError(
-                f"csv hand: {path!r} line {line}: {len(row)} cells, but {len(table.names)} column names in line 1{cure}"
-            )
+            where = f"column names in line {table.header}" if table.header else "in the first row"
+            raise DeviceError(f"csv hand: {path!r} line {line}: {len(row)} cells, but {len(table.names)} {where}{cure}")
     return table
+
+
+def _split(path: str, text: str, separator: str, wanted: Sequence[str]) -> Table:
+    """Return the table with this separator."""
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
+    rows: list[tuple[int, list[str]]] = []
+    before: tuple[int | None, list[str]] = None, []  # the comment nearest to the first row
+    for row in reader:
+        if row and not row[0].lstrip().startswith(COMMENT):
+            rows.append((reader.line_num, row))
+        elif row and not rows:
+            before = reader.line_num, [row[0].lstrip().lstrip(COMMENT), *row[1:]]
+    if not rows:
+        return Table(path, separator, *_stripped(*before), [])
+    line, first = rows[0]
+    if set(wanted) <= {cell.strip() for cell in first} or not _is_numbers(first, separator):
+        return Table(path, separator, *_stripped(line, first), rows[1:])
+    if len(before[1]) == len(first):
+        return Table(path, separator, *_stripped(*before), rows)
+    return Table(path, separator, None, [str(place + 1) for place in range(len(first))], rows)
+
+
+def _stripped(line: int | None, names: Sequence[str]) -> tuple[int | None, list[str]]:
+    return line, [name.strip() for name in names]
+
+
+def _is_numbers(row: Sequence[str], separator: str) -> bool:
+    """Return whether a row has numbers and empty cells alone."""
+    return any(row) and all(not cell.strip() or isfinite(_number(cell, separator)) for cell in row)
+
+
+def _number(cell: str, separator: str) -> float:
+    """Return the number in a cell, nan where it has none."""
+    try:
+        return float(cell.replace(",", ".") if separator != "," and _DECIMAL_COMMA.fullmatch(cell) else cell)
+    except ValueError:
+        return float("nan")
 
 
 def _text(data: bytes) -> str:
@@ -117,8 +151,7 @@ def _text(data: bytes) -> str:
         return data.decode("cp1252")
 
 
-def _fit(text: str, separator: str, wanted: Sequence[str]) -> tuple[int, int]:
-    """Return how many of the columns `wanted` line 1 has when split so, and how many in all."""
-    names = [name.strip() for name in next(csv.reader(io.StringIO(text, newline=""), delimiter=separator), [])]
-    known = {each for name in names for each in (name, split_unit(name)[0])}
-    return add_integers(name in known for name in wanted), len(names)
+def _fit(table: Table, wanted: Sequence[str]) -> tuple[int, bool, int]:
+    """Return how many of the columns `wanted` a table has, whether it begins with numbers, and how many columns it has."""
+    known = {each for name in table.names for each in (name, split_unit(name)[0])}
+    return add_integers(name in known for name in wanted), table.header is None, len(table.names)

@@ -118,22 +118,35 @@ class RecordedHand:
 
 
 def read_recording(path: str, settings: RecordedSettings, axes: int) -> Recording:
-    """Read the columns `settings` names; rows are counted as lines of the file, the header being line 1.
+    """Read the columns `settings` names; rows are counted as lines of the file. Of rows with one time and one place one counts.
 
     Raises DeviceError: file cannot be read, column missing (with the nearest name and the list), unit unknown, cell not a
     finite number, time not rising, no row left by `where`, fewer than two rows.
     """
     table = read_table(path, (settings.time, settings.x))
     time_scale, lines, times, columns = _read_rows(table, settings)
+    again = [
+        times[row] == times[row - 1] and all(column[row] == column[row - 1] for _, column in columns.values())
+        for row in range(1, len(lines))
+    ]
+    kept = [0, *(row for row, repeated in enumerate(again, 1) if not repeated)] if lines else []
+    lines, times = [lines[row] for row in kept], [times[row] for row in kept]
+    columns = {axis: (scale, [column[row] for row in kept]) for axis, (scale, column) in columns.items()}
     if len(lines) < 2:
         raise DeviceError(f"csv hand: {path!r} has {len(lines)} usable row; a motion needs at least 2")
     time = np.asarray(times)
     falls = np.flatnonzero(np.diff(time) <= 0.0)
     if falls.size:
         k = int(falls[0])
+        at = f"csv hand: {path!r} line {lines[k + 1]}: {settings.time}={times[k + 1]!r}"
+        if times[k + 1] == times[k]:
+            raise DeviceError(
+                f"{at} stands in line {lines[k]} too, with another place; if the recorder's clock is coarse, keep one row of"
+                " each time, or their mean"
+            )
         raise DeviceError(
-            f"csv hand: {path!r} line {lines[k + 1]}: {settings.time}={times[k + 1]!r} is not after {times[k]!r};"
-            " if the file holds several recordings, keep one by a row filter, where=column:value"
+            f"{at} is not after {times[k]!r}; if the file holds several recordings, keep one by a row filter,"
+            " where=column:value"
         )
     length_s = time_scale * (float(time[-1]) - float(time[0]))
     if not length_s <= MOST_S:

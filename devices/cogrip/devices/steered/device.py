@@ -10,7 +10,7 @@ from typing import Annotated, Protocol
 import msgspec
 from msgspec import Meta
 
-from cogrip.devices.device import Sample
+from cogrip.devices.device import DeviceError, Sample
 from cogrip.devices.web.device import WebDevice, WebSettings
 from cogrip.devices.web.hand import STRETCH_N, PointerSettings, lead_m
 
@@ -43,11 +43,13 @@ class Decoder(Protocol):
     buttons     bit k is 1 while button k + 1 is held down
     silence_s   after which a deflection is one no more; 0 where only changes are told
     refused     messages that were none
+    lacks       what the controller has not: axis of ours -> what would move it
     """
 
     deflection: Vector
     buttons: int
     silence_s: float
+    lacks: Mapping[int, str]
 
     @property
     def refused(self) -> int: ...
@@ -96,10 +98,15 @@ class SteeredDevice(WebDevice):
         return {**self._counts, **({"malformed report": refused} if refused else {})}
 
     def open(self, rate_hz: int) -> None:
-        """Raises DeviceError also where the controller is not there, or may not be opened."""
+        """Raises DeviceError also where the controller is not there, may not be opened, or lacks an axis."""
         self._check_open(rate_hz, self.capability)
         if self._controller is not None:
             self._decoder = self._controller.open()
+            for axis, what in self._decoder.lacks.items():
+                if axis < self.capability.axes:
+                    self._controller.close()
+                    cure = "take another one" if axis < 2 else "take another one, or object.axes = 2"
+                    raise DeviceError(f"{self._where} nothing of it would move {'xyz'[axis]}: it has no {what}; {cure}")
         super().open(rate_hz)
         self._target = self.position_m
         self._silent_ticks = round((self._decoder.silence_s if self._decoder else 0.0) * rate_hz)

@@ -1,7 +1,8 @@
 """Events of gamepads on Linux, and the effect that makes them rumble. Pure.
 
 Source: linux/input.h and input-event-codes.h, and the kernel's page on gamepads: ABS_X and ABS_Y are the left stick's, to the
-right and down (toward the user), ABS_RY the right stick's, BTN_SOUTH and on the buttons. A time is two longs.
+right and down (toward the user), ABS_RY the right stick's, or ABS_RZ where there is none (joysticks, and gamepads that are read
+as such: elsewhere it is a trigger), BTN_SOUTH and on the buttons. A time is two longs.
 """
 
 from collections.abc import Mapping
@@ -9,8 +10,8 @@ from struct import Struct, pack
 
 EV_SYN, EV_KEY, EV_ABS, EV_FF = 0x00, 0x01, 0x03, 0x15
 SYN_DROPPED = 3
-ABS_X, ABS_Y, ABS_RY = 0x00, 0x01, 0x04
-STEERING = (ABS_Y, ABS_X, ABS_RY)  # toward the user, right, down
+ABS_X, ABS_Y, ABS_RY, ABS_RZ = 0x00, 0x01, 0x04, 0x05
+STEERING = (ABS_Y, ABS_X, ABS_RY, ABS_RZ)  # toward the user, right, down, down
 BTN_JOYSTICK, BTN_GAMEPAD = 0x120, 0x130
 BUTTONS = 16  # of either
 FF_RUMBLE = 0x50
@@ -20,7 +21,7 @@ _EVENT = Struct("@llHHi")
 EVENT_BYTES = _EVENT.size
 
 Ranges = Mapping[int, tuple[int, int]]
-"""Axis code -> (least, largest) value."""
+"""Axis code -> (least, largest) value, of the axes that there are; none: not known, so that those of most gamepads hold."""
 
 
 class GamepadDecoder:
@@ -29,6 +30,12 @@ class GamepadDecoder:
     silence_s = 0.0  # a stick that is held still says nothing
 
     def __init__(self, ranges: Ranges) -> None:
+        down = ABS_RZ if ABS_RZ in ranges and ABS_RY not in ranges else ABS_RY
+        self._down = down
+        needed = ((ABS_Y, "ABS_Y"), (ABS_X, "ABS_X"), (down, "ABS_RY or ABS_RZ"))
+        self.lacks: Mapping[int, str] = {
+            axis: name for axis, (code, name) in enumerate(needed) if ranges and code not in ranges
+        }
         self.deflection = (0.0, 0.0, 0.0)
         self.buttons = 0
         self.refused = 0
@@ -40,7 +47,7 @@ class GamepadDecoder:
         if len(data) % EVENT_BYTES:
             self.refused += 1
         for _, _, kind, code, value in _EVENT.iter_unpack(data[: len(data) - len(data) % EVENT_BYTES]):
-            if kind == EV_ABS and code in STEERING:
+            if kind == EV_ABS and code in (ABS_Y, ABS_X, self._down):
                 self._move(code, value)
             elif kind == EV_KEY and BTN_JOYSTICK <= code < BTN_GAMEPAD + BUTTONS:
                 bit = 1 << (code % BUTTONS)

@@ -8,6 +8,7 @@ Source: the device table of the package pyspacemouse (`devices.toml`). Raw x is 
 deflection is 350. Rotations are left unread.
 """
 
+from collections.abc import Mapping
 from struct import Struct
 
 FULL = 350.0
@@ -43,6 +44,7 @@ class SpaceMouseDecoder:
         self.deflection = (0.0, 0.0, 0.0)
         self.buttons = 0
         self.refused = 0
+        self.lacks: Mapping[int, str] = {}
 
     def feed(self, data: bytes) -> None:
         """Take one report."""

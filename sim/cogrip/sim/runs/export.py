@@ -23,6 +23,7 @@ from cogrip.sim.runs.columns import Column, Layout, layout_of
 from cogrip.sim.runs.records import End, RunRecords, decoder
 
 Format = Literal["csv", "parquet"]
+PARTIAL = "partial"  # stands in the names of tables of a run that still goes on
 ROWS_HELD = 16_384  # in memory, of one Parquet table
 
 
@@ -117,10 +118,12 @@ def _pyarrow() -> tuple[Any, Any]:
     return pyarrow, pyarrow.parquet
 
 
-def export(run: RunRecords, to: Format, out: Path, *, datagrams: bool = False) -> list[Exported]:
+def export(run: RunRecords, to: Format, out: Path, *, datagrams: bool = False, partial: bool = False) -> list[Exported]:
     """Write the tables of a run into the folder `out`; a topic without messages has none.
 
     datagrams: those that came and went as well, which are much of a recording.
+    partial: the run still goes on. Its tables have names of their own (client-anna.tick.partial.csv) and replace those of an
+    earlier export; one of the whole run removes them.
     Raises ExportError, before anything is written, where a file is in the way or `to` cannot be had, and OSError where it
     cannot be written; what it had begun is then removed.
     """
@@ -129,21 +132,34 @@ def export(run: RunRecords, to: Format, out: Path, *, datagrams: bool = False) -
     ends = [*run.clients.values(), *([run.server] if run.server else [])]
     called = {run.folder.name, *(end.recording.header.room for end in run.clients.values())}
     plans = [(end, _paths(end, called, to, out, datagrams)) for end in ends]
+    earlier = [_partial(path) for _, paths in plans for path in paths.values()]
+    if partial:
+        plans = [(end, {number: _partial(path) for number, path in paths.items()}) for end, paths in plans]
     for _, paths in plans:
         for path in paths.values():
-            if path.exists():
+            if path.exists() and not partial:
                 raise ExportError(f"{path} exists, and nothing is overwritten; remove it, or name another folder")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ExportError(f"{out}: no folder can be made there: {error.strerror}; name another") from None
     begun: list[Path] = []
+    for path in earlier if partial else ():
+        path.unlink(missing_ok=True)
     try:
-        return [table for end, paths in plans for table in _export_end(end, paths, _TABLES[to], begun)]
+        tables = [table for end, paths in plans for table in _export_end(end, paths, _TABLES[to], begun)]
     except BaseException:
         for path in begun:
             path.unlink(missing_ok=True)
         raise
+    for path in () if partial else earlier:
+        path.unlink(missing_ok=True)
+    return tables
+
+
+def _partial(path: Path) -> Path:
+    """Return the name of a table of a run that still goes on."""
+    return path.with_name(f"{path.stem}.{PARTIAL}{path.suffix}")
 
 
 def _paths(end: End, called: Collection[str], to: Format, out: Path, datagrams: bool) -> dict[int, Path]:

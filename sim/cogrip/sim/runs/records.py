@@ -1,5 +1,7 @@
 """Recordings read from Python: typed records one by one, or columns as numpy arrays.
 
+    from cogrip.sim.runs.records import open_run
+
     run = open_run("runs/20260101-120000-demo")
     for time_s, tick in run.clients["anna"].records("tick"):
         print(time_s, tick.position_m)

@@ -2,7 +2,7 @@
 
 Both journals only grow, and each line is on the disk before anything else happens. A trial counts once its line says that it is
 finished or abandoned; its answers are written before that line, with its attempt. So a kill at any moment costs at most the
-trial that was running, which is begun again; lines that were cut short are dropped.
+trial that was running, which is begun again. A last line that was cut short is taken out, and kept beside the journal.
 """
 
 import json
@@ -19,6 +19,8 @@ from cogrip.sim.experiments.study.study_file import Study, StudyError
 
 STUDY, TRIALS, ANSWERS, RUNS = "study.json", "trials.jsonl", "answers.jsonl", "runs"
 PARTIAL = f"{STUDY}.part"  # which a kill may leave
+CUT = ".cut"  # what stands behind the name of a journal in place of `.jsonl`: lines that were cut short
+_FILLING = b"\0\r\n"
 
 Status = Literal["begun", "failed", "finished", "abandoned"]
 Mode = Literal["simulated", "live"]
@@ -73,7 +75,12 @@ class AnswerLine(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class StudyFolder:
-    """The folder of one study, new or to be resumed, until `close`. trials, answers: all lines so far; mode: of all trials."""
+    """The folder of one study, new or to be resumed, until `close`.
+
+    trials, answers  all lines so far
+    mode             of all trials
+    notes            what was mended as it was opened, a sentence each
+    """
 
     def __init__(
         self, path: Path, study: Study, base: Mapping[str, Any], mode: Mode = "simulated",
@@ -104,8 +111,7 @@ class StudyFolder:
                         f"{path} is in use: another `cogrip study` runs its trials; wait until it has ended"
                     ) from None
                 _sync(path)
-            _mend(path / TRIALS)
-            _mend(path / ANSWERS)
+            self.notes = [*_mend(path / TRIALS, TrialLine), *_mend(path / ANSWERS, AnswerLine)]
             self.trials, self.answers = read_trials(path), read_answers(path)
             self._files = files.pop_all()
 
@@ -219,26 +225,56 @@ def read_answers(path: Path) -> list[AnswerLine]:
 def _read(path: Path, kind: type[L]) -> list[L]:
     if not path.exists():
         return []
-    *whole, _ = path.read_bytes().split(b"\n")  # the last is empty, or cut short
     found = []
-    for number, line in enumerate(whole, 1):
+    for number, line in enumerate(_whole_lines(path.read_bytes(), kind), 1):
         try:
             found.append(msgspec.json.decode(line, type=kind))
         except msgspec.MsgspecError as error:
-            raise StudyError(f"{path}:{number}: is no line of a study: {error}; mend or remove the line") from None
+            raise StudyError(
+                f"{path}:{number}: is no line of a study: {error}; mend the line, or remove it: what it says is then done again"
+            ) from None
     return found
 
 
-def _mend(path: Path) -> None:
-    """Cut off a last line that has no end: its writer was killed."""
+def _whole_lines(content: bytes, kind: type[L]) -> list[bytes]:
+    """Return the lines of a journal without a last one that was cut short, whether or not it has an end.
+
+    A last line whose end alone is missing is whole. A loss of power may leave zeros behind it, an editor line ends.
+    """
+    content = content.rstrip(_FILLING)
+    lines = content.split(b"\n") if content else []
+    try:
+        if lines:
+            msgspec.json.decode(lines[-1], type=kind)
+    except msgspec.MsgspecError as error:
+        if "truncated" in str(error) or f"(byte {len(lines[-1])})" in str(
+            error
+        ):  # nothing is wrong but that it ends there
+            lines.pop()
+    return lines
+
+
+def _mend(path: Path, kind: type[L]) -> list[str]:
+    """Take out a last line that was cut short, as its writer was killed, and say so; end one that has no end."""
     if not path.exists():
-        return
+        return []
     content = path.read_bytes()
-    whole = content.rfind(b"\n") + 1
-    if whole < len(content):
-        with path.open("r+b") as file:
-            file.truncate(whole)
+    lines = _whole_lines(content, kind)
+    whole = len(b"\n".join(lines))  # bytes of `content`
+    end, rest = b"\n" if lines else b"", content[whole:].strip(_FILLING)
+    if rest:
+        with path.with_suffix(CUT).open("ab") as file:
+            file.write(rest + b"\n")
             os.fsync(file.fileno())
+    if content[whole:] != end:
+        with path.open("r+b") as file:
+            file.seek(whole)
+            file.write(end)
+            file.truncate()
+            file.flush()
+            os.fsync(file.fileno())
+    said = f"{path}: its last line was cut short; it stands in {path.with_suffix(CUT).name}, and what it said is done again"
+    return [said] if rest else []
 
 
 def _append(path: Path, line: msgspec.Struct) -> None:

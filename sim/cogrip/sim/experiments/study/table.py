@@ -138,12 +138,19 @@ def _column(name: str, rows: Sequence[Row]) -> Column:
 
 def write_table(table: StudyTable, to: Format, path: Path) -> None:
     """Write the table as one new file. Raises ExportError, and FileExistsError where there is one."""
+    typed = {f"{ANSWER}{name}" for name, each in table.study.questions.items() if each.kind == "text"}
+    texts = typed if to == "csv" else set()
+    write_columns(
+        table.columns, [_values(table.rows, each, text=each.name in texts) for each in table.columns], to, path
+    )
+
+
+def write_columns(columns: Sequence[Column], values: Sequence[Sequence[Any]], to: Format, path: Path) -> None:
+    """Write columns with their values as one new file. Raises ExportError, and FileExistsError where there is one."""
     with path.open("xb") as file:
         try:
-            out = open_table(to, file, table.columns)
-            typed = {f"{ANSWER}{name}" for name, each in table.study.questions.items() if each.kind == "text"}
-            texts = typed if to == "csv" else set()
-            out.write([_values(table.rows, column, text=column.name in texts) for column in table.columns])
+            out = open_table(to, file, columns)
+            out.write(values)
             out.close()
         except BaseException:
             path.unlink()

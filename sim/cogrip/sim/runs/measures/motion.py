@@ -8,6 +8,7 @@ from cogrip.sim.runs.measures.columns import Array, RunColumns
 
 MOTION_HZ = 20.0  # corner of the filter: voluntary motion lies below 10 Hz, encoder steps above
 _WIDTHS = 4.0  # standard deviations at which the filter is cut off
+ENDPOINT = "endpoint_m"  # name of the measure
 REST_S = 0.1  # at the end, over which a hand that presses rests
 REST_MPS = 0.002
 LEAST_PRESS_N = 0.05
@@ -16,6 +17,20 @@ LEAST_PRESS_N = 0.05
 def completion_s(run: RunColumns, person: int) -> float | None:
     """Time until the goal was reached, from when everybody was there."""
     return run.reached_s
+
+
+def endpoint_m(run: RunColumns, person: int) -> float | None:
+    """Where the object was when the target was taken, after its dwell: from the target's middle, along the way from the start.
+
+    Positive is beyond the middle. None without a target, or where it was not reached.
+    """
+    reached_s, place = run.reached_s, np.array(run.goal.place_m)
+    length = float(np.linalg.norm(place))
+    if reached_s is None or not run.goal.stated or length == 0.0:
+        return None
+    taken = int(np.searchsorted(run.time_s, reached_s + run.goal.dwell_s - 0.5 / run.rate_hz))
+    moved = (run.object_m[min(taken, len(run.object_m) - 1)] - run.object_m[0])[: len(place)]
+    return float((moved - place[: len(moved)]) @ place[: len(moved)]) / length
 
 
 def path_m(run: RunColumns, person: int) -> float:

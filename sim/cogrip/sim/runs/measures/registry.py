@@ -19,6 +19,7 @@ class Measure(NamedTuple):
 
 MEASURES: tuple[Measure, ...] = (
     Measure("completion_s", "completion time [s]", motion.completion_s, shared=True),
+    Measure(motion.ENDPOINT, "end point beyond the target's middle [m]", motion.endpoint_m, shared=True),
     Measure("path_m", "path length [m]", motion.path_m),
     Measure("tracking_rms_m", "tracking error, rms [m]", motion.tracking_rms_m, shared=True),
     Measure("jerk_rms_mps3", "jerk, rms [m/s³]", motion.jerk_rms_mps3),

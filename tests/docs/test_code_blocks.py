@@ -1,0 +1,126 @@
+"""Every block of Python on a page or in a docstring runs as a program of its own; every block of TOML is read."""
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+import textwrap
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import cogrip.api as cogrip
+from cogrip.cli.study.study_source import load_study
+from cogrip.devices.simulated.catalogue import GROUP
+from cogrip.server.worlds.registry import ALLOWED
+from cogrip.sim.experiments.study.study_file import read_study
+
+from tests.docs.pages import ROOT, page
+
+PACKAGES = ("protocol", "devices", "client", "server", "sim", "view", "cli", "api")
+FENCED = re.compile(r"^( *)```(\w+)\n(.*?)^ *```$", re.DOTALL | re.MULTILINE)
+INDENTED = re.compile(r"^(?: {4}.*\n(?:\n(?= {4}))?)+", re.MULTILINE)
+LIMIT_S = 120.0
+
+
+def pages() -> Iterator[str]:
+    yield from (path.relative_to(ROOT).as_posix() for path in sorted(ROOT.glob("*.md")))
+    for folder in ("docs", "protocol", "clients", "view"):
+        yield from (path.relative_to(ROOT).as_posix() for path in sorted((ROOT / folder).rglob("*.md")))
+
+
+def on_pages(language: str) -> Iterator[tuple[str, str]]:
+    """Yield (page, text) of every fenced block in a language."""
+    for name in pages():
+        yield from ((name, textwrap.dedent(text)) for _, kind, text in FENCED.findall(page(name)) if kind == language)
+
+
+def is_program(text: str) -> bool:
+    """Return True for Python that calls something. Equations of docstrings are indented, too, and most do not parse."""
+    try:
+        tree = ast.parse(text)
+    except SyntaxError:
+        return False
+    statements = ast.Import | ast.ImportFrom | ast.With | ast.For
+    return any(isinstance(each, statements) or isinstance(getattr(each, "value", None), ast.Call) for each in tree.body)
+
+
+def in_docstrings() -> Iterator[tuple[str, str]]:
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            source = path.read_text(encoding="utf-8")
+            for node in ast.walk(ast.parse(source)) if "\n    " in source else ():
+                if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                    blocks = INDENTED.findall(f"{ast.get_docstring(node) or ''}\n")
+                    for text in map(textwrap.dedent, blocks):
+                        if is_program(text):
+                            yield path.relative_to(ROOT).as_posix(), text
+
+
+BLOCKS = [*on_pages("python"), *in_docstrings()]
+TABLES = [each for each in on_pages("toml") if each[0] != "docs/worlds.md"]
+"""Those of docs/worlds.md are run by test_worlds_page.py."""
+EXPECTED = {
+    "docs/api.md": "", "docs/effects.md": "", "docs/measures.md": "completion_s", "docs/worlds.md": "",
+    "api/cogrip/api/__init__.py": "True", "sim/cogrip/sim/runs/records.py": "0.0",
+}  # fmt: skip
+"""Where there is a block -> what it prints."""
+
+
+def prepare(name: str, folder: Path) -> None:
+    """Put into the folder what the page has its reader do before."""
+    if name == "docs/measures.md":
+        made = cogrip.run("demo", seconds=1.0, folder=folder)
+        shutil.move(made.folder, folder / "studies" / "fitts" / "runs" / "01-001-practice-1")
+    if name == "sim/cogrip/sim/runs/records.py":
+        made = cogrip.run("demo", seconds=0.2, folder=folder)
+        (folder / "runs").mkdir()
+        shutil.move(made.folder, folder / "runs" / "20260101-120000-demo")
+    if name == "docs/effects.md":
+        (folder / "my_world.py").write_text(next(text for where, text in BLOCKS if where == "docs/worlds.md"))
+
+
+def test_the_blocks_are_found() -> None:
+    assert sorted({name for name, _ in BLOCKS}) == sorted(EXPECTED)
+    assert {name for name, _ in TABLES} == {f"docs/{each}.md" for each in ("api", "devices", "effects", "studies")}
+
+
+@pytest.mark.parametrize(("name", "text"), BLOCKS, ids=[name for name, _ in BLOCKS])
+def test_a_block_of_python_runs(name: str, text: str, tmp_path: Path) -> None:
+    prepare(name, tmp_path)
+    command, env = [sys.executable, "-c", text], {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    assert done.returncode == 0, done.stderr
+    assert EXPECTED[name] in done.stdout
+
+
+def test_the_knock_of_the_page_is_felt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    prepare("docs/effects.md", tmp_path)
+    (tmp_path / "knocking.py").write_text(next(text for name, text in BLOCKS if name == "docs/effects.md"))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv(ALLOWED, str(tmp_path))
+    table = {
+        "seconds": 3.0, "object": {"kind": "python:knocking.py:Knocking", "mass_kg": 0.2},
+        "users": [{"name": "anna", "hand": "sine&amplitude_m=0.02&frequency_hz=1"}],
+    }  # fmt: skip
+    (anna,) = cogrip.run(table).summary["users"]
+    assert anna["effects"]["drawn_j"] > 0.0  # what the vibration gave
+
+
+@pytest.mark.parametrize(("name", "text"), TABLES, ids=[name for name, _ in TABLES])
+def test_a_block_of_toml_is_read(name: str, text: str, tmp_path: Path) -> None:
+    table = tomllib.loads(text)
+    if name == "docs/api.md":
+        assert list(table["project"]["entry-points"]) == [GROUP]
+    elif name == "docs/studies.md" and "name" in table:
+        (tmp_path / "study.toml").write_text(text)
+        load_study(tmp_path / "study.toml", live=False, allow_unstable=False)
+    elif name == "docs/studies.md":
+        assert read_study({"name": "part", "participants": ["P01"], "blocks": [{"name": "one"}], **table})
+    else:
+        assert cogrip.settings({"name": "part", **table}).users
