@@ -202,7 +202,8 @@ def sbom(*args: str) -> int:
         ):  # fmt: skip
             return code
     parts = json.loads(SBOM.read_text())
-    for part in [parts["metadata"]["component"], *parts["components"]]:  # where this machine had them from is nobody's
+    tools = parts["metadata"]["tools"]["components"]
+    for part in [parts["metadata"]["component"], *tools, *parts["components"]]:  # no file names a host of packages
         part.pop("externalReferences", None)
     SBOM.write_text(json.dumps(parts, indent=1) + "\n")
     rows = [f"| {part['name']} | {part['version']} | {_licences(part)} |" for part in parts["components"]]
