@@ -15,6 +15,7 @@ usage: python3 dev.py COMMAND [ARGS...]
   rerecord   set up, then record the sessions of tests/recordings anew: when behaviour is meant to change
   run        set up, then any command of the environment: `python3 dev.py run cogrip --help`
   lock       write requirements.lock again from pyproject.toml; `--upgrade` takes newer versions
+  sbom       write sbom.cdx.json and docs/licenses.md: what an installation consists of, and its licences
 """
 
 from __future__ import annotations  # lets an older Python read this file as far as the message in main()
@@ -29,6 +30,7 @@ import tempfile
 import venv
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parent
 sys.path.insert(0, str(ROOT))  # PYTHONSAFEPATH leaves it out
@@ -36,6 +38,15 @@ import compiling  # noqa: E402
 
 VENV = ROOT / ".venv"
 LOCK = ROOT / "requirements.lock"
+SBOM, SBOM_TOOL = ROOT / "sbom.cdx.json", "cyclonedx-bom==7.5.0"
+LICENCES = ROOT / "docs" / "licenses.md"
+LICENCES_HEAD = """# Licences of what is installed
+
+With cogrip, without extras, on Linux, at the versions of `requirements.lock`, as each package names them. Written by
+`python3 dev.py sbom`, beside `sbom.cdx.json`, the same for programs (CycloneDX), which the wheel has in its `sboms` folder.
+
+| package | version | licence |
+|---|---|---|"""
 PROJECT = ROOT / "pyproject.toml"
 STAMP = VENV / "cogrip-setup.json"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
@@ -169,6 +180,46 @@ def lock(*args: str) -> int:
         )
 
 
+def sbom(*args: str) -> int:
+    """Write what an installation without extras consists of on this system, at the versions of the lock, and its licences."""
+    if args:
+        raise SystemExit(f"dev.py: sbom takes no arguments, got {' '.join(args)!r}")
+    lines = LOCK.read_text().splitlines()
+    versions = [line.rstrip(" \\") for line in lines if "==" in line and line[0] not in "# "]
+    if not SBOM.exists():
+        SBOM.write_text("{}")  # the package that is installed here is to hold it
+    with tempfile.TemporaryDirectory() as folder:
+        tool, installed, pins = Path(folder, "tool"), Path(folder, "installed"), Path(folder, "versions.txt")
+        pins.write_text("\n".join(versions) + "\n")
+        for place, wanted in ((tool, (SBOM_TOOL,)), (installed, ("--constraint", str(pins), str(ROOT)))):
+            venv.create(place, with_pip=True)
+            if code := _call(place / "bin" / "python", "-P", "-m", "pip", "install", "--quiet", *wanted):
+                return code
+        _call(installed / "bin" / "python", "-P", "-m", "pip", "uninstall", "--quiet", "--yes", "setuptools", "pip")
+        if code := _call(
+            tool / "bin" / "cyclonedx-py", "environment", installed / "bin" / "python", "--pyproject", PROJECT,
+            "--output-reproducible", "--output-format", "JSON", "--output-file", SBOM,
+        ):  # fmt: skip
+            return code
+    parts = json.loads(SBOM.read_text())
+    tools = parts["metadata"]["tools"]["components"]
+    for part in [parts["metadata"]["component"], *tools, *parts["components"]]:  # no file names a host of packages
+        part.pop("externalReferences", None)
+    SBOM.write_text(json.dumps(parts, indent=1) + "\n")
+    rows = [f"| {part['name']} | {part['version']} | {_licences(part)} |" for part in parts["components"]]
+    LICENCES.write_text("\n".join([LICENCES_HEAD, *rows]) + "\n")
+    return 0
+
+
+def _licences(part: dict[str, Any]) -> str:
+    """Return the licences of a component as its package names them."""
+    found = [
+        each.get("expression") or each["license"].get("id") or each["license"].get("name")
+        for each in part.get("licenses", ())
+    ]
+    return "; ".join(dict.fromkeys(each.removeprefix("License :: OSI Approved :: ") for each in found)) or "not named"
+
+
 COMMANDS: dict[str, Callable[..., int]] = {
     "setup": setup,
     "demo": demo,
@@ -179,6 +230,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "rerecord": rerecord,
     "run": run,
     "lock": lock,
+    "sbom": sbom,
 }
 
 

@@ -3,6 +3,7 @@
 from math import inf, isnan, nan
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 from prometheus_client import generate_latest
@@ -189,6 +190,19 @@ def test_a_snapshot_is_good_for_two_seconds_also_of_a_room_whose_people_took_the
     health.take(state(left=("the object",)), 10**9)
     assert health.trouble(10**9 + FRESH_NS - 1) == ""
     assert "has said nothing for 2.0 s" in health.trouble(10**9 + FRESH_NS)
+
+
+def test_a_room_that_nobody_knows_of_is_degraded_and_not_one_that_stands():
+    """As behind a cluster's front without its directory: people play on, and the ticks that were told last are old."""
+    health, silent = Health(), Snapshot("1.2.3", 9.0, (), degraded={"directory": "it is silent"})
+    health.take(state(1.0, 128), 0)
+    for uptime_s in (2.5, 60.0):
+        health.take(msgspec.structs.replace(silent, uptime_s=uptime_s), 1)
+        assert (health.trouble(1), health.degraded()) == ("", "directory")
+    health.take(state(60.5, 128), 2)  # an old word: it begins anew
+    assert (health.trouble(2), health.degraded()) == ("", "")
+    health.take(state(62.5, 128), 3)
+    assert health.trouble(3) == "room lab: no tick for 2.0 s"
 
 
 def test_a_room_without_a_tick_for_two_seconds_is_not_well():

@@ -214,6 +214,8 @@ class Health:
     def take(self, snapshot: Snapshot, now_ns: int) -> None:
         """Take in a new snapshot."""
         self.newest, self._came_ns = snapshot, now_ns
+        names = {room.room for room in snapshot.rooms}  # one that nobody knows of for a while begins anew
+        self._moved = {room: moved for room, moved in self._moved.items() if room in names}
         for room in snapshot.rooms:
             if room.ticks_run != self._moved.get(room.room, (-1, 0.0))[0]:
                 self._moved[room.room] = room.ticks_run, snapshot.uptime_s

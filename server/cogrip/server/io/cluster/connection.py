@@ -41,6 +41,7 @@ from cogrip.server.io.state_folder import StateFolder
 from cogrip.server.io.workers.link import Answered, Obey, Void
 from cogrip.server.snapshot import Snapshot, decode
 
+UNKNOWN_S = 1.0  # without the directory: rooms may play on, and nobody here knows
 SILENT_S = 2.0  # without the directory: the front says so, and looks into the shared folder
 LOOK_S = 1.0  # between two looks there
 PROBE_S = 1.0  # between two looks whether the head is there
@@ -131,6 +132,11 @@ class RemoteRooms:
         except ClusterError:
             self.end("")
             raise
+
+    @property
+    def unknown(self) -> str:
+        """Return why what is known of the rooms is old; "" where it is not."""
+        return SILENCE if time.monotonic() - self._answered_s > UNKNOWN_S else ""
 
     @property
     def workers(self) -> list[RemoteRoom]:

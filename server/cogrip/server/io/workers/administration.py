@@ -178,7 +178,9 @@ class Administration:
 
     def _snapshot(self, now_ns: int) -> Snapshot:
         """Return one of all workers: their rooms side by side, their counts summed."""
-        parts = [worker.snapshot for worker in self._front.pool.workers if worker.snapshot is not None]
+        unknown = self._front.pool.unknown
+        known = () if unknown else self._front.pool.workers  # an old snapshot would say that no room ticks
+        parts = [worker.snapshot for worker in known if worker.snapshot is not None]
         dropped = Counter(self._front.drops())
         for part in parts:
             dropped.update(part.dropped)
@@ -186,6 +188,7 @@ class Administration:
         failed = Counter({"worker replaced": replaced} if replaced else {})
         degraded = {
             "tokens": self._authenticator.not_written if self._authenticator is not None else "",
+            "directory": unknown,
             "orders": self._control.trouble if self._control is not None else "",
             **({self.published.name: self.published.trouble} if self.published is not None else {}),
             **self.more_degraded(),

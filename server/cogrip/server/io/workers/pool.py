@@ -41,6 +41,7 @@ class WorkerPool:
 
     workers  those that are alive, the spare among them
     replaced count of workers that died
+    unknown  why what is known of the rooms is old; "" where it is not
     """
 
     def __init__(
@@ -51,6 +52,7 @@ class WorkerPool:
 
         own: of sockets that peers are steered to, one for each group
         """
+        self.unknown = ""  # all is known of workers: their links are local
         self.workers: list[Worker] = []
         self.replaced = 0
         self._start = start
