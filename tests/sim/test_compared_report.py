@@ -434,3 +434,18 @@ def cut_at(run: Run, seconds: float) -> Run:
         return Trace(trace.who, trace.rate_hz, columns, rows)
 
     return replace(run, clients={who: part(each) for who, each in run.clients.items()}, room=part(run.room))
+
+
+@pytest.mark.parametrize(
+    ("note", "html"),
+    [
+        ("say `a <b>` now", "say <code>a &lt;b&gt;</code> now"),
+        ("one ` alone", "one ` alone"),
+        ("`x`, `y` and ` z", "<code>x</code>, <code>y</code> and ` z"),
+        ("<i>", "&lt;i&gt;"),
+    ],
+)
+@pytest.mark.usefixtures("undrawn")
+def test_backticks_make_code_and_nothing_else(runs: dict[str, Run], note: str, html: str) -> None:
+    page = compare([runs["first"], runs["again"]], ["a", "b"], [note])
+    assert html in page

@@ -1,6 +1,7 @@
 """Traces of a run's recordings: every column as recorded, on one clock, and a note on everything that is missing."""
 
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -147,3 +148,14 @@ def test_recording_of_other_records_is_said(folder: Path, strange: Callable[[byt
         lambda kind, message: strange(message.payload) if kind == "tick" and next(number) == 100 else message.payload,
     )
     assert "client-ben.mcap" in text_of(folder)
+
+
+def test_notes_have_what_a_clients_log_warned_of(folder: Path, tmp_path: Path) -> None:
+    run = Path(shutil.copytree(folder, tmp_path / "logged"))
+    lines = ["ben holds cube", "warning: K is \x1b[2Jhigh", "ben: dealt with: skipped tick 3", "ben: left"]
+    (run / "client-ben.log").write_text("\n".join(lines) + "\n")
+    assert [note for note in load_run(run).notes if note.startswith("ben: ")] == [
+        "ben: warning: K is \\x1b[2Jhigh", "ben: dealt with: skipped tick 3",
+    ]  # fmt: skip
+    (run / "client-ben.log").write_text("warning: again\n" * 1000)
+    assert len(load_run(run).notes) <= 20

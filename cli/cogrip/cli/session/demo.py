@@ -28,7 +28,15 @@ from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings
-from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_log, read_accounts, write_settings, write_summary
+from cogrip.sim.runs.folder import (
+    SETTINGS,
+    SUMMARY,
+    client_log,
+    read_accounts,
+    told_in_log,
+    write_settings,
+    write_summary,
+)
 from cogrip.sim.runs.report.page import write_report
 from cogrip.sim.runs.summary import of_accounts
 from cogrip.sim.runs.summary_values import task_of
@@ -154,9 +162,8 @@ def _conclude(settings: Settings, folder: Path, failed: dict[str, str], stop: St
     console.print(terminal_summary(summary))
     for user in settings.users:
         log = _log(folder, user.name)
-        for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else []:
-            if ": dealt with: " in line or line.startswith("warning: "):
-                console.print(line)
+        for line in told_in_log(log):
+            console.print(line)
         early = "" if stop.reason or user.name in failed else stated_reason(log)
         if early:
             console.print(f"{user.name}: ended early: {early}")

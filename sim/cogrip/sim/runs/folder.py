@@ -12,7 +12,9 @@ import msgspec
 
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.settings import Settings
+from cogrip.protocol.texts import shown
 
+_MOST_LOG, _MOST_TOLD = 1_000_000, 20  # characters and lines of a log that are read: anybody may have written it
 SUMMARY = "summary.json"
 SETTINGS = "settings.json"
 SERVER_RECORDING = "server.mcap"
@@ -27,6 +29,17 @@ def client_recording(name: str) -> str:
 def client_log(name: str) -> str:
     """File name of the log of one person's client."""
     return f"client-{_file_name(name)}.log"
+
+
+def told_in_log(log: Path) -> list[str]:
+    """Return what a client's log warns of, and counts, a line each, without control characters; none where there is no log."""
+    try:
+        with log.open(encoding="utf-8", errors="replace") as file:
+            lines = file.read(_MOST_LOG).splitlines()
+    except OSError:
+        return []
+    told = [line for line in lines if ": dealt with: " in line or line.startswith("warning: ")]
+    return [shown(line) for line in told[:_MOST_TOLD]]
 
 
 def _file_name(name: str) -> str:

@@ -18,7 +18,6 @@ from cogrip.sim.runs.verdict_text import verdict
 
 if TYPE_CHECKING:
     from jinja2 import Environment
-    from markupsafe import Markup
     from matplotlib.figure import Figure
 
 REPORT = "report.html"
@@ -82,22 +81,8 @@ def _templates() -> "Environment":
         loader=PackageLoader("cogrip.sim.runs.report"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    found.filters["code"] = _code
     found.filters["base64"] = lambda data: base64.b64encode(data).decode()
     return found
-
-
-def _code(text: str) -> "Markup":
-    """Return a sentence as HTML: what stands between backticks as code; all of it escaped."""
-    from markupsafe import Markup, escape
-
-    plain, *rest = text.split("`")
-    if len(rest) % 2:  # a backtick that has no other one
-        return escape(text)
-    parts = [escape(plain)]
-    for code, after in zip(rest[::2], rest[1::2], strict=True):
-        parts += [Markup("<code>{}</code>").format(code), escape(after)]
-    return Markup("").join(parts)
 
 
 def render_page(template: str, *, title: str, kind: str, **parts: object) -> str:
