@@ -23,6 +23,9 @@ class SimulatedPeople:
     def tell(self, text: str, people: Sequence[str]) -> None:
         """Take instructions."""
 
+    def rest(self, seconds: float, people: Sequence[str]) -> None:
+        """Need no break."""
+
     def wait(self, trial: Trial, state: TrialState, people: Sequence[str]) -> Event:
         """Return READY at once."""
         return Event.READY
