@@ -69,6 +69,28 @@ def test_orders_between_trials_where_everybody_presses_enter_and_in_a_pause(
     assert event is not Event.READY or ("P01: Enter" in shown and "P02: Enter" in shown)
 
 
+@pytest.mark.parametrize(("typed", "looks"), [("", 4), ("\n", 2)])
+def test_a_break_lasts_as_long_as_it_is_to_or_until_enter(typed: str, looks: int) -> None:
+    read, write = os.pipe()
+    seen: list[float] = []
+
+    def clock() -> float:
+        seen.append(10.0 * len(seen))
+        return seen[-1]
+
+    shown = StringIO()
+    people = TerminalPeople(Keys(Stop(), read), make_console(file=shown), clock=clock)
+    os.write(write, typed.encode())
+    people.rest(30.0, ["P01"])
+    assert len(seen) == looks
+    assert "break of 30 s (Enter ends it, q quits)" in shown.getvalue()
+    os.write(write, b"q\n")
+    with pytest.raises(Quit):
+        people.rest(30.0, ["P01"])
+    os.close(read)
+    os.close(write)
+
+
 def test_quit_by_key_by_signal_and_by_the_end_of_the_input(terminal: Terminal) -> None:
     terminal.type("q\n")
     with pytest.raises(Quit):

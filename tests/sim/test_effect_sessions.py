@@ -10,7 +10,7 @@ import pytest
 
 from cogrip.cli.session.shipped_settings import shipped
 from cogrip.client.core import ClientCore
-from cogrip.protocol.effects import MOST_EFFECTS, Effect
+from cogrip.protocol.effects import LEAST_EVERY_S, MOST_EFFECTS, Effect
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.settings import SettingsError, resolve
 from cogrip.sim.runs.summary import of_laboratory
@@ -147,6 +147,17 @@ def test_effects_are_of_the_tool(frame: dict[str, Any]) -> None:
     assert felt / depth == pytest.approx(300.0 * force / scale, rel=0.03)
 
 
+@pytest.mark.parametrize("on_s", [0.02, 0.05])
+def test_a_zone_that_is_switched_as_fast_as_may_be_is_no_oscillation(on_s: float) -> None:
+    laboratory = session(
+        2.0, {**ZONE, "stiffness_npm": 300.0, "every_s": LEAST_EVERY_S, "seconds": on_s}, hand=INTO_ZONE
+    )
+    laboratory.run()
+    account = account_of(laboratory)
+    assert account.peak_force_n > 0.5
+    assert (account.device.let_go, account.device.oscillates) == (0, False)
+
+
 WRONG = [
     ({"kind": "viscous"}, "effects.0: kind = \"viscous\" needs damping_nspm above 0"),
     ({"kind": "vibration", "amplitude_n": 1.0, "frequency_hz": 50.0}, "needs a direction"),
@@ -157,6 +168,7 @@ WRONG = [
     ({"kind": "texture", "amplitude_n": 1.0, "period_m": 1e-6, "direction": (1.0, 0.0, 0.0)}, "below 0.0001"),
     ({**ZONE, "users": ["eve"]}, "there is no user 'eve'"),
     ({"kind": "spring"}, "effects.0.kind"),
+    ({"kind": "zone", "stiffness_npm": 300.0, "direction": (1, 0, 0), "every_s": 0.099}, "effects.0: every_s = 0.099 of kind"),
 ]  # fmt: skip
 
 

@@ -116,6 +116,15 @@ def test_stiffness_that_is_measured_and_not_predicted_is_said_to_be_measured() -
     assert felt(summary).tone == "good"
 
 
+@pytest.mark.parametrize(("peak_grip_n", "tone"), [(0.04, "good"), (0.06, "warn"), (3.1, "warn")])
+def test_how_stiff_a_gripper_felt_is_not_known(peak_grip_n: float, tone: str) -> None:
+    summary = summarised(person())
+    summary["users"][0].update(asked_stiffness_npm=None, peak_grip_n=peak_grip_n)
+    judged = felt(summary)
+    assert judged.tone == tone
+    assert ("How stiff it felt is not known: the gripper's, with anna," in judged.sentence) == (tone == "warn")
+
+
 def test_a_fault_in_an_earlier_seat_session_counts() -> None:
     """One margin of the client, of the seat and of the device port; oscillation; divergence."""
     for before, energy in (

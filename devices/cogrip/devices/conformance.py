@@ -218,7 +218,7 @@ def ages_stay_small(subject: Subject) -> None:
 
 
 def answers_come_whole(subject: Subject) -> None:
-    """What it counts of its wire stays rare: answers that did not come, came in part, or made no sense."""
+    """Answers that do not come, come in part or make no sense are rare, by its own counts."""
     with _opened(subject) as device:
         amiss, before = 0, _wire(device)
         for tick in range(JUDGED_TICKS):

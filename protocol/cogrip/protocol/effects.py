@@ -32,6 +32,9 @@ NEEDS: Mapping[EffectKind, tuple[str, ...]] = {
 """Kind -> parameters that are above 0."""
 LEAST: Mapping[str, float] = {"period_m": 1e-4, "radius_m": 1e-4, "frequency_hz": 1e-3}  # but for 0: none
 LEAST_STEP_M = 1e-4  # from a point of a path to the next
+LEAST_EVERY_S = (
+    0.1  # of what pushes as long as it is there: faster it is felt as a vibration, and taken for an oscillation
+)
 LEAST_DIRECTION = 1e-6  # length that still has a direction
 _COLOURS: Mapping[EffectKind, tuple[float, float, float, float]] = {
     "viscous": (0.34, 0.71, 0.91, 0.2), "vibration": (0.9, 0.62, 0.0, 0.2), "texture": (0.8, 0.47, 0.65, 0.2),
@@ -103,6 +106,16 @@ def unfit_effect(effect: Effect, axes: int) -> str:
         if 0.0 < (value := getattr(effect, name)) < least:
             return f"{name} = {value:g} is below {least:g}, which no sampled motion shows; give more"
     return ""
+
+
+def unfit_section(section: EffectSection, axes: int) -> str:
+    """Return why an effect of the settings does not fit a hand of so many axes, with the cure; "" where it does."""
+    if 0.0 < section.every_s < LEAST_EVERY_S and section.kind not in ("vibration", "texture"):
+        return (
+            f'every_s = {section.every_s:g} of kind = "{section.kind}" is below {LEAST_EVERY_S:g}: switched so fast it is a '
+            'vibration, and its force is released as one that oscillates; give more, or kind = "vibration"'
+        )
+    return unfit_effect(section, axes)
 
 
 def checked_effect(effect: object) -> Effect | str:

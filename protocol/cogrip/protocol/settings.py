@@ -22,7 +22,7 @@ from cogrip.protocol.coupling_settings import (
     round_trip_s,
     unfit_line,
 )
-from cogrip.protocol.effects import MOST_EFFECTS, TANK_MJ, EffectSection, EffectTank, unfit_effect
+from cogrip.protocol.effects import MOST_EFFECTS, TANK_MJ, EffectSection, EffectTank, unfit_section
 from cogrip.protocol.hand_settings import NO_LIMIT, HandSection, WorkspaceLimit
 from cogrip.protocol.line_tuning import Tuning, kept_tuning, tuning
 from cogrip.protocol.link_profile import Link, LinkProfile, check_link
@@ -403,7 +403,7 @@ def _check_fit(settings: Settings) -> None:
     if why := unfit_object(settings, compensated):
         raise SettingsError(why)
     for place, effect in enumerate(settings.effects):
-        if why := unfit_effect(effect, settings.object.axes):
+        if why := unfit_section(effect, settings.object.axes):
             raise SettingsError(f"effects.{place}: {why}")
         if unknown := set(effect.users) - {user.name for user in settings.users}:
             raise SettingsError(f"effects.{place}.users: there is no user {min(unknown)!r}; name one of [[users]]")

@@ -28,7 +28,7 @@ from cogrip.sim.experiments.study.orders import unfilled
 from cogrip.sim.experiments.study.plan import planned
 from cogrip.sim.experiments.study.simulated import SimulatedPeople
 from cogrip.sim.experiments.study.study_file import BASE, Study, StudyError
-from cogrip.sim.experiments.study.table import thresholds
+from cogrip.sim.experiments.study.table import caught, thresholds
 
 
 def study(
@@ -195,7 +195,8 @@ class _Progress:
 
 
 def _conclude(study: Study, folder: StudyFolder, outcome: Conducted, console: Console) -> int:
-    found = thresholds(study, [line for line in folder.trials if line.status == "finished"])
+    finished = [line for line in folder.trials if line.status == "finished"]
+    found = thresholds(study, finished)
     if found:
         rows = [
             (
@@ -213,6 +214,8 @@ def _conclude(study: Study, folder: StudyFolder, outcome: Conducted, console: Co
         for (person, block, condition), each in found.items():
             for warning in each.warnings:
                 console.print(f"warning: {person}, {block}, {condition}: {warning}")
+    for (person, block), (wrong, asked) in caught(finished).items():
+        console.print(f"{person}, {block}: {wrong} of {asked} catch trials answered wrongly")
     abandoned = f", {outcome.abandoned} abandoned" if outcome.abandoned else ""
     console.print(f"{counted(outcome.finished)} finished{abandoned}, {outcome.now} of them now; in {folder.path}")
     if outcome.complete:

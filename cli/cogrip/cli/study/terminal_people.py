@@ -3,6 +3,7 @@
 import os
 import select
 import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -55,13 +56,13 @@ class TerminalPeople:
 
     def __init__(
         self, keys: Keys, console: Console, pages: Pages | None = None, *, buttons: bool = False,
-        length: Callable[[int], str] = lambda group: "",
+        length: Callable[[int], str] = lambda group: "", clock: Callable[[], float] = time.monotonic,
     ) -> None:  # fmt: skip
         """buttons: people say in the session that they are ready, by a button of the device; before it nobody is asked.
 
-        length: of a group's trials, in the words behind a trial's number: " of 12".
+        length: of a group's trials, in the words behind a trial's number: " of 12". clock: [s], by which breaks last
         """
-        self._buttons, self._length = buttons, length
+        self._buttons, self._length, self._clock = buttons, length, clock
         self._keys, self._console, self._pages = keys, console, pages or Pages()
 
     def tell(self, text: str, people: Sequence[str]) -> None:
@@ -69,6 +70,19 @@ class TerminalPeople:
         self._console.print(f"\n{text}\n(Enter goes on)")
         self._pages.instruct(people, text)
         self._everybody(people, Prompt(kind="go", text="Go on"), at_once=True)
+
+    def rest(self, seconds: float, people: Sequence[str]) -> None:
+        """Say that there is a break, until it is over or the operator presses Enter. Raises Quit."""
+        self._console.print(f"\nbreak of {seconds:g} s (Enter ends it, q quits)")
+        self._pages.title(people, f"A break of {seconds:g} s")
+        for person in people:
+            self._pages.show(person, "paused")
+        ends_s = self._clock() + seconds
+        while self._clock() < ends_s:
+            line = self._keys.poll(_POLL_S)
+            if line is not None:
+                self._order(line)
+                return
 
     def wait(self, trial: Trial, state: TrialState, people: Sequence[str]) -> Event:
         """Wait for Enter from each person, or for an order."""

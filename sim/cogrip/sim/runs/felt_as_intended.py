@@ -83,6 +83,12 @@ def _untouched(summary: Summary, held: list[Row]) -> str:
 def _unknown_stiffness(held: list[Row]) -> str:
     """Return whose stiffness was asked for, and is neither measured nor predicted, and why; "" where there is nobody."""
     unknown = [row for row in held if not _rested(row)]
+    gripping = names_of(row for row in held if (_value(row, "peak_grip_n") or 0.0) >= LEAST_FELT_N)
+    if not unknown and gripping:
+        return (
+            f"the gripper's, with {some(gripping)}, is neither measured nor predicted; `cogrip advise` says how stiff its line "
+            "is at the delay of the settings"
+        )
     if not unknown:
         return ""
     if resting := names_of(row for row in unknown if row.get("local") == "scene"):

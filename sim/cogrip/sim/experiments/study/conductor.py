@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from cogrip.protocol.addition import add_integers
 from cogrip.protocol.settings import Settings
 from cogrip.sim.experiments.study.journal import RUNS, AnswerLine, StudyFolder, TrialLine
-from cogrip.sim.experiments.study.plan import Trial, next_trial, planned
+from cogrip.sim.experiments.study.plan import Done, Trial, next_trial, planned
 from cogrip.sim.experiments.study.questions import Answer, Item, items_of
 from cogrip.sim.experiments.study.study_file import Block, Study
 from cogrip.sim.experiments.study.trial import Event, TrialState
@@ -43,6 +44,9 @@ class People(Protocol):
 
     def tell(self, text: str, people: Sequence[str]) -> None:
         """Show these people instructions, until they have read them."""
+
+    def rest(self, seconds: float, people: Sequence[str]) -> None:
+        """Let these people rest for so long; the operator may end it."""
 
     def wait(self, trial: Trial, state: TrialState, people: Sequence[str]) -> Event:
         """Wait for READY from everybody, or for the operator; while paused for RESUME or ABANDON."""
@@ -103,10 +107,18 @@ class Conductor:
                 self._people.tell(study.instructions, people)
             if trial.block is not told and trial.block.instructions:
                 self._people.tell(trial.block.instructions, people)
+            if told is trial.block:  # whoever comes back later has rested
+                self._rest(trial.block, done, people)
             told = trial.block
             self._run_trial(trial, people)
             self._now += 1
             self._progress(group, len(folder.done(group)), total)
+
+    def _rest(self, block: Block, done: Sequence[Done], people: Sequence[str]) -> None:
+        """Let people rest where a break is due before the next trial of the block."""
+        over = add_integers(each.block == block.name for each in done)
+        if block.break_every and over and over % block.break_every == 0:
+            self._people.rest(block.break_s, people)
 
     def _ask_after_blocks(self, group: int, people: Sequence[str], until: Block | None) -> None:
         """Ask what is to be asked at the end of each block before `until` (None: of all), and was not answered yet."""

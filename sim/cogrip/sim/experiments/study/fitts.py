@@ -22,7 +22,7 @@ FEWEST = 3  # trials of which a spread is told
 
 
 class Pointing(NamedTuple):
-    """What one group did in one condition.
+    """Trials of one group in one condition, and its throughput.
 
     trials, missed      how many reached the target, how many did not and are left out
     distance_m, width_m of the target; difficulty_bits by them, log2(A / W + 1)

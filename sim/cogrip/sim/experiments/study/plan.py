@@ -13,6 +13,8 @@ from cogrip.sim.experiments.study.psychometric import Answered
 from cogrip.sim.experiments.study.staircase import Staircase, next_level
 from cogrip.sim.experiments.study.study_file import Block, Study
 
+CATCH = "catch"
+"""Track of catch trials: whoever attends finds their level, so that a wrong answer tells of a lapse, and no track has it."""
 _SEEDS = 2**31  # of sessions
 
 
@@ -68,7 +70,9 @@ def planned(study: Study, group: int) -> int:
     total = 0
     for block in study.blocks:
         count = len(study.conditions_of(block)) * block.repetitions
-        total += count * (block.staircase.trials if block.staircase else 1)
+        own = count * (block.staircase.trials if block.staircase else 1)
+        every = block.staircase.catch_every if block.staircase else 0
+        total += own + ((own - 1) // (every - 1) if every > 1 else 0)
     return total
 
 
@@ -93,6 +97,9 @@ def _of_staircases(study: Study, group: int, block: Block, done: Sequence[Done])
     if not open_tracks:
         return None
     condition, repetition, level = random.choice(open_tracks)
+    track = _track(condition, repetition)
+    if rule.catch_every and (place + 1) % rule.catch_every == 0:
+        track, level = CATCH, rule.most
     larger = random.randrange(2)  # interval with the larger value
     values = [rule.reference, rule.reference]
     values[larger] += level
@@ -100,7 +107,7 @@ def _of_staircases(study: Study, group: int, block: Block, done: Sequence[Done])
         Presentation({**study.changes(condition), rule.key: value}, _seed(study, group, block, place, interval))
         for interval, value in enumerate(values)
     )
-    return Trial(group, 0, block, place, condition, repetition, shown, _track(condition, repetition), level, larger)
+    return Trial(group, 0, block, place, condition, repetition, shown, track, level, larger)
 
 
 def _open(study: Study, block: Block, rule: Staircase, done: Sequence[Done]) -> Iterator[tuple[str, int, float]]:

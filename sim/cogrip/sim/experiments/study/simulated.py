@@ -26,6 +26,9 @@ class SimulatedPeople:
     def thank(self, people: Sequence[str]) -> None:
         """Go home."""
 
+    def rest(self, seconds: float, people: Sequence[str]) -> None:
+        """Need no break."""
+
     def wait(self, trial: Trial, state: TrialState, people: Sequence[str]) -> Event:
         """Return READY at once."""
         return Event.READY

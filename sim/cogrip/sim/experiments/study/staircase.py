@@ -42,6 +42,7 @@ class Staircase(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     `trials`, and before where it had `reversals` (1-up 2-down), or where steps are below `least_step` (PEST).
     question: a choice of two whose answer is right where it names the interval with the larger value.
     slope, lapse: of the observers, where they are known; fitted where nothing is said.
+    catch_every: each so many trials of the block one has the largest level, and no track has its answer; 0: none has.
     """
 
     method: Method = "1-up-2-down"
@@ -56,6 +57,7 @@ class Staircase(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     reversals: Annotated[int, msgspec.Meta(ge=2, le=1000)] | None = None
     slope: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] | None = None
     lapse: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] | None = None
+    catch_every: Annotated[int, msgspec.Meta(ge=0, le=10_000)] = 0
     question: str
 
     @property

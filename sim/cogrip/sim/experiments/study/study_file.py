@@ -47,7 +47,10 @@ class Observer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """[[blocks]]. conditions: names, () all; ask: after each trial; ask_after: at the end of the block."""
+    """[[blocks]]. conditions: names, () all; ask: after each trial; ask_after: at the end of the block.
+
+    break_every: trials from one break to the next, 0 for none; break_s: how long one lasts
+    """
 
     name: Name
     order: Order = "fixed"
@@ -57,6 +60,8 @@ class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     instructions: str = ""
     ask: tuple[str, ...] = ()
     ask_after: tuple[str, ...] = ()
+    break_every: Annotated[int, msgspec.Meta(ge=0, le=10_000)] = 0
+    break_s: Annotated[float, msgspec.Meta(ge=0.0, le=86_400.0)] = 0.0
     staircase: Staircase | None = None
 
 
@@ -212,10 +217,16 @@ def _check_block(study: Study, block: Block) -> None:
         raise StudyError(
             f"{where}{twice.pop()!r} is in ask and in ask_after; ask it at one of them, or name another question"
         )
+    if (block.break_every > 0) != (block.break_s > 0.0):
+        raise StudyError(f"{where}break_every and break_s go together; give both, or neither")
     if (block.order == "staircase") != (block.staircase is not None):
         raise StudyError(f'{where}order = "staircase" and [blocks.staircase] go together; give both, or neither')
     if block.staircase is None:
         return
+    if block.staircase.catch_every == 1:
+        raise StudyError(
+            f"{where}staircase.catch_every = 1 leaves no trial to the staircase; give 2 or more, or 0 for none"
+        )
     if why := unfit_staircase(block.staircase):
         raise StudyError(f"{where}staircase: {why}")
     question = study.questions.get(block.staircase.question)

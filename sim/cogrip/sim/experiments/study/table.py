@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.schema import unit_of
 from cogrip.sim.experiments.study.journal import RUNS, AnswerLine, TrialLine, open_study, read_answers, read_trials
+from cogrip.sim.experiments.study.plan import CATCH
 from cogrip.sim.experiments.study.psychometric import Answered
 from cogrip.sim.experiments.study.questions import raw_tlx
 from cogrip.sim.experiments.study.staircase import Estimate, estimate
@@ -173,8 +174,18 @@ def thresholds(study: Study, trials: Sequence[TrialLine]) -> dict[tuple[str, str
             continue
         answered: dict[tuple[str, str, str], dict[str, list[Answered]]] = {}
         for line in trials:
-            if line.block == block.name and line.level is not None and line.correct is not None:
+            if line.block == block.name and line.level is not None and line.correct is not None and line.track != CATCH:
                 tracks = answered.setdefault((line.people[0], block.name, line.condition), {})
                 tracks.setdefault(line.track, []).append((line.level, line.correct))
         found |= {key: estimate(block.staircase, list(each.values())) for key, each in answered.items()}
+    return found
+
+
+def caught(trials: Sequence[TrialLine]) -> dict[tuple[str, str], tuple[int, int]]:
+    """Return how many catch trials each (participant, block) answered wrongly, of how many."""
+    found: dict[tuple[str, str], tuple[int, int]] = {}
+    for line in trials:
+        if line.track == CATCH and line.correct is not None:
+            wrong, asked = found.get((line.people[0], line.block), (0, 0))
+            found[line.people[0], line.block] = wrong + (not line.correct), asked + 1
     return found
