@@ -8,6 +8,7 @@ it is skipped by name with the figures. Whatever fails on a machine that gives i
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -29,6 +30,8 @@ RUNS = 3
 """Runs of a test alone, before it is skipped."""
 ALONE_S = 300.0
 """Time for all that run alone; what has had no turn by then is skipped."""
+DEFECT = re.compile(r"\b(Attribute|Import|Index|Key|ModuleNotFound|Name|NotImplemented|Syntax|Type|UnboundLocal)Error\b")
+"""Errors of a program, here or in one that a test began: a machine that stalls is no excuse of them."""
 ALONE = "COGRIP_TESTS_ALONE"
 """Variable of the environment: the file for the reports of tests that run alone."""
 
@@ -113,6 +116,8 @@ def _run(item: pytest.Item, nextitem: pytest.Item | None) -> tuple[list[pytest.T
     if watch:
         watch.begin(hangs_s(item))
     reports = runtestprotocol(item, nextitem=nextitem, log=False)
+    if any(report.failed and DEFECT.search(report.longreprtext) for report in reports):
+        return reports, ""  # no machine makes that of a program
     said = any(report.skipped and MACHINE_STALLED in str(report.longrepr) for report in reports)
     lives = len(forked.begun) > begun or item.get_closest_marker("on_time") is not None
     if watch and (said or (lives and any(report.failed for report in reports))):

@@ -33,7 +33,7 @@ def rows(
 
 
 def found(*given: list[dict[str, Any]], study: Study = STUDY) -> list[Pointing]:
-    return pointing(StudyTable(study, [], [row for each in given for row in each], []))
+    return pointing(StudyTable(study, [], [row for each in given for row in each], [], []))
 
 
 def test_numbers_of_one_condition_by_hand() -> None:

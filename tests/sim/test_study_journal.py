@@ -170,7 +170,7 @@ def test_what_people_typed_is_no_formula_in_a_spreadsheet(tmp_path: Path, typed:
     study = parsed(PLAIN.replace("[[blocks]]", '[questions.why]\nkind = "text"\ntext = "Why?"\n[[blocks]]', 1))
     columns = [Column("answer_why", "string"), Column("answer_wider", "string"), Column("answer_sure", NUMBER)]
     row = {"answer_why": typed, "answer_wider": "-1", "answer_sure": -1}
-    table = StudyTable(study, columns, [row, {}, {"answer_why": "2 = 2"}], [])
+    table = StudyTable(study, columns, [row, {}, {"answer_why": "2 = 2"}], [], [])
     write_table(table, "csv", tmp_path / "table.csv")
     with (tmp_path / "table.csv").open(newline="") as file:
         rows = [list(each.values()) for each in csv.DictReader(file)]

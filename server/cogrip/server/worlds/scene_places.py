@@ -7,6 +7,7 @@ at which nothing is in its way. The target is the object, or where there is none
 
 from collections.abc import Iterator, Sequence
 from itertools import product
+from math import dist
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
@@ -101,9 +102,7 @@ class _Places:
                 yield begun + np.array([sign * abs(aside), aside, up])
             return
         middle = self._data.geom_xpos[aims].mean(axis=0)
-        reach_m = max(
-            float(np.linalg.norm(self._data.geom_xpos[aim] - middle) + self._model.geom_rbound[aim]) for aim in aims
-        )
+        reach_m = max(dist(self._data.geom_xpos[aim], middle) + float(self._model.geom_rbound[aim]) for aim in aims)
         asides = sorted(_ASIDE_M, key=lambda aside: abs(middle[1] + aside - begun[1]))  # tools of one side stay apart
         for up, aside in product(_OFFSETS_M, asides):
             place = middle + np.array([sign * (reach_m + NEAR_M), aside, up])

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.protocol.addition import add_floats
 from cogrip.protocol.setting_types import PLACES
 from cogrip.sim.runs.summary_values import Summary, dig, is_number
 from cogrip.sim.runs.traces import Columns, Run, Trace
@@ -69,7 +70,7 @@ def _person(run: Run, seat: int, name: str, until_s: float, rows: slice) -> dict
         energy |= {key: _least(room.columns, f"{seat}.{key}", rows) for key in ("up_margin_j", "line_margin_j")}
         lost[1] = _last(room.columns, f"{seat}.lost", rows)
     both = [each for each in lost if each is not None]
-    return {**found, "energy": energy, "link": {"lost": sum(both) if len(both) == len(lost) else None}}
+    return {**found, "energy": energy, "link": {"lost": add_floats(both) if len(both) == len(lost) else None}}
 
 
 def _ticks_per_frame(run: Run, trace: Trace) -> int:
