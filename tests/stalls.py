@@ -30,7 +30,9 @@ RUNS = 3
 """Runs of a test alone, before it is skipped."""
 ALONE_S = 300.0
 """Time for all that run alone; what has had no turn by then is skipped."""
-DEFECT = re.compile(r"\b(Attribute|Import|Index|Key|ModuleNotFound|Name|NotImplemented|Syntax|Type|UnboundLocal)Error\b")
+DEFECT = re.compile(
+    r"\b(Attribute|Import|Index|Key|ModuleNotFound|Name|NotImplemented|Syntax|Type|UnboundLocal)Error\b"
+)
 """Errors of a program, here or in one that a test began: a machine that stalls is no excuse of them."""
 ALONE = "COGRIP_TESTS_ALONE"
 """Variable of the environment: the file for the reports of tests that run alone."""

@@ -62,7 +62,8 @@ def _run(folder: Path) -> Run | None:
                 return None
         files = [(path, path.lstat()) for path in _files(folder)]
         written = any(is_being_written(path) for path, _ in files if path.suffix == ".mcap" or path == lock)
-        sizes = add_integers(each.st_blocks * 512 for _, each in files)
+        # what files take on the disk, and where the system does not say it, what they hold
+        sizes = add_integers(getattr(each, "st_blocks", each.st_size // 512) * 512 for _, each in files)
         return Run(folder, max(each.st_mtime for _, each in files), sizes, not written)
     return None  # it has gone, or is not to be read
 
