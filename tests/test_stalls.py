@@ -24,11 +24,11 @@ from tests import stalls
 pytest_plugins = ("tests.stalls",)
 TABLE = Path("table.json")
 
-def _run(item, nextitem, before=stalls._run):
+def _run(item, nextitem, before=stalls._run, **given):
     measured, *rest = json.loads(TABLE.read_text())
     TABLE.write_text(json.dumps(rest or [measured]))
     stalls.StallWatch.measured = lambda self: measured if isinstance(measured, list) else (measured, 1.0)
-    return before(item, nextitem)
+    return before(item, nextitem, **given)
 stalls._run = _run
 """
 TEST = """
@@ -43,11 +43,11 @@ def longest_s(self):
     return 0.0
 stalls.StallWatch.longest_s = longest_s
 
-def _run(item, nextitem, before=stalls._run):
+def _run(item, nextitem, before=stalls._run, **given):
     stalls_s, *rest = json.loads(TABLE.read_text())
     TABLE.write_text(json.dumps(rest or [stalls_s]))
     stalls.StallWatch.longest_s = lambda self: stalls_s
-    return before(item, nextitem)
+    return before(item, nextitem, **given)
 stalls._run = _run
 """
 TEST = """
@@ -67,7 +67,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="no stalls are measur
 
 
 def run(
-    folder: Path, measured: list[Any], good_from: int, mark: str = "@pytest.mark.on_time", *options: str
+    folder: Path, measured: list[Any], good_from: int | str, mark: str = "@pytest.mark.on_time", *options: str
 ) -> tuple[int, str, int]:
     """Return exit code, output and the number of runs of a test that passes from its so manieth run on.
 
@@ -115,6 +115,19 @@ def test_a_machine_that_too_many_share_is_one_that_does_not_give_it(tmp_path: Pa
     (tmp_path / "runs.txt").unlink()
     code, said, runs = run(tmp_path, [[0.01, LEAST_SHARE], 0.0], 2)
     assert (code, runs) == (1, 1), said
+
+
+def test_alone_a_small_share_is_no_excuse(tmp_path: Path) -> None:
+    small = [0.01, LEAST_SHARE - 0.4]
+    code, said, runs = run(tmp_path, [small, 0.0, small], 99)
+    assert (code, runs) == (1, 2), said
+    assert "1 failed, 1 passed" in said
+
+
+def test_an_error_of_a_program_is_none_of_the_machine(tmp_path: Path) -> None:
+    code, said, runs = run(tmp_path, [0.2], "len(runs)")  # which has no length
+    assert (code, runs) == (1, 1), said
+    assert "TypeError" in said
 
 
 def test_it_fails_at_once_where_nothing_stalled(tmp_path: Path) -> None:

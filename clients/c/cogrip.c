@@ -21,7 +21,7 @@
 
 enum {
     TAG_HELLO = 1, TAG_WELCOME, TAG_REFUSE, TAG_WAVES, TAG_STATE, TAG_HEARTBEAT, TAG_LEAVE, TAG_FAREWELL, TAG_VIEW, TAG_POWER,
-    TAG_PERSON, TAG_BODIES, TAG_GEOM, TAG_MARK, TAG_SET_HAND, TAG_EFFECTS, TAG_EDGES, TAG_REDIRECT
+    TAG_PERSON, TAG_BODIES, TAG_GEOM, TAG_MARK, TAG_SET_HAND, TAG_EFFECTS, TAG_EDGES, TAG_REDIRECT, TAG_RESTART
 };
 enum {
     AXES = COGRIP_AXES,
@@ -476,7 +476,7 @@ typedef struct settings {
     double impedance_nspm, lowpass_rad_s, rendered_npm, late, tank_mj, wave_filter_hz;
 } settings;
 
-enum { MOST_FRONTS = 8, MOST_REDIRECTS = 4 };
+enum { MOST_FRONTS = 8, MOST_REDIRECTS = 4, MOST_WAIT_MS = 600000 };
 
 typedef struct redirect {
     int64_t nonce;
@@ -2781,7 +2781,7 @@ static void decode(const void *data, size_t bytes, decoded *into) {
     reader from = {(const unsigned char *)data, (const unsigned char *)data + bytes, 0};
     if (!bytes) from.bad = 1;
     const uint64_t length = get_length(&from, 0, 1, UINT32_MAX);
-    into->tag = (int)get_int(&from, TAG_HELLO, TAG_REDIRECT);
+    into->tag = (int)get_int(&from, TAG_HELLO, TAG_RESTART);
     switch (into->tag) {
     case TAG_WELCOME: get_welcome(&from, length, &into->as.welcome); break;
     case TAG_REFUSE: get_refusal(&from, length, &into->as.refusal); break;
@@ -2789,6 +2789,11 @@ static void decode(const void *data, size_t bytes, decoded *into) {
     case TAG_WAVES: get_waves(&from, length, &into->as.waves); break;
     case TAG_FAREWELL: get_farewell(&from, length, &into->as.farewell); break;
     case TAG_EFFECTS: get_effects(&from, length, &into->as.effects); break;
+    case TAG_RESTART: /* the server will be silent, and this client resumes by silence [4.6] */
+        if (length != 3) from.bad = 1;
+        get_int(&from, 1, INT64_MAX);
+        get_int(&from, 0, MOST_WAIT_MS);
+        break;
     case TAG_HEARTBEAT:
         if (length != 3) from.bad = 1;
         into->as.heartbeat.session = get_int(&from, 1, INT64_MAX);
@@ -2836,6 +2841,7 @@ void cogrip_receive(cogrip_client *client, const void *data, size_t bytes, int64
     case TAG_EFFECTS:
         if (of_session(client, found.as.effects.session, now_ns)) take_effects(client, &found.as.effects);
         break;
+    case TAG_RESTART: break;
     case TAG_FAREWELL:
         if (of_session(client, found.as.farewell.session, now_ns)) take_farewell(client, &found.as.farewell);
         break;

@@ -89,6 +89,9 @@ class Spoken:
         with self._news:
             self._silent = True
             self._news.notify_all()
+        with suppress(OSError):  # Whoever fails before it ends leaves nobody else to close them.
+            for stream in filter(None, (self.popen.stdout, self.popen.stdin)):
+                stream.close()
 
     def tell(self, line: str) -> None:
         assert self.popen.stdin is not None

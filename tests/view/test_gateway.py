@@ -29,6 +29,7 @@ from cogrip.view.io.peer_log import LOG_LINES
 from cogrip.view.visitors import VisitorLimits
 
 from tests.live.held_arms import DEMO, Spoken
+from tests.view import event_loop
 from tests.view.shown_page import frame_bytes, upgrade
 
 LIMIT_S = 60.0
@@ -299,7 +300,7 @@ def test_a_proxy_that_ends_tls_is_believed_about_whom_it_asks_for_and_nobody_els
             assert await status(X_Forwarded_For="203.0.113.7") == 503
             assert await status(X_Forwarded_For="203.0.113.7, 203.0.113.8") == 101, "one address has its own limit"
 
-    asyncio.run(ask())
+    event_loop.run(ask())
 
 
 def listening(pid: int) -> list[int]:

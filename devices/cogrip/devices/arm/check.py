@@ -52,9 +52,10 @@ def verdict(measured: Measured, current_ma: float) -> list[Row]:
         cure = "let nobody touch the arm while it is measured; else check the encoder's cable and its supply"
         good, most = noise <= MOST_NOISE_COUNTS, f"at most {MOST_NOISE_COUNTS}"
         rows.append(Row(f"noise at rest, encoder {name}", f"{noise} counts", most, good, cure))
-        rows.append(
-            _sign(name, measured.forward[joint], measured.backward[joint], current_ma, measured.most_moved[joint])
-        )
+        moved = measured.most_moved[joint]
+        swapped = moved != joint and joint in measured.most_moved  # else nothing moves this encoder: it is stuck
+        other = JOINTS[moved] if swapped else name
+        rows.append(_sign(name, measured.forward[joint], measured.backward[joint], current_ma, other))
         cure = "this encoder did not move: move the arm through its range when asked to, or check its cable"
         rows.append(Row(f"range seen, encoder {name}", f"{low} to {high}", "more than one count", high > low, cure))
     return rows
@@ -87,11 +88,11 @@ def _wire(measured: Measured) -> list[Row]:
     ]
 
 
-def _sign(name: str, forward: int, backward: int, current_ma: float, most_moved: int) -> Row:
+def _sign(name: str, forward: int, backward: int, current_ma: float, other: str) -> Row:
     """Check the signs: a positive current raises the count of its own axis, whatever `dir` is, since both carry it."""
     what, found = f"sign, axis {name}", f"{forward:+d}, {backward:+d} counts"
     wanted = f"up, down under +-{current_ma:g} mA"
-    if (other := JOINTS[most_moved]) != name:
+    if other != name:
         cure = f"the motor of axis {name} moves the encoder of axis {other} most: two motors or encoders are swapped"
         return Row(what, f"{found}, more at {other}", wanted, good=False, cure=cure)
     if forward >= LEAST_MOVED_COUNTS and backward <= -LEAST_MOVED_COUNTS:
