@@ -6,6 +6,7 @@ share. Where it failed and lacked either, it runs again alone once all others ha
 it is skipped by name with the figures. Whatever fails on a machine that gives it fails.
 """
 
+import gc
 import json
 import os
 import re
@@ -13,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Generator
 from pathlib import Path
 
@@ -97,7 +99,17 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 def _run_first(item: pytest.Item, nextitem: pytest.Item | None) -> list[pytest.TestReport]:
     reports, lacked = _run(item, nextitem)
+    if lacked:
+        _forget_what_is_open()
     return [_report(item, "passed", postponed=lacked)] if lacked else reports
+
+
+def _forget_what_is_open() -> None:
+    """Close what a test that is to run again has left open where it failed: else another one is told of it."""
+    for name in ("last_exc", "last_value", "last_traceback", "last_type"):  # by which its frames are kept
+        sys.__dict__.pop(name, None)
+    with warnings.catch_warnings(action="ignore", category=ResourceWarning):
+        gc.collect()
 
 
 def _run_alone(item: pytest.Item, nextitem: pytest.Item | None) -> list[pytest.TestReport]:
