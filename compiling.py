@@ -33,7 +33,7 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
-INSTALLED = not (HERE / "pyproject.toml").exists()  # from a wheel, as cogrip/cli/compiling.py
+INSTALLED = not (HERE / "pyproject.toml").exists()  # This file is cogrip/cli/compiling.py of a wheel then.
 ROOT = HERE.parents[1] if INSTALLED else HERE
 COMMAND = "cogrip compile" if INSTALLED else "python3 dev.py compile"
 PARTS = ("protocol", "devices", "client", "server")

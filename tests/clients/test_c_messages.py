@@ -83,7 +83,7 @@ void hold(void) {
 %s
 }
 """
-"""What the tick of docs/c_client.md has around it."""
+"""Lines around the tick of docs/c_client.md."""
 
 
 @pytest.mark.parametrize("cxx", [False, pytest.param(True, marks=needs_cxx)])

@@ -131,7 +131,7 @@ def test_a_track_at_its_bound_tells_no_threshold() -> None:
 
 
 def test_answers_that_no_function_fits_are_told() -> None:
-    """Whoever takes the other button half of the time, at large differences alone."""
+    """An observer takes the other button half of the time, at large differences alone."""
     answers = [
         (level, number < right)
         for level, right in ((20.0, 12), (40.0, 30), (80.0, 39), (160.0, 20))

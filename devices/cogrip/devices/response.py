@@ -25,12 +25,12 @@ from cogrip.devices.device import Capability, Device
 
 RATE_HZ = 1024
 FIRST_N = 0.2
-MOST_SHARE = 0.2  # of the peak force
+MOST_SHARE = 0.2  # A trial pushes with this share of the peak force at most.
 MOST_N = 1.0
 STROKE_TICKS = 36
-PATTERN = (1, -1, -1, 1, -1, 1, 1, -1)  # of strokes: after each four the device is where it was, at rest
+PATTERN = (1, -1, -1, 1, -1, 1, 1, -1)  # After each four strokes the device is where it was, at rest.
 BEFORE_TICKS, AFTER_TICKS = 60, 20  # without force
-WARMS_TICKS = 350  # after open, in which an arm takes up its own weight
+WARMS_TICKS = 350  # An arm takes up its own weight in this time after it was opened.
 SURER, SAFE_M = 4.0, 0.015  # of a last push: as strong at most, and no further
 MOST_AWAY_M = 0.03  # from where an axis began: the trial of this axis ends
 SILENT_TICKS = 40

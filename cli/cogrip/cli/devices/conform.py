@@ -11,7 +11,7 @@ from cogrip.protocol.io.platform import time
 from cogrip.protocol.rates import due_ns
 
 PUSH_N = 0.2  # on a device that is real
-MOVED_BY_NOBODY = ("replay:", "web:")  # what they hold is a recording, or a mass in a page
+MOVED_BY_NOBODY = ("replay:", "web:")  # These hold a recording, or a mass in a page.
 PLANT_PUSH_N = 1.0  # on a simulated machine, which takes any force: more would tear its hand off
 
 

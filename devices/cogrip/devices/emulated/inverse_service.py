@@ -17,7 +17,7 @@ from cogrip.devices.emulated.mechanics import Mechanics
 from cogrip.devices.inverse.family import CENTRE_M, RECORD
 
 IDLE_NS = 500_000_000
-VELOCITY_NS = 5_000_000  # of a mean velocity
+VELOCITY_NS = 5_000_000  # A velocity is the mean over this time.
 GRIP_HZ = 0.5  # at which the handle turns to and fro
 GRIP_RAD = 0.6
 MOST_N = 10.0  # of each part of a force command

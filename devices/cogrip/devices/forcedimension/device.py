@@ -25,7 +25,7 @@ from cogrip.protocol.rotations import Quaternion, of_matrix
 WATCHDOG = 255  # x 125 us = 32 ms without a force, and the controller turns forces off
 FED_S = 0.025  # a longer pause between two forces may have been the watchdog's
 RESTS_S = 0.02  # without force before forces are enabled again: the client takes it for let go, and ramps
-SETTLES_TICKS = 2  # from enabling forces to asking whether they are on
+SETTLES_TICKS = 2  # Forces are asked for so many ticks after they were enabled.
 STATUS_TICKS = 16  # how often it is asked whether its forces are still on
 ZERO: Vector = (0.0, 0.0, 0.0)
 CURE = "check its cable and power, then open it again"

@@ -114,7 +114,7 @@ class _Update(msgspec.Struct, frozen=True):
 
 
 _decode = msgspec.json.Decoder(_Update).decode
-GRIP_FIELDS = 5  # of a reading, behind its position and speed: w, x, y, z (0 where not known) and the buttons
+GRIP_FIELDS = 5  # A reading ends with w, x, y, z (0 where not known) and the buttons.
 
 
 class InverseCodec:

@@ -89,7 +89,7 @@ _OF_JOINTS = (
     "pos", "range", "ref", "solimp_friction", "solimp_limit", "solref_friction", "solref_limit", "springdamper", "springref",
     "springyield", "stiffness",
 )  # fmt: skip
-"""Of an added tool, which a scene's default classes are not to choose: it has MuJoCo's own."""
+"""Attributes of an added tool that a scene's default classes are not to choose: it has MuJoCo's own."""
 _SLIDES = [mujoco.mjtJoint.mjJNT_SLIDE] * 3
 _FREE = [mujoco.mjtJoint.mjJNT_FREE]
 
