@@ -100,7 +100,7 @@ def test_the_account_of_who_has_left_predicts_what_was_felt_before(profile: str)
 
 @pytest.mark.parametrize("seed", every(3, (12, 15, 16)))
 def test_a_playout_that_waits_steps_the_force_of_a_hand_that_presses_by_little(seed: int) -> None:
-    """The wait of a tick fades by an eighth of what a missing frame fades: 0.6 N at once before. An encoder's count is 0.2 N."""
+    """The wait of a tick fades by an eighth of what a missing frame fades: 0.6 N at once before. A count is 0.2 N."""
     laboratory = laboratory_of(
         seed=seed, seconds=10.0, object={"kind": "wall"}, link={"profile": "wifi"},
         users=[{"name": "anna", "device": "sim:ideal", "hand": "push&force_n=6&start_s=0.3"}],
