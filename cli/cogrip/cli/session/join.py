@@ -2,7 +2,7 @@
 
 import sys
 from contextlib import ExitStack, closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -44,7 +44,7 @@ from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.session import IN_ORDER, SECONDS_OVER, ClientSession
 from cogrip.protocol.settings import SeatSettings, Settings
 from cogrip.protocol.settings_digest import digest
-from cogrip.sim.runs.folder import client_recording, write_account
+from cogrip.sim.runs.folder import client_recording, write_account, write_warnings
 from cogrip.sim.runs.summary import of_client
 from cogrip.sim.runs.verdict import succeeded, why_not
 from cogrip.sim.session.link import LinkEmulator
@@ -189,19 +189,26 @@ def join(
         _refuse_hardware(allow_unstable, settings, name, device)
         arm, address = make_joined(settings, name, device, axes)
         address = public(address)
-        check_hand(lambda: make_joined(settings, name, device, axes), address, name, seconds)
+        warnings = check_hand(lambda: make_joined(settings, name, device, axes), address, name, seconds)
         with (
             on_signals(stop),
             closing(target.paths(insecure)) as paths,
             LiveScreen(console.print) as screen,
         ):
             say = screen.say
+
             files = _Files(
-                runs, into, record, screen, drawn=not quiet and may_draw(console), page=child or given_link(device)
+                runs,
+                into,
+                record,
+                screen,
+                drawn=not quiet and may_draw(console),
+                page=child or given_link(device),
+                warnings=warnings,
             )
             client = LiveClient(
                 arm, target.player(arm.capability, address), paths, stop, say, LinkEmulator, files.record_at, seconds, rearms,
-                partial(judge_seat, address, allow_unstable, say), partial(played_out, arm), allow_unstable, clutched,
+                partial(judge_seat, address, allow_unstable, files.warn), partial(played_out, arm), allow_unstable, clutched,
                 None, arm if settings and settings.task.together and isinstance(arm, SimulatedDevice) else None, resume_s,
             )  # fmt: skip
             try:
@@ -219,7 +226,7 @@ def join(
                 if name:
                     say(NO_NAME)
                 return observe_room(ended, paths, stop, seconds, console)
-            return _finish(ended, files.folder, console, alone=into is None, report=report)
+            return _finish(ended, files.folder, warnings, console, alone=into is None, report=report)
 
 
 def _at_terminal() -> bool:
@@ -254,6 +261,12 @@ class _Files:
     screen: LiveScreen
     drawn: bool
     page: ViewChild | GivenLink | None = None
+    warnings: list[str] = field(default_factory=list)  # for the report
+
+    def warn(self, text: str) -> None:
+        """Say a warning, and keep it."""
+        self.warnings.append(text)
+        self.screen.say(text)
 
     def record_at(self, seat: SeatSettings) -> Path | None:
         """Return the recording's file, None if there is to be none; start its live table."""
@@ -269,8 +282,13 @@ class _Files:
         return self.folder / client_recording(seat.user) if self.folder is not None and recorded else None
 
 
-def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool, report: bool) -> int:
-    """Leave account, summary and report, print how the session ended, and return the exit code."""
+def _finish(
+    ended: Ended, folder: Path | None, warnings: list[str], console: Console, *, alone: bool, report: bool
+) -> int:
+    """Leave account, summary and report, print how the session ended, and return the exit code.
+
+    warnings: of before the session. A report has them, and what was dealt with; in a folder of another, by the log there.
+    """
     left = folder is not None
     if folder is not None:
         with suppress(OSError):  # the server has it as well; where it has not, the missing part is named
@@ -278,7 +296,11 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
     summary = of_client(ended.seat, ended.account, ended.farewell, ended.seconds, ended.counts)
     user, well = ended.seat.user, succeeded(summary)
     if counts := counted(ended.counts):
-        console.print(f"{user}: dealt with: {counts}")
+        warnings.append(f"{user}: dealt with: {counts}")
+        console.print(warnings[-1])
+    if folder is not None and alone:
+        with suppress(OSError):
+            write_warnings(folder, warnings, user)
     if ended.failed:
         console.print(f"{user}: the session broke off, no force is left: {ended.failed}")
     elif ended.ended:
