@@ -380,3 +380,11 @@ def test_what_is_0_as_it_is_shown_has_no_minus(value: float, form: str) -> None:
 def test_no_table_in_the_terminal_is_written_with_a_signed_0() -> None:
     for module in (live_views, observe):
         assert not re.findall(r"\+\d?\.\df", inspect.getsource(module)), module
+
+
+def test_a_wrapped_text_keeps_its_lines_and_its_words() -> None:
+    console = Console(width=20, force_terminal=True)
+    text = "cogrip: one two three four five\n/a/path/that/is/longer/than/the/terminal and more"
+    assert wrapped(text, console).splitlines() == [
+        "cogrip: one two", "  three four five", "/a/path/that/is/longer/than/the/terminal", "  and more",
+    ]  # fmt: skip
