@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import signal
 import sys
 from collections.abc import Sequence
 
@@ -109,6 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     try:
         show_docstrings(app, given)
+        _take_interrupts()
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
         say(errors, f"cogrip: {words_of(error, COMMANDS)}")
@@ -124,7 +126,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     except BrokenPipeError:
         return 1
+    except Exception as error:
+        if not _is_interrupt(error):
+            raise
+        errors.print("cogrip: interrupted")
+        return 130
     return code if isinstance(code, int) else 0
+
+
+def _take_interrupts() -> None:
+    """Let Ctrl-C be an exception from now on, where it has ended the process so far: all that it calls is imported."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Return whether an extension module has made this error of a KeyboardInterrupt, as some do while they are imported."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 if __name__ == "__main__":

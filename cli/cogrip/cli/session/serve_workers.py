@@ -124,7 +124,12 @@ class FrontServer:
             raise _not_started(error) from None
         if not ready and not self._stop.reason:
             self.administration.end()
-            raise Problem(f"serve: the workers did not begin within {START_LIMIT_S:g} s; see what they said above")
+            how = (
+                "one of the workers ended as it began"
+                if self._pool.replaced
+                else f"the workers did not begin within {START_LIMIT_S:g} s"
+            )
+            raise Problem(f"serve: {how}; see what they said above")
         return feed
 
     def run(self, seconds: float | None) -> int:
