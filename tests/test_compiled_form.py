@@ -79,6 +79,13 @@ def test_a_folder_called_cogrip_beside_a_script_is_none_of_ours(tmp_path: Path) 
     assert ran.stdout.splitlines() == [str(tmp_path / "cogrip"), " ".join(compiled_modules())]
 
 
+def test_an_installation_by_pip_is_compiled_by_its_own_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert compiled_files.compile_command() == "python3 dev.py compile"
+    monkeypatch.setitem(sys.modules, "cogrip.cli.compiling", ModuleType("cogrip.cli.compiling"))
+    sys.modules["cogrip.cli.compiling"].__spec__ = SimpleNamespace()  # type: ignore[assignment]
+    assert compiled_files.compile_command() == "cogrip compile"
+
+
 def test_what_is_compiled_of_older_sources_is_stale(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(compiling, "STAMP", tmp_path / "stamp.json")
     monkeypatch.setattr(compiling, "ROOT", tmp_path)

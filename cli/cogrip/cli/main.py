@@ -1,6 +1,5 @@
 """The commands by group, and how their errors reach a person."""
 
-import importlib.util
 import os
 import signal
 import sys
@@ -15,7 +14,7 @@ from cogrip.cli.terminal.platform import use_utf8
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
 from cogrip.protocol.foreign_file import ForeignFileError
-from cogrip.protocol.io.compiled_files import outdated
+from cogrip.protocol.io.compiled_files import compile_command, outdated
 from cogrip.protocol.io.large_pages import use_large_pages
 from cogrip.protocol.version import VERSION
 from cogrip.sim.blas_threads import BLAS_THREADS, SAFE_PATH
@@ -104,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say(errors, f"cogrip: {MOVED[given[0]]}")
         return 2
     if [*given[:1]] != ["compile"] and (changed := outdated()):
-        command = "cogrip compile" if importlib.util.find_spec("cogrip.cli.compiling") else "python3 dev.py compile"
+        command = compile_command()
         cure = f"`{command}` compiles them anew, `{command} --remove` removes what was compiled"
         say(errors, f"cogrip: what was compiled is not of these sources ({', '.join(changed[:3])}); {cure}")
         return 2

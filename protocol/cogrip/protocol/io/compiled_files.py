@@ -14,6 +14,11 @@ PARTS = ("protocol", "devices", "client", "server")  # packages in which modules
 LINUX_ONLY = ("datagram_batch", "large_pages")
 
 
+def compile_command() -> str:
+    """Return the command that compiles this installation: a wheel has what does it, a checkout has it beside its packages."""
+    return "cogrip compile" if find_spec("cogrip.cli.compiling") else "python3 dev.py compile"
+
+
 def folders_of_parts() -> dict[str, Path]:
     """Return the folder of each package in which modules are compiled, by the package's name, and import none of them.
 
