@@ -44,10 +44,11 @@ class ProcessorWait:
 
     def __init__(self) -> None:
         """Raises OSError where the system keeps no account."""
-        self._descriptor = os.open("/proc/thread-self/schedstat", os.O_RDONLY | os.O_CLOEXEC)
+        self._descriptor = os.open("/proc/thread-self/schedstat", os.O_RDONLY)
 
     def __call__(self) -> int:
-        return int(os.pread(self._descriptor, 64, 0).split()[1])
+        os.lseek(self._descriptor, 0, os.SEEK_SET)
+        return int(os.read(self._descriptor, 64).split()[1])
 
     def __del__(self) -> None:
         with suppress(AttributeError):  # it was not opened
