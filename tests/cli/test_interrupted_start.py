@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from cogrip.cli import main as command
+from cogrip.protocol.io.platform import system
 
 from tests.cli.command import Cogrip
 
@@ -66,3 +67,21 @@ def test_an_error_of_its_own_is_no_interrupt(cogrip: Cogrip, monkeypatch: pytest
     monkeypatch.setattr(command, "show_docstrings", lambda *_: None)
     with pytest.raises(ImportError, match="no module"):
         cogrip("runs")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_process_that_ignores_the_end_of_others_is_not_ended_before_it_does(number: signal.Signals) -> None:
+    program = (
+        f"import os; os.kill(os.getpid(), {number:d})\n"
+        "from cogrip.protocol.io.platform import system\n"
+        "system.ignore_end_signals()\n"
+        f"os.kill(os.getpid(), {number:d})\n"
+        "import signal; print('on', signal.pthread_sigmask(signal.SIG_BLOCK, ()))\n"
+    )
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    with system.end_signals_held():
+        started = subprocess.Popen([sys.executable, "-P", "-c", program], stdout=subprocess.PIPE, text=True)
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
+    assert started.communicate(timeout=100)[0] == "on set()\n"
+    assert started.returncode == 0
