@@ -339,7 +339,7 @@ _WHOSE = {
         "as in [coupling]",
     ),
 }  # fmt: skip
-_EMPTY = (None, "", [], (), {})
+_EMPTY: tuple[Any, ...] = (None, "", [], (), {})
 _SHORT = 8  # letters of a number that stands as it is
 
 
