@@ -25,7 +25,7 @@ from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.hand_settings import parsed, unfit
 from cogrip.protocol.io import pacing
 from cogrip.protocol.io.platform import system, time
-from cogrip.protocol.io.realtime import NAMES, Measure, engage, release
+from cogrip.protocol.io.realtime import NAMES, Measure, engage, processor_wait, release
 from cogrip.protocol.io.recorder import Recorder, open_recorder
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import LinkProfile
@@ -111,7 +111,9 @@ class LiveClient:
         self._exchange.half_tick_ns = round(0.5e9 * seat.rates.tick_s)
         device = self.device = first_axes(self.device, seat.object.axes)
         spared = not self.allow_unstable
-        supervised = SupervisedDevice(device, core, seat.rates.device_hz, time.monotonic_ns, spared=spared)
+        supervised = SupervisedDevice(
+            device, core, seat.rates.device_hz, time.monotonic_ns, processor_wait(), spared=spared
+        )
         recorder = None
         try:
             try:

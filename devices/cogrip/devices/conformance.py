@@ -370,8 +370,8 @@ def _judged(subject: Subject) -> tuple[dict[str, list[Sample]], int]:
 
 def _outside(record: Capability, position_m: Sequence[float]) -> str:
     """Return that a position must be inside the workspace, in millimetres, and what to do."""
-    box = " x ".join(f"{1e3 * low:.0f} to {1e3 * high:.0f}" for low, high in record.workspace_m)
-    at = ", ".join(f"{1e3 * part:.0f}" for part in position_m)
+    box = " x ".join(f"{1e3 * low:z.0f} to {1e3 * high:z.0f}" for low, high in record.workspace_m)
+    at = ", ".join(f"{1e3 * part:z.0f}" for part in position_m)
     return f"inside the workspace of {box} mm, and it is at ({at}) mm: move it into mid-range, and try again"
 
 

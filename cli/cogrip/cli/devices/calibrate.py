@@ -46,7 +46,7 @@ def device_calibrate(address: str, /, *, yes: bool = False, damping: bool = Fals
         calibration = arm.calibrate(_now())
         path = CalibrationStore().keep(calibration)
     home = arm.model.kinematics.forward(arm.model.drive.angles(arm.model.home_counts))
-    where = "" if home is None else f"; the tip of the home pose is at ({', '.join(f'{at:.3f}' for at in home)}) m"
+    where = "" if home is None else f"; the tip of the home pose is at ({', '.join(f'{at:z.3f}' for at in home)}) m"
     console.print(f"{calibration.model} is calibrated{where}")
     if not calibration.stamp:
         console.print(

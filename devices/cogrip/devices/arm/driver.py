@@ -243,7 +243,7 @@ class ArmDevice(Driver):
         if position is None or not isfinite(add_floats(position)):
             raise self._lost(f"the linkage does not close at counts {reading.raw}, so they are wrong")
         if not model.inside(position) and self._pose is not None and self._pose.kind != "none":
-            where = ", ".join(f"{value:.3f}" for value in position)
+            where = ", ".join(f"{value:z.3f}" for value in position)
             raise self._error(
                 f"the tip is at ({where}) m, outside its workspace of {model.reach_m:g} m; move it inside, and arm again"
             )
