@@ -41,16 +41,16 @@ def test_axes_are_those_that_have_motors(model: str) -> None:
     assert most == axes_of(model) == (6 if model in WRISTS else 4 if model in GRIPPERS else 3)
     assert make(address, axes=most).capability.axes == most
     if model not in WRISTS:
-        refused_words = f"axes=6: model={model} has no wrist with motors; state one of delta6"
+        refused_words = f"axes=6 is out of 1 to 3: model={model} has no wrist with motors; such are delta6"
         with pytest.raises(DeviceError, match=refused_words):
             make(address, axes=6)
     if model not in GRIPPERS:
-        with pytest.raises(DeviceError, match=f"axes=4: model={model} has no gripper with force"):
+        with pytest.raises(DeviceError, match=f"axes=4 is out of 1 to 3: model={model} has no gripper with force"):
             make(address, axes=4)
 
 
 def test_a_model_that_is_not_stated_has_no_torques() -> None:
-    with refused("axes=6: no model is stated"):
+    with refused("axes=6 is out of 1 to 3: no model is stated"):
         make("forcedimension:0", axes=6).open(RATE_HZ)
     with refused("axes=5 is out of 1 to 4"):
         make("forcedimension:0?model=delta6", axes=5).open(RATE_HZ)

@@ -75,9 +75,8 @@ def record_of(model: str, axes: int, where: str) -> Capability:
         known, what = _NEEDED[axes]
         if model not in known:
             named = f"model={model} has no" if model else "no model is stated, and not each has a"
-            raise DeviceError(
-                f"{where}: axes={axes}: {named} {what}; state one of {', '.join(known)}, or 1 to {PLACES} axes"
-            )
+            such = ", ".join(known)
+            raise DeviceError(f"{where}: axes={axes} is out of 1 to {PLACES}: {named} {what}; such are {such}")
     if axes == POSE_AXES:
         return replace(record, axes=axes, rotation=WRIST)
     return replace(record, axes=axes, gripper=GRIPPER) if axes == GRIP_AXES else record.first(axes)
