@@ -48,6 +48,8 @@ LATEST_TICKS = 9
 DOUBT = 1.3
 OTHERS = 0.35  # of the rest that a decoy leaves, at most, where the push has made the motion
 QUIET = 0.12  # and where it made nearly all of it, so that gain and delay can be told
+HASTY = 0.1  # and where the hand goes further than STEADY_M meanwhile: its haste may look like a push
+STEADY_M, SWINGS = 0.006, 3.0
 CROSS = 0.5  # of the largest gain, at least that of a motion along the axis itself
 MOST_GAIN = 1.5
 TOLD_TICKS = 2  # of l, from which on samples are said to be late
@@ -90,12 +92,16 @@ class _Push:
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """Rests [m^2], shape (lags, grid, axes), gains (lags, grid, i, j), least rest of each axis with decoys; pushed_n."""
+    """Rests [m^2], shape (lags, grid, axes), gains (lags, grid, i, j), least rest of each axis with decoys; pushed_n.
+
+    slow_m  how far p goes along each axis, beyond what the push may have made of it by a swing in a loose hand
+    """
 
     rests: Array
     gains: Array
     decoys: Array
     pushed_n: float
+    slow_m: Array
 
 
 def try_motors(device: Device, clock: Clock, rate_hz: int) -> Tried:
@@ -188,14 +194,21 @@ def _fitted(push: _Push, record: Capability, rate_hz: int) -> _Fit | None:
         return None
     ticks, places = found
     slow = _slow(ticks.astype(float))
-    places = places - slow @ (slow.T @ places)
+    hand = slow @ (slow.T @ places)
+    places = places - hand
     floor = len(ticks) * max(record.resolution_m, 1e-7) ** 2 / 12.0
     rests, gains = _rests(push.forces, ticks, places, slow, record.apparent_mass_kg, rate_hz)
     decoys = [
         _rests(_decoy(strokes, push.forces, pushed_n), ticks, places, slow, record.apparent_mass_kg, rate_hz)[0]
         for strokes in DECOYS
     ]
-    return _Fit(rests + floor, gains, np.min(decoys, axis=(0, 1, 2)) + floor, pushed_n)
+    return _Fit(
+        rests + floor,
+        gains,
+        np.min(decoys, axis=(0, 1, 2)) + floor,
+        pushed_n,
+        np.ptp(hand, axis=0) - SWINGS * np.ptp(places, axis=0),
+    )
 
 
 def _decoy(strokes: Sequence[str], forces: Array, pushed_n: float) -> Array:
@@ -256,12 +269,13 @@ def _exponential(matrices: Array) -> Array:
 
 
 class _Answer:
-    """Motion along one axis in one push. others: least rest as a share of that of the best decoy."""
+    """Motion along one axis in one push. others: least rest as a share of that of the best decoy; made: by the push."""
 
     def __init__(self, fit: _Fit, axis: int) -> None:
         self.axis = axis
         rests = fit.rests[..., axis]
         self.others = float(rests.min() / fit.decoys[axis])
+        self.made = self.others <= (OTHERS if fit.slow_m[axis] <= STEADY_M else HASTY)
         self.costs = rests / rests.min()
         self._gains = fit.gains[:, :, axis]
         good = self._gains[self.costs <= DOUBT]
@@ -302,7 +316,7 @@ def judge(fits: Sequence[_Fit], record: Capability, axes: int) -> Tried:
         min((_Answer(fit, axis) for fit in fits), key=lambda answer: answer.others, default=None)
         for axis in range(axes)
     ]
-    known = [answer for answer in found if answer and answer.others <= OTHERS and answer.told]
+    known = [answer for answer in found if answer and answer.made and answer.told]
     faults = [text for answer in known if (text := answer.fault(names))]
     blind = [name for name, answer in zip(names, found, strict=True) if answer not in known]
     unknown = [f"{', '.join(blind)}: held firmly, moved by something else, or without power"] if blind else []
