@@ -69,7 +69,7 @@ def bench_thresholds(
     answers: int = 200,
     track: int = 50,
     method: Method = "1-up-2-down",
-    catch_every: int = 6,
+    catch_every: int = 4,
     slopes: Annotated[Sequence[float], Parameter(consume_multiple=True)] = (1.0, 1.3, 2.0, 3.5, 4.0),
     lapses: Annotated[Sequence[float], Parameter(consume_multiple=True)] = (0.0, 0.02, 0.05),
 ) -> int:
