@@ -17,6 +17,7 @@ the motion nearly as well, something else made it, and nothing is known.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,7 +132,7 @@ def try_motors(device: Device, clock: Clock, rate_hz: int) -> Tried:
 
 def _share_n(share: float, record: Capability, axes: int) -> float:
     """Return the force along each axis [N] of a push with this share of the peak force."""
-    return min(MOST_N, share * record.peak_force_n / axes**0.5)
+    return min(MOST_N, share * record.peak_force_n / sqrt(axes))
 
 
 def _push(device: Device, clock: Clock, tick: int, pushed_n: float, axes: int) -> tuple[_Push, int]:
