@@ -146,7 +146,7 @@ def test_one_that_says_of_itself_that_it_has_no_motors_is_refused(sdk, model: st
 
 @pytest.mark.parametrize(("model", "left"), [("omega7", 0), ("sigma7", 0), ("omega7", 1)])
 def test_a_gripper_is_loaded_as_it_opens(sdk, model: str, left: int) -> None:
-    """A force that loads fingers that open pushes the gripper shut: against the number that opens it, of a left-handed one with it."""
+    """A force that loads fingers as they open closes the gripper: against the number that opens it, left-handed with it."""
     sdk.lib.stub_left(0, left)
     device = gripper(sdk, model)
     assert device.read(5).position_m[3] == 0.012
