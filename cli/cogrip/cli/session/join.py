@@ -10,6 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
+from cogrip.cli.devices.tried_response import try_before_seat
 from cogrip.cli.runs.run_folder import leave_files, live_run_folder
 from cogrip.cli.session.before_run import AllowUnstable, refuse_hardware
 from cogrip.cli.session.front_ends import FoxgloveOrigins
@@ -85,6 +86,7 @@ def join(
     clutched: Annotated[bool, Parameter(negative="")] = False,
     quiet: Quiet = False,
     allow_unstable: AllowUnstable = False,
+    trial: bool = True,
 ) -> int:
     """Take a seat and hold the object until Ctrl-C, SIGTERM, --seconds, the end of a replay, or the server's goodbye.
 
@@ -147,6 +149,9 @@ def join(
         terminal, no elsewhere.
     clutched
         Begin with the clutch held: hand and tool move nothing until `c` and Enter engages.
+    trial
+        Try the motors before the seat is taken, with a few per cent of the peak force for 1.2 s; a wrong sign, swapped axes, a
+        gain that is too large and samples that are too late are refused. The recording tells where it is left out.
     """
     above_zero("--seconds", seconds)
     above_zero("--resume-s", resume_s)
@@ -176,6 +181,7 @@ def join(
         flags = as_flags(
             room=room, config=config, set=overrides, axes=axes, runs=runs, into=into, report=report, record=record,
             resume_s=resume_s, rearm=rearms, insecure=insecure, allow_unstable=allow_unstable, browser=browser,
+            trial=trial,
         )  # fmt: skip
         shown_by = ["--view", *replace(page, browser=True).flags()] if view else []
         return join_two(typed_target, devices, flags, name, clutched, shown_by, seconds, stop, console)
@@ -187,9 +193,10 @@ def join(
         device = child.linked(device) if child else device
         device = with_playback(device, speed=speed, loop=loop, start_s=start_s, stop_s=stop_s)
         _refuse_hardware(allow_unstable, settings, name, device)
-        arm, address = make_joined(settings, name, device, axes)
-        address = public(address)
+        arm, held = make_joined(settings, name, device, axes)
+        address = public(held)
         warnings = check_hand(lambda: make_joined(settings, name, device, axes), address, name, seconds)
+        tried = try_before_seat(held, console.print, wanted=trial)
         with (
             on_signals(stop),
             closing(target.paths(insecure)) as paths,
@@ -210,6 +217,7 @@ def join(
                 arm, target.player(arm.capability, address), paths, stop, say, LinkEmulator, files.record_at, seconds, rearms,
                 partial(judge_seat, address, allow_unstable, files.warn), partial(played_out, arm), allow_unstable, clutched,
                 None, arm if settings and settings.task.together and isinstance(arm, SimulatedDevice) else None, resume_s,
+                tried,
             )  # fmt: skip
             try:
                 ended = client.run()
@@ -293,7 +301,7 @@ def _finish(
     if folder is not None:
         with suppress(OSError):  # the server has it as well; where it has not, the missing part is named
             write_account(folder, ended.seat.user, ended.account)
-    summary = of_client(ended.seat, ended.account, ended.farewell, ended.seconds, ended.counts)
+    summary = of_client(ended.seat, ended.account, ended.farewell, ended.seconds, ended.counts, ended.trial)
     user, well = ended.seat.user, succeeded(summary)
     if counts := counted(ended.counts):
         warnings.append(f"{user}: dealt with: {counts}")

@@ -28,7 +28,7 @@ LOOK_EVERY_S = 0.02
 NO_SUCH_SEAT = "no seat is kept for "
 _SEATED = re.compile(r"(.+) holds \S+ in room ")
 _OVER = re.compile(r".+: the session (broke off|is over), no force is left")
-_NEGATABLE = ("report", "record", "rearm", "browser")
+_NEGATABLE = ("report", "record", "rearm", "browser", "trial")
 _FAULT, _REARMED = "fault, force released: ", "re-armed: "
 
 
