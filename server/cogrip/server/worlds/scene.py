@@ -31,7 +31,7 @@ from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.equality_rows import EqualityRows
 from cogrip.server.worlds.opening_ports import OpeningPorts
-from cogrip.server.worlds.scene_bodies import SceneBodies
+from cogrip.server.worlds.scene_bodies import SceneBodies, Workspace
 from cogrip.server.worlds.scene_contacts import SceneContacts
 from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.scene_grips import grip_of
@@ -78,7 +78,8 @@ class SceneWorld(SceneMeasures):
         self._driven_axes = np.ones((len(seats), self.axes), dtype=bool)
         self._driven_axes[:, PLACES:] = [[tool.driven or tool.opening >= 0] for tool in scene.tools]
         self._grips = [grip_of(model, tool) for tool in scene.tools]
-        self._free_bodies = SceneBodies(scene, any(grip.tied for grip in self._grips))
+        self.workspace = Workspace(model)
+        self._free_bodies = SceneBodies(scene, self.workspace, any(grip.tied for grip in self._grips))
         self._zero = model.qpos0[self._places]  # coordinates of a hand at 0
         start = np.array([model.body_pos[tool.body] for tool in scene.tools])
         self._from_object = self.object.start - start  # to a hand's own frame, as long as _zero is as it is now
@@ -123,6 +124,19 @@ class SceneWorld(SceneMeasures):
     def orientation(self) -> Array:
         """Quaternion w, x, y, z of the object."""
         return self.object.orientation
+
+    @property
+    def left_workspace(self) -> bool:
+        return not self.workspace.has(self._object_at)
+
+    @property
+    def out_of_reach(self) -> bool:
+        return not self.workspace.reaches(self._object_at)
+
+    @property
+    def _object_at(self) -> Array:
+        """Place of the object in the world; where there is none it is always within."""
+        return self.object.at if self.object.there else self.workspace.middle
 
     def geoms(self) -> Sequence[Shape]:
         return self._shapes
@@ -308,7 +322,7 @@ class SceneWorld(SceneMeasures):
             self._equalities.correct(data)
             self._warm.extrapolate(data)
             mujoco.mj_step2(model, data)
-            check_rates(data)
+            check_rates(model, data)
             rate[:, :PLACES] = data.qvel[dofs]
             if turning:
                 rate[turning, PLACES:] = data.qvel[self.turning.dofs]

@@ -28,6 +28,12 @@ class SceneObject:
         self.start: Array = model.qpos0[self._places].copy() if self.there else np.zeros(3)
         self._unturned = model.qpos0[self._quaternion].tolist() if self.there else UNTURNED
 
+    @property
+    def at(self) -> Array:
+        """Place in the world [m]."""
+        found: Array = self._data.qpos[self._places]
+        return found
+
     def place(self, axes: int) -> Array:
         """Return where it is, shape (axes,)."""
         place = np.zeros(axes)
