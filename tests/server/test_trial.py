@@ -15,7 +15,7 @@ from cogrip.server.io.platform import FORKS
 from cogrip.server.io.trial import TrialError, tried
 from cogrip.server.worlds import scene_file
 from cogrip.server.worlds.scene_file import Held, make_scene
-from cogrip.server.worlds.scene_text import SceneError
+from cogrip.server.worlds.scene_text import SceneError, scene_of
 
 from tests.server.scene_worlds import SCENES, SHIPPED
 
@@ -107,7 +107,7 @@ def test_whatever_mujoco_raises_is_a_line(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(scene_file, "_compile", fail)
     with pytest.raises(SceneError, match=r"^scene: does not load: Caught an unknown exception!; make it smaller"):
-        scene_file._load(scene(), {}, SEATS, STEP, set(), "scene", "")
+        scene_file._load(scene_of(scene(), "scene"), SEATS, STEP, "", (), "")
 
 
 # The child process -----------------------------------------------------------------------------------------------------

@@ -152,7 +152,8 @@ def test_any_body_of_a_scene_may_leave_and_one_beyond_reach_is_put_back(tmp_path
 def test_the_workspace_of_a_large_scene_is_its_extent_and_a_cart_on_a_rail_may_leave_it(tmp_path: Path) -> None:
     """Its extent is 2 m, about its middle: a cart that starts at 0.9 m leaves after 1.1 m, and not after 0.5 m."""
     cart = (
-        '<body name="cart" pos=".9 .5 .5" gravcomp="1"><joint name="rail" type="slide" axis="1 0 0"/><geom size=".05" mass="1"/></body>'
+        '<body name="cart" pos=".9 .5 .5" gravcomp="1"><joint name="rail" type="slide" axis="1 0 0"/>'
+        '<geom size=".05" mass="1"/></body>'
         '<geom type="box" size="1 .01 .01" pos="0 1 .5"/></worldbody>'
         '<statistic center="0 0 0" extent="2"/><worldbody>'
     )

@@ -17,14 +17,15 @@ _POSE, _RATES = 7, 6  # coordinates and rates of a free joint
 class Workspace:
     """Cube about the scene's middle (`statistic` of MJCF) in which its bodies are expected.
 
-    half_m: the scene's extent, or more where a body would have less than WORKSPACE_M from its start. Beyond reach is as many times
-    that as REACH_M is WORKSPACE_M.
+    half_m: the scene's extent, or more where a body would have less than WORKSPACE_M from its start. Beyond reach is as many
+    times that as REACH_M is WORKSPACE_M.
     """
 
-    def __init__(self, model: mujoco.MjModel) -> None:
+    def __init__(self, scene: Scene) -> None:
+        model = scene.model
         self.middle: Array = model.stat.center.copy()
         free = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
-        starts = np.abs(model.body_pos[free] - self.middle)
+        starts = np.abs(scene.start.data(model).xpos[free] - self.middle)
         self.half_m = max(float(model.stat.extent), float(starts.max(initial=0.0)) + WORKSPACE_M)
         self._reach_m = self.half_m * REACH_M / WORKSPACE_M
 
@@ -44,8 +45,8 @@ class Workspace:
 class SceneBodies:
     """Watches the bodies that move in the world by joints of their own, and what hangs on them with them.
 
-    One that left the workspace is told once; a free one beyond reach goes back, at rest. Where a tool is tied to something, none is
-    put back: what ties it could be stretched by that.
+    One that left the workspace is told once; a free one beyond reach goes back, at rest. Where a tool is tied to something,
+    none is put back: what ties it could be stretched by that.
     """
 
     def __init__(self, scene: Scene, workspace: Workspace, tied: bool) -> None:
@@ -63,8 +64,7 @@ class SceneBodies:
         self._free = np.array([model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE for joint in joints], dtype=bool)
         self._first = [int(model.jnt_qposadr[joint]) for joint in joints]
         self._dofs = [int(model.jnt_dofadr[joint]) for joint in joints]
-        start = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, start)
+        start = scene.start.data(model)
         self._start, self._places = start.qpos.copy(), start.xpos[self._bodies]
         self._left = np.zeros(len(joints), dtype=bool)
 

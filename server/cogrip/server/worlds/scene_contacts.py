@@ -71,8 +71,7 @@ class SceneContacts:
         self._reads = 0
         self._lifted_m, self._lifted = 0.0, 0  # frames
         self._lifted_slip_m, self._at_lift = 0.0, [0.0] * len(self._tools)
-        start = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, start)
+        start = scene.start.data(model)
         self._height, self._turned = float(start.xpos[self._object, 2]), start.xmat[self._object].tolist()
         self._trace = 3.0  # least of that of the object's rotation from its start
         self.forget()

@@ -11,11 +11,10 @@ choose how a step is solved (`Scene.changed`): with other integrators, or a solv
 """
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
-from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,7 +27,8 @@ from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import shown
 from cogrip.server.io.trial import MEMORY_BYTES, TrialError, tried
 from cogrip.server.worlds.scene_places import CLEAR_M, place_tools
-from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, read_meshes, read_text, scan
+from cogrip.server.worlds.scene_start import Start, names_of, start_of
+from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, SceneFiles, listed, read_scene, scene_of
 
 MOST_CONTACTS = 8  # of a tool whose forces are measured, the strongest ones
 MOST_ITERATIONS = 1000  # of any solver in a step, and of its starting points: what does not converge goes on for ever
@@ -39,6 +39,7 @@ MOST_FAR_M = 1e4  # of a body from the middle, and of a geom from its own
 TOOLS = ("pad", "ball", "box", PINCH)
 """Tools that are added; `tool = ""` is the first."""
 TOOL_KG = 0.05
+MOCAP_M = 0.01  # radius of the ball whose inertia a mocap body has as a tool
 APART_M = 0.05  # between added tools of one side
 FINGER_M, FINGER_APART_M = (
     0.004,
@@ -126,20 +127,24 @@ class Tool:
 class Scene:
     """A compiled scene.
 
+    start   where its own bodies begin, and what its actuators do
     tools   one for each seat
-    digest  of its text, meshes and tools
+    digest  of its files, tools and start
     object  body whose motion is that of the room's object: the first free one that is no tool; -1: there is none
     filled  contact settings that were applied, as the scene sets none
     own     those that the scene sets itself: what they do about energy is theirs
     changed those that the scene sets, and that do not hold: with what it sets, and what was taken
+    unused  what the scene has and nothing of a room uses, each with what would use it
     """
 
     model: mujoco.MjModel
+    start: Start
     tools: tuple[Tool, ...]
     object: int
     filled: tuple[str, ...]
     own: tuple[str, ...]
     changed: tuple[str, ...]
+    unused: tuple[str, ...]
     digest: str
 
 
@@ -161,27 +166,41 @@ def held_by(settings: Settings) -> list[Held]:
     ]
 
 
-def load_scene(path: Path, seats: Sequence[Held], step_s: float) -> Scene:
-    """Return the scene of a file for these seats. Raises SceneError."""
-    return make_scene(read_text(path), seats, step_s, path.name, path.parent)
+def scene_of_settings(settings: Settings, frame_s: float) -> Scene:
+    """Return the scene of a room. Raises SceneError."""
+    given = settings.object
+    folder = Path(given.folder) if given.folder else None
+    files = read_scene(Path(given.file), folder)
+    return _made(files, held_by(settings), frame_s / given.substeps, given.keyframe, given.ctrl)
 
 
-def make_scene(
-    text: str, seats: Sequence[Held], step_s: float, name: str = "scene", folder: Path | None = None
-) -> Scene:
-    """Return the scene of an XML text. step_s: of one substep; name: of the file, for errors; folder: of its meshes.
+def load_scene(
+    path: Path, seats: Sequence[Held], step_s: float, folder: Path | None = None, keyframe: str = "",
+    ctrl: Sequence[float] = (),
+) -> Scene:  # fmt: skip
+    """Return the scene of a file for these seats. Raises SceneError.
 
-    It is loaded and stepped in a child process first, under limits, once in this process for each text. Raises SceneError.
+    folder: of its files, None for its own; keyframe, ctrl: as [object] of the settings has them
     """
-    found = scan(text, name)
-    meshes = read_meshes(found, folder, name)
-    digest = _digest(text, meshes, seats, step_s)
-    load = partial(_load, text, meshes, tuple(seats), step_s, found.options, name, digest[:DIGEST_DIGITS])
+    return _made(read_scene(path, folder), seats, step_s, keyframe, ctrl)
+
+
+def make_scene(text: str, seats: Sequence[Held], step_s: float, name: str = "scene") -> Scene:
+    """Return the scene of an XML text, which names no files. step_s: of one substep; name: for errors. Raises SceneError."""
+    return _made(scene_of(text, name), seats, step_s)
+
+
+def _made(
+    files: SceneFiles, seats: Sequence[Held], step_s: float, keyframe: str = "", ctrl: Sequence[float] = ()
+) -> Scene:
+    """Return the scene. It is loaded and stepped in a child process first, under limits, once here for each text."""
+    digest = _digest(files, seats, step_s, keyframe, ctrl)
+    load = partial(_load, files, tuple(seats), step_s, keyframe, tuple(ctrl), digest[:DIGEST_DIGITS])
     if digest not in _tried:
         try:
-            refusal = tried(partial(_refusal, load, name))
+            refusal = tried(partial(_refusal, load, files))
         except TrialError as error:
-            raise SceneError(f"{name}: {error}; make it smaller") from None
+            raise SceneError(f"{files.name}: {error}; make it smaller") from None
         if refusal:
             raise SceneError(refusal)
         _tried.add(digest)
@@ -192,91 +211,143 @@ _tried: set[str] = set()
 """Whole digests of scenes that passed their trial in this process."""
 
 
-def _refusal(load: Callable[[], Scene], name: str) -> str:
+def _refusal(load: Callable[[], Scene], files: SceneFiles) -> str:
     """Return why a scene cannot be used, "" where it can: it loads, and its first steps stay within bounds."""
     try:
-        _try_steps(load().model, name)
+        _try_steps(load(), files.name)
     except SceneError as error:
         return str(error)
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
-        return str(_unloadable(error, name))
+        return str(_unloadable(error, files))
     return ""
 
 
 def _load(
-    text: str, meshes: Mapping[str, bytes], seats: Sequence[Held], step_s: float, options: set[str], name: str, digest: str
-) -> Scene:  # fmt: skip
+    files: SceneFiles, seats: Sequence[Held], step_s: float, keyframe: str, ctrl: Sequence[float], digest: str
+) -> Scene:
     """Return the scene, from arguments that can be pickled. Raises SceneError, whatever MuJoCo makes of the text."""
     mujoco.set_mju_user_warning(_counted)
+    name, options = files.name, files.options
     try:
-        spec = mujoco.MjSpec.from_string(text, assets=dict(meshes))
+        spec, vfs = _parsed(files)
         spec.compiler.usethread = False  # each thread would take memory of its own
-        bare = _compile(spec)
+        bare = _compile(spec, vfs)
+        begun = start_of(bare, keyframe, ctrl, name)
+        for key in list(spec.keys):
+            spec.delete(key)  # whose sizes would not be those of the scene with its tools
         _free_masses(spec)
         changed = _solved(spec, options)
         filled, own = _complete(spec, options, step_s)
-        bodies = {body.name for body in spec.bodies[1:] if body.name}
-        chosen = [
-            held.tool if held.tool in bodies else _added(held.tool, seat, bodies, name)
-            for seat, held in enumerate(seats)
-        ]
-        object_m, radius_m = _object(bare, {held.tool for held in seats if held.tool in bodies})
-        for seat, (held, body) in enumerate(zip(seats, chosen, strict=True)):
-            if body not in bodies:
-                sign = -1.0 if held.side == "left" else 1.0
-                before = [each for each in range(seat) if seats[each].side == held.side and chosen[each] not in bodies]
-                place = object_m + np.array([sign * (radius_m + CLEAR_M), APART_M * len(before), 0.0])
-                _add_tool(spec, body, held, place.tolist())
+        chosen = _choose_tools(spec, bare, begun, seats, name)
         for body in chosen:
             _add_sensor(spec, body)
-        model = _compiled(spec, chosen)
-        _weigh(model, bare)
-        added = [
-            (model.body(body).id, held.side) for body, held in zip(chosen, seats, strict=True) if body not in bodies
-        ]
-        place_tools(model, added, _first_free(model, {model.body(body).id for body in chosen}), name)
-        if model.nv >= SPARSE_FROM and "jacobian" not in options:
-            model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
-            if max(model.body_geomnum) <= MOST_TRIED_GEOMS:
-                model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
+        model = _compiled(spec, vfs, chosen)
+        ids = [model.body(body).id for body in chosen]
+        taken = {body for body in ids if body < bare.nbody and bare.body_mocapid[body] >= 0}
+        _weigh(model, bare, taken)
+        start = start_of(bare, keyframe, ctrl, name, model, {*taken, *range(bare.nbody, model.nbody)})
+        added = [(body, held.side) for body, held in zip(ids, seats, strict=True) if body >= bare.nbody]
+        place_tools(model, start, added, _first_free(model, set(ids)), name)
+        if "jacobian" not in options:
+            _suit_crowd(model)
     except SceneError:
         raise
     except Exception as error:  # noqa: BLE001 - MuJoCo raises RuntimeError and others for texts that it did not foresee
-        raise _unloadable(error, name) from None
+        raise _unloadable(error, files) from None
     _refuse_endless(model, name)
-    if model.na or model.nplugin:
-        what = "actuators with states of their own" if model.na else "plugins"
-        raise SceneError(f"{name}: has {what}, whose energy is not counted; leave them out")
+    if model.nplugin:
+        raise SceneError(f"{name}: has plugins, whose energy is not counted; leave them out")
     tools = tuple(_tool(model, body, held, name) for body, held in zip(chosen, seats, strict=True))
     if len({tool.body for tool in tools}) < len(tools):
         twice = next(body for body in chosen if chosen.count(body) > 1)
         raise SceneError(f"{name}: two seats have the tool {twice!r}; name a body for each, or leave one out")
-    return Scene(model, tools, _first_free(model, {tool.body for tool in tools}), filled, own, changed, digest)
+    unused = _unused(files, bare, taken, bool(keyframe), bool(keyframe or ctrl))
+    free = _first_free(model, {tool.body for tool in tools})
+    return Scene(model, start, tools, free, filled, own, changed, unused, digest)
 
 
-def _digest(text: str, meshes: Mapping[str, bytes], seats: Sequence[Held], step_s: float) -> str:
+def _choose_tools(
+    spec: mujoco.MjSpec, bare: mujoco.MjModel, begun: Start, seats: Sequence[Held], name: str
+) -> list[str]:
+    """Return the name of each seat's tool, after adding those that are to be added beside the object. Raises SceneError."""
+    bodies = {body.name for body in spec.bodies[1:] if body.name}
+    own = [held.tool in bodies for held in seats]
+    for held, is_own in zip(seats, own, strict=True):
+        if is_own and spec.body(held.tool).mocap:
+            _take_mocap(spec, held, bare, begun)
+    object_m, radius_m = _object(bare, begun, {held.tool for held, is_own in zip(seats, own, strict=True) if is_own})
+    chosen, beside = [], {"left": 0, "right": 0}
+    for seat, (held, is_own) in enumerate(zip(seats, own, strict=True)):
+        chosen.append(held.tool if is_own else _added(held.tool, seat, bodies, name))
+        if not is_own:
+            sign = -1.0 if held.side == "left" else 1.0
+            place = object_m + np.array([sign * (radius_m + CLEAR_M), APART_M * beside[held.side], 0.0])
+            beside[held.side] += 1
+            _add_tool(spec, chosen[-1], held, place.tolist())
+    return chosen
+
+
+def _suit_crowd(model: mujoco.MjModel) -> None:
+    """Let the solver of a large scene have sparse matrices, and no search in trees of few geoms."""
+    if model.nv >= SPARSE_FROM:
+        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
+        if max(model.body_geomnum) <= MOST_TRIED_GEOMS:
+            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
+
+
+def _parsed(files: SceneFiles) -> tuple[mujoco.MjSpec, mujoco.MjVfs]:
+    """Return the scene as its author has it, and the files with which it is to be compiled."""
+    vfs, root = mujoco.MjVfs(), files.root
+    for path, data in files.files.items():
+        vfs[root + path] = data
+    return mujoco.MjSpec.from_file(root + files.main, vfs=vfs), vfs
+
+
+def _unused(
+    files: SceneFiles, bare: mujoco.MjModel, taken: Collection[int], begun: bool, controlled: bool
+) -> tuple[str, ...]:
+    """Return what a scene has and nothing uses. taken: mocap bodies that are tools; begun, controlled: what settings say."""
+    unused = []
+    if names := files.discarded:
+        count = f"{len(names)} mesh file{'s' if len(names) > 1 else ''}"
+        unused.append(f"{count} that a URDF shows ({listed(names)})")
+    if bare.nkey and not begun:
+        unused.append(f"keyframes ({listed(names_of(bare, bare.nkey, 'key'))}): name one as object.keyframe")
+    mocaps = [body for body in range(bare.nbody) if bare.body_mocapid[body] >= 0 and body not in taken]
+    if mocaps:
+        names = [bare.body(body).name or f"body {body}" for body in mocaps]
+        unused.append(f"mocap bodies stay where they are ({listed(names)}): name one as a person's tool")
+    if bare.nu and not controlled:
+        names = names_of(bare, bare.nu, "actuator")
+        unused.append(f"ctrl of actuators stays 0 ({listed(names)}): set object.ctrl, or a keyframe that has it")
+    return tuple(unused)
+
+
+def _digest(files: SceneFiles, seats: Sequence[Held], step_s: float, keyframe: str, ctrl: Sequence[float]) -> str:
     words = [f"{PINCH} {held.tool}" if held.grips else held.tool for held in seats]
     words += [held.side for held in seats] + [held.orientation for held in seats]
-    digest = sha256("\0".join([text, *words, str(step_s)]).encode())
-    for base, data in sorted(meshes.items()):
-        digest.update(f"\0{base}\0{len(data)}\0".encode() + data)
+    words += [str(step_s), *([keyframe, *map(str, ctrl)] if keyframe or ctrl else ())]
+    digest = sha256(b"\0".join([files.files[files.main], *[word.encode() for word in words]]))
+    for path, data in sorted(files.files.items()):
+        if path != files.main:
+            digest.update(f"\0{path}\0{len(data)}\0".encode() + data)
     return digest.hexdigest()
 
 
-def _compiled(spec: mujoco.MjSpec, tools: Sequence[str]) -> mujoco.MjModel:
+def _compiled(spec: mujoco.MjSpec, vfs: mujoco.MjVfs, tools: Sequence[str]) -> mujoco.MjModel:
     """Return the model of a scene whose tools' weight can be carried later: MuJoCo carries none where no body has it."""
     heavy = [spec.body(tool) for tool in tools if not spec.body(tool).gravcomp]
     for body in heavy:
         body.gravcomp = 1.0
-    model = _compile(spec)
+    model = _compile(spec, vfs)
     model.body_gravcomp[[body.id for body in heavy]] = 0.0
     return model
 
 
-def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
+def _compile(spec: mujoco.MjSpec, vfs: mujoco.MjVfs) -> mujoco.MjModel:
     """Return the model of a scene. MuJoCo would warn on standard error of textures that a mesh is to have, and nobody draws."""
     with warnings.catch_warnings(action="ignore", category=UserWarning):
-        return spec.compile()
+        return spec.compile(vfs)
 
 
 def _free_masses(spec: mujoco.MjSpec) -> None:
@@ -287,14 +358,14 @@ def _free_masses(spec: mujoco.MjSpec) -> None:
     compiler.inertiagrouprange = [0, mujoco.mjNGROUP - 1]
 
 
-def _weigh(model: mujoco.MjModel, bare: mujoco.MjModel) -> None:
-    """Give the scene's own bodies the masses that they have without tools, whose bodies are the last ones."""
-    own = range(bare.nbody)
+def _weigh(model: mujoco.MjModel, bare: mujoco.MjModel, taken: Collection[int]) -> None:
+    """Give the scene's own bodies, but for those `taken`, the masses that they have without tools, whose bodies are last."""
+    own = [body for body in range(bare.nbody) if body not in taken]
     keys = ("body_mass", "body_inertia", "body_ipos", "body_iquat")
-    if all(np.array_equal(getattr(model, key)[own], getattr(bare, key)) for key in keys):
+    if all(np.array_equal(getattr(model, key)[own], getattr(bare, key)[own]) for key in keys):
         return
     for key in keys:
-        getattr(model, key)[own] = getattr(bare, key)
+        getattr(model, key)[own] = getattr(bare, key)[own]
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
@@ -305,9 +376,10 @@ def _refuse_endless(model: mujoco.MjModel, name: str) -> None:
             raise SceneError(f"{name}: option {key} = {count} is more than {MOST_ITERATIONS}; leave it out")
 
 
-def _try_steps(model: mujoco.MjModel, name: str) -> None:
+def _try_steps(scene: Scene, name: str) -> None:
     """Raise SceneError for a scene with a number in it that is none, or huge; the child has limits for what takes too long."""
-    data = mujoco.MjData(model)
+    model = scene.model
+    data = scene.start.data(model)
     mujoco.mj_step(model, data)
     far_m = max(float(np.abs(data.xpos).max()), float(model.geom_rbound.max(initial=0.0)))
     if far_m > MOST_FAR_M:
@@ -325,16 +397,17 @@ def _counted(text: str) -> None:
     """Do nothing: MuJoCo would write its warnings to a file here. It counts them, and the world looks at its state."""
 
 
-def _unloadable(error: Exception, name: str) -> SceneError:
+def _unloadable(error: Exception, files: SceneFiles) -> SceneError:
     """Return one line of what MuJoCo says."""
-    words = shown(" ".join(str(error).split()).removeprefix("Error: ")) or type(error).__name__
+    said = " ".join(str(error).replace(files.root, "").split()).removeprefix("Error: ")
+    words = shown(said) or type(error).__name__
     cure = "; give the body a geom with mass, or an inertial" if "mjMINVAL" in words else ""
     if "allocate memory" in words or isinstance(error, RuntimeError | MemoryError):  # where a library of C++ found none
         cure = f"; make it smaller: a scene has {MEMORY_BYTES >> 20} MB"
-    return SceneError(f"{name}: does not load: {words}{cure}")
+    return SceneError(f"{files.name}: does not load: {words}{cure}")
 
 
-def _solved(spec: mujoco.MjSpec, options: set[str]) -> tuple[str, ...]:
+def _solved(spec: mujoco.MjSpec, options: Set[str]) -> tuple[str, ...]:
     """Set how a step is solved. Return what the scene sets and does not get."""
     changed = []
     for key, of in _SOLVED.items():
@@ -353,7 +426,7 @@ def _option_text(key: str, value: Any) -> str:
     return f"{value:g}"
 
 
-def _complete(spec: mujoco.MjSpec, options: set[str], step_s: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _complete(spec: mujoco.MjSpec, options: Set[str], step_s: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Set what the world needs, and contact where the scene leaves it as it comes. Returns what was filled in, and its own."""
     filled, own = [], []
     for key, value in _OPTION.items():
@@ -429,14 +502,37 @@ def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[f
         geoms = [_ball(body, 0.008, (0.0, y, z)) for y in (-0.012, 0.012) for z in (-0.012, 0.012)]
     else:
         geoms = [_ball(body, 0.01, (0.0, 0.0, 0.0))]
-    fresh = mujoco.MjSpec().worldbody.add_body()
-    for made, plain, keys in ((joints, fresh.add_joint(), _OF_JOINTS), (geoms, fresh.add_geom(), _OF_GEOMS)):
-        for each, key in product(made, keys):
-            setattr(each, key, getattr(plain, key))
+    for joint in joints:
+        _plain(joint, _OF_JOINTS)
     for geom in geoms:
+        _plain(geom, _OF_GEOMS)
         geom.mass = TOOL_KG / len(geoms)
         for key, value in _GEOM.items():
             setattr(geom, key, value)
+
+
+def _take_mocap(spec: mujoco.MjSpec, held: Held, bare: mujoco.MjModel, start: Start) -> None:
+    """Let a hand move a body that a program is to move: it gets joints along the world's axes, and an added tool's mass."""
+    body, number = spec.body(held.tool), int(bare.body_mocapid[bare.body(held.tool).id])
+    place, turned = start.mocap_pos[number], start.mocap_quat[number]
+    body.mocap, body.pos, body.quat = False, place, turned
+    body.explicitinertial, body.mass, body.gravcomp = True, TOOL_KG, 1.0
+    body.ipos, body.inertia = np.zeros(3), np.full(3, 0.4 * TOOL_KG * MOCAP_M**2)
+    if held.orientation in ("", "fixed"):
+        axes = np.zeros(9)
+        mujoco.mju_quat2Mat(axes, turned / np.linalg.norm(turned))
+        for axis in axes.reshape(3, 3):  # the world's, in the body's frame
+            _plain(body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis), _OF_JOINTS)
+    else:
+        _plain(body.add_freejoint(), _OF_JOINTS)
+
+
+def _plain(element: Any, keys: Sequence[str]) -> None:
+    """Give a new joint or geom MuJoCo's own values of these attributes, whatever the scene has for all."""
+    fresh = mujoco.MjSpec().worldbody.add_body()
+    plain = fresh.add_joint() if keys is _OF_JOINTS else fresh.add_geom()
+    for key in keys:
+        setattr(element, key, getattr(plain, key))
 
 
 def _ball(body: mujoco.MjsBody, radius_m: float, centre: Sequence[float]) -> mujoco.MjsGeom:
@@ -468,14 +564,16 @@ def body_of(scene: Scene, name: str) -> int:
     return body
 
 
-def _object(model: mujoco.MjModel, tools: set[str]) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], float]:
+def _object(
+    model: mujoco.MjModel, start: Start, tools: set[str]
+) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], float]:
     """Return where the object starts [m] and the radius of a ball around it; the world's middle where there is none."""
     body = _first_free(model, {model.body(tool).id for tool in tools})
     if body < 0:
         return np.zeros(3), 0.0
     geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == body]
     reach = [float(np.linalg.norm(model.geom_pos[geom]) + model.geom_rbound[geom]) for geom in geoms]
-    return model.body_pos[body].copy(), max(reach, default=0.0)
+    return start.data(model).xpos[body].copy(), max(reach, default=0.0)
 
 
 def _tool(model: mujoco.MjModel, body_name: str, held: Held, name: str) -> Tool:
@@ -484,7 +582,10 @@ def _tool(model: mujoco.MjModel, body_name: str, held: Held, name: str) -> Tool:
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     kinds = [model.jnt_type[joint] for joint in range(first, first + count)]
     root = model.body_parentid[body] == 0
-    straight = np.array_equal(model.jnt_axis[first : first + 3], np.eye(3)) and model.body_quat[body][0] == 1.0
+    turned = np.zeros(9)
+    mujoco.mju_quat2Mat(turned, model.body_quat[body])
+    axes = model.jnt_axis[first : first + count] @ turned.reshape(3, 3).T
+    straight = count == PLACES and np.allclose(axes, np.eye(3), rtol=0.0, atol=1e-12)
     if not (root and (kinds == _FREE or (kinds == _SLIDES and straight))):
         raise SceneError(
             f"{name}: body {body_name!r} cannot be a tool: it needs a free joint, or three slide joints along x, y and z "

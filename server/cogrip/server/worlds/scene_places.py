@@ -13,6 +13,7 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.protocol.setting_types import Side
+from cogrip.server.worlds.scene_start import Start
 from cogrip.server.worlds.scene_text import SceneError
 
 CLEAR_M = 0.03  # between an added tool's start and what it is to press
@@ -36,7 +37,7 @@ _OFFSETS_M = (
 _ASIDE_M = (0.0, 0.05, -0.05, 0.1, -0.1, 0.2, -0.2)
 
 
-def place_tools(model: mujoco.MjModel, tools: Sequence[tuple[int, Side]], target: int, name: str) -> None:
+def place_tools(model: mujoco.MjModel, start: Start, tools: Sequence[tuple[int, Side]], target: int, name: str) -> None:
     """Move the added tools (body, side) of a model to where they are free. Raises SceneError where there is no such place.
 
     target: body that they are to press; -1: the first that can move
@@ -45,7 +46,7 @@ def place_tools(model: mujoco.MjModel, tools: Sequence[tuple[int, Side]], target
         return  # a scene with a number that is none, or huge: its trial says so
     if target < 0:
         target = _first_moving(model, {body for body, _ in tools})
-    places = _Places(model)
+    places = _Places(model, start)
     for body, side in tools:
         places.place(body, -1.0 if side == "left" else 1.0, target, name)
 
@@ -69,8 +70,8 @@ def _solid(model: mujoco.MjModel, body: int) -> list[int]:
 class _Places:
     """Tries places of tools in a model, and leaves each tool at the last one tried."""
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self._model, self._data = model, mujoco.MjData(model)
+    def __init__(self, model: mujoco.MjModel, start: Start) -> None:
+        self._model, self._start, self._data = model, start, mujoco.MjData(model)
         self._others = {body: _solid(model, body) for body in range(model.nbody)}
 
     def place(self, body: int, sign: float, target: int, name: str) -> None:
@@ -122,7 +123,7 @@ class _Places:
         if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
             at = int(model.jnt_qposadr[joint])
             model.qpos0[at : at + 3] = place
-        mujoco.mj_resetData(model, self._data)
+        self._start.begin(model, self._data)
         mujoco.mj_kinematics(model, self._data)
         mujoco.mj_comPos(model, self._data)
 
