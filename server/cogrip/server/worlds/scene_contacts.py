@@ -59,8 +59,11 @@ class SceneContacts:
         model = scene.model
         seats = {tool.body: seat for seat, tool in enumerate(scene.tools)}
         self._model, self._frame_s = model, frame_s
-        self._bodies: list[int] = model.geom_bodyid.tolist()
-        self._seats = [seats.get(int(model.body_rootid[body]), -1) for body in self._bodies]  # of each geom
+        self._bodies: list[int] = [
+            *model.geom_bodyid.tolist(),
+            0,
+        ]  # of each geom; the last: -1, part of a flexible body
+        self._seats = [seats.get(int(model.body_rootid[body]), -1) for body in self._bodies]
         self._tools = [tool.body for tool in scene.tools]
         self._force = np.zeros(6)
         self._sensors: list[int] = model.sensor_adr[-len(self._tools) :].tolist()

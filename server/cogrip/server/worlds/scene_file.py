@@ -26,7 +26,7 @@ from cogrip.protocol.setting_types import PINCH, PLACES, POSE_AXES, Orientation,
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import shown
 from cogrip.server.io.trial import MEMORY_BYTES, TrialError, tried
-from cogrip.server.worlds.scene_places import CLEAR_M, place_tools
+from cogrip.server.worlds.scene_places import CLEAR_M, SITE, Placed, place_tools
 from cogrip.server.worlds.scene_start import Start, names_of, start_of
 from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, SceneFiles, listed, read_scene, scene_of
 
@@ -149,19 +149,23 @@ class Scene:
 
 
 class Held(NamedTuple):
-    """Choice of a seat's tool: name of its body or "", side on which it starts, orientation; grips: it has a finger."""
+    """Choice of a seat's tool: name of its body or "", side on which it starts, orientation; grips: it has a finger.
+
+    user: name of its person, for whom a site of the scene may name a place (`SITE`)
+    """
 
     tool: str
     side: Side
     orientation: Orientation
     grips: bool = False
+    user: str = ""
 
 
 def held_by(settings: Settings) -> list[Held]:
     """Return what each seat asks for. In a room of poses a hand drives the orientation, if nothing else is said."""
     usual: Orientation = "driven" if settings.object.axes == POSE_AXES else ""
     return [
-        Held(user.tool.removeprefix(f"{PINCH}:"), user.side, user.orientation or usual, user.grips)
+        Held(user.tool.removeprefix(f"{PINCH}:"), user.side, user.orientation or usual, user.grips, user.name)
         for user in settings.users
     ]
 
@@ -236,7 +240,7 @@ def _load(
         for key in list(spec.keys):
             spec.delete(key)  # whose sizes would not be those of the scene with its tools
         _free_masses(spec)
-        changed = _solved(spec, options)
+        changed = (*_solved(spec, options, step_s), *_suit_flexes(spec, name))
         filled, own = _complete(spec, options, step_s)
         chosen = _choose_tools(spec, bare, begun, seats, name)
         for body in chosen:
@@ -246,7 +250,12 @@ def _load(
         taken = {body for body in ids if body < bare.nbody and bare.body_mocapid[body] >= 0}
         _weigh(model, bare, taken)
         start = start_of(bare, keyframe, ctrl, name, model, {*taken, *range(bare.nbody, model.nbody)})
-        added = [(body, held.side) for body, held in zip(ids, seats, strict=True) if body >= bare.nbody]
+        sites = {model.site(site).name: site for site in range(model.nsite)}
+        added = [
+            Placed(body, held.side, sites.get(f"{SITE}{held.user}", -1))
+            for body, held in zip(ids, seats, strict=True)
+            if body >= bare.nbody
+        ]
         place_tools(model, start, added, _first_free(model, set(ids)), name)
         if "jacobian" not in options:
             _suit_crowd(model)
@@ -326,6 +335,8 @@ def _unused(
 def _digest(files: SceneFiles, seats: Sequence[Held], step_s: float, keyframe: str, ctrl: Sequence[float]) -> str:
     words = [f"{PINCH} {held.tool}" if held.grips else held.tool for held in seats]
     words += [held.side for held in seats] + [held.orientation for held in seats]
+    if any(SITE.encode() in data for data in files.files.values()):
+        words += [held.user for held in seats]
     words += [str(step_s), *([keyframe, *map(str, ctrl)] if keyframe or ctrl else ())]
     digest = sha256(b"\0".join([files.files[files.main], *[word.encode() for word in words]]))
     for path, data in sorted(files.files.items()):
@@ -407,15 +418,41 @@ def _unloadable(error: Exception, files: SceneFiles) -> SceneError:
     return SceneError(f"{files.name}: does not load: {words}{cure}")
 
 
-def _solved(spec: mujoco.MjSpec, options: Set[str]) -> tuple[str, ...]:
+def _solved(spec: mujoco.MjSpec, options: Set[str], step_s: float) -> tuple[str, ...]:
     """Set how a step is solved. Return what the scene sets and does not get."""
+    option = spec.option
     changed = []
+    if "timestep" in options and option.timestep != step_s:
+        changed.append(f"timestep ({option.timestep:g} > {step_s:.6g})")
+    off, on = mujoco.mjtDisableBit, mujoco.mjtEnableBit
+    disabled = [
+        bit for bit in (off.mjDSBL_DAMPER, off.mjDSBL_EULERDAMP, off.mjDSBL_SENSOR) if option.disableflags & bit
+    ]
+    changed += [f"flag {bit.name.rpartition('_')[2].lower()} (disable > enable)" for bit in disabled]
+    if option.enableflags & on.mjENBL_SLEEP:
+        changed.append("flag sleep (enable > disable)")
     for key, of in _SOLVED.items():
         given = getattr(spec.option, key)
         taken = of(given)
         if key in options and given != taken:
             changed.append(f"{key} ({_option_text(key, given)} > {_option_text(key, taken)})")
         setattr(spec.option, key, taken)
+    return tuple(changed)
+
+
+def _suit_flexes(spec: mujoco.MjSpec, name: str) -> tuple[str, ...]:
+    """Take dampers off the edges of flexible bodies, which the integrator has not. Return which. Raises SceneError for springs."""
+    changed = []
+    for flex in spec.flexes:
+        if flex.edgestiffness:
+            cure = 'give it <edge equality="true"/>, or <elasticity> where it has two dimensions or more'
+            raise SceneError(
+                f"{name}: flex {shown(flex.name)!r} has edges of a stiffness of {flex.edgestiffness:g}, which the integrator "
+                f"that makes no energy does not have; {cure}, and leave the stiffness out"
+            )
+        if flex.edgedamping:
+            changed.append(f"edge damping of flex {shown(flex.name)} ({flex.edgedamping:g} > 0)")
+            flex.edgedamping = 0.0
     return tuple(changed)
 
 

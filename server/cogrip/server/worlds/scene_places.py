@@ -2,12 +2,14 @@
 
 A tool is tried where it stands, beside the object's bounding ball. If it is in something there, or further than NEAR_M from its
 target, it is moved: along x from outside towards the target until CLEAR_M are left, at the first of several heights and offsets
-at which nothing is in its way. The target is the object, or where there is none the first body that can move.
+at which nothing is in its way. The target is the object, or where there is none the first body that can move. Where the scene
+has a site cogrip_NAME, NAME being the person's, the tool begins there.
 """
 
 from collections.abc import Iterator, Sequence
 from itertools import product
 from math import dist
+from typing import NamedTuple
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
@@ -19,6 +21,7 @@ from cogrip.server.worlds.scene_text import SceneError
 CLEAR_M = 0.03  # between an added tool's start and what it is to press
 NEAR_M = 0.1  # of its target, which a tool that stays where it stands has at most
 FREE_M = 0.001  # between a tool and anything, at least
+SITE = "cogrip_"  # A site of this name, followed by a person's, is where that person's tool begins.
 _CLOSE_M = 0.0005  # of CLEAR_M, to which a place is searched
 _FAR_M = 1e3  # of distances that are measured
 _MOST_STEPS = 60
@@ -37,18 +40,29 @@ _OFFSETS_M = (
 _ASIDE_M = (0.0, 0.05, -0.05, 0.1, -0.1, 0.2, -0.2)
 
 
-def place_tools(model: mujoco.MjModel, start: Start, tools: Sequence[tuple[int, Side]], target: int, name: str) -> None:
-    """Move the added tools (body, side) of a model to where they are free. Raises SceneError where there is no such place.
+class Placed(NamedTuple):
+    """An added tool that is to begin in the free. site: where the scene wants it; -1: it does not say."""
+
+    body: int
+    side: Side
+    site: int = -1
+
+
+def place_tools(model: mujoco.MjModel, start: Start, tools: Sequence[Placed], target: int, name: str) -> None:
+    """Move the added tools of a model to where they are free. Raises SceneError where there is no such place.
 
     target: body that they are to press; -1: the first that can move
     """
     if max(float(np.abs(model.body_pos).max()), float(model.geom_rbound.max(initial=0.0))) > _FAR_M:
         return  # a scene with a number that is none, or huge: its trial says so
     if target < 0:
-        target = _first_moving(model, {body for body, _ in tools})
+        target = _first_moving(model, {tool.body for tool in tools})
     places = _Places(model, start)
-    for body, side in tools:
-        places.place(body, -1.0 if side == "left" else 1.0, target, name)
+    for tool in tools:
+        if tool.site >= 0:
+            places.place_at(tool.body, tool.site, name)
+        else:
+            places.place(tool.body, -1.0 if tool.side == "left" else 1.0, target, name)
 
 
 def _first_moving(model: mujoco.MjModel, tools: set[int]) -> int:
@@ -73,6 +87,16 @@ class _Places:
     def __init__(self, model: mujoco.MjModel, start: Start) -> None:
         self._model, self._start, self._data = model, start, mujoco.MjData(model)
         self._others = {body: _solid(model, body) for body in range(model.nbody)}
+
+    def place_at(self, body: int, site: int, name: str) -> None:
+        """Move a tool to a site. Raises SceneError where it would be in something there."""
+        self._move(body, self._model.body_pos[body].copy())
+        self._move(body, self._data.site_xpos[site].copy())
+        if not self._is_free(body):
+            raise SceneError(
+                f"{name}: site {self._model.site(site).name!r} is no place for a tool to begin: it would be in something "
+                f"there; move the site {FREE_M * 1e3:g} mm or more away from everything"
+            )
 
     def place(self, body: int, sign: float, target: int, name: str) -> None:
         """Leave a tool where it stands, or move it."""
@@ -126,6 +150,7 @@ class _Places:
         self._start.begin(model, self._data)
         mujoco.mj_kinematics(model, self._data)
         mujoco.mj_comPos(model, self._data)
+        mujoco.mj_flex(model, self._data)
 
     def _of(self, body: int) -> list[int]:
         """Return the geoms of a tool, its finger's too."""
@@ -146,11 +171,15 @@ class _Places:
     def _is_free(self, body: int) -> bool:
         """Return whether a tool is in nothing."""
         rest = [geom for part, geoms in self._others.items() if self._model.body_rootid[part] != body for geom in geoms]
-        return self._distance(body, rest) >= FREE_M
+        return self._distance(body, rest) >= FREE_M and self._contact(body) >= FREE_M
 
     def _in_margin(self, body: int) -> bool:
         """Return whether a tool is within the margin of a contact, where MuJoCo has one already."""
-        model, data = self._model, self._data
-        mujoco.mj_collision(model, data)
-        mine = [model.body_rootid[model.geom_bodyid[pair]] == body for pair in data.contact.geom]
-        return any(pair.any() and not pair.all() for pair in mine)
+        return self._contact(body) < _FAR_M
+
+    def _contact(self, body: int) -> float:
+        """Return the least distance of the contacts that MuJoCo has of a tool, also with what has no other distance [m]."""
+        mujoco.mj_collision(self._model, self._data)
+        contact, mine = self._data.contact, self._of(body)
+        one = np.isin(contact.geom, mine).sum(axis=1) == 1
+        return float(contact.dist[one].min(initial=_FAR_M))
