@@ -134,6 +134,7 @@ class Scene:
     filled  contact settings that were applied, as the scene sets none
     own     those that the scene sets itself: what they do about energy is theirs
     changed those that the scene sets, and that do not hold: with what it sets, and what was taken
+    sensors a name for each number of the scene's own, which come before those of its tools
     unused  what the scene has and nothing of a room uses, each with what would use it
     """
 
@@ -145,6 +146,7 @@ class Scene:
     own: tuple[str, ...]
     changed: tuple[str, ...]
     unused: tuple[str, ...]
+    sensors: tuple[str, ...]
     digest: str
 
 
@@ -272,7 +274,7 @@ def _load(
         raise SceneError(f"{name}: two seats have the tool {twice!r}; name a body for each, or leave one out")
     unused = _unused(files, bare, taken, bool(keyframe), bool(keyframe or ctrl))
     free = _first_free(model, {tool.body for tool in tools})
-    return Scene(model, start, tools, free, filled, own, changed, unused, digest)
+    return Scene(model, start, tools, free, filled, own, changed, unused, _sensors(bare), digest)
 
 
 def _choose_tools(
@@ -310,6 +312,15 @@ def _parsed(files: SceneFiles) -> tuple[mujoco.MjSpec, mujoco.MjVfs]:
     for path, data in files.files.items():
         vfs[root + path] = data
     return mujoco.MjSpec.from_file(root + files.main, vfs=vfs), vfs
+
+
+def _sensors(bare: mujoco.MjModel) -> tuple[str, ...]:
+    """Return a name for each number of a scene's sensors: the sensor's, with a number behind it where it has more than one."""
+    found = []
+    for sensor, name in enumerate(names_of(bare, bare.nsensor, "sensor")):
+        size = int(bare.sensor_dim[sensor])
+        found += [name] if size == 1 else [f"{name}_{number}" for number in range(size)]
+    return tuple(found)
 
 
 def _unused(
@@ -441,7 +452,7 @@ def _solved(spec: mujoco.MjSpec, options: Set[str], step_s: float) -> tuple[str,
 
 
 def _suit_flexes(spec: mujoco.MjSpec, name: str) -> tuple[str, ...]:
-    """Take dampers off the edges of flexible bodies, which the integrator has not. Return which. Raises SceneError for springs."""
+    """Take dampers off the edges of flexible bodies: the integrator has none. Return which. Raises SceneError for springs."""
     changed = []
     for flex in spec.flexes:
         if flex.edgestiffness:

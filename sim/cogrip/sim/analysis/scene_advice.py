@@ -38,6 +38,8 @@ def _contact(scene: Scene) -> Iterator[Finding]:
     if scene.changed:
         text = f"the scene sets {', '.join(scene.changed)}, which does not hold: contact would create energy with it"
         yield Finding("contact", text, "note")
+    for text in scene.unused:
+        yield Finding("not used", text, "note")
     if scene.own:
         text = (
             f"the scene sets {', '.join(scene.own)} itself: such contact may create energy, of which the limiter lets no more"
