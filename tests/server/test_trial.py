@@ -44,7 +44,7 @@ BOMBS = {  # a few bytes each
     "numbers of a user": scene(rest='<size nuser_body="1000000000"/>'),
     "keys": scene(rest='<size nkey="2000000000"/>'),
     "sensor": scene(rest='<sensor><user dim="500000000"/></sensor>'),
-    "contacts": scene(rest='<size njmax="2000000000" nconmax="2000000000"/>'),
+    "memory": scene(rest='<size memory="100G"/>'),
     "mesh": asset('<mesh name="m" builtin="supertorus" params="20000 .5 1 1"/>'),
     "copies": scene(f'<replicate count="+200000" offset=".1 0 0">{BALL}</replicate>'),
     "copies of copies": scene(

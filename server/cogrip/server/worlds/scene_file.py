@@ -34,6 +34,7 @@ MOST_CONTACTS = 8  # of a tool whose forces are measured, the strongest ones
 MOST_ITERATIONS = 1000  # of any solver in a step, and of its starting points: what does not converge goes on for ever
 DIGEST_DIGITS = 16
 TRIED_STEPS = 20  # in the child process in which a scene is tried
+MOST_RESERVED = 2000  # contacts, or rows of constraints, for which a scene reserves memory
 MOST_RATE = 1e5  # of anything after one step [m/s, rad/s]
 MOST_FAR_M = 1e4  # of a body from the middle, and of a geom from its own
 TOOLS = ("pad", "ball", "box", PINCH)
@@ -237,12 +238,13 @@ def _load(
     try:
         spec, vfs = _parsed(files)
         spec.compiler.usethread = False  # each thread would take memory of its own
+        sizes = _suit_memory(spec)
         bare = _compile(spec, vfs)
         begun = start_of(bare, keyframe, ctrl, name)
         for key in list(spec.keys):
             spec.delete(key)  # whose sizes would not be those of the scene with its tools
         _free_masses(spec)
-        changed = (*_solved(spec, options, step_s), *_suit_flexes(spec, name))
+        changed = (*sizes, *_solved(spec, options, step_s), *_suit_flexes(spec, name))
         filled, own = _complete(spec, options, step_s)
         chosen = _choose_tools(spec, bare, begun, seats, name)
         for body in chosen:
@@ -250,7 +252,8 @@ def _load(
         model = _compiled(spec, vfs, chosen)
         ids = [model.body(body).id for body in chosen]
         taken = {body for body in ids if body < bare.nbody and bare.body_mocapid[body] >= 0}
-        _weigh(model, bare, taken)
+        if _weigh(spec, model, bare, taken):
+            model = _compiled(spec, vfs, chosen)
         start = start_of(bare, keyframe, ctrl, name, model, {*taken, *range(bare.nbody, model.nbody)})
         sites = {model.site(site).name: site for site in range(model.nsite)}
         added = [
@@ -380,15 +383,34 @@ def _free_masses(spec: mujoco.MjSpec) -> None:
     compiler.inertiagrouprange = [0, mujoco.mjNGROUP - 1]
 
 
-def _weigh(model: mujoco.MjModel, bare: mujoco.MjModel, taken: Collection[int]) -> None:
-    """Give the scene's own bodies, but for those `taken`, the masses that they have without tools, whose bodies are last."""
-    own = [body for body in range(bare.nbody) if body not in taken]
+def _weigh(spec: mujoco.MjSpec, model: mujoco.MjModel, bare: mujoco.MjModel, taken: Collection[int]) -> bool:
+    """Give the scene's own bodies, but for those `taken`, the masses that they have without tools, whose bodies are last.
+
+    Return whether that changes anything, so that the model is to be compiled again.
+    """
+    own = [body for body in range(1, bare.nbody) if body not in taken]
     keys = ("body_mass", "body_inertia", "body_ipos", "body_iquat")
     if all(np.array_equal(getattr(model, key)[own], getattr(bare, key)[own]) for key in keys):
-        return
-    for key in keys:
-        getattr(model, key)[own] = getattr(bare, key)[own]
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+        return False
+    for body in spec.bodies:
+        if body.id in own:
+            body.explicitinertial, body.mass = True, bare.body_mass[body.id]
+            body.inertia, body.ipos, body.iquat = (
+                bare.body_inertia[body.id],
+                bare.body_ipos[body.id],
+                bare.body_iquat[body.id],
+            )
+            body.fullinertia = np.full(6, np.nan)
+    return True
+
+
+def _suit_memory(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """Let MuJoCo choose the memory of contacts where a scene reserves much, as old ones do. Return what changed."""
+    asked = {key: getattr(spec, key) for key in ("njmax", "nconmax")}
+    if max(asked.values()) <= MOST_RESERVED or spec.memory > 0:
+        return ()
+    spec.njmax = spec.nconmax = -1
+    return tuple(f"size {key} ({count} > MuJoCo's own)" for key, count in asked.items() if count > 0)
 
 
 def _refuse_endless(model: mujoco.MjModel, name: str) -> None:

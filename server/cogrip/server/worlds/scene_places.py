@@ -24,6 +24,7 @@ FREE_M = 0.001  # between a tool and anything, at least
 SITE = "cogrip_"  # A site of this name, followed by a person's, is where that person's tool begins.
 _CLOSE_M = 0.0005  # of CLEAR_M, to which a place is searched
 _FAR_M = 1e3  # of distances that are measured
+MOST_TARGETS = 16  # bodies near which a free place is looked for, where there is no object
 _MOST_STEPS = 60
 _OFFSETS_M = (
     0.0,
@@ -37,6 +38,7 @@ _OFFSETS_M = (
     0.4,
     0.8,
 )  # of a place from the middle of its target, upwards first
+_ABOVE_M = (1.6, 3.2)  # farther up, where there is nothing to be near to
 _ASIDE_M = (0.0, 0.05, -0.05, 0.1, -0.1, 0.2, -0.2)
 
 
@@ -55,19 +57,25 @@ def place_tools(model: mujoco.MjModel, start: Start, tools: Sequence[Placed], ta
     """
     if max(float(np.abs(model.body_pos).max()), float(model.geom_rbound.max(initial=0.0))) > _FAR_M:
         return  # a scene with a number that is none, or huge: its trial says so
-    if target < 0:
-        target = _first_moving(model, {tool.body for tool in tools})
+    targets = [target] if target >= 0 else _moving(model, {tool.body for tool in tools}) or [-1]
     places = _Places(model, start)
     for tool in tools:
         if tool.site >= 0:
             places.place_at(tool.body, tool.site, name)
         else:
-            places.place(tool.body, -1.0 if tool.side == "left" else 1.0, target, name)
+            sign = -1.0 if tool.side == "left" else 1.0
+            if not any(places.place(tool.body, sign, each) for each in targets[:MOST_TARGETS]):
+                beside = f" near body {model.body(targets[0]).name!r}" if targets[0] >= 0 else ""
+                raise SceneError(
+                    f"{name}: there is no free place{beside} for an added tool; give the scene a body with a free joint, or "
+                    f"with three slide joints, where it is free, and name it as the person's tool, or a site {SITE}NAME"
+                )
 
 
-def _first_moving(model: mujoco.MjModel, tools: set[int]) -> int:
-    moving = (int(body) for body in model.jnt_bodyid if int(body) not in tools)
-    return next((body for body in moving if _solid(model, body)), -1)
+def _moving(model: mujoco.MjModel, tools: set[int]) -> list[int]:
+    """Return the bodies that can move and be touched, of the scene's own."""
+    own = dict.fromkeys(int(body) for body in model.jnt_bodyid if int(model.body_rootid[body]) not in tools)
+    return [body for body in own if _solid(model, body)]
 
 
 def _solid(model: mujoco.MjModel, body: int) -> list[int]:
@@ -98,32 +106,26 @@ class _Places:
                 f"there; move the site {FREE_M * 1e3:g} mm or more away from everything"
             )
 
-    def place(self, body: int, sign: float, target: int, name: str) -> None:
-        """Leave a tool where it stands, or move it."""
+    def place(self, body: int, sign: float, target: int) -> bool:
+        """Leave a tool where it stands, or move it. Return whether there is a free place near the target."""
         aims = self._others[target] if target >= 0 else []
         self._move(body, self._model.body_pos[body].copy())
         if self._is_free(body) and (not aims or self._distance(body, aims) <= NEAR_M):
-            return
+            return True
         begun = self._model.body_pos[body].copy()
         near = []
         for place in self._candidates(body, sign, aims, begun):
             self._move(body, place)
             if self._is_free(body) and (not aims or self._distance(body, aims) <= NEAR_M):
                 if not self._in_margin(body):
-                    return
+                    return True
                 near.append(place.copy())
-        if near:
-            self._move(body, near[0])
-            return
-        beside = f" near body {self._model.body(target).name!r}" if target >= 0 else ""
-        raise SceneError(
-            f"{name}: there is no free place{beside} for an added tool; give the scene a body with a free joint, or with three "
-            "slide joints, where it is free, and name it as the person's tool"
-        )
+        self._move(body, near[0] if near else begun)
+        return bool(near)
 
     def _candidates(self, body: int, sign: float, aims: Sequence[int], begun: np.ndarray) -> Iterator[np.ndarray]:
         if not aims:
-            for up, aside in product(_OFFSETS_M, _ASIDE_M):
+            for up, aside in product((*_OFFSETS_M, *_ABOVE_M), _ASIDE_M):
                 yield begun + np.array([sign * abs(aside), aside, up])
             return
         middle = self._data.geom_xpos[aims].mean(axis=0)

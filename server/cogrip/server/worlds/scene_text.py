@@ -194,6 +194,8 @@ class _Reader:
                 self._options.update(attributes)
             elif tag == "compiler":
                 model.compiler.update(attributes)
+            if model.urdf and tag != "mesh":
+                continue  # what simulators beside MuJoCo read
             for file in [value for key, value in attributes.items() if key.lower().startswith("file")]:
                 if tag not in ("include", "model"):
                     model.named.append(_Named(tag, file, folder, visual))
