@@ -34,6 +34,10 @@ MOST_CONTACTS = 8  # of a tool whose forces are measured, the strongest ones
 MOST_ITERATIONS = 1000  # of any solver in a step, and of its starting points: what does not converge goes on for ever
 DIGEST_DIGITS = 16
 TRIED_STEPS = 20  # in the child process in which a scene is tried
+MANY_DOFS, MANY_BYTES = (
+    200,
+    2**27,
+)  # degrees of freedom from which on contacts get so much memory, if the scene says nothing
 MOST_RESERVED = 2000  # contacts, or rows of constraints, for which a scene reserves memory
 MOST_RATE = 1e5  # of anything after one step [m/s, rad/s]
 MOST_FAR_M = 1e4  # of a body from the middle, and of a geom from its own
@@ -60,6 +64,8 @@ _EQUALITY = {
     "solimp": _GEOM["solimp"],
     "solref": (-HOLD_RATE_PS2 * (1.0 - CONTACT_SHARE), -HOLD_DAMPING_PS * (1.0 - CONTACT_SHARE)),
 }
+_LIMIT = {"solimp_limit": _GEOM["solimp"], "solref_limit": _GEOM["solref"], "margin": _GEOM["margin"]}
+"""Of joints and tendons at the ends of their ranges. A hinge's margin is in radians."""
 STICTION_SHARE = (
     0.9999  # of joints with dry friction: at MuJoCo's usual 0.9 they creep by what the friction should hold
 )
@@ -240,12 +246,16 @@ def _load(
         spec.compiler.usethread = False  # each thread would take memory of its own
         sizes = _suit_memory(spec)
         bare = _compile(spec, vfs)
+        if bare.nv >= MANY_DOFS and spec.memory <= 0 and not sizes:
+            spec.memory = MANY_BYTES
         begun = start_of(bare, keyframe, ctrl, name)
         for key in list(spec.keys):
             spec.delete(key)  # whose sizes would not be those of the scene with its tools
         _free_masses(spec)
         changed = (*sizes, *_solved(spec, options, step_s), *_suit_flexes(spec, name))
         filled, own = _complete(spec, options, step_s)
+        if bare.nv >= SPARSE_FROM and "jacobian" not in options:
+            spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
         chosen = _choose_tools(spec, bare, begun, seats, name)
         for body in chosen:
             _add_sensor(spec, body)
@@ -473,6 +483,15 @@ def _solved(spec: mujoco.MjSpec, options: Set[str], step_s: float) -> tuple[str,
     return tuple(changed)
 
 
+def _limited(elements: Sequence[Any]) -> list[Any]:
+    """Return the joints or tendons that have a range."""
+    return [
+        element
+        for element in elements
+        if element.limited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(element.range)
+    ]
+
+
 def _suit_flexes(spec: mujoco.MjSpec, name: str) -> tuple[str, ...]:
     """Take dampers off the edges of flexible bodies: the integrator has none. Return which. Raises SceneError for springs."""
     changed = []
@@ -516,6 +535,9 @@ def _complete(spec: mujoco.MjSpec, options: Set[str], step_s: float) -> tuple[tu
         ("pair", spec.pairs, fresh.add_pair(), _GEOM),
         ("equality", spec.equalities, fresh.add_equality(), _EQUALITY),
         ("joint", [joint for joint in spec.joints if np.any(joint.frictionloss)], fixed.add_joint(), friction),
+        ("joint", _limited(spec.joints), fixed.add_joint(), _LIMIT),
+        ("tendon", [tendon for tendon in spec.tendons if np.any(tendon.frictionloss)], fresh.add_tendon(), friction),
+        ("tendon", _limited(spec.tendons), fresh.add_tendon(), _LIMIT),
     ):
         for key, value in wanted.items():
             same = [element for element in elements if np.array_equal(getattr(element, key), getattr(default, key))]

@@ -64,7 +64,8 @@ def place_tools(model: mujoco.MjModel, start: Start, tools: Sequence[Placed], ta
             places.place_at(tool.body, tool.site, name)
         else:
             sign = -1.0 if tool.side == "left" else 1.0
-            if not any(places.place(tool.body, sign, each) for each in targets[:MOST_TARGETS]):
+            near = any(places.place(tool.body, sign, each) for each in targets[:MOST_TARGETS])
+            if not near and not places.place_far(tool.body):
                 beside = f" near body {model.body(targets[0]).name!r}" if targets[0] >= 0 else ""
                 raise SceneError(
                     f"{name}: there is no free place{beside} for an added tool; give the scene a body with a free joint, or "
@@ -95,6 +96,7 @@ class _Places:
     def __init__(self, model: mujoco.MjModel, start: Start) -> None:
         self._model, self._start, self._data = model, start, mujoco.MjData(model)
         self._others = {body: _solid(model, body) for body in range(model.nbody)}
+        self._far: dict[int, np.ndarray] = {}  # of each tool the first free place that was too far from every target
 
     def place_at(self, body: int, site: int, name: str) -> None:
         """Move a tool to a site. Raises SceneError where it would be in something there."""
@@ -106,6 +108,12 @@ class _Places:
                 f"there; move the site {FREE_M * 1e3:g} mm or more away from everything"
             )
 
+    def place_far(self, body: int) -> bool:
+        """Move a tool to a free place that is near to nothing. Return whether there is one."""
+        if body in self._far:
+            self._move(body, self._far[body])
+        return body in self._far
+
     def place(self, body: int, sign: float, target: int) -> bool:
         """Leave a tool where it stands, or move it. Return whether there is a free place near the target."""
         aims = self._others[target] if target >= 0 else []
@@ -116,7 +124,10 @@ class _Places:
         near = []
         for place in self._candidates(body, sign, aims, begun):
             self._move(body, place)
-            if self._is_free(body) and (not aims or self._distance(body, aims) <= NEAR_M):
+            if not self._is_free(body):
+                continue
+            self._far.setdefault(body, place.copy())
+            if not aims or self._distance(body, aims) <= NEAR_M:
                 if not self._in_margin(body):
                     return True
                 near.append(place.copy())
