@@ -533,6 +533,7 @@ def _complete(spec: mujoco.MjSpec, options: Set[str], step_s: float) -> tuple[tu
     for what, elements, default, wanted in (
         ("geom", spec.geoms, fixed.add_geom(), _GEOM),
         ("pair", spec.pairs, fresh.add_pair(), _GEOM),
+        ("flex", spec.flexes, fresh.add_flex(), _GEOM),
         ("equality", spec.equalities, fresh.add_equality(), _EQUALITY),
         ("joint", [joint for joint in spec.joints if np.any(joint.frictionloss)], fixed.add_joint(), friction),
         ("joint", _limited(spec.joints), fixed.add_joint(), _LIMIT),
