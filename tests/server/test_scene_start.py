@@ -10,6 +10,7 @@ from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.server.schemes import make_scene_world
 from cogrip.server.worlds.scene import SceneWorld
+from cogrip.server.worlds.scene_file import SceneAccount, account_of
 from cogrip.server.worlds.scene_text import SceneError
 from cogrip.sim.analysis.scene_advice import scene_findings
 from cogrip.sim.runs.columns import layout_of
@@ -205,3 +206,16 @@ def test_sensors_stand_in_the_recording_and_its_tables(tmp_path: Path) -> None:
     angle, *top = trace.columns["sensors"][-1]
     assert angle == pytest.approx(0.4, abs=0.01)
     assert top == pytest.approx([0.1, 0.2, 0.06], abs=2e-3), "the box has fallen, as its pose says"
+
+
+def test_one_account_says_what_becomes_of_a_scene(tmp_path: Path) -> None:
+    text = SCENE.replace("<default>", '<option integrator="Euler" cone="pyramidal"/><default>')
+    told = account_of(settings_of(tmp_path, text, "aim", "ball"), 1 / 128)
+    (added,) = told.added
+    assert added.startswith("ball for ben at ")
+    assert added.endswith(", 0, 30 mm")
+    assert (told.refused, told.own, told.changed) == ("", ("option cone",), ("integrator (euler > discrete)",))
+    assert "geom solref" in told.filled
+    assert len(told.unused) == 2
+    refused = account_of(settings_of(tmp_path, text, keyframe="mid"), 1 / 128)
+    assert refused == SceneAccount("scene.xml: there is no keyframe 'mid'; its keyframes are high, low")

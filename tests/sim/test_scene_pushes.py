@@ -15,7 +15,8 @@ FLOOR = '<geom type="plane" size="1 1 .1"/>'
 BOX = '<body name="box" pos="0 0 .03"><freejoint/><geom type="box" size=".03 .03 .03" mass=".2"/></body>'
 SLIM = '<geom type="capsule" fromto="0 0 0 .1 0 0" size=".01" mass=".1"/>'
 GROUND = '<hfield name="t" nrow="4" ncol="4" size=".3 .3 .02 .01" elevation="0 1 0 1 1 0 1 0 0 1 0 1 1 0 1 0"/>'
-FLEX = '<flexcomp name="f" type="grid" count="{}" dim="{}" spacing=".02 .02 .02" pos="0 0 .1" radius=".003" mass=".1">{}</flexcomp>'
+GRID = '<flexcomp name="f" type="grid" count="{}" dim="{}" spacing=".02 .02 .02" pos="0 0 .1" radius=".003" mass=".1">'
+FLEX = GRID + "{}</flexcomp>"
 
 
 def scene(bodies: str = FLOOR + BOX, option: str = "", default: str = "", rest: str = "", flag: str = "") -> str:

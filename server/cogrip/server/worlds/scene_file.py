@@ -44,6 +44,7 @@ MOST_FAR_M = 1e4  # of a body from the middle, and of a geom from its own
 TOOLS = ("pad", "ball", "box", PINCH)
 """Tools that are added; `tool = ""` is the first."""
 TOOL_KG = 0.05
+ADDED = "tool of seat "  # A body that is added has this name, followed by the number of its seat.
 MOCAP_M = 0.01  # radius of the ball whose inertia a mocap body has as a tool
 APART_M = 0.05  # between added tools of one side
 FINGER_M, FINGER_APART_M = (
@@ -157,6 +158,17 @@ class Scene:
     digest: str
 
 
+class SceneAccount(NamedTuple):
+    """What becomes of a scene as its author has it, each in words. refused: why it cannot be used, "" where it can."""
+
+    refused: str = ""
+    added: tuple[str, ...] = ()
+    filled: tuple[str, ...] = ()
+    own: tuple[str, ...] = ()
+    changed: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()
+
+
 class Held(NamedTuple):
     """Choice of a seat's tool: name of its body or "", side on which it starts, orientation; grips: it has a finger.
 
@@ -185,6 +197,21 @@ def scene_of_settings(settings: Settings, frame_s: float) -> Scene:
     folder = Path(given.folder) if given.folder else None
     files = read_scene(Path(given.file), folder)
     return _made(files, held_by(settings), frame_s / given.substeps, given.keyframe, given.ctrl)
+
+
+def account_of(settings: Settings, frame_s: float) -> SceneAccount:
+    """Return what is added to a scene, set, changed and not used, or why it is refused."""
+    try:
+        scene = scene_of_settings(settings, frame_s)
+    except SceneError as error:
+        return SceneAccount(str(error))
+    places = scene.start.data(scene.model).xpos
+    added = [
+        f"{user.tool or TOOLS[0]} for {user.name} at {', '.join(f'{1e3 * each:.4g}' for each in places[tool.body])} mm"
+        for user, tool in zip(settings.users, scene.tools, strict=True)
+        if scene.model.body(tool.body).name.startswith(ADDED)
+    ]
+    return SceneAccount("", tuple(added), scene.filled, scene.own, scene.changed, scene.unused)
 
 
 def load_scene(
@@ -568,7 +595,7 @@ def _added(tool: str, seat: int, bodies: set[str], name: str) -> str:
         raise SceneError(
             f'{name}: there is no body {tool!r} to be a tool{there}; or take "pad", "ball", "box" or "pinch"'
         )
-    return f"tool of seat {seat}"
+    return f"{ADDED}{seat}"
 
 
 def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[float]) -> None:
