@@ -159,7 +159,7 @@ class Scene:
 
 
 class SceneAccount(NamedTuple):
-    """What becomes of a scene as its author has it, each in words. refused: why it cannot be used, "" where it can."""
+    """Account of a scene as its author has it, each part in words. refused: why it cannot be used, "" where it can."""
 
     refused: str = ""
     added: tuple[str, ...] = ()
