@@ -65,13 +65,14 @@ class SceneFiles:
 
 def read_scene(path: Path, folder: Path | None = None) -> SceneFiles:
     """Return the files of a scene. folder: of which no file may be outside; None: the scene's own. Raises SceneError."""
-    name, folder = path.name, folder or path.parent
-    try:
-        main = path.resolve().relative_to(folder.resolve()).as_posix()
-    except ValueError:
-        raise SceneError(f"{path}: is not in {folder}; name a folder above it as object.folder") from None
+    main = path.name
+    if folder is not None:
+        try:
+            main = path.resolve().relative_to(folder.resolve()).as_posix()
+        except ValueError:
+            raise SceneError(f"{path}: is not in {folder}; name a folder above it as object.folder") from None
     data = _read(path, MOST_BYTES, str(path), "; give MJCF or URDF")
-    return _Reader(name, folder.resolve()).read(_decoded(data, str(path)), main)
+    return _Reader(path.name, (folder or path.parent).resolve()).read(_decoded(data, str(path)), main)
 
 
 def scene_of(text: str, name: str) -> SceneFiles:
