@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from cogrip.cli.session.before_run import check_settings
+from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.worlds.scene_pushes import MOST_MADE_J
 from cogrip.sim.analysis.scene_pushed import pushed
@@ -133,3 +135,13 @@ def test_a_cloth_that_makes_energy_makes_none_in_more_steps(tmp_path: Path) -> N
     )
     assert not pushed(settings_of(tmp_path, cloth, "pad", "pad", substeps=8), 40).refused
     assert MOST_MADE_J == 1e-3
+
+
+def test_a_run_of_a_scene_that_makes_energy_by_its_own_contact_is_refused_before_it_begins(tmp_path: Path) -> None:
+    late = settings_of(tmp_path, WORSE["contacts found late"][0], "ball", "box")
+    with pytest.raises(
+        BadInput, match=r"^refused: in 20 random pushes .* leave geom margin out of the scene; --allow-unstable"
+    ):
+        check_settings(late)
+    check_settings(late, allow_unstable=True)
+    check_settings(settings_of(tmp_path, KINDS["menagerie"], "pad", "pad"))

@@ -38,7 +38,7 @@ class Workspace:
         return self._within(places, self._reach_m)
 
     def _within(self, places: Array, half_m: float) -> NDArray[np.bool_]:
-        inside: NDArray[np.bool_] = (np.abs(places - self.middle) <= half_m).all(axis=-1)
+        inside: NDArray[np.bool_] = np.logical_and.reduce(np.abs(places - self.middle) <= half_m, axis=-1)
         return inside
 
 

@@ -368,9 +368,9 @@ def _unused(
 ) -> tuple[str, ...]:
     """Return what a scene has and nothing uses. taken: mocap bodies that are tools; begun, controlled: what settings say."""
     unused = []
-    if names := files.discarded:
-        count = f"{len(names)} mesh file{'s' if len(names) > 1 else ''}"
-        unused.append(f"{count} that a URDF shows ({listed(names)})")
+    if shown_files := files.discarded:
+        count = f"{len(shown_files)} mesh file{'s' if len(shown_files) > 1 else ''}"
+        unused.append(f"{count} that a URDF shows ({listed(shown_files)})")
     if bare.nkey and not begun:
         unused.append(f"keyframes ({listed(names_of(bare, bare.nkey, 'key'))}): name one as object.keyframe")
     mocaps = [body for body in range(bare.nbody) if bare.body_mocapid[body] >= 0 and body not in taken]
