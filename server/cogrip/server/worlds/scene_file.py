@@ -34,10 +34,8 @@ MOST_CONTACTS = 8  # of a tool whose forces are measured, the strongest ones
 MOST_ITERATIONS = 1000  # of any solver in a step, and of its starting points: what does not converge goes on for ever
 DIGEST_DIGITS = 16
 TRIED_STEPS = 20  # in the child process in which a scene is tried
-MANY_DOFS, MANY_BYTES = (
-    200,
-    2**27,
-)  # degrees of freedom from which on contacts get so much memory, if the scene says nothing
+MANY_DOFS = 200  # from which on contacts get MANY_BYTES of memory at least
+MANY_BYTES = 2**27
 MOST_RESERVED = 2000  # contacts, or rows of constraints, for which a scene reserves memory
 MOST_RATE = 1e5  # of anything after one step [m/s, rad/s]
 MOST_FAR_M = 1e4  # of a body from the middle, and of a geom from its own
@@ -273,8 +271,8 @@ def _load(
         spec.compiler.usethread = False  # each thread would take memory of its own
         sizes = _suit_memory(spec)
         bare = _compile(spec, vfs)
-        if bare.nv >= MANY_DOFS and spec.memory <= 0 and not sizes:
-            spec.memory = MANY_BYTES
+        if bare.nv >= MANY_DOFS and bare.narena < MANY_BYTES:
+            spec.memory = MANY_BYTES  # contacts are found farther away than by MuJoCo alone
         begun = start_of(bare, keyframe, ctrl, name)
         for key in list(spec.keys):
             spec.delete(key)  # whose sizes would not be those of the scene with its tools
@@ -306,8 +304,8 @@ def _load(
     except Exception as error:  # noqa: BLE001 - MuJoCo raises RuntimeError and others for texts that it did not foresee
         raise _unloadable(error, files) from None
     _refuse_endless(model, name)
-    if model.nplugin:
-        raise SceneError(f"{name}: has plugins, whose energy is not counted; leave them out")
+    if np.any(model.actuator_plugin >= 0) or np.any(model.body_plugin >= 0):
+        raise SceneError(f"{name}: has plugins of actuators or bodies, whose energy is not counted; leave them out")
     tools = tuple(_tool(model, body, held, name) for body, held in zip(chosen, seats, strict=True))
     if len({tool.body for tool in tools}) < len(tools):
         twice = next(body for body in chosen if chosen.count(body) > 1)
