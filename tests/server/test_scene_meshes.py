@@ -19,7 +19,7 @@ from cogrip.server.worlds.local_geometry import local_geometry
 from cogrip.server.worlds.scene_file import Held, load_scene
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_surfaces import MOST_MESHES, PARTS
-from cogrip.server.worlds.scene_text import MOST_BYTES, SceneError
+from cogrip.server.worlds.scene_text import MOST_FILE_BYTES, SceneError
 from cogrip.sim.analysis.scene_advice import scene_findings
 
 from tests.server.scene_worlds import world_of
@@ -197,11 +197,9 @@ OUTSIDE = "is outside of the scene's folder; put it beside the scene, or below"
         ("folder.obj", "", r"mesh 'folder.obj': is no regular file"),
         ("empty.obj", "", "scene.xml: does not load: "),
         ("noise.stl", "", "scene.xml: does not load: "),
-        ("large.stl", "", "its meshes have more than 8 MB together; make them coarser"),
+        ("large.stl", "", r"mesh 'large.stl': has more than 32 MB; make it smaller"),
         ("far.obj", "", r"scene.xml: reaches 1.73e\+30 m, more than 10000 m; give lengths in metres"),
-        # MuJoCo would take one for the other
-        ('a/brick.obj"/><mesh name="other" file="b/brick.obj', "", "two mesh files are called 'brick.obj'"),
-        ("brick.dae", "", r"refers to other files \(brick.dae\), which are not read"),
+        ("brick.dae", "", r"scene.xml: does not load: .*brick.dae"),
     ],
 )
 def test_a_mesh_that_cannot_be_used_is_named(scene_folder: Path, file: str, compiler: str, words: str) -> None:
@@ -222,7 +220,9 @@ def scene_folder(tmp_path: Path) -> Path:
     (folder / "far.obj").write_bytes(obj().replace(b"0.03", b"1e30").replace(b"0.02", b"1e30"))
     (folder / "empty.obj").write_bytes(b"")
     (folder / "noise.stl").write_bytes(bytes(range(256)))
-    (folder / "large.stl").write_bytes(bytes(MOST_BYTES + 1))
+    (folder / "brick.dae").write_bytes(b"<COLLADA/>")
+    with (folder / "large.stl").open("wb") as file:
+        file.truncate(MOST_FILE_BYTES + 1)  # sparse
     return folder
 
 

@@ -161,3 +161,51 @@ def test_nothing_that_a_scene_says_of_its_own_acts_on_what_is_added(
         assert np.array_equal(getattr(made.model, f"geom_{key}")[1:], getattr(plain.model, f"geom_{key}")[1:]), key
     assert not made.model.jnt_limited.any()
     assert not made.model.jnt_stiffness.any()
+
+
+def test_a_site_that_a_scene_names_for_a_person_is_where_the_tool_begins() -> None:
+    box = '<body name="it" pos="0 0 .03"><freejoint/><geom type="box" size=".03 .03 .03" mass=".2"/></body>'
+    sites = (
+        '<site name="cogrip_anna" pos=".3 .2 .4"/><body pos="0 0 1"><site name="cogrip_ben" pos="-.1 0 -.5"/></body>'
+    )
+    text = f"<mujoco><worldbody>{FLOOR}{box}{sites}</worldbody></mujoco>"
+    seats = [
+        Held("pad", "left", "", user="anna"),
+        Held("ball", "right", "", user="ben"),
+        Held("pad", "left", "", user="c"),
+    ]
+    scene = make_scene(text, seats, STEP_S)
+    places = scene.start.data(scene.model).xpos[[tool.body for tool in scene.tools]]
+    assert places[:2].tolist() == [[0.3, 0.2, 0.4], [-0.1, 0.0, 0.5]]
+    assert distances_m(scene, 2)[1] <= NEAR_M, "who has no site begins as ever"
+    other = make_scene(text, [seats[0]._replace(user="d"), *seats[1:]], STEP_S)
+    assert other.digest != scene.digest
+
+
+def test_a_site_in_something_is_refused() -> None:
+    text = f'<mujoco><worldbody>{FLOOR}<site name="cogrip_anna" pos="0 0 .005"/></worldbody></mujoco>'
+    with pytest.raises(
+        SceneError, match=r"site 'cogrip_anna' is no place for a tool to begin: it would be in something"
+    ):
+        make_scene(text, [Held("pad", "left", "", user="anna")], STEP_S)
+
+
+GROUND = """<asset><hfield name="h" nrow="2" ncol="2" size=".5 .5 .02 .5" elevation="0 0 0 0"/></asset>
+  <worldbody><geom type="hfield" hfield="h" pos="0 0 .1"/></worldbody>"""
+SOFT = """<worldbody><flexcomp name="soft" type="grid" count="4 4 4" spacing=".03 .03 .03" dim="3" radius=".003" mass=".2">
+  <edge equality="true"/><contact selfcollide="none"/></flexcomp></worldbody>"""
+
+
+@pytest.mark.parametrize("things", [GROUND, SOFT], ids=["height field", "flexible body"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_has_no_distance_in_mujoco_is_kept_off_all_the_same(things: str, kind: str) -> None:
+    scene = make_scene(f"<mujoco>{things}</mujoco>", [Held(kind, "left", ""), Held(kind, "right", "")], STEP_S)
+    data = scene.start.data(scene.model)
+    mujoco.mj_forward(scene.model, data)
+    tools = [
+        geom
+        for geom in range(scene.model.ngeom)
+        if scene.model.geom_bodyid[geom] in {each.body for each in scene.tools}
+    ]
+    met = np.isin(data.contact.geom, tools).any(axis=1)
+    assert (data.contact.dist[met] >= FREE_M).all()

@@ -15,7 +15,7 @@ from cogrip.server.io.platform import FORKS
 from cogrip.server.io.trial import TrialError, tried
 from cogrip.server.worlds import scene_file
 from cogrip.server.worlds.scene_file import Held, make_scene
-from cogrip.server.worlds.scene_text import SceneError
+from cogrip.server.worlds.scene_text import SceneError, scene_of
 
 from tests.server.scene_worlds import SCENES, SHIPPED
 
@@ -44,7 +44,7 @@ BOMBS = {  # a few bytes each
     "numbers of a user": scene(rest='<size nuser_body="1000000000"/>'),
     "keys": scene(rest='<size nkey="2000000000"/>'),
     "sensor": scene(rest='<sensor><user dim="500000000"/></sensor>'),
-    "contacts": scene(rest='<size njmax="2000000000" nconmax="2000000000"/>'),
+    "memory": scene(rest='<size memory="100G"/>'),
     "mesh": asset('<mesh name="m" builtin="supertorus" params="20000 .5 1 1"/>'),
     "copies": scene(f'<replicate count="+200000" offset=".1 0 0">{BALL}</replicate>'),
     "copies of copies": scene(
@@ -107,7 +107,7 @@ def test_whatever_mujoco_raises_is_a_line(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(scene_file, "_compile", fail)
     with pytest.raises(SceneError, match=r"^scene: does not load: Caught an unknown exception!; make it smaller"):
-        scene_file._load(scene(), {}, SEATS, STEP, set(), "scene", "")
+        scene_file._load(scene_of(scene(), "scene"), SEATS, STEP, "", (), "")
 
 
 # The child process -----------------------------------------------------------------------------------------------------

@@ -26,6 +26,7 @@ from cogrip.protocol.recording.records import (
     Poses,
     Record,
     SeatStep,
+    Sensors,
     Step,
     Tick,
     kind_of,
@@ -175,7 +176,12 @@ def test_addresses_are_written_as_one_types_them(address: str, text: str | None)
 
 A_SEAT = SeatStep("anna", True, (0.0,), (0.0,), 0.0, 0.0, 0.0, 0.0, 0)
 A_STEP = Step(step=1, object_m=(0.0,), object_mps=(0.0,), seats=(A_SEAT,))
-SAMPLES: dict[str, Record] = {"Tick": a_tick(axes=3), "Step": A_STEP, "Poses": Poses(1, (0.0,) * 7)}
+SAMPLES: dict[str, Record] = {
+    "Tick": a_tick(axes=3),
+    "Step": A_STEP,
+    "Poses": Poses(1, (0.0,) * 7),
+    "Sensors": Sensors(1, ("touch",), (0.0,)),
+}
 
 
 @pytest.mark.parametrize(
@@ -191,7 +197,7 @@ def test_no_field_of_a_record_is_forgotten(record: type[Record]) -> None:
     layout = layout_of(sample)
     bare = {column.name.rpartition(".")[2] for column in layout.columns}
     bare |= {name.removesuffix("_x") for name in bare} | {name.partition("_")[0] for name in bare}
-    assert set(record.__struct_fields__) - {"unfit", "seats"} <= bare
+    assert set(record.__struct_fields__) - {"unfit", "seats", "names"} <= bare
     if record is Step:
         assert set(SeatStep.__struct_fields__) - {"user"} <= bare
         assert {column.name.partition(".")[0] for column in layout.columns if "." in column.name} == {"anna"}

@@ -134,15 +134,36 @@ def test_a_ball_that_rolls_off_has_left_by_its_name_and_a_task_that_held_at_firs
 
 
 def test_any_body_of_a_scene_may_leave_and_one_beyond_reach_is_put_back(tmp_path: Path) -> None:
-    """A marble that falls beside everything, without a floor in reach: 2 m deep in 0.64 s."""
-    marble = '<body name="marble" pos="0.3 0.3 5"><freejoint/><geom type="sphere" size=".01" mass=".01"/></body>'
-    laboratory, summary = run(scene(tmp_path, marble, seconds=0.9, task={}))
+    """A marble that rises at 2 g: the workspace ends 0.79 m about the scene's middle, reach 3.18 m, 2.9 m up in 0.54 s."""
+    marble = (
+        '<body name="marble" pos=".3 .3 .5" gravcomp="3"><freejoint/><geom type="sphere" size=".01" mass=".01"/></body>'
+    )
+    laboratory, summary = run(scene(tmp_path, marble, seconds=0.7, task={}))
+    (departure,) = summary["server"]["left"]
+    assert departure["position_m"][2] == pytest.approx(0.205 + 0.795 - 0.5, abs=0.05)
     assert [body["what"] for body in summary["server"]["left"]] == ["marble"]
     assert names(summary) == ["left"]
     assert summary["passive"]
     place = laboratory.room.world.data.body("marble").xpos
-    assert place[2] > 4.0, "it falls anew"
+    assert place[2] < 1.0, "it rises anew"
     assert summary["server"]["energy_limiter"]["limited_frames"] == 0
+
+
+def test_the_workspace_of_a_large_scene_is_its_extent_and_a_cart_on_a_rail_may_leave_it(tmp_path: Path) -> None:
+    """Its extent is 2 m, about its middle: a cart that starts at 0.9 m leaves after 1.1 m, and not after 0.5 m."""
+    cart = (
+        '<body name="cart" pos=".9 .5 .5" gravcomp="1"><joint name="rail" type="slide" axis="1 0 0"/>'
+        '<geom size=".05" mass="1"/></body>'
+        '<geom type="box" size="1 .01 .01" pos="0 1 .5"/></worldbody>'
+        '<statistic center="0 0 0" extent="2"/><worldbody>'
+    )
+    laboratory = Laboratory(resolve(scene(tmp_path, cart, seconds=1.0, task={})))
+    laboratory.room.world.data.joint("rail").qvel[0] = 2.0
+    laboratory.run()
+    (departure,) = of_laboratory(laboratory)["server"]["left"]
+    assert departure["what"] == "cart"
+    assert departure["position_m"][0] == pytest.approx(1.1, abs=0.02)
+    assert departure["at_s"] == pytest.approx(0.55, abs=0.02)
 
 
 def test_numbers_that_grow_are_unstable_whatever_left_by_that() -> None:

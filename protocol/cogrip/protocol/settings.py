@@ -65,10 +65,13 @@ class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ObjectSection(Object, frozen=True, forbid_unknown_fields=True):
-    """[object]: of a scene also its file and steps a frame, which are the server's own: no welcome carries them."""
+    """[object]: of a scene also its files, start and steps a frame, which are the server's own: no welcome carries them."""
 
     kind: LocalKindText = "cube"  # with the folder of a file, made absolute where settings are loaded
     file: str = ""  # MJCF or URDF; made absolute where settings are loaded
+    folder: str = ""  # outside of which no file of a scene is read, absolute as that; "" the folder of `file`
+    keyframe: str = ""  # of a scene, in which it begins; "" as its bodies stand
+    ctrl: tuple[float, ...] = ()  # constant, of each actuator of a scene; () as the keyframe has it, else 0
     substeps: Annotated[int, msgspec.Meta(ge=1, le=64)] = 4
 
     def shared(self, axes: int) -> Object:

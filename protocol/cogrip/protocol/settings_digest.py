@@ -20,6 +20,7 @@ def digest(settings: Settings) -> str:
             _scene(Path(settings.object.file)),
             settings.object.substeps,
             [(user.tool, user.orientation) for user in settings.users],
+            *([begins] if any(begins := (settings.object.keyframe, settings.object.ctrl)) else []),
         ]
     return hashlib.sha256(msgspec.json.encode(shared, order="deterministic")).hexdigest()[:16]
 

@@ -15,7 +15,18 @@ from cogrip.protocol.button_edges import edge_words
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.derived import derived_topics
-from cogrip.protocol.recording.records import Answer, Datagram, Event, Geoms, Ledger, Poses, Record, SeatStep, Step
+from cogrip.protocol.recording.records import (
+    Answer,
+    Datagram,
+    Event,
+    Geoms,
+    Ledger,
+    Poses,
+    Record,
+    SeatStep,
+    Sensors,
+    Step,
+)
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, Sink, encode, topics
 from cogrip.protocol.setting_types import PLACES
@@ -34,12 +45,13 @@ MOST_TEXTS = 4096
 DATAGRAM_IN, DATAGRAM_OUT, INPUT, ANSWER, EVENT, ACCOUNT = range(6)
 
 
-def server_topics(rooms: Sequence[str], scenes: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return the topics of a server's recording: its own, the steps of each room, the bodies of rooms with a scene, then what
-    its writer derives."""
+def server_topics(rooms: Sequence[str], scenes: Sequence[str] = (), measured: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the topics of a server's recording: its own, the steps of each room, the bodies of rooms with a scene, what its
+    writer derives, and the sensors of scenes that have any."""
     steps = tuple(step_topic(room) for room in rooms)
     bodies = tuple(topic for room in scenes for topic in scene_topics(room))
-    return topics(WHO, KINDS) + steps + bodies + tuple(topic for room in rooms for topic in derived_topics(room))
+    derived = tuple(topic for room in rooms for topic in derived_topics(room))
+    return topics(WHO, KINDS) + steps + bodies + derived + tuple(map(sensor_topic, measured))
 
 
 def step_topic(room: str) -> str:
@@ -50,6 +62,11 @@ def step_topic(room: str) -> str:
 def scene_topics(room: str) -> tuple[str, str]:
     """Return the topics of the shapes and of the poses of a room's scene."""
     return f"/room/{room}/geoms", f"/room/{room}/poses"
+
+
+def sensor_topic(room: str) -> str:
+    """Return the topic of the sensors of a room's scene."""
+    return f"/room/{room}/sensors"
 
 
 class RecordedServer(ServerCore):
@@ -72,7 +89,10 @@ class RecordedServer(ServerCore):
         self._address_texts: dict[Address, str] = {}
         self._idle_steps: dict[str, int] = {}
         scenes = [room.name for room in self.rooms if room.world.geoms()]
-        self.topics = server_topics([room.name for room in self.rooms], scenes)
+        measured = [room.name for room in self.rooms if room.world.sensor_names()]
+        self.topics = server_topics([room.name for room in self.rooms], scenes, measured)
+        self._sensor_topic = {room: self.topics.index(sensor_topic(room)) for room in measured}
+        self._named: set[str] = set()  # rooms whose sensors' names were recorded
         self._step_topic = {room.name: len(KINDS) + number for number, room in enumerate(self.rooms)}
         self._scene_topic = {room: self.topics.index(scene_topics(room)[0]) for room in scenes}
         self._drawn: dict[str, bytes] = {}  # offsets with which a room's shapes were recorded last
@@ -178,8 +198,11 @@ class RecordedServer(ServerCore):
         for seat in room.seats:
             for edge in seat.port.handle.popped[0] if seat.port is not None else ():
                 self.put(EVENT, Event(f"{room.name}: {seat.name} {edge_words(edge)}"))
-        if room.name in self._scene_topic and room.steps % -(-room.settings.rates.network_hz // VIEWS_HZ) == 0:
-            self._put_bodies(room)
+        if room.steps % -(-room.settings.rates.network_hz // VIEWS_HZ) == 0:
+            if room.name in self._scene_topic:
+                self._put_bodies(room)
+            if room.name in self._sensor_topic:
+                self._put_sensors(room)
 
     def _put_bodies(self, room: Room) -> None:
         topic, world = self._scene_topic[room.name], room.world
@@ -190,6 +213,11 @@ class RecordedServer(ServerCore):
             places[:, : min(PLACES, world.axes)] = world.offset[:, :PLACES]
             self.put(topic, Geoms(tuple(world.geoms()), tuple(places.ravel().tolist())))
         self.put(topic + 1, Poses(room.steps, tuple(world.poses_of_bodies().ravel().tolist())))
+
+    def _put_sensors(self, room: Room) -> None:
+        names = () if room.name in self._named else tuple(room.world.sensor_names())
+        self._named.add(room.name)
+        self.put(self._sensor_topic[room.name], Sensors(room.steps, names, room.world.sensors()))
 
     def _put_waiting(self) -> None:
         if self._stepped is not None:

@@ -5,7 +5,6 @@ are in `cogrip.server.worlds.registry`.
 """
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 from cogrip.protocol.messages import Frame, Power, State, Waves
@@ -79,14 +78,12 @@ def make_scene_world(settings: Settings, seats: Sequence[SeatSettings]) -> World
         ) from None
 
     given = settings.object
-    step_s = seats[0].rates.frame_s / given.substeps
     worlds: dict[Kind, type[scene.SceneWorld]] = {
         "wave": scene.SceneWorld, "local": local_scene.LocalScene, "coupling": driven_scene.CoupledScene,
         "tdpa": driven_scene.PowerScene,
     }  # fmt: skip
     make = worlds[settings.coupling.kind]
-    loaded = scene_file.load_scene(Path(given.file), scene_file.held_by(settings), step_s)
-    world = make(seats, loaded, given.substeps)
+    world = make(seats, scene_file.scene_of_settings(settings, seats[0].rates.frame_s), given.substeps)
     world.watch(settings.task)
     return world
 

@@ -106,7 +106,7 @@ def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """
     refused = overloads(settings)
     if not kind_of(settings.object.kind).spring:  # no model
-        refused += unbounded(settings)
+        refused += (*unbounded(settings), *_makes_energy(settings))
         return tuple(dict.fromkeys((*refused, *scene_warnings(settings)))), refused
     try:
         model = LiftedModel(linear_session(settings))
@@ -117,6 +117,19 @@ def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
     except (ArithmeticError, ValueError) as error:  # ModelError and LinAlgError are ValueErrors
         return (*refused, f"no advice on stability: {error}"), refused
     return advice.warnings, (*refused, *(text for text in advice.refusals if text not in refused))
+
+
+def _makes_energy(settings: Settings) -> tuple[str, ...]:
+    """Return why a scene is refused that sets contact of its own, and makes energy in a few pushes."""
+    if settings.object.kind != "scene":
+        return ()
+    from cogrip.sim.analysis.scene_pushed import FEW, pushed, sets_contact  # with MuJoCo
+
+    with BadInput.of(ValueError):  # a SceneError
+        if not sets_contact(settings):
+            return ()
+        found = pushed(settings, FEW)
+    return (found.text,) if found.refused else ()
 
 
 def scene_warnings(settings: Settings) -> tuple[str, ...]:

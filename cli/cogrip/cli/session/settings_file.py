@@ -155,7 +155,7 @@ def _overrides(overrides: Overrides) -> dict[str, Any]:
     """Return them by key. A file's path in them is relative to the current folder. Raises BadInput."""
     found = dict(overrides if isinstance(overrides, Mapping) else map(override, overrides))
     for key, value in found.items():
-        if key in TRACES and isinstance(value, str) and value:
+        if key in (*TRACES, "object.folder") and isinstance(value, str) and value:
             found[key] = str(Path(value).absolute())
         if key == "object.file" and isinstance(value, str) and value:
             found[key] = _scene_at(Path(), value)
@@ -186,6 +186,8 @@ def _place_scene(table: dict[str, Any], folder: Path) -> None:
         section["kind"] = _kind_at(folder, section["kind"])
     if isinstance(section, dict) and isinstance(section.get("file"), str) and section["file"]:
         section["file"] = _scene_at(folder, section["file"])
+    if isinstance(section, dict) and isinstance(section.get("folder"), str) and section["folder"]:
+        section["folder"] = str((folder / section["folder"]).absolute())
 
 
 def _scene_at(folder: Path, name: str) -> str:

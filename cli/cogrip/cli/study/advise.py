@@ -90,8 +90,9 @@ def _without_model(settings: Settings, laboratory: bool, json: Json) -> int:
     with BadInput.of(ValueError):  # a SceneError
         if settings.object.kind == "scene":
             from cogrip.sim.analysis.scene_advice import scene_findings  # with MuJoCo
+            from cogrip.sim.analysis.scene_pushed import pushed
 
-            findings = scene_findings(settings)
+            findings = [*scene_findings(settings), pushed(settings)]
         else:
             findings = list(own_world_findings(settings))
         refused = any(finding.refused for finding in findings)

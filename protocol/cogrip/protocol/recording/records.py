@@ -143,6 +143,14 @@ class Poses(Record, frozen=True, gc=False):
     poses: Row
 
 
+class Sensors(Record, frozen=True, gc=False):
+    """Values of a scene's own sensors after a step, as often as poses. names: of each number, in the first record alone."""
+
+    step: int
+    names: tuple[str, ...]
+    sensors: Row
+
+
 class Clock(Record, frozen=True, gc=False):
     """A clock anchor: the recording machine's two clocks read together."""
 
@@ -181,6 +189,7 @@ KINDS: dict[str, type[Record]] = {
     "step": Step,
     "geoms": Geoms,
     "poses": Poses,
+    "sensors": Sensors,
     "datagram_in": Datagram,
     "datagram_out": Datagram,
     "command": Command,

@@ -81,6 +81,9 @@ DESCRIPTIONS = {
     "object": "whether it is part of the object",
     "offsets_m": "position of each seat's own frame less the object's, three numbers a seat",
     "poses": "place in the object's frame [m] and quaternion w, x, y, z of each body, seven numbers a body",
+    # sensors of a scene
+    "names": "of each number of the sensors, in the first record alone",
+    "sensors": "values of the scene's own sensors, in MuJoCo's units",
     # the others
     "data": "the datagram's bytes",
     "address": "address of the other end; empty at a client",

@@ -57,9 +57,8 @@ def local_geometry(scene: Scene, seat: int) -> LocalGeometry:
     others = np.flatnonzero(solid & ~own)
     touches = _touching(model, balls, others)
     others, touches = others[touches.any(axis=0)], touches[:, touches.any(axis=0)]
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    start = model.body_pos[tool.body]
+    data = scene.start.data(model)
+    start = data.xpos[tool.body]
     fixtures: list[Shape] = []
     left_out: list[str] = []
     obstacles: list[int] = []
@@ -124,9 +123,7 @@ def unfit_tool(user: str, why: str) -> str:
 
 def _is_one_ball(scene: Scene, seat: int, balls: NDArray[np.intp]) -> bool:
     """Return whether a tool touches the same however it is turned, and turning does not move it: contact makes no torque."""
-    data, body = mujoco.MjData(scene.model), scene.tools[seat].body
-    mujoco.mj_kinematics(scene.model, data)
-    mujoco.mj_comPos(scene.model, data)
+    data, body = scene.start.data(scene.model), scene.tools[seat].body
     middles = (*data.geom_xpos[balls], data.subtree_com[body])
     return len(balls) == 1 and all(dist(middle, data.xpos[body]) <= _CENTRED_M for middle in middles)
 

@@ -31,7 +31,7 @@ from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.energy_limiter import EnergyLimiter
 from cogrip.server.worlds.equality_rows import EqualityRows
 from cogrip.server.worlds.opening_ports import OpeningPorts
-from cogrip.server.worlds.scene_bodies import SceneBodies
+from cogrip.server.worlds.scene_bodies import SceneBodies, Workspace
 from cogrip.server.worlds.scene_contacts import SceneContacts
 from cogrip.server.worlds.scene_file import Scene
 from cogrip.server.worlds.scene_grips import grip_of
@@ -61,7 +61,7 @@ class SceneWorld(SceneMeasures):
     def __init__(self, seats: Sequence[SeatSettings], scene: Scene, substeps: int) -> None:
         model = scene.model
         self.scene, self.substeps = scene, substeps
-        self.data = mujoco.MjData(model)
+        self.data = scene.start.data(model)
         self.object = SceneObject(scene, self.data)
         self.object_name = (self.object.there and model.body(scene.object).name) or World.object_name
         self._shapes, self._drawn, _ = shapes_of(scene, self.object.start)
@@ -78,9 +78,11 @@ class SceneWorld(SceneMeasures):
         self._driven_axes = np.ones((len(seats), self.axes), dtype=bool)
         self._driven_axes[:, PLACES:] = [[tool.driven or tool.opening >= 0] for tool in scene.tools]
         self._grips = [grip_of(model, tool) for tool in scene.tools]
-        self._free_bodies = SceneBodies(scene, any(grip.tied for grip in self._grips))
-        self._zero = model.qpos0[self._places]  # coordinates of a hand at 0
-        start = np.array([model.body_pos[tool.body] for tool in scene.tools])
+        self.workspace = Workspace(scene)
+        self._free_bodies = SceneBodies(scene, self.workspace, any(grip.tied for grip in self._grips))
+        self._begun = scene.start.data(model)  # at the start, for ever
+        self._zero = self._begun.qpos[self._places]  # coordinates of a hand at 0
+        start = self._begun.xpos[[tool.body for tool in scene.tools]]
         self._from_object = self.object.start - start  # to a hand's own frame, as long as _zero is as it is now
         self.offset[:, :PLACES] = self._from_object
         self._state = np.zeros(mujoco.mj_stateSize(model, _STATE))
@@ -101,7 +103,7 @@ class SceneWorld(SceneMeasures):
             bodies: Sequence[int] = (self.scene.object,)
             if any(grip.tied for grip in self._grips):  # the whole scene goes back to its start, with what ties them
                 bodies = range(self.scene.model.nbody)
-                self.data.qpos[:], self.data.qvel[:] = self.scene.model.qpos0, 0.0
+                self.data.qpos[:], self.data.qvel[:] = self._begun.qpos, 0.0
             self.object.put(value)
             self._begin_anew(bodies)
 
@@ -123,6 +125,19 @@ class SceneWorld(SceneMeasures):
     def orientation(self) -> Array:
         """Quaternion w, x, y, z of the object."""
         return self.object.orientation
+
+    @property
+    def left_workspace(self) -> bool:
+        return not self.workspace.has(self._object_at)
+
+    @property
+    def out_of_reach(self) -> bool:
+        return not self.workspace.reaches(self._object_at)
+
+    @property
+    def _object_at(self) -> Array:
+        """Place of the object in the world; where there is none it is always within."""
+        return self.object.at if self.object.there else self.workspace.middle
 
     def geoms(self) -> Sequence[Shape]:
         return self._shapes
@@ -174,7 +189,7 @@ class SceneWorld(SceneMeasures):
 
     def _begin_at(self, user: int, zero: Array) -> None:
         self._zero[user] = zero
-        self.offset[user, :PLACES] = self._from_object[user] + self.scene.model.qpos0[self._places[user]] - zero
+        self.offset[user, :PLACES] = self._from_object[user] + self._begun.qpos[self._places[user]] - zero
 
     def _damp(self, user: int) -> None:
         """Give a held tool the damper of its port."""
@@ -197,7 +212,7 @@ class SceneWorld(SceneMeasures):
         self._refresh()
 
     def reset(self) -> None:
-        mujoco.mj_resetData(self.scene.model, self.data)
+        self.scene.start.begin(self.scene.model, self.data)
         self.contacts.forget()
         self._warm.forget()
         self.limiter = EnergyLimiter(self.frame_s)
@@ -308,7 +323,7 @@ class SceneWorld(SceneMeasures):
             self._equalities.correct(data)
             self._warm.extrapolate(data)
             mujoco.mj_step2(model, data)
-            check_rates(data)
+            check_rates(model, data)
             rate[:, :PLACES] = data.qvel[dofs]
             if turning:
                 rate[turning, PLACES:] = data.qvel[self.turning.dofs]

@@ -59,8 +59,11 @@ class SceneContacts:
         model = scene.model
         seats = {tool.body: seat for seat, tool in enumerate(scene.tools)}
         self._model, self._frame_s = model, frame_s
-        self._bodies: list[int] = model.geom_bodyid.tolist()
-        self._seats = [seats.get(int(model.body_rootid[body]), -1) for body in self._bodies]  # of each geom
+        self._bodies: list[int] = [
+            *model.geom_bodyid.tolist(),
+            0,
+        ]  # of each geom; the last: -1, part of a flexible body
+        self._seats = [seats.get(int(model.body_rootid[body]), -1) for body in self._bodies]
         self._tools = [tool.body for tool in scene.tools]
         self._force = np.zeros(6)
         self._sensors: list[int] = model.sensor_adr[-len(self._tools) :].tolist()
@@ -71,8 +74,7 @@ class SceneContacts:
         self._reads = 0
         self._lifted_m, self._lifted = 0.0, 0  # frames
         self._lifted_slip_m, self._at_lift = 0.0, [0.0] * len(self._tools)
-        start = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, start)
+        start = scene.start.data(model)
         self._height, self._turned = float(start.xpos[self._object, 2]), start.xmat[self._object].tolist()
         self._trace = 3.0  # least of that of the object's rotation from its start
         self.forget()

@@ -11,11 +11,10 @@ choose how a step is solved (`Scene.changed`): with other integrators, or a solv
 """
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
-from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,18 +26,24 @@ from cogrip.protocol.setting_types import PINCH, PLACES, POSE_AXES, Orientation,
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.texts import shown
 from cogrip.server.io.trial import MEMORY_BYTES, TrialError, tried
-from cogrip.server.worlds.scene_places import CLEAR_M, place_tools
-from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, read_meshes, read_text, scan
+from cogrip.server.worlds.scene_places import CLEAR_M, SITE, Placed, place_tools
+from cogrip.server.worlds.scene_start import Start, names_of, start_of
+from cogrip.server.worlds.scene_text import MOST_NAMED, SceneError, SceneFiles, listed, read_scene, scene_of
 
 MOST_CONTACTS = 8  # of a tool whose forces are measured, the strongest ones
 MOST_ITERATIONS = 1000  # of any solver in a step, and of its starting points: what does not converge goes on for ever
 DIGEST_DIGITS = 16
 TRIED_STEPS = 20  # in the child process in which a scene is tried
+MANY_DOFS = 200  # from which on contacts get MANY_BYTES of memory at least
+MANY_BYTES = 2**27
+MOST_RESERVED = 2000  # contacts, or rows of constraints, for which a scene reserves memory
 MOST_RATE = 1e5  # of anything after one step [m/s, rad/s]
 MOST_FAR_M = 1e4  # of a body from the middle, and of a geom from its own
 TOOLS = ("pad", "ball", "box", PINCH)
 """Tools that are added; `tool = ""` is the first."""
 TOOL_KG = 0.05
+ADDED = "tool of seat "  # A body that is added has this name, followed by the number of its seat.
+MOCAP_M = 0.01  # radius of the ball whose inertia a mocap body has as a tool
 APART_M = 0.05  # between added tools of one side
 FINGER_M, FINGER_APART_M = (
     0.004,
@@ -58,6 +63,8 @@ _EQUALITY = {
     "solimp": _GEOM["solimp"],
     "solref": (-HOLD_RATE_PS2 * (1.0 - CONTACT_SHARE), -HOLD_DAMPING_PS * (1.0 - CONTACT_SHARE)),
 }
+_LIMIT = {"solimp_limit": _GEOM["solimp"], "solref_limit": _GEOM["solref"], "margin": _GEOM["margin"]}
+"""Of joints and tendons at the ends of their ranges. A hinge's margin is in radians."""
 STICTION_SHARE = (
     0.9999  # of joints with dry friction: at MuJoCo's usual 0.9 they creep by what the friction should hold
 )
@@ -126,62 +133,112 @@ class Tool:
 class Scene:
     """A compiled scene.
 
+    start   where its own bodies begin, and what its actuators do
     tools   one for each seat
-    digest  of its text, meshes and tools
+    digest  of its files, tools and start
     object  body whose motion is that of the room's object: the first free one that is no tool; -1: there is none
     filled  contact settings that were applied, as the scene sets none
     own     those that the scene sets itself: what they do about energy is theirs
     changed those that the scene sets, and that do not hold: with what it sets, and what was taken
+    sensors a name for each number of the scene's own, which come before those of its tools
+    unused  what the scene has and nothing of a room uses, each with what would use it
     """
 
     model: mujoco.MjModel
+    start: Start
     tools: tuple[Tool, ...]
     object: int
     filled: tuple[str, ...]
     own: tuple[str, ...]
     changed: tuple[str, ...]
+    unused: tuple[str, ...]
+    sensors: tuple[str, ...]
     digest: str
 
 
+class SceneAccount(NamedTuple):
+    """Account of a scene as its author has it, each part in words. refused: why it cannot be used, "" where it can."""
+
+    refused: str = ""
+    added: tuple[str, ...] = ()
+    filled: tuple[str, ...] = ()
+    own: tuple[str, ...] = ()
+    changed: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()
+
+
 class Held(NamedTuple):
-    """Choice of a seat's tool: name of its body or "", side on which it starts, orientation; grips: it has a finger."""
+    """Choice of a seat's tool: name of its body or "", side on which it starts, orientation; grips: it has a finger.
+
+    user: name of its person, for whom a site of the scene may name a place (`SITE`)
+    """
 
     tool: str
     side: Side
     orientation: Orientation
     grips: bool = False
+    user: str = ""
 
 
 def held_by(settings: Settings) -> list[Held]:
     """Return what each seat asks for. In a room of poses a hand drives the orientation, if nothing else is said."""
     usual: Orientation = "driven" if settings.object.axes == POSE_AXES else ""
     return [
-        Held(user.tool.removeprefix(f"{PINCH}:"), user.side, user.orientation or usual, user.grips)
+        Held(user.tool.removeprefix(f"{PINCH}:"), user.side, user.orientation or usual, user.grips, user.name)
         for user in settings.users
     ]
 
 
-def load_scene(path: Path, seats: Sequence[Held], step_s: float) -> Scene:
-    """Return the scene of a file for these seats. Raises SceneError."""
-    return make_scene(read_text(path), seats, step_s, path.name, path.parent)
+def scene_of_settings(settings: Settings, frame_s: float) -> Scene:
+    """Return the scene of a room. Raises SceneError."""
+    given = settings.object
+    folder = Path(given.folder) if given.folder else None
+    files = read_scene(Path(given.file), folder)
+    return _made(files, held_by(settings), frame_s / given.substeps, given.keyframe, given.ctrl)
 
 
-def make_scene(
-    text: str, seats: Sequence[Held], step_s: float, name: str = "scene", folder: Path | None = None
-) -> Scene:
-    """Return the scene of an XML text. step_s: of one substep; name: of the file, for errors; folder: of its meshes.
+def account_of(settings: Settings, frame_s: float) -> SceneAccount:
+    """Return what is added to a scene, set, changed and not used, or why it is refused."""
+    try:
+        scene = scene_of_settings(settings, frame_s)
+    except SceneError as error:
+        return SceneAccount(str(error))
+    places = scene.start.data(scene.model).xpos
+    added = [
+        f"{user.tool or TOOLS[0]} for {user.name} at {', '.join(f'{1e3 * each:.4g}' for each in places[tool.body])} mm"
+        for user, tool in zip(settings.users, scene.tools, strict=True)
+        if scene.model.body(tool.body).name.startswith(ADDED)
+    ]
+    return SceneAccount("", tuple(added), scene.filled, scene.own, scene.changed, scene.unused)
 
-    It is loaded and stepped in a child process first, under limits, once in this process for each text. Raises SceneError.
+
+def load_scene(
+    path: Path, seats: Sequence[Held], step_s: float, folder: Path | None = None, keyframe: str = "",
+    ctrl: Sequence[float] = (),
+) -> Scene:  # fmt: skip
+    """Return the scene of a file for these seats. Raises SceneError.
+
+    folder: of its files, None for its own; keyframe, ctrl: as [object] of the settings has them
     """
-    found = scan(text, name)
-    meshes = read_meshes(found, folder, name)
-    digest = _digest(text, meshes, seats, step_s)
-    load = partial(_load, text, meshes, tuple(seats), step_s, found.options, name, digest[:DIGEST_DIGITS])
+    return _made(read_scene(path, folder), seats, step_s, keyframe, ctrl)
+
+
+def make_scene(text: str, seats: Sequence[Held], step_s: float, name: str = "scene") -> Scene:
+    """Return the scene of an XML text, which names no files. step_s: of one substep; name: for errors. Raises SceneError."""
+    return _made(scene_of(text, name), seats, step_s)
+
+
+def _made(
+    files: SceneFiles, seats: Sequence[Held], step_s: float, keyframe: str = "", ctrl: Sequence[float] = ()
+) -> Scene:
+    """Return the scene. It is loaded and stepped in a child process first, under limits, once here for each text."""
+    digest = _digest(files, seats, step_s, keyframe, ctrl)
+    load = partial(_load, files, tuple(seats), step_s, keyframe, tuple(ctrl), digest[:DIGEST_DIGITS])
     if digest not in _tried:
         try:
-            refusal = tried(partial(_refusal, load, name))
+            refusal = tried(partial(_refusal, load, files))
         except TrialError as error:
-            raise SceneError(f"{name}: {error}; make it smaller") from None
+            raise SceneError(f"{files.name}: {error}; make it smaller") from None
         if refusal:
             raise SceneError(refusal)
         _tried.add(digest)
@@ -192,91 +249,165 @@ _tried: set[str] = set()
 """Whole digests of scenes that passed their trial in this process."""
 
 
-def _refusal(load: Callable[[], Scene], name: str) -> str:
+def _refusal(load: Callable[[], Scene], files: SceneFiles) -> str:
     """Return why a scene cannot be used, "" where it can: it loads, and its first steps stay within bounds."""
     try:
-        _try_steps(load().model, name)
+        _try_steps(load(), files.name)
     except SceneError as error:
         return str(error)
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
-        return str(_unloadable(error, name))
+        return str(_unloadable(error, files))
     return ""
 
 
 def _load(
-    text: str, meshes: Mapping[str, bytes], seats: Sequence[Held], step_s: float, options: set[str], name: str, digest: str
-) -> Scene:  # fmt: skip
+    files: SceneFiles, seats: Sequence[Held], step_s: float, keyframe: str, ctrl: Sequence[float], digest: str
+) -> Scene:
     """Return the scene, from arguments that can be pickled. Raises SceneError, whatever MuJoCo makes of the text."""
     mujoco.set_mju_user_warning(_counted)
+    name, options = files.name, files.options
     try:
-        spec = mujoco.MjSpec.from_string(text, assets=dict(meshes))
+        spec, vfs = _parsed(files)
         spec.compiler.usethread = False  # each thread would take memory of its own
-        bare = _compile(spec)
+        sizes = _suit_memory(spec)
+        bare = _compile(spec, vfs)
+        if bare.nv >= MANY_DOFS and bare.narena < MANY_BYTES:
+            spec.memory = MANY_BYTES  # contacts are found farther away than by MuJoCo alone
+        begun = start_of(bare, keyframe, ctrl, name)
+        for key in list(spec.keys):
+            spec.delete(key)  # whose sizes would not be those of the scene with its tools
         _free_masses(spec)
-        changed = _solved(spec, options)
+        changed = (*sizes, *_solved(spec, options, step_s), *_suit_flexes(spec, name))
         filled, own = _complete(spec, options, step_s)
-        bodies = {body.name for body in spec.bodies[1:] if body.name}
-        chosen = [
-            held.tool if held.tool in bodies else _added(held.tool, seat, bodies, name)
-            for seat, held in enumerate(seats)
-        ]
-        object_m, radius_m = _object(bare, {held.tool for held in seats if held.tool in bodies})
-        for seat, (held, body) in enumerate(zip(seats, chosen, strict=True)):
-            if body not in bodies:
-                sign = -1.0 if held.side == "left" else 1.0
-                before = [each for each in range(seat) if seats[each].side == held.side and chosen[each] not in bodies]
-                place = object_m + np.array([sign * (radius_m + CLEAR_M), APART_M * len(before), 0.0])
-                _add_tool(spec, body, held, place.tolist())
+        if bare.nv >= SPARSE_FROM and "jacobian" not in options:
+            spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
+        chosen = _choose_tools(spec, bare, begun, seats, name)
         for body in chosen:
             _add_sensor(spec, body)
-        model = _compiled(spec, chosen)
-        _weigh(model, bare)
+        model = _compiled(spec, vfs, chosen)
+        ids = [model.body(body).id for body in chosen]
+        taken = {body for body in ids if body < bare.nbody and bare.body_mocapid[body] >= 0}
+        if _weigh(spec, model, bare, taken):
+            model = _compiled(spec, vfs, chosen)
+        start = start_of(bare, keyframe, ctrl, name, model, {*taken, *range(bare.nbody, model.nbody)})
+        sites = {model.site(site).name: site for site in range(model.nsite)}
         added = [
-            (model.body(body).id, held.side) for body, held in zip(chosen, seats, strict=True) if body not in bodies
+            Placed(body, held.side, sites.get(f"{SITE}{held.user}", -1))
+            for body, held in zip(ids, seats, strict=True)
+            if body >= bare.nbody
         ]
-        place_tools(model, added, _first_free(model, {model.body(body).id for body in chosen}), name)
-        if model.nv >= SPARSE_FROM and "jacobian" not in options:
-            model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
-            if max(model.body_geomnum) <= MOST_TRIED_GEOMS:
-                model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
+        place_tools(model, start, added, _first_free(model, set(ids)), name)
+        if "jacobian" not in options:
+            _suit_crowd(model)
     except SceneError:
         raise
     except Exception as error:  # noqa: BLE001 - MuJoCo raises RuntimeError and others for texts that it did not foresee
-        raise _unloadable(error, name) from None
+        raise _unloadable(error, files) from None
     _refuse_endless(model, name)
-    if model.na or model.nplugin:
-        what = "actuators with states of their own" if model.na else "plugins"
-        raise SceneError(f"{name}: has {what}, whose energy is not counted; leave them out")
+    if np.any(model.actuator_plugin >= 0) or np.any(model.body_plugin >= 0):
+        raise SceneError(f"{name}: has plugins of actuators or bodies, whose energy is not counted; leave them out")
     tools = tuple(_tool(model, body, held, name) for body, held in zip(chosen, seats, strict=True))
     if len({tool.body for tool in tools}) < len(tools):
         twice = next(body for body in chosen if chosen.count(body) > 1)
         raise SceneError(f"{name}: two seats have the tool {twice!r}; name a body for each, or leave one out")
-    return Scene(model, tools, _first_free(model, {tool.body for tool in tools}), filled, own, changed, digest)
+    unused = _unused(files, bare, taken, bool(keyframe), bool(keyframe or ctrl))
+    free = _first_free(model, {tool.body for tool in tools})
+    return Scene(model, start, tools, free, filled, own, changed, unused, _sensors(bare), digest)
 
 
-def _digest(text: str, meshes: Mapping[str, bytes], seats: Sequence[Held], step_s: float) -> str:
+def _choose_tools(
+    spec: mujoco.MjSpec, bare: mujoco.MjModel, begun: Start, seats: Sequence[Held], name: str
+) -> list[str]:
+    """Return the name of each seat's tool, after adding those that are to be added beside the object. Raises SceneError."""
+    bodies = {body.name for body in spec.bodies[1:] if body.name}
+    own = [held.tool in bodies for held in seats]
+    for held, is_own in zip(seats, own, strict=True):
+        if is_own and spec.body(held.tool).mocap:
+            _take_mocap(spec, held, bare, begun)
+    object_m, radius_m = _object(bare, begun, {held.tool for held, is_own in zip(seats, own, strict=True) if is_own})
+    chosen, beside = [], {"left": 0, "right": 0}
+    for seat, (held, is_own) in enumerate(zip(seats, own, strict=True)):
+        chosen.append(held.tool if is_own else _added(held.tool, seat, bodies, name))
+        if not is_own:
+            sign = -1.0 if held.side == "left" else 1.0
+            place = object_m + np.array([sign * (radius_m + CLEAR_M), APART_M * beside[held.side], 0.0])
+            beside[held.side] += 1
+            _add_tool(spec, chosen[-1], held, place.tolist())
+    return chosen
+
+
+def _suit_crowd(model: mujoco.MjModel) -> None:
+    """Let the solver of a large scene have sparse matrices, and no search in trees of few geoms."""
+    if model.nv >= SPARSE_FROM:
+        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
+        if max(model.body_geomnum) <= MOST_TRIED_GEOMS:
+            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
+
+
+def _parsed(files: SceneFiles) -> tuple[mujoco.MjSpec, mujoco.MjVfs]:
+    """Return the scene as its author has it, and the files with which it is to be compiled."""
+    vfs, root = mujoco.MjVfs(), files.root
+    for path, data in files.files.items():
+        vfs[root + path] = data
+    return mujoco.MjSpec.from_file(root + files.main, vfs=vfs), vfs
+
+
+def _sensors(bare: mujoco.MjModel) -> tuple[str, ...]:
+    """Return a name for each number of a scene's sensors: the sensor's, with a number behind it where it has more than one."""
+    found = []
+    for sensor, name in enumerate(names_of(bare, bare.nsensor, "sensor")):
+        size = int(bare.sensor_dim[sensor])
+        found += [name] if size == 1 else [f"{name}_{number}" for number in range(size)]
+    return tuple(found)
+
+
+def _unused(
+    files: SceneFiles, bare: mujoco.MjModel, taken: Collection[int], begun: bool, controlled: bool
+) -> tuple[str, ...]:
+    """Return what a scene has and nothing uses. taken: mocap bodies that are tools; begun, controlled: what settings say."""
+    unused = []
+    if shown_files := files.discarded:
+        count = f"{len(shown_files)} mesh file{'s' if len(shown_files) > 1 else ''}"
+        unused.append(f"{count} that a URDF shows ({listed(shown_files)})")
+    if bare.nkey and not begun:
+        unused.append(f"keyframes ({listed(names_of(bare, bare.nkey, 'key'))}): name one as object.keyframe")
+    mocaps = [body for body in range(bare.nbody) if bare.body_mocapid[body] >= 0 and body not in taken]
+    if mocaps:
+        names = [bare.body(body).name or f"body {body}" for body in mocaps]
+        unused.append(f"mocap bodies stay where they are ({listed(names)}): name one as a person's tool")
+    if bare.nu and not controlled:
+        names = names_of(bare, bare.nu, "actuator")
+        unused.append(f"ctrl of actuators stays 0 ({listed(names)}): set object.ctrl, or a keyframe that has it")
+    return tuple(unused)
+
+
+def _digest(files: SceneFiles, seats: Sequence[Held], step_s: float, keyframe: str, ctrl: Sequence[float]) -> str:
     words = [f"{PINCH} {held.tool}" if held.grips else held.tool for held in seats]
     words += [held.side for held in seats] + [held.orientation for held in seats]
-    digest = sha256("\0".join([text, *words, str(step_s)]).encode())
-    for base, data in sorted(meshes.items()):
-        digest.update(f"\0{base}\0{len(data)}\0".encode() + data)
+    if any(SITE.encode() in data for data in files.files.values()):
+        words += [held.user for held in seats]
+    words += [str(step_s), *([keyframe, *map(str, ctrl)] if keyframe or ctrl else ())]
+    digest = sha256(b"\0".join([files.files[files.main], *[word.encode() for word in words]]))
+    for path, data in sorted(files.files.items()):
+        if path != files.main:
+            digest.update(f"\0{path}\0{len(data)}\0".encode() + data)
     return digest.hexdigest()
 
 
-def _compiled(spec: mujoco.MjSpec, tools: Sequence[str]) -> mujoco.MjModel:
+def _compiled(spec: mujoco.MjSpec, vfs: mujoco.MjVfs, tools: Sequence[str]) -> mujoco.MjModel:
     """Return the model of a scene whose tools' weight can be carried later: MuJoCo carries none where no body has it."""
     heavy = [spec.body(tool) for tool in tools if not spec.body(tool).gravcomp]
     for body in heavy:
         body.gravcomp = 1.0
-    model = _compile(spec)
+    model = _compile(spec, vfs)
     model.body_gravcomp[[body.id for body in heavy]] = 0.0
     return model
 
 
-def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
+def _compile(spec: mujoco.MjSpec, vfs: mujoco.MjVfs) -> mujoco.MjModel:
     """Return the model of a scene. MuJoCo would warn on standard error of textures that a mesh is to have, and nobody draws."""
     with warnings.catch_warnings(action="ignore", category=UserWarning):
-        return spec.compile()
+        return spec.compile(vfs)
 
 
 def _free_masses(spec: mujoco.MjSpec) -> None:
@@ -287,15 +418,34 @@ def _free_masses(spec: mujoco.MjSpec) -> None:
     compiler.inertiagrouprange = [0, mujoco.mjNGROUP - 1]
 
 
-def _weigh(model: mujoco.MjModel, bare: mujoco.MjModel) -> None:
-    """Give the scene's own bodies the masses that they have without tools, whose bodies are the last ones."""
-    own = range(bare.nbody)
+def _weigh(spec: mujoco.MjSpec, model: mujoco.MjModel, bare: mujoco.MjModel, taken: Collection[int]) -> bool:
+    """Give the scene's own bodies, but for those `taken`, the masses that they have without tools, whose bodies are last.
+
+    Return whether that changes anything, so that the model is to be compiled again.
+    """
+    own = [body for body in range(1, bare.nbody) if body not in taken]
     keys = ("body_mass", "body_inertia", "body_ipos", "body_iquat")
-    if all(np.array_equal(getattr(model, key)[own], getattr(bare, key)) for key in keys):
-        return
-    for key in keys:
-        getattr(model, key)[own] = getattr(bare, key)
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+    if all(np.array_equal(getattr(model, key)[own], getattr(bare, key)[own]) for key in keys):
+        return False
+    for body in spec.bodies:
+        if body.id in own:
+            body.explicitinertial, body.mass = True, bare.body_mass[body.id]
+            body.inertia, body.ipos, body.iquat = (
+                bare.body_inertia[body.id],
+                bare.body_ipos[body.id],
+                bare.body_iquat[body.id],
+            )
+            body.fullinertia = np.full(6, np.nan)
+    return True
+
+
+def _suit_memory(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """Let MuJoCo choose the memory of contacts where a scene reserves much, as old ones do. Return what changed."""
+    asked = {key: getattr(spec, key) for key in ("njmax", "nconmax")}
+    if max(asked.values()) <= MOST_RESERVED or spec.memory > 0:
+        return ()
+    spec.njmax = spec.nconmax = -1
+    return tuple(f"size {key} ({count} > MuJoCo's own)" for key, count in asked.items() if count > 0)
 
 
 def _refuse_endless(model: mujoco.MjModel, name: str) -> None:
@@ -305,9 +455,10 @@ def _refuse_endless(model: mujoco.MjModel, name: str) -> None:
             raise SceneError(f"{name}: option {key} = {count} is more than {MOST_ITERATIONS}; leave it out")
 
 
-def _try_steps(model: mujoco.MjModel, name: str) -> None:
+def _try_steps(scene: Scene, name: str) -> None:
     """Raise SceneError for a scene with a number in it that is none, or huge; the child has limits for what takes too long."""
-    data = mujoco.MjData(model)
+    model = scene.model
+    data = scene.start.data(model)
     mujoco.mj_step(model, data)
     far_m = max(float(np.abs(data.xpos).max()), float(model.geom_rbound.max(initial=0.0)))
     if far_m > MOST_FAR_M:
@@ -325,24 +476,60 @@ def _counted(text: str) -> None:
     """Do nothing: MuJoCo would write its warnings to a file here. It counts them, and the world looks at its state."""
 
 
-def _unloadable(error: Exception, name: str) -> SceneError:
+def _unloadable(error: Exception, files: SceneFiles) -> SceneError:
     """Return one line of what MuJoCo says."""
-    words = shown(" ".join(str(error).split()).removeprefix("Error: ")) or type(error).__name__
+    said = " ".join(str(error).replace(files.root, "").split()).removeprefix("Error: ")
+    words = shown(said) or type(error).__name__
     cure = "; give the body a geom with mass, or an inertial" if "mjMINVAL" in words else ""
     if "allocate memory" in words or isinstance(error, RuntimeError | MemoryError):  # where a library of C++ found none
         cure = f"; make it smaller: a scene has {MEMORY_BYTES >> 20} MB"
-    return SceneError(f"{name}: does not load: {words}{cure}")
+    return SceneError(f"{files.name}: does not load: {words}{cure}")
 
 
-def _solved(spec: mujoco.MjSpec, options: set[str]) -> tuple[str, ...]:
+def _solved(spec: mujoco.MjSpec, options: Set[str], step_s: float) -> tuple[str, ...]:
     """Set how a step is solved. Return what the scene sets and does not get."""
+    option = spec.option
     changed = []
+    if "timestep" in options and option.timestep != step_s:
+        changed.append(f"timestep ({option.timestep:g} > {step_s:.6g})")
+    off, on = mujoco.mjtDisableBit, mujoco.mjtEnableBit
+    disabled = [
+        bit for bit in (off.mjDSBL_DAMPER, off.mjDSBL_EULERDAMP, off.mjDSBL_SENSOR) if option.disableflags & bit
+    ]
+    changed += [f"flag {bit.name.rpartition('_')[2].lower()} (disable > enable)" for bit in disabled]
+    if option.enableflags & on.mjENBL_SLEEP:
+        changed.append("flag sleep (enable > disable)")
     for key, of in _SOLVED.items():
         given = getattr(spec.option, key)
         taken = of(given)
         if key in options and given != taken:
             changed.append(f"{key} ({_option_text(key, given)} > {_option_text(key, taken)})")
         setattr(spec.option, key, taken)
+    return tuple(changed)
+
+
+def _limited(elements: Sequence[Any]) -> list[Any]:
+    """Return the joints or tendons that have a range."""
+    return [
+        element
+        for element in elements
+        if element.limited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(element.range)
+    ]
+
+
+def _suit_flexes(spec: mujoco.MjSpec, name: str) -> tuple[str, ...]:
+    """Take dampers off the edges of flexible bodies: the integrator has none. Return which. Raises SceneError for springs."""
+    changed = []
+    for flex in spec.flexes:
+        if flex.edgestiffness:
+            cure = 'give it <edge equality="true"/>, or <elasticity> where it has two dimensions or more'
+            raise SceneError(
+                f"{name}: flex {shown(flex.name)!r} has edges of a stiffness of {flex.edgestiffness:g}, which the integrator "
+                f"that makes no energy does not have; {cure}, and leave the stiffness out"
+            )
+        if flex.edgedamping:
+            changed.append(f"edge damping of flex {shown(flex.name)} ({flex.edgedamping:g} > 0)")
+            flex.edgedamping = 0.0
     return tuple(changed)
 
 
@@ -353,7 +540,7 @@ def _option_text(key: str, value: Any) -> str:
     return f"{value:g}"
 
 
-def _complete(spec: mujoco.MjSpec, options: set[str], step_s: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _complete(spec: mujoco.MjSpec, options: Set[str], step_s: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Set what the world needs, and contact where the scene leaves it as it comes. Returns what was filled in, and its own."""
     filled, own = [], []
     for key, value in _OPTION.items():
@@ -371,8 +558,12 @@ def _complete(spec: mujoco.MjSpec, options: set[str], step_s: float) -> tuple[tu
     for what, elements, default, wanted in (
         ("geom", spec.geoms, fixed.add_geom(), _GEOM),
         ("pair", spec.pairs, fresh.add_pair(), _GEOM),
+        ("flex", spec.flexes, fresh.add_flex(), _GEOM),
         ("equality", spec.equalities, fresh.add_equality(), _EQUALITY),
         ("joint", [joint for joint in spec.joints if np.any(joint.frictionloss)], fixed.add_joint(), friction),
+        ("joint", _limited(spec.joints), fixed.add_joint(), _LIMIT),
+        ("tendon", [tendon for tendon in spec.tendons if np.any(tendon.frictionloss)], fresh.add_tendon(), friction),
+        ("tendon", _limited(spec.tendons), fresh.add_tendon(), _LIMIT),
     ):
         for key, value in wanted.items():
             same = [element for element in elements if np.array_equal(getattr(element, key), getattr(default, key))]
@@ -402,7 +593,7 @@ def _added(tool: str, seat: int, bodies: set[str], name: str) -> str:
         raise SceneError(
             f'{name}: there is no body {tool!r} to be a tool{there}; or take "pad", "ball", "box" or "pinch"'
         )
-    return f"tool of seat {seat}"
+    return f"{ADDED}{seat}"
 
 
 def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[float]) -> None:
@@ -429,14 +620,37 @@ def _add_tool(spec: mujoco.MjSpec, body_name: str, held: Held, place: Sequence[f
         geoms = [_ball(body, 0.008, (0.0, y, z)) for y in (-0.012, 0.012) for z in (-0.012, 0.012)]
     else:
         geoms = [_ball(body, 0.01, (0.0, 0.0, 0.0))]
-    fresh = mujoco.MjSpec().worldbody.add_body()
-    for made, plain, keys in ((joints, fresh.add_joint(), _OF_JOINTS), (geoms, fresh.add_geom(), _OF_GEOMS)):
-        for each, key in product(made, keys):
-            setattr(each, key, getattr(plain, key))
+    for joint in joints:
+        _plain(joint, _OF_JOINTS)
     for geom in geoms:
+        _plain(geom, _OF_GEOMS)
         geom.mass = TOOL_KG / len(geoms)
         for key, value in _GEOM.items():
             setattr(geom, key, value)
+
+
+def _take_mocap(spec: mujoco.MjSpec, held: Held, bare: mujoco.MjModel, start: Start) -> None:
+    """Let a hand move a body that a program is to move: it gets joints along the world's axes, and an added tool's mass."""
+    body, number = spec.body(held.tool), int(bare.body_mocapid[bare.body(held.tool).id])
+    place, turned = start.mocap_pos[number], start.mocap_quat[number]
+    body.mocap, body.pos, body.quat = False, place, turned
+    body.explicitinertial, body.mass, body.gravcomp = True, TOOL_KG, 1.0
+    body.ipos, body.inertia = np.zeros(3), np.full(3, 0.4 * TOOL_KG * MOCAP_M**2)
+    if held.orientation in ("", "fixed"):
+        axes = np.zeros(9)
+        mujoco.mju_quat2Mat(axes, turned / np.linalg.norm(turned))
+        for axis in axes.reshape(3, 3):  # the world's, in the body's frame
+            _plain(body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis), _OF_JOINTS)
+    else:
+        _plain(body.add_freejoint(), _OF_JOINTS)
+
+
+def _plain(element: Any, keys: Sequence[str]) -> None:
+    """Give a new joint or geom MuJoCo's own values of these attributes, whatever the scene has for all."""
+    fresh = mujoco.MjSpec().worldbody.add_body()
+    plain = fresh.add_joint() if keys is _OF_JOINTS else fresh.add_geom()
+    for key in keys:
+        setattr(element, key, getattr(plain, key))
 
 
 def _ball(body: mujoco.MjsBody, radius_m: float, centre: Sequence[float]) -> mujoco.MjsGeom:
@@ -468,14 +682,16 @@ def body_of(scene: Scene, name: str) -> int:
     return body
 
 
-def _object(model: mujoco.MjModel, tools: set[str]) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], float]:
+def _object(
+    model: mujoco.MjModel, start: Start, tools: set[str]
+) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], float]:
     """Return where the object starts [m] and the radius of a ball around it; the world's middle where there is none."""
     body = _first_free(model, {model.body(tool).id for tool in tools})
     if body < 0:
         return np.zeros(3), 0.0
     geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == body]
     reach = [float(np.linalg.norm(model.geom_pos[geom]) + model.geom_rbound[geom]) for geom in geoms]
-    return model.body_pos[body].copy(), max(reach, default=0.0)
+    return start.data(model).xpos[body].copy(), max(reach, default=0.0)
 
 
 def _tool(model: mujoco.MjModel, body_name: str, held: Held, name: str) -> Tool:
@@ -484,7 +700,10 @@ def _tool(model: mujoco.MjModel, body_name: str, held: Held, name: str) -> Tool:
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     kinds = [model.jnt_type[joint] for joint in range(first, first + count)]
     root = model.body_parentid[body] == 0
-    straight = np.array_equal(model.jnt_axis[first : first + 3], np.eye(3)) and model.body_quat[body][0] == 1.0
+    turned = np.zeros(9)
+    mujoco.mju_quat2Mat(turned, model.body_quat[body])
+    axes = model.jnt_axis[first : first + count] @ turned.reshape(3, 3).T
+    straight = count == PLACES and np.allclose(axes, np.eye(3), rtol=0.0, atol=1e-12)
     if not (root and (kinds == _FREE or (kinds == _SLIDES and straight))):
         raise SceneError(
             f"{name}: body {body_name!r} cannot be a tool: it needs a free joint, or three slide joints along x, y and z "

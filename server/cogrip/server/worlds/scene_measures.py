@@ -38,6 +38,12 @@ class SceneMeasures(World):
     def contact_of(self, user: int) -> Touch:
         return self.contacts.touches[user]
 
+    def sensor_names(self) -> Sequence[str]:
+        return self.scene.sensors
+
+    def sensors(self) -> Row:
+        return tuple(self.data.sensordata[: len(self.scene.sensors)].tolist())
+
     def progress(self) -> Row:
         return (*self.contacts.save(), *(self._watch[1].save() if self._watch else ()))
 
@@ -49,7 +55,14 @@ class SceneMeasures(World):
             watch.restore(progress[own:], self._pose_of(body)[1])
 
     def scene_account(self) -> dict[str, Any]:
-        return self.contacts.account(self._users)
+        scene = self.scene
+        told = {
+            "changed": list(scene.changed),
+            "own": list(scene.own),
+            "unused": list(scene.unused),
+            "actuators": scene.model.nu,
+        }
+        return self.contacts.account(self._users) | told
 
     def task_account(self) -> dict[str, Any] | None:
         return self._watch[1].account() if self._watch else None

@@ -25,8 +25,15 @@ class SceneObject:
         first = int(model.jnt_qposadr[joint]) if self.there else 0
         self._dof = int(model.jnt_dofadr[joint]) if self.there else 0
         self._places, self._quaternion = slice(first, first + 3), slice(first + 3, first + 7)
-        self.start: Array = model.qpos0[self._places].copy() if self.there else np.zeros(3)
-        self._unturned = model.qpos0[self._quaternion].tolist() if self.there else UNTURNED
+        begun = scene.start.data(model).qpos
+        self.start: Array = begun[self._places].copy() if self.there else np.zeros(3)
+        self._unturned = begun[self._quaternion].tolist() if self.there else UNTURNED
+
+    @property
+    def at(self) -> Array:
+        """Place in the world [m]."""
+        found: Array = self._data.qpos[self._places]
+        return found
 
     def place(self, axes: int) -> Array:
         """Return where it is, shape (axes,)."""

@@ -2,24 +2,29 @@
 
 A tool is tried where it stands, beside the object's bounding ball. If it is in something there, or further than NEAR_M from its
 target, it is moved: along x from outside towards the target until CLEAR_M are left, at the first of several heights and offsets
-at which nothing is in its way. The target is the object, or where there is none the first body that can move.
+at which nothing is in its way. The target is the object, or where there is none the first body that can move. Where the scene
+has a site cogrip_NAME, NAME being the person's, the tool begins there.
 """
 
 from collections.abc import Iterator, Sequence
 from itertools import product
 from math import dist
+from typing import NamedTuple
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
 
 from cogrip.protocol.setting_types import Side
+from cogrip.server.worlds.scene_start import Start
 from cogrip.server.worlds.scene_text import SceneError
 
 CLEAR_M = 0.03  # between an added tool's start and what it is to press
 NEAR_M = 0.1  # of its target, which a tool that stays where it stands has at most
 FREE_M = 0.001  # between a tool and anything, at least
+SITE = "cogrip_"  # A site of this name, followed by a person's, is where that person's tool begins.
 _CLOSE_M = 0.0005  # of CLEAR_M, to which a place is searched
 _FAR_M = 1e3  # of distances that are measured
+MOST_TARGETS = 16  # bodies near which a free place is looked for, where there is no object
 _MOST_STEPS = 60
 _OFFSETS_M = (
     0.0,
@@ -33,26 +38,45 @@ _OFFSETS_M = (
     0.4,
     0.8,
 )  # of a place from the middle of its target, upwards first
+_ABOVE_M = (1.6, 3.2)  # farther up, where there is nothing to be near to
 _ASIDE_M = (0.0, 0.05, -0.05, 0.1, -0.1, 0.2, -0.2)
 
 
-def place_tools(model: mujoco.MjModel, tools: Sequence[tuple[int, Side]], target: int, name: str) -> None:
-    """Move the added tools (body, side) of a model to where they are free. Raises SceneError where there is no such place.
+class Placed(NamedTuple):
+    """An added tool that is to begin in the free. site: where the scene wants it; -1: it does not say."""
+
+    body: int
+    side: Side
+    site: int = -1
+
+
+def place_tools(model: mujoco.MjModel, start: Start, tools: Sequence[Placed], target: int, name: str) -> None:
+    """Move the added tools of a model to where they are free. Raises SceneError where there is no such place.
 
     target: body that they are to press; -1: the first that can move
     """
     if max(float(np.abs(model.body_pos).max()), float(model.geom_rbound.max(initial=0.0))) > _FAR_M:
         return  # a scene with a number that is none, or huge: its trial says so
-    if target < 0:
-        target = _first_moving(model, {body for body, _ in tools})
-    places = _Places(model)
-    for body, side in tools:
-        places.place(body, -1.0 if side == "left" else 1.0, target, name)
+    targets = [target] if target >= 0 else _moving(model, {tool.body for tool in tools}) or [-1]
+    places = _Places(model, start)
+    for tool in tools:
+        if tool.site >= 0:
+            places.place_at(tool.body, tool.site, name)
+        else:
+            sign = -1.0 if tool.side == "left" else 1.0
+            near = any(places.place(tool.body, sign, each) for each in targets[:MOST_TARGETS])
+            if not near and not places.place_far(tool.body):
+                beside = f" near body {model.body(targets[0]).name!r}" if targets[0] >= 0 else ""
+                raise SceneError(
+                    f"{name}: there is no free place{beside} for an added tool; give the scene a body with a free joint, or "
+                    f"with three slide joints, where it is free, and name it as the person's tool, or a site {SITE}NAME"
+                )
 
 
-def _first_moving(model: mujoco.MjModel, tools: set[int]) -> int:
-    moving = (int(body) for body in model.jnt_bodyid if int(body) not in tools)
-    return next((body for body in moving if _solid(model, body)), -1)
+def _moving(model: mujoco.MjModel, tools: set[int]) -> list[int]:
+    """Return the bodies that can move and be touched, of the scene's own."""
+    own = dict.fromkeys(int(body) for body in model.jnt_bodyid if int(model.body_rootid[body]) not in tools)
+    return [body for body in own if _solid(model, body)]
 
 
 def _solid(model: mujoco.MjModel, body: int) -> list[int]:
@@ -69,36 +93,50 @@ def _solid(model: mujoco.MjModel, body: int) -> list[int]:
 class _Places:
     """Tries places of tools in a model, and leaves each tool at the last one tried."""
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self._model, self._data = model, mujoco.MjData(model)
+    def __init__(self, model: mujoco.MjModel, start: Start) -> None:
+        self._model, self._start, self._data = model, start, mujoco.MjData(model)
         self._others = {body: _solid(model, body) for body in range(model.nbody)}
+        self._far: dict[int, np.ndarray] = {}  # of each tool the first free place that was too far from every target
 
-    def place(self, body: int, sign: float, target: int, name: str) -> None:
-        """Leave a tool where it stands, or move it."""
+    def place_at(self, body: int, site: int, name: str) -> None:
+        """Move a tool to a site. Raises SceneError where it would be in something there."""
+        self._move(body, self._model.body_pos[body].copy())
+        self._move(body, self._data.site_xpos[site].copy())
+        if not self._is_free(body):
+            raise SceneError(
+                f"{name}: site {self._model.site(site).name!r} is no place for a tool to begin: it would be in something "
+                f"there; move the site {FREE_M * 1e3:g} mm or more away from everything"
+            )
+
+    def place_far(self, body: int) -> bool:
+        """Move a tool to a free place that is near to nothing. Return whether there is one."""
+        if body in self._far:
+            self._move(body, self._far[body])
+        return body in self._far
+
+    def place(self, body: int, sign: float, target: int) -> bool:
+        """Leave a tool where it stands, or move it. Return whether there is a free place near the target."""
         aims = self._others[target] if target >= 0 else []
         self._move(body, self._model.body_pos[body].copy())
         if self._is_free(body) and (not aims or self._distance(body, aims) <= NEAR_M):
-            return
+            return True
         begun = self._model.body_pos[body].copy()
         near = []
         for place in self._candidates(body, sign, aims, begun):
             self._move(body, place)
-            if self._is_free(body) and (not aims or self._distance(body, aims) <= NEAR_M):
+            if not self._is_free(body):
+                continue
+            self._far.setdefault(body, place.copy())
+            if not aims or self._distance(body, aims) <= NEAR_M:
                 if not self._in_margin(body):
-                    return
+                    return True
                 near.append(place.copy())
-        if near:
-            self._move(body, near[0])
-            return
-        beside = f" near body {self._model.body(target).name!r}" if target >= 0 else ""
-        raise SceneError(
-            f"{name}: there is no free place{beside} for an added tool; give the scene a body with a free joint, or with three "
-            "slide joints, where it is free, and name it as the person's tool"
-        )
+        self._move(body, near[0] if near else begun)
+        return bool(near)
 
     def _candidates(self, body: int, sign: float, aims: Sequence[int], begun: np.ndarray) -> Iterator[np.ndarray]:
         if not aims:
-            for up, aside in product(_OFFSETS_M, _ASIDE_M):
+            for up, aside in product((*_OFFSETS_M, *_ABOVE_M), _ASIDE_M):
                 yield begun + np.array([sign * abs(aside), aside, up])
             return
         middle = self._data.geom_xpos[aims].mean(axis=0)
@@ -122,9 +160,10 @@ class _Places:
         if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
             at = int(model.jnt_qposadr[joint])
             model.qpos0[at : at + 3] = place
-        mujoco.mj_resetData(model, self._data)
+        self._start.begin(model, self._data)
         mujoco.mj_kinematics(model, self._data)
         mujoco.mj_comPos(model, self._data)
+        mujoco.mj_flex(model, self._data)
 
     def _of(self, body: int) -> list[int]:
         """Return the geoms of a tool, its finger's too."""
@@ -145,11 +184,15 @@ class _Places:
     def _is_free(self, body: int) -> bool:
         """Return whether a tool is in nothing."""
         rest = [geom for part, geoms in self._others.items() if self._model.body_rootid[part] != body for geom in geoms]
-        return self._distance(body, rest) >= FREE_M
+        return self._distance(body, rest) >= FREE_M and self._contact(body) >= FREE_M
 
     def _in_margin(self, body: int) -> bool:
         """Return whether a tool is within the margin of a contact, where MuJoCo has one already."""
-        model, data = self._model, self._data
-        mujoco.mj_collision(model, data)
-        mine = [model.body_rootid[model.geom_bodyid[pair]] == body for pair in data.contact.geom]
-        return any(pair.any() and not pair.all() for pair in mine)
+        return self._contact(body) < _FAR_M
+
+    def _contact(self, body: int) -> float:
+        """Return the least distance of the contacts that MuJoCo has of a tool, also with what has no other distance [m]."""
+        mujoco.mj_collision(self._model, self._data)
+        contact, mine = self._data.contact, self._of(body)
+        one = np.isin(contact.geom, mine).sum(axis=1) == 1
+        return float(contact.dist[one].min(initial=_FAR_M))

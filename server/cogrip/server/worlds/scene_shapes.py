@@ -40,8 +40,7 @@ class Drawn(NamedTuple):
 def shapes_of(scene: Scene, start: NDArray[np.float64]) -> Drawn:
     """Return what a scene is drawn of. start: of the object [m]."""
     model = scene.model
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
+    data = scene.start.data(model)
     seats = {tool.body: seat for seat, tool in enumerate(scene.tools)}
     bodies: list[int] = []
     shapes: list[Shape] = []

@@ -35,12 +35,18 @@ class SceneEnergy:
         return self.now_j - before
 
 
-def check_rates(data: mujoco.MjData) -> None:
-    """Raise WorldError where a velocity is beyond MOST_RATE, or no number."""
+def check_rates(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Raise WorldError where a velocity is beyond MOST_RATE, or no number: which body was so fast, and where that was."""
     rates = data.qvel
     if not dot(rates, rates) < MOST_RATE**2:
-        largest = f"up to {np.abs(rates).max():.3g}"
-        raise WorldError(f"the scene left all bounds at {data.time:.3f} s: velocities are {largest}")
+        sizes = np.where(np.isfinite(rates), np.abs(rates), np.inf)
+        fastest = int(np.argmax(sizes))
+        body = int(model.dof_bodyid[fastest])
+        x, y, z = 1e3 * data.xpos[body]
+        raise WorldError(
+            f"the scene left all bounds at {data.time:.3f} s: {model.body(body).name or f'body {body}'}, last at "
+            f"{x:.3g}, {y:.3g}, {z:.3g} mm, has a velocity of {sizes[fastest]:.3g}"
+        )
 
 
 def check_memory(data: mujoco.MjData) -> None:

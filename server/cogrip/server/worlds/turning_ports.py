@@ -23,7 +23,7 @@ class TurningPorts(DriftCorrection):
 
     def __init__(self, scene: Scene, frame_s: float) -> None:
         super().__init__([user for user, tool in enumerate(scene.tools) if tool.driven], frame_s)
-        self._model, self._tools = scene.model, scene.tools
+        self._begun, self._tools = scene.start.data(scene.model).qpos, scene.tools
         self.dofs = np.array([range(scene.tools[user].dof + 3, scene.tools[user].dof + 6) for user in self.driven])
         self._bodies = [scene.tools[user].body for user in self.driven]
         self._held = dict.fromkeys(self.driven, UNTURNED)  # D
@@ -50,7 +50,7 @@ class TurningPorts(DriftCorrection):
 
     def _tool(self, data: mujoco.MjData, user: int) -> Quaternion:
         at = self._quaternion(user)
-        return product(data.qpos[at].tolist(), inverse(self._model.qpos0[at].tolist()))
+        return product(data.qpos[at].tolist(), inverse(self._begun[at].tolist()))
 
     def _quaternion(self, user: int) -> slice:
         return slice(self._tools[user].coordinate + 3, self._tools[user].coordinate + 7)

@@ -338,6 +338,14 @@ class World(ABC):
         """Return the shapes that the world is drawn of; none where the object alone is drawn."""
         return ()
 
+    def sensor_names(self) -> Sequence[str]:
+        """Return a name for each number of `sensors`; none where a world has no sensors of its own."""
+        return ()
+
+    def sensors(self) -> Row:
+        """Return the values of the world's own sensors after the last step."""
+        return ()
+
     def poses_of_bodies(self) -> Array:
         """Return place [m] in the object's frame and quaternion of each body that moves and has shapes, shape (bodies, 7)."""
         return np.zeros((0, 7))

@@ -1,7 +1,6 @@
 """Advice on a scene of rigid bodies: of its contact settings, line and tools; there is no linear model of it."""
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from cogrip.protocol.line.delays import line_delay
 from cogrip.protocol.setting_types import GRIP_AXES
 from cogrip.protocol.settings import SeatSettings, Settings, seat_axes
 from cogrip.server.worlds.local_geometry import local_geometry, unfit_tool
-from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, held_by, load_scene
+from cogrip.server.worlds.scene_file import CONTACT_RATE_PS2, Scene, scene_of_settings
 from cogrip.server.worlds.scene_shapes import shapes_of
 from cogrip.server.worlds.scene_surfaces import MOST_MESHES
 from cogrip.server.worlds.scene_text import MOST_NAMED
@@ -25,8 +24,7 @@ from cogrip.sim.analysis.linear_session import seats_on_devices
 def scene_findings(settings: Settings) -> list[Finding]:
     """Return what is worth knowing before anyone holds a tool of the scene. Raises SceneError, DeviceError."""
     seats = [seat for seat, _ in seats_on_devices(settings)]
-    given = settings.object
-    scene = load_scene(Path(given.file), held_by(settings), seats[0].rates.frame_s / given.substeps)
+    scene = scene_of_settings(settings, seats[0].rates.frame_s)
     waves = [seat for seat in seats if seat.coupling.traits.felt_through_waves]
     felt = [each for seat in waves for each in _felt(settings, scene, seat)]
     local = [each for seat in seats if seat.coupling.traits.local for each in _local(settings, scene, seat)]
@@ -40,6 +38,8 @@ def _contact(scene: Scene) -> Iterator[Finding]:
     if scene.changed:
         text = f"the scene sets {', '.join(scene.changed)}, which does not hold: contact would create energy with it"
         yield Finding("contact", text, "note")
+    for text in scene.unused:
+        yield Finding("not used", text, "note")
     if scene.own:
         text = (
             f"the scene sets {', '.join(scene.own)} itself: such contact may create energy, of which the limiter lets no more"

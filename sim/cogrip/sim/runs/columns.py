@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cogrip.protocol.accounts import ClientAccount, LinkCount, RoomAccount, SeatAccount, TickCount
 from cogrip.protocol.addition import add_integers
-from cogrip.protocol.recording.records import Datagram, Ledger, Poses, Record, Row, SeatStep, Step, Tick
+from cogrip.protocol.recording.records import Datagram, Ledger, Poses, Record, Row, SeatStep, Sensors, Step, Tick
 from cogrip.protocol.recording.schema import unit_of
 from cogrip.protocol.setting_types import GRIP_AXES, PLACES
 from cogrip.protocol.settings import seat_axes
@@ -105,6 +105,8 @@ def layout_of(first: Record, start: str = "{}", *, numbered: bool = False) -> La
         return _step_layout(first, numbered)
     if isinstance(first, Poses):
         return Layout([_scalar("step", int, attrgetter("step")), _poses(len(first.poses) // len(_POSE))])
+    if isinstance(first, Sensors):
+        return Layout([_scalar("step", int, attrgetter("step")), _sensors(first.names, len(first.sensors))])
     if isinstance(first, Ledger):
         return _account_layout(first.account, start)
     if isinstance(first, Datagram):
@@ -188,6 +190,20 @@ def _poses(bodies: int) -> Field:
         return list(zip(*[each.poses for each in sources], strict=True))
 
     return Field("poses", columns, read)
+
+
+def _sensors(names: Sequence[str], count: int) -> Field:
+    """Return the values of a scene's sensors under their names; under numbers where a cut recording has none."""
+    columns = [
+        Column(f"sensors_{name}", NUMBER, "") for name in (names if len(names) == count else map(str, range(count)))
+    ]
+
+    def read(sources: Sequence[Sensors]) -> list[Sequence[Any]]:
+        if any(len(each.sensors) != len(columns) for each in sources):
+            raise ValueError(_UNEVEN)
+        return list(zip(*[each.sensors for each in sources], strict=True))
+
+    return Field("sensors", columns, read)
 
 
 def _plain(hint: Any) -> Any:

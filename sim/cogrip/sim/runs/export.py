@@ -17,7 +17,7 @@ import msgspec
 
 from cogrip.protocol.recording.folder import RECOVERED
 from cogrip.protocol.recording.reader import Message
-from cogrip.protocol.recording.records import KINDS, Datagram, Geoms, Poses, Step, kind_of
+from cogrip.protocol.recording.records import KINDS, Datagram, Geoms, Poses, Sensors, Step, kind_of
 from cogrip.server.recorder import step_topic
 from cogrip.sim.runs.columns import Column, Layout, layout_of
 from cogrip.sim.runs.records import End, RunRecords, decoder
@@ -175,10 +175,10 @@ def _paths(end: End, called: Collection[str], to: Format, out: Path, datagrams: 
             kind not in KINDS
             or (KINDS[kind] is Datagram and not datagrams)
             or KINDS[kind] is Geoms
-            or (KINDS[kind] in (Step, Poses) and step_topic(_room_of(topic)) not in rooms)
+            or (KINDS[kind] in (Step, Poses, Sensors) and step_topic(_room_of(topic)) not in rooms)
         ):
             continue
-        if KINDS[kind] in (Step, Poses) and len(rooms) > 1:
+        if KINDS[kind] in (Step, Poses, Sensors) and len(rooms) > 1:
             room_name = re.sub(r"[^\w.-]", "+", _room_of(topic))
             kind = f"{room_name}.{kind}"
         found[number] = out / f"{stem}.{kind}.{to}"

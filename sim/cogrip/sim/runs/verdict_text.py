@@ -38,7 +38,7 @@ def verdict(summary: Summary, credit_j: float | None = None) -> list[tuple[Tone,
 def notes(summary: Summary) -> Iterator[tuple[Tone, str, str]]:
     """Yield sentences beside the three judgements, each with its tone and, in a word or two, its subject."""
     for about, sentences in (
-        ("energy balance", _balance), ("energy limiter", _limited),
+        ("energy balance", _balance), ("energy limiter", _limited), ("not used", _unused),
         ("ended badly", _states), ("late frames", _late), ("ticks missed", _loops),
     ):  # fmt: skip
         for tone, sentence in sentences(summary):
@@ -62,10 +62,19 @@ def _limited(summary: Summary) -> Iterator[tuple[Tone, str]]:
     frames, paid_j = (dig(summary, "server", "energy_limiter", key) for key in ("limited_frames", "paid_j"))
     if is_number(frames) and is_number(paid_j) and frames > 0:
         text = (
-            f"The scene's contacts made energy: its limiter took {energy(paid_j)} from the returning waves in {frames:g}"
-            " frames, and hands felt less force; see docs/worlds.md."
+            f"The scene's {_sources(summary)} made energy: its limiter took {energy(paid_j)} from the returning waves in "
+            f"{frames:g} frames, and hands felt less force; see docs/worlds.md."
         )
         yield "warn", text
+
+
+def _sources(summary: Summary) -> str:
+    return "contacts or actuators" if dig(summary, "server", "scene", "actuators") else "contacts"
+
+
+def _unused(summary: Summary) -> Iterator[tuple[Tone, str]]:
+    if texts := dig(summary, "server", "scene", "unused"):
+        yield "warn", f"What nothing here uses of the scene: {'; '.join(map(str, texts))}."
 
 
 def _states(summary: Summary) -> Iterator[tuple[Tone, str]]:

@@ -12,6 +12,7 @@ from cogrip.devices.recorded_motion import find, split_user
 from cogrip.devices.settings import parse_address
 from cogrip.protocol.object_kinds import PYTHON, split_python
 from cogrip.protocol.settings import Settings
+from cogrip.server.worlds.scene_text import SceneError, read_scene
 
 UNREADABLE = "unreadable"  # whoever runs the session says what is wrong with it
 
@@ -23,9 +24,20 @@ def files_read(settings: Settings) -> dict[str, str]:
     paths = {settings.link.trace_of(direction) for direction in ("up", "down")} | {settings.object.file, world}
     paths -= {""}
     found = {path: _digest(Path(path)) for path in paths}
+    if settings.object.file:
+        found[settings.object.file] = _scene(Path(settings.object.file), settings.object.folder)
     for user in settings.users:
         found |= _recorded(address_of(user))
     return found
+
+
+def _scene(path: Path, folder: str) -> str:
+    """Return the digest of a scene: of its text, and where it names files of all of them."""
+    try:
+        scene = read_scene(path, Path(folder) if folder else None)
+    except SceneError:
+        return _digest(path)
+    return _digest(path) if len(scene.files) == 1 else scene.root.strip("/")
 
 
 def _recorded(address: str) -> dict[str, str]:

@@ -238,6 +238,13 @@ _SCENE: tuple[_Line, ...] = (
 )
 
 
+_SCENE_TEXTS = (
+    ("changed", "set by the scene, and not so, as contact would create energy"),
+    ("own", "contact that the scene sets itself, and that may create energy"),
+    ("unused", "of the scene, and not used"),
+)
+
+
 def _rows(lines: Iterable[_Line | str], shown: Sequence[dict[str, Any]]) -> list[Row | str]:
     """Return the rows; one in which nothing was to be known of anybody is left out."""
     rows = [
@@ -279,6 +286,9 @@ def room_table(summary: Summary) -> Table:
         rows += [row(f"task: {words}", [value]) for words, value in task_goals(task)]
     if isinstance(dig(summary, "server", "scene"), dict):
         rows += _rows(_SCENE, [summary])
+        for key, words in _SCENE_TEXTS:
+            if texts := dig(summary, "server", "scene", key):
+                rows.append(row(words, ["; ".join(map(str, texts))]))
     return Table([], [*rows, *_rows(_LOOP, [loop])])
 
 
