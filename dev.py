@@ -40,10 +40,12 @@ VENV = ROOT / ".venv"
 LOCK = ROOT / "requirements.lock"
 SBOM, SBOM_TOOL = ROOT / "sbom.cdx.json", "cyclonedx-bom==7.5.0"
 LICENCES = ROOT / "docs" / "licenses.md"
+VENDORED = ROOT / "view" / "cogrip" / "view" / "static" / "vendor" / "README.md"
 LICENCES_HEAD = """# Licences of what is installed
 
-With cogrip, without extras, on Linux, at the versions of `requirements.lock`, as each package names them. Written by
-`python3 dev.py sbom`, beside `sbom.cdx.json`, the same for programs (CycloneDX), which the wheel has in its `sboms` folder.
+With cogrip, without extras, on Linux, at the versions of `requirements.lock`, as each package names them; and libraries for
+the page in the browser, which cogrip holds itself. Written by `python3 dev.py sbom`, a step of each release, beside
+`sbom.cdx.json`, the same for programs (CycloneDX), which the wheel has in its `sboms` folder.
 
 | package | version | licence |
 |---|---|---|"""
@@ -205,10 +207,23 @@ def sbom(*args: str) -> int:
     tools = parts["metadata"]["tools"]["components"]
     for part in [parts["metadata"]["component"], *tools, *parts["components"]]:  # no file names a host of packages
         part.pop("externalReferences", None)
+    add_vendored(parts)
     SBOM.write_text(json.dumps(parts, indent=1) + "\n")
     rows = [f"| {part['name']} | {part['version']} | {_licences(part)} |" for part in parts["components"]]
     LICENCES.write_text("\n".join([LICENCES_HEAD, *rows]) + "\n")
     return 0
+
+
+def add_vendored(parts: dict[str, Any]) -> None:
+    """Add the libraries that the page holds, by the table beside them, to a bill of materials."""
+    root = next(each for each in parts["dependencies"] if each["ref"] == parts["metadata"]["component"]["bom-ref"])
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in VENDORED.read_text("utf-8").splitlines()[7:]]
+    for name, version, licence in dict.fromkeys((row[1], row[2], row[3].partition(",")[0]) for row in rows):
+        known = {"bom-ref": f"{name}@{version}", "type": "library", "name": name, "version": version}
+        known["purl"] = f"pkg:npm/{name}@{version}"
+        parts["components"].append({**known, "licenses": [{"license": {"acknowledgement": "declared", "id": licence}}]})
+        parts["dependencies"].append({"ref": known["bom-ref"]})
+        root["dependsOn"].append(known["bom-ref"])
 
 
 def _licences(part: dict[str, Any]) -> str:

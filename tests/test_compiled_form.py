@@ -35,6 +35,7 @@ LAWS = (
 def test_every_type_file_stands_beside_its_module() -> None:
     found = compiling.sources()
     assert all(source.exists() for _, source in found)
+    assert compiled_files.PARTS == compiling.PARTS
     names = {name for name, source in found if source.suffix == ".py"}  # others are there only compiled
     assert set(compiled_modules()) == {name for name, _ in found}
     for name in names:
@@ -43,9 +44,9 @@ def test_every_type_file_stands_beside_its_module() -> None:
 
 
 def test_the_form_is_that_of_every_module(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(compiled_files.cogrip, "__path__", [str(tmp_path)])
     folder = tmp_path / "protocol"
     folder.mkdir()
+    monkeypatch.setattr(compiled_files, "folders_of_parts", lambda: {"cogrip.protocol": folder})
     for name in ("clock.py", "clock.pxd", "waves.py", "sender.py", "sender.pxd"):
         (folder / name).touch()
     assert compiled_modules() == {"cogrip.protocol.clock": False, "cogrip.protocol.sender": False}
@@ -54,6 +55,35 @@ def test_the_form_is_that_of_every_module(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert form() == "partly compiled: 1 of 2 modules"
     (folder / f"clock{compiling.SUFFIX}").touch()
     assert form() == "compiled"
+
+
+def test_a_folder_called_cogrip_beside_a_script_is_none_of_ours(tmp_path: Path) -> None:
+    """Python takes it into the namespace: a checkout with its environment, or any folder with libraries in it."""
+    foreign = tmp_path / "cogrip" / ".venv" / "Cython"
+    foreign.mkdir(parents=True)
+    for name, seconds in ((f"Scanning{compiling.SUFFIX}", 1000), ("Scanning.pxd", 1000), ("Shadow.py", 1001)):
+        (foreign / name).touch()
+        os.utime(foreign / name, (seconds, seconds))
+    server = tmp_path / "cogrip" / "server"  # as in a checkout: a folder, and no package
+    server.mkdir()
+    shutil.copy(foreign / f"Scanning{compiling.SUFFIX}", server)
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import cogrip\n"
+        "from cogrip.protocol.io.compiled_files import compiled_modules, outdated\n"
+        "print(cogrip.__path__[0])\n"
+        "print(*compiled_modules(), *outdated())\n"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+    ran = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, env=environment)
+    assert ran.stdout.splitlines() == [str(tmp_path / "cogrip"), " ".join(compiled_modules())]
+
+
+def test_an_installation_by_pip_is_compiled_by_its_own_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert compiled_files.compile_command() == "python3 dev.py compile"
+    monkeypatch.setitem(sys.modules, "cogrip.cli.compiling", ModuleType("cogrip.cli.compiling"))
+    sys.modules["cogrip.cli.compiling"].__spec__ = SimpleNamespace()  # type: ignore[assignment]
+    assert compiled_files.compile_command() == "cogrip compile"
 
 
 def test_what_is_compiled_of_older_sources_is_stale(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

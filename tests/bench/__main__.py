@@ -28,6 +28,7 @@ BENCHES = {  # each is the function bench_NAME of tests.bench.NAME
     "soak": "Run people at a server through a relay for a long time; report who was lost, and memory that grew.",
     "stability": "Trace the boundary of the stable region, and compare its time with eigenvalues on a dense grid.",
     "sweep": "Run the same cases with one worker and with several.",
+    "thresholds": "Estimate thresholds of simulated observers that the fit does not assume: bias, coverage, spread.",
     "tick": "Measure a client's tick with each coupling, and the same session with plain wave lines beside it.",
     "velocity": "Compare velocity estimators on recorded hands and in sessions, and report the impedance each device carries.",
     "view": "Measure a 1 kHz client beside tabs, a tab that hangs, 50 tabs, and how soon the server feels a pointer.",

@@ -36,6 +36,14 @@ def test_what_is_said_to_do_does_and_more_is_run_where_that_is_allowed(cogrip: C
     assert json.loads(out)["seconds"] == 0.5
 
 
+def test_a_report_has_what_was_warned_of_before_the_run(cogrip: Cogrip, tmp_path: Path) -> None:
+    code, _, err = cogrip(f"lab demo {STIFF_ARM} --allow-unstable --set seconds=0.5")
+    assert code in (0, 1)
+    (warning,) = [line for line in err.splitlines() if WORDS in line]
+    (report,) = tmp_path.glob("runs/*/report.html")
+    assert warning in report.read_text("utf-8")
+
+
 def test_virtual_coupling_that_no_stiffness_holds_is_refused_and_one_that_this_does_not_warns(cogrip: Cogrip) -> None:
     near = "lab demo --set coupling.kind=coupling --set seconds=0.5 --json -"
     assert "spectral radius 1.13" in cogrip.err(near, code=1)  # it diverges, and is run: a baseline is for that

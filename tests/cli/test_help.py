@@ -44,6 +44,7 @@ def page(path: tuple[str, ...], columns: int) -> str:
 @pytest.mark.parametrize("path", [path for path in ALL if path], ids=" ".join)
 def test_a_page_shows_the_line_of_the_list_and_the_whole_docstring(path: tuple[str, ...], columns: int) -> None:
     whole = page(path, columns)
+    assert not re.search(r"\[default: *(\(\)|\"\"|False|None)\]", bare(whole)), "that an option is not given is no news"
     assert "ARGS" not in whole.partition("\n")[0], "arguments have names"
     shown = bare(whole)
     assert shown.count(bare(LINES[path].partition("\n\n")[0])) == 1

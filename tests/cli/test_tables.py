@@ -1,11 +1,14 @@
 """Tables at usual terminal widths, with long names, many people, three axes, and missing numbers."""
 
+import inspect
 import re
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.console import Console
 
@@ -15,7 +18,8 @@ from cogrip.cli.devices.listing import device_list
 from cogrip.cli.runs import listing as runs
 from cogrip.cli.runs.compared_table import compared_table
 from cogrip.cli.runs.summary_table import terminal_summary
-from cogrip.cli.session.live_views import FollowedRun, JoinTable, JoinView, LiveTable, ServeTable, ServeView
+from cogrip.cli.session import live_views, observe
+from cogrip.cli.session.live_views import FollowedRun, JoinTable, JoinView, LiveTable, ServeTable, ServeView, components
 from cogrip.cli.session.relay import flows_table, status
 from cogrip.cli.study.compare import methods_table
 from cogrip.cli.terminal.tables import say, wrapped
@@ -364,3 +368,23 @@ def test_stability_says_it_in_lines_that_fit(cogrip, tmp_path: Path, width: int)
     (tmp_path / "pair.toml").write_text('[link]\ndelay_ms = 20.0\n[[users]]\nname = "anna"\n[[users]]\nname = "ben"\n')
     out, err = cogrip.texts("stability", "radius", tmp_path / "pair.toml")
     check(out + err, width, "structural eigenvalues at 1: device position of anna")
+
+
+@given(st.floats(-1.0, 1.0), st.sampled_from(["+z.1f", "+z6.1f", "+z5.2f"]))
+def test_what_is_0_as_it_is_shown_has_no_minus(value: float, form: str) -> None:
+    (text,) = components((value * 1e-3,), 1.0, form)
+    assert float(text) != 0.0 or "-" not in text
+    assert float(text) == pytest.approx(value * 1e-3, abs=0.051)
+
+
+def test_no_table_in_the_terminal_is_written_with_a_signed_0() -> None:
+    for module in (live_views, observe):
+        assert not re.findall(r"\+\d?\.\df", inspect.getsource(module)), module
+
+
+def test_a_wrapped_text_keeps_its_lines_and_its_words() -> None:
+    console = Console(width=20, force_terminal=True)
+    text = "cogrip: one two three four five\n/a/path/that/is/longer/than/the/terminal and more"
+    assert wrapped(text, console).splitlines() == [
+        "cogrip: one two", "  three four five", "/a/path/that/is/longer/than/the/terminal", "  and more",
+    ]  # fmt: skip

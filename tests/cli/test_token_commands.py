@@ -213,7 +213,7 @@ def test_the_list_shows_what_became_of_each_and_no_secret(cogrip, token, folder)
     file = TokenFile(folder)
     file.change(lambda book: (book.use(ids[1], 1_800_000_000).revoke(ids[3], 1_800_000_000), None))
     text = folder.tokens.read_text()
-    write_private(folder.tokens, re.sub(r'"expires": \d+', '"expires": 1000000000', text, count=1).encode())
+    write_private(folder.tokens, re.sub(r'"expires":\d+', '"expires":1000000000', text, count=1).encode())
     out = token.out("list")
     heading, *rows = out.splitlines()
     assert heading.split() == ["id", "role", "room", "seat", "good", "for", "state", "when", "note"]

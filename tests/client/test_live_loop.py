@@ -30,6 +30,7 @@ class VirtualTime:
 
     def __init__(self) -> None:
         self.now_ns = 0
+        self.starved_ns = 0  # of it without a processor
 
     def monotonic_ns(self) -> int:
         return self.now_ns
@@ -38,6 +39,11 @@ class VirtualTime:
 
     def sleep(self, seconds: float) -> None:
         self.now_ns += max(1, round(seconds * 1e9))
+
+    def starve(self, seconds: float) -> None:
+        """Let others have the processor for some time."""
+        self.sleep(seconds)
+        self.starved_ns += round(seconds * 1e9)
 
     def pacer(self, rate_hz: int, t0_ns: int) -> Pacer:
         return Pacer(rate_hz, t0_ns, clock=self.monotonic_ns, sleep=self.sleep, spin_ns=0)
@@ -109,6 +115,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> VirtualTime:
     monkeypatch.setattr(loop, "time", found)
     monkeypatch.setattr(pacing, "Pacer", found.pacer)
     monkeypatch.setattr(loop, "engage", lambda names: [])
+    monkeypatch.setattr(loop, "processor_wait", lambda: lambda: found.starved_ns)
     return found
 
 
@@ -237,6 +244,39 @@ def test_one_slow_read_now_and_then_is_no_fault(clock: VirtualTime) -> None:
     assert found.failed == "the server was silent for the last 1.0 s", "so it is here; of the device not a word"
     assert found.account.state != "fault"
     assert found.counts["slow read"] == 21
+
+
+@pytest.mark.parametrize(("seconds", "failed"), [(0.004, ""), (0.12, "watchdog: the loop was away for 12")])
+@pytest.mark.parametrize("verb", ["read", "write"])
+def test_a_late_processor_is_not_blamed_on_the_driver(
+    clock: VirtualTime, verb: str, seconds: float, failed: str
+) -> None:
+    """It is as late a tick as one that is late between two calls, which the watchdog of the loop judges."""
+    calls = 0
+
+    def starved(*_: int) -> None:
+        nonlocal calls
+        calls += 1
+        if calls % 4 == 0 and calls > 80:
+            clock.starve(seconds)
+
+    device = Moving(starved if verb == "read" else lambda tick: None)
+    device.written = starved if verb == "write" else device.written
+    found = ended(device, seconds=0.5)
+    assert f"slow {verb}" not in found.counts
+    assert found.counts[f"processor late in {verb}"] >= 1
+    if failed:
+        assert found.failed.startswith(failed)
+    else:
+        assert found.account.state != "fault"
+        assert found.counts[f"processor late in {verb}"] > 20, "together more than a driver may take"
+
+
+def test_a_driver_that_blocks_on_a_busy_machine_is_blamed_all_the_same(clock: VirtualTime) -> None:
+    device = Moving(lambda tick: (clock.starve(0.0003), clock.sleep(0.003)) if tick > 80 else None)
+    found = ended(device)
+    assert found.failed.startswith("device: test: its read took 3.3 ms, and a tick has 0.98 ms")
+    assert found.failed.endswith("see to its driver, then re-arm")
 
 
 def test_a_device_whose_writes_block_gets_zero_with_the_next(clock: VirtualTime) -> None:

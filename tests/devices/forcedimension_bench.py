@@ -20,7 +20,7 @@ from tests.devices.vendor_bench import VendorBench
 SOURCE = STUBS / "libdrd.c"
 PACKAGE = "forcedimension_core"
 RATE_HZ = 1024
-POWER, RESET, FORCE, ERROR = 0, 3, 5, 9
+POWER, RESET, FORCE, TORQUE, ERROR = 0, 3, 5, 7, 9
 
 
 def forget_package() -> None:
@@ -46,6 +46,12 @@ class Sdk(VendorBench):
     def load(self, axes: int = 3) -> tuple[float, ...]:
         """Force with which device 0 loads the hand [N], in the common axes."""
         return tuple(-f for f in self.force()[:axes])
+
+    def own(self) -> tuple[float, ...]:
+        """Torque on the hand at device 0 [N m], and the force that opens its gripper, or closes a left-handed one [N]."""
+        own = (ctypes.c_double * 4)()
+        self.lib.stub_own(0, own)
+        return tuple(own)
 
     def step(self, times: int = 1) -> None:
         """Every call is an exchange: nothing has to pass."""

@@ -191,7 +191,7 @@ def test_both_sides_of_the_workspace(y_m: float, inside: bool) -> None:
         carry()
         assert bench.driver.read(bench.tick).position_m[1] == pytest.approx(y_m, abs=1e-4)
         return
-    with refused("the tip is at (", "0.100", ") m, outside its workspace of 0.1 m; move it inside"):
+    with refused("the tip is at (", "0.100", ") m, outside its workspace of 0.1 m; move it "):
         carry()
     bench.close()
     with pytest.raises(DeviceError, match="outside its workspace"):

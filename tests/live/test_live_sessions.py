@@ -19,6 +19,7 @@ from cogrip.server.checkpoint import decode
 from cogrip.server.io import checkpoint_file
 from cogrip.server.recorder import step_topic
 from cogrip.sim.runs.replay.verify import Verdict, verify
+from cogrip.sim.runs.traces import load_run
 
 from tests.extent import long
 from tests.free_ports import free_port
@@ -122,6 +123,12 @@ def test_a_client_holds_its_device_with_no_more_than_it_carries(run, serve, tmp_
     person = run(*hold, "--allow-unstable")
     assert person.end() == 0, person.said
     assert f"warning: {text}" in person.said
+    (folder,) = [path.parent for path in (tmp_path / "anna").glob("*/summary.json")]
+    assert f"anna: warning: {text}" in load_run(folder).notes, "as the report tells"
+    server.signal(signal.SIGINT)
+    server.end()
+    (folder,) = [path.parent for path in (tmp_path / "server").glob("*/summary.json")]
+    assert f"warning: room demo: {text}" in load_run(folder).notes
 
 
 @pytest.mark.parametrize("number", [long(signal.SIGINT), signal.SIGTERM])

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
-from websockets.typing import Subprotocol
+from websockets.typing import Origin, Subprotocol
 
 from cogrip.devices.web.messages import OWN_HAND, OwnHand, Pointer, decode_own_hand, encode_pointer
 
@@ -72,6 +72,24 @@ def test_a_pointer_moves_the_object_and_lets_it_go(run, serve, tmp_path) -> None
     person.signal(signal.SIGINT)
     assert person.end() == 0, person.said
     assert "malformed" not in person.said
+
+
+def test_its_page_takes_the_options_of_a_page(run, serve, tmp_path) -> None:
+    """A fixed port, Foxglove's protocol for its programs' pages and for one that is named, and no browser."""
+    _, server_port = serve(DEMO)
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    page = ("--port", str(port), "--foxglove", "--foxglove-origin", "https://plots.example", "--no-browser")
+    person = run("join", f"127.0.0.1:{server_port}", "--device", "web", *page, "--runs", tmp_path, "--no-report")
+    token = person.hear(rf"view: http://127\.0\.0\.1:{port}/#([^\s&]+)")[1]
+    address = person.hear(rf"Foxglove, Lichtblick: (ws://127\.0\.0\.1:{port}/\S+)")[1]
+    for origin in ("https://app.foxglove.dev", "https://plots.example"):
+        with connect(address, subprotocols=[Subprotocol("foxglove.sdk.v1")], origin=Origin(origin)) as client:
+            assert json.loads(client.recv(timeout=LIMIT_S))["op"] == "serverInfo"
+    person.hear(r"holds cube in room demo with web:pointer\n")
+    assert Page(f"127.0.0.1:{port}", token).scene["hand"]
+    person.signal(signal.SIGINT)
+    assert person.end() == 0, person.said
 
 
 @pytest.mark.sample(1)

@@ -25,7 +25,7 @@ TOLERANCE = 1e-12
 class HoldLast(LineReceiver):
     """A receiver that holds the last wave in a gap, as most implementations do."""
 
-    def _fill(self, late: Frame | None, silent: bool) -> Frame:
+    def _fill(self, late: Frame | None, silent: bool, part: float) -> Frame:
         return self._last
 
 

@@ -5,7 +5,9 @@ No test here leaves this process real-time: locked memory and SCHED_FIFO are onl
 
 import gc
 import os
+import subprocess
 import sys
+import time
 from collections.abc import Callable
 from typing import NoReturn
 
@@ -38,6 +40,32 @@ def test_gc_freezes_and_thaws_but_not_what_another_froze(by_another: bool) -> No
         assert (gc.get_freeze_count() > 0) is by_another
     finally:
         (gc.freeze if frozen else gc.unfreeze)()
+
+
+@linux
+def test_the_wait_for_a_processor_grows_by_what_another_thread_of_it_takes() -> None:
+    """Two processes on one processor: the kernel's account has nearly all of what this one did not run."""
+    wait = realtime.processor_wait()
+    if wait is None:
+        pytest.skip("this kernel keeps no account of it")
+    before, own = os.sched_getaffinity(0), time.thread_time_ns
+    os.sched_setaffinity(0, {min(before)})
+    other = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    try:
+        began_ns, ran_ns, waited_ns = time.monotonic_ns(), own(), wait()
+        while wait() - waited_ns < 200_000_000:
+            assert time.monotonic_ns() - began_ns < 60_000_000_000, "the other process never runs"
+        lost_ns = time.monotonic_ns() - began_ns - (own() - ran_ns)
+        assert wait() - waited_ns <= lost_ns * 1.1 + 20_000_000
+    finally:
+        os.sched_setaffinity(0, before)
+        other.kill()
+        other.wait()
+
+
+def test_the_wait_for_a_processor_is_unknown_where_no_kernel_tells_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "open", raising(FileNotFoundError("/proc")))
+    assert realtime.processor_wait() is None
 
 
 @linux

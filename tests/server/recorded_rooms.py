@@ -40,9 +40,11 @@ def a_room(name: str = "lab", people: str = "ab", **tables: object) -> Settings:
 
 
 class Tokens:
-    """Lets a token in as what its first letter says; none as well."""
+    """Lets a token in as what its first letter says, and answers "l" later; none as well."""
 
-    def admit(self, hello: Hello) -> Grant | Denied:
+    def admit(self, hello: Hello) -> Grant | Denied | None:
+        if hello.token.startswith("l"):
+            return None
         if hello.token.startswith("w"):
             return Denied("token", "this token is not known")
         return Grant("observer" if hello.token.startswith("o") else "player", hello.token[:1])
@@ -128,7 +130,7 @@ class Server(RecordedEnd):
             "too slow": lambda: self.hello(who, rate_hz=100.0),
             "newer": lambda: self.hello(who).replace(b"cogrip" + bytes([messages.PROTOCOL_VERSION]), b"cogrip\x63", 1),
             "short hello": lambda: self.hello(who)[:-1],
-            "by token": lambda: self.hello(who, token=f"{'pow'[number % 3]}{TOKEN}", nonce=number + 50),
+            "by token": lambda: self.hello(who, token=f"{'powl'[number % 4]}{TOKEN}", nonce=number + 50),
             "observes": lambda: self.hello(who, role="observer", token=f"p{TOKEN}"),
             "comes back": lambda: self.hello(who, ticket=ticket),
             "comes back with another device": lambda: self.hello(who, ticket=ticket, device="sim:phantom"),

@@ -8,12 +8,13 @@ from typing import Any
 import pytest
 
 from cogrip.protocol.messages import MAGIC, PROTOCOL_VERSION, Hello
+from cogrip.server import tokens
 from cogrip.server.admission import Authenticator, Denied, Grant
 from cogrip.server.events import EVENTS, ServerEvent
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.state_folder import StateError, StateFolder, make_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
-from cogrip.server.tokens import TokenBook
+from cogrip.server.tokens import READ_AT_ONCE, TokenBook
 
 LIMIT_S = 20.0  # for what a thread is waited for
 NOW_S = 1_800_000_000.0
@@ -138,7 +139,7 @@ def test_a_use_that_cannot_be_written_holds_and_is_written_later(
     (token, ident), (_, other) = bench.new(once=True), bench.new(once=True)
     authenticator, failed = bench.authenticator(), threading.Event()
 
-    def full(edit: object) -> None:
+    def full(edit: object, pause: object) -> None:
         failed.set()
         raise StateError("tokens.json: cannot be written: No space left on device")
 
@@ -202,8 +203,8 @@ def test_a_broken_book_puts_nobody_out_and_is_said_once_and_to_whoever_asks(
 ) -> None:
     token, ident = bench.new()
     authenticator, path = bench.authenticator(), bench.folder.tokens
-    kept, loads, load = path.read_bytes(), [], bench.file.load
-    monkeypatch.setattr(bench.file, "load", lambda: loads.append(1) or load())
+    kept, loads, begin = path.read_bytes(), [], bench.file.begin
+    monkeypatch.setattr(bench.file, "begin", lambda: loads.append(1) or begin())
     harms = {"damaged": lambda: path.write_bytes(b"{"), "readable": lambda: path.chmod(0o644), "gone": path.unlink}
     harms[harm]()
     answers: list[Grant | Denied] = []
@@ -230,6 +231,97 @@ def test_a_broken_book_puts_nobody_out_and_is_said_once_and_to_whoever_asks(
     assert authenticator.admit(hello(token)) == REVOKED
     assert bench.events() == ["trouble", "trouble"], "another breakage is another trouble"
     assert token not in repr(answers) + repr(bench.said)
+
+
+MANY = 5 * READ_AT_ONCE + 7
+
+
+@pytest.fixture
+def decoded(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Sizes of the texts of all tokens that are decoded from now on."""
+    found: list[int] = []
+    decode = tokens._token_of
+    monkeypatch.setattr(tokens, "_token_of", lambda text: found.append(len(text)) or decode(text))
+    return found
+
+
+def many(book: TokenBook) -> TokenBook:
+    for number in range(MANY):
+        book, _ = book.new(draw_token(), NOW_S, room=f"room {number % 7}")
+    return book
+
+
+def test_many_changes_are_decoded_between_ticks_and_hellos_wait(bench: Bench, decoded: list[int]) -> None:
+    (token, ident), (late, late_ident) = bench.new(), bench.new()
+    bench.edit(many)
+    authenticator = bench.authenticator()
+    authenticator.revoked()
+    bench.edit(lambda book: many(book).revoke(late_ident, NOW_S))
+    decoded.clear()
+    for _ in range(3):  # a peer who asks again and again moves nothing
+        assert authenticator.admit(hello(token)) is None
+        assert len(decoded) == READ_AT_ONCE, "of those that are new"
+    assert authenticator.shown(hello(token)) == ident, "who is here may resume"
+    ticks = 0
+    while authenticator.admit(hello(token)) is None:
+        before, ticks = len(decoded), ticks + 1
+        authenticator.read_on()
+        assert len(decoded) - before <= READ_AT_ONCE
+    assert len(decoded) == MANY + 1
+    assert ticks == 5
+    assert authenticator.admit(hello(token)) == Grant("player", ident)
+    assert authenticator.admit(hello(late)) == REVOKED
+    assert authenticator.revoked() == {late_ident}
+    authenticator.read_on()
+    assert len(decoded) == MANY + 1
+    assert bench.said == []
+
+
+def test_one_change_in_a_large_book_is_one_token_decoded_for_the_tick_and_for_the_thread(
+    bench: Bench, decoded: list[int]
+) -> None:
+    (once, ident), (other, other_ident) = bench.new(once=True), bench.new()
+    bench.edit(many)
+    authenticator = bench.authenticator()
+    TokenFile(bench.folder).change(lambda book: (book.revoke(other_ident, NOW_S), None))  # another process
+    decoded.clear()
+    assert authenticator.admit(hello(other)) == REVOKED
+    assert len(decoded) == 1
+    authenticator.admitted(Grant("player", ident))
+    authenticator.close()  # the thread has read the file, and written it
+    assert authenticator.admit(hello(once)) == USED
+    assert len(decoded) == 2
+
+
+def test_a_reload_of_many_changes_says_that_it_goes_on_and_reports_at_its_end(bench: Bench) -> None:
+    bench.new()
+    authenticator = bench.authenticator()
+    bench.edit(many)
+    assert authenticator.reload() is None
+    for _ in range(4):
+        authenticator.read_on()
+    assert bench.said == []
+    for _ in range(3):
+        authenticator.read_on()
+    assert [each.text for each in bench.said] == [f"tokens were read again: {MANY + 1} of {MANY + 1} are good"]
+
+
+def test_damage_that_is_found_late_keeps_the_book_before(bench: Bench) -> None:
+    token, ident = bench.new()
+    authenticator = bench.authenticator()
+    bench.edit(many)
+    text = bench.folder.tokens.read_bytes()
+    last = TokenFile(bench.folder).load().tokens[-1]
+    bench.folder.tokens.write_bytes(text.replace(f'"id":"{last.id}"'.encode(), b'"id":"00000000"'))
+    assert authenticator.reload() is None
+    for _ in range(9):
+        authenticator.read_on()
+    (trouble,) = [each.text for each in bench.said]
+    assert "token 00000000: its id is not the beginning of its hash" in trouble
+    for _ in range(2):
+        assert authenticator.admit(hello(token)) == Grant("player", ident)
+    assert authenticator.reload() is False
+    assert bench.events() == ["trouble", "trouble"], "who asks is told, each time"
 
 
 def test_a_book_that_is_broken_from_the_start_is_an_error(bench: Bench) -> None:

@@ -25,8 +25,11 @@ class Tokens:
 
     def __init__(self) -> None:
         self.used: list[str] = []
+        self.reads = False
 
-    def admit(self, hello: Hello) -> Grant | Denied:
+    def admit(self, hello: Hello) -> Grant | Denied | None:
+        if self.reads:
+            return None
         made = {
             "p": Grant("player", "aaaaaaaa"),
             "o": Grant("observer", "bbbbbbbb"),
@@ -65,6 +68,17 @@ class Guarded(Desk):
 @pytest.fixture
 def desk() -> Guarded:
     return Guarded()
+
+
+def test_a_hello_while_tokens_are_read_is_not_answered_and_comes_again(desk: Guarded) -> None:
+    desk.authenticator.reads = True
+    asked = messages.padded(hello(token="p"))
+    assert desk.say(asked, "x") == []
+    assert desk.core.dropped == {"hello while tokens are read": 1}
+    assert desk.authenticator.used == []
+    desk.authenticator.reads = False
+    (welcome,) = desk.say(asked, "x")
+    assert isinstance(welcome, Welcome)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from cogrip.server.admission import Denied, Grant
 from cogrip.server.tokens import (
     MOST_IN_BOOK,
     MOST_TOKENS,
+    BookReading,
     Token,
     TokenBook,
     TokenError,
@@ -270,6 +271,21 @@ def test_any_book_answers_any_hello(book: TokenBook, token: str, role: Any, room
     assert isinstance(book.admit(token, role, room, now_s), Denied)
 
 
+@given(books, books, st.integers(1, 3))
+def test_a_book_read_in_parts_with_what_is_known_is_the_book(before: TokenBook, added: TokenBook, most: int) -> None:
+    first = BookReading(encode_book(before))
+    first.read(first.left)
+    known = {token.id for token in before.tokens}
+    news = tuple(token for token in added.tokens if token.id not in known)
+    book = TokenBook(tokens=(*news, *before.tokens))
+    reading = BookReading(encode_book(book), first.texts)
+    for left in range(len(news), 0, -most):
+        assert reading.left == left, "nothing of before is decoded again"
+        reading.read(most)
+    assert reading.left == 0
+    assert reading.book() == book
+
+
 def table(**changes: Any) -> dict[str, Any]:
     whole: dict[str, Any] = json.loads(encode_book(made().book))
     whole["tokens"][0].update(changes)
@@ -294,7 +310,7 @@ def table(**changes: Any) -> dict[str, Any]:
         (json.dumps(table())[:-3], "truncated"),
         (json.dumps(table(hash="0" * 64)), "its id is not the beginning of its hash"),
         (json.dumps(table(hash="0" * 63)), "hash: "),
-        (json.dumps(table(role="king")), "role: "),
+        (json.dumps(table(role="king")), r"tokens\[0\].role: "),
         (json.dumps(table(once=None)), "once: "),
         (json.dumps(table(once=0)), "once: "),
         (json.dumps(table(expires=1.5)), "expires: "),

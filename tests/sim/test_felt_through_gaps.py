@@ -96,3 +96,17 @@ def test_the_account_of_who_has_left_predicts_what_was_felt_before(profile: str)
         laboratory.frame()
     assert core.account.predicted_stiffness_npm == pytest.approx(felt_npm, rel=0.02)
     assert core.account.felt_stiffness_npm == pytest.approx(felt_npm, rel=0.02)
+
+
+@pytest.mark.parametrize("seed", every(3, (12, 15, 16)))
+def test_a_playout_that_waits_steps_the_force_of_a_hand_that_presses_by_little(seed: int) -> None:
+    """The wait of a tick fades by an eighth of what a missing frame fades: 0.6 N at once before. A count is 0.2 N."""
+    laboratory = laboratory_of(
+        seed=seed, seconds=10.0, object={"kind": "wall"}, link={"profile": "wifi"},
+        users=[{"name": "anna", "device": "sim:ideal", "hand": "push&force_n=6&start_s=0.3"}],
+    )  # fmt: skip
+    core = laboratory.people[0].core
+    forces: list[float] = []
+    laboratory.run(lambda now: forces.append(core.force_n[0]) if now.seconds > 7.0 else None)
+    assert core.coupling.down.receiver.playout_account().repeated > 0
+    assert max(abs(force - 6.0) for force in forces) < 0.4

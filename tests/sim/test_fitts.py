@@ -4,6 +4,7 @@ import csv
 from math import isnan, log2
 from pathlib import Path
 from random import Random
+from statistics import fmean, stdev
 from typing import Any
 
 import pytest
@@ -60,7 +61,28 @@ def test_a_group_has_the_mean_over_its_conditions() -> None:
     narrow = rows("narrow", 0.0025, [draw.gauss(0.0, 0.001) for _ in range(20)], [1.1] * 20)
     both = found(wide, narrow, rows("wide", 0.01, [0.1, -0.1, 0.2], [5.0] * 3, practice=1))
     assert [each.trials for each in both] == [10, 20]
-    assert throughputs(both) == {1: pytest.approx((both[0].throughput_bitps + both[1].throughput_bitps) / 2.0)}
+    assert throughputs(both)[1].bitps == pytest.approx((both[0].throughput_bitps + both[1].throughput_bitps) / 2.0)
+
+
+def test_the_error_is_that_of_many_studies_and_tells_how_many_trials_are_enough() -> None:
+    draw = Random(2)
+
+    def one(trials: int) -> list[Pointing]:
+        ends = [draw.gauss(0.0, 0.004) for _ in range(trials)]
+        return found(rows("wide", 0.01, list(ends), [draw.gauss(0.8, 0.1) for _ in range(trials)]))
+
+    studies = [one(8) for _ in range(400)]
+    told = [throughputs(each)[1] for each in studies]
+    mean = fmean(each.bitps for each in told)
+    assert stdev(each.bitps for each in told) == pytest.approx(
+        fmean(each.within_bitps for each in told) / 1.96, rel=0.15
+    )
+    truth = log2(0.05 / (4.133 * 0.004) + 1.0) / 0.8
+    assert mean == pytest.approx(truth, rel=0.05)
+    enough = round(fmean(each.trials for each in told))
+    assert enough > 8
+    wide = [throughputs(one(enough))[1] for _ in range(100)]
+    assert fmean(each.within_bitps / each.bitps for each in wide) == pytest.approx(0.1, rel=0.15)
 
 
 @pytest.mark.parametrize("ends", [[], [None, None], [0.001, 0.002], [0.001] * 5])
@@ -69,7 +91,7 @@ def test_no_spread_no_throughput(ends: list[float | None], tmp_path: Path) -> No
     both = found(rows("wide", 0.01, [-0.002, 0.0, 0.002], [1.0] * 3), rows("narrow", 0.0025, ends, [1.0] * len(ends)))
     if ends:
         assert isnan(both[1].throughput_bitps)
-    assert throughputs(both) == {1: both[0].throughput_bitps}
+    assert {group: each.bitps for group, each in throughputs(both).items()} == {1: both[0].throughput_bitps}
     write_columns(COLUMNS, rows_of(both), "csv", tmp_path / "table.csv")
     with (tmp_path / "table.csv").open(newline="") as file:
         written = list(csv.DictReader(file))

@@ -16,6 +16,7 @@ from cogrip.sim.runs.folder import SERVER_RECORDING, client_recording
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.plots import registry
 from cogrip.sim.runs.report.page import write_report
+from cogrip.sim.runs.report.tables import settings_tables
 
 from tests.extent import long
 from tests.recording_files import rewrite
@@ -171,3 +172,16 @@ def test_nulls_are_not_known(folder: Path, summary: dict[str, Any]) -> None:
     assert "reported no account" in text
     assert ">None<" not in text
     assert "None" not in printed(summary)
+
+
+def test_a_setting_that_nobody_wrote_and_that_is_empty_has_no_row() -> None:
+    settings = {
+        "seconds": 10.0,
+        "object": {"kind": "cube", "file": ""},
+        "users": [{"name": "a", "tool": "", "device": "sim:ideal"}],
+    }
+    tables = settings_tables(settings)
+    assert not isinstance(tables, str)
+    shown = {row.label for table in (*tables.sections, tables.users) for row in table.rows if not isinstance(row, str)}
+    assert {"seconds", "kind", "device"} <= shown
+    assert not {"file", "tool"} & shown

@@ -13,7 +13,7 @@ from cogrip.client.recorder import client_topics
 from cogrip.protocol.recording.reader import RecordingError, open_recording
 from cogrip.protocol.recording.records import Gap, Tick, kind_of
 from cogrip.protocol.recording.sink import encode
-from cogrip.sim.runs.folder import SERVER_RECORDING, client_recording
+from cogrip.sim.runs.folder import SERVER_RECORDING, client_recording, write_warnings
 from cogrip.sim.runs.traces import load_run
 
 from tests.extent import every
@@ -159,3 +159,15 @@ def test_notes_have_what_a_clients_log_warned_of(folder: Path, tmp_path: Path) -
     ]  # fmt: skip
     (run / "client-ben.log").write_text("warning: again\n" * 1000)
     assert len(load_run(run).notes) <= 20
+
+
+def test_notes_have_what_was_warned_of_before_the_run(folder: Path, tmp_path: Path) -> None:
+    run = Path(shutil.copytree(folder, tmp_path / "warned"))
+    before = load_run(run).notes
+    write_warnings(run, [])
+    assert load_run(run).notes == before
+    write_warnings(run, ["warning: it will feel soft"])
+    write_warnings(run, ["warning: the hand is quick", "ben: dealt with: skipped tick 3"], "ben")
+    assert set(load_run(run).notes) - set(before) == {
+        "warning: it will feel soft", "ben: warning: the hand is quick", "ben: dealt with: skipped tick 3",
+    }  # fmt: skip

@@ -4,13 +4,15 @@ import asyncio
 import hashlib
 import json
 import re
+import shutil
 import signal
 import socket
 import ssl
 import struct
+import subprocess
 import time
 from collections.abc import AsyncIterator, Iterator
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 
 import msgspec
@@ -30,6 +32,7 @@ from cogrip.view.visitors import VisitorLimits
 
 from tests.live.held_arms import DEMO, Spoken
 from tests.view import event_loop
+from tests.view.browser_page import Open
 from tests.view.shown_page import frame_bytes, upgrade
 
 LIMIT_S = 60.0
@@ -301,6 +304,70 @@ def test_a_proxy_that_ends_tls_is_believed_about_whom_it_asks_for_and_nobody_els
             assert await status(X_Forwarded_For="203.0.113.7, 203.0.113.8") == 101, "one address has its own limit"
 
     event_loop.run(ask())
+
+
+NGINX = """
+daemon off; master_process off; pid {folder}/pid; error_log {folder}/errors;
+events {{ }}
+http {{
+    access_log off;
+    client_body_temp_path {folder}; proxy_temp_path {folder}; fastcgi_temp_path {folder}; uwsgi_temp_path {folder};
+    scgi_temp_path {folder};
+    server {{
+        listen 127.0.0.1:{port} ssl;
+        server_name localhost;
+        ssl_certificate {state}/server.crt;
+        ssl_certificate_key {state}/server.key;
+        {recipe}
+    }}
+}}
+"""
+
+
+@contextmanager
+def proxied(folder: Path, port: int, gateway_port: int, state: Path) -> Iterator[None]:
+    """Run nginx by the recipe of docs/view.md, with TLS by the server's certificate."""
+    program = shutil.which("nginx") or shutil.which("nginx", path="/usr/sbin:/usr/local/sbin")
+    if program is None:
+        pytest.skip("there is no nginx on this machine")
+    text = (DEMO.parents[1] / "docs" / "view.md").read_text("utf-8")
+    recipe = re.search(r"^```\n(location / \{.*?^\})\n```", text, re.MULTILINE | re.DOTALL)
+    assert recipe
+    assert "127.0.0.1:47880" in recipe[1]
+    config = folder / "nginx.conf"
+    config.write_text(
+        NGINX.format(folder=folder, port=port, state=state, recipe=recipe[1].replace(":47880", f":{gateway_port}"))
+    )
+    process = subprocess.Popen([program, "-c", config, "-p", folder, "-e", folder / "errors"])
+    try:
+        while True:  # until it listens
+            with suppress(OSError), socket.create_connection(("127.0.0.1", port), LIMIT_S):
+                break
+            assert process.poll() is None, (folder / "errors").read_text()
+        yield
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def test_the_page_is_shown_and_held_through_nginx_by_the_recipe(gated: Gated, open_page: Open, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    origin = f"https://localhost:{port}"
+    gateway = gated.start("--port", "0", "--public", origin, "--trust-proxy", "127.0.0.1")
+    found = gateway.hear(rf"observe:  ({origin}/#\S+)")
+    (behind,) = listening(gateway.popen.pid)
+    player, _ = gated.new_token(role="player")
+    try:
+        with proxied(tmp_path, port, behind, gated.state):
+            page = open_page(found[1], ignore_https_errors=True)
+            page.until("cogrip.scene !== null && cogrip.frame !== null")
+            hand = open_page(f"{origin}/#{player}&hand", ignore_https_errors=True)
+            hand.until("cogrip.scene?.hand && cogrip.frame !== null")
+            page.until("cogrip.frame.people.length === 1")
+            assert page.state("cogrip.frame.people[0].state") in ("joining", "live")
+    finally:
+        gateway.stop()
 
 
 def listening(pid: int) -> list[int]:

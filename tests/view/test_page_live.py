@@ -103,6 +103,10 @@ def test_buttons_grip_and_handle_of_a_person_are_shown(opened: Shown) -> None:
     w, x, y, z = turned
     assert [each["handle"] for each in read["drawn"]["people"]] == [[x, y, z, w], None]
     page.until("document.querySelector('article[data-seat=\"0\"]').textContent.includes('1 3 32, 12.5 mm')")
+    server.send(encode(frame(31)))
+    page.until_drawn(31)
+    rows = "[...document.querySelectorAll('article')].map((each) => each.querySelector('dl div:last-child').checkVisibility())"
+    assert page.state(rows) == [True, False], "a device that has told of no button has no row for them"
 
 
 def test_page_reads_what_was_written(opened: Shown) -> None:
@@ -337,6 +341,28 @@ def test_one_axis_offers_one_axis(opened: Shown) -> None:
         assert [each.is_visible() for each in page.tab.locator("[data-axis]").all()] == [True, False, False]
         left, right = [page.state(f"cogrip.project([{x}, 0, 0])") for x in (-0.05, 0.05)]
     assert right[0] - left[0] > 100, "x runs to the right"
+
+
+def test_what_a_ghost_is_stands_over_no_name(opened: Shown) -> None:
+    page, server = opened
+    sent = frame(41)
+    button = page.tab.locator("article", has_text="anna").get_by_text("ghost")
+    if button.get_attribute("aria-pressed") == "false":
+        button.click()
+    server.send(encode(sent))
+    page.until_drawn(41)
+    boxes = "[...document.querySelectorAll('.label:not(.axis)')].map((each) => each.getBoundingClientRect().toJSON())"
+    *_, ghost = page.state(boxes)
+    (_, row), (_, above) = page.state("[cogrip.project([0, 0, 0]), cogrip.project([0, 0, 0.001])]")
+    here = (0.0, 0.0, 0.001 * (ghost["top"] + 20 - row) / (above - row))  # her name would stand 20 px above that
+    anchor_m = scene().people[0].anchor_m
+    moved = replace(sent.people[0], hand_m=tuple(at - held for at, held in zip(here, anchor_m, strict=True)))
+    server.send(encode(replace(sent, number=42, people=(moved, sent.people[1]))))
+    page.until_drawn(42)
+    name, _, ghost = page.state(boxes)
+    assert name["left"] < ghost["right"]
+    assert name["right"] > ghost["left"]
+    assert ghost["top"] >= name["bottom"] or ghost["bottom"] <= name["top"]
 
 
 def test_names_of_people_in_one_place_stand_below_each_other(opened: Shown) -> None:

@@ -1,19 +1,20 @@
 """The commands by group, and how their errors reach a person."""
 
-import importlib.util
 import os
+import signal
 import sys
 from collections.abc import Sequence
 
-from cyclopts import App, CycloptsError, Group
+from cyclopts import App, CycloptsError, Group, Parameter
 
-from cogrip.cli.terminal.commands import Table, add_commands, show_docstrings
+from cogrip.cli.terminal.commands import Table, add_commands, show_docstrings, shown_default
 from cogrip.cli.terminal.flag_errors import words_of
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.platform import use_utf8
 from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.tables import say
 from cogrip.protocol.foreign_file import ForeignFileError
-from cogrip.protocol.io.compiled_files import outdated
+from cogrip.protocol.io.compiled_files import compile_command, outdated
 from cogrip.protocol.io.large_pages import use_large_pages
 from cogrip.protocol.version import VERSION
 from cogrip.sim.blas_threads import BLAS_THREADS, SAFE_PATH
@@ -75,6 +76,7 @@ app = App(
     version=VERSION,
     help="Several people hold one virtual object together over a network, and feel it and each other.",
     suppress_keyboard_interrupt=False,
+    default_parameter=Parameter(show_default=shown_default),
 )
 for _number, (_group, _table) in enumerate(GROUPS.items()):
     add_commands(app, _table, Group(_group, sort_key=_number))
@@ -98,31 +100,52 @@ def main(arguments: Sequence[str] | None = None) -> int:
     errors = make_console(stderr=True, soft_wrap=True)
     given = sys.argv[1:] if arguments is None else arguments
     if given and given[0] in MOVED:
-        errors.print(f"cogrip: {MOVED[given[0]]}")
+        say(errors, f"cogrip: {MOVED[given[0]]}")
         return 2
     if [*given[:1]] != ["compile"] and (changed := outdated()):
-        command = "cogrip compile" if importlib.util.find_spec("cogrip.cli.compiling") else "python3 dev.py compile"
+        command = compile_command()
         cure = f"`{command}` compiles them anew, `{command} --remove` removes what was compiled"
-        errors.print(f"cogrip: what was compiled is not of these sources ({', '.join(changed[:3])}); {cure}")
+        say(errors, f"cogrip: what was compiled is not of these sources ({', '.join(changed[:3])}); {cure}")
         return 2
     try:
         show_docstrings(app, given)
+        _take_interrupts()
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
-        errors.print(f"cogrip: {words_of(error, COMMANDS)}")
+        say(errors, f"cogrip: {words_of(error, COMMANDS)}")
         return 2
     except Problem as problem:
-        errors.print(f"cogrip: {problem}")
+        say(errors, f"cogrip: {problem}")
         return problem.exit_code
     except ForeignFileError as error:
-        errors.print(f"cogrip: {error}")
+        say(errors, f"cogrip: {error}")
         return BadInput.exit_code
     except KeyboardInterrupt:
         errors.print("cogrip: interrupted")
         return 130
     except BrokenPipeError:
         return 1
+    except Exception as error:
+        if not _is_interrupt(error):
+            raise
+        errors.print("cogrip: interrupted")
+        return 130
     return code if isinstance(code, int) else 0
+
+
+def _take_interrupts() -> None:
+    """Let Ctrl-C be an exception from now on, where it has ended the process so far: all that it calls is imported."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Return whether an extension module has made this error of a KeyboardInterrupt, as some do while they are imported."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 if __name__ == "__main__":

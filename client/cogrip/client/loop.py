@@ -25,7 +25,7 @@ from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.hand_settings import parsed, unfit
 from cogrip.protocol.io import pacing
 from cogrip.protocol.io.platform import system, time
-from cogrip.protocol.io.realtime import NAMES, Measure, engage, release
+from cogrip.protocol.io.realtime import NAMES, Measure, engage, processor_wait, release
 from cogrip.protocol.io.recorder import Recorder, open_recorder
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import LinkProfile
@@ -46,7 +46,10 @@ ORDERS = "`m TEXT` sets a marker, `c` holds the clutch, `set KEY=VALUE` a scale,
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """End of a session. failed: why it broke off, "" if it did not; ended: who ended it in order before its time."""
+    """End of a session. failed: why it broke off, "" if it did not; ended: who ended it in order before its time.
+
+    trial: what a trial of the motors before it found, "" where there was none
+    """
 
     seat: SeatSettings
     account: ClientAccount
@@ -56,6 +59,7 @@ class Ended:
     counts: dict[str, int]
     measures: list[Measure]
     ended: str = ""
+    trial: str = ""
 
 
 @dataclass(slots=True)
@@ -78,6 +82,7 @@ class LiveClient:
     each_frame: Callable[[RecordedClient, int], None] | None = None  # called once a network frame, with its number
     waits: SimulatedDevice | None = None  # part of the device: begins, and `seconds` with it, when everybody holds on
     resume_s: float | None = None  # silence after which a resumption is given up; as usual if not given
+    trial: str = ""  # what a trial of the motors found, for the recording and the account of the end
     _core: RecordedClient = field(init=False)
     _exchange: Exchange = field(init=False)
     _counts: dict[str, int] = field(init=False, default_factory=dict)
@@ -111,7 +116,9 @@ class LiveClient:
         self._exchange.half_tick_ns = round(0.5e9 * seat.rates.tick_s)
         device = self.device = first_axes(self.device, seat.object.axes)
         spared = not self.allow_unstable
-        supervised = SupervisedDevice(device, core, seat.rates.device_hz, time.monotonic_ns, spared=spared)
+        supervised = SupervisedDevice(
+            device, core, seat.rates.device_hz, time.monotonic_ns, processor_wait(), spared=spared
+        )
         recorder = None
         try:
             try:
@@ -154,7 +161,7 @@ class LiveClient:
         }  # fmt: skip
         ended = core.session.ended or self.stop.reason or self.over()
         held = core.seated.settings if core.seated is not None else seat  # as they were changed in the session
-        return Ended(held, account, core.session.farewell, failed, seconds, counts, measures, ended)
+        return Ended(held, account, core.session.farewell, failed, seconds, counts, measures, ended, self.trial)
 
     def _link(self, seat: SeatSettings) -> None:
         """Emulate the link of the settings. Gives the seat back where that is impossible. Raises JoinError."""
@@ -176,7 +183,7 @@ class LiveClient:
             epoch_ns = time.time_ns() - time.monotonic_ns()
             header = Header(
                 "client", seat.user, core.start, seat.rates.device_hz, seat.seed, epoch_ns, False, versions_here(),
-                client_topics(seat.user), seat.room,
+                client_topics(seat.user), seat.room, trial=self.trial,
             )  # fmt: skip
             recorder = open_recorder(path, header, self.say)
             if recorder is None:

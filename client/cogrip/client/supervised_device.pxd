@@ -13,6 +13,8 @@ cdef class SupervisedDevice:
     cdef object _rate_hz
     cdef double _tick_ns
     cdef public object _clock
+    cdef object _starved
+    cdef long long _starved_ns
     cdef object _record
     cdef Py_ssize_t _axes
     cdef bint _gives_velocity
@@ -35,6 +37,7 @@ cdef class SupervisedDevice:
     cdef _applied(self, tuple force_n)
     @cython.locals(tick_ns=double)
     cdef bint _blocks(self, str verb, long long took_ns) except -1
+    cdef bint _was_starved(self, long long took_ns) except -1
     cdef _watch(self, bint sampled, long long tick)
     cdef _fail(self, verb, error)
 

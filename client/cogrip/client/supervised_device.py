@@ -22,6 +22,7 @@ from cogrip.devices.sample import Sample
 
 SETTLED_S = 0.03  # of samples without a gap, after which the velocity estimate has forgotten the time before
 ARMING_S = 1.0
+STARVED_EVERY = 32  # ticks after which the wait for a processor is asked for, which takes a microsecond
 MOST_GAP_TICKS = 3  # a gap of fewer is none: a reply may be missed now and then
 
 Verb = Literal["read", "write"]
@@ -31,6 +32,8 @@ class SupervisedDevice:
     """One device of one core. Only `open` raises, and only DeviceError.
 
     clock    time [ns], by which a call that blocks is found; None in virtual time, where none does
+    starved  time [ns] for which this thread has been ready without a processor; None where that is not known. A call that
+             is long for that does not block: the device is not to blame, and whoever watches the ticks sees a late one
     spared   never drive the device with settings that ask for more than it carries
     refusal  why re-arming failed once it had begun
     """
@@ -41,6 +44,7 @@ class SupervisedDevice:
         core: ClientCore,
         rate_hz: int,
         clock: Callable[[], int] | None = None,
+        starved: Callable[[], int] | None = None,
         *,
         spared: bool = False,
     ) -> None:
@@ -52,6 +56,7 @@ class SupervisedDevice:
         self._rate_hz = rate_hz
         self._tick_ns = 1e9 / rate_hz
         self._clock = clock
+        self._starved, self._starved_ns = starved, 0  # as it was last asked for
         self._set_record(core.capability)
         self._blocked_ns = 0.0  # by which calls were longer than a tick, less a quarter tick for each that was not
         self._slow: Verb | Literal[""] = ""  # the call that blocked, and is not made any more
@@ -91,6 +96,8 @@ class SupervisedDevice:
         if self._slow and self._slow == "read":  # a comparison of texts takes longer
             return None
         clock = self._clock
+        if self._starved is not None and tick % STARVED_EVERY == 0:
+            self._starved_ns = self._starved()
         begun_ns = clock() if clock else 0
         try:
             sample = self.device.read(tick)
@@ -193,6 +200,9 @@ class SupervisedDevice:
             if self._blocked_ns:
                 self._blocked_ns = max(0.0, self._blocked_ns - 0.25 * tick_ns)  # two calls a tick
             return False
+        if self._was_starved(took_ns):
+            self.counts[f"processor late in {verb}"] += 1
+            return False
         self.counts[f"slow {verb}"] += 1
         self._blocked_ns += took_ns - tick_ns
         if self._blocked_ns < STALL_S * 1e9:
@@ -200,9 +210,17 @@ class SupervisedDevice:
         if not self._slow:
             self._slow = verb
             text = f"{self._name}: its {verb} took {took_ns * 1e-6:.1f} ms, and a tick has {tick_ns * 1e-6:.2g} ms:"
-            cure = "see to its driver, or to what took the processor from it, then re-arm"
+            other = ", or to what took the processor from it" if self._starved is None else ""
+            cure = f"see to its driver{other}, then re-arm"
             self._fail(verb, DeviceError(f"{text} the loop must not wait for a device; {cure}"))
         return True
+
+    def _was_starved(self, took_ns: int) -> bool:
+        """Return whether there was no processor for most of a call, so that it took so long."""
+        if self._starved is None:
+            return False
+        before_ns, self._starved_ns = self._starved_ns, self._starved()
+        return 2 * (self._starved_ns - before_ns) > took_ns
 
     def _watch(self, sampled: bool, tick: int) -> None:
         """Follow whether samples come again."""

@@ -12,6 +12,7 @@ from math import hypot, inf, isfinite, nan, pi
 from cogrip.devices.device import Capability, Device, DeviceError, Sample
 from cogrip.devices.plausibility import AGE, DRIFT, JUMP, OLD, ForceReports, Plausibility
 from cogrip.devices.response import RATE_HZ, faults
+from cogrip.devices.way_in import into_box
 from cogrip.protocol.addition import add_floats
 from cogrip.protocol.handle import is_unit
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
@@ -370,9 +371,10 @@ def _judged(subject: Subject) -> tuple[dict[str, list[Sample]], int]:
 
 def _outside(record: Capability, position_m: Sequence[float]) -> str:
     """Return that a position must be inside the workspace, in millimetres, and what to do."""
-    box = " x ".join(f"{1e3 * low:.0f} to {1e3 * high:.0f}" for low, high in record.workspace_m)
-    at = ", ".join(f"{1e3 * part:.0f}" for part in position_m)
-    return f"inside the workspace of {box} mm, and it is at ({at}) mm: move it into mid-range, and try again"
+    box = " x ".join(f"{1e3 * low:z.0f} to {1e3 * high:z.0f}" for low, high in record.workspace_m)
+    at = ", ".join(f"{1e3 * part:z.0f}" for part in position_m)
+    way = into_box(position_m, record.workspace_m) or "into mid-range"
+    return f"inside the workspace of {box} mm, and it is at ({at}) mm: move it {way}, and try again"
 
 
 def _zero(device: Device) -> tuple[float, ...]:

@@ -31,8 +31,8 @@ class Denied(msgspec.Struct, frozen=True, tag="denied"):
 class Authenticator(Protocol):
     """Decides on admission."""
 
-    def admit(self, hello: Hello) -> Grant | Denied:
-        """Answer a hello that is new: called once for each."""
+    def admit(self, hello: Hello) -> Grant | Denied | None:
+        """Answer a hello that is new: called once for each. None where that is not known yet: the hello comes again."""
 
     def shown(self, hello: Hello) -> str | None:
         """Return the public id of the hello's token, by which a session that it admitted may be resumed: also of one that

@@ -320,7 +320,7 @@ class ServerCore:
         room = next((room for room in self.rooms if room.name == checkpoint.room), self.rooms[0])
         room.restore(checkpoint, now_ns)
         reserved = [seat.name for seat in room.seats if seat.ticket_hash]
-        place = ", ".join(f"{value * 1e3:.1f}" for value in checkpoint.position_m)
+        place = ", ".join(f"{value * 1e3:z.1f}" for value in checkpoint.position_m)
         text = f"{room.name}: restored: the object is at ({place}) mm, seats are kept for {', '.join(reserved) or 'nobody'}"
         self.events.append(ServerEvent("restored", text, room.name))
 

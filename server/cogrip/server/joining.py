@@ -44,7 +44,9 @@ class Joining:
             self.refuse(hello.nonce, address, Denied(*version_mismatch(hello.version)))
         elif not (hello.ticket and self._resumed(hello, address, now_ns)):
             grant = self._services.authenticator.admit(hello)
-            if isinstance(grant, Denied):
+            if grant is None:
+                self._out.drop("hello while tokens are read")
+            elif isinstance(grant, Denied):
                 self.refuse(hello.nonce, address, grant)
             elif grant.role == "observer" or hello.role == "observer":
                 self._give_observer_slot(hello, grant, address, now_ns)

@@ -261,7 +261,7 @@ class RecordedAuthenticator:
         self._authenticator = authenticator
         self._recorder = recorder
 
-    def admit(self, hello: Hello) -> Grant | Denied:
+    def admit(self, hello: Hello) -> Grant | Denied | None:
         answer = self._authenticator.admit(hello)
         self._recorder.put(ANSWER, Answer(grant=msgspec.json.encode(answer).decode()))
         return answer

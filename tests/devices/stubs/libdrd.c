@@ -6,15 +6,16 @@
 #include <string.h>
 
 enum { DEVICES = 2 };
-enum { POWER = 0, RESET = 3, FORCE = 5, ERROR = 9, OFF_CAUSE = 14 };
+enum { POWER = 0, RESET = 3, FORCE = 5, TORQUE = 7, ERROR = 9, OFF_CAUSE = 14 };
 enum { BY_WATCHDOG = 3 };
 #define WATCHDOG_US 125
 
 typedef struct {
-    int open, type, watchdog, guarded, saturated, status[32];
+    int open, type, watchdog, guarded, saturated, passive, left, gripping, status[32];
     unsigned int buttons;
     double turn[9], gap;
     double position[3], velocity[3], force[3], hand[3], limit, mass, worst;
+    double torque[3], grip, torque_limit, grip_limit;
     long fed_us;
 } device_t;
 
@@ -36,8 +37,8 @@ static device_t *of(const char *verb, char id) {
 
 static void off(device_t *d, int cause) {
     if (d->status[FORCE]) d->status[OFF_CAUSE] = cause;
-    d->status[FORCE] = 0;
-    d->force[0] = d->force[1] = d->force[2] = 0.0;
+    d->status[FORCE] = d->status[TORQUE] = d->gripping = 0;
+    d->force[0] = d->force[1] = d->force[2] = d->torque[0] = d->torque[1] = d->torque[2] = d->grip = 0.0;
 }
 
 /* The firmware: forces go off where none has come for the watchdog's time, and stay off until they are enabled again. */
@@ -62,6 +63,7 @@ int dhdClose(char id) {
     device_t *d = of("close", id);
     JOURNAL("close %d\n", id);
     if (!d) return -1;
+    if (d->torque[0] != 0.0 || d->torque[1] != 0.0 || d->torque[2] != 0.0 || d->grip != 0.0) WRONG("%d closed with a torque or a grip\n", id);
     if (d->force[0] != 0.0 || d->force[1] != 0.0 || d->force[2] != 0.0) WRONG("%d closed with a force\n", id);
     d->open = 0;
     return 0;
@@ -81,7 +83,7 @@ int dhdEnableForce(unsigned char on, char id) {
     if (!d) return -1;
     if (d->limit <= 0.0) WRONG("%d: forces enabled without a limit\n", id);
     if (d->status[RESET]) WRONG("%d: forces enabled before it is calibrated\n", id);
-    if (on && d->status[POWER]) { d->status[FORCE] = 1; d->status[OFF_CAUSE] = 0; }
+    if (on && d->status[POWER]) { d->status[FORCE] = d->status[TORQUE] = 1; d->status[OFF_CAUSE] = 0; }
     if (!on) off(d, 4);
     return 0;
 }
@@ -104,6 +106,67 @@ int dhdSetForce(double x, double y, double z, char id) {
     d->force[0] = x; d->force[1] = y; d->force[2] = z;
     if (!(size <= d->worst)) d->worst = size;
     return d->saturated ? 2 : 0;
+}
+
+/* A wrist or a gripper has motors where the type says so: delta.6, sigma.6+, sigma.7, lambda.7; omega.7, sigma.7, lambda.7. */
+static int kind_in(const device_t *d, const int *kinds, int count) {
+    for (int i = 0; d && i < count; i++) if (d->type == kinds[i]) return !d->passive;
+    return 0;
+}
+unsigned char dhdHasActiveWrist(char id) {
+    static const int kinds[] = {64, 106, 107, 104, 105, 108, 109};
+    return kind_in(of("wrist", id), kinds, 7);
+}
+unsigned char dhdHasActiveGripper(char id) {
+    static const int kinds[] = {35, 37, 104, 105, 108, 109};
+    return kind_in(of("gripper", id), kinds, 6);
+}
+unsigned char dhdIsLeftHanded(char id) {
+    device_t *d = of("left", id);
+    return d ? d->left : 0;
+}
+
+int dhdSetMaxTorque(double limit, char id) {
+    device_t *d = of("torque limit", id);
+    JOURNAL("torque limit %g %d\n", limit, id);
+    if (!d) return -1;
+    d->torque_limit = limit;
+    return 0;
+}
+
+int dhdSetMaxGripperForce(double limit, char id) {
+    device_t *d = of("grip limit", id);
+    JOURNAL("grip limit %g %d\n", limit, id);
+    if (!d) return -1;
+    d->grip_limit = limit;
+    return 0;
+}
+
+int dhdEnableGripperForce(unsigned char on, char id) {
+    device_t *d = of("enable grip", id);
+    JOURNAL("enable grip %d %d\n", on, id);
+    if (!d) return -1;
+    d->gripping = on && d->status[FORCE];
+    return 0;
+}
+
+int dhdSetForceAndTorque(double x, double y, double z, double a, double b, double c, char id) {
+    device_t *d = of("torque", id);
+    if (!d) return -1;
+    double size = sqrt(a * a + b * b + c * c);
+    if (!(size <= d->torque_limit * (1.0 + 1e-12)) && size != 0.0) WRONG("%d: torque of %g N m above the limit of %g N m\n", id, size, d->torque_limit);
+    int answer = dhdSetForce(x, y, z, id);
+    if (d->status[FORCE] && d->status[TORQUE]) { d->torque[0] = a; d->torque[1] = b; d->torque[2] = c; }
+    return answer;
+}
+
+int dhdSetForceAndGripperForce(double x, double y, double z, double grip, char id) {
+    device_t *d = of("grip", id);
+    if (!d) return -1;
+    if (!(fabs(grip) <= d->grip_limit)) WRONG("%d: gripper's force of %g N above the limit of %g N\n", id, grip, d->grip_limit);
+    int answer = dhdSetForce(x, y, z, id);
+    if (d->status[FORCE] && d->gripping) d->grip = grip;
+    return answer;
 }
 
 int dhdGetPosition(double *x, double *y, double *z, char id) {
@@ -195,6 +258,9 @@ void stub_position(int i, double x, double y, double z) {
     devices[i].position[0] = x; devices[i].position[1] = y; devices[i].position[2] = z;
 }
 void stub_force(int i, double *force) { memcpy(force, devices[i].force, sizeof devices[i].force); }
+void stub_own(int i, double *own) { memcpy(own, devices[i].torque, sizeof devices[i].torque); own[3] = devices[i].grip; }
+void stub_passive(int i, int yes) { devices[i].passive = yes; }
+void stub_left(int i, int yes) { devices[i].left = yes; }
 int stub_expert(void) { return expert; }
 const char *stub_journal(void) { return journal; }
 const char *stub_wrongs(void) { return wrongs; }

@@ -15,6 +15,7 @@ from cogrip.devices.arm.identification import RATE_HZ, force_within, identify
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.arm_check import MOST_TEST_MA
 from cogrip.devices.io.calibration_store import CalibrationStore
+from cogrip.devices.way_in import into_sphere
 from cogrip.protocol.io.realtime import engage, release
 
 
@@ -46,8 +47,14 @@ def device_calibrate(address: str, /, *, yes: bool = False, damping: bool = Fals
         calibration = arm.calibrate(_now())
         path = CalibrationStore().keep(calibration)
     home = arm.model.kinematics.forward(arm.model.drive.angles(arm.model.home_counts))
-    where = "" if home is None else f"; the tip of the home pose is at ({', '.join(f'{at:.3f}' for at in home)}) m"
+    where = "" if home is None else f"; the tip of the home pose is at ({', '.join(f'{at:z.3f}' for at in home)}) m"
+    way = "" if home is None else into_sphere(home, arm.model.reach_m)
     console.print(f"{calibration.model} is calibrated{where}")
+    if way:
+        console.print(
+            f"that is outside its workspace of {arm.model.reach_m:g} m, by its makers' numbers: move the tip {way} before you"
+            " join, check or conform it"
+        )
     if not calibration.stamp:
         console.print(
             "this system cannot tell when it is plugged in again, so join with the key pose=home instead, each time anew"

@@ -38,7 +38,7 @@ def device_emulate(
     """Serve an emulated device on a pseudo-terminal or a socket.
 
     It behaves as the device's firmware, with the arm's mechanics and a hand behind it, until Ctrl-C. Lines on its input are
-    verbs: silence, garbage, split, merge, short, slow, stale, model, jump, stuck, unplug, deaf, each with its seconds
+    verbs: silence, garbage, split, merge, short, slow, stale, model, jump, stuck, unplug, deaf, reversed, each with its seconds
     (`silence 0.3`; for ever without); mend; press (the calibrate button); status; quit.
 
     Parameters

@@ -241,7 +241,7 @@ class _Wizard:
             seen += 1
             if seen % SHOWN_TICKS == 1 and self._console.is_terminal:
                 places = zip(trial.AXES, sample.position_m, strict=False)
-                text = "  ".join(f"{name} {1e3 * at:+7.1f} mm" for name, at in places)
+                text = "  ".join(f"{name} {1e3 * at:+z7.1f} mm" for name, at in places)
                 self._console.file.write(f"\r{text} ")  # the console itself would leave out what is no text
                 self._console.file.flush()
 

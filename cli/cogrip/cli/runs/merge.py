@@ -32,7 +32,7 @@ def merge(*folders: Path, out: Path, runs: RunsBelow = RUNS) -> int:
     for each in alignments:
         bound_ms = (each.most_ns - each.least_ns) * 0.5e-6
         console.print(
-            f"{each.file}: {each.add_ns * 1e-6:+.3f} ms to the server's clock, by {each.by} "
+            f"{each.file}: {each.add_ns * 1e-6:+z.3f} ms to the server's clock, by {each.by} "
             f"(datagrams bound it to ±{bound_ms:.1f} ms)"
         )
     console.print(f"merged: {out}; see `cogrip report {out}`")

@@ -37,19 +37,20 @@ MOST_STATES = 256  # of a model that is advised with before a run: its work grow
 
 def check_settings(
     settings: Settings, allow_unstable: bool = False, also: tuple[str, ...] = (), where: str = ""
-) -> None:
-    """Print all warnings, then refuse. Raises BadInput.
+) -> list[str]:
+    """Print all warnings, then refuse; return them as they were printed. Raises BadInput.
 
     also: more reasons to refuse than the settings give, each with its cure. where: stands before each.
     """
-    check_plausible(settings, where)
+    told = check_plausible(settings, where)
     with BadInput.of(DeviceError):
         warnings, refused = advice_on(settings)
     names = [user.name for user in settings.users]
     first = "" if allow_unstable else next(iter(together((*also, *refused), names)), "")
-    warn([f"{where}{text}" for text in together((*warnings, *also), names) if text != first])
+    told += warn([f"{where}{text}" for text in together((*warnings, *also), names) if text != first])
     if first:
         raise BadInput(f"{where}refused: {first}{ALLOW}")
+    return told
 
 
 def together(texts: Iterable[str], names: Iterable[str]) -> list[str]:
@@ -79,19 +80,23 @@ def check_compared(sessions: Mapping[str, Settings], allow_unstable: bool = Fals
         raise BadInput(f"refused: {first}{ALLOW}")
 
 
-def check_plausible(settings: Settings, where: str = "") -> None:
-    """Warn of unlikely inputs; raise BadInput for an implausible one. where: stands before each."""
+def check_plausible(settings: Settings, where: str = "") -> list[str]:
+    """Warn of unlikely inputs, and return that; raise BadInput for an implausible one. where: stands before each."""
     with BadInput.of(DeviceError):
         found = implausible(settings)
-    refuse_implausible(found, where)
+    return refuse_implausible(found, where)
 
 
-def refuse_implausible(found: Iterable[Finding], where: str = "") -> None:
-    """Warn of unlikely inputs that were found; raise BadInput for an implausible one. where: stands before each."""
+def refuse_implausible(found: Iterable[Finding], where: str = "") -> list[str]:
+    """Warn of unlikely inputs that were found, and return that; raise BadInput for an implausible one.
+
+    where: stands before each
+    """
     found = list(found)
-    warn([f"{where}{finding.text}" for finding in found if not finding.refused])
+    told = warn([f"{where}{finding.text}" for finding in found if not finding.refused])
     if refused := [finding.text for finding in found if finding.refused]:
         raise BadInput(f"{where}refused: {refused[0]}")
+    return told
 
 
 def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -137,11 +142,12 @@ def scene_warnings(settings: Settings) -> tuple[str, ...]:
         return tuple(finding.text for finding in scene_findings(settings) if finding.warns)
 
 
-def warn(texts: Iterable[str]) -> None:
-    """Print warnings on standard error."""
-    errors = make_console(stderr=True, soft_wrap=True)
-    for text in texts:
-        say(errors, f"warning: {text}")
+def warn(texts: Iterable[str]) -> list[str]:
+    """Print warnings on standard error, and return the lines."""
+    errors, lines = make_console(stderr=True, soft_wrap=True), [f"warning: {text}" for text in texts]
+    for line in lines:
+        say(errors, line)
+    return lines
 
 
 def refuse_hardware(addresses: Iterable[str]) -> None:

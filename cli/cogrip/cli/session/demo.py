@@ -57,6 +57,7 @@ def demo(
     seconds: float | None = None,
     view: Annotated[bool, Parameter(negative="")] = False,
     allow_unstable: AllowUnstable = False,
+    trial: bool = True,
     python_worlds: PythonWorlds = (),
     runs: Runs = Path("runs"),
 ) -> int:
@@ -75,6 +76,8 @@ def demo(
         How long; as the settings say if not given.
     view
         Show it in the browser as well.
+    trial
+        Try the motors of devices that are not simulated before each seat is taken, as `cogrip join` does.
     """
     above_zero("--seconds", seconds)
     if session and config:
@@ -96,7 +99,8 @@ def demo(
         console.print(text, highlight=False)
     stop = Stop()
     with on_signals(stop):
-        failed = _watch(settings, folder, stop, console, ["--allow-unstable"] if allow_unstable else [], view=view)
+        flags = [*(["--allow-unstable"] if allow_unstable else []), *([] if trial else ["--no-trial"])]
+        failed = _watch(settings, folder, stop, console, flags, view=view)
     return _conclude(settings, folder, failed, stop, console)
 
 

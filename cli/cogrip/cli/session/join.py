@@ -2,7 +2,7 @@
 
 import sys
 from contextlib import ExitStack, closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -10,8 +10,10 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
+from cogrip.cli.devices.tried_response import try_before_seat
 from cogrip.cli.runs.run_folder import leave_files, live_run_folder
 from cogrip.cli.session.before_run import AllowUnstable, refuse_hardware
+from cogrip.cli.session.front_ends import FoxgloveOrigins
 from cogrip.cli.session.join_target import target_of, typed
 from cogrip.cli.session.joined_device import (
     DEFAULT_DEVICE,
@@ -28,7 +30,7 @@ from cogrip.cli.session.network_rate import RateChoices, stated
 from cogrip.cli.session.observe import counted, observe_room
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.two_arms import as_flags, check_two, join_two
-from cogrip.cli.session.view_child import GivenLink, ViewChild, given_link, is_web, open_view
+from cogrip.cli.session.view_child import GivenLink, PageOptions, ViewChild, given_link, is_web, open_view
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Quiet, Record, Report, Runs
 from cogrip.cli.terminal.problem import BadInput, Problem, above_zero
@@ -43,7 +45,7 @@ from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.session import IN_ORDER, SECONDS_OVER, ClientSession
 from cogrip.protocol.settings import SeatSettings, Settings
 from cogrip.protocol.settings_digest import digest
-from cogrip.sim.runs.folder import client_recording, write_account
+from cogrip.sim.runs.folder import client_recording, write_account, write_warnings
 from cogrip.sim.runs.summary import of_client
 from cogrip.sim.runs.verdict import succeeded, why_not
 from cogrip.sim.session.link import LinkEmulator
@@ -61,6 +63,9 @@ def join(
     hand: str = "",
     view: Annotated[bool, Parameter(negative="")] = False,
     browser: bool = True,
+    port: int = 0,
+    foxglove: Annotated[bool, Parameter(negative="")] = False,
+    foxglove_origin: FoxgloveOrigins = (),
     insecure: Annotated[bool, Parameter(negative="")] = False,
     name: str = "",
     room: str = "",
@@ -81,6 +86,7 @@ def join(
     clutched: Annotated[bool, Parameter(negative="")] = False,
     quiet: Quiet = False,
     allow_unstable: AllowUnstable = False,
+    trial: bool = True,
 ) -> int:
     """Take a seat and hold the object until Ctrl-C, SIGTERM, --seconds, the end of a replay, or the server's goodbye.
 
@@ -106,6 +112,10 @@ def join(
         Show the session in the browser as well.
     browser
         Open the page of --view or of a web: device in the browser; its address is printed in any case.
+    port
+        Port of that page on 127.0.0.1; a free one if not given.
+    foxglove
+        Offer the session to Foxglove and Lichtblick, too, from that page: as of `cogrip view`.
     insecure
         Use a HOST:PORT that is not this machine without encryption: everyone on the path can read it, and move your hand.
     name
@@ -139,6 +149,9 @@ def join(
         terminal, no elsewhere.
     clutched
         Begin with the clutch held: hand and tool move nothing until `c` and Enter engages.
+    trial
+        Try the motors before the seat is taken, with a few per cent of the peak force for 1.2 s; a wrong sign, swapped axes, a
+        gain that is too large and samples that are too late are refused. The recording tells where it is left out.
     """
     above_zero("--seconds", seconds)
     above_zero("--resume-s", resume_s)
@@ -151,12 +164,14 @@ def join(
     room = room or (settings.name if settings else "")
     typed_target = typed(server, more)
     target = target_of(typed_target, room, insecure, name, _compared(settings, rates, console))
+    page = PageOptions(browser, port, foxglove, foxglove_origin)
+    page.check(shown=view or (len(devices) == 1 and is_web(devices[0])))
     stop = Stop()
     if observe:
         if devices:
             raise BadInput("--observe needs no --device and no --hand: leave one of them out")
         with on_signals(stop), closing(target.paths(insecure)) as paths, ExitStack() as shown:
-            open_view(shown, typed_target, console.print, room, insecure, wanted=view, browser=browser)
+            open_view(shown, typed_target, console.print, room, insecure, wanted=view, page=page)
             if name:
                 console.print(NO_NAME)
             return observe_room(ClientSession(target.observer()), paths, stop, seconds, console)
@@ -165,33 +180,44 @@ def join(
         check_two(devices, settings, axes, speed, loop, start_s, stop_s)
         flags = as_flags(
             room=room, config=config, set=overrides, axes=axes, runs=runs, into=into, report=report, record=record,
-            resume_s=resume_s, rearm=rearms, insecure=insecure, allow_unstable=allow_unstable,
+            resume_s=resume_s, rearm=rearms, insecure=insecure, allow_unstable=allow_unstable, browser=browser,
+            trial=trial,
         )  # fmt: skip
-        return join_two(typed_target, devices, flags, name, clutched, view, seconds, stop, console)
+        shown_by = ["--view", *replace(page, browser=True).flags()] if view else []
+        return join_two(typed_target, devices, flags, name, clutched, shown_by, seconds, stop, console)
     device = next(iter(devices), None)
     with ExitStack() as shown:
         named = device is not None
         pointed = is_web(device)
-        page = open_view(shown, typed_target, console.print, room, insecure, wanted=view, hand=pointed, browser=browser)
-        device = page.linked(device) if page else device
+        child = open_view(shown, typed_target, console.print, room, insecure, wanted=view, hand=pointed, page=page)
+        device = child.linked(device) if child else device
         device = with_playback(device, speed=speed, loop=loop, start_s=start_s, stop_s=stop_s)
         _refuse_hardware(allow_unstable, settings, name, device)
-        arm, address = make_joined(settings, name, device, axes)
-        address = public(address)
-        check_hand(lambda: make_joined(settings, name, device, axes), address, name, seconds)
+        arm, held = make_joined(settings, name, device, axes)
+        address = public(held)
+        warnings = check_hand(lambda: make_joined(settings, name, device, axes), address, name, seconds)
+        tried = try_before_seat(held, console.print, wanted=trial)
         with (
             on_signals(stop),
             closing(target.paths(insecure)) as paths,
             LiveScreen(console.print) as screen,
         ):
             say = screen.say
+
             files = _Files(
-                runs, into, record, screen, drawn=not quiet and may_draw(console), page=page or given_link(device)
+                runs,
+                into,
+                record,
+                screen,
+                drawn=not quiet and may_draw(console),
+                page=child or given_link(device),
+                warnings=warnings,
             )
             client = LiveClient(
                 arm, target.player(arm.capability, address), paths, stop, say, LinkEmulator, files.record_at, seconds, rearms,
-                partial(judge_seat, address, allow_unstable, say), partial(played_out, arm), allow_unstable, clutched,
+                partial(judge_seat, address, allow_unstable, files.warn), partial(played_out, arm), allow_unstable, clutched,
                 None, arm if settings and settings.task.together and isinstance(arm, SimulatedDevice) else None, resume_s,
+                tried,
             )  # fmt: skip
             try:
                 ended = client.run()
@@ -208,7 +234,7 @@ def join(
                 if name:
                     say(NO_NAME)
                 return observe_room(ended, paths, stop, seconds, console)
-            return _finish(ended, files.folder, console, alone=into is None, report=report)
+            return _finish(ended, files.folder, warnings, console, alone=into is None, report=report)
 
 
 def _at_terminal() -> bool:
@@ -243,6 +269,12 @@ class _Files:
     screen: LiveScreen
     drawn: bool
     page: ViewChild | GivenLink | None = None
+    warnings: list[str] = field(default_factory=list)  # for the report
+
+    def warn(self, text: str) -> None:
+        """Say a warning, and keep it."""
+        self.warnings.append(text)
+        self.screen.say(text)
 
     def record_at(self, seat: SeatSettings) -> Path | None:
         """Return the recording's file, None if there is to be none; start its live table."""
@@ -258,16 +290,25 @@ class _Files:
         return self.folder / client_recording(seat.user) if self.folder is not None and recorded else None
 
 
-def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool, report: bool) -> int:
-    """Leave account, summary and report, print how the session ended, and return the exit code."""
+def _finish(
+    ended: Ended, folder: Path | None, warnings: list[str], console: Console, *, alone: bool, report: bool
+) -> int:
+    """Leave account, summary and report, print how the session ended, and return the exit code.
+
+    warnings: of before the session. A report has them, and what was dealt with; in a folder of another, by the log there.
+    """
     left = folder is not None
     if folder is not None:
         with suppress(OSError):  # the server has it as well; where it has not, the missing part is named
             write_account(folder, ended.seat.user, ended.account)
-    summary = of_client(ended.seat, ended.account, ended.farewell, ended.seconds, ended.counts)
+    summary = of_client(ended.seat, ended.account, ended.farewell, ended.seconds, ended.counts, ended.trial)
     user, well = ended.seat.user, succeeded(summary)
     if counts := counted(ended.counts):
-        console.print(f"{user}: dealt with: {counts}")
+        warnings.append(f"{user}: dealt with: {counts}")
+        console.print(warnings[-1])
+    if folder is not None and alone:
+        with suppress(OSError):
+            write_warnings(folder, warnings, user)
     if ended.failed:
         console.print(f"{user}: the session broke off, no force is left: {ended.failed}")
     elif ended.ended:

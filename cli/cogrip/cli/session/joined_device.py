@@ -85,13 +85,15 @@ def _ready(device: Device, address: str) -> Device:
     return device
 
 
-def check_hand(make_again: Callable[[], tuple[Device, str]], address: str, name: str, seconds: float | None) -> None:
-    """Raise BadInput for an implausible or unplayable simulated or recorded hand; warn of an unlikely one.
+def check_hand(
+    make_again: Callable[[], tuple[Device, str]], address: str, name: str, seconds: float | None
+) -> list[str]:
+    """Raise BadInput for an implausible or unplayable simulated or recorded hand; warn of an unlikely one, and return that.
 
     make_again: makes the device to be tried, and its address.
     """
     if not address.startswith(HELD_BY_NOBODY):
-        return
+        return []
     device, address = make_again()
     try:
         rate_hz = min(device.capability.rate_hz, USUAL_HZ)
@@ -99,8 +101,8 @@ def check_hand(make_again: Callable[[], tuple[Device, str]], address: str, name:
     except DeviceError as error:
         if isinstance(device, ReplayedDevice):  # at any rate: its span is empty, or the recording is damaged
             raise BadInput(str(error)) from None
-        return  # the seat's rate may be the one that fits; the session reports the error
-    refuse_implausible(found)
+        return []  # the seat's rate may be the one that fits; the session reports the error
+    return refuse_implausible(found)
 
 
 def judge_seat(

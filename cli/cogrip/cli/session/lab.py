@@ -13,7 +13,7 @@ from cogrip.cli.session.settings_file import load, refuse_real, try_hands, with_
 from cogrip.cli.terminal.output import Json, make_console, write_text
 from cogrip.cli.terminal.parameters import Config, Devices, Hands, Overrides, Runs
 from cogrip.protocol.io.stop import Stop, on_signals
-from cogrip.sim.runs.folder import summary_text
+from cogrip.sim.runs.folder import summary_text, write_warnings
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.verdict import succeeded
 
@@ -41,7 +41,7 @@ def lab(
     settings = with_people(load(config, overrides, rate=rates), hands, device)
     refuse_real(settings)
     try_hands(settings)
-    check_settings(settings, allow_unstable)
+    warnings = check_settings(settings, allow_unstable)
     console = make_console(stderr=True)
     folder = None if json else new_run_folder(runs, settings.name)
     for text in rates.lines():
@@ -63,6 +63,7 @@ def lab(
 
         assert folder is not None
         write_choice(folder, rates.found.get(settings.name))
+        write_warnings(folder, warnings)
         with console.status("writing the report"):
             report = write_report(folder)
         make_console().print(terminal_summary(summary))

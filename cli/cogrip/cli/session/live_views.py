@@ -120,7 +120,7 @@ class LiveTable:
         """Return one table, or two where the columns do not fit beside each other."""
         step = self._run.step(self._room)
         ticks = [self._run.tick(name) for name in self._people]
-        place = " ".join(components(step.object_m, 1e3, "+.1f")) if step else "rest"
+        place = " ".join(components(step.object_m, 1e3, "+z.1f")) if step else "rest"
         axes = max((_axes(tick.force_n) for tick in ticks if tick), default=1)
 
         def part(*, hands: int | None = None, network: bool = False) -> Table:
@@ -245,14 +245,14 @@ class _Seat(msgspec.Struct, frozen=True):
         return (
             since,
             *([address] if addresses else []),
-            _number(here.rtt_ms if here else None, ".1f"),
+            _number(here.rtt_ms if here else None, "z.1f"),
             _number(lost, "d"),
         )
 
     def vectors(self, axes: int) -> list[str]:
         """Return proxy position and force, each in so many columns; 0: an axis below another."""
         proxy_m, force_n = (self.held.proxy_m, self.held.force_n) if self.held else (None, None)
-        return [*_vector(proxy_m, 1e3, "+6.1f", axes), *_vector(force_n, 1.0, "+5.2f", axes)]
+        return [*_vector(proxy_m, 1e3, "+z6.1f", axes), *_vector(force_n, 1.0, "+z5.2f", axes)]
 
 
 class _Seats(Fitted):
@@ -299,7 +299,7 @@ def _room(name: str, step: Step | None, width: int) -> Text:
     name = shortened(name, _ROOM_WIDTH)
     if step is None:
         return Text(f"room {name}: nothing is recorded yet", style="dim")
-    place = " ".join(components(step.object_m, 1e3, "+.1f"))
+    place = " ".join(components(step.object_m, 1e3, "+z.1f"))
     ticks = f"step {step.step}, {step.late_us} µs late, {step.skipped} skipped"
     forms = (f"room {name}: object {place} mm, {ticks}", f"{name}: {place} mm, {ticks}", f"{name}: {ticks}")
     return Text(next((form for form in forms if cell_len(form) <= width), forms[-1]), style="bold")
@@ -332,8 +332,8 @@ def _vector(values: Row | None, scale: float, form: str, columns: int, names: Se
 def _hand(tick: Tick, columns: int, names: Sequence[str] = ("",) * 3) -> list[str]:
     """Return position and force, as `_vector` does."""
     return [
-        *_vector(tick.position_m, 1e3, "+6.1f", columns, names),
-        *_vector(tick.force_n, 1.0, "+5.2f", columns, names),
+        *_vector(tick.position_m, 1e3, "+z6.1f", columns, names),
+        *_vector(tick.force_n, 1.0, "+z5.2f", columns, names),
     ]
 
 
@@ -341,12 +341,12 @@ def _reserves(tick: Tick, seat: SeatStep | None) -> list[str]:
     """Return energy reserves [mJ] of uplink, downlink, whole line and device port; a dash where there is no ledger."""
     up_j, line_j = (seat.up_reserve_j, seat.line_reserve_j) if seat else (None, None)
     reserves_j = (up_j, tick.reserve_j, line_j, tick.device_reserve_j)
-    return [_number(None if reserve_j is None else 1e3 * reserve_j, ".1f") for reserve_j in reserves_j]
+    return [_number(None if reserve_j is None else 1e3 * reserve_j, "z.1f") for reserve_j in reserves_j]
 
 
 def _network(tick: Tick, seat: SeatStep | None = None) -> list[str]:
     """Return round trip, delays of uplink and downlink, lost frames and late ticks."""
-    times = [_number(time_ms, ".1f") for time_ms in (tick.rtt_ms, tick.up_ms, tick.down_ms)]
+    times = [_number(time_ms, "z.1f") for time_ms in (tick.rtt_ms, tick.up_ms, tick.down_ms)]
     return [*times, f"{tick.lost + (seat.lost if seat else 0)}", f"{tick.skipped}"]
 
 

@@ -65,7 +65,7 @@ class Every:
 
 def table(core: ObserverCore, now_ns: int) -> Table:
     """Return a row a hand; seats are numbered as `cogrip who` numbers them."""
-    hands = [(f"{seat}", _vector(at, 1e3, "+6.1f"), _vector(force, 1.0, "+5.2f")) for seat, at, force in _hands(core)]
+    hands = [(f"{seat}", _vector(at, 1e3, "+z6.1f"), _vector(force, 1.0, "+z5.2f")) for seat, at, force in _hands(core)]
     shown = plain_table(("seat", "hand\nmm", "force\nN"), hands, left=0)
     shown.title, shown.title_justify = _object(core, now_ns), "left"
     return shown
@@ -74,7 +74,7 @@ def table(core: ObserverCore, now_ns: int) -> Table:
 def line(core: ObserverCore, now_ns: int) -> str:
     """Return the same in one line."""
     hands = "; ".join(
-        f"seat {seat} at {_vector(hand, 1e3, '+.1f')} mm, {_vector(force, 1.0, '+.2f')} N"
+        f"seat {seat} at {_vector(hand, 1e3, '+z.1f')} mm, {_vector(force, 1.0, '+z.2f')} N"
         for seat, hand, force in _hands(core)
     )
     return _object(core, now_ns) if core.view is None else f"{_object(core, now_ns)}; {hands or 'nobody holds it'}"
@@ -85,7 +85,7 @@ def _object(core: ObserverCore, now_ns: int) -> str:
     if view is None or age_ns is None:
         return "no view yet"
     axes = len(view.object) // 2
-    place, speed = _vector(view.object[:axes], 1e3, "+.1f"), _vector(view.object[axes:], 1e3, "+.1f")
+    place, speed = _vector(view.object[:axes], 1e3, "+z.1f"), _vector(view.object[axes:], 1e3, "+z.1f")
     return f"object at {place} mm, {speed} mm/s, {age_ns / 1e6:.0f} ms ago"
 
 

@@ -1,7 +1,7 @@
 """`cogrip serve`: the shared object, for everyone who joins."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
@@ -35,7 +35,7 @@ from cogrip.server.io.run_retention import GB
 from cogrip.server.io.state_folder import StateError, StateFolder, state_path
 from cogrip.server.io.udp_port import HostError, ServeError
 from cogrip.server.loop import FLOOR_BYTES, LiveServer
-from cogrip.sim.runs.folder import SERVER_RECORDING, write_settings
+from cogrip.sim.runs.folder import SERVER_RECORDING, write_settings, write_warnings
 from cogrip.sim.runs.summary import of_room
 from cogrip.sim.runs.verdict import came, succeeded
 
@@ -217,7 +217,8 @@ def serve(
             server.close()
             raise Problem(str(error)) from None
         with on_signals(stop, hangup="reload"):
-            warn_of(rooms, bound, encrypted, say)
+            told = warn_of(rooms, bound, encrypted, say)
+            _leave_warnings(folders if into is None else {}, told)
             link = ""
             if state_folder:
                 link, housekeeping.published = publish(state_folder, public, bound, rooms, encrypted, links, say)
@@ -253,6 +254,13 @@ def _write_settings(
     except OSError as error:  # the session continues; the recorder reports by itself
         say(f"warning: {run_folder}: {error.strerror}; no settings are left there")
     return folders
+
+
+def _leave_warnings(folders: Mapping[str, Path], told: Mapping[str, Sequence[str]]) -> None:
+    """Leave what was warned of for the rooms' reports; a folder of another has it in the log there."""
+    with suppress(OSError):  # which was said already
+        for name, folder in folders.items():
+            write_warnings(folder, told[name])
 
 
 class _Shown(NamedTuple):

@@ -83,10 +83,11 @@ class FrontServer:
         """Start a worker; what it says goes where this process says its own."""
         environ = {name: value for name, value in os.environ.items() if name != "NOTIFY_SOCKET"}
         handles = (link_end, self._job_file)
-        return subprocess.Popen(
-            [sys.executable, "-P", "-m", "cogrip.cli.session.worker_process", *map(str, handles), str(number)],
-            stdin=subprocess.DEVNULL, env=environ, **system.own_session(*handles),
-        )  # fmt: skip
+        with system.end_signals_held():
+            return subprocess.Popen(
+                [sys.executable, "-P", "-m", "cogrip.cli.session.worker_process", *map(str, handles), str(number)],
+                stdin=subprocess.DEVNULL, env=environ, **system.own_session(*handles),
+            )  # fmt: skip
 
     def begin(self, metrics: int | None, stack: ExitStack) -> MetricsFeed | None:
         """Start the workers, and wait until they serve. Raises Problem."""
@@ -124,7 +125,12 @@ class FrontServer:
             raise _not_started(error) from None
         if not ready and not self._stop.reason:
             self.administration.end()
-            raise Problem(f"serve: the workers did not begin within {START_LIMIT_S:g} s; see what they said above")
+            how = (
+                "one of the workers ended as it began"
+                if self._pool.replaced
+                else f"the workers did not begin within {START_LIMIT_S:g} s"
+            )
+            raise Problem(f"serve: {how}; see what they said above")
         return feed
 
     def run(self, seconds: float | None) -> int:

@@ -71,8 +71,8 @@ def is_loopback(host: str) -> bool:
     return all(ip_address(str(each[4][0]).partition("%")[0]).is_loopback for each in found)
 
 
-def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, say: Say) -> None:
-    """Warn of what is dangerous, unstable or not bounded, before anyone joins."""
+def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, say: Say) -> dict[str, list[str]]:
+    """Warn of what is dangerous, unstable or not bounded, before anyone joins. Return what was said of each room."""
     reachable = not ip_address(bound[0].partition("%")[0]).is_loopback
     if not encrypted and reachable:
         say(
@@ -80,22 +80,27 @@ def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, 
             "anyone may join, listen, and forge what moves a motor"
         )
     advised: dict[bytes, tuple[str, ...]] = {}  # by all settings but the name: advice takes some 20 ms
+    told: dict[str, list[str]] = {}
     for settings in rooms:
+        lines = told[settings.name] = []
         if (encrypted or reachable) and (active := not_passive(settings)):
-            say(
+            lines.append(
                 f"warning: room {settings.name} is not passive ({active}): it can make energy, and throw about what people "
                 "hold; serve people you trust, or leave these settings out"
             )
         if encrypted and settings.coupling.kind == "coupling":
-            say(
+            lines.append(
                 f"warning: room {settings.name}: virtual coupling bounds speeds but no power: "
                 "serve people you trust, or waves"
             )
         key = msgspec.json.encode(msgspec.structs.replace(settings, name=rooms[0].name))
         if key not in advised:
             advised[key] = _advice_on(settings)
-        for text in together(advised[key], [user.name for user in settings.users]):
-            say(f"warning: room {settings.name}: {text}")
+        people = [user.name for user in settings.users]
+        lines += [f"warning: room {settings.name}: {text}" for text in together(advised[key], people)]
+        for line in lines:
+            say(line)
+    return told
 
 
 def _advice_on(settings: Settings) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ LOOK_EVERY_S = 0.02
 NO_SUCH_SEAT = "no seat is kept for "
 _SEATED = re.compile(r"(.+) holds \S+ in room ")
 _OVER = re.compile(r".+: the session (broke off|is over), no force is left")
-_NEGATABLE = ("report", "record", "rearm")
+_NEGATABLE = ("report", "record", "rearm", "browser", "trial")
 _FAULT, _REARMED = "fault, force released: ", "re-armed: "
 
 
@@ -80,8 +80,8 @@ class Arm:
 
 
 def join_two(
-    target: str, devices: Sequence[str], flags: Sequence[str], name: str, clutched: bool, view: bool, seconds: float | None,
-    stop: Stop, console: Console,
+    target: str, devices: Sequence[str], flags: Sequence[str], name: str, clutched: bool, view: Sequence[str],
+    seconds: float | None, stop: Stop, console: Console,
 ) -> int:  # fmt: skip
     """Hold two devices until one of them ends. Raises Problem where one of them gets no seat.
 
@@ -126,10 +126,10 @@ class _TwoArms:
         self._arms: list[Arm] = []
         self._lines: queue.SimpleQueue[tuple[Arm, str | None]] = queue.SimpleQueue()
 
-    def run(self, name: str, clutched: bool, view: bool, seconds: float | None) -> int:
+    def run(self, name: str, clutched: bool, view: Sequence[str], seconds: float | None) -> int:
         """Take both seats, hold until one ends, and return the exit code."""
         try:
-            self._take_seats(name, ["--view"] if view else [])
+            self._take_seats(name, view)
             self._console.print("an order goes to both arms, `1 ORDER` or `2 ORDER` to one of them; Ctrl-C ends both")
             if not clutched:
                 self._order("c")

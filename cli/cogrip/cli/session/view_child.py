@@ -8,10 +8,12 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
-from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.session.front_ends import front_ends
+from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.devices.web.family import NAMES
 from cogrip.protocol.io.platform import system
 
@@ -19,6 +21,32 @@ END_LIMIT_S = 3.0
 GONE = "the page's process has ended; the session goes on without it"
 GONE_HAND = "the page's process has ended, and the hand has let go: leave with Ctrl-C, and join again for a new page"
 SCHEME = "web"
+
+
+@dataclass(frozen=True, slots=True)
+class PageOptions:
+    """Options of `cogrip view` that a command with a page takes as well."""
+
+    browser: bool = True
+    port: int = 0
+    foxglove: bool = False
+    foxglove_origin: tuple[str, ...] = ()
+
+    def check(self, *, shown: bool) -> None:
+        """Raise BadInput for what is no option of a page, and for one where no page is shown."""
+        within("--port", self.port, 0, 65535)
+        front_ends(self.foxglove, self.foxglove_origin)
+        if not shown and (self.port or self.foxglove):
+            raise BadInput(
+                f"{'--port' if self.port else '--foxglove'} is of a page: give --view or --device web as well; the port of a"
+                " server stands behind its host, HOST:PORT"
+            )
+
+    def flags(self) -> list[str]:
+        """Return them as the command line has them."""
+        words = [*([] if self.browser else ["--no-browser"]), *(["--port", str(self.port)] if self.port else [])]
+        words += ["--foxglove"] if self.foxglove else []
+        return words + [word for origin in self.foxglove_origin for word in ("--foxglove-origin", origin)]
 
 
 class ViewChild:
@@ -33,14 +61,14 @@ class ViewChild:
         *,
         hand: bool = False,
         waits: bool = True,
-        browser: bool = True,
+        page: PageOptions = PageOptions(),
     ) -> None:
         """target: join link or HOST:PORT; it goes through a pipe, where no other user sees it. Raises Problem."""
         self._closing = False
         self._ours: socket.socket | None = None
         theirs: socket.socket | None = None
         arguments = ["view", "-", *(("--room", room) if room else ()), *(("--insecure",) if insecure else ())]
-        arguments += [] if browser else ["--no-browser"]
+        arguments += page.flags()
         if hand:
             self._ours, theirs = system.message_pair()
             arguments += ["--hand", str(theirs.fileno())]
@@ -165,9 +193,9 @@ def open_view(
     *,
     wanted: bool,
     hand: bool = False,
-    browser: bool = True,
+    page: PageOptions = PageOptions(),
 ) -> ViewChild | None:
     """Open the page of a session where it is wanted, or a hand is its pointer; closed with `stack`. Raises Problem."""
     if not (wanted or hand):
         return None
-    return stack.enter_context(ViewChild(target, say, room, insecure, hand=hand, browser=browser))
+    return stack.enter_context(ViewChild(target, say, room, insecure, hand=hand, page=page))

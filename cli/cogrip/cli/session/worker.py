@@ -6,7 +6,6 @@ Started by `cogrip.cli.session.serve_workers` with two descriptors: its end of t
 import os
 import secrets
 import select
-import signal
 import socket
 from pathlib import Path
 from typing import Literal
@@ -14,7 +13,6 @@ from typing import Literal
 import msgspec
 
 from cogrip.cli.session.log_lines import LogLines
-from cogrip.protocol.io.platform import system
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.network_rate import RateChoice
 from cogrip.protocol.settings import Settings
@@ -51,9 +49,6 @@ class Job(msgspec.Struct, frozen=True):
 def main(arguments: list[str]) -> int:
     """Serve the rooms that the front assigns. Return the exit code."""
     link_end, job_file, number = map(int, arguments)
-    for each in (*system.END_SIGNALS, system.HANGUP_SIGNAL):
-        if each is not None:
-            signal.signal(each, signal.SIG_IGN)  # they reach the front, and it ends this process by the link
     job = msgspec.json.decode(content_of(job_file), type=Job)
     os.close(job_file)
     link = Link(socket.socket(fileno=link_end))

@@ -2,9 +2,12 @@
 
 import sys
 
-from cogrip.protocol.io.large_pages import use_large_pages
-
 if __name__ == "__main__":
+    from cogrip.protocol.io.platform import system
+
+    system.ignore_end_signals()  # they reach the front, and it ends this process by the link
+    from cogrip.protocol.io.large_pages import use_large_pages
+
     use_large_pages()
     from cogrip.cli.session.worker import main
 

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.sim.experiments.study.fitts import COLUMNS, FEWEST, pointing, rows_of, throughputs
+from cogrip.sim.experiments.study.fitts import COLUMNS, ENOUGH, FEWEST, pointing, rows_of, throughputs
 from cogrip.sim.experiments.study.study_file import StudyError
 from cogrip.sim.experiments.study.table import read_table, write_columns, write_table
 from cogrip.sim.runs.export import ExportError, Format
@@ -54,7 +54,11 @@ def table(
                     f"no throughput: it takes {FEWEST} trials of a group in a condition, whose end points differ"
                 )
             for group, value in told.items():
-                console.print(f"group {group}: throughput {value:.2f} bit/s (ISO 9241-411)")
+                more = f"; {100 * ENOUGH:.0f} % takes some {value.trials} trials a condition"
+                console.print(
+                    f"group {group}: throughput {value.bitps:.2f} +- {value.within_bitps:.2f} bit/s (ISO 9241-411, 95 %"
+                    f"{more if value.within_bitps > ENOUGH * value.bitps else ''})"
+                )
         if figures:
             from cogrip.sim.experiments.study.figures import write_figures
 

@@ -17,6 +17,11 @@ def add_commands(app: App, table: Table, group: Group | None = None) -> None:
         app.command(f"cogrip.cli.{target}", name=name, help=line, group=group, sort_key=number)
 
 
+def shown_default(value: object) -> str | None:
+    """Return how a help page shows a default; None for one that says nothing: an option that is not given."""
+    return None if value is None or value is False or value in ("", ()) else str(value)
+
+
 def show_docstrings(app: App, words: Sequence[str]) -> None:
     """Let the help page of the command that `words` name show its docstring below its one line of help, and its arguments."""
     root, path = app, list[str]()

@@ -117,6 +117,8 @@ def wrapped(text: str, console: Console, indent: str = INDENT) -> str:
 
     A word that is wider than the terminal, such as a path, stays whole so that it can be copied.
     """
+    if "\n" in text:
+        return "\n".join(wrapped(line, console, indent) for line in text.split("\n"))
     if not has_width(console) or cell_len(text) <= console.width:
         return text
     return textwrap.fill(

@@ -16,6 +16,7 @@ from cogrip.devices.arm.model import ArmModel, Pose
 from cogrip.devices.arm.pose import Calibration, KnownPose, OwnLosses, Store, drive_of
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
+from cogrip.devices.way_in import into_sphere
 from cogrip.protocol.addition import add_floats
 from cogrip.protocol.rotations import Quaternion
 
@@ -243,9 +244,10 @@ class ArmDevice(Driver):
         if position is None or not isfinite(add_floats(position)):
             raise self._lost(f"the linkage does not close at counts {reading.raw}, so they are wrong")
         if not model.inside(position) and self._pose is not None and self._pose.kind != "none":
-            where = ", ".join(f"{value:.3f}" for value in position)
+            where = ", ".join(f"{value:z.3f}" for value in position)
+            way = into_sphere(position, model.reach_m) or "inside"
             raise self._error(
-                f"the tip is at ({where}) m, outside its workspace of {model.reach_m:g} m; move it inside, and arm again"
+                f"the tip is at ({where}) m, outside its workspace of {model.reach_m:g} m; move it {way}, and arm again"
             )
         self.angles, self.reading = angles, reading
         return position

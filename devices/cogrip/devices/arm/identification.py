@@ -99,7 +99,7 @@ def identify(
         tick, middle_m = _middle(device, rate_hz, wait)
         jacobian = _jacobian(model, middle_m)
         if jacobian is None or not all(model.inside(_three(at)) for at in _around(middle_m)):
-            where = ", ".join(f"{value:.3f}" for value in middle_m)
+            where = ", ".join(f"{value:z.3f}" for value in middle_m)
             raise DeviceError(
                 f"the tip is at ({where}) m, too near the edge to swing {1e3 * AMPLITUDE_M:g} mm; put it in mid-range"
             )

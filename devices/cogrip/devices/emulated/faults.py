@@ -6,12 +6,15 @@ short       a reply is cut off                                slow         repli
 stale       an old reply stands before the next               model        the device says that it is another one
 jump        encoder a slips by 400 counts                     stuck        encoder b gives no pulses
 unplug      the port is gone, and so is the power             deaf         requests are not received, so nothing is answered
+reversed    motor a is wired the wrong way round
 """
 
 from itertools import takewhile
 from random import Random
 
-VERBS = ("silence", "garbage", "split", "merge", "short", "slow", "stale", "model", "jump", "stuck", "unplug", "deaf")
+VERBS = (
+    "silence", "garbage", "split", "merge", "short", "slow", "stale", "model", "jump", "stuck", "unplug", "deaf", "reversed",
+)  # fmt: skip
 SPLIT_NS = 1_000_000
 SLOW_NS = 30_000_000
 

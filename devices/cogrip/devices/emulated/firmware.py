@@ -52,6 +52,7 @@ class Firmware(ABC):
         self.now_ns = now_ns
         if self._begun_ns is not None:
             self.mechanics.advance(now_ns - self._begun_ns)
+        self.mechanics.reversed = self.faults.on("reversed", now_ns)
         self.tick()
         if self.plugged and self.faults.on("unplug", now_ns):
             self.unplug()

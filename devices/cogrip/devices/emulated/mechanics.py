@@ -65,6 +65,7 @@ class Mechanics:
         self.force_n: Vector = (0.0, 0.0, 0.0)  # what the motors push the hand with
         self.weight_n: Vector = (0.0, 0.0, 0.0)  # and what the arm's own weight does
         self.peak_force_n = 0.0
+        self.reversed = False  # fault: motor a is wired the wrong way round
         self.currents_ma: Vector = (0.0, 0.0, 0.0)
         self._angles: Vector = (0.0, 0.0, 0.0)
         self._sloped: tuple[Vector, Matrix] | None = None  # the newest slopes, and where they are of
@@ -144,7 +145,9 @@ class Mechanics:
     def drive(self, currents_ma: Vector) -> None:
         """Currents flow; the tip is pushed by what they make of torque, and by the arm's weight."""
         self.currents_ma = currents_ma
-        self.force_n = self._at_the_tip(self.model.drive.torque(currents_ma)) if any(currents_ma) else (0.0, 0.0, 0.0)
+        a, b, c = currents_ma
+        flowing = (-a, b, c) if self.reversed else currents_ma
+        self.force_n = self._at_the_tip(self.model.drive.torque(flowing)) if any(currents_ma) else (0.0, 0.0, 0.0)
         holding = self.model.kinematics.gravity(self._angles)
         self.weight_n = self._at_the_tip([-torque for torque in holding]) if any(holding) else (0.0, 0.0, 0.0)
         (fx, fy, fz), (wx, wy, wz) = self.force_n, self.weight_n

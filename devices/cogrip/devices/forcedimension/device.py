@@ -20,7 +20,8 @@ from cogrip.devices.driver import Driver
 from cogrip.devices.forcedimension.models import confirm, with_handle
 from cogrip.devices.forcedimension.sdk import BY_WATCHDOG, OFF_CAUSES, SATURATED, SUCCESS, TIME_GUARD, Sdk
 from cogrip.devices.frozen_position import FrozenPosition
-from cogrip.protocol.rotations import Quaternion, of_matrix
+from cogrip.protocol.rotations import Quaternion, log, of_matrix
+from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
 
 WATCHDOG = 255  # x 125 us = 32 ms without a force, and the controller turns forces off
 FED_S = 0.025  # a longer pause between two forces may have been the watchdog's
@@ -42,7 +43,9 @@ class ForceDimensionDevice(Driver):
         self._index = index
         self._stated = stated
         self._load = load
-        self._rest = (0.0,) * (3 - record.axes)
+        self._places = min(record.axes, PLACES)
+        self._rest = (0.0,) * (PLACES - self._places)
+        self._turns, self._grips = record.axes == POSE_AXES, record.axes == GRIP_AXES
 
     def open(self, rate_hz: int) -> None:
         """Raises DeviceError also for a device of another model, or one that is not calibrated."""
@@ -59,7 +62,7 @@ class ForceDimensionDevice(Driver):
         self._on = False
         self._fed_ticks, self._rest_ticks = max(1, int(FED_S * rate_hz)), round(RESTS_S * rate_hz)
         self._written = self._enables_at = self._flows_at = 0  # ticks: newest force; forces are enabled from, flow from
-        self._lost, self._blind = "", False
+        self._lost, self._blind, self._opens = "", False, 1.0
         self._velocity, self._frozen = [0.0, 0.0, 0.0], FrozenPosition(self.capability.resolution_m, rate_hz)
         self._rows, self._gap = [[0.0] * 3 for _ in range(3)], c_double()
         _opened.add(self._index)
@@ -81,10 +84,24 @@ class ForceDimensionDevice(Driver):
             what = "is not calibrated" if status.power else "is switched off: switch it on"
             raise self._error(f"{what}; calibrate it with the vendor's program, then open it again")
         self._check(dhd.setMaxForce(self.capability.peak_force_n, number), "its force cannot be limited")
+        self._prepare_own()
         if dhd.expert.enableExpertMode() < 0 or dhd.expert.setWatchdog(WATCHDOG, number) < 0:
             self._counts["watchdog not available"] += 1
         dhd.expert.disableExpertMode()
-        self._check(dhd.setForce(ZERO, number), "its force cannot be set")
+        self._check(self._apply(ZERO, ZERO), "its force cannot be set")
+
+    def _prepare_own(self) -> None:
+        """Limit what a wrist or a gripper gives; raise DeviceError for one without motors."""
+        dhd, number, record = self._dhd, self._id, self.capability
+        if record.rotation is not None:
+            if not dhd.hasActiveWrist(number):
+                raise self._error("its wrist has no motors, by its own word; take it with 3 axes")
+            self._check(dhd.setMaxTorque(record.rotation.peak_torque_nm, number), "its torque cannot be limited")
+        if record.gripper is not None:
+            if not dhd.hasActiveGripper(number):
+                raise self._error("its gripper has no motor, by its own word; take it with 3 axes")
+            self._check(dhd.setMaxGripperForce(record.gripper.peak_force_n, number), "its gripper cannot be limited")
+            self._opens = -1.0 if dhd.isLeftHanded(number) else 1.0
 
     def read(self, tick: int) -> Sample | None:
         self._check_read(tick)
@@ -103,12 +120,22 @@ class ForceDimensionDevice(Driver):
             self._counts["position not finite"] += 1
             self._send(ZERO)
             return None
-        place = tuple(position)
+        place: tuple[float, ...] = tuple(position)
         if self._frozen.still(place, tick) and dhd.getLinearVelocity(self._velocity, self._id) in SUCCESS:
             self._lose(self._frozen.judge(self._velocity))
             if self._lost:
                 raise DeviceError(self._lost)
-        return Sample(place[: self._axes], None, 0, *self._handle())
+        buttons, turned, grip_m = self._handle()
+        own = self._own(turned, grip_m)
+        return None if own is None else Sample((*place[: self._places], *own), None, 0, buttons, turned, grip_m)
+
+    def _own(self, turned: Quaternion | None, grip_m: float | None) -> Sequence[float] | None:
+        """Return the axes behind the places, None where they could not be read: no sample is whole without."""
+        if self._turns:
+            return None if turned is None else log(turned)
+        if self._grips:
+            return None if grip_m is None else (self._gap.value,)
+        return ()
 
     def _ask(self, tick: int) -> int:
         """Ask for the status, and believe it. Return the SDK's answer."""
@@ -123,14 +150,17 @@ class ForceDimensionDevice(Driver):
             self._lose("it is not calibrated any more: calibrate it with the vendor's program")
         elif status.error:
             self._lose("its controller reports an error")
-        elif self._on and not status.force:
+        elif self._on and not (status.force and (status.torque or not self._turns)):
             self._counts["forces off"] += 1
             paused = tick - self._written >= self._fed_ticks
             if status.forceoffcause == BY_WATCHDOG or paused:
                 self._on, self._enables_at = False, tick + self._rest_ticks
             else:
-                cause = OFF_CAUSES.get(status.forceoffcause, "it does not say why")
-                self._lose(f"its controller has switched the forces off ({cause})")
+                cause, what = (
+                    OFF_CAUSES.get(status.forceoffcause, "it does not say why"),
+                    "torques" if status.force else "forces",
+                )
+                self._lose(f"its controller has switched the {what} off ({cause})")
         return answer
 
     def _flows(self) -> bool:
@@ -138,7 +168,10 @@ class ForceDimensionDevice(Driver):
         tick = self._tick
         if not self._on and tick >= self._enables_at:
             self._send(ZERO)  # the watchdog begins with a force
-            if self._dhd.enableForce(True, self._id) not in SUCCESS:
+            answers = [self._dhd.enableForce(True, self._id)]
+            if self._grips:
+                answers.append(self._dhd.enableGripperForce(True, self._id))
+            if not all(answer in SUCCESS for answer in answers):
                 self._lose(f"its forces cannot be enabled: {self._dhd.errorGetLastStr()}")
             self._on, self._flows_at = True, tick + SETTLES_TICKS
             self._asked = self._flows_at - STATUS_TICKS
@@ -164,18 +197,32 @@ class ForceDimensionDevice(Driver):
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         """A force above the limit keeps its direction; one that is none becomes zero, and so does any while none flows."""
         self._need_open("write")
-        size = hypot(*force_n)
-        if len(force_n) != self._axes or not isfinite(size):
+        if len(force_n) != self._axes or not isfinite(hypot(*force_n)):
             self._send(ZERO)
             raise self._wrong_force(force_n, "; the force is zero now")
+        record, places = self.capability, self._places
+        arm = _limited(force_n[:places], record.peak_force_n)
+        own: Sequence[float] = force_n[places:]
+        if own:
+            most = (
+                record.rotation.peak_torque_nm
+                if record.rotation
+                else record.gripper.peak_force_n
+                if record.gripper
+                else 0.0
+            )
+            own = _limited(own, most)
         acting: Sequence[float] | None = None
-        if size > self.capability.peak_force_n:
-            fraction = self.capability.peak_force_n / size
-            acting = tuple([fraction * f for f in force_n])
+        if (whole := (*arm, *own)) != tuple(force_n):
+            acting = whole
             self._counts["force limited"] += 1
-        x, y, z = (*(acting or force_n), *self._rest)
         flows = self._lost or self._flows()
-        self._send((-x, -y, -z) if flows else ZERO)  # the hand gets -F
+        if flows:  # the hand gets -F
+            x, y, z = (*arm, *self._rest)
+            a, b, c = (*own, *ZERO)[:PLACES]
+            self._send((-x, -y, -z), (-a, -b, -c))
+        else:
+            self._send(ZERO)
         self._written = self._tick
         return self._zero if self._lost or self._blind or not flows else acting
 
@@ -184,15 +231,24 @@ class ForceDimensionDevice(Driver):
         if not self._open:
             return
         self._open = False
-        answers = self._dhd.setForce(ZERO, self._id), self._dhd.stop(self._id), self._dhd.close(self._id)
+        answers = self._apply(ZERO, ZERO), self._dhd.stop(self._id), self._dhd.close(self._id)
         if not all(answer in SUCCESS for answer in answers):
             self._counts["error at close"] += 1
         atexit.unregister(self.close)
         _opened.discard(self._index)
 
-    def _send(self, force: Vector) -> None:
+    def _apply(self, force: Vector, own: Vector) -> int:
+        """Hold this force on the hand, and this torque, or the force in the first number that opens a gripper."""
+        if self._turns:
+            return self._dhd.setForceAndTorque(force, own, self._id)
+        if self._grips:
+            return self._dhd.setForceAndGripperForce(force, self._opens * own[0], self._id)
+        return self._dhd.setForce(force, self._id)
+
+    def _send(self, force: Vector, own: Vector = ZERO) -> None:
         """A device that is lost gets zero until it is closed, one whose position is no number until it is one again."""
-        answer = self._dhd.setForce(ZERO if self._lost or self._blind else force, self._id)
+        dead = self._lost or self._blind
+        answer = self._apply(ZERO, ZERO) if dead else self._apply(force, own)
         if answer == SATURATED:
             self._counts["motor saturated"] += 1
         elif answer not in SUCCESS:
@@ -202,8 +258,14 @@ class ForceDimensionDevice(Driver):
         """Said by the next read(); no reason is none."""
         if why and not self._lost:
             self._lost = f"{self._where}: lost: {why}; {CURE}"
-            self._dhd.setForce(ZERO, self._id)
+            self._apply(ZERO, ZERO)
 
     def _check(self, answer: int, what: str) -> None:
         if answer not in SUCCESS:
             raise self._error(f"{what}: {self._dhd.errorGetLastStr()}; {CURE}")
+
+
+def _limited(force: Sequence[float], most: float) -> Sequence[float]:
+    """Return the force, or torque, with its direction and at most this size."""
+    size = hypot(*force)
+    return force if size <= most else tuple([most / size * part for part in force])

@@ -8,10 +8,11 @@ from msgspec import Meta
 
 from cogrip.devices.device import Device, DeviceError, at_most
 from cogrip.devices.forcedimension.device import ForceDimensionDevice
-from cogrip.devices.forcedimension.models import CAUTIOUS, RECORDS
+from cogrip.devices.forcedimension.models import RECORDS, axes_of, record_of
 from cogrip.devices.forcedimension.sdk import Sdk
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, check_axes, read_query
+from cogrip.protocol.setting_types import GRIP_AXES, POSE_AXES
 
 MOST_DEVICES = 16
 
@@ -36,23 +37,30 @@ def family() -> Family:
     what = (
         "Omega, delta, sigma, lambda, Falcon (Force Dimension SDK): forcedimension:0?model=omega3 by the SDK's number"
     )
-    return Family(what, make, tuple(f"forcedimension:0?model={model}" for model in RECORDS), real=True)
+    return Family(what, make, tuple(f"forcedimension:0?model={model}" for model in RECORDS), axes, real=True)
+
+
+def axes(address: Address) -> int:
+    """Return the number of axes of the model that is stated."""
+    return axes_of(address.query.get("model", ""))
 
 
 def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
     """A driver; the SDK is not loaded yet.
 
-    Raises DeviceError for unknown keys, values out of bounds, a name that is no number, or a number of axes not 1 to 3.
+    Raises DeviceError for unknown keys, values out of bounds, a name that is no number, or a number of
+    axes that the model has not.
     """
     where = repr(address.text)
-    check_axes(axes, where)
+    if axes != POSE_AXES:
+        check_axes(axes, where, GRIP_AXES)
     if not (address.name.isascii() and address.name.isdigit() and int(address.name) < MOST_DEVICES):
         last = MOST_DEVICES - 1
         raise DeviceError(
             f"{where}: {address.name!r} is no number from 0 to {last}: write forcedimension:0 for the first device"
         )
     settings = read_query(ForceDimensionSettings, {**defaults, **address.query}, where)
-    record = at_most(RECORDS[settings.model or CAUTIOUS].first(axes), settings.peak_force_n)
+    record = at_most(record_of(settings.model, axes, where), settings.peak_force_n)
 
     def load() -> Sdk:
         from cogrip.devices.io.dhd_library import load

@@ -2,12 +2,14 @@
 
 Sources: type numbers as in forcedimension-core 1.0, those of delta.6 and sigma.6+, which it does not know, as in the SDK's
 dhdc.h; forces, stiffness, damping and workspace radius as CHAI3D states them (CDeltaDevices.cpp), those of sigma.3 and lambda
-being the sigma.7's. Resolutions are data sheet figures; apparent masses and the Falcon's continuous force are guesses.
+being the sigma.7's; so are torques and grippers, and that the wrists of omega.6 and omega.7 have no motors. Resolutions are
+data sheet figures; apparent masses, the Falcon's continuous force, and what else is said of wrists and grippers are guesses.
 """
 
 from dataclasses import replace
 
-from cogrip.devices.device import Capability, DeviceError, encoder_record
+from cogrip.devices.device import SLEW_NPS, Capability, DeviceError, Gripper, Rotation, encoder_record
+from cogrip.protocol.setting_types import GRIP_AXES, PLACES, POSE_AXES
 
 GRIP_M = (0.0, 0.03)  # data sheets: 25 to 27 mm
 CAUTIOUS = "falcon"  # the record of a device whose model is not stated: the weakest
@@ -43,6 +45,41 @@ RECORDS = {
     )
 }
 """See `encoder_record`. The SDK's velocity is an average over 20 ms; the client's estimator is chosen for the encoders."""
+
+
+WRISTS = ("delta6", "sigma6", "sigma7", "lambda7")  # with motors
+GRIPPERS = ("omega7", "sigma7", "lambda7")
+WRIST = Rotation(
+    peak_torque_nm=0.2, continuous_torque_nm=0.1, damping_nms=0.02, slew_nmps=20.0, speed_radps=15.0, resolution_rad=2e-4,
+    apparent_inertia_kgm2=2e-4,
+)  # fmt: skip
+GRIPPER = Gripper(
+    peak_force_n=8.0, continuous_force_n=4.0, damping_nspm=10.0, slew_nps=SLEW_NPS, speed_mps=1.0, resolution_m=1e-5,
+    apparent_mass_kg=0.05,
+)  # fmt: skip
+
+
+_NEEDED = {POSE_AXES: (WRISTS, "wrist with motors"), GRIP_AXES: (GRIPPERS, "gripper with force")}
+"""number of axes -> models that have them, and by what"""
+
+
+def axes_of(model: str) -> int:
+    """Return the number of axes of a model, of which a wrist and a gripper are not had at once."""
+    return POSE_AXES if model in WRISTS else GRIP_AXES if model in GRIPPERS else PLACES
+
+
+def record_of(model: str, axes: int, where: str) -> Capability:
+    """Return the record of a model with so many axes. Raises DeviceError for motors that it has not."""
+    record = RECORDS[model or CAUTIOUS]
+    if axes in _NEEDED:
+        known, what = _NEEDED[axes]
+        if model not in known:
+            named = f"model={model} has no" if model else "no model is stated, and not each has a"
+            such = ", ".join(known)
+            raise DeviceError(f"{where}: axes={axes} is out of 1 to {PLACES}: {named} {what}; such are {such}")
+    if axes == POSE_AXES:
+        return replace(record, axes=axes, rotation=WRIST)
+    return replace(record, axes=axes, gripper=GRIPPER) if axes == GRIP_AXES else record.first(axes)
 
 
 TYPES = {

@@ -37,8 +37,20 @@ class Dhd(Protocol):
     def close(self, ID: int) -> int: ...
     def stop(self, ID: int) -> int: ...
     def enableForce(self, enable: bool, ID: int) -> int: ...
+    def enableGripperForce(self, enable: bool, ID: int) -> int: ...
+    def hasActiveWrist(self, ID: int) -> bool: ...
+    def hasActiveGripper(self, ID: int) -> bool: ...
+    def isLeftHanded(self, ID: int) -> bool: ...
     def setMaxForce(self, limit: float, ID: int) -> int:
         """A negative limit would be none."""
+
+    def setMaxTorque(self, limit: float, ID: int) -> int: ...
+    def setMaxGripperForce(self, limit: float, ID: int) -> int: ...
+    def setForceAndTorque(self, f: Sequence[float], t: Sequence[float], ID: int) -> int:
+        """Torque on the hand about the axes of positions [N m]."""
+
+    def setForceAndGripperForce(self, f: Sequence[float], fg: float, ID: int) -> int:
+        """Force that opens the gripper [N], of a left-handed one that closes it: so in the SDK's own example `sphere`."""
 
     def setForce(self, f: Sequence[float], ID: int) -> int: ...
     def getPosition(self, out: list[float], ID: int) -> int: ...
@@ -55,7 +67,7 @@ class Dhd(Protocol):
 
 
 class Status(Protocol):
-    """`forcedimension_core.containers.Status`: 1 or 0. reset: it waits to be calibrated; force: forces are on.
+    """`forcedimension_core.containers.Status`: 1 or 0. reset: it waits to be calibrated; force, torque: these are on.
 
     error          0: none
     forceoffcause  why forces went off last (OFF_CAUSES)
@@ -64,6 +76,7 @@ class Status(Protocol):
     power: int
     reset: int
     force: int
+    torque: int
     error: int
     forceoffcause: int
 

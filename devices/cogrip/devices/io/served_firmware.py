@@ -111,8 +111,8 @@ class ServedFirmware(ABC):
                 self._say(f"the calibrate button was pressed: the {'counters are zero' if zero else 'host is told'}")
             case ["status"]:
                 mechanics = firmware.mechanics
-                at = ", ".join(f"{1e3 * place:.3f}" for place in mechanics.body.position_m)
-                force = ", ".join(f"{part:.3f}" for part in mechanics.force_n)
+                at = ", ".join(f"{1e3 * place:z.3f}" for place in mechanics.body.position_m)
+                force = ", ".join(f"{part:z.3f}" for part in mechanics.force_n)
                 self._say(
                     f"at ({at}) mm, counters {mechanics.counters}, "
                     f"pushes with ({force}) N, most so far {mechanics.peak_force_n:.3f} N"

@@ -3,7 +3,9 @@
 
 def large_pages_permission() -> str:
     """Return "yes" where processes can have large pages, else "no, " and why."""
-    return "no, only in the compiled form on Linux (`python3 dev.py compile`)"
+    from cogrip.protocol.io.compiled_files import compile_command  # this module is the first one of a process
+
+    return f"no, only in the compiled form on Linux (`{compile_command()}`)"
 
 
 def use_large_pages() -> None:

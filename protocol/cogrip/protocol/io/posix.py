@@ -7,8 +7,8 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import IO, Any, Literal
 
@@ -90,10 +90,21 @@ def end_of_input(stream: IO[bytes]) -> Callable[[float], bool]:
     return lambda limit_s: bool(select.select([stream], [], [], limit_s)[0])
 
 
+@contextmanager
+def end_signals_held() -> Iterator[None]:
+    """Hold back signals to end from a process that is started within the context, until it ignores them."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, END_SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def ignore_end_signals() -> None:
     """Leave the end of this process to the one that started it."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, END_SIGNALS)  # which `end_signals_held` may have held back
 
 
 def ordinary_priority() -> None:

@@ -39,6 +39,32 @@ class Measure:
     undo: Callable[[], None] = field(default=lambda: None, repr=False, compare=False)
 
 
+class ProcessorWait:
+    """Time [ns] for which the thread that makes it has been ready without a processor, in all so far: Linux's account of it."""
+
+    def __init__(self) -> None:
+        """Raises OSError where the system keeps no account."""
+        self._descriptor = os.open("/proc/thread-self/schedstat", os.O_RDONLY)
+
+    def __call__(self) -> int:
+        os.lseek(self._descriptor, 0, os.SEEK_SET)
+        return int(os.read(self._descriptor, 64).split()[1])
+
+    def __del__(self) -> None:
+        with suppress(AttributeError):  # it was not opened
+            os.close(self._descriptor)
+
+
+def processor_wait() -> Callable[[], int] | None:
+    """Return `ProcessorWait` of this thread, None where that is not known."""
+    try:
+        wait = ProcessorWait()
+        wait()
+    except (OSError, AttributeError, IndexError, ValueError):
+        return None
+    return wait
+
+
 def has_capability(bit: int) -> bool:
     """Return whether this process holds Linux capability `bit` (effective); False where that cannot be read."""
     with suppress(OSError), open("/proc/self/status", encoding="ascii", errors="replace") as status:

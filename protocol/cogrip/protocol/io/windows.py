@@ -13,7 +13,8 @@ import subprocess
 import sys
 import threading
 import time as _time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import IO, Any, Literal
 
 assert sys.platform == "win32"
@@ -156,6 +157,12 @@ def end_of_input(stream: IO[bytes]) -> Callable[[float], bool]:
 
     threading.Thread(target=watch, daemon=True).start()  # no pipe can be waited for with a limit
     return ended.wait
+
+
+@contextmanager
+def end_signals_held() -> Iterator[None]:
+    """Do nothing: no process gets a signal of another's group."""
+    yield
 
 
 def ignore_end_signals() -> None:

@@ -14,7 +14,7 @@ cdef class Concealment:
     cdef Py_ssize_t _axes
     cdef list _zero
 
-    cpdef fill(self, last, limit, answer, late=*, bint silent=*)
+    cpdef fill(self, last, limit, answer, late=*, bint silent=*, double part=*)
     cpdef compensate(self, tuple row, WaveLedger ledger, tuple last, bint gap)
 
 

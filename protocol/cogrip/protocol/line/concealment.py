@@ -39,8 +39,8 @@ BASE_HZ = 128.0  # frame rate at which the numbers below hold; at other rates th
 ELASTIC_FADE = 0.93  # factor from frame to frame in a gap
 LAST_FADE = 0.75  # factor from frame to frame once no more than such a fade to the end is left to pay for
 SMOOTHING = 1.0 / 12.0  # of the difference between p and its target, in one frame
-DEFICIT_FRACTION = 1.0 / 64.0  # of the deficit, in one frame
-DISSIPATION_FRACTION = 1.0 / 16.0  # of the deficit, in one frame, where p lowers the energy of the wave
+DEFICIT_FRACTION = 1.0 / 32.0  # of the deficit, in one frame
+DISSIPATION_FRACTION = 1.0 / 8.0  # of the deficit, in one frame, where p lowers the energy of the wave
 ELASTIC_LIMIT = 0.1  # sqrt(W), largest p where it raises the energy of the wave
 YIELDING_GAIN = 0.4  # factor on sqrt(b) of the yielding end, at line_quality 0
 FULL_QUALITY = 0.99  # a line_quality above this is set to 1
@@ -61,8 +61,9 @@ class Concealment:
         self._axes, self._zero = axes, [0.0] * axes
 
     def fill(
-        self, last: PerAxis, limit: PerAxis, answer: PerAxis, late: PerAxis | None = None, silent: bool = True
-    ) -> PerAxis:
+        self, last: PerAxis, limit: PerAxis, answer: PerAxis, late: PerAxis | None = None, silent: bool = True,
+        part: float = 1.0,
+    ) -> PerAxis:  # fmt: skip
         """Return x for a missing frame, with |x| <= limit.
 
         last    wave that was played one frame before
@@ -70,6 +71,7 @@ class Concealment:
         answer  wave that this end sent with `last`: last + answer = sqrt(2b) velocity
         late    newest wave of all, where it came with this pop, too late to be played in its own frame
         silent  whether no frame newer than the missing one has come
+        part    of a frame, for which x is to be played: it fades by that part of a frame's fade
         """
         return self._zero
 
@@ -96,9 +98,11 @@ class FadingConcealment(DeficitCompensation):
     """`tank`: the last wave fades out through a gap, within energy reserve and credit."""
 
     def fill(
-        self, last: PerAxis, limit: PerAxis, answer: PerAxis, late: PerAxis | None = None, silent: bool = True
-    ) -> PerAxis:
-        return [max(-most, min(most, FADE * wave)) for wave, most in zip(last, limit, strict=True)]
+        self, last: PerAxis, limit: PerAxis, answer: PerAxis, late: PerAxis | None = None, silent: bool = True,
+        part: float = 1.0,
+    ) -> PerAxis:  # fmt: skip
+        fade = 1.0 - part * (1.0 - FADE)
+        return [max(-most, min(most, fade * wave)) for wave, most in zip(last, limit, strict=True)]
 
     def compensate(self, row: PerAxis, ledger: WaveLedger, last: PerAxis, gap: bool) -> None:
         DeficitCompensation.compensate(self, row, ledger, last, gap)
@@ -131,13 +135,15 @@ class ElasticConcealment(Concealment):
         self._gap_frames, self._held_frames = 0, round(HELD_S / frame_s)
 
     def fill(
-        self, last: PerAxis, limit: PerAxis, answer: PerAxis, late: PerAxis | None = None, silent: bool = True
-    ) -> PerAxis:
+        self, last: PerAxis, limit: PerAxis, answer: PerAxis, late: PerAxis | None = None, silent: bool = True,
+        part: float = 1.0,
+    ) -> PerAxis:  # fmt: skip
         self._gap_frames = self._gap_frames + 1 if self._was_gap else 1
         self._stillness = self._stillness_of(last, answer)
         fade = self._fade + (1.0 - self._fade) * self._stillness
         if self._gap_frames > self._held_frames:
             fade = self._gone
+        fade = 1.0 - part * (1.0 - fade)
         if late is not None:  # the other end still sends
             self._recover()
         elif silent:

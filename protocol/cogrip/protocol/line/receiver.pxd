@@ -76,7 +76,7 @@ cdef class LineReceiver:
     cdef long long _pass_over(self, long long number) except? -1
     cdef _drop_or_miss(self, long long number)
     cdef _advance(self, long long number, tuple frame)
-    cpdef tuple _fill(self, late, bint silent)
+    cpdef tuple _fill(self, late, bint silent, double part)
     cdef tuple _play(self, tuple frame, double part)
     @cython.locals(
         concealment=Concealment, axis=Py_ssize_t, value=double, played=double, before=double, reach=double, after=double,

@@ -228,7 +228,7 @@ class LineReceiver:
         self.gap = move > 0
         if self.gap:
             self._cursor, self.hold = number, move
-            filling = self._fill(late, self.newest < number)
+            filling = self._fill(late, self.newest < number, move / ticks)
             self.ledger.disturbed = True  # the filling enters the deficit, so compensation is needed
             self._add_deficit(filling, -move / ticks)  # no frame stands for it
             return self._play(filling, move / ticks)
@@ -245,7 +245,7 @@ class LineReceiver:
             self._gap_length = self._unheard = 0
         elif number >= 0:
             self._miss(number)
-            frame = self._fill(late, self.newest < number)
+            frame = self._fill(late, self.newest < number, part)
             self._concealing = True
             self.ledger.add_filling(frame)
         else:
@@ -319,10 +319,10 @@ class LineReceiver:
                 self._missing.discard(number - HISTORY)
             self.ledger.add_played(number, frame)
 
-    def _fill(self, late: Frame | None, silent: bool) -> Frame:
+    def _fill(self, late: Frame | None, silent: bool, part: float) -> Frame:
         """Return the filling for a missing frame: as the concealment proposes, as far as the ledger allows."""
         limits = self.ledger.limits()
-        filled = self._concealment.fill(self._last, limits, self.answer, late, silent)
+        filled = self._concealment.fill(self._last, limits, self.answer, late, silent, part)
         return tuple([max(-most, min(most, x)) for x, most in zip(filled, limits, strict=True)])
 
     def _play(self, frame: Frame, part: float) -> Frame:

@@ -57,6 +57,7 @@ class Header(msgspec.Struct, frozen=True):
     rate_hz    of the loop
     room       of a client
     cut        its end is missing, though the file is closed: it was recovered
+    trial      what a trial of the motors found before the session, of a client; "" where there was none
     topics     by channel, from 1 on: a file whose first chunk is damaged can still be read
     """
 
@@ -71,6 +72,7 @@ class Header(msgspec.Struct, frozen=True):
     topics: tuple[str, ...]
     room: str = ""
     cut: bool = False
+    trial: str = ""
     format: int = FORMAT
 
     def metadata(self) -> dict[str, str]:
@@ -95,7 +97,7 @@ def header_of(metadata: dict[str, str]) -> Header:
     kinds = {field.name: field.type for field in msgspec.structs.fields(Header) if field.name in texts}
     values = {name: texts[name] if kind is str else msgspec.json.decode(texts[name]) for name, kind in kinds.items()}
     header = msgspec.convert(values, Header)
-    for name in ("role", "who", "room"):
+    for name in ("role", "who", "room", "trial"):
         if not getattr(header, name).isprintable():
             raise ValueError(f"its {name} holds control characters")
     try:

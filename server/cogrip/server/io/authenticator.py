@@ -1,6 +1,8 @@
 """Authenticator of an encrypted server, by the tokens of a file and the wall clock. No tick waits for a disk.
 
 What a tick changes (a one-time token is used, a kicked one revoked) holds here at once; a thread writes it to the file.
+Of a file that has changed only the changed tokens are decoded, and of many only some between two ticks: the book before holds
+meanwhile, for those who are here, and hellos are left unanswered, which come again.
 """
 
 import queue
@@ -18,10 +20,12 @@ from cogrip.server.admission import Denied, Grant
 from cogrip.server.events import ServerEvent
 from cogrip.server.io.state_folder import StateError
 from cogrip.server.io.token_file import Stamp, TokenFile
-from cogrip.server.tokens import TokenBook, UnknownTokenError
+from cogrip.server.tokens import BookReading, TokenBook, UnknownTokenError
 
+READING = "many tokens have changed, and are read between the ticks; then sessions of revoked ones end"
 CLOSE_LIMIT_S = 10.0
 WATCH_S = 0.5  # between two looks at the file
+PAUSE_S = 0.001  # between two slices of a reading by a thread: one that only computes keeps the interpreter for 5 ms
 AGAIN_S = 5.0  # after which what could not be written is tried again
 
 
@@ -57,6 +61,8 @@ class TokenAuthenticator:
         self._wall_s = wall_s
         self._stamp: Stamp | None = file.stamp()  # of the file as it was read
         self._tried = self._stamp
+        self._reading: BookReading | None = None  # of the file as it was tried
+        self._to_report = False  # the reading that goes on, to who asked for it
         self._book = file.load()
         self._pending: list[TokenChange] = []  # not in the file yet
         self._reported: dict[str, set[str]] = {}  # ids, by what has ended them
@@ -66,11 +72,11 @@ class TokenAuthenticator:
         self._writer = _Writer(file)
         self._watch = _Watch(file) if watch else None
 
-    def admit(self, hello: Hello) -> Grant | Denied:
+    def admit(self, hello: Hello) -> Grant | Denied | None:
         """See `Authenticator`. A file that cannot be read is reported once, and the last good book holds."""
         self._report_failures()
         self._read(forced=False)
-        return self._book.admit(hello.token, hello.role, hello.room, self._wall_s())
+        return None if self._reading else self._book.admit(hello.token, hello.role, hello.room, self._wall_s())
 
     def shown(self, hello: Hello) -> str | None:
         """See `Authenticator`."""
@@ -104,15 +110,27 @@ class TokenAuthenticator:
         before, self._reported[why] = self._reported.get(why, set()), ids
         return ids - before
 
-    def reload(self) -> bool:
-        """Read the file again (SIGHUP, `cogrip token revoke`), and report each time. False where it could not be read."""
+    def reload(self) -> bool | None:
+        """Read the file again (SIGHUP, `cogrip token revoke`), and report each time. False where it could not be read, None
+        where much has changed: then it is begun, and `read_on` ends and reports it.
+        """
         self._report_failures()
         good = self._read(forced=True)
-        if good:
-            now_s = self._wall_s()
+        self._to_report = good
+        self._report_reload()
+        return None if self._reading else good
+
+    def read_on(self) -> None:
+        """Decode some more of a file in which much has changed. Called between two ticks."""
+        if self._reading is not None:
+            self._go_on(self._reading)
+            self._report_reload()
+
+    def _report_reload(self) -> None:
+        if self._to_report and self._reading is None:
+            self._to_report, now_s = False, self._wall_s()
             usable = add_integers(token.state(now_s) == "good" for token in self._book.tokens)
             self._say(ServerEvent("reloaded", f"tokens were read again: {usable} of {len(self._book.tokens)} are good"))
-        return good
 
     def close(self) -> None:
         """Wait until every change is in the file; report those that are not."""
@@ -128,19 +146,38 @@ class TokenAuthenticator:
             if stamp is None and self._stamp is not None:
                 raise StateError(f"{self._file.path}: has gone; put it back, or start the server again to begin anew")
             if not forced and stamp == self._tried:
-                return stamp == self._stamp
+                return self._reading is not None or stamp == self._stamp
             self._tried = stamp
-            book = self._file.load()
+            reading = self._file.begin()
         except StateError as error:
-            self._report(f"tokens are not read anew, and stay as they were: {error}", asked=forced)
+            self._fail(error, asked=forced)
             return False
+        return self._go_on(reading, asked=forced)
+
+    def _go_on(self, reading: BookReading, *, asked: bool = False) -> bool:
+        """Decode some of the file, and take its book once that is whole."""
+        try:
+            self._file.go_on(reading)
+            if reading.left:
+                self._reading = reading
+                return True
+            book = self._file.end(reading)
+        except StateError as error:
+            self._fail(error, asked=asked)
+            return False
+        self._reading = None
         self._pending = [change for change in self._pending if change.on(book) != book]
         if not self._pending:
             self.not_written = ""
-        self._book, self._stamp, self._trouble = _all_on(self._pending, book), stamp, ""
+        self._book, self._stamp, self._trouble = _all_on(self._pending, book), self._tried, ""
         if self._pending:
             self._writer.write(self._pending)
         return True
+
+    def _fail(self, error: StateError, *, asked: bool) -> None:
+        self._reading = None
+        asked, self._to_report = asked or self._to_report, False
+        self._report(f"tokens are not read anew, and stay as they were: {error}", asked=asked)
 
     def _apply(self, change: TokenChange) -> None:
         changed = change.on(self._book)
@@ -193,7 +230,7 @@ class _Writer:
     def _run(self) -> None:
         while (changes := self._orders.get()) is not None:
             try:
-                self._file.change(partial(_written, changes))
+                self._file.change(partial(_written, changes), partial(time.sleep, PAUSE_S))
             except StateError as error:
                 self.failures.append(str(error))
 

@@ -11,6 +11,7 @@ from cogrip.protocol.tool_frame import ToolFrame
 from cogrip.server import inputs
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.events import ServerEvent
+from cogrip.server.io.authenticator import READING
 from cogrip.server.io.checkpoint_file import CheckpointWriter, WriterThread
 from cogrip.server.io.control import NO_CLUSTER, Control, Drain, Kick, Mark, Orders, Reload, Request, SetHand, Who
 from cogrip.server.io.hand_orders import HandOrders
@@ -43,7 +44,9 @@ class Tokens(Protocol):
 
     def expired(self) -> set[str]: ...
 
-    def reload(self) -> bool: ...
+    def reload(self) -> bool | None: ...
+
+    def read_on(self) -> None: ...
 
     def close(self) -> None: ...
 
@@ -180,10 +183,7 @@ class Housekeeping:
         self._look_for_people()
         self._turn = (self._turn + 1) % TURNS  # each room once in EVERY_NS: no tick has to wait for many at once
         self._write_checkpoints([room for room in self._used if self._numbers[room] % TURNS == self._turn])
-        if self._server.stop.take_reload():
-            self._notifier.reloading(now_ns)
-            self._reload()
-            self._notifier.ready()
+        self._read_tokens(now_ns)
         if self._control is not None:
             for request in self._control.poll(now_ns):
                 self._obey(request)
@@ -313,6 +313,15 @@ class Housekeeping:
                         events.append(ServerEvent("limited", words, room.name, seat.name, token=seat.token))
         self._reported_limits = now
 
+    def _read_tokens(self, now_ns: int) -> None:
+        """Read tokens again where that was asked for (SIGHUP), and on where a reading has not ended."""
+        if self._authenticator is not None:
+            self._authenticator.read_on()
+        if self._server.stop.take_reload():
+            self._notifier.reloading(now_ns)
+            self._reload()
+            self._notifier.ready()
+
     def _reload(self) -> tuple[str, bool]:
         if self._authenticator is None:
             text = "nothing to read again: this server takes no tokens"
@@ -320,6 +329,8 @@ class Housekeeping:
             return text, True
         good = self._authenticator.reload()
         ended = self._end_revoked()
+        if good is None:
+            return READING, True
         words = f"tokens were read again, sessions ended: {ended}" if good else "tokens could not be read; see the log"
         return words, good
 

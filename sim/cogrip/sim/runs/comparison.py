@@ -86,10 +86,10 @@ class Difference(NamedTuple):
             text = energy(change)
             return "=" if text == "0 J" else text if change < 0.0 else f"+{text}"
         scaled = change * self.quantity.scale
-        text = f"{scaled:+.0f}" if abs(scaled) >= 100.0 else f"{scaled:+.3g}"
+        text = f"{scaled:+z.0f}" if abs(scaled) >= 100.0 else f"{scaled:+.3g}"
         if first:
             percent = 100.0 * change / abs(first)
-            text += f" ({percent:+.0f} %)" if abs(percent) >= 100.0 else f" ({percent:+.1f} %)"
+            text += f" ({percent:+z.0f} %)" if abs(percent) >= 100.0 else f" ({percent:+z.1f} %)"
         return text.replace("-", "−")
 
 

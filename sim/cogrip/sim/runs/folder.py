@@ -18,6 +18,7 @@ _MOST_LOG, _MOST_TOLD = 1_000_000, 20  # characters and lines of a log that are 
 SUMMARY = "summary.json"
 SETTINGS = "settings.json"
 SERVER_RECORDING = "server.mcap"
+WARNINGS = "warnings.log"
 CLOCKS = "clocks.json"  # of a run that was merged from several machines
 
 
@@ -29,6 +30,12 @@ def client_recording(name: str) -> str:
 def client_log(name: str) -> str:
     """File name of the log of one person's client."""
     return f"client-{_file_name(name)}.log"
+
+
+def write_warnings(folder: Path, lines: Sequence[str], name: str = "") -> None:
+    """Leave what was warned of in a run's folder, for its report. name: of the person whose client warned"""
+    if lines:
+        (folder / (client_log(name) if name else WARNINGS)).write_text("".join(f"{line}\n" for line in lines), "utf-8")
 
 
 def told_in_log(log: Path) -> list[str]:

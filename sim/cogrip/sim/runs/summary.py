@@ -139,12 +139,20 @@ def _of_room(
 
 
 def of_client(
-    seat: SeatSettings, account: ClientAccount, farewell: Farewell | None, seconds: float, dropped: Mapping[str, int]
+    seat: SeatSettings,
+    account: ClientAccount,
+    farewell: Farewell | None,
+    seconds: float,
+    dropped: Mapping[str, int],
+    trial: str = "",
 ) -> dict[str, Any]:
     """Return the summary that one live client can give: the server's part as far as it said goodbye."""
     told = farewell.seat if farewell else None
     user = UserRecord(seat.user, account, told, (), seat.asked_npm, seat.local_contact, of_seat(seat))
-    return _of_settings(seat, seat.room, seconds, [user], farewell.room if farewell else None, dropped)
+    summary = _of_settings(seat, seat.room, seconds, [user], farewell.room if farewell else None, dropped)
+    if trial:
+        summary["users"][0]["device_trial"] = trial
+    return summary
 
 
 def of_accounts(settings: Settings, accounts: Mapping[str, ClientAccount | None]) -> dict[str, Any]:

@@ -22,7 +22,15 @@ from cogrip.protocol.drawing import Shape
 from cogrip.protocol.recording.reader import Damage, RecordingError
 from cogrip.protocol.texts import all_shown
 from cogrip.server.recorder import scene_topics, step_topic
-from cogrip.sim.runs.folder import SERVER_RECORDING, SETTINGS, SUMMARY, client_log, client_recording, told_in_log
+from cogrip.sim.runs.folder import (
+    SERVER_RECORDING,
+    SETTINGS,
+    SUMMARY,
+    WARNINGS,
+    client_log,
+    client_recording,
+    told_in_log,
+)
 from cogrip.sim.runs.records import End, RunRecords, open_run
 
 Array = NDArray[np.float64]
@@ -139,6 +147,7 @@ def load_run(folder: Path) -> Run:
         for name in names
         if name not in clients and not (folder / client_recording(name)).exists()
     ]
+    notes += told_in_log(folder / WARNINGS)
     notes += [
         f"{name}: {line.removeprefix(f'{name}: ')}" for name in names for line in told_in_log(folder / client_log(name))
     ]

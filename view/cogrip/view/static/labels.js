@@ -44,7 +44,7 @@ export class Labels {
     const name = picture.people.get(ghostSeat)?.person.name;
     if (name) this.ghost.textContent = `as ${name} is shown it`;
     const below = (0.75 * Math.max(...picture.scene.object.size_m)) / picture.orbit.metresPerPixel();
-    this.move(this.ghost, ghost.visible ? ghost.position : null, picture, [-50, below]);
+    this.move(this.ghost, ghost.visible ? ghost.position : null, picture, [-50, below], taken);
     this.axes.forEach((label, axis) => this.move(label, picture.axisEnds[axis], picture, [3, -8]));
   }
 

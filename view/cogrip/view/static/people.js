@@ -21,6 +21,7 @@ export function stateLine(name, person) {
   return `${name}: ${person.state}${delay}${passive ? (person.passive ? ", passive" : ", NOT PASSIVE") : ""}`;
 }
 
+const HANDLE = "buttons"; // a row that most devices have no use for
 /** Numbers of a person: name, explanation, value, unit. */
 const NUMBERS = [
   ["force", "force on the object", (each) => number(length(each.force_n), 2), "N"],
@@ -29,7 +30,7 @@ const NUMBERS = [
   ["spring", "length of the coupling from device to proxy", (each) => number(1000 * stretch(each), 1), "mm"],
   ["buffer", "depth of the jitter buffer up / down", (each) => `${number(each.buffer_up_ms, 0)} / ${number(each.buffer_down_ms, 0)}`, "ms"],
   ["lost", "frames lost in the last second (since the beginning)", (each) => `${number(100 * each.loss, 1)} % (${each.lost})`, ""],
-  ["buttons", "buttons that are down; opening of the gripper", (each) => handle(each), ""],
+  [HANDLE, "buttons that are down; opening of the gripper", (each) => handle(each), ""],
 ];
 
 /** @param {import("./frames.js").Person} person @returns {string} as "1 3, 12.5 mm" */
@@ -77,6 +78,7 @@ export class People {
     const values = NUMBERS.map(([title, explanation]) => {
       const row = document.createElement("div");
       row.title = explanation;
+      row.hidden = title === HANDLE; // until there is something to tell
       const term = document.createElement("dt");
       const value = document.createElement("dd");
       term.textContent = title;
@@ -99,7 +101,9 @@ export class People {
       card.classList.toggle("alarm", Boolean(state && !state.passive));
       card.classList.toggle("pushes", Boolean(state?.pushes));
       NUMBERS.forEach(([, , value, unit], index) => {
-        write(values[index], state && state.state !== "free" ? `${value(state)} ${unit}`.trim() : "–");
+        const text = state && state.state !== "free" ? `${value(state)} ${unit}`.trim() : "–";
+        write(values[index], text);
+        if (text !== "–") values[index].parentElement.hidden = false;
       });
     }
   }

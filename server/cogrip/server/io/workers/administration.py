@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from cogrip.protocol.addition import add_integers
 from cogrip.server.events import ServerEvent
-from cogrip.server.io.authenticator import TokenAuthenticator
+from cogrip.server.io.authenticator import READING, TokenAuthenticator
 from cogrip.server.io.cluster.connection import RemoteRoom
 from cogrip.server.io.cluster.front import ClusterFront
 from cogrip.server.io.control import (
@@ -81,6 +81,8 @@ class Administration:
 
     def chore(self, now_ns: int) -> None:
         """Do what is due."""
+        if self._authenticator is not None:
+            self._authenticator.read_on()
         if self._asks_reload():
             self._notifier.reloading(now_ns)
             self._reload()
@@ -131,6 +133,8 @@ class Administration:
             return text, True
         good = self._authenticator.reload()
         self._end_void()
+        if good is None:
+            return READING, True
         return ("tokens were read again" if good else "tokens could not be read; see the log"), good
 
     def _obey(self, request: Request, now_ns: int) -> None:

@@ -187,6 +187,9 @@ class Front(PublicPort):
                 self.dropped["not seated"] += 1
             return
         verdict = self._authenticator.admit(hello)
+        if verdict is None:
+            self.dropped["hello while tokens are read"] += 1
+            return
         token = verdict.token if isinstance(verdict, Grant) else ""
         anew = by is None and address not in self._asking and not hello.ticket and hello.version == PROTOCOL_VERSION
         if anew and isinstance(verdict, Denied):  # no worker has to judge a wrong token

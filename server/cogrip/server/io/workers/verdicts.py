@@ -54,5 +54,8 @@ class FrontVerdicts:
         """Return True: the front reads the file."""
         return True
 
+    def read_on(self) -> None:
+        """Do nothing: the front reads the file."""
+
     def close(self) -> None:
         """Do nothing: the front has the file."""

@@ -7,8 +7,8 @@ Fitted is a Weibull function (Watson and Pelli 1983), c so that p(T) = TARGET wi
 
     p(x) = gamma + (1 - gamma - lambda) (1 - exp(-c (x / T)^beta)),   c = ln((1 - gamma) / (1 - TARGET))
 
-The posterior of (ln T, ln beta, lambda) is computed on a grid: flat in ln T, log-normal about the usual slope, exponential
-in lambda. A fixed slope that is wrong moves T and makes its interval too narrow, so none is assumed (Wichmann and Hill 2001).
+The posterior of (ln T, ln beta, lambda) is computed on a grid: flat in ln T, and in lambda up to 10 %; log-normal about the
+usual slope. A fixed slope that is wrong moves T and makes its interval too narrow, so none is assumed (Wichmann and Hill 2001).
 """
 
 from collections.abc import Sequence
@@ -24,14 +24,13 @@ TARGET = sqrt(0.5)  # to which 1-up 2-down converges: p^2 = 1/2 (Levitt 1971)
 GUESSING = 0.5  # of two intervals
 DETECTION_SLOPE = 3.5  # of a difference from nothing (Watson and Pelli 1983)
 DISCRIMINATION_SLOPE = 2.0  # Between 1.3, of an observer whose d' grows with the difference, and that of detection.
-SLOPE_DOUBT = 0.8  # standard deviation of ln beta before any answer
-USUAL_LAPSE = 0.02  # mean of lambda before any answer
+SLOPE_DOUBT = 1.3  # standard deviation of ln beta before any answer: less pulls flat observers towards the usual slope
 INTERVAL = 0.95  # probability of the interval that is told
 UNLIKELY = 0.01  # Answers that a fit expects in fewer than so many of its observers do not fit it.
 
 _THRESHOLDS = 161
 _SLOPES: NDArray[np.float64] = np.geomspace(0.6, 8.0, 14)
-_LAPSES: NDArray[np.float64] = np.array([0.0, 0.01, 0.02, 0.03, 0.05, 0.08])
+_LAPSES: NDArray[np.float64] = np.linspace(0.0, 0.1, 9)
 _SMALLEST = 1e-9  # probability of any answer
 _C = log((1.0 - GUESSING) / (1.0 - TARGET))
 _NORMAL = NormalDist()
@@ -52,8 +51,9 @@ class Prior(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """The posterior in numbers. low, high: the interval of T with probability INTERVAL; error: deviation of ln T.
+    """The posterior in numbers. threshold: its median; low, high: the interval of T with probability INTERVAL.
 
+    error   deviation of ln T
     misfit  share of observers like the fitted one whose answers would be further from it; None for too few answers to tell
     """
 
@@ -71,9 +71,9 @@ def weibull(level: float, threshold: float, slope: float, lapse: float = 0.0) ->
     return GUESSING + (1.0 - GUESSING - lapse) * (1.0 - exp(-_C * (level / threshold) ** slope))
 
 
-def gaussian(level: float, threshold: float, lapse: float = 0.0) -> float:
-    """Return p(x) of an observer whose d' grows with the difference (Green and Swets 1966): not the fitted function."""
-    return GUESSING + (1.0 - lapse / (1.0 - GUESSING)) * (_NORMAL.cdf(_Z * level / threshold) - GUESSING)
+def gaussian(level: float, threshold: float, lapse: float = 0.0, power: float = 1.0) -> float:
+    """Return p(x) of an observer whose d' grows with the difference to a power (Green and Swets 1966): not the fitted one."""
+    return GUESSING + (1.0 - lapse / (1.0 - GUESSING)) * (_NORMAL.cdf(_Z * (level / threshold) ** power) - GUESSING)
 
 
 class Posterior:
@@ -93,12 +93,10 @@ class Posterior:
         self._right = np.bincount(place, correct, len(self._levels))
         self._asked = np.bincount(place, minlength=len(self._levels))
         doubt = -0.5 * ((np.log(self._slopes) - log(prior.usual_slope)) / SLOPE_DOUBT) ** 2
-        known = doubt[None, :, None] - (self._lapses / USUAL_LAPSE)[None, None, :]
         p = self.chances(self._levels)
         wrong = self._asked - self._right
-        found = (self._right[:, None, None, None] * np.log(p) + wrong[:, None, None, None] * np.log1p(-p)).sum(
-            0
-        ) + known
+        right = (self._right[:, None, None, None] * np.log(p) + wrong[:, None, None, None] * np.log1p(-p)).sum(0)
+        found = right + doubt[None, :, None]
         weight = np.exp(found - found.max())
         self.weight: Array = weight / weight.sum()
 
@@ -110,16 +108,16 @@ class Posterior:
         return np.clip(p, _SMALLEST, 1.0 - _SMALLEST)
 
     def fit(self) -> Fit:
-        """Return the posterior's means and interval."""
+        """Return the posterior's median, interval and means."""
         of_threshold = self.weight.sum((1, 2))
         mean = float(of_threshold @ self.logs)
         error = sqrt(max(0.0, float(of_threshold @ (self.logs - mean) ** 2)))
-        below = np.cumsum(of_threshold)
+        below = np.cumsum(of_threshold) - 0.5 * of_threshold  # at the middle of each cell
         tail = 0.5 * (1.0 - INTERVAL)
-        low, high = np.exp(np.interp([tail, 1.0 - tail], below, self.logs))
+        threshold, low, high = np.exp(np.interp([0.5, tail, 1.0 - tail], below, self.logs)).tolist()
         slope = exp(float(self.weight.sum((0, 2)) @ np.log(self._slopes)))
         lapse = float(self.weight.sum((0, 1)) @ self._lapses)
-        return Fit(exp(mean), float(low), float(high), error, slope, lapse, self._misfit(exp(mean), slope, lapse))
+        return Fit(threshold, low, high, error, slope, lapse, self._misfit(threshold, slope, lapse))
 
     def _misfit(self, threshold: float, slope: float, lapse: float) -> float | None:
         """Return how probable a larger chi-square over levels is, by observers like the fitted one, drawn with a seed."""

@@ -42,7 +42,8 @@ class Staircase(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     `trials`, and before where it had `reversals` (1-up 2-down), or where steps are below `least_step` (PEST).
     question: a choice of two whose answer is right where it names the interval with the larger value.
     slope, lapse: of the observers, where they are known; fitted where nothing is said.
-    catch_every: each so many trials of the block one has the largest level, and no track has its answer; 0: none has.
+    catch_every: each so many trials of the block one has the largest level; its answer moves no track, and tells of lapses
+    in the estimate; 0: none has.
     """
 
     method: Method = "1-up-2-down"
@@ -154,10 +155,13 @@ _RULES: dict[Method, Callable[[Staircase, Sequence[Answered]], float | None]] = 
 }
 
 
-def estimate(rule: Staircase, tracks: Sequence[Sequence[Answered]]) -> Estimate:
-    """Return the estimate from the answers of all tracks of an observer, whatever the method."""
+def estimate(rule: Staircase, tracks: Sequence[Sequence[Answered]], caught: Sequence[Answered] = ()) -> Estimate:
+    """Return the estimate from the answers of all tracks of an observer, whatever the method.
+
+    caught: answers of catch trials, which tell lapses from a flat slope
+    """
     answered = [each for track in tracks for each in track]
-    fit = posterior(rule.prior, answered).fit()
+    fit = posterior(rule.prior, [*answered, *caught]).fit()
     right = add_integers(correct for _, correct in answered) / len(answered) if answered else 0.0
     turned = [level for track in tracks for level in _reversals(track)[_FIRST_REVERSALS:]]
     mean = float(np.exp(np.mean(np.log(turned)))) if len(turned) >= _LEAST_REVERSALS else None

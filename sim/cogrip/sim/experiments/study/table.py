@@ -167,17 +167,24 @@ def _values(rows: Sequence[Row], column: Column, *, text: bool) -> list[Any]:
 
 
 def thresholds(study: Study, trials: Sequence[TrialLine]) -> dict[tuple[str, str, str], Estimate]:
-    """Return the threshold of each (participant, block, condition) with a staircase, from all its tracks."""
+    """Return the threshold of each (participant, block, condition) with a staircase, from all its tracks and catch trials."""
     found: dict[tuple[str, str, str], Estimate] = {}
     for block in study.blocks:
         if block.staircase is None:
             continue
         answered: dict[tuple[str, str, str], dict[str, list[Answered]]] = {}
+        easy: dict[str, list[Answered]] = {}
         for line in trials:
-            if line.block == block.name and line.level is not None and line.correct is not None and line.track != CATCH:
+            if line.block != block.name or line.level is None or line.correct is None:
+                continue
+            if line.track == CATCH:
+                easy.setdefault(line.people[0], []).append((line.level, line.correct))
+            else:
                 tracks = answered.setdefault((line.people[0], block.name, line.condition), {})
                 tracks.setdefault(line.track, []).append((line.level, line.correct))
-        found |= {key: estimate(block.staircase, list(each.values())) for key, each in answered.items()}
+        found |= {
+            key: estimate(block.staircase, list(each.values()), easy.get(key[0], ())) for key, each in answered.items()
+        }
     return found
 
 

@@ -31,7 +31,7 @@ _tick = msgspec.json.Decoder(Tick).decode
 _datagram = msgspec.json.Decoder(Datagram).decode
 _input = msgspec.json.Decoder(Input).decode
 _step = msgspec.json.Decoder(Step).decode
-_granted = msgspec.json.Decoder(Grant | Denied).decode
+_granted = msgspec.json.Decoder(Grant | Denied | None).decode
 _shown = msgspec.json.Decoder(str | None).decode
 _ticks = msgspec.json.Decoder(TickCount).decode
 
@@ -161,8 +161,8 @@ class ReplayedAuthenticator:
     def __init__(self, replay_input: ReplayInput) -> None:
         self._replay_input = replay_input
 
-    def admit(self, hello: Hello) -> Grant | Denied:
-        granted: Grant | Denied = _granted(_told(self._replay_input, "grant"))
+    def admit(self, hello: Hello) -> Grant | Denied | None:
+        granted: Grant | Denied | None = _granted(_told(self._replay_input, "grant"))
         return granted
 
     def shown(self, hello: Hello) -> str | None:

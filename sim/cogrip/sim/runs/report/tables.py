@@ -27,7 +27,7 @@ from cogrip.sim.runs.summary_values import (
 )
 
 Show = Callable[[dict[str, Any]], str]
-NOT_MEASURED, DOES_NOT_APPLY = "not measured", "does not apply"
+NOT_MEASURED, DOES_NOT_APPLY, NONE = "not measured", "does not apply", "none"
 _TEXT = "text"  # class of a cell that is wrapped
 _CHANGED = "changed"
 
@@ -132,7 +132,7 @@ def _yes_no(user: dict[str, Any]) -> str:
 
 
 def _text(key: str) -> Show:
-    return lambda user: str(user[key])[:300] or "none" if user.get(key) is not None else UNKNOWN
+    return lambda user: str(user[key])[:300] or NONE if user.get(key) is not None else UNKNOWN
 
 
 def _ticks(which: str, key: str) -> Show:
@@ -254,7 +254,7 @@ def _rows(lines: Iterable[_Line | str], shown: Sequence[dict[str, Any]]) -> list
     return [
         each
         for each in rows
-        if isinstance(each, str) or not {cell.text for cell in each.cells} <= {NOT_MEASURED, DOES_NOT_APPLY}
+        if isinstance(each, str) or not {cell.text for cell in each.cells} <= {NOT_MEASURED, DOES_NOT_APPLY, NONE}
     ]
 
 
@@ -302,7 +302,10 @@ def dropped_table(summary: Summary) -> Table | str:
 
 
 def settings_tables(settings: dict[str, Any]) -> SettingsTables | str:
-    """Return a table for each section and one of the users; what is not the default is marked as changed."""
+    """Return a table for each section and one of the users; what is not the default is marked as changed.
+
+    A setting that is empty, and is so if nobody writes it, has no row.
+    """
     if not settings:
         return "The settings are not known."
     usual = msgspec.to_builtins(Settings())
@@ -316,7 +319,7 @@ def settings_tables(settings: dict[str, Any]) -> SettingsTables | str:
         Table(
             [f"[{name}]" if name else "session", ""],
             [Row(str(key), "", [_setting(value, dig(usual, *filter(None, (name, key))))])
-             for key, value in section.items()],
+             for key, value in section.items() if value not in _EMPTY or dig(usual, *filter(None, (name, key))) not in _EMPTY],
         )
         for name, section in sections.items()
         if section
@@ -327,7 +330,7 @@ def settings_tables(settings: dict[str, Any]) -> SettingsTables | str:
     rows = [
         Row(str(key), "", [_setting(user.get(key), defaults.get(key), key) for user in users])
         for key in keys
-        if any(user.get(key) is not None for user in users)
+        if any(user.get(key) not in _EMPTY or defaults.get(key) not in _EMPTY for user in users)
     ]
     return SettingsTables(tables, Table(["users", *map(name_of, users)], rows))
 
@@ -346,6 +349,7 @@ _WHOSE = {
         "as in [coupling]",
     ),
 }  # fmt: skip
+_EMPTY: tuple[Any, ...] = (None, "", [], (), {})
 _SHORT = 8  # letters of a number that stands as it is
 
 
