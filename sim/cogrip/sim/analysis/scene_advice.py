@@ -36,7 +36,8 @@ def _contact(scene: Scene) -> Iterator[Finding]:
     if scene.filled:
         yield Finding("contact", f"contact that creates no energy is set: {', '.join(scene.filled)}")
     if scene.changed:
-        text = f"the scene sets {', '.join(scene.changed)}, which does not hold: contact would create energy with it"
+        sets = ", ".join(scene.changed)
+        text = f"the scene sets {sets}, which does not hold: contact that creates no energy is stepped otherwise"
         yield Finding("contact", text, "note")
     for text in scene.unused:
         yield Finding("not used", text, "note")

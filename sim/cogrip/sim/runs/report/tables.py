@@ -239,7 +239,7 @@ _SCENE: tuple[_Line, ...] = (
 
 
 _SCENE_TEXTS = (
-    ("changed", "set by the scene, and not so, as contact would create energy"),
+    ("changed", "set by the scene, and stepped otherwise, so that contact creates no energy"),
     ("own", "contact that the scene sets itself, and that may create energy"),
     ("unused", "of the scene, and not used"),
 )
