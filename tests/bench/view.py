@@ -33,8 +33,8 @@ from cogrip.devices.web.messages import Pointer, encode_pointer
 from cogrip.protocol.channel import UnencryptedChannel
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings import Settings, resolve, seat_settings
-from cogrip.sim.runs.folder import SERVER_RECORDING, SETTINGS, client_recording, write_settings
-from cogrip.sim.runs.records import End
+from cogrip.results.folder import SERVER_RECORDING, SETTINGS, client_recording, write_settings
+from cogrip.results.records import End
 
 from tests.bench import machine
 from tests.bench.children import ROOT, output_at_end, start_cogrip, start_python, wait_for_line

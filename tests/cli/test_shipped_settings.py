@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from cogrip.analysis.advice import advise, ample
+from cogrip.analysis.advice_change import ranked_changes
+from cogrip.analysis.linear_session import ModelError
 from cogrip.cli.main import main
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.shipped_settings import shipped, shipped_names, summary_of
 from cogrip.cli.study.study_source import shipped_studies
-from cogrip.sim.analysis.advice import advise, ample
-from cogrip.sim.analysis.advice_change import ranked_changes
-from cogrip.sim.analysis.linear_session import ModelError
 
 from tests.cli.command import Cogrip
 

@@ -15,7 +15,7 @@ from cogrip.server.worlds import orientation_drift
 from cogrip.server.worlds.guarded import GuardedWorld
 from cogrip.server.worlds.registry import ALLOWED
 from cogrip.server.worlds.scene import SceneWorld
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long
 from tests.sim.session_measures import allowed

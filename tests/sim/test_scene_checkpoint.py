@@ -10,7 +10,7 @@ from cogrip.cli.session.settings_file import load
 from cogrip.server.checkpoint import CheckpointError, RoomCheckpoint, decode, encode
 from cogrip.server.room import Room
 from cogrip.server.worlds.scene import SceneWorld
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 LIFT = Path("lift")
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
+from cogrip.analysis.scene_advice import scene_findings
 from cogrip.protocol.settings import resolve
-from cogrip.sim.analysis.scene_advice import scene_findings
-from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.verdict import felt
+from cogrip.results.laboratory_run import run_laboratory
+from cogrip.results.verdict import felt
 
 SCENE = """
 <mujoco>

@@ -6,7 +6,7 @@ import pytest
 
 from cogrip.cli.session.settings_file import load
 from cogrip.protocol.recording.sink import Held
-from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.laboratory import Laboratory
 
 from tests.extent import long
 from tests.interpreted import needs_interpreted, source_of

@@ -14,11 +14,11 @@ from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.platform import use_utf8
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import wrapped
+from cogrip.machine.blas_threads import BLAS_THREADS, SAFE_PATH
+from cogrip.machine.compiled_files import compile_command, outdated
+from cogrip.machine.large_pages import use_large_pages
 from cogrip.protocol.foreign_file import ForeignFileError
-from cogrip.protocol.io.compiled_files import compile_command, outdated
-from cogrip.protocol.io.large_pages import use_large_pages
 from cogrip.protocol.version import VERSION
-from cogrip.sim.blas_threads import BLAS_THREADS, SAFE_PATH
 
 GROUPS: dict[str, Table] = {
     "Session": {

@@ -20,7 +20,7 @@ from cogrip.client.force_limits import Bounds, ForceLimits, bounds_of
 from cogrip.client.row_size import surely_below
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.setting_types import PLACES
 
 RAMP_IN_S = 0.3

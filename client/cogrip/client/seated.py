@@ -27,7 +27,7 @@ from cogrip.client.seat_hand import SeatHand
 from cogrip.client.shaking import Shaking
 from cogrip.devices.device import Capability
 from cogrip.devices.sample import Sample
-from cogrip.protocol.addition import add_floats
+from cogrip.machine.addition import add_floats
 from cogrip.protocol.messages import Edges, Effects, Frame, View, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.setting_types import PLACES

@@ -12,7 +12,7 @@ from cogrip.cli.terminal.parameters import RunsBelow
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import say
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.sim.runs.comparison import ComparisonError, Difference, labels_of
+from cogrip.results.comparison import ComparisonError, Difference, labels_of
 
 COMPARISON = Path("comparison.html")
 
@@ -70,9 +70,9 @@ def _check(run: Sequence[Path], out: Path | None) -> None:
 
 def _write(run: Sequence[Path], out: Path) -> tuple[Path, list[Difference], list[str]]:
     if len(run) == 1:
-        from cogrip.sim.runs.report.page import write_report
+        from cogrip.results.report.page import write_report
 
         return write_report(run[0]), [], []
-    from cogrip.sim.runs.report.compared import write_comparison
+    from cogrip.results.report.compared import write_comparison
 
     return write_comparison(out, run)

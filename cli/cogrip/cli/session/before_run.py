@@ -8,6 +8,12 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from cogrip.analysis.advice import advise, ample, overloads, unbounded
+from cogrip.analysis.finding import Finding
+from cogrip.analysis.lifted_model import LiftedModel
+from cogrip.analysis.linear_session import ModelError, linear_session
+from cogrip.analysis.plausible import implausible
+from cogrip.analysis.stability import modes
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import say
@@ -15,12 +21,6 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.registry import FAMILIES, is_real
 from cogrip.protocol.object_kinds import kind_of
 from cogrip.protocol.settings import Settings
-from cogrip.sim.analysis.advice import advise, ample, overloads, unbounded
-from cogrip.sim.analysis.finding import Finding
-from cogrip.sim.analysis.lifted_model import LiftedModel
-from cogrip.sim.analysis.linear_session import ModelError, linear_session
-from cogrip.sim.analysis.plausible import implausible
-from cogrip.sim.analysis.stability import modes
 
 AllowUnstable = Annotated[
     bool,
@@ -123,7 +123,7 @@ def _makes_energy(settings: Settings) -> tuple[str, ...]:
     """Return why a scene is refused that sets contact of its own, and makes energy in a few pushes."""
     if settings.object.kind != "scene":
         return ()
-    from cogrip.sim.analysis.scene_pushed import FEW, pushed, sets_contact  # with MuJoCo
+    from cogrip.analysis.scene_pushed import FEW, pushed, sets_contact  # with MuJoCo
 
     with BadInput.of(ValueError):  # a SceneError
         if not sets_contact(settings):
@@ -136,7 +136,7 @@ def scene_warnings(settings: Settings) -> tuple[str, ...]:
     """Return what `cogrip advise` warns of in a scene, of which there is no linear model; nothing of other objects."""
     if settings.object.kind != "scene":
         return ()
-    from cogrip.sim.analysis.scene_advice import scene_findings  # with MuJoCo
+    from cogrip.analysis.scene_advice import scene_findings  # with MuJoCo
 
     with BadInput.of(ValueError):  # a SceneError
         return tuple(finding.text for finding in scene_findings(settings) if finding.warns)

@@ -41,14 +41,14 @@ from cogrip.client.rendered_damper import OverloadError
 from cogrip.devices.device import DeviceError
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.web.family import public
-from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.session import IN_ORDER, SECONDS_OVER, ClientSession
 from cogrip.protocol.settings import SeatSettings, Settings
 from cogrip.protocol.settings_digest import digest
-from cogrip.sim.runs.folder import client_recording, write_account, write_warnings
-from cogrip.sim.runs.summary import of_client
-from cogrip.sim.runs.verdict import succeeded, why_not
-from cogrip.sim.session.link import LinkEmulator
+from cogrip.results.folder import client_recording, write_account, write_warnings
+from cogrip.results.summary import of_client
+from cogrip.results.verdict import succeeded, why_not
+from cogrip.sim.link import LinkEmulator
 
 LACKING = ("recording stopped",)  # counts of what a recording lacks, by fault of its disk
 NO_NAME = "an observer has no seat: --name has no effect"

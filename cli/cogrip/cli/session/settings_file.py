@@ -226,7 +226,7 @@ def _try_traces(settings: Settings, where: str) -> None:
     """Raise BadInput for a trace that cannot be read, before anything is started."""
     traces = {settings.link.trace_of(direction) for direction in ("up", "down")} - {""}
     if traces:
-        from cogrip.sim.session.delay_trace import TraceError, read_trace
+        from cogrip.sim.delay_trace import TraceError, read_trace
 
         with BadInput.of(TraceError, where=f"{where}link.trace: "):
             for trace in sorted(traces):

@@ -20,8 +20,8 @@ from cogrip.cli.session.children import end_all, reason_in, start_tethered
 from cogrip.cli.session.joined_device import make_joined
 from cogrip.cli.terminal.platform import no_stop_key
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.protocol.io.platform import system
-from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.machine.platform import system
+from cogrip.machine.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
 
 LOOK_EVERY_S = 0.02

@@ -12,7 +12,7 @@ from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.shipped_settings import SUFFIX, shipped_names
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.protocol.addition import add_integers
+from cogrip.machine.addition import add_integers
 from cogrip.protocol.object_kinds import KINDS, PYTHON, split_python
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
