@@ -17,8 +17,8 @@ import msgspec
 
 from cogrip.analysis.felt_probe import measure_felt
 from cogrip.analysis.figures.page import Page, Table, save_page
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.experiments.methods.case import run_session
 from cogrip.experiments.methods.looks import style_of
 from cogrip.experiments.methods.measures import read, state_of

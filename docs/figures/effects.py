@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.patches import Circle, Rectangle
 
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.protocol.effects import Effect
 from cogrip.results.plots.style import INK, Sheet, colour, png, title
 from cogrip.sim.laboratory import Laboratory

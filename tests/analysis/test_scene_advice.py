@@ -10,8 +10,8 @@ from cogrip.analysis.finding import plain
 from cogrip.analysis.laboratory_check import check
 from cogrip.analysis.line_advice import LIGHT_GRIP_N, loop_s, own_world_findings, press_n, stroke_s
 from cogrip.analysis.scene_advice import scene_findings
-from cogrip.cli.session.before_run import advice_on
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.before_run import advice_on
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.line.concealment import held_force
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.results.report.tables import room_table

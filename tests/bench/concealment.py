@@ -6,7 +6,7 @@ from cyclopts import Parameter
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from cogrip.cli.session.settings_file import override
+from cogrip.cli.settings.settings_file import override
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.experiments.worker_pool import LocalWorkers, processors

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from cogrip.cli.session.settings_file import override
+from cogrip.cli.settings.settings_file import override
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Overrides, Workers
 from cogrip.cli.terminal.problem import BadInput, at_least_one

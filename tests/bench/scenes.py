@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from rich.console import Console
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.tables import plain_table
 from cogrip.protocol.settings import Settings, resolve, seat_settings

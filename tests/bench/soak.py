@@ -18,8 +18,8 @@ from rich.table import Table
 from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.cli.runs.summary_table import terminal_summary
 from cogrip.cli.session.children import end_all, how_ended, listening_port, start_child
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.machine.stop import Stop, on_signals

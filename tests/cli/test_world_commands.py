@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.cli.session.joined_device import judge_seat
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.worlds import check as check_command
 from cogrip.devices.registry import make

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.experiments.methods.case import Job, measure_case
 from cogrip.experiments.methods.method import OWN, methods_of
 from cogrip.experiments.methods.query import prepare

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.settings import seat_settings
 from cogrip.results.records import open_run
 from cogrip.view.io.lab_outlet import LabOutlet

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.accounts import DeviceAccount, LinkCount, PlayoutAccount, SeatAccount
 from cogrip.protocol.settings import resolve
 from cogrip.results import felt_as_intended as judgement

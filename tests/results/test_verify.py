@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.recording.reader import Damage, Message, RecordingError, open_recording
 from cogrip.protocol.recording.records import KINDS, kind_of

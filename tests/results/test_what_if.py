@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.client.recorder import start_of, start_text
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.client.core import ClientCore
 from cogrip.protocol.effects import LEAST_EVERY_S, MOST_EFFECTS, Effect
 from cogrip.protocol.network_profiles import PROFILES

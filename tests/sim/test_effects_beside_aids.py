@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.devices.device import GRAVITY_MPS2
 from cogrip.protocol.hand_settings import parsed
 from cogrip.protocol.settings import resolve

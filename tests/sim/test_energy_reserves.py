@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from cogrip.cli.session.live_views import LiveTable
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.coupling_kinds import COUPLING_KINDS
 from cogrip.protocol.passivity_control import LENT_J
 from cogrip.protocol.settings import Settings, resolve

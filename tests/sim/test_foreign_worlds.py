@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.machine.stop import Stop
 from cogrip.protocol import felt_stiffness, messages
 from cogrip.protocol.messages import Farewell, Heartbeat

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from cogrip.cli.session.shipped_settings import shipped_scene
+from cogrip.cli.settings.shipped_settings import shipped_scene
 from cogrip.client.local_contact import LENT_J, MOST_SAVED_J
 from cogrip.protocol.messages import Geom, Waves, decode
 from cogrip.protocol.network_profiles import PROFILES

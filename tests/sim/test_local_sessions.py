@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from cogrip.cli.session.shipped_settings import shipped, shipped_scene
+from cogrip.cli.settings.shipped_settings import shipped, shipped_scene
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.results.summary import of_laboratory

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.messages import MAX_MESSAGE_BYTES, VIEWED_SEATS, Stamp, View, encode
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.results.summary import of_laboratory

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.rotations import between, exp
 from cogrip.protocol.settings import Settings, SettingsError, resolve
 from cogrip.server.worlds import orientation_drift

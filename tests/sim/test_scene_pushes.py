@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.analysis.scene_pushed import pushed
-from cogrip.cli.session.before_run import check_settings
+from cogrip.cli.settings.before_run import check_settings
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.worlds.scene_pushes import MOST_MADE_J

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.recording.sink import Held
 from cogrip.sim.laboratory import Laboratory
 

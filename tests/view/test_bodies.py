@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.devices.web.messages import FrameError
 from cogrip.protocol.drawing import Shape, pack_triangles
 from cogrip.protocol.messages import Pose, View

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.protocol.drawing import Shape, pack_triangles
 from cogrip.protocol.recording.records import kind_of
 from cogrip.protocol.recording.scene_messages import SCHEMAS

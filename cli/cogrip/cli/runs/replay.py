@@ -11,9 +11,9 @@ from rich.console import Console
 from cogrip.cli.runs.compared_table import compared_table
 from cogrip.cli.runs.run_folder import new_run_folder, opened
 from cogrip.cli.runs.summary_table import verdict_lines
-from cogrip.cli.session.before_run import AllowUnstable, check_settings
-from cogrip.cli.session.settings_file import override, try_session
-from cogrip.cli.session.settings_origin import SET
+from cogrip.cli.settings.before_run import AllowUnstable, check_settings
+from cogrip.cli.settings.settings_file import override, try_session
+from cogrip.cli.settings.settings_origin import SET
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Overrides, Runs
 from cogrip.cli.terminal.problem import BadInput

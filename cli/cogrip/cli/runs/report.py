@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from cogrip.cli.runs.compared_table import compared_table
-from cogrip.cli.runs.recover import recover_unclosed
+from cogrip.cli.runs.recovered import recover_unclosed
 from cogrip.cli.runs.run_folder import RUNS, found_run
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import RunsBelow

@@ -58,7 +58,7 @@ def nowhere(name: str, runs: Path) -> str:
 
 def opened(run: Path, runs: Path) -> "RunRecords":
     """Return the recordings of a `found_run`, those that were cut short recovered first. Raises BadInput."""
-    from cogrip.cli.runs.recover import recover_unclosed  # readers of recordings, which no live session needs
+    from cogrip.cli.runs.recovered import recover_unclosed  # readers of recordings, which no live session needs
     from cogrip.results.records import open_run
 
     path = found_run(run, runs)

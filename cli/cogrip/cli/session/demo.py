@@ -13,14 +13,14 @@ from rich.live import Live
 
 from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.cli.runs.summary_table import terminal_summary
-from cogrip.cli.session.before_run import AllowUnstable, check_settings, refuse_hardware
 from cogrip.cli.session.children import end_all, how_ended, listening_port, start_child, stated_reason
 from cogrip.cli.session.live_views import LiveTable
 from cogrip.cli.session.network_rate import RateChoices, measured, write_choice
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
-from cogrip.cli.session.settings_file import load, try_hands, with_people
-from cogrip.cli.session.shipped_settings import shipped
 from cogrip.cli.session.view_child import open_view
+from cogrip.cli.settings.before_run import AllowUnstable, check_settings, refuse_hardware
+from cogrip.cli.settings.settings_file import load, try_hands, with_people
+from cogrip.cli.settings.shipped_settings import shipped
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Devices, Hands, Overrides, Runs
 from cogrip.cli.terminal.problem import BadInput, above_zero

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from cogrip.analysis.advice import advise_seat, unbounded
 from cogrip.analysis.plausible import hand_findings
-from cogrip.cli.session.before_run import ALLOW, HELD_BY_NOBODY, refuse_implausible
+from cogrip.cli.settings.before_run import ALLOW, HELD_BY_NOBODY, refuse_implausible
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.client import rendered_damper
 from cogrip.devices.arm.driver import ArmDevice

@@ -6,10 +6,10 @@ from time import perf_counter
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cogrip.cli.runs.run_folder import new_run_folder
-from cogrip.cli.session.before_run import AllowUnstable, check_settings
 from cogrip.cli.session.network_rate import RateChoices, stated, write_choice
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
-from cogrip.cli.session.settings_file import load, refuse_real, try_hands, with_people
+from cogrip.cli.settings.before_run import AllowUnstable, check_settings
+from cogrip.cli.settings.settings_file import load, refuse_real, try_hands, with_people
 from cogrip.cli.terminal.output import Json, make_console, write_text
 from cogrip.cli.terminal.parameters import Config, Devices, Hands, Overrides, Runs
 from cogrip.machine.stop import Stop, on_signals

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cogrip.cli.session.log_lines import LogLines
-from cogrip.cli.session.settings_file import from_flags, load
+from cogrip.cli.settings.settings_file import from_flags, load
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Overrides
 from cogrip.cli.terminal.problem import BadInput, Problem, some_time, within

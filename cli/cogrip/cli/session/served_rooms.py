@@ -9,9 +9,9 @@ from typing import Literal
 
 import msgspec
 
-from cogrip.cli.session.before_run import scene_warnings, together
 from cogrip.cli.session.network_rate import RateChoices
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.before_run import scene_warnings, together
+from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.problem import BadInput, within
 from cogrip.devices.device import DeviceError
 from cogrip.machine.platform import system

@@ -16,7 +16,7 @@ from cogrip.analysis.line_advice import own_world_findings
 from cogrip.analysis.linear_session import LinearSession, ModelError, linear_session
 from cogrip.analysis.stiffest import NEARLY, Stiffest, stiffest
 from cogrip.cli.session.python_worlds import PythonWorlds, allow_python_worlds
-from cogrip.cli.session.settings_file import load, with_people
+from cogrip.cli.settings.settings_file import load, with_people
 from cogrip.cli.study.analysis_query import AS_IT_STANDS, Query
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Config, Devices, Overrides

@@ -15,7 +15,7 @@ from cogrip.analysis.linear_session import (
     rounding_notes,
     scheme_overrides,
 )  # fmt: skip
-from cogrip.cli.session.settings_file import load
+from cogrip.cli.settings.settings_file import load
 from cogrip.cli.terminal.output import Json, make_console
 from cogrip.cli.terminal.parameters import Overrides
 from cogrip.cli.terminal.problem import BadInput

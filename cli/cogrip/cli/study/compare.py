@@ -10,8 +10,8 @@ from rich.table import Table
 from rich.text import Text
 
 from cogrip.cli.runs.run_folder import new_run_folder
-from cogrip.cli.session.before_run import AllowUnstable, check_compared, check_plausible
-from cogrip.cli.session.settings_file import load, try_hands, with_people
+from cogrip.cli.settings.before_run import AllowUnstable, check_compared, check_plausible
+from cogrip.cli.settings.settings_file import load, try_hands, with_people
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Hands, Overrides, Runs, Workers
 from cogrip.cli.terminal.problem import BadInput, Problem, at_least_one

@@ -10,9 +10,9 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 from rich.console import Console
 
-from cogrip.cli.session.before_run import AllowUnstable
 from cogrip.cli.session.trigger_line import try_trigger
 from cogrip.cli.session.view_child import is_web
+from cogrip.cli.settings.before_run import AllowUnstable
 from cogrip.cli.study.study_source import STUDIES, load_study
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem, within

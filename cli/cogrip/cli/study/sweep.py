@@ -8,8 +8,8 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from cogrip.cli.session.before_run import check_plausible
-from cogrip.cli.session.settings_file import load, try_hands
+from cogrip.cli.settings.before_run import check_plausible
+from cogrip.cli.settings.settings_file import load, try_hands
 from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Config, Overrides
 from cogrip.cli.terminal.parameters import Workers as WorkerCount

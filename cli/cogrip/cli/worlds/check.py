@@ -8,8 +8,8 @@ from pathlib import Path
 from rich.console import Console
 
 from cogrip.cli.session.python_worlds import allow_python_worlds
-from cogrip.cli.session.settings_file import load
-from cogrip.cli.session.shipped_settings import SUFFIX, shipped_names
+from cogrip.cli.settings.settings_file import load
+from cogrip.cli.settings.shipped_settings import SUFFIX, shipped_names
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.machine.addition import add_integers

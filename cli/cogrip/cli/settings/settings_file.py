@@ -12,8 +12,8 @@ from typing import Any
 
 import msgspec
 
-from cogrip.cli.session.settings_origin import Origin
-from cogrip.cli.session.shipped_settings import (
+from cogrip.cli.settings.settings_origin import Origin
+from cogrip.cli.settings.shipped_settings import (
     SUFFIX,
     is_name,
     no_such_settings,
