@@ -102,6 +102,8 @@ def test_a_stalled_device_faults_and_its_line_ends_in_a_matched_termination() ->
     client.tick(260, 0.0)
     assert core.safety.state == "fault"
     core.handle(Rearm(), core.now_ns)
+    assert core.safety.state == "armed"
+    client.tick(261, 0.0)
     assert core.safety.state == "live"
 
 
