@@ -1,9 +1,11 @@
-"""Shapes that a scene is drawn of: its geoms as MuJoCo has them, those that are fixed in the object's frame at the start.
+"""Shapes that a scene is drawn of, as MuJoCo draws them: its geoms and sites, those that are fixed in the object's frame at the
+start; its flexible bodies and tendons, through points that move.
 
-A mesh is drawn as its hull (`scene_surfaces`), beyond MOST_MESHES, and where it has none, as the box around it.
+Meshes and height fields are drawn by their triangles, a bounded number of them (`scene_surfaces`); where too few are left for
+one it is drawn as the box around it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import mujoco  # type: ignore[import-untyped]
@@ -13,7 +15,8 @@ from numpy.typing import NDArray
 
 from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
 from cogrip.server.worlds.scene_file import Scene
-from cogrip.server.worlds.scene_surfaces import MOST_MESHES, surface_parts
+from cogrip.server.worlds.scene_points import ScenePoints, colour_of
+from cogrip.server.worlds.scene_surfaces import FIELD, MESH, shares, surface_of
 
 _KINDS: dict[int, ShapeKind] = {
     int(mujoco.mjtGeom.mjGEOM_BOX): "box",
@@ -22,19 +25,41 @@ _KINDS: dict[int, ShapeKind] = {
     int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
     int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): "ellipsoid",
     int(mujoco.mjtGeom.mjGEOM_PLANE): "plane",
+    MESH: "box",
+    FIELD: "box",
 }
-_MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 _SHOWN_GROUPS = 3  # MuJoCo's own viewer hides further ones: they are for contact alone
-_NO_COLOUR = (0.5, 0.5, 0.5, 1.0)  # of a geom that sets none
 _MOST_M = 1e3  # bounds of a shape (`SPEC.md` section 3.15)
 
 
 class Drawn(NamedTuple):
-    """Parts of a drawn scene. bodies: the model's numbers of those that move and have shapes; boxed: meshes drawn as boxes."""
+    """Parts of a drawn scene.
+
+    bodies    the model's numbers of those that move and have shapes; behind them come the points
+    points    what flexes and tendons are drawn through
+    boxed     surfaces drawn as boxes
+    coarser   surfaces drawn by fewer triangles than they have
+    left_out  what MuJoCo draws of the scene and these shapes have not, in words
+    """
 
     shapes: tuple[Shape, ...]
     bodies: list[int]
+    points: ScenePoints
     boxed: tuple[str, ...]
+    coarser: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+
+class _Thing(NamedTuple):
+    """A geom or a site. at, turned: in its body's frame, or in the world where that is fixed."""
+
+    kind: ShapeKind
+    size: NDArray[np.float64]
+    body: int
+    at: NDArray[np.float64]
+    turned: NDArray[np.float64]
+    rgba: tuple[float, ...] | None
+    geom: int | None = None
 
 
 def shapes_of(scene: Scene, start: NDArray[np.float64]) -> Drawn:
@@ -45,42 +70,100 @@ def shapes_of(scene: Scene, start: NDArray[np.float64]) -> Drawn:
     bodies: list[int] = []
     shapes: list[Shape] = []
     boxed: list[str] = []
-    meshes = 0
-    for geom in range(model.ngeom):
-        mesh = model.geom_type[geom] == _MESH
-        kind, rgba = "box" if mesh else _KINDS.get(int(model.geom_type[geom])), _colour(model, geom)
-        if kind is None or model.geom_group[geom] >= _SHOWN_GROUPS or (rgba is not None and rgba[3] == 0.0):
-            continue
-        body = int(model.geom_bodyid[geom])
-        half = model.geom_aabb[geom, 3:] if mesh else model.geom_size[geom]
-        size = tuple(np.clip(half, 0.0, _MOST_M).tolist())
-        surface: Sequence[bytes] = ()
-        if mesh:
-            surface = surface_parts(model, geom) if meshes < MOST_MESHES else ()
-            meshes += bool(surface)
-            if not surface:
-                boxed.append(model.geom(geom).name or model.mesh(model.geom_dataid[geom]).name)
-        middle = model.geom_aabb[geom, :3] if mesh else np.zeros(3)  # of the box around a mesh, in its frame
-        if model.body_weldid[body] == 0:
-            turned = np.zeros(4)
-            mujoco.mju_mat2Quat(turned, data.geom_xmat[geom])
-            place = data.geom_xpos[geom] + _turned(turned, middle) - start
-            shapes += _parts(Shape(kind, size, None, _place(place), tuple(turned.tolist()), rgba), surface)
-            continue
-        if body not in bodies:
-            bodies.append(body)
+    coarser: list[str] = []
+    things = list(_things(model, data))
+    share = shares(model, [each.geom for each in things if each.geom is not None and _is_surface(model, each.geom)])
+    for thing in things:
+        size, middle, parts = thing.size, np.zeros(3), []
+        if thing.geom in share:
+            size, middle = model.geom_aabb[thing.geom, 3:], model.geom_aabb[thing.geom, :3]
+            if share[thing.geom]:
+                middle, size, parts, fewer = surface_of(model, thing.geom, share[thing.geom])
+            name = _name(model, thing.geom)
+            boxed += [] if parts else [name]
+            coarser += [name] if parts and fewer else []
+        place = thing.at + _turned(thing.turned, middle)
         whole = Shape(
-            kind, size, bodies.index(body), _place(model.geom_pos[geom] + _turned(model.geom_quat[geom], middle)),
-            tuple(model.geom_quat[geom].tolist()), rgba,
-            seats.get(int(model.body_rootid[body])), body == scene.object,
-        )  # fmt: skip
-        shapes += _parts(whole, surface)
-    return Drawn(tuple(shapes[:MOST_SHAPES]), bodies[:MOST_SHAPES], tuple(boxed))
+            thing.kind,
+            _place(np.maximum(size, 0.0)),
+            None,
+            _place(place - start),
+            tuple(thing.turned.tolist()),
+            thing.rgba,
+        )
+        if model.body_weldid[thing.body] != 0:
+            if thing.body not in bodies:
+                bodies.append(thing.body)
+            whole = replace(
+                whole, body=bodies.index(thing.body), place_m=_place(place),
+                seat=seats.get(int(model.body_rootid[thing.body])), object=thing.body == scene.object,
+            )  # fmt: skip
+        shapes += [replace(whole, kind="mesh", triangles=part) for part in parts] or [whole]
+    points = ScenePoints(model, len(bodies), _SHOWN_GROUPS)
+    shapes += points.shapes
+    left_out = (*_left_out(model), *points.left_out)
+    if len(shapes) > MOST_SHAPES or len(bodies) > MOST_SHAPES:
+        left_out = (f"{len(shapes) - MOST_SHAPES} shapes beyond {MOST_SHAPES}", *left_out)
+    return Drawn(tuple(shapes[:MOST_SHAPES]), bodies[:MOST_SHAPES], points, tuple(boxed), tuple(coarser), left_out)
 
 
-def _parts(whole: Shape, surface: Sequence[bytes]) -> list[Shape]:
-    """Return the shapes of a surface instead of a box; the box where there is none."""
-    return [replace(whole, kind="mesh", triangles=part) for part in surface] or [whole]
+def _things(model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[_Thing]:
+    """Yield geoms, then sites, that MuJoCo's viewer shows at first."""
+    rows = (
+        (
+            model.ngeom, model.geom_type, model.geom_group, model.geom_rgba, model.geom_matid, model.geom_size,
+            model.geom_bodyid, model.geom_pos, model.geom_quat, data.geom_xpos, data.geom_xmat,
+        ),
+        (
+            model.nsite, model.site_type, model.site_group, model.site_rgba, model.site_matid, model.site_size,
+            model.site_bodyid, model.site_pos, model.site_quat, data.site_xpos, data.site_xmat,
+        ),
+    )  # fmt: skip
+    for is_site, (count, types, groups, rgbas, materials, sizes, owners, places, turns, at, matrices) in enumerate(
+        rows
+    ):
+        for number in range(count):
+            kind = _KINDS.get(int(types[number]))
+            rgba = colour_of(model, rgbas[number], int(materials[number]))
+            if kind is None or groups[number] >= _SHOWN_GROUPS or (rgba is not None and rgba[3] == 0.0):
+                continue
+            body, place, turned = int(owners[number]), places[number], turns[number]
+            if model.body_weldid[body] == 0:
+                place, turned = at[number], np.zeros(4)
+                mujoco.mju_mat2Quat(turned, matrices[number])
+            yield _Thing(kind, sizes[number], body, place, turned, rgba, None if is_site else number)
+
+
+def _left_out(model: mujoco.MjModel) -> Iterator[str]:
+    """Yield what MuJoCo draws of a scene and shapes do not say."""
+    if model.nlight:
+        yield "lights (a view has its own)"
+    if any(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX):
+        yield "the skybox"
+    used = {
+        int(each)
+        for each in (*model.geom_matid, *model.site_matid, *model.flex_matid, *model.tendon_matid)
+        if each >= 0
+    }
+    if any((model.mat_texid[each] >= 0).any() for each in used):
+        yield "textures"
+    if any(model.mat_reflectance[each] > 0.0 for each in used):
+        yield "reflections"
+    if model.nskin:
+        yield "skins"
+    hidden = sum(int((groups >= _SHOWN_GROUPS).sum()) for groups in (model.geom_group, model.site_group))
+    if hidden:
+        yield f"{hidden} geoms and sites of the groups 3 to 5, which MuJoCo's viewer hides at first"
+
+
+def _is_surface(model: mujoco.MjModel, geom: int) -> bool:
+    return model.geom_type[geom] in (MESH, FIELD)
+
+
+def _name(model: mujoco.MjModel, geom: int) -> str:
+    data = model.geom_dataid[geom]
+    of = model.mesh(data) if model.geom_type[geom] == MESH else model.hfield(data)
+    return str(model.geom(geom).name or of.name)
 
 
 def _turned(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -91,11 +174,3 @@ def _turned(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDA
 
 def _place(values: NDArray[np.float64]) -> tuple[float, ...]:
     return tuple(np.clip(values, -_MOST_M, _MOST_M).tolist())
-
-
-def _colour(model: mujoco.MjModel, geom: int) -> tuple[float, ...] | None:
-    """Return the colour of a geom or of its material; None where it has neither."""
-    own = tuple(model.geom_rgba[geom].tolist())
-    if own == _NO_COLOUR and model.geom_matid[geom] >= 0:
-        own = tuple(model.mat_rgba[model.geom_matid[geom]].tolist())
-    return None if own == _NO_COLOUR else tuple([min(max(round(each, 4), 0.0), 1.0) for each in own])
