@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
-from cogrip.protocol.drawing import MOST_TRIANGLES, Shape
+from cogrip.protocol.drawing import Shape
 from cogrip.protocol.messages import MAX_MESSAGE_BYTES, Geom, encode
 from cogrip.protocol.settings import resolve
 from cogrip.server.worlds.local_geometry import local_geometry
@@ -169,7 +169,9 @@ def test_where_a_share_has_no_form_left_a_mesh_is_a_box_and_named(tmp_path: Path
     path, count = tmp_path / "scene.xml", 1000
     body = '<geom name="g{0}" type="mesh" mesh="brick" pos="{0} 0 1"/>'
     path.write_text(
-        SCENE.format(file="ball.obj", compiler="").replace("</body>", "".join(map(body.format, range(count))) + "</body>")
+        SCENE.format(file="ball.obj", compiler="").replace(
+            "</body>", "".join(map(body.format, range(count))) + "</body>"
+        )
     )
     drawn = shapes_of(load_scene(path, SEAT, STEP), np.zeros(3))
     boxes = [shape for shape in drawn.shapes if shape.kind == "box"]

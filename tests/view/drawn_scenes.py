@@ -114,7 +114,14 @@ SCENES: dict[str, str] = {
     "checker on a floor": _scene(
         '<geom type="plane" size=".12 .12 .01" material="check"/>' + _BRICK, _CHECKER
     ),
-    "texture on a mesh": _scene('<geom type="mesh" mesh="panel" material="check" pos="0 0 .05"/>', _CHECKER + _PANEL),
+    "textures": _scene(
+        '<geom type="mesh" mesh="panel" material="check" pos="-.08 0 .05"/>'
+        '<geom type="box" size=".03 .04 .02" material="check" pos=".06 -.06 .05" euler="0 0 20"/>'
+        '<geom type="sphere" size=".04" material="cube" pos=".08 .06 .05"/>'
+        '<geom type="box" size=".03 .03 .03" material="cube" pos="0 .08 .1"/>'
+        '<geom type="cylinder" size=".02 .04" material="cube" pos="-.1 -.12 .05" euler="60 0 0"/>',
+        _CHECKER + _CUBE + _PANEL,
+    ),
     "mixed": _scene(
         '<geom type="hfield" hfield="hill" rgba=".4 .6 .3 1"/>'
         + _PULLED.replace('pos="-.1 0 .1"', 'pos="-.1 0 .12"')

@@ -13,12 +13,13 @@ import msgspec
 
 from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
 from cogrip.protocol.drawing import (
-    MOST_COLOURED,
     MOST_SHAPES,
     MOST_SURFACE_BYTES,
     RGB_BYTES,
+    TILE,
     Shape,
     ShapeKind,
+    Two,
     check_colours,
     check_points,
     check_triangles,
@@ -309,14 +310,15 @@ class Geom(Message, frozen=True, tag=13):
     seat: SeatNumber | None
     object: bool
     triangles: Annotated[bytes, msgspec.Meta(max_length=MOST_SURFACE_BYTES)] = b""
-    colours: Annotated[bytes, msgspec.Meta(max_length=RGB_BYTES * MOST_COLOURED)] = b""
+    colours: Annotated[bytes, msgspec.Meta(max_length=RGB_BYTES * TILE * TILE)] = b""
     points: Annotated[bytes, msgspec.Meta(max_length=MOST_SURFACE_BYTES)] = b""
+    period_m: Two | None = None
 
     def __post_init__(self) -> None:
         if not is_unit(self.orientation):
             raise ValueError("the orientation is no unit quaternion")
         check_triangles(self.kind, self.triangles)
-        check_colours(self.triangles, self.colours)
+        check_colours(self.kind, self.triangles, self.colours, self.period_m)
         check_points(self.kind, self.points)
 
     @classmethod
@@ -325,7 +327,7 @@ class Geom(Message, frozen=True, tag=13):
         told = shapes[number]
         return cls(
             session, len(shapes), number, told.kind, told.size_m, told.body, told.place_m, told.orientation, told.rgba,
-            told.seat, told.object, told.triangles or b"", told.colours or b"", told.points or b"",
+            told.seat, told.object, told.triangles or b"", told.colours or b"", told.points or b"", told.period_m or None,
         )  # fmt: skip
 
     @property
@@ -334,6 +336,7 @@ class Geom(Message, frozen=True, tag=13):
         return Shape(
             self.kind, self.size_m, self.body, self.place_m, self.orientation, self.rgba, self.seat, self.object,
             self.triangles or msgspec.UNSET, self.colours or msgspec.UNSET, self.points or msgspec.UNSET,
+            self.period_m or msgspec.UNSET,
         )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ Meshes and height fields are drawn by their triangles, a bounded number of them 
 one it is drawn as the box around it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import mujoco  # type: ignore[import-untyped]
@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
 from cogrip.server.worlds.scene_file import Scene
-from cogrip.server.worlds.scene_points import ScenePoints, colour_of
-from cogrip.server.worlds.scene_surfaces import FIELD, MESH, shares, surface_of
+from cogrip.server.worlds.scene_points import NO_COLOUR, ScenePoints, colour_of
+from cogrip.server.worlds.scene_surfaces import FIELD, MESH, is_surface, shares, surface_of, textured
+from cogrip.server.worlds.scene_textures import texture_of, tile_of
 
 _KINDS: dict[int, ShapeKind] = {
     int(mujoco.mjtGeom.mjGEOM_BOX): "box",
@@ -72,25 +73,32 @@ def shapes_of(scene: Scene, start: NDArray[np.float64]) -> Drawn:
     boxed: list[str] = []
     coarser: list[str] = []
     things = list(_things(model, data))
-    share = shares(model, [each.geom for each in things if each.geom is not None and _is_surface(model, each.geom)])
+    share = shares(model, [each.geom for each in things if each.geom is not None and is_surface(model, each.geom)])
     for thing in things:
-        size, middle, parts = thing.size, np.zeros(3), []
+        size, middle, rgba = thing.size, np.zeros(3), thing.rgba
+        parts: list[dict[str, object]] = []
         if thing.geom in share:
-            size, middle = model.geom_aabb[thing.geom, 3:], model.geom_aabb[thing.geom, :3]
-            if share[thing.geom]:
-                middle, size, parts, fewer = surface_of(model, thing.geom, share[thing.geom])
-            name = _name(model, thing.geom)
-            boxed += [] if parts else [name]
-            coarser += [name] if parts and fewer else []
+            own = np.array(rgba or NO_COLOUR)
+            surface = surface_of(model, thing.geom, share[thing.geom], own[:3]) if share[thing.geom] else None
+            if surface is not None:
+                middle, size = surface.middle, surface.half
+                parts = [{"kind": "mesh", "triangles": part} for part in surface.parts]
+                for part, colours in zip(parts, surface.colours, strict=False):
+                    part["colours"] = colours
+                if surface.colours:
+                    rgba = _mean_colour(surface.colours, own[3])
+                coarser += [_name(model, thing.geom)] if surface.coarser else []
+            elif model.geom_type[thing.geom] in (MESH, FIELD):
+                size, middle = model.geom_aabb[thing.geom, 3:], model.geom_aabb[thing.geom, :3]
+                boxed.append(_name(model, thing.geom))
+        elif thing.geom is not None and (texture := textured(model, thing.geom)) and not texture.cube:  # of a plane
+            own = np.array(rgba or NO_COLOUR)
+            cells, period = tile_of(texture, size)
+            tile = np.round(255.0 * np.clip(cells * own[:3], 0.0, 1.0)).astype(np.uint8).tobytes()
+            rgba, parts = _mean_colour([tile], own[3]), [{"colours": tile, "period_m": period}]
         place = thing.at + _turned(thing.turned, middle)
-        whole = Shape(
-            thing.kind,
-            _place(np.maximum(size, 0.0)),
-            None,
-            _place(place - start),
-            tuple(thing.turned.tolist()),
-            thing.rgba,
-        )
+        sizes, turned = _place(np.maximum(size, 0.0)), tuple(thing.turned.tolist())
+        whole = Shape(thing.kind, sizes, None, _place(place - start), turned, rgba)
         if model.body_weldid[thing.body] != 0:
             if thing.body not in bodies:
                 bodies.append(thing.body)
@@ -98,7 +106,7 @@ def shapes_of(scene: Scene, start: NDArray[np.float64]) -> Drawn:
                 whole, body=bodies.index(thing.body), place_m=_place(place),
                 seat=seats.get(int(model.body_rootid[thing.body])), object=thing.body == scene.object,
             )  # fmt: skip
-        shapes += [replace(whole, kind="mesh", triangles=part) for part in parts] or [whole]
+        shapes += [replace(whole, **part) for part in parts] or [whole]
     points = ScenePoints(model, len(bodies), _SHOWN_GROUPS)
     shapes += points.shapes
     left_out = (*_left_out(model), *points.left_out)
@@ -145,8 +153,10 @@ def _left_out(model: mujoco.MjModel) -> Iterator[str]:
         for each in (*model.geom_matid, *model.site_matid, *model.flex_matid, *model.tendon_matid)
         if each >= 0
     }
-    if any((model.mat_texid[each] >= 0).any() for each in used):
-        yield "textures"
+    others = {int(each) for each in (*model.site_matid, *model.flex_matid, *model.tendon_matid)}
+    geoms = [geom for geom in range(model.ngeom) if texture_of(model, int(model.geom_matid[geom])) is not None]
+    if any(texture_of(model, each) for each in others) or not all(_shows_texture(model, geom) for geom in geoms):
+        yield "textures of sites, flexes, tendons and meshes without coordinates"
     if any(model.mat_reflectance[each] > 0.0 for each in used):
         yield "reflections"
     if model.nskin:
@@ -156,14 +166,21 @@ def _left_out(model: mujoco.MjModel) -> Iterator[str]:
         yield f"{hidden} geoms and sites of the groups 3 to 5, which MuJoCo's viewer hides at first"
 
 
-def _is_surface(model: mujoco.MjModel, geom: int) -> bool:
-    return model.geom_type[geom] in (MESH, FIELD)
+def _shows_texture(model: mujoco.MjModel, geom: int) -> bool:
+    texture = textured(model, geom)
+    return texture is not None and (is_surface(model, geom) or not texture.cube)
+
+
+def _mean_colour(colours: Sequence[bytes], alpha: float) -> tuple[float, ...]:
+    """Return the mean of red, green, blue, a byte each, with an alpha: for what cannot draw each of them."""
+    mean = np.frombuffer(b"".join(colours), dtype=np.uint8).reshape(-1, 3).mean(axis=0) / 255.0
+    return tuple(np.round([*mean, alpha], 4).tolist())
 
 
 def _name(model: mujoco.MjModel, geom: int) -> str:
-    data = model.geom_dataid[geom]
-    of = model.mesh(data) if model.geom_type[geom] == MESH else model.hfield(data)
-    return str(model.geom(geom).name or of.name)
+    data, kind = model.geom_dataid[geom], model.geom_type[geom]
+    of = model.mesh(data).name if kind == MESH else model.hfield(data).name if kind == FIELD else f"geom {geom}"
+    return str(model.geom(geom).name or of)
 
 
 def _turned(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:

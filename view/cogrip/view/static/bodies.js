@@ -1,19 +1,20 @@
 /** Bodies of a scene: its shapes in three.js, each body moved to its pose. */
 
 import {
-  BoxGeometry, BufferGeometry, CapsuleGeometry, Color, CylinderGeometry, DoubleSide, EdgesGeometry, Float32BufferAttribute, FrontSide, Group,
+  BoxGeometry, BufferGeometry, CapsuleGeometry, Color, CylinderGeometry, DataTexture, DoubleSide, EdgesGeometry, Float32BufferAttribute, FrontSide, Group,
   InstancedMesh, LineBasicMaterial, LineSegments, Matrix4, Mesh,
-  MeshLambertMaterial, PlaneGeometry, Quaternion, SphereGeometry, Vector3,
+  MeshLambertMaterial, LinearMipmapLinearFilter, PlaneGeometry, Quaternion, RepeatWrapping, SRGBColorSpace, SphereGeometry, Vector3,
 } from "three";
 
 const UP = new Vector3(0, 1, 0); // axis of three.js's cylinders
 const LEAST_M = 1e-4; // a side of nothing has no normal
+const TILE = 18; // colours along each side of a plane's tile
 const WIDEST = 0.75; // half the side of a plane as it is drawn, in workspaces: contact has no end, and a full picture is slow to draw
 
-/** @typedef {{kind: string, size_m: number[], body: number | null, place_m: number[], orientation: number[], rgba: number[] | null, seat: number | null, object: boolean, triangles?: string, colours?: string, points?: string}} Shape */
+/** @typedef {{kind: string, size_m: number[], body: number | null, place_m: number[], orientation: number[], rgba: number[] | null, seat: number | null, object: boolean, triangles?: string, colours?: string, points?: string, period_m?: number[]}} Shape */
 
 /** @param {Shape} shape @param {import("three").Box3} space that the camera takes in @returns {import("three").BufferGeometry} in the frame of its body */
-export function shapeGeometry({ kind, size_m, place_m, orientation: [w, x, y, z], triangles }, space) {
+export function shapeGeometry({ kind, size_m, place_m, orientation: [w, x, y, z], triangles, colours, period_m }, space) {
   const [a, b, c] = size_m.map((each) => Math.max(each, LEAST_M));
   const turned = new Quaternion(x, y, z, w);
   const middle = () => space.getCenter(new Vector3()).sub(new Vector3(...place_m)).applyQuaternion(turned.clone().invert());
@@ -23,8 +24,8 @@ export function shapeGeometry({ kind, size_m, place_m, orientation: [w, x, y, z]
     ellipsoid: () => new SphereGeometry(1, 24, 16).scale(a, b, c),
     capsule: () => new CapsuleGeometry(a, 2 * b, 8, 24).rotateX(Math.PI / 2), // its axis is z
     cylinder: () => new CylinderGeometry(a, a, 2 * b, 32).rotateX(Math.PI / 2),
-    plane: () => planeGeometry(size_m, space.getSize(new Vector3()), middle()),
-    mesh: () => surfaceGeometry(size_m, triangles ?? ""),
+    plane: () => planeGeometry(size_m, space.getSize(new Vector3()), middle(), period_m),
+    mesh: () => surfaceGeometry(size_m, triangles ?? "", colours),
   }[kind];
   return make().applyQuaternion(turned).translate(...place_m);
 }
@@ -41,22 +42,45 @@ function bytesOf(packed) {
 }
 
 /** Part of a mesh's surface. @param {string} triangles base64 of three corners each, 16 bits a coordinate: from -size_m to size_m */
-function surfaceGeometry(size_m, triangles) {
+function surfaceGeometry(size_m, triangles, colours) {
   const points = Float32Array.from(numbersOf(triangles), (count, index) => size_m[index % 3] * (count / 32767.5 - 1));
   const geometry = new BufferGeometry().setAttribute("position", new Float32BufferAttribute(points, 3));
+  if (colours) geometry.setAttribute("color", new Float32BufferAttribute(cornerColours(bytesOf(colours)), 3));
   geometry.computeVertexNormals(); // no corner is shared, so each face has its own
   return geometry;
 }
 
+/** @param {Uint8Array} bytes red, green, blue of each triangle @returns {number[]} of each corner, as three.js reckons */
+function cornerColours(bytes) {
+  const found = [];
+  for (let at = 0; at < bytes.length; at += 3) {
+    const rgb = new Color().setRGB(bytes[at] / 255, bytes[at + 1] / 255, bytes[at + 2] / 255, "srgb").toArray();
+    found.push(...rgb, ...rgb, ...rgb);
+  }
+  return found;
+}
+
+/** A tile that repeats on a plane. @param {string} colours base64 of red, green, blue of its cells */
+function tileTexture(colours) {
+  const bytes = bytesOf(colours);
+  const cells = Uint8Array.from({ length: 4 * TILE * TILE }, (_, at) => (at % 4 === 3 ? 255 : bytes[3 * (at >> 2) + (at % 4)]));
+  const texture = new DataTexture(cells, TILE, TILE);
+  Object.assign(texture, { colorSpace: SRGBColorSpace, wrapS: RepeatWrapping, wrapT: RepeatWrapping, minFilter: LinearMipmapLinearFilter, generateMipmaps: true, anisotropy: 4, needsUpdate: true });
+  return texture;
+}
+
 /** The part of a plane below the workspace. @param {Vector3} middle of the workspace, in the plane's frame */
-function planeGeometry(size_m, workspace, middle) {
+function planeGeometry(size_m, workspace, middle, [across, along] = [1, 1]) {
   const widest = WIDEST * Math.max(...workspace.toArray());
   const [x, y] = [0, 1].map((axis) => {
     const half = size_m[axis] > 0 ? size_m[axis] : Infinity;
     const part = Math.min(half, widest);
     return { side: 2 * part, at: Math.min(Math.max(middle.getComponent(axis), part - half), half - part) };
   });
-  return new PlaneGeometry(x.side, y.side).translate(x.at, y.at, 0);
+  const geometry = new PlaneGeometry(x.side, y.side).translate(x.at, y.at, 0);
+  const [places, uv] = ["position", "uv"].map((name) => geometry.getAttribute(name));
+  for (let at = 0; at < uv.count; at += 1) uv.setXY(at, places.getX(at) / across + 0.5, 0.5 - places.getY(at) / along);
+  return geometry;
 }
 
 /** @param {Shape[]} shapes @param {import("three").Box3} space @returns {import("three").BufferGeometry[]} those of the object */
@@ -142,7 +166,9 @@ export class DrawnShape extends Group {
     const geometry = shapeGeometry(shape, space);
     const plane = shape.kind === "plane";
     const { colour, look } = lookOf(shape, own, colours);
-    this.colour = colour;
+    const painted = shape.colours && !own;
+    if (painted) Object.assign(look, plane ? { map: tileTexture(shape.colours) } : { vertexColors: true });
+    this.colour = painted ? new Color(1, 1, 1) : colour; // what a texture is multiplied by
     this.material = new MeshLambertMaterial({ side: plane ? DoubleSide : FrontSide, polygonOffset: plane, polygonOffsetFactor: 1, polygonOffsetUnits: 1, ...look });
     this.add(new Mesh(geometry, this.material));
     this.edges = new LineBasicMaterial();

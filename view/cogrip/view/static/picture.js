@@ -62,6 +62,7 @@ export class Picture {
     this.colours = colours;
     this.world.traverse((each) => {
       each.geometry?.dispose();
+      each.material?.map?.dispose();
       each.material?.dispose();
     });
     this.world.clear();

@@ -1,0 +1,106 @@
+"""Textures of a scene as they are drawn: a tile that repeats on a plane, a colour of each triangle on what is not flat.
+
+Where a texture lies is MuJoCo's rule (`render_gl3.c`): a flat image along x and y of the geom scaled to -1 .. 1, its middle at
+the geom's middle, `texrepeat` times, or that often a metre where `texuniform`; by the mesh's own coordinates where it has them;
+six images around, by direction from the geom's middle.
+"""
+
+from typing import NamedTuple
+
+import mujoco  # type: ignore[import-untyped]
+import numpy as np
+from numpy.typing import NDArray
+
+from cogrip.protocol.drawing import TILE
+
+Array = NDArray[np.float64]
+_RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
+_FLAT, _CUBE = int(mujoco.mjtTexture.mjTEXTURE_2D), int(mujoco.mjtTexture.mjTEXTURE_CUBE)
+_FINER = 4  # places along each side of a cell of a tile whose colours are averaged
+_WITHIN = (
+    np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6.0
+)  # of a triangle: places whose colours are averaged
+
+
+class Texture(NamedTuple):
+    """pixels: of one image or of six, rows, columns, red green blue, 0 to 1; repeat: along x and y; uniform: a metre."""
+
+    pixels: Array
+    repeat: Array
+    uniform: bool
+
+    @property
+    def cube(self) -> bool:
+        """Whether there are six images around."""
+        return self.pixels.ndim == 4
+
+
+def texture_of(model: mujoco.MjModel, material: int) -> Texture | None:
+    """Return the texture of a material's colour; None where it has none."""
+    number = int(model.mat_texid[material, _RGB]) if material >= 0 else -1
+    if number < 0 or model.tex_type[number] not in (_FLAT, _CUBE):
+        return None
+    height, width = int(model.tex_height[number]), int(model.tex_width[number])
+    channels, first = int(model.tex_nchannel[number]), int(model.tex_adr[number])
+    data = model.tex_data[first : first + height * width * channels].reshape(height, width, channels)
+    pixels = (data[..., :3] if channels > 2 else np.repeat(data[..., :1], 3, axis=2)) / 255.0
+    if model.tex_type[number] == _CUBE:
+        pixels = pixels.reshape(6, height // 6, width, 3)
+    return Texture(pixels, model.mat_texrepeat[material].astype(float), bool(model.mat_texuniform[material]))
+
+
+def tile_of(texture: Texture, half_m: Array) -> tuple[Array, tuple[float, float]]:
+    """Return the colours of a plane's tile, shape (TILE, TILE, 3), first row at the largest y, and its length along x and y.
+
+    A tile's middle is the plane's. half_m: half sides of the plane [m]; of one without end the texture repeats by the metre.
+    """
+    height, width = texture.pixels.shape[:2]
+    rows, columns = (
+        ((np.arange(TILE * _FINER) + 0.5) * size / (TILE * _FINER)).astype(int) for size in (height, width)
+    )
+    cells = texture.pixels[np.ix_(rows, columns)].reshape(TILE, _FINER, TILE, _FINER, 3).mean(axis=(1, 3))
+    sides = [1.0 if texture.uniform or half <= 0.0 else 2.0 * half for half in half_m[:2].tolist()]
+    x, y = (side / max(1e-6, each) for side, each in zip(sides, texture.repeat.tolist(), strict=True))
+    return cells, (x, y)
+
+
+def colours_of(texture: Texture, corners: Array, half_m: Array, coordinates: Array | None) -> Array:
+    """Return the mean colour of each triangle, shape (triangles, 3).
+
+    corners: in the geom's frame [m], shape (triangles, 3, 3); half_m: what of it is scaled to 1; coordinates: on the image of
+    the corners, shape (triangles, 3, 2), where a mesh has them
+    """
+    inside = np.einsum("pc,tcx->tpx", _WITHIN, corners if coordinates is None else coordinates)
+    if coordinates is not None:
+        found = _at(texture.pixels, inside * texture.repeat)
+    elif texture.cube:
+        found = _around(texture.pixels, inside if texture.uniform else inside / np.maximum(half_m, 1e-9))
+    else:
+        sides = np.ones(2) if texture.uniform else 2.0 * np.maximum(half_m[:2], 1e-9)
+        found = _at(texture.pixels, texture.repeat / sides * inside[..., :2] * [1.0, -1.0] - 0.5)
+    mean: Array = found.mean(axis=1)
+    return mean
+
+
+def _at(pixels: Array, places: Array) -> Array:
+    """Return the colours of an image at places of which each whole number is an image on; the first row is at 0."""
+    height, width = pixels.shape[:2]
+    columns = np.minimum((places[..., 0] % 1.0 * width).astype(int), width - 1)
+    rows = np.minimum((places[..., 1] % 1.0 * height).astype(int), height - 1)
+    found: Array = pixels[rows, columns]
+    return found
+
+
+def _around(pixels: Array, directions: Array) -> Array:
+    """Return the colours of six images (right, left, up, down, front, back, as OpenGL has them) in some directions."""
+    x, y, z = np.moveaxis(directions, -1, 0)
+    longest = np.argmax(np.abs(directions), axis=-1)
+    positive = np.take_along_axis(directions, longest[..., None], axis=-1)[..., 0] > 0.0
+    far = np.maximum(np.abs(directions).max(axis=-1), 1e-12)
+    sign = np.where(positive, 1.0, -1.0)
+    s = np.select([longest == 0, longest == 1], [-sign * z, x], sign * x) / far
+    t = np.where(longest == 1, sign * z, -y) / far
+    size = pixels.shape[1]
+    columns, rows = (np.clip(((each + 1.0) / 2.0 * size).astype(int), 0, size - 1) for each in (s, t))
+    found: Array = pixels[2 * longest + ~positive, rows, columns]
+    return found
