@@ -70,6 +70,10 @@ _CHECKER = (
     '<texture name="check" type="2d" builtin="checker" rgb1=".9 .9 .8" rgb2=".2 .3 .5" width="128" height="128"/>'
     '<material name="check" texture="check" texrepeat="3 3"/>'
 )
+_CROSS = (
+    '<texture name="cross" type="2d" builtin="gradient" mark="cross" rgb1=".9 .6 .2" rgb2=".2 .5 .9" markrgb="0 0 0" width="18"'
+    ' height="18"/><material name="cross" texture="cross" texrepeat="2 3"/>'
+)
 _CUBE = (
     '<texture name="cube" type="cube" builtin="gradient" rgb1=".9 .2 .1" rgb2=".1 .2 .9" width="64" height="384"/>'
     '<material name="cube" texture="cube"/>'
@@ -111,22 +115,21 @@ SCENES: dict[str, str] = {
     "cloth": _scene(_CLOTH),
     "jelly": _scene(_JELLY),
     "rope": _scene(_ROPE),
-    "checker on a floor": _scene(
-        '<geom type="plane" size=".12 .12 .01" material="check"/>' + _BRICK, _CHECKER
+    "texture on a floor": _scene(
+        '<geom type="plane" size=".15 .12 .01" material="cross"/>' + _BRICK, _CROSS
     ),
     "textures": _scene(
         '<geom type="mesh" mesh="panel" material="check" pos="-.08 0 .05"/>'
-        '<geom type="box" size=".03 .04 .02" material="check" pos=".06 -.06 .05" euler="0 0 20"/>'
         '<geom type="sphere" size=".04" material="cube" pos=".08 .06 .05"/>'
         '<geom type="box" size=".03 .03 .03" material="cube" pos="0 .08 .1"/>'
         '<geom type="cylinder" size=".02 .04" material="cube" pos="-.1 -.12 .05" euler="60 0 0"/>',
         _CHECKER + _CUBE + _PANEL,
     ),
     "mixed": _scene(
-        '<geom type="hfield" hfield="hill" rgba=".4 .6 .3 1"/>'
+        '<geom type="hfield" hfield="hill" material="check" rgba=".4 .6 .3 1"/>'
         + _PULLED.replace('pos="-.1 0 .1"', 'pos="-.1 0 .12"')
         + '<body pos="0 .05 .12"><freejoint/><geom type="mesh" mesh="ring" material="cube" mass=".2"/></body>',
-        _HILL + _RING + _CUBE,
+        _HILL + _RING + _CUBE + _CHECKER,
         _TENDON,
     ),
 }  # fmt: skip

@@ -42,7 +42,8 @@ class Shape(msgspec.Struct, frozen=True):
     triangles    of a mesh, else unset: a part of its surface (`pack_triangles`)
     colours      with a texture, else unset: red, green, blue, a byte each, instead of rgba's: of each triangle of a mesh, of
                  the TILE x TILE cells of a tile that repeats on a plane, by rows from the largest y
-    period_m     of a plane with a tile its lengths along x and y; the middle of one tile is the plane's
+    period_m     of a plane with a tile its lengths along x and y; one begins at the corner of the least x and the largest y,
+                 along an axis without end the middle of one is the plane's
     points       of a flex its triangles, three bodies each; of a tendon its path, two bodies or more (`pack_points`)
 
     A flex and a tendon have no place: their points are the places of bodies. size_m is the radius of a tendon, else 0.

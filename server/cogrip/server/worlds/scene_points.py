@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.protocol.drawing import MOST_POINTS, MOST_SHAPES, Shape, pack_points
+from cogrip.server.worlds.scene_textures import texture_of
 
 _PULLEY = int(mujoco.mjtWrap.mjWRAP_PULLEY)
 _AT_ONE = (int(mujoco.mjtWrap.mjWRAP_SITE),)  # a tendon passes a site at one point, a geom that it goes round at two
@@ -55,7 +56,8 @@ class ScenePoints:
         model = self._model
         count, vertex = int(model.flex_vertnum[flex]), int(model.flex_vertadr[flex])
         dim, element = int(model.flex_dim[flex]), int(model.flex_elemdataadr[flex])
-        rgba = colour_of(model, model.flex_rgba[flex], int(model.flex_matid[flex]))
+        material = int(model.flex_matid[flex])
+        rgba = with_mean(model, colour_of(model, model.flex_rgba[flex], material), material)
         if (rgba is not None and rgba[3] == 0.0) or not self._has_room(
             count, f"flex {_name(model, mujoco.mjtObj.mjOBJ_FLEX, flex)}"
         ):
@@ -85,7 +87,8 @@ class ScenePoints:
             if kind == _PULLEY:
                 counts.append(0)
             counts[-1] += 1 if kind in _AT_ONE else 2 if kind in _ROUND else 0
-        rgba = colour_of(model, model.tendon_rgba[tendon], int(model.tendon_matid[tendon]))
+        material = int(model.tendon_matid[tendon])
+        rgba = with_mean(model, colour_of(model, model.tendon_rgba[tendon], material), material)
         if (rgba is not None and rgba[3] == 0.0) or max(counts) < 2:  # the sum of joints has no path
             return
         if not self._has_room(sum(counts), f"tendon {_name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon)}"):
@@ -114,6 +117,15 @@ def colour_of(model: mujoco.MjModel, rgba: NDArray[np.float32], material: int) -
     if own == NO_COLOUR and material >= 0:
         own = tuple(model.mat_rgba[material].tolist())
     return None if own == NO_COLOUR else tuple([min(max(round(each, 4), 0.0), 1.0) for each in own])
+
+
+def with_mean(model: mujoco.MjModel, rgba: tuple[float, ...] | None, material: int) -> tuple[float, ...] | None:
+    """Return a colour times the mean of its material's texture, where there is one."""
+    texture = texture_of(model, material)
+    if texture is None:
+        return rgba
+    own = np.array(rgba or NO_COLOUR)
+    return tuple(np.round(own * [*texture.mean, 1.0], 4).tolist())
 
 
 def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, number: int) -> str:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cogrip.protocol.drawing import MOST_SHAPES, Shape, ShapeKind
 from cogrip.server.worlds.scene_file import Scene
-from cogrip.server.worlds.scene_points import NO_COLOUR, ScenePoints, colour_of
+from cogrip.server.worlds.scene_points import NO_COLOUR, ScenePoints, colour_of, with_mean
 from cogrip.server.worlds.scene_surfaces import FIELD, MESH, is_surface, shares, surface_of, textured
 from cogrip.server.worlds.scene_textures import texture_of, tile_of
 
@@ -91,7 +91,7 @@ def shapes_of(scene: Scene, start: NDArray[np.float64]) -> Drawn:
             elif model.geom_type[thing.geom] in (MESH, FIELD):
                 size, middle = model.geom_aabb[thing.geom, 3:], model.geom_aabb[thing.geom, :3]
                 boxed.append(_name(model, thing.geom))
-        elif thing.geom is not None and (texture := textured(model, thing.geom)) and not texture.cube:  # of a plane
+        elif thing.geom is not None and (texture := textured(model, thing.geom)):  # of a plane
             own = np.array(rgba or NO_COLOUR)
             cells, period = tile_of(texture, size)
             tile = np.round(255.0 * np.clip(cells * own[:3], 0.0, 1.0)).astype(np.uint8).tobytes()
@@ -139,6 +139,8 @@ def _things(model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[_Thing]:
             if model.body_weldid[body] == 0:
                 place, turned = at[number], np.zeros(4)
                 mujoco.mju_mat2Quat(turned, matrices[number])
+            if is_site or textured(model, number) is None:
+                rgba = with_mean(model, rgba, int(materials[number]))
             yield _Thing(kind, sizes[number], body, place, turned, rgba, None if is_site else number)
 
 
@@ -155,8 +157,8 @@ def _left_out(model: mujoco.MjModel) -> Iterator[str]:
     }
     others = {int(each) for each in (*model.site_matid, *model.flex_matid, *model.tendon_matid)}
     geoms = [geom for geom in range(model.ngeom) if texture_of(model, int(model.geom_matid[geom])) is not None]
-    if any(texture_of(model, each) for each in others) or not all(_shows_texture(model, geom) for geom in geoms):
-        yield "textures of sites, flexes, tendons and meshes without coordinates"
+    if any(texture_of(model, each) for each in others) or not all(textured(model, geom) for geom in geoms):
+        yield "textures but on planes, height fields and meshes with coordinates, and cubes of textures (the mean colour is)"
     if any(model.mat_reflectance[each] > 0.0 for each in used):
         yield "reflections"
     if model.nskin:
@@ -164,11 +166,6 @@ def _left_out(model: mujoco.MjModel) -> Iterator[str]:
     hidden = sum(int((groups >= _SHOWN_GROUPS).sum()) for groups in (model.geom_group, model.site_group))
     if hidden:
         yield f"{hidden} geoms and sites of the groups 3 to 5, which MuJoCo's viewer hides at first"
-
-
-def _shows_texture(model: mujoco.MjModel, geom: int) -> bool:
-    texture = textured(model, geom)
-    return texture is not None and (is_surface(model, geom) or not texture.cube)
 
 
 def _mean_colour(colours: Sequence[bytes], alpha: float) -> tuple[float, ...]:

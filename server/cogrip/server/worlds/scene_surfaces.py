@@ -48,10 +48,12 @@ class Surface(NamedTuple):
 
 
 def textured(model: mujoco.MjModel, geom: int) -> Texture | None:
-    """Return the texture that a geom is drawn with; None where it has none, or its mesh has no coordinates for a flat one."""
-    texture = texture_of(model, int(model.geom_matid[geom]))
-    mesh = model.geom_dataid[geom] if model.geom_type[geom] == MESH else -1
-    return None if mesh >= 0 and texture and not texture.cube and model.mesh_texcoordadr[mesh] < 0 else texture
+    """Return the texture that a geom is drawn with; None where it has none, or one that its form has no rule for."""
+    texture, kind = texture_of(model, int(model.geom_matid[geom])), model.geom_type[geom]
+    if texture is None or texture.cube:
+        return texture if kind != _PLANE else None
+    flat = kind in (_PLANE, FIELD) or (kind == MESH and model.mesh_texcoordadr[model.geom_dataid[geom]] >= 0)
+    return texture if flat else None
 
 
 def is_surface(model: mujoco.MjModel, geom: int) -> bool:

@@ -1,8 +1,9 @@
 """Textures of a scene as they are drawn: a tile that repeats on a plane, a colour of each triangle on what is not flat.
 
-Where a texture lies is MuJoCo's rule (`render_gl3.c`): a flat image along x and y of the geom scaled to -1 .. 1, its middle at
-the geom's middle, `texrepeat` times, or that often a metre where `texuniform`; by the mesh's own coordinates where it has them;
-six images around, by direction from the geom's middle.
+Where a texture lies is MuJoCo's rule, as its pictures show it. A flat image is repeated `texrepeat` times along x and y, or that
+often in two metres where `texuniform` or there is no end: on a plane from the corner at the least x and the largest y, on a height
+field and on a plane without end such that its middle is the geom's. On a mesh it lies by the mesh's own coordinates. Six images
+lie around, by direction from the geom's middle. Other forms have the mean colour of a flat image.
 """
 
 from typing import NamedTuple
@@ -30,6 +31,12 @@ class Texture(NamedTuple):
     uniform: bool
 
     @property
+    def mean(self) -> Array:
+        """Mean red, green, blue."""
+        found: Array = self.pixels.reshape(-1, 3).mean(axis=0)
+        return found
+
+    @property
     def cube(self) -> bool:
         """Whether there are six images around."""
         return self.pixels.ndim == 4
@@ -52,14 +59,14 @@ def texture_of(model: mujoco.MjModel, material: int) -> Texture | None:
 def tile_of(texture: Texture, half_m: Array) -> tuple[Array, tuple[float, float]]:
     """Return the colours of a plane's tile, shape (TILE, TILE, 3), first row at the largest y, and its length along x and y.
 
-    A tile's middle is the plane's. half_m: half sides of the plane [m]; of one without end the texture repeats by the metre.
+    half_m: half sides of the plane [m], 0 where it has no end.
     """
     height, width = texture.pixels.shape[:2]
     rows, columns = (
         ((np.arange(TILE * _FINER) + 0.5) * size / (TILE * _FINER)).astype(int) for size in (height, width)
     )
     cells = texture.pixels[np.ix_(rows, columns)].reshape(TILE, _FINER, TILE, _FINER, 3).mean(axis=(1, 3))
-    sides = [1.0 if texture.uniform or half <= 0.0 else 2.0 * half for half in half_m[:2].tolist()]
+    sides = [2.0 if texture.uniform or half <= 0.0 else 2.0 * half for half in half_m[:2].tolist()]
     x, y = (side / max(1e-6, each) for side, each in zip(sides, texture.repeat.tolist(), strict=True))
     return cells, (x, y)
 
@@ -76,7 +83,7 @@ def colours_of(texture: Texture, corners: Array, half_m: Array, coordinates: Arr
     elif texture.cube:
         found = _around(texture.pixels, inside if texture.uniform else inside / np.maximum(half_m, 1e-9))
     else:
-        sides = np.ones(2) if texture.uniform else 2.0 * np.maximum(half_m[:2], 1e-9)
+        sides = np.full(2, 2.0) if texture.uniform else 2.0 * np.maximum(half_m[:2], 1e-9)
         found = _at(texture.pixels, texture.repeat / sides * inside[..., :2] * [1.0, -1.0] - 0.5)
     mean: Array = found.mean(axis=1)
     return mean

@@ -79,7 +79,10 @@ function planeGeometry(size_m, workspace, middle, [across, along] = [1, 1]) {
   });
   const geometry = new PlaneGeometry(x.side, y.side).translate(x.at, y.at, 0);
   const [places, uv] = ["position", "uv"].map((name) => geometry.getAttribute(name));
-  for (let at = 0; at < uv.count; at += 1) uv.setXY(at, places.getX(at) / across + 0.5, 0.5 - places.getY(at) / along);
+  for (let at = 0; at < uv.count; at += 1) {
+    const [u, v] = [places.getX(at) / across, -places.getY(at) / along];
+    uv.setXY(at, u + (size_m[0] > 0 ? size_m[0] / across : 0.5), v + (size_m[1] > 0 ? size_m[1] / along : 0.5));
+  }
   return geometry;
 }
 
