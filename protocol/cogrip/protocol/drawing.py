@@ -68,6 +68,11 @@ class Shape(msgspec.Struct, frozen=True):
         check_points(self.kind, self.points or b"")
 
     @property
+    def soft(self) -> bool:
+        """Whether it runs through points that move."""
+        return self.kind in ("flex", "tendon")
+
+    @property
     def bodies(self) -> tuple[int, ...]:
         """Numbers of the bodies that it follows: of a flex and a tendon all its points, in order."""
         if self.points:
@@ -130,7 +135,7 @@ def check_colours(kind: ShapeKind, triangles: bytes, colours: bytes, period_m: S
 def check_points(kind: ShapeKind, points: bytes) -> None:
     """Raise ValueError for points of a kind that has none, too few or too many, no whole triangle, and no number of a body."""
     count, odd = divmod(len(points), _NUMBER.size)
-    fits = {"flex": count >= 3 and count % 3 == 0, "tendon": count >= 2}.get(kind, not points)
+    fits = {"flex": count % 3 == 0, "tendon": count != 1}.get(kind, not points)
     if (
         not fits
         or odd
@@ -138,8 +143,8 @@ def check_points(kind: ShapeKind, points: bytes) -> None:
         or any(number >= MOST_SHAPES for (number,) in _NUMBER.iter_unpack(points))
     ):
         raise ValueError(
-            f"a {kind} with {len(points)} bytes of points; a flex has three a triangle, a tendon two or more, 2 bytes each, "
-            f"{MOST_POINTS} at most, below {MOST_SHAPES}; others have none"
+            f"a {kind} with {len(points)} bytes of points; a flex has three a triangle, a tendon not one alone, "
+            f"2 bytes each, {MOST_POINTS} at most, below {MOST_SHAPES}; others have none"
         )
 
 

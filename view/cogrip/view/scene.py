@@ -88,7 +88,7 @@ def workspace_of(shapes: Sequence[Shape], poses: Sequence[Pose]) -> tuple[tuple[
             continue
         reach = dist(shape.size_m, (0.0,) * 3)
         places: list[Sequence[float]] = [poses[body][:3] for body in shape.bodies if body < len(poses)]
-        if shape.body is None and not shape.points:
+        if shape.body is None and not shape.soft:
             places = [shape.place_m]
         elif shape.body is not None:
             reach += dist(shape.place_m, (0.0,) * 3)

@@ -278,7 +278,7 @@ def scene_bodies(room: str, shapes: Sequence[Shape], held: Collection[int]) -> l
         if shape.seat is None or shape.seat in held:
             own = _color(OBJECT_COLOUR) if shape.rgba is None else Color(*shape.rgba)
             color = own if shape.seat is None else _color(colour(shape.seat))
-            if not shape.points:  # these follow each frame: `soft_entities`
+            if not shape.soft:  # these follow each frame: `soft_entities`
                 parts.setdefault(room if shape.body is None else body_frame(room, shape.body), []).append(
                     (shape, color)
                 )

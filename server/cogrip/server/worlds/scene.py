@@ -66,6 +66,7 @@ class SceneWorld(SceneMeasures):
         self.object_name = (self.object.there and model.body(scene.object).name) or World.object_name
         drawn = shapes_of(scene, self.object.start)
         self._shapes, self._drawn, self._points = drawn.shapes, drawn.bodies, drawn.points
+        self._not_drawn = drawn.left_out
         self._energy = SceneEnergy(model)
         self._equalities, self._warm = EqualityRows(model), WarmStart(model)
         super().__init__(seats)
@@ -142,6 +143,9 @@ class SceneWorld(SceneMeasures):
 
     def geoms(self) -> Sequence[Shape]:
         return self._shapes
+
+    def not_drawn(self) -> Sequence[str]:
+        return self._not_drawn
 
     def poses_of_bodies(self) -> Array:
         places = np.concatenate((self.data.xpos[self._drawn], self._points.places(self.data)))

@@ -1,9 +1,9 @@
 """Textures of a scene as they are drawn: a tile that repeats on a plane, a colour of each triangle on what is not flat.
 
-Where a texture lies is MuJoCo's rule, as its pictures show it. A flat image is repeated `texrepeat` times along x and y, or that
-often in two metres where `texuniform` or there is no end: on a plane from the corner at the least x and the largest y, on a height
-field and on a plane without end such that its middle is the geom's. On a mesh it lies by the mesh's own coordinates. Six images
-lie around, by direction from the geom's middle. Other forms have the mean colour of a flat image.
+Where a texture lies is MuJoCo's rule, as its pictures show it. A flat image is repeated `texrepeat` times along x and y, or
+that often in two metres where `texuniform` or there is no end: on a plane from the corner at the least x and the largest y, on
+a height field and on a plane without end such that its middle is the geom's. On a mesh it lies by the mesh's own coordinates.
+Six images lie around, by direction from the geom's middle. Other forms have the mean colour of a flat image.
 """
 
 from typing import NamedTuple

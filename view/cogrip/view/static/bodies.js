@@ -94,7 +94,7 @@ export function objectGeometries(shapes, space) {
 /** @param {Shape} shape @param {string | undefined} own @returns {{colour: Color, look: object}} its colour, and how its material is made */
 function lookOf(shape, own, colours) {
   const [red, green, blue, alpha] = shape.rgba ?? [0, 0, 0, shape.kind === "plane" ? 0.35 : 1];
-  const fixed = shape.body === null && !shape.points;
+  const fixed = shape.body === null && !(shape.kind in OF_POINTS);
   const colour = own ? new Color(own) : shape.rgba ? new Color().setRGB(red, green, blue, "srgb") : new Color(fixed ? colours.fixed : colours.object);
   const seenThrough = !own && alpha < 1;
   return { colour, look: { transparent: seenThrough, opacity: own ? 1 : alpha, depthWrite: !seenThrough } };
@@ -134,7 +134,7 @@ class TendonShape extends Group {
     const { colour, look } = lookOf(shape, undefined, colours);
     const material = new MeshLambertMaterial({ color: colour, ...look });
     this.radius_m = Math.max(shape.size_m[0], LEAST_M);
-    this.pieces = new InstancedMesh(new CylinderGeometry(1, 1, 1, 12, 1, true), material, this.points.length - 1);
+    this.pieces = new InstancedMesh(new CylinderGeometry(1, 1, 1, 12, 1, true), material, Math.max(0, this.points.length - 1));
     this.knots = new InstancedMesh(new SphereGeometry(1, 12, 8), material, this.points.length);
     for (const each of [this.pieces, this.knots]) each.frustumCulled = false;
     this.add(this.pieces, this.knots);
@@ -192,7 +192,7 @@ export class SceneBodies extends Group {
   constructor(scene, space, colours) {
     super();
     const people = new Map(scene.people.map((each) => [each.seat, each.colour]));
-    this.shapes = scene.geoms.map((shape) => (shape.points ? new OF_POINTS[shape.kind](shape, colours) : new DrawnShape(shape, people.get(shape.seat), space, colours)));
+    this.shapes = scene.geoms.map((shape) => (shape.kind in OF_POINTS ? new OF_POINTS[shape.kind](shape, colours) : new DrawnShape(shape, people.get(shape.seat), space, colours)));
     this.bodies = [];
     for (const each of this.shapes) {
       const { body } = each.shape;
