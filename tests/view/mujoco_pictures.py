@@ -73,7 +73,7 @@ def _main(path: str) -> None:
             found[f"colours{at}"] = renderer.render() / 255.0
             renderer.enable_segmentation_rendering()
             found[f"drawn{at}"] = renderer.render()[..., 0] >= 0
-    np.savez_compressed(path, **found)
+    np.savez_compressed(path, **found)  # type: ignore[arg-type]
 
 
 if __name__ == "__main__":

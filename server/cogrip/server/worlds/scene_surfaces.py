@@ -25,13 +25,9 @@ _MOST_PARTS = 64  # along an edge of a triangle
 _FEWEST = 12  # triangles: of a share of less a surface has no form
 _FINEST, _TRIES = 256, 12  # cells along the longest side of a coarser surface's box; coarser ones that are tried
 
-Triangles = NDArray[
-    np.float64
-]  # corners [m] in the frame of their geom, outside counter-clockwise, shape (triangles, 3, 3)
-
 
 Array = NDArray[np.float64]
-Triangles = Array  # corners [m] in the frame of their geom, outside counter-clockwise, shape (triangles, 3, 3)
+Triangles = NDArray[np.float64]  # corners [m] in the frame of their geom, outside counter-clockwise: (n, 3, 3)
 
 
 class Surface(NamedTuple):
