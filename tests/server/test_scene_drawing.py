@@ -139,6 +139,21 @@ def test_a_checker_is_a_tile_of_its_colours_in_their_places(tmp_path: Path) -> N
     assert floor.rgba == pytest.approx((0.5, 0.0, 0.5, 0.5)), "for who draws no textures"
 
 
+def test_one_image_is_on_all_sides_of_a_cube(tmp_path: Path) -> None:
+    """As MuJoCo has it of a square image: left to right on each side, as seen from outside with y up."""
+    check = '<texture name="c" type="cube" builtin="checker" rgb1="1 0 0" rgb2="0 0 1" width="8" height="{}"/>'
+    path = tmp_path / "scene.xml"
+    colours = []
+    for height in (8, 48):
+        material = '<material name="c" texture="c"/>'
+        box = '<geom type="box" size=".1 .1 .1" material="c"/>'
+        path.write_text(f"<mujoco><asset>{check.format(height)}{material}</asset><worldbody>{box}</worldbody></mujoco>")
+        parts = of_kind(world_of(path, ("ball",)).geoms(), "mesh")
+        colours.append([rgb for part in parts for rgb in part.triangle_colours()])
+    assert colours[0] == colours[1]
+    assert {(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)} <= set(colours[0])
+
+
 def test_what_is_not_drawn_is_named(tmp_path: Path) -> None:
     path = tmp_path / "scene.xml"
     sky = '<texture type="skybox" builtin="gradient" rgb1="1 0 0" rgb2="0 0 1" width="8" height="8"/>'

@@ -54,8 +54,12 @@ def textured(model: mujoco.MjModel, geom: int) -> Texture | None:
 
 def is_surface(model: mujoco.MjModel, geom: int) -> bool:
     """Return whether a geom is drawn by triangles."""
-    kind = model.geom_type[geom]
-    return kind in (MESH, FIELD) or (kind != _PLANE and textured(model, geom) is not None)
+    kind, data = model.geom_type[geom], model.geom_dataid[geom]
+    if kind == MESH:
+        return bool(model.mesh_facenum[data] > 0)
+    if kind == FIELD:
+        return bool(min(model.hfield_nrow[data], model.hfield_ncol[data]) > 1)
+    return kind != _PLANE and textured(model, geom) is not None
 
 
 def shares(model: mujoco.MjModel, geoms: Sequence[int]) -> dict[int, int]:

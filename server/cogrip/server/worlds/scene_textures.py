@@ -12,7 +12,7 @@ import mujoco  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
-from cogrip.protocol.drawing import TILE
+from cogrip.protocol.drawing import MOST_PERIOD_M, TILE
 
 Array = NDArray[np.float64]
 _RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
@@ -52,7 +52,8 @@ def texture_of(model: mujoco.MjModel, material: int) -> Texture | None:
     data = model.tex_data[first : first + height * width * channels].reshape(height, width, channels)
     pixels = (data[..., :3] if channels > 2 else np.repeat(data[..., :1], 3, axis=2)) / 255.0
     if model.tex_type[number] == _CUBE:
-        pixels = pixels.reshape(6, height // 6, width, 3)
+        six = height == 6 * width  # else one image is on all sides
+        pixels = pixels.reshape(6, width, width, 3) if six else np.broadcast_to(pixels, (6, *pixels.shape))
     return Texture(pixels, model.mat_texrepeat[material].astype(float), bool(model.mat_texuniform[material]))
 
 
@@ -67,7 +68,9 @@ def tile_of(texture: Texture, half_m: Array) -> tuple[Array, tuple[float, float]
     )
     cells = texture.pixels[np.ix_(rows, columns)].reshape(TILE, _FINER, TILE, _FINER, 3).mean(axis=(1, 3))
     sides = [2.0 if texture.uniform or half <= 0.0 else 2.0 * half for half in half_m[:2].tolist()]
-    x, y = (side / max(1e-6, each) for side, each in zip(sides, texture.repeat.tolist(), strict=True))
+    x, y = (
+        min(MOST_PERIOD_M, side / max(1e-6, each)) for side, each in zip(sides, texture.repeat.tolist(), strict=True)
+    )
     return cells, (x, y)
 
 
@@ -107,7 +110,9 @@ def _around(pixels: Array, directions: Array) -> Array:
     sign = np.where(positive, 1.0, -1.0)
     s = np.select([longest == 0, longest == 1], [-sign * z, x], sign * x) / far
     t = np.where(longest == 1, sign * z, -y) / far
-    size = pixels.shape[1]
-    columns, rows = (np.clip(((each + 1.0) / 2.0 * size).astype(int), 0, size - 1) for each in (s, t))
+    columns, rows = (
+        np.clip(((each + 1.0) / 2.0 * size).astype(int), 0, size - 1)
+        for each, size in ((s, pixels.shape[2]), (t, pixels.shape[1]))
+    )
     found: Array = pixels[2 * longest + ~positive, rows, columns]
     return found

@@ -60,7 +60,7 @@ def _drawn(scene: Scene) -> Iterator[Finding]:
             )
             yield Finding("drawn", text, "note")
     if drawn.left_out:
-        yield Finding("drawn", f"not drawn: {', '.join(drawn.left_out)}, as no haze, fog and shadows are", "note")
+        yield Finding("drawn", f"not drawn: {', '.join(drawn.left_out)}, nor are haze, fog and shadows", "note")
 
 
 def _local(settings: Settings, scene: Scene, seat: SeatSettings) -> Iterator[Finding]:
