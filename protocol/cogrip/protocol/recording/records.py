@@ -134,6 +134,7 @@ class Geoms(Record, frozen=True, gc=False):
 
     shapes: tuple[Shape, ...]
     offsets_m: Row  # of each seat's own frame from the object's, three a seat
+    left_out: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET  # what the scene has and the shapes do not say
 
 
 class Poses(Record, frozen=True, gc=False):

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 from msgspec import inspect
 
-NOT_SHOWN = ("unfit", "triangles")
+NOT_SHOWN = ("unfit", "triangles", "colours", "points", "period_m", "left_out")
 """Fields that are in the messages and in no schema: an array of arrays; those that only a mesh has."""
 
 _NAMES = {
